@@ -1,0 +1,5 @@
+"""`python -m cobot` is `cobot`."""
+
+from cobot.cli import main
+
+raise SystemExit(main())

@@ -1,0 +1,255 @@
+"""The settings files, read strictly: an unknown key is an error that lists the valid ones."""
+
+from __future__ import annotations
+
+import difflib
+import importlib.util
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+import yaml
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo
+
+from cobot.errors import ConfigError
+
+Model = TypeVar("Model", bound=BaseModel)
+
+DEFAULT_SETTINGS = "pkg://config/cobot-setting.yaml"
+
+ENDPOINTS = (
+    "GET /robot/joint_states",
+    "GET /robot/pose",
+    "GET /robot/positions",
+    "POST /robot/move/named",
+    "POST /robot/move/pose",
+    "POST /robot/move/joints",
+    "POST /robot/reset",
+    "POST /trajectory/send",
+    "POST /trajectory/send_csv",
+    "GET /trajectory/logs",
+    "POST /sequences/start",
+    "GET /sequences/status",
+    "GET /sequences/logs",
+    "POST /stop",
+    "GET /health",
+)
+
+
+def resolve(location: str, folder: Path) -> Path:
+    """The file that a setting names: pkg://PACKAGE/PATH, ~/PATH, or relative to `folder`.
+
+    Raises:
+        ConfigError: for a package that is not installed or a path that leaves it.
+    """
+    if not location.startswith("pkg://"):
+        return (folder / Path(location).expanduser()).resolve()
+    package, _, inner = location.removeprefix("pkg://").partition("/")
+    try:
+        spec = importlib.util.find_spec(package) if package.isidentifier() else None
+    except (ImportError, ValueError):
+        spec = None
+    if spec is None or not spec.submodule_search_locations:
+        raise ConfigError(f"{location}: there is no installed Python package {package!r}")
+    root = Path(next(iter(spec.submodule_search_locations))).resolve()
+    path = (root / inner).resolve()
+    if not path.is_relative_to(root):
+        raise ConfigError(f"{location}: leaves the package {package!r}")
+    return path
+
+
+def _in_folder(value: object, info: ValidationInfo) -> Path:
+    if not isinstance(value, str):
+        raise ValueError("must be a path")  # noqa: TRY004 - pydantic translates only ValueError
+    return resolve(value, (info.context or {})["folder"])
+
+
+Location = Annotated[Path, BeforeValidator(_in_folder)]
+"""A path in a settings file, resolved against that file's folder."""
+
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+
+
+class Section(BaseModel):
+    """Base of all sections: frozen, strict, nothing unknown."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class RobotSection(Section):
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,48}$")]
+    model: Location
+    srdf: Location
+    group: str
+    base_frame: str
+    tcp: str
+    start_position: str
+
+
+class RtSection(Section):
+    backend: str
+    clock: Literal["realtime", "fast"]
+    period_s: Annotated[float, Field(ge=0.0005, le=0.01)]
+    priority: Annotated[int, Field(ge=1, le=98)]
+    cpu: Annotated[int, Field(ge=0)] | None
+    service_timeout_s: Positive
+    tracking_error_rad: Positive
+    settle_position_rad: Positive
+    settle_velocity_rad_s: Positive
+    settle_time_s: Positive
+    trajectory_capacity: Annotated[int, Field(ge=100, le=1_000_000)]
+
+
+class PlanningSection(Section):
+    default_frame: str
+    timeout_s: Positive
+    workers: Annotated[int, Field(ge=1, le=16)]
+    collision_margin_m: Annotated[float, Field(ge=0.0, le=0.1)]
+    start_tolerance_rad: Positive
+    max_linear_velocity: Positive
+    max_linear_acceleration: Positive
+    max_linear_jerk: Positive
+    max_angular_velocity: Positive
+    max_angular_acceleration: Positive
+    max_angular_jerk: Positive
+
+
+class WebSection(Section):
+    enabled: bool
+    host: str
+    port: Annotated[int, Field(ge=0, le=65535)]
+    endpoints: Location
+    joint_limits: Location
+    max_body_bytes: Annotated[int, Field(ge=1024)]
+    stop_on_disconnect: bool
+    stale_after_s: Positive
+
+
+class SequencesSection(Section):
+    recordings: Location
+    log_lines: Annotated[int, Field(ge=10, le=1_000_000)]
+    stop_timeout_s: Annotated[float, Field(gt=0.0, le=1.5)]
+
+
+class Settings(Section):
+    """`cobot-setting.yaml`."""
+
+    robot: RobotSection
+    rt: RtSection
+    planning: PlanningSection
+    web: WebSection
+    sequences: SequencesSection
+    logs: Location
+
+
+class Endpoint(Section):
+    enabled: bool = True
+    timeout_s: Positive
+
+
+class _EndpointsFile(Section):
+    endpoints: dict[str, Endpoint]
+
+
+def load_settings(path: Path | None = None) -> Settings:
+    """Read the settings; None reads those that ship with cobot.
+
+    A file of your own needs only the keys that differ from the shipped ones.
+
+    Raises:
+        ConfigError: naming the file, the key, the value and what is valid.
+    """
+    shipped = resolve(DEFAULT_SETTINGS, Path())
+    if path is None:
+        return _parse(Settings, shipped, _read_mapping(shipped))
+    path = path.resolve()
+    return _parse(Settings, path, _merged(_read_mapping(shipped), _read_mapping(path)))
+
+
+def load_endpoints(path: Path) -> dict[str, Endpoint]:
+    """Read `api_endpoints.yaml`: an entry for each of `ENDPOINTS`, and no other.
+
+    Raises:
+        ConfigError: as above, or an endpoint is missing or unknown.
+    """
+    endpoints = _parse(_EndpointsFile, path, _read_mapping(path)).endpoints
+    for name in endpoints:
+        if name not in ENDPOINTS:
+            raise ConfigError(f"{path}: endpoints: {_unknown(name, list(ENDPOINTS))}")
+    missing = [name for name in ENDPOINTS if name not in endpoints]
+    if missing:
+        raise ConfigError(f"{path}: endpoints: missing {', '.join(missing)}")
+    return endpoints
+
+
+def read_yaml(path: Path) -> Any:
+    """A YAML file's content; a key that stands twice in a mapping is an error.
+
+    Raises:
+        ConfigError: missing, unreadable or malformed.
+    """
+    try:
+        return yaml.load(path.read_text(encoding="utf-8"), _UniqueKeyLoader)  # noqa: S506 - a SafeLoader
+    except FileNotFoundError as exc:
+        raise ConfigError(f"{path}: no such file") from exc
+    except (OSError, UnicodeDecodeError) as exc:
+        raise ConfigError(f"{path}: cannot be read: {exc}") from exc
+    except (yaml.YAMLError, RecursionError) as exc:
+        raise ConfigError(f"{path}: not valid YAML: {' '.join(str(exc).split())}") from exc
+
+
+class _UniqueKeyLoader(yaml.SafeLoader):
+    """YAML lets a second key win silently; a robot's limits must not depend on that."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen = set()
+        for key_node, _ in node.value:
+            key = key_node.value
+            if key in seen:
+                raise yaml.constructor.ConstructorError(None, None, f"{key!r} stands twice", key_node.start_mark)
+            seen.add(key)
+        return super().construct_mapping(node, deep)
+
+
+def _read_mapping(path: Path) -> dict[str, Any]:
+    content = read_yaml(path)
+    if not isinstance(content, dict):
+        raise ConfigError(f"{path}: must hold a mapping, got {type(content).__name__}")
+    return content
+
+
+def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    merged = dict(base)
+    for key, value in changes.items():
+        both = isinstance(value, dict) and isinstance(base.get(key), dict)
+        merged[key] = _merged(base[key], value) if both else value
+    return merged
+
+
+def _parse(kind: type[Model], path: Path, content: dict[str, Any]) -> Model:
+    try:
+        return kind.model_validate(content, context={"folder": path.parent})
+    except ValidationError as exc:
+        raise ConfigError(f"{path}: " + "; ".join(_sentence(kind, error) for error in exc.errors())) from exc
+
+
+def _sentence(kind: type[BaseModel], error: Any) -> str:
+    where = [str(part) for part in error["loc"]]
+    if error["type"] == "extra_forbidden":
+        valid = _valid_keys(kind, where[:-1])
+        return f"{'.'.join(where[:-1]) or 'top level'}: {_unknown(where[-1], valid)}"
+    if error["type"] == "missing":
+        return f"{'.'.join(where)}: is missing"
+    return f"{'.'.join(where)}: {error['msg']}, got {error['input']!r}"
+
+
+def _valid_keys(kind: type[BaseModel], where: list[str]) -> list[str]:
+    for part in where:
+        annotation = kind.model_fields[part].annotation if part in kind.model_fields else None
+        kind = annotation if isinstance(annotation, type) and issubclass(annotation, BaseModel) else Endpoint
+    return list(kind.model_fields)
+
+
+def _unknown(name: str, valid: list[str]) -> str:
+    guess = difflib.get_close_matches(name, valid, 1)
+    hint = f" (did you mean {guess[0]!r}?)" if guess else ""
+    return f"unknown key {name!r}{hint}; valid are: {', '.join(valid)}"

@@ -1,0 +1,101 @@
+"""Everything that can go wrong, as one tree.
+
+CobotError
+├── ConfigError          a file of the configuration is missing, unreadable or contradicts itself
+├── InputError           a request cannot be honoured as it is written; nothing has moved
+│   └── LimitError       a value lies beyond a limit of joint_limits.yaml
+├── PlanningError        no motion could be planned; nothing has moved
+│   ├── UnreachableError     no joint position puts the TCP there
+│   ├── CollisionError       the motion would touch the robot itself or its surroundings
+│   └── PlanningTimeout      the planner did not finish in its time
+├── ExecutionError       a motion was started and did not arrive
+│   ├── MotionStopped        somebody or something stopped it
+│   └── MotionTimeout        it did not arrive and settle within its time
+├── ConflictError        something else owns the motion
+├── PayloadError         a body is larger than the service takes
+├── UnavailableError     a process, a file in shared memory or a device does not answer
+│   └── NotReadyError        the robot answers but is in a mode that permits no motion
+└── SharedMemoryError    shared memory is not what this program expects
+    ├── LayoutError          another layout version, another robot, or not ours at all
+    └── TornReadError        no consistent copy could be read in the bounded number of tries
+
+`app.errors` holds the one mapping of these classes to HTTP statuses.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+
+class CobotError(Exception):
+    """Base of all errors; `code` is stable and safe to compare, the message is for people."""
+
+    code: ClassVar[str] = "error"
+
+
+class ConfigError(CobotError):
+    code = "config"
+
+
+class InputError(CobotError):
+    code = "input"
+
+
+class LimitError(InputError):
+    code = "limit"
+
+
+class PlanningError(CobotError):
+    code = "planning"
+
+
+class UnreachableError(PlanningError):
+    code = "unreachable"
+
+
+class CollisionError(PlanningError):
+    code = "collision"
+
+
+class PlanningTimeout(PlanningError):
+    code = "planning_timeout"
+
+
+class ExecutionError(CobotError):
+    code = "execution"
+
+
+class MotionStopped(ExecutionError):
+    code = "stopped"
+
+
+class MotionTimeout(ExecutionError):
+    code = "motion_timeout"
+
+
+class ConflictError(CobotError):
+    code = "conflict"
+
+
+class PayloadError(CobotError):
+    code = "payload"
+
+
+class UnavailableError(CobotError):
+    code = "unavailable"
+
+
+class NotReadyError(UnavailableError):
+    code = "not_ready"
+
+
+class SharedMemoryError(CobotError):
+    code = "shared_memory"
+
+
+class LayoutError(SharedMemoryError):
+    code = "layout"
+
+
+class TornReadError(SharedMemoryError):
+    code = "torn_read"

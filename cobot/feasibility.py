@@ -1,0 +1,60 @@
+"""The one check of a trajectory against the joint limits."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cobot.errors import LimitError
+from cobot.trajectory import Trajectory
+from cobot.types import JointLimits
+
+RELATIVE_TOLERANCE = 1e-6
+"""Rounding that a value may exceed its limit by: planners drive exactly at the limits."""
+
+QUANTITIES = ("position", "velocity", "acceleration", "jerk")
+UNITS = ("rad", "rad/s", "rad/s²", "rad/s³")
+
+
+def check_limits(trajectory: Trajectory, limits: JointLimits, *, segment_name: str = "segment") -> None:
+    """Refuse a trajectory whose true extrema leave the limits, whichever comes first in time.
+
+    Args:
+        segment_name: what the caller calls a segment, for the message: "segment", "point", "row".
+
+    Raises:
+        LimitError: naming the place, the joint, the quantity, the value and the limit.
+    """
+    found = None
+    for derivative, (low, high) in enumerate(_bounds(limits)):
+        excess = trajectory.first_excess(derivative, low, high)
+        if excess is not None and (found is None or excess[0] < found[1][0]):
+            found = derivative, excess
+    if found is None:
+        return
+    derivative, (segment, joint, value) = found
+    low, high = _bounds(limits)[derivative]
+    limit = low[joint] if value < low[joint] else high[joint]
+    raise LimitError(
+        f"between {segment_name} {segment + 1} and {segment + 2} "
+        f"({trajectory.breakpoints_s[segment]:.3f} s to {trajectory.breakpoints_s[segment + 1]:.3f} s) "
+        f"the {QUANTITIES[derivative]} of {limits.names[joint]} reaches {value:.4f} {UNITS[derivative]}, "
+        f"its limit is {limit:.4f} {UNITS[derivative]}"
+    )
+
+
+def stretch_to_limits(trajectory: Trajectory, limits: JointLimits) -> Trajectory:
+    """The same path, slowed down evenly by just so much that the velocity, acceleration and jerk limits hold."""
+    factor = 1.0
+    for derivative in (1, 2, 3):
+        low, high = trajectory.extrema(derivative)
+        bound = _bounds(limits)[derivative][1]
+        ratio = float(np.max(np.maximum(-low, high) / bound))
+        factor = max(factor, ratio ** (1.0 / derivative))
+    return trajectory if factor <= 1.0 else trajectory.stretched(factor)
+
+
+def _bounds(limits: JointLimits) -> list[tuple[np.ndarray, np.ndarray]]:
+    slack = 1.0 + RELATIVE_TOLERANCE
+    rates = [bound * slack for bound in (limits.max_velocity, limits.max_acceleration, limits.max_jerk)]
+    span = RELATIVE_TOLERANCE * (limits.max_position - limits.min_position)
+    return [(limits.min_position - span, limits.max_position + span), *((-rate, rate) for rate in rates)]

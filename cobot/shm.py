@@ -1,0 +1,371 @@
+"""The shared memory of one robot: the only file that knows its layout.
+
+A file in /dev/shm, made by the supervisor, mapped by rtloop and by the service:
+
+    header      constant: magic, layout version, dof, period, names
+    state       rtloop writes, every cycle
+    statistics  rtloop writes, some times a second
+    acks        rtloop writes, one entry per command
+    heartbeat   a thread of the service writes
+    requests    the service writes: counters of stops and e-stops, which nothing can crowd out
+    head        the service writes: the newest command's number
+    commands    the service writes: a ring
+    slots       the service writes: two trajectories
+
+Every block has one writer (`cobot.seqlock`), and byte-range locks on the file make sure of it: they
+vanish with their process, however it ends, and name its pid to whom they refuse.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import mmap
+import os
+import struct
+import time
+import zlib
+from dataclasses import dataclass
+from enum import IntEnum
+from pathlib import Path
+
+import numpy as np
+
+from cobot.errors import ConflictError, LayoutError, SharedMemoryError, UnavailableError
+from cobot.seqlock import Block
+from cobot.trajectory import ORDER, Trajectory
+from cobot.types import Array
+
+FOLDER = Path("/dev/shm")  # noqa: S108 - the POSIX place for shared memory
+MAGIC = b"COBOTRT\0"
+LAYOUT_VERSION = 1
+RING = 32
+SLOTS = 2
+HISTOGRAM_BUCKETS = 1024
+TEXT = "S200"
+
+
+class Role(IntEnum):
+    """Who maps the memory; the value is the byte of the file that the role locks."""
+
+    SUPERVISOR = 0
+    RTLOOP = 1
+    SERVICE = 2
+    READER = 3  # locks nothing, writes nothing
+
+
+class Command(IntEnum):
+    START = 1  # run the motion in a slot
+    SET_RATE = 2  # path time per clock time, 0 (pause) to 1
+    RESET = 3  # leave ESTOP or FAULT
+
+
+class Ack(IntEnum):
+    ACCEPTED = 1
+    REJECTED = 2
+
+
+class MotionResult(IntEnum):
+    """How the motion `motion_id` stands."""
+
+    NONE = 0  # there has been none
+    RUNNING = 1
+    ARRIVED = 2  # at rest at its goal, settled
+    STOPPED = 3  # at rest on its path, by request
+    FAILED = 4  # ended by a fault or an e-stop: the state's `reason` says why
+
+
+class Phase(IntEnum):
+    """The parts of a cycle whose times are counted in the statistics' histograms."""
+
+    WAKEUP = 0  # how late the cycle began
+    READ = 1
+    UPDATE = 2
+    WRITE = 3
+    TOTAL = 4  # compute time: read, update, write and publishing
+
+
+class Intervention(IntEnum):
+    """What the safety layer counted."""
+
+    NOT_FINITE = 0
+    POSITION = 1
+    VELOCITY = 2
+    ACCELERATION = 3
+    TRACKING = 4
+    SERVICE_TIMEOUT = 5
+
+
+def _state_dtype(dof: int) -> np.dtype:
+    joints = ("f8", (dof,))
+    return np.dtype(
+        [
+            ("cycle", "u8"),  # since rtloop's start
+            ("monotonic_ns", "i8"),  # CLOCK_MONOTONIC at publication
+            ("robot_time_s", "f8"),  # the robot's clock: cycles times the period
+            ("mode", "u4"),
+            ("settled", "u4"),  # at rest at the commanded position
+            ("position", *joints),  # measured, rad
+            ("velocity", *joints),  # measured, rad/s
+            ("effort", *joints),  # measured, N·m
+            ("commanded_position", *joints),
+            ("commanded_velocity", *joints),
+            ("commanded_acceleration", *joints),
+            ("tcp", "f8", (7,)),  # measured: x, y, z in m, then w, x, y, z, in the base frame
+            ("motion_id", "u8"),  # the running motion or the last one
+            ("motion_result", "u4"),
+            ("slot", "u4"),
+            ("path_time_s", "f8"),
+            ("path_duration_s", "f8"),
+            ("path_rate", "f8"),  # path time per clock time
+            ("deceleration_monotonic_ns", "i8"),  # when the last stop began to take effect
+            ("stops_seen", "u8"),  # the requests' counters as last acted upon
+            ("estops_seen", "u8"),
+            ("command_seen", "u8"),
+            ("interventions", "u8", (len(Intervention),)),
+            ("overruns", "u8"),
+            ("torn_reads", "u8"),
+            ("reason", TEXT),  # why ESTOP, FAULT or the last stop, UTF-8
+        ],
+        align=True,
+    )
+
+
+_HEADER = np.dtype(
+    [
+        ("magic", "S8"),
+        ("layout", "u4"),
+        ("dof", "u4"),
+        ("capacity", "u4"),
+        ("ring", "u4"),
+        ("period_s", "f8"),
+        ("created_ns", "i8"),
+        ("robot", "S64"),
+    ]
+)
+_STATISTICS = np.dtype(
+    [
+        ("pid", "u4"),
+        ("sched_fifo", "u4"),
+        ("memory_locked", "u4"),
+        ("started_ns", "i8"),  # CLOCK_REALTIME
+        ("backend", "S64"),
+        ("clock", "S16"),
+        ("permissions", "S400"),  # what was not granted, and why
+        ("cycles", "u8"),
+        ("max_us", "f8", (len(Phase),)),
+        ("histogram", "u4", (len(Phase), HISTOGRAM_BUCKETS)),  # 1 µs each, the last one is "more"
+    ],
+    align=True,
+)
+_ACK = np.dtype([("id", "u8"), ("result", "u4"), ("message", TEXT)], align=True)
+_HEARTBEAT = np.dtype([("pid", "u4"), ("monotonic_ns", "i8")], align=True)
+_REQUESTS = np.dtype([("stops", "u8"), ("estops", "u8")], align=True)
+_HEAD = np.dtype([("id", "u8")], align=True)
+_COMMAND = np.dtype(
+    [("id", "u8"), ("kind", "u4"), ("slot", "u4"), ("motion_id", "u8"), ("value", "f8")], align=True
+)
+_SLOT = np.dtype([("motion_id", "u8"), ("segments", "u8"), ("checksum", "u8")], align=True)
+
+_PAGE = 4096
+
+
+def _aligned(size: int) -> int:
+    return -(-size // _PAGE) * _PAGE
+
+
+@dataclass(frozen=True, slots=True)
+class Slot:
+    """A place for one trajectory. The arrays are views into shared memory of the whole capacity."""
+
+    head: Block
+    breakpoints_s: Array
+    coefficients: Array
+
+    def write(self, motion_id: int, trajectory: Trajectory) -> None:
+        """Put a trajectory here. The caller sees to it that rtloop is not following this slot.
+
+        Raises:
+            SharedMemoryError: more segments than the slot has room for, or another dof.
+        """
+        n, capacity = trajectory.segments, len(self.coefficients)
+        if n > capacity:
+            raise SharedMemoryError(f"the motion has {n} segments, rt.trajectory_capacity is {capacity}")
+        if trajectory.dof != self.coefficients.shape[1]:
+            raise SharedMemoryError(f"the motion has {trajectory.dof} joints, the robot {self.coefficients.shape[1]}")
+        self.breakpoints_s[: n + 1] = trajectory.breakpoints_s
+        self.coefficients[:n] = trajectory.coefficients
+        self.head.data["motion_id"] = motion_id
+        self.head.data["segments"] = n
+        self.head.data["checksum"] = zlib.crc32(trajectory.coefficients, zlib.crc32(trajectory.breakpoints_s))
+        self.head.publish()
+
+
+class RobotMemory:
+    """The mapped file. Make it with `create` or `attach`, leave it with `close`."""
+
+    def __init__(self, path: Path, descriptor: int, role: Role) -> None:
+        self.path = path
+        self.role = role
+        self._descriptor = descriptor
+        header = np.frombuffer(os.pread(descriptor, _HEADER.itemsize, 0), _HEADER)[0]
+        self.dof = int(header["dof"])
+        self.period_s = float(header["period_s"])
+        self.created_ns = int(header["created_ns"])
+        capacity = int(header["capacity"])
+        self._map = mmap.mmap(descriptor, _file_size(self.dof, capacity))
+        self._offset = _PAGE
+        self.state = self._block(_state_dtype(self.dof), "state")
+        self.statistics = self._block(_STATISTICS, "statistics")
+        self.acks = [self._block(_ACK, "acknowledgement") for _ in range(RING)]
+        self._next_page()
+        self.heartbeat = self._block(_HEARTBEAT, "heartbeat")
+        self.requests = self._block(_REQUESTS, "requests")
+        self.head = self._block(_HEAD, "command head")
+        self.commands = [self._block(_COMMAND, "command") for _ in range(RING)]
+        self._next_page()
+        self.slots = [self._slot(capacity) for _ in range(SLOTS)]
+
+    @classmethod
+    def create(cls, robot: str, dof: int, period_s: float, capacity: int) -> RobotMemory:
+        """Make the file of a robot, replacing what a killed run has left.
+
+        Raises:
+            ConflictError: another supervisor, or a process of its that still lives, uses it; with its pid.
+            SharedMemoryError: no room in /dev/shm, or no permission.
+        """
+        path = _path(robot)
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        except OSError as exc:
+            raise SharedMemoryError(f"{path}: {exc.strerror}") from exc
+        try:
+            _lock(descriptor, Role.SUPERVISOR, robot)
+            for role in (Role.RTLOOP, Role.SERVICE):
+                _refuse_if_locked(descriptor, role, robot)
+            size = _file_size(dof, capacity)
+            os.ftruncate(descriptor, 0)
+            os.posix_fallocate(descriptor, 0, size)  # a full /dev/shm fails here, not in the middle of a motion
+            header = np.zeros((), _HEADER)
+            header["magic"], header["layout"], header["dof"] = MAGIC, LAYOUT_VERSION, dof
+            header["capacity"], header["ring"], header["period_s"] = capacity, RING, period_s
+            header["created_ns"], header["robot"] = time.time_ns(), robot.encode()
+            os.pwrite(descriptor, header.tobytes(), 0)
+            return cls(path, descriptor, Role.SUPERVISOR)
+        except OSError as exc:
+            os.close(descriptor)
+            path.unlink(missing_ok=True)
+            raise SharedMemoryError(f"{path}: cannot allocate {_file_size(dof, capacity)} bytes: {exc.strerror}") from exc
+        except ConflictError:
+            os.close(descriptor)
+            raise
+
+    @classmethod
+    def attach(cls, robot: str, role: Role) -> RobotMemory:
+        """Map the file that the supervisor has made.
+
+        Raises:
+            UnavailableError: there is none.
+            LayoutError: made by another version of cobot, or no such file at all.
+            ConflictError: the role is taken.
+        """
+        path = _path(robot)
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+        except FileNotFoundError as exc:
+            raise UnavailableError(f"robot {robot!r} is not running: there is no {path}") from exc
+        except OSError as exc:
+            raise SharedMemoryError(f"{path}: {exc.strerror}") from exc
+        try:
+            _require_layout(path, descriptor)
+            if role is not Role.READER:
+                _lock(descriptor, role, robot)
+            return cls(path, descriptor, role)
+        except (LayoutError, ConflictError):
+            os.close(descriptor)
+            raise
+
+    def close(self) -> None:
+        """Let go of the lock. The mapping itself goes with the last array that looks into it."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+    def unlink(self) -> None:
+        """Remove the file; who has it mapped keeps it until they let go."""
+        self.path.unlink(missing_ok=True)
+
+    def _block(self, dtype: np.dtype, name: str) -> Block:
+        block = Block(self._map, self._offset, dtype, name)
+        self._offset += -(-Block.size(dtype) // 64) * 64  # no two blocks share a cache line
+        return block
+
+    def _next_page(self) -> None:
+        self._offset = _aligned(self._offset)
+
+    def _slot(self, capacity: int) -> Slot:
+        head = self._block(_SLOT, "trajectory slot")
+        times = np.ndarray(capacity + 1, np.float64, self._map, self._offset)
+        self._offset += times.nbytes
+        coefficients = np.ndarray((capacity, self.dof, ORDER), np.float64, self._map, self._offset)
+        self._offset += coefficients.nbytes
+        self._next_page()
+        return Slot(head, times, coefficients)
+
+
+def text(field: np.ndarray) -> str:
+    """A text field of a record."""
+    return bytes(field.item() if isinstance(field, np.ndarray) else field).decode("utf-8", "replace")
+
+
+def encoded(message: str, size: int = np.dtype(TEXT).itemsize) -> bytes:
+    """A message cut to fit a text field, never inside a character."""
+    return message.encode()[:size].decode("utf-8", "ignore").encode()
+
+
+def _path(robot: str) -> Path:
+    return FOLDER / f"cobot-{robot}"
+
+
+def _file_size(dof: int, capacity: int) -> int:
+    slot = 64 + Block.size(_SLOT) + 8 * (capacity + 1) + 8 * capacity * dof * ORDER
+    blocks = Block.size(_state_dtype(dof)) + Block.size(_STATISTICS) + RING * (Block.size(_ACK) + Block.size(_COMMAND) + 128)
+    return 8 * _PAGE + _aligned(blocks) + SLOTS * _aligned(slot)
+
+
+def _require_layout(path: Path, descriptor: int) -> None:
+    raw = os.pread(descriptor, _HEADER.itemsize, 0)
+    if len(raw) < _HEADER.itemsize or not raw.startswith(MAGIC.rstrip(b"\0")):
+        raise LayoutError(f"{path}: is not the shared memory of a robot")
+    header = np.frombuffer(raw, _HEADER)[0]
+    if header["layout"] != LAYOUT_VERSION:
+        raise LayoutError(
+            f"{path}: has layout version {header['layout']}, this program has {LAYOUT_VERSION}: "
+            "stop the cobot that made it, or use its version"
+        )
+    if os.fstat(descriptor).st_size < _file_size(int(header["dof"]), int(header["capacity"])):
+        raise LayoutError(f"{path}: is shorter than its header says")
+
+
+def _flock(kind: int, role: Role) -> bytes:
+    return struct.pack("hhqqi4x", kind, os.SEEK_SET, int(role), 1, 0)
+
+
+def _holder(descriptor: int, role: Role) -> int:
+    """The pid that holds a role's lock, 0 if nobody does."""
+    answer = fcntl.fcntl(descriptor, fcntl.F_GETLK, _flock(fcntl.F_WRLCK, role))
+    kind, _, _, _, pid = struct.unpack("hhqqi4x", answer)
+    return 0 if kind == fcntl.F_UNLCK else int(pid)
+
+
+def _refuse_if_locked(descriptor: int, role: Role, robot: str) -> None:
+    pid = _holder(descriptor, role)
+    if pid:
+        raise ConflictError(f"robot {robot!r} is in use: pid {pid} runs as its {role.name.lower()}")
+
+
+def _lock(descriptor: int, role: Role, robot: str) -> None:
+    try:
+        fcntl.fcntl(descriptor, fcntl.F_SETLK, _flock(fcntl.F_WRLCK, role))
+    except OSError as exc:
+        pid = _holder(descriptor, role)
+        raise ConflictError(f"robot {robot!r} is in use: pid {pid} runs as its {role.name.lower()}") from exc

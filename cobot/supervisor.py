@@ -1,0 +1,245 @@
+"""`cobot run`: starts rtloop and the service, restarts what dies, and leaves nothing behind.
+
+A dead process is ordinary: it is started again after a pause that doubles up to `MAX_BACKOFF_S`.
+The supervisor owns the shared memory and the listening socket, so that both outlive their users: a
+restarted rtloop finds where the arm was, and clients that connect while the service restarts wait
+instead of being refused.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import selectors
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from logging.handlers import RotatingFileHandler
+from pathlib import Path
+from types import FrameType
+
+from cobot.config import Settings
+from cobot.errors import ConfigError, TornReadError, UnavailableError
+from cobot.robot import load_robot
+from cobot.shm import RobotMemory, text
+
+FIRST_BACKOFF_S = 0.2
+MAX_BACKOFF_S = 5.0
+STEADY_S = 10.0
+"""A process that has lived so long is trusted again: its next pause is the first one."""
+READY_TIMEOUT_S = 20.0
+STOP_TIMEOUT_S = 5.0
+LOG_BYTES = 10_000_000
+
+log = logging.getLogger("cobot")
+
+
+@dataclass
+class Child:
+    """A process to keep alive."""
+
+    name: str
+    command: list[str]
+    descriptors: tuple[int, ...] = ()
+    process: subprocess.Popen[bytes] | None = None
+    started_s: float = 0.0
+    backoff_s: float = FIRST_BACKOFF_S
+    restart_at_s: float = 0.0
+    reader: threading.Thread | None = field(default=None, repr=False)
+
+    def start(self) -> None:
+        self.process = subprocess.Popen(
+            self.command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            pass_fds=self.descriptors,
+            start_new_session=True,  # Ctrl-C reaches the supervisor alone, which stops the arm first
+        )
+        self.started_s = time.monotonic()
+        self.reader = threading.Thread(target=self._forward, args=(self.process,), daemon=True)
+        self.reader.start()
+
+    def end(self, timeout_s: float) -> None:
+        """Ask the process to end, and make it end."""
+        if self.process is None:
+            return
+        self.process.terminate()
+        try:
+            self.process.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            log.error("%s (pid %d) did not end within %.0f s and is killed", self.name, self.process.pid, timeout_s)
+            self.process.kill()
+            self.process.wait()
+        if self.reader is not None:
+            self.reader.join(1.0)
+
+    def _forward(self, process: subprocess.Popen[bytes]) -> None:
+        assert process.stdout is not None
+        with process.stdout as lines:
+            for line in lines:
+                log.info("%s: %s", self.name, line.decode("utf-8", "replace").rstrip())
+
+
+class Supervisor:
+    """Runs one robot until it is told to stop."""
+
+    def __init__(self, settings: Settings, config: Path | None) -> None:
+        self._settings = settings
+        self._config = ["--config", str(config.resolve())] if config else []
+        self._stopping = threading.Event()
+        self._wake_read, self._wake_write = socket.socketpair()
+        self._wake_write.setblocking(False)
+
+    def run(self) -> int:
+        """Start everything, watch over it, stop everything.
+
+        Returns:
+            The exit status: 0 after a stop by signal.
+
+        Raises:
+            CobotError: nothing could be started.
+        """
+        settings = self._settings
+        robot = load_robot(settings)
+        log_file = self._open_log()
+        listener = self._listen() if settings.web.enabled else None
+        memory = RobotMemory.create(
+            settings.robot.name, robot.limits.dof, settings.rt.period_s, settings.rt.trajectory_capacity
+        )
+        children: list[Child] = []
+        try:
+            self._catch_signals()
+            rtloop = Child("rtloop", [sys.executable, "-m", "rtloop", *self._config, "--clock", settings.rt.clock])
+            children.append(rtloop)
+            rtloop.start()
+            self._await_rtloop(rtloop, memory)
+            if listener is not None:
+                children.append(self._service(listener))
+                children[-1].start()
+            self._announce(listener, memory, log_file)
+            while not self._stopping.is_set():
+                for child in children:
+                    self._revive(child)
+                self._sleep(0.1)
+        finally:
+            log.info("stopping: the arm first")
+            for child in children:  # rtloop, which brings the arm to rest, before the service
+                child.end(STOP_TIMEOUT_S)
+            memory.unlink()
+            memory.close()
+            if listener is not None:
+                listener.close()
+        log.info("stopped")
+        return 0
+
+    def _service(self, listener: socket.socket) -> Child:
+        host, port = listener.getsockname()[:2]
+        listening = ["--host", host, "--port", str(port), "--fd", str(listener.fileno())]
+        return Child("service", [sys.executable, "-m", "app", *self._config, *listening], (listener.fileno(),))
+
+    def _open_log(self) -> Path:
+        folder = self._settings.logs
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            path = folder / f"{self._settings.robot.name}.log"
+            to_file = RotatingFileHandler(path, maxBytes=LOG_BYTES, backupCount=3, encoding="utf-8")
+        except OSError as exc:
+            raise ConfigError(f"logs: cannot write to {folder}: {exc.strerror}") from exc
+        to_file.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
+        to_console = logging.StreamHandler(sys.stdout)
+        to_console.setFormatter(logging.Formatter("%(message)s"))
+        log.setLevel(logging.INFO)
+        log.handlers[:] = [to_file, to_console]
+        return path
+
+    def _listen(self) -> socket.socket:
+        web = self._settings.web
+        try:
+            family, _, _, _, address = socket.getaddrinfo(web.host, web.port, type=socket.SOCK_STREAM)[0]
+            listener = socket.socket(family, socket.SOCK_STREAM)
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listener.bind(address)
+            listener.listen(512)
+        except OSError as exc:
+            reason = exc.strerror or str(exc)
+            raise UnavailableError(f"cannot listen on {web.host} port {web.port}: {reason}; --port 0 picks a free one") from exc
+        if listener.getsockname()[0] in ("0.0.0.0", "::"):  # noqa: S104
+            log.warning("listening on all interfaces without authentication: whoever reaches the port moves the robot")
+        return listener
+
+    def _catch_signals(self) -> None:
+        def stop(number: int, frame: FrameType | None) -> None:
+            self._stopping.set()
+
+        signal.set_wakeup_fd(self._wake_write.fileno())
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+            signal.signal(number, stop)
+        signal.signal(signal.SIGCHLD, lambda number, frame: None)  # only to wake the loop
+
+    def _sleep(self, seconds: float) -> None:
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._wake_read, selectors.EVENT_READ)
+            if selector.select(seconds):
+                self._wake_read.recv(4096)
+
+    def _await_rtloop(self, rtloop: Child, memory: RobotMemory) -> None:
+        deadline_s = time.monotonic() + READY_TIMEOUT_S
+        while int(memory.state.sequence) == 0 and not self._stopping.is_set():
+            assert rtloop.process is not None
+            if rtloop.process.poll() is not None:
+                raise UnavailableError(f"rtloop ended with status {rtloop.process.returncode} at its start, see above")
+            if time.monotonic() > deadline_s:
+                raise UnavailableError(f"rtloop did not begin its cycle within {READY_TIMEOUT_S:.0f} s")
+            self._sleep(0.02)
+
+    def _revive(self, child: Child) -> None:
+        assert child.process is not None
+        status = child.process.poll()
+        now_s = time.monotonic()
+        if status is None:
+            if now_s - child.started_s > STEADY_S:
+                child.backoff_s = FIRST_BACKOFF_S
+            return
+        if child.restart_at_s <= child.started_s:  # its death is news
+            child.restart_at_s = now_s + child.backoff_s
+            cause = signal.Signals(-status).name if status < 0 else f"status {status}"
+            log.error("%s (pid %d) ended: %s; restart in %.1f s", child.name, child.process.pid, cause, child.backoff_s)
+            child.backoff_s = min(2.0 * child.backoff_s, MAX_BACKOFF_S)
+        elif now_s >= child.restart_at_s:
+            child.start()
+
+    def _announce(self, listener: socket.socket | None, memory: RobotMemory, log_file: Path) -> None:
+        settings = self._settings
+        log.info("cobot %s (pid %d)", version("cobot"), os.getpid())
+        if listener is not None:
+            host, port = listener.getsockname()[:2]
+            shown = "localhost" if host in ("127.0.0.1", "0.0.0.0", "::", "::1") else host  # noqa: S104
+            log.info("  address    http://%s:%d/docs", shown, port)
+        else:
+            log.info("  address    none: web.enabled is false")
+        log.info("  robot      %s, %d joints", settings.robot.name, memory.dof)
+        log.info("  backend    %s, clock %s", settings.rt.backend, settings.rt.clock)
+        log.info("  real time  %s", _permissions(memory))
+        log.info("  logs       %s", log_file)
+        log.info("  Ctrl-C stops: the arm first, then the service")
+
+
+def _permissions(memory: RobotMemory) -> str:
+    for _ in range(50):
+        try:
+            record = memory.statistics.read()
+        except TornReadError as exc:
+            return str(exc)
+        if record["pid"]:
+            granted = [("SCHED_FIFO", record["sched_fifo"]), ("locked memory", record["memory_locked"])]
+            words = ", ".join(f"{name} {'granted' if yes else 'NOT granted'}" for name, yes in granted)
+            refused = text(record["permissions"])
+            return f"{words} ({refused})" if refused else words
+        time.sleep(0.02)
+    return "unknown: rtloop has published no statistics"

@@ -1,0 +1,248 @@
+"""Trajectories as piecewise quintic polynomials, twice continuously differentiable.
+
+A polynomial says everything about the motion between its ends, so that limits are checked on true
+extrema and nothing hides between samples; and it is small, so that a whole motion is handed over
+before it starts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import comb
+
+import numpy as np
+
+from cobot.errors import InputError
+from cobot.types import Array
+
+ORDER = 6
+"""Coefficients per polynomial: a quintic in ascending powers of the time since the segment's start."""
+
+_FACTORS = np.array(
+    [[np.prod(np.arange(power - k + 1, power + 1)) if power >= k else 0.0 for power in range(ORDER)] for k in range(4)]
+)
+_EXPONENTS = np.array([[max(power - k, 0) for power in range(ORDER)] for k in range(4)])
+
+_HERMITE = np.linalg.inv(
+    np.array(
+        [
+            [1, 0, 0, 0, 0, 0],
+            [0, 1, 0, 0, 0, 0],
+            [0, 0, 2, 0, 0, 0],
+            [1, 1, 1, 1, 1, 1],
+            [0, 1, 2, 3, 4, 5],
+            [0, 0, 2, 6, 12, 20],
+        ],
+        dtype=np.float64,
+    )
+)
+"""Maps (p0, v0, a0, p1, v1, a1) on the unit interval to coefficients."""
+
+
+def power_basis(local_s: float, out: Array) -> Array:
+    """Fill `out`, shape (6, 4), so that coefficients (dof, 6) @ out = (dof, 4): q, dq, ddq, dddq.
+
+    Real-time safe: no allocation.
+    """
+    u = local_s
+    u2 = u * u
+    u3 = u2 * u
+    u4 = u3 * u
+    out[:, 0] = (1.0, u, u2, u3, u4, u4 * u)
+    out[1:, 1] = (1.0, 2 * u, 3 * u2, 4 * u3, 5 * u4)
+    out[2:, 2] = (2.0, 6 * u, 12 * u2, 20 * u3)
+    out[3:, 3] = (6.0, 24 * u, 60 * u2)
+    return out
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectory:
+    """A motion of all joints over time.
+
+    Attributes:
+        breakpoints_s: shape (n+1,), strictly increasing, starting at 0.
+        coefficients: shape (n, dof, 6), rad, rad/s, ... in the time since the segment's start.
+
+    Raises:
+        InputError: on other shapes, times that do not increase, values that are not finite, or a
+            jump in position, velocity or acceleration between two segments.
+    """
+
+    breakpoints_s: Array
+    coefficients: Array
+
+    def __post_init__(self) -> None:
+        times = np.ascontiguousarray(self.breakpoints_s, dtype=np.float64)
+        coefficients = np.ascontiguousarray(self.coefficients, dtype=np.float64)
+        if coefficients.ndim != 3 or coefficients.shape[2] != ORDER or times.shape != (len(coefficients) + 1,):
+            raise InputError(
+                f"a trajectory needs breakpoints (n+1,) and coefficients (n, dof, {ORDER}), "
+                f"got {times.shape} and {coefficients.shape}"
+            )
+        if not (np.isfinite(times).all() and np.isfinite(coefficients).all()):
+            raise InputError("a trajectory must be finite")
+        if len(coefficients) == 0 or times[0] != 0.0 or not (np.diff(times) > 0.0).all():
+            raise InputError("a trajectory's breakpoints must start at 0 and increase strictly")
+        for array in (times, coefficients):
+            array.flags.writeable = False
+        object.__setattr__(self, "breakpoints_s", times)
+        object.__setattr__(self, "coefficients", coefficients)
+        self._require_continuity()
+
+    def _require_continuity(self) -> None:
+        ends = self._at_ends()
+        for order, name, scale in ((0, "position", 1e-6), (1, "velocity", 1e-5), (2, "acceleration", 1e-3)):
+            jumps = np.abs(ends[1, order, :-1] - ends[0, order, 1:])
+            allowed = scale * (1.0 + np.abs(ends[0, order, 1:]))
+            if (jumps > allowed).any():
+                segment, joint = np.argwhere(jumps > allowed)[0]
+                raise InputError(
+                    f"the {name} of joint {joint + 1} jumps by {jumps[segment, joint]:.3g} "
+                    f"at {self.breakpoints_s[segment + 1]:.3f} s"
+                )
+
+    @property
+    def segments(self) -> int:
+        return len(self.coefficients)
+
+    @property
+    def dof(self) -> int:
+        return int(self.coefficients.shape[1])
+
+    @property
+    def duration_s(self) -> float:
+        return float(self.breakpoints_s[-1])
+
+    @property
+    def start(self) -> Array:
+        """Joint positions at the start, shape (dof,), rad."""
+        return self.sample([0.0])[0]
+
+    @property
+    def end(self) -> Array:
+        """Joint positions at the end, shape (dof,), rad."""
+        return self.sample([self.duration_s])[0]
+
+    def sample(self, times_s: Sequence[float] | Array, derivative: int = 0) -> Array:
+        """Positions (or their first to third derivative) at the given times, shape (len(times), dof).
+
+        Times outside the trajectory are held at its ends.
+        """
+        times = np.clip(np.asarray(times_s, dtype=np.float64), 0.0, self.duration_s)
+        index = np.clip(np.searchsorted(self.breakpoints_s, times, side="right") - 1, 0, self.segments - 1)
+        local = times - self.breakpoints_s[index]
+        powers = _FACTORS[derivative] * local[:, None] ** _EXPONENTS[derivative]
+        return np.asarray(np.einsum("ijk,ik->ij", self.coefficients[index], powers))
+
+    def extrema(self, derivative: int = 0) -> tuple[Array, Array]:
+        """The exact (lowest, highest) value that each joint reaches, shape (dof,) each."""
+        polynomials = self._unit_polynomials(derivative)
+        lowest = np.empty(self.dof)
+        highest = np.empty(self.dof)
+        for joint in range(self.dof):
+            rows = polynomials[:, joint]
+            ends = np.concatenate([rows[:, 0], rows.sum(axis=1)])
+            low, high = _bernstein_hull(rows)
+            open_rows = rows[(low < ends.min()) | (high > ends.max())]
+            row_low, row_high = _polynomial_extrema(open_rows)
+            lowest[joint] = min(ends.min(), row_low.min(initial=np.inf))
+            highest[joint] = max(ends.max(), row_high.max(initial=-np.inf))
+        return lowest, highest
+
+    def first_excess(self, derivative: int, low: Array, high: Array) -> tuple[int, int, float] | None:
+        """The first (segment, joint, value) whose extremum leaves [low, high], shape (dof,) each, or None."""
+        polynomials = self._unit_polynomials(derivative)
+        hull_low, hull_high = _bernstein_hull(polynomials)
+        suspects = np.argwhere((hull_low < low) | (hull_high > high))
+        if len(suspects) == 0:
+            return None
+        lowest, highest = _polynomial_extrema(polynomials[suspects[:, 0], suspects[:, 1]])
+        joints = suspects[:, 1]
+        guilty = np.flatnonzero((lowest < low[joints]) | (highest > high[joints]))
+        if len(guilty) == 0:
+            return None
+        row = guilty[0]
+        segment, joint = int(suspects[row, 0]), int(suspects[row, 1])
+        value = lowest[row] if lowest[row] < low[joint] else highest[row]
+        return segment, joint, float(value)
+
+    def stretched(self, factor: float) -> Trajectory:
+        """The same path in `factor` times the duration: velocities fall by factor, jerks by factor³."""
+        return Trajectory(self.breakpoints_s * factor, self.coefficients / factor ** np.arange(ORDER))
+
+    def followed_by(self, other: Trajectory) -> Trajectory:
+        """This trajectory and then the other; they must meet in position, velocity and acceleration."""
+        return Trajectory(
+            np.concatenate([self.breakpoints_s, self.duration_s + other.breakpoints_s[1:]]),
+            np.concatenate([self.coefficients, other.coefficients]),
+        )
+
+    def _durations(self) -> Array:
+        return np.diff(self.breakpoints_s)
+
+    def _unit_polynomials(self, derivative: int) -> Array:
+        """Coefficients (n, dof, 6 − derivative) of a derivative, in time scaled to [0, 1] per segment."""
+        rows = self.coefficients[:, :, derivative:] * _FACTORS[derivative, derivative:]
+        return np.asarray(rows * self._durations()[:, None, None] ** np.arange(ORDER - derivative))
+
+    def _at_ends(self) -> Array:
+        """Shape (2, 3, n, dof): at the start and the end of each segment, orders 0 to 2."""
+        starts = [self.coefficients[:, :, k] * _FACTORS[k, k] for k in range(3)]
+        stops = [self._unit_polynomials(k).sum(axis=2) for k in range(3)]
+        return np.array([starts, stops])
+
+
+def from_hermite(times_s: Array, positions: Array, velocities: Array, accelerations: Array) -> Trajectory:
+    """The quintics that take the given values at the given times: C2 by construction.
+
+    Args:
+        times_s: shape (n+1,), starting at 0; the others (n+1, dof).
+    """
+    times = np.asarray(times_s, dtype=np.float64)
+    duration = np.diff(times)[:, None]
+    values = np.stack(
+        [
+            positions[:-1],
+            velocities[:-1] * duration,
+            accelerations[:-1] * duration**2,
+            positions[1:],
+            velocities[1:] * duration,
+            accelerations[1:] * duration**2,
+        ],
+        axis=-1,
+    )
+    unit = values @ _HERMITE.T
+    return Trajectory(times, unit / duration[:, :, None] ** np.arange(ORDER))
+
+
+def _bernstein_hull(rows: Array) -> tuple[Array, Array]:
+    """Bounds (low, high), shape rows.shape[:-1], of polynomials on [0, 1] by their control points."""
+    degree = rows.shape[-1] - 1
+    convert = np.array([[comb(i, k) / comb(degree, k) if k <= i else 0.0 for k in range(degree + 1)] for i in range(degree + 1)])
+    points = rows @ convert.T
+    return points.min(axis=-1), points.max(axis=-1)
+
+
+def _polynomial_extrema(rows: Array) -> tuple[Array, Array]:
+    """The exact (lowest, highest) values on [0, 1] of polynomials (m, k), ascending coefficients."""
+    lowest = np.minimum(rows[:, 0], rows.sum(axis=1))
+    highest = np.maximum(rows[:, 0], rows.sum(axis=1))
+    slopes = rows[:, 1:] * np.arange(1, rows.shape[1])
+    scale = np.abs(slopes).max(axis=1, initial=0.0)
+    significant = np.abs(slopes) > 1e-12 * scale[:, None]
+    degrees = np.where(significant.any(axis=1), slopes.shape[1] - 1 - np.argmax(significant[:, ::-1], axis=1), 0)
+    for degree in range(1, slopes.shape[1]):
+        chosen = np.flatnonzero(degrees == degree)
+        if len(chosen) == 0:
+            continue
+        companion = np.zeros((len(chosen), degree, degree))
+        companion[:, np.arange(1, degree), np.arange(degree - 1)] = 1.0
+        companion[:, :, -1] = -slopes[chosen, :degree] / slopes[chosen, degree, None]
+        # A double root may come back with a small imaginary part: the real part still is where the
+        # value is extreme, and a point that is none only adds a value that the polynomial does take.
+        roots = np.clip(np.linalg.eigvals(companion).real, 0.0, 1.0)
+        values = np.einsum("mk,mrk->mr", rows[chosen], roots[:, :, None] ** np.arange(rows.shape[1]))
+        lowest[chosen] = np.minimum(lowest[chosen], values.min(axis=1))
+        highest[chosen] = np.maximum(highest[chosen], values.max(axis=1))
+    return lowest, highest

@@ -1,0 +1,178 @@
+"""The nouns that every package shares: plain frozen data, SI units, quaternions (w, x, y, z)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+from enum import IntEnum, StrEnum
+
+import numpy as np
+import numpy.typing as npt
+
+from cobot.errors import InputError
+
+Array = npt.NDArray[np.float64]
+
+
+def vector(values: object, size: int | None = None, *, name: str = "vector") -> Array:
+    """A read-only float64 copy of `values`, shape (size,).
+
+    Raises:
+        InputError: not numeric, of another length, or not finite.
+    """
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as exc:
+        raise InputError(f"{name} must be a list of numbers") from exc
+    if array.ndim != 1 or (size is not None and array.shape[0] != size):
+        raise InputError(f"{name} must have {size} numbers, got shape {array.shape}")
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} must be finite, got {array.tolist()}")
+    array.flags.writeable = False
+    return array
+
+
+class Mode(IntEnum):
+    """What rtloop does in its cycle. Values are part of the shared-memory layout.
+
+    HOLD keeps the last commanded position; only here may a motion start.
+    TRAJECTORY follows a planned motion; STOPPING brings it to rest on its path.
+    ESTOP is latched by command or by a broken invariant, FAULT by the backend or the tracking;
+    both come to rest, hold, and permit nothing until RESET.
+    """
+
+    HOLD = 0
+    TRAJECTORY = 1
+    STOPPING = 2
+    ESTOP = 3
+    FAULT = 4
+
+
+class PlannerName(StrEnum):
+    """The planners a Cartesian motion can ask for."""
+
+    OMPL = "ompl"
+    PTP = "ptp"
+    LIN = "lin"
+    CIRC = "circ"
+    CHOMP = "chomp"
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """A frame given in another one.
+
+    Attributes:
+        position: shape (3,), metres.
+        quaternion: shape (4,), (w, x, y, z), normalised here.
+    """
+
+    position: Array
+    quaternion: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position", vector(self.position, 3, name="position"))
+        quaternion = vector(self.quaternion, 4, name="quaternion")
+        norm = float(np.linalg.norm(quaternion))
+        if norm < 1e-9:
+            raise InputError("quaternion must not be zero")
+        object.__setattr__(self, "quaternion", vector(quaternion / norm, 4))
+
+
+@dataclass(frozen=True, slots=True)
+class JointLimits:
+    """The limits of all joints, each shape (dof,): rad, rad/s, rad/s², rad/s³, N·m."""
+
+    names: tuple[str, ...]
+    min_position: Array
+    max_position: Array
+    max_velocity: Array
+    max_acceleration: Array
+    max_jerk: Array
+    max_effort: Array
+
+    def __post_init__(self) -> None:
+        for item in fields(self)[1:]:
+            value = vector(getattr(self, item.name), len(self.names), name=item.name)
+            object.__setattr__(self, item.name, value)
+
+    @property
+    def dof(self) -> int:
+        return len(self.names)
+
+    def scaled(self, velocity: float, acceleration: float, jerk: float) -> JointLimits:
+        """The same positions and efforts with the rates multiplied by the given fractions."""
+        return JointLimits(
+            self.names,
+            self.min_position,
+            self.max_position,
+            self.max_velocity * velocity,
+            self.max_acceleration * acceleration,
+            self.max_jerk * jerk,
+            self.max_effort,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class CartesianLimits:
+    """The limits of the TCP along a path: m/s, m/s², m/s³ and rad/s, rad/s², rad/s³."""
+
+    max_linear_velocity: float
+    max_linear_acceleration: float
+    max_linear_jerk: float
+    max_angular_velocity: float
+    max_angular_acceleration: float
+    max_angular_jerk: float
+
+    def scaled(self, velocity: float, acceleration: float, jerk: float) -> CartesianLimits:
+        return CartesianLimits(
+            self.max_linear_velocity * velocity,
+            self.max_linear_acceleration * acceleration,
+            self.max_linear_jerk * jerk,
+            self.max_angular_velocity * velocity,
+            self.max_angular_acceleration * acceleration,
+            self.max_angular_jerk * jerk,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class NamedPosition:
+    """A `group_state` of the SRDF: joint angles in rad, in the order of the joint limits."""
+
+    name: str
+    group: str
+    joints: tuple[float, ...]
+    description: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Scaling:
+    """How much of the limits a motion may use, as fractions in (0, 1].
+
+    Velocity is scaled by `speed`; acceleration by `accel_scale`, or by `speed` when `accel_scale`
+    is 0; jerk by the same fraction as acceleration.
+    """
+
+    speed: float = 0.1
+    accel_scale: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 0.01 <= self.speed <= 1.0:
+            raise InputError(f"speed must be from 0.01 to 1.0, got {self.speed}")
+        if not 0.0 <= self.accel_scale <= 1.0:
+            raise InputError(f"accel_scale must be from 0 to 1.0, got {self.accel_scale}")
+
+    @property
+    def acceleration(self) -> float:
+        return self.accel_scale or self.speed
+
+
+@dataclass(frozen=True, slots=True)
+class Waypoint:
+    """A timed point of a joint trajectory: rad, s, and optionally rad/s and rad/s²."""
+
+    positions: Sequence[float]
+    time_from_start_s: float
+    velocities: Sequence[float] | None = None
+    accelerations: Sequence[float] | None = None
+    label: str = field(default="", compare=False)
