@@ -1,4 +1,4 @@
-"""Orientations and frames: KUKA ABC angles, quaternions (w, x, y, z), composition of poses.
+"""Orientations: KUKA ABC angles and quaternions (w, x, y, z).
 
 KUKA's ABC turns about z by A, then about the new y by B, then about the new x by C, so that
 R = Rz(A) Ry(B) Rx(C).
@@ -34,13 +34,6 @@ def abc_from_quaternion(quaternion: Array) -> Array:
 def pose_from_abc(x: float, y: float, z: float, a: float, b: float, c: float) -> Pose:
     """A pose from metres and KUKA angles in rad."""
     return Pose(np.array([x, y, z]), quaternion_from_abc(a, b, c))
-
-
-def compose(outer: Pose, inner: Pose) -> Pose:
-    """`inner`, given in the frame `outer`, expressed where `outer` is expressed."""
-    turn = rotation(outer.quaternion)
-    position = outer.position + turn.apply(inner.position)
-    return Pose(position, (turn * rotation(inner.quaternion)).as_quat(scalar_first=True))
 
 
 def angle_between(first: Array, second: Array) -> float:
