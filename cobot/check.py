@@ -23,7 +23,9 @@ def check(settings: Settings, out: TextIO) -> bool:
         Whether everything is good.
     """
     report = _Report(out)
-    report.item("endpoints", lambda: f"{len(load_endpoints(settings.web.endpoints))} in {settings.web.endpoints}")
+    report.item(
+        "endpoints", lambda: f"{len(load_endpoints(settings.web.endpoints))} in {settings.web.endpoints}"
+    )
     robots: list[Robot] = []
 
     def load() -> str:

@@ -42,7 +42,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser("cobot", description=DESCRIPTION, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(
+        "cobot", description=DESCRIPTION, formatter_class=argparse.RawTextHelpFormatter
+    )
     parser.add_argument("--version", action="version", version=f"cobot {version('cobot')}")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
     config = argparse.ArgumentParser(add_help=False)
@@ -52,9 +54,15 @@ def _parser() -> argparse.ArgumentParser:
         metavar="FILE",
         help="settings that differ from the shipped cobot-setting.yaml; other keys keep their shipped values",
     )
-    run = commands.add_parser("run", parents=[config], help="start the robot and the service; Ctrl-C stops both")
-    run.add_argument("--host", metavar="H", help="address to listen on instead of web.host; 0.0.0.0 for all interfaces")
-    run.add_argument("--port", type=_port, metavar="P", help="port to listen on instead of web.port; 0 picks a free one")
+    run = commands.add_parser(
+        "run", parents=[config], help="start the robot and the service; Ctrl-C stops both"
+    )
+    run.add_argument(
+        "--host", metavar="H", help="address to listen on instead of web.host; 0.0.0.0 for all interfaces"
+    )
+    run.add_argument(
+        "--port", type=_port, metavar="P", help="port to listen on instead of web.port; 0 picks a free one"
+    )
     run.add_argument(
         "--clock",
         choices=["realtime", "fast"],

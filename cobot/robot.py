@@ -33,7 +33,9 @@ def load_robot(settings: Settings) -> Robot:
         ConfigError: a file is missing or wrong, or they do not fit each other.
     """
     limits = load_joint_limits(settings.web.joint_limits)
-    model = RobotModel.load(settings.robot.model, limits, base=settings.robot.base_frame, tcp=settings.robot.tcp)
+    model = RobotModel.load(
+        settings.robot.model, limits, base=settings.robot.base_frame, tcp=settings.robot.tcp
+    )
     positions = load_named_positions(settings.robot.srdf, limits.names, settings.robot.group)
     if settings.robot.start_position not in positions:
         raise ConfigError(

@@ -77,4 +77,6 @@ class Block:
             if self.try_read():
                 return self.data
             time.sleep(0.0 if attempt < 10 else 0.0001)
-        raise TornReadError(f"shared memory: no consistent {self.name} in {READ_TRIES} reads; its writer may have died")
+        raise TornReadError(
+            f"shared memory: no consistent {self.name} in {READ_TRIES} reads; its writer may have died"
+        )

@@ -35,7 +35,7 @@ from cobot.seqlock import Block
 from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array
 
-FOLDER = Path("/dev/shm")  # noqa: S108 - the POSIX place for shared memory
+FOLDER = Path("/dev/shm")
 MAGIC = b"COBOTRT\0"
 LAYOUT_VERSION = 1
 RING = 32
@@ -191,7 +191,9 @@ class Slot:
         if n > capacity:
             raise SharedMemoryError(f"the motion has {n} segments, rt.trajectory_capacity is {capacity}")
         if trajectory.dof != self.coefficients.shape[1]:
-            raise SharedMemoryError(f"the motion has {trajectory.dof} joints, the robot {self.coefficients.shape[1]}")
+            raise SharedMemoryError(
+                f"the motion has {trajectory.dof} joints, the robot {self.coefficients.shape[1]}"
+            )
         self.breakpoints_s[: n + 1] = trajectory.breakpoints_s
         self.coefficients[:n] = trajectory.coefficients
         self.head.data["motion_id"] = motion_id
@@ -244,7 +246,9 @@ class RobotMemory:
                 _refuse_if_locked(descriptor, role, robot)
             size = _file_size(dof, capacity)
             os.ftruncate(descriptor, 0)
-            os.posix_fallocate(descriptor, 0, size)  # a full /dev/shm fails here, not in the middle of a motion
+            os.posix_fallocate(
+                descriptor, 0, size
+            )  # a full /dev/shm fails here, not in the middle of a motion
             header = np.zeros((), _HEADER)
             header["magic"], header["layout"], header["dof"] = MAGIC, LAYOUT_VERSION, dof
             header["capacity"], header["ring"], header["period_s"] = capacity, RING, period_s
@@ -254,7 +258,9 @@ class RobotMemory:
         except OSError as exc:
             os.close(descriptor)
             path.unlink(missing_ok=True)
-            raise SharedMemoryError(f"{path}: cannot allocate {_file_size(dof, capacity)} bytes: {exc.strerror}") from exc
+            raise SharedMemoryError(
+                f"{path}: cannot allocate {_file_size(dof, capacity)} bytes: {exc.strerror}"
+            ) from exc
         except ConflictError:
             os.close(descriptor)
             raise
@@ -328,7 +334,11 @@ def _path(robot: str) -> Path:
 
 def _file_size(dof: int, capacity: int) -> int:
     slot = 64 + Block.size(_SLOT) + 8 * (capacity + 1) + 8 * capacity * dof * ORDER
-    blocks = Block.size(_state_dtype(dof)) + Block.size(_STATISTICS) + RING * (Block.size(_ACK) + Block.size(_COMMAND) + 128)
+    blocks = (
+        Block.size(_state_dtype(dof))
+        + Block.size(_STATISTICS)
+        + RING * (Block.size(_ACK) + Block.size(_COMMAND) + 128)
+    )
     return 8 * _PAGE + _aligned(blocks) + SLOTS * _aligned(slot)
 
 

@@ -73,7 +73,9 @@ class Child:
         try:
             self.process.wait(timeout_s)
         except subprocess.TimeoutExpired:
-            log.error("%s (pid %d) did not end within %.0f s and is killed", self.name, self.process.pid, timeout_s)
+            log.error(
+                "%s (pid %d) did not end within %.0f s and is killed", self.name, self.process.pid, timeout_s
+            )
             self.process.kill()
             self.process.wait()
         if self.reader is not None:
@@ -115,7 +117,9 @@ class Supervisor:
         children: list[Child] = []
         try:
             self._catch_signals()
-            rtloop = Child("rtloop", [sys.executable, "-m", "rtloop", *self._config, "--clock", settings.rt.clock])
+            rtloop = Child(
+                "rtloop", [sys.executable, "-m", "rtloop", *self._config, "--clock", settings.rt.clock]
+            )
             children.append(rtloop)
             rtloop.start()
             self._await_rtloop(rtloop, memory)
@@ -141,7 +145,9 @@ class Supervisor:
     def _service(self, listener: socket.socket) -> Child:
         host, port = listener.getsockname()[:2]
         listening = ["--host", host, "--port", str(port), "--fd", str(listener.fileno())]
-        return Child("service", [sys.executable, "-m", "app", *self._config, *listening], (listener.fileno(),))
+        return Child(
+            "service", [sys.executable, "-m", "app", *self._config, *listening], (listener.fileno(),)
+        )
 
     def _open_log(self) -> Path:
         folder = self._settings.logs
@@ -168,9 +174,13 @@ class Supervisor:
             listener.listen(512)
         except OSError as exc:
             reason = exc.strerror or str(exc)
-            raise UnavailableError(f"cannot listen on {web.host} port {web.port}: {reason}; --port 0 picks a free one") from exc
-        if listener.getsockname()[0] in ("0.0.0.0", "::"):  # noqa: S104
-            log.warning("listening on all interfaces without authentication: whoever reaches the port moves the robot")
+            raise UnavailableError(
+                f"cannot listen on {web.host} port {web.port}: {reason}; --port 0 picks a free one"
+            ) from exc
+        if listener.getsockname()[0] in ("0.0.0.0", "::"):
+            log.warning(
+                "listening on all interfaces without authentication: whoever reaches the port moves the robot"
+            )
         return listener
 
     def _catch_signals(self) -> None:
@@ -193,7 +203,9 @@ class Supervisor:
         while int(memory.state.sequence) == 0 and not self._stopping.is_set():
             assert rtloop.process is not None
             if rtloop.process.poll() is not None:
-                raise UnavailableError(f"rtloop ended with status {rtloop.process.returncode} at its start, see above")
+                raise UnavailableError(
+                    f"rtloop ended with status {rtloop.process.returncode} at its start, see above"
+                )
             if time.monotonic() > deadline_s:
                 raise UnavailableError(f"rtloop did not begin its cycle within {READY_TIMEOUT_S:.0f} s")
             self._sleep(0.02)
@@ -209,7 +221,13 @@ class Supervisor:
         if child.restart_at_s <= child.started_s:  # its death is news
             child.restart_at_s = now_s + child.backoff_s
             cause = signal.Signals(-status).name if status < 0 else f"status {status}"
-            log.error("%s (pid %d) ended: %s; restart in %.1f s", child.name, child.process.pid, cause, child.backoff_s)
+            log.error(
+                "%s (pid %d) ended: %s; restart in %.1f s",
+                child.name,
+                child.process.pid,
+                cause,
+                child.backoff_s,
+            )
             child.backoff_s = min(2.0 * child.backoff_s, MAX_BACKOFF_S)
         elif now_s >= child.restart_at_s:
             child.start()
@@ -219,7 +237,7 @@ class Supervisor:
         log.info("cobot %s (pid %d)", version("cobot"), os.getpid())
         if listener is not None:
             host, port = listener.getsockname()[:2]
-            shown = "localhost" if host in ("127.0.0.1", "0.0.0.0", "::", "::1") else host  # noqa: S104
+            shown = "localhost" if host in ("127.0.0.1", "0.0.0.0", "::", "::1") else host
             log.info("  address    http://%s:%d/docs", shown, port)
         else:
             log.info("  address    none: web.enabled is false")

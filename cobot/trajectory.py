@@ -20,7 +20,10 @@ ORDER = 6
 """Coefficients per polynomial: a quintic in ascending powers of the time since the segment's start."""
 
 _FACTORS = np.array(
-    [[np.prod(np.arange(power - k + 1, power + 1)) if power >= k else 0.0 for power in range(ORDER)] for k in range(4)]
+    [
+        [np.prod(np.arange(power - k + 1, power + 1)) if power >= k else 0.0 for power in range(ORDER)]
+        for k in range(4)
+    ]
 )
 _EXPONENTS = np.array([[max(power - k, 0) for power in range(ORDER)] for k in range(4)])
 
@@ -75,7 +78,11 @@ class Trajectory:
     def __post_init__(self) -> None:
         times = np.ascontiguousarray(self.breakpoints_s, dtype=np.float64)
         coefficients = np.ascontiguousarray(self.coefficients, dtype=np.float64)
-        if coefficients.ndim != 3 or coefficients.shape[2] != ORDER or times.shape != (len(coefficients) + 1,):
+        if (
+            coefficients.ndim != 3
+            or coefficients.shape[2] != ORDER
+            or times.shape != (len(coefficients) + 1,)
+        ):
             raise InputError(
                 f"a trajectory needs breakpoints (n+1,) and coefficients (n, dof, {ORDER}), "
                 f"got {times.shape} and {coefficients.shape}"
@@ -219,7 +226,12 @@ def from_hermite(times_s: Array, positions: Array, velocities: Array, accelerati
 def _bernstein_hull(rows: Array) -> tuple[Array, Array]:
     """Bounds (low, high), shape rows.shape[:-1], of polynomials on [0, 1] by their control points."""
     degree = rows.shape[-1] - 1
-    convert = np.array([[comb(i, k) / comb(degree, k) if k <= i else 0.0 for k in range(degree + 1)] for i in range(degree + 1)])
+    convert = np.array(
+        [
+            [comb(i, k) / comb(degree, k) if k <= i else 0.0 for k in range(degree + 1)]
+            for i in range(degree + 1)
+        ]
+    )
     points = rows @ convert.T
     return points.min(axis=-1), points.max(axis=-1)
 
@@ -231,7 +243,9 @@ def _polynomial_extrema(rows: Array) -> tuple[Array, Array]:
     slopes = rows[:, 1:] * np.arange(1, rows.shape[1])
     scale = np.abs(slopes).max(axis=1, initial=0.0)
     significant = np.abs(slopes) > 1e-12 * scale[:, None]
-    degrees = np.where(significant.any(axis=1), slopes.shape[1] - 1 - np.argmax(significant[:, ::-1], axis=1), 0)
+    degrees = np.where(
+        significant.any(axis=1), slopes.shape[1] - 1 - np.argmax(significant[:, ::-1], axis=1), 0
+    )
     for degree in range(1, slopes.shape[1]):
         chosen = np.flatnonzero(degrees == degree)
         if len(chosen) == 0:

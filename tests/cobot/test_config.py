@@ -54,7 +54,10 @@ web:
         ("rt: {service_timeout_s: .inf}", "rt.service_timeout_s: "),
         ("robot: {name: '../../etc'}", "robot.name: "),
         ("robot: {model: 7}", "robot.model: Value error, must be a path, got 7"),
-        ("robot: {model: pkg://no_such_package/x.xml}", "there is no installed Python package 'no_such_package'"),
+        (
+            "robot: {model: pkg://no_such_package/x.xml}",
+            "there is no installed Python package 'no_such_package'",
+        ),
         ("robot: {model: pkg://config/../../x.xml}", "leaves the package 'config'"),
         ("web: {port: 1, port: 2}", "'port' stands twice"),
         ("web: [", "not valid YAML"),
@@ -62,7 +65,9 @@ web:
         ("&a [*a]", "must hold a mapping"),
     ],
 )
-def test_a_mistake_is_named_with_its_place_and_what_is_valid(tmp_path: Path, text: str, sentence: str) -> None:
+def test_a_mistake_is_named_with_its_place_and_what_is_valid(
+    tmp_path: Path, text: str, sentence: str
+) -> None:
     path = write(tmp_path, text)
     with pytest.raises(ConfigError) as caught:
         load_settings(path)
@@ -84,7 +89,9 @@ def test_binary_is_not_a_settings_file(tmp_path: Path) -> None:
 def test_the_endpoints_file_names_all_endpoints_and_no_other(tmp_path: Path) -> None:
     every = "".join(f"  {name}: {{timeout_s: 1.0}}\n" for name in ENDPOINTS)
     with pytest.raises(ConfigError, match="missing POST /stop"):
-        load_endpoints(write(tmp_path, "endpoints:\n" + every.replace("  POST /stop: {timeout_s: 1.0}\n", "")))
+        load_endpoints(
+            write(tmp_path, "endpoints:\n" + every.replace("  POST /stop: {timeout_s: 1.0}\n", ""))
+        )
     with pytest.raises(ConfigError, match=r"unknown key 'POST /halt' .*valid are: GET /robot/joint_states"):
         load_endpoints(write(tmp_path, "endpoints:\n" + every + "  POST /halt: {timeout_s: 1.0}\n"))
     with pytest.raises(ConfigError, match=r"timeout_s: Input should be greater than 0"):

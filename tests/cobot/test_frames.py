@@ -24,7 +24,9 @@ def by_definition(a: float, b: float, c: float) -> np.ndarray:
 def test_abc_is_z_then_y_then_x() -> None:
     random = np.random.default_rng(SEED)
     for a, b, c in random.uniform(-pi, pi, (200, 3)):
-        assert rotation(quaternion_from_abc(a, b, c)).as_matrix() == pytest.approx(by_definition(a, b, c), abs=1e-12)
+        assert rotation(quaternion_from_abc(a, b, c)).as_matrix() == pytest.approx(
+            by_definition(a, b, c), abs=1e-12
+        )
 
 
 def test_abc_survives_the_round_trip_as_an_orientation_at_gimbal_lock_too() -> None:

@@ -1,0 +1,79 @@
+"""joint_limits.yaml in MoveIt's format, and the one check of joint positions against it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from cobot.config import read_yaml
+from cobot.errors import ConfigError, LimitError
+from cobot.types import Array, JointLimits, vector
+
+_RATES = ("velocity", "acceleration", "jerk", "effort")
+_KEYS = (
+    "has_position_limits",
+    "min_position",
+    "max_position",
+    *(key for rate in _RATES for key in (f"has_{rate}_limits", f"max_{rate}")),
+)
+
+
+def load_joint_limits(path: Path) -> JointLimits:
+    """Read the limits, in the order of the file.
+
+    Every joint needs all of them: a robot without an acceleration limit cannot be stopped in a
+    known distance.
+
+    Raises:
+        ConfigError: naming the file, the joint, the key and what is valid.
+    """
+    content = read_yaml(path)
+    joints = content.get("joint_limits") if isinstance(content, dict) else None
+    if not isinstance(joints, dict) or not joints or set(content) != {"joint_limits"}:
+        raise ConfigError(f"{path}: must hold joint_limits: with an entry for each joint, and nothing else")
+    rows = [_joint(path, str(name), entry) for name, entry in joints.items()]
+    columns = [vector(column) for column in zip(*rows, strict=True)]
+    return JointLimits(tuple(str(name) for name in joints), *columns)
+
+
+def check_positions(limits: JointLimits, joints: Array, what: str = "joint angle") -> None:
+    """Refuse joint positions beyond the limits.
+
+    Raises:
+        LimitError: naming every joint that is beyond, its value and its range.
+    """
+    beyond = [
+        f"{what} of {name} is {value:.4f} rad, allowed is {low:.4f} to {high:.4f} rad"
+        for name, value, low, high in zip(
+            limits.names, joints, limits.min_position, limits.max_position, strict=True
+        )
+        if not low <= value <= high
+    ]
+    if beyond:
+        raise LimitError("; ".join(beyond))
+
+
+def _joint(path: Path, name: str, entry: Any) -> tuple[float, ...]:
+    """(min position, max position, max velocity, acceleration, jerk, effort) of one entry."""
+    where = f"{path}: joint_limits.{name}"
+    if not isinstance(entry, dict):
+        raise ConfigError(f"{where}: must hold {', '.join(_KEYS)}")
+    for key in entry:
+        if key not in _KEYS:
+            raise ConfigError(f"{where}: unknown key {key!r}; valid are: {', '.join(_KEYS)}")
+    for key in _KEYS:
+        if key not in entry:
+            raise ConfigError(f"{where}.{key}: is missing")
+        if key.startswith("has_"):
+            if entry[key] is not True:
+                raise ConfigError(f"{where}.{key}: must be true, got {entry[key]!r}: cobot needs every limit")
+        elif isinstance(entry[key], bool) or not isinstance(entry[key], int | float):
+            raise ConfigError(f"{where}.{key}: must be a number, got {entry[key]!r}")
+    low, high = float(entry["min_position"]), float(entry["max_position"])
+    if not -1e3 < low < high < 1e3:
+        raise ConfigError(f"{where}: min_position {low} must be below max_position {high}, both finite")
+    rates = tuple(float(entry[f"max_{rate}"]) for rate in _RATES)
+    for rate, value in zip(_RATES, rates, strict=True):
+        if not 0.0 < value < 1e6:
+            raise ConfigError(f"{where}.max_{rate}: must be positive and finite, got {value}")
+    return low, high, *rates

@@ -1,0 +1,137 @@
+"""The robot's kinematics and dynamics, computed by MuJoCo from an MJCF or URDF file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from cobot.errors import ConfigError
+from cobot.types import Array, JointLimits, Pose
+
+
+class RobotModel:
+    """Forward kinematics, Jacobian, mass matrix and gravity of the arm.
+
+    Works in one scratch memory: not thread safe. Joint vectors are shape (dof,), rad, in the order
+    of the limits; poses and Jacobians are those of the TCP in the base frame.
+
+    Attributes:
+        mj: MuJoCo's model.
+        limits: the joint limits, which also give the joints' order.
+    """
+
+    def __init__(self, mj: mujoco.MjModel, limits: JointLimits, base: str, tcp: str) -> None:
+        self.mj = mj
+        self.limits = limits
+        self._data = mujoco.MjData(mj)
+        self._base = _named(mj, mujoco.mjtObj.mjOBJ_BODY, base, "robot.base_frame")
+        joints = [mj.joint(index).name for index in range(mj.njnt)]
+        if tuple(joints) != limits.names or mj.nv != limits.dof or mj.nq != limits.dof:
+            raise ConfigError(
+                f"the model's joints must be those of the limits, hinges in the same order: "
+                f"{', '.join(joints)} against {', '.join(limits.names)}"
+            )
+        self._tcp = _tcp_site(mj, tcp)
+        self._jacobian = np.zeros((6, limits.dof))
+        mujoco.mj_kinematics(mj, self._data)
+        self._base_rotation = self._data.xmat[self._base].reshape(3, 3).copy()
+        self._base_position = self._data.xpos[self._base].copy()
+        if mj.body_weldid[self._base] != 0:
+            raise ConfigError(f"robot.base_frame: {base!r} must not move with the joints")
+
+    @classmethod
+    def load(cls, path: Path, limits: JointLimits, base: str = "base_link", tcp: str = "tcp") -> RobotModel:
+        """Read an MJCF or URDF file.
+
+        Raises:
+            ConfigError: missing or not loadable, other joints than the limits, no such base or TCP.
+        """
+        if not path.is_file():
+            raise ConfigError(f"{path}: no such file")
+        try:
+            return cls(_compile(path, tcp), limits, base, tcp)
+        except ValueError as exc:
+            raise ConfigError(f"{path}: MuJoCo cannot load it: {' '.join(str(exc).split())}") from exc
+        except ConfigError as exc:
+            raise ConfigError(f"{path}: {exc}") from exc
+
+    @property
+    def dof(self) -> int:
+        return self.limits.dof
+
+    def forward(self, joints: Array) -> Pose:
+        """The TCP's pose in the base frame."""
+        position, rotation = self._solve(joints)
+        quaternion = np.empty(4)
+        mujoco.mju_mat2Quat(quaternion, rotation.ravel())
+        return Pose(position, quaternion)
+
+    def jacobian(self, joints: Array) -> Array:
+        """Shape (6, dof): rows vx vy vz (m/s) wx wy wz (rad/s) of the TCP, per rad/s, in the base frame."""
+        return self.forward_and_jacobian(joints)[2].copy()
+
+    def forward_and_jacobian(self, joints: Array) -> tuple[Array, Array, Array]:
+        """Position (3,), rotation matrix (3, 3) and Jacobian (6, dof), for solvers.
+
+        The Jacobian is overwritten by the next call.
+        """
+        position, rotation = self._solve(joints)
+        mujoco.mj_comPos(self.mj, self._data)
+        linear, angular = self._jacobian[:3], self._jacobian[3:]
+        mujoco.mj_jacSite(self.mj, self._data, linear, angular, self._tcp)
+        if not np.array_equal(self._base_rotation, np.eye(3)):
+            linear[:] = self._base_rotation.T @ linear
+            angular[:] = self._base_rotation.T @ angular
+        return position, rotation, self._jacobian
+
+    def mass_matrix(self, joints: Array) -> Array:
+        """Joint-space inertia, shape (dof, dof), kg·m², the drives' inertia (armature) included."""
+        self._data.qpos[:] = joints
+        mujoco.mj_fwdPosition(self.mj, self._data)
+        full = np.zeros((self.dof, self.dof))
+        mujoco.mj_fullM(self.mj, self._data, full)
+        return full
+
+    def gravity_torques(self, joints: Array) -> Array:
+        """What the drives need to hold the arm still, shape (dof,), N·m."""
+        self._data.qpos[:] = joints
+        self._data.qvel[:] = 0.0
+        mujoco.mj_fwdPosition(self.mj, self._data)
+        mujoco.mj_fwdVelocity(self.mj, self._data)
+        return self._data.qfrc_bias.copy()
+
+    def _solve(self, joints: Array) -> tuple[Array, Array]:
+        data = self._data
+        data.qpos[:] = joints
+        mujoco.mj_kinematics(self.mj, data)
+        turn = self._base_rotation.T
+        position = turn @ (data.site_xpos[self._tcp] - self._base_position)
+        return position, turn @ data.site_xmat[self._tcp].reshape(3, 3)
+
+
+def _compile(path: Path, tcp: str) -> mujoco.MjModel:
+    """A URDF has no sites and MuJoCo would fuse its fixed links: keep them, and let the TCP be a link."""
+    spec = mujoco.MjSpec.from_file(str(path))
+    spec.compiler.fusestatic = False
+    if spec.site(tcp) is None and spec.body(tcp) is not None:
+        spec.body(tcp).add_site(name=tcp)
+    return spec.compile()
+
+
+def _named(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, setting: str) -> int:
+    index = mujoco.mj_name2id(model, kind, name)
+    if index < 0:
+        raise ConfigError(f"{setting}: the model has no {name!r}")
+    return int(index)
+
+
+def _tcp_site(model: mujoco.MjModel, name: str) -> int:
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, name)
+    if index < 0:
+        sites = [model.site(i).name for i in range(model.nsite)]
+        raise ConfigError(
+            f"robot.tcp: the model has no site or body {name!r}; its sites: {', '.join(sites) or 'none'}"
+        )
+    return int(index)

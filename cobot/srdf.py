@@ -1,0 +1,76 @@
+"""Named positions: the `group_state` elements of an SRDF file."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from xml.etree import ElementTree
+
+from cobot.errors import ConfigError
+from cobot.types import NamedPosition
+
+
+def load_named_positions(path: Path, joint_names: tuple[str, ...], group: str) -> dict[str, NamedPosition]:
+    """The named positions of a planning group, by name, in the order of the file.
+
+    Raises:
+        ConfigError: unreadable, no such group, a state without one of the joints or with an unknown
+            one, a value that is no finite number, a name that stands twice.
+    """
+    root = _parse(path)
+    groups = [str(element.get("name")) for element in root.iter("group")]
+    if group not in groups:
+        raise ConfigError(f"{path}: has no group {group!r}; valid are: {', '.join(groups) or 'none'}")
+    positions: dict[str, NamedPosition] = {}
+    for state in root.iter("group_state"):
+        if state.get("group") != group:
+            continue
+        position = _position(path, state, joint_names, group)
+        if position.name in positions:
+            raise ConfigError(f"{path}: the position {position.name!r} stands twice")
+        positions[position.name] = position
+    if not positions:
+        raise ConfigError(f"{path}: has no group_state of group {group!r}")
+    return positions
+
+
+def _parse(path: Path) -> ElementTree.Element:
+    try:
+        text = path.read_text(encoding="utf-8")
+        if "<!DOCTYPE" in text:  # entities could blow up the parser, and an SRDF has no use for them
+            raise ConfigError(f"{path}: must not have a DOCTYPE")
+        return ElementTree.fromstring(text)
+    except FileNotFoundError as exc:
+        raise ConfigError(f"{path}: no such file") from exc
+    except (OSError, UnicodeDecodeError, ElementTree.ParseError) as exc:
+        raise ConfigError(f"{path}: not a readable SRDF: {exc}") from exc
+
+
+def _position(
+    path: Path, state: ElementTree.Element, joint_names: tuple[str, ...], group: str
+) -> NamedPosition:
+    name = state.get("name") or ""
+    if not name:
+        raise ConfigError(f"{path}: a group_state has no name")
+    values: dict[str, float] = {}
+    for joint in state.iter("joint"):
+        joint_name = joint.get("name") or ""
+        if joint_name not in joint_names or joint_name in values:
+            problem = (
+                "stands twice" if joint_name in values else f"is unknown; valid are: {', '.join(joint_names)}"
+            )
+            raise ConfigError(f"{path}: position {name!r}: joint {joint_name!r} {problem}")
+        try:
+            values[joint_name] = float(joint.get("value") or "")
+        except ValueError as exc:
+            raise ConfigError(
+                f"{path}: position {name!r}: {joint_name} is no number: {joint.get('value')!r}"
+            ) from exc
+        if not math.isfinite(values[joint_name]):
+            raise ConfigError(f"{path}: position {name!r}: {joint_name} is not finite")
+    missing = [joint for joint in joint_names if joint not in values]
+    if missing:
+        raise ConfigError(f"{path}: position {name!r}: {', '.join(missing)} missing")
+    return NamedPosition(
+        name, group, tuple(values[joint] for joint in joint_names), state.get("description") or ""
+    )

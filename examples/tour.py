@@ -1,0 +1,107 @@
+"""The ten-minute tour with httpx. Start `make run` in another terminal, then: python examples/tour.py"""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import httpx
+
+HOST = os.environ.get("HOST", "http://localhost:8007")
+HERE = Path(__file__).parent
+T_READ, T_MOVE = 10, 90
+
+
+def read(path: str) -> dict:
+    response = httpx.get(HOST + path, timeout=T_READ)
+    response.raise_for_status()
+    return response.json()
+
+
+def move(path: str, body: dict) -> None:
+    """A motion answers 200 even when it could not be done: its `success` says so."""
+    response = httpx.post(HOST + path, json=body, timeout=T_MOVE)
+    response.raise_for_status()
+    answer = response.json()
+    if not answer["success"]:
+        raise RuntimeError(answer["message"])
+    print(path, answer)
+
+
+def wait_for(path: str, word: str) -> None:
+    while word not in httpx.get(HOST + path, timeout=T_READ).text:
+        time.sleep(0.2)
+
+
+# 1. Where is the arm? Angles in rad, velocities in rad/s, efforts in N·m
+state = read("/robot/joint_states")
+print(dict(zip(state["name"], state["position"], strict=True)))
+
+# 2. Where is its tool? Metres in base_link; KUKA angles A, B, C
+pose = read("/robot/pose")
+print(pose["position"], pose["orientation"]["euler_deg"])
+
+# 3. Which positions have names?
+for position in read("/robot/positions"):
+    print(position["name"], "-", position["description"])
+
+# 4. Go home, at half speed; the answer comes when the arm has arrived
+move("/robot/move/named", {"name": "home", "speed": 0.5})
+
+# 5. Move the joints
+move("/robot/move/joints", {"joints": [0.0, 0.5, 0.0, -1.57, 0.0, 1.57, 0.0], "speed": 0.5})
+
+# 6. Move the tool: to a point first, then down a straight line, then along an arc
+down = {"b": 3.14159, "speed": 0.5}
+via = {"x": 0.5, "y": 0.1, "z": 0.45}
+move("/robot/move/pose", {"x": 0.45, "y": 0.0, "z": 0.55, **down})
+move("/robot/move/pose", {"x": 0.45, "y": 0.0, "z": 0.45, **down, "planner": "lin"})
+move("/robot/move/pose", {"x": 0.45, "y": 0.2, "z": 0.45, **down, "planner": "circ", "via": via})
+
+# 7. What cannot be done says why, and nothing moves
+too_far = httpx.post(HOST + "/robot/move/pose", json={"x": 3.0, "y": 0.0, "z": 0.5}, timeout=T_MOVE).json()
+print(too_far["success"], too_far["message"])
+beyond = httpx.post(HOST + "/robot/move/joints", json={"joints": [9, 0, 0, 0, 0, 0, 0]}, timeout=T_MOVE)
+print(beyond.status_code, beyond.json()["detail"])
+
+# 8. Send a trajectory of your own, as JSON and as CSV; it runs while you read the log
+move("/robot/move/named", {"name": "home", "speed": 0.5})
+home = [0, 0, 0, -1.57, 0, 1.57, 0]
+points = [
+    {"positions": home, "time_from_start": 0.0},
+    {"positions": [0, 0.3, 0, -1.2, 0, 1.3, 0], "time_from_start": 2.0},
+    {"positions": home, "time_from_start": 4.0},
+]
+sent = httpx.post(HOST + "/trajectory/send", json={"points": points}, timeout=T_MOVE)
+sent.raise_for_status()
+print(sent.json())
+wait_for("/trajectory/logs?n=5", "arrived")
+with (HERE / "trajectory.csv").open("rb") as csv_file:
+    uploaded = httpx.post(
+        HOST + "/trajectory/send_csv",
+        params={"separator": ",", "retime": True},
+        files={"file": ("trajectory.csv", csv_file, "text/csv")},
+        timeout=T_MOVE,
+    )
+uploaded.raise_for_status()
+print(uploaded.json())
+
+# 9. Stop it: the arm comes to rest on its path
+print(httpx.post(HOST + "/stop", timeout=T_READ).json()["message"])
+
+# 10. Run a sequence, in a process of its own
+with (HERE / "motion_sequence_config.json").open("rb") as sequence:
+    started = httpx.post(
+        HOST + "/sequences/start",
+        files={"config": ("motion_sequence_config.json", sequence, "application/json")},
+        data={"n_iterations": "1", "delay_between_iterations": "0"},
+        timeout=T_READ,
+    )
+started.raise_for_status()
+wait_for("/sequences/status", '"finished"')
+print(read("/sequences/status"))
+print(*read("/sequences/logs?n=20")["lines"], sep="\n")
+
+# And how is the robot?
+print(read("/health")["status"])

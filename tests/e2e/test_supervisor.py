@@ -1,0 +1,283 @@
+"""`cobot run` as a person would run it: one command, signals, crashes, a second start.
+
+The oracles are the operating system's: exit statuses, /dev/shm, the process table (psutil).
+"""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import httpx
+import psutil
+import pytest
+
+WAIT_S = 60.0
+
+
+class Run:
+    """One `cobot run` with a robot name, a port and folders of its own."""
+
+    def __init__(self, folder: Path, robot: str) -> None:
+        self.memory = Path("/dev/shm") / f"cobot-{robot}"
+        self.config = folder / f"{robot}.yaml"
+        self.config.write_text(
+            f"robot: {{name: {robot}}}\nlogs: logs\nsequences: {{recordings: recordings}}\n"
+            "rt: {trajectory_capacity: 1000, clock: fast}\nweb: {port: 0}\nplanning: {workers: 1}\n",
+            encoding="utf-8",
+        )
+        self.lines: list[str] = []
+        self.process = self.start()
+
+    def command(self) -> list[str]:
+        return [sys.executable, "-m", "cobot", "run", "--config", str(self.config)]
+
+    def start(self) -> subprocess.Popen[str]:
+        self.lines.clear()
+        self.process = subprocess.Popen(
+            self.command(), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+        threading.Thread(target=self._collect, args=(self.process,), daemon=True).start()
+        return self.process
+
+    def _collect(self, process: subprocess.Popen[str]) -> None:
+        assert process.stdout is not None
+        with process.stdout as output:
+            for line in output:
+                self.lines.append(line.rstrip())
+
+    @property
+    def output(self) -> str:
+        return "\n".join(self.lines)
+
+    @property
+    def url(self) -> str:
+        found = re.search(
+            r"http://[^/]+", self.until(lambda: re.search(r"address +http", self.output)).string
+        )
+        assert found
+        return found.group()
+
+    def until(self, condition: Callable[[], object]) -> object:
+        """What the condition gave when it first held."""
+        deadline_s = time.monotonic() + WAIT_S
+        while time.monotonic() < deadline_s:
+            value = condition()
+            if value:
+                return value
+            time.sleep(0.02)
+        raise AssertionError(f"did not happen within {WAIT_S} s; output so far:\n{self.output}")
+
+    def health(self) -> dict[str, object] | None:
+        try:
+            response = httpx.get(f"{self.url}/health", timeout=5.0)
+        except httpx.TransportError:
+            return None
+        return response.json() if response.status_code == 200 else None
+
+    def healthy(self) -> bool:
+        health = self.health()
+        return health is not None and health["status"] == "ok"
+
+    def child(self, module: str) -> psutil.Process | None:
+        for process in psutil.Process(self.process.pid).children():
+            try:
+                if process.cmdline()[1:3] == ["-m", module]:
+                    return process
+            except (psutil.NoSuchProcess, psutil.ZombieProcess):
+                continue
+        return None
+
+    def restarted(self, module: str, old_pid: int) -> psutil.Process | None:
+        found = self.child(module)
+        return found if found is not None and found.pid != old_pid else None
+
+    def joints(self) -> list[float]:
+        response = httpx.get(f"{self.url}/robot/joint_states", timeout=5.0)
+        response.raise_for_status()
+        return response.json()["position"]
+
+    def end(self) -> None:
+        if self.process.poll() is None:
+            self.process.terminate()
+            self.process.wait(WAIT_S)
+
+
+@pytest.fixture
+def run(tmp_path: Path, robot_name: str) -> Iterator[Run]:
+    """A started `cobot run` that answers."""
+    started = Run(tmp_path, robot_name)
+    try:
+        started.until(started.healthy)
+        yield started
+    finally:
+        started.end()
+
+
+def gone(processes: list[psutil.Process]) -> bool:
+    return not any(process.is_running() and process.status() != psutil.STATUS_ZOMBIE for process in processes)
+
+
+def test_the_start_says_what_matters(run: Run) -> None:
+    for word in ("address", "robot", "backend", "clock fast", "SCHED_FIFO", "locked memory", "logs"):
+        assert word in run.output
+    assert str(run.config.parent / "logs") in run.output
+
+
+def test_sigterm_ends_everything_and_leaves_nothing_behind(run: Run) -> None:
+    family = psutil.Process(run.process.pid).children(recursive=True)
+    assert len(family) >= 2
+    run.process.send_signal(signal.SIGTERM)
+    assert run.process.wait(WAIT_S) == 0
+    run.until(lambda: gone(family))
+    assert not run.memory.exists()
+    assert "stopping: the arm first" in run.output
+
+
+def test_sigterm_during_a_motion_brings_the_arm_to_rest_first(run: Run) -> None:
+    body = {"joints": [1.0, 0.5, 0.0, -1.57, 0.0, 1.57, 0.0], "speed": 0.01}
+    answers: list[object] = []
+
+    def move() -> None:
+        try:
+            answers.append(httpx.post(f"{run.url}/robot/move/joints", json=body, timeout=WAIT_S).status_code)
+        except httpx.TransportError as exc:
+            answers.append(exc)
+
+    mover = threading.Thread(target=move)
+    mover.start()
+    run.until(lambda: (run.health() or {"robot": {}})["robot"].get("mode") == "TRAJECTORY" or answers)
+    run.process.send_signal(signal.SIGTERM)
+    assert run.process.wait(WAIT_S) == 0
+    mover.join(WAIT_S)
+    assert answers
+    assert not run.memory.exists()
+
+
+def test_a_second_start_is_refused_with_the_pid_of_the_first(run: Run) -> None:
+    second = subprocess.run(run.command(), capture_output=True, text=True, timeout=WAIT_S, check=False)
+    assert second.returncode == 1
+    assert f"pid {run.process.pid} runs as its supervisor" in second.stderr
+    assert run.healthy()
+
+
+def test_a_killed_rtloop_is_restarted_where_the_arm_was(run: Run) -> None:
+    goal = [0.3, 0.2, 0.1, -1.4, 0.1, 1.3, 0.2]
+    answer = httpx.post(f"{run.url}/robot/move/joints", json={"joints": goal, "speed": 1.0}, timeout=WAIT_S)
+    assert answer.json()["success"], answer.text
+    before = run.joints()
+    old = run.child("rtloop")
+    assert old is not None
+    old.kill()
+    run.until(lambda: run.restarted("rtloop", old.pid) and run.healthy())
+    assert run.joints() == pytest.approx(before, abs=1e-3)
+    assert "rtloop" in run.output
+    assert "SIGKILL" in run.output
+    back = httpx.post(f"{run.url}/robot/move/named", json={"name": "home", "speed": 1.0}, timeout=WAIT_S)
+    assert back.json()["success"], back.text
+
+
+def test_reads_answer_503_with_the_reason_while_rtloop_does_not_run(run: Run) -> None:
+    rtloop = run.child("rtloop")
+    assert rtloop is not None
+    rtloop.suspend()
+    try:
+        run.until(lambda: httpx.get(f"{run.url}/robot/joint_states", timeout=10.0).status_code == 503)
+        detail = httpx.get(f"{run.url}/robot/joint_states", timeout=10.0).json()["detail"]
+        assert f"pid {rtloop.pid}" in detail
+        stop = httpx.post(f"{run.url}/stop", timeout=WAIT_S)
+        assert stop.status_code == 200
+        assert stop.json()["success"] is False
+    finally:
+        rtloop.resume()
+    run.until(run.healthy)
+
+
+def test_a_killed_service_is_restarted_and_the_arm_has_stopped(run: Run) -> None:
+    body = {"points": [{"positions": [0.5, 0, 0, -1.57, 0, 1.57, 0], "time_from_start": 2000.0}]}
+    assert httpx.post(f"{run.url}/trajectory/send", json=body, timeout=WAIT_S).json()["status"] == "sent"
+    old = run.child("app")
+    assert old is not None
+    workers = old.children(recursive=True)
+    old.kill()
+    run.until(lambda: run.restarted("app", old.pid) and run.healthy())
+    run.until(lambda: gone(workers))
+    health = run.health()
+    assert health is not None
+    robot = health["robot"]
+    assert isinstance(robot, dict)
+    assert robot["mode"] == "HOLD"
+
+
+def test_what_a_killed_supervisor_left_is_taken_over(run: Run) -> None:
+    family = psutil.Process(run.process.pid).children(recursive=True)
+    run.process.kill()
+    run.process.wait(WAIT_S)
+    run.until(lambda: gone(family))
+    assert run.memory.exists()
+    run.start()
+    run.until(run.healthy)
+    run.end()
+    assert not run.memory.exists()
+
+
+def test_a_port_in_use_is_named(run: Run, tmp_path: Path) -> None:
+    port = run.url.rsplit(":", 1)[1]
+    command = [*run.command(), "--port", port]
+    second = subprocess.run(command, capture_output=True, text=True, timeout=WAIT_S, check=False)
+    assert second.returncode == 1
+    assert f"cannot listen on 127.0.0.1 port {port}: Address already in use" in second.stderr
+
+
+def test_help_explains_itself_and_wrong_usage_is_refused() -> None:
+    def cobot(*arguments: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, "-m", "cobot", *arguments],
+            capture_output=True,
+            text=True,
+            timeout=WAIT_S,
+            check=False,
+        )
+
+    help_text = cobot("--help")
+    assert help_text.returncode == 0
+    assert "cobot check" in help_text.stdout
+    assert cobot("run", "--port", "99999").returncode == 2
+    broken = cobot("check", "--config", "nowhere.yaml")
+    assert broken.returncode == 1
+    assert broken.stderr.startswith("cobot: ")
+    assert "nowhere.yaml: no such file" in broken.stderr
+
+
+def test_check_passes_the_shipped_configuration_and_names_what_is_wrong_in_another(tmp_path: Path) -> None:
+    def check(*arguments: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "cobot", "check", *arguments]
+        return subprocess.run(command, capture_output=True, text=True, timeout=WAIT_S, check=False)
+
+    good = check()
+    assert good.returncode == 0, good.stdout
+    for name in ("endpoints", "robot", "position home", "position work", "position transport"):
+        assert f"ok      {name}: " in good.stdout
+    srdf = tmp_path / "bad.srdf"
+    joints = "".join(
+        f'<joint name="joint{i}" value="{v}"/>' for i, v in enumerate([0, 2.0, 0, -2.0, 0, 0, 0], 1)
+    )
+    straight = "".join(f'<joint name="joint{i}" value="0"/>' for i in range(1, 8))
+    srdf.write_text(
+        '<robot name="iiwa14"><group name="iiwa_arm"><chain base_link="base_link" tip_link="tcp"/></group>'
+        f'<group_state name="home" group="iiwa_arm">{straight}</group_state>'
+        f'<group_state name="folded" group="iiwa_arm">{joints}</group_state></robot>',
+        encoding="utf-8",
+    )
+    config = tmp_path / "settings.yaml"
+    config.write_text("robot: {srdf: bad.srdf}\n", encoding="utf-8")
+    bad = check("--config", str(config))
+    assert bad.returncode == 1
+    assert "FAILED  position folded: " in bad.stdout
+    assert "ok      position home: " in bad.stdout
