@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from cobot.errors import LimitError
@@ -15,11 +17,11 @@ QUANTITIES = ("position", "velocity", "acceleration", "jerk")
 UNITS = ("rad", "rad/s", "rad/s²", "rad/s³")
 
 
-def check_limits(trajectory: Trajectory, limits: JointLimits, *, segment_name: str = "segment") -> None:
+def check_limits(trajectory: Trajectory, limits: JointLimits, labels: Sequence[str] | None = None) -> None:
     """Refuse a trajectory whose true extrema leave the limits, whichever comes first in time.
 
     Args:
-        segment_name: what the caller calls a segment, for the message: "segment", "point", "row".
+        labels: what the caller calls the breakpoints, for the message.
 
     Raises:
         LimitError: naming the place, the joint, the quantity, the value and the limit.
@@ -34,10 +36,12 @@ def check_limits(trajectory: Trajectory, limits: JointLimits, *, segment_name: s
     derivative, (segment, joint, value) = found
     low, high = _bounds(limits)[derivative]
     limit = low[joint] if value < low[joint] else high[joint]
+    begin, end = trajectory.breakpoints_s[segment : segment + 2]
+    place = f"from {begin:.3f} s to {end:.3f} s"
+    if labels is not None:
+        place = f"between {labels[segment]} and {labels[segment + 1]} ({place})"
     raise LimitError(
-        f"between {segment_name} {segment + 1} and {segment + 2} "
-        f"({trajectory.breakpoints_s[segment]:.3f} s to {trajectory.breakpoints_s[segment + 1]:.3f} s) "
-        f"the {QUANTITIES[derivative]} of {limits.names[joint]} reaches {value:.4f} {UNITS[derivative]}, "
+        f"{place} the {QUANTITIES[derivative]} of {limits.names[joint]} reaches {value:.4f} {UNITS[derivative]}, "
         f"its limit is {limit:.4f} {UNITS[derivative]}"
     )
 

@@ -6,6 +6,8 @@ shrinks with the remaining error, so that the last steps are Newton's.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from cobot.errors import UnreachableError
@@ -21,6 +23,18 @@ ENOUGH_SOLUTIONS = 4
 """After so many solutions from random starts the nearest one is taken."""
 LARGEST_STEP_RAD = 0.5
 BIAS = 1e-5
+PATIENCE = 12
+"""Steps without a tenth of progress after which a descent is given up."""
+
+
+@dataclass(frozen=True, slots=True)
+class Descent:
+    """Where one descent ended: at a solution, or as near to it as it came (m, rad)."""
+
+    joints: Array
+    solved: bool
+    distance_m: float
+    angle_rad: float
 
 
 def inverse(model: RobotModel, pose: Pose, seed: Array, random_seed: int = 0) -> Array:
@@ -29,52 +43,50 @@ def inverse(model: RobotModel, pose: Pose, seed: Array, random_seed: int = 0) ->
     Raises:
         UnreachableError: none found; with how near the TCP came.
     """
-    solution, nearest = _descend(model, pose, seed)
-    if solution is not None:
-        return solution
+    nearest = solve_near(model, pose, seed)
+    if nearest.solved:
+        return nearest.joints
     random = np.random.default_rng(random_seed)
     limits = model.limits
     found: list[Array] = []
     for _ in range(ATTEMPTS):
-        start = random.uniform(limits.min_position, limits.max_position)
-        solution, error = _descend(model, pose, start)
-        nearest = min(nearest, error)
-        if solution is not None:
-            found.append(solution)
+        descent = solve_near(model, pose, random.uniform(limits.min_position, limits.max_position))
+        if descent.solved:
+            found.append(descent.joints)
             if len(found) == ENOUGH_SOLUTIONS:
                 break
+        elif descent.distance_m + descent.angle_rad < nearest.distance_m + nearest.angle_rad:
+            nearest = descent
     if not found:
         x, y, z = pose.position
         raise UnreachableError(
             f"the TCP cannot reach x {x:.4f}, y {y:.4f}, z {z:.4f} m in this orientation: "
-            f"it comes as near as {1e3 * nearest[0]:.1f} mm and {np.degrees(nearest[1]):.2f} degrees"
+            f"it comes as near as {1e3 * nearest.distance_m:.1f} mm and {np.degrees(nearest.angle_rad):.2f} degrees"
         )
     return min(found, key=lambda joints: float(np.linalg.norm(joints - seed)))
 
 
-def solve_near(model: RobotModel, pose: Pose, seed: Array) -> tuple[Array | None, tuple[float, float]]:
-    """One descent from `seed`, for following a path: the solution or None, and the remaining (m, rad)."""
-    return _descend(model, pose, seed)
-
-
-def _descend(model: RobotModel, pose: Pose, seed: Array) -> tuple[Array | None, tuple[float, float]]:
+def solve_near(model: RobotModel, pose: Pose, seed: Array) -> Descent:
+    """One descent from `seed`: the way to stay continuous along a path."""
     limits = model.limits
     target = rotation(pose.quaternion).as_matrix()
     joints = np.clip(seed, limits.min_position, limits.max_position)
     error = np.empty(6)
-    best = (np.inf, np.inf)
     eye = np.eye(model.dof)
+    best = Descent(joints, False, np.inf, np.inf)
     stalled = 0
     for _ in range(STEPS):
         position, turn, jacobian = model.forward_and_jacobian(joints)
         error[:3] = pose.position - position
         error[3:] = _rotation_vector(target @ turn.T)
-        remaining = float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
-        if remaining[0] < POSITION_TOLERANCE_M and remaining[1] < ANGLE_TOLERANCE_RAD:
-            return joints, remaining
-        stalled = stalled + 1 if sum(remaining) > 0.9 * sum(best) else 0
-        best = min(best, remaining, key=sum)
-        if stalled > 12:
+        distance_m, angle_rad = float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
+        if distance_m < POSITION_TOLERANCE_M and angle_rad < ANGLE_TOLERANCE_RAD:
+            return Descent(joints, True, distance_m, angle_rad)
+        remaining, least = distance_m + angle_rad, best.distance_m + best.angle_rad
+        stalled = stalled + 1 if remaining > 0.9 * least else 0
+        if remaining < least:
+            best = Descent(joints, False, distance_m, angle_rad)
+        if stalled > PATIENCE:
             break
         # A joint that stands at its limit and would be pushed beyond takes no part in this step.
         gradient = jacobian.T @ error
@@ -83,13 +95,13 @@ def _descend(model: RobotModel, pose: Pose, seed: Array) -> tuple[Array | None, 
         )
         free = np.where(held, 0.0, 1.0)
         reduced = jacobian * free
-        damping = 0.5 * float(error @ error) + BIAS * min(1.0, sum(remaining))
+        damping = 0.5 * float(error @ error) + BIAS * min(1.0, remaining)
         step = np.linalg.solve(reduced.T @ reduced + damping * eye, gradient * free)
         largest = float(np.abs(step).max())
         if largest > LARGEST_STEP_RAD:
             step *= LARGEST_STEP_RAD / largest
         joints = np.clip(joints + step, limits.min_position, limits.max_position)
-    return None, best
+    return best
 
 
 def _rotation_vector(matrix: Array) -> Array:

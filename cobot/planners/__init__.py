@@ -1,0 +1,71 @@
+"""Planners: pure functions from a robot and a request to a `Trajectory`.
+
+None of them falls back on another one: what a planner cannot do is an error that says so.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cobot.errors import InputError, LimitError, PlanningError
+from cobot.kinematics import inverse
+from cobot.limits import check_positions
+from cobot.planners.chomp import plan_chomp
+from cobot.planners.circ import plan_circ
+from cobot.planners.lin import plan_lin
+from cobot.planners.ptp import plan_ptp
+from cobot.planners.request import MotionRequest, is_there, validate
+from cobot.planners.sampling import plan_ompl
+from cobot.planners.waypoints import WaypointRequest, plan_waypoints
+from cobot.robot import Robot
+from cobot.trajectory import Trajectory
+from cobot.types import Array, PlannerName, Pose
+
+__all__ = ["MotionRequest", "WaypointRequest", "plan", "plan_waypoints"]
+
+JOINT_PLANNERS = {PlannerName.PTP: plan_ptp, PlannerName.OMPL: plan_ompl, PlannerName.CHOMP: plan_chomp}
+PATH_PLANNERS = {PlannerName.LIN: plan_lin, PlannerName.CIRC: plan_circ}
+
+
+def plan(robot: Robot, request: MotionRequest) -> Trajectory | None:
+    """A validated motion from rest to rest, or None when the arm is already there.
+
+    Raises:
+        InputError: a start or goal beyond the limits, or fields that this planner does not take.
+        PlanningError: there is no such motion, or this planner does not find one.
+    """
+    check_positions(robot.limits, request.start, "present angle")
+    robot.collision.check_position(request.start, "the start")
+    if request.via is not None and request.planner is not PlannerName.CIRC:
+        raise InputError(f"via is for planner circ only, not for {request.planner}")
+    if request.planner in PATH_PLANNERS:
+        trajectory = PATH_PLANNERS[request.planner](robot, request)
+    else:
+        goal = _joint_goal(robot, request)
+        trajectory = (
+            None if is_there(request.start, goal) else JOINT_PLANNERS[request.planner](robot, request, goal)
+        )
+    if trajectory is not None:
+        try:
+            validate(robot, trajectory, request.scaled_limits(robot))
+        except LimitError as exc:
+            raise PlanningError(f"{request.planner}: {exc}") from exc
+    return trajectory
+
+
+def _joint_goal(robot: Robot, request: MotionRequest) -> Array:
+    if isinstance(request.goal, Pose):
+        if _at(robot, request.start, request.goal):
+            return request.start
+        goal = inverse(robot.model, request.goal, request.start, request.seed)
+    else:
+        goal = request.goal
+        check_positions(robot.limits, goal)
+    robot.collision.check_position(goal, "the goal")
+    return goal
+
+
+def _at(robot: Robot, joints: Array, pose: Pose) -> bool:
+    here = robot.model.forward(joints)
+    same_place = np.linalg.norm(here.position - pose.position) < 1e-7
+    return bool(same_place and 1.0 - abs(here.quaternion @ pose.quaternion) < 1e-14)

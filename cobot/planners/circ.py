@@ -1,0 +1,65 @@
+"""An arc of the TCP through a point, its orientation turning evenly from start to goal."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from cobot.errors import InputError, PlanningError
+from cobot.planners.cartesian import TcpPath, follow, turn_between, turned
+from cobot.planners.request import MotionRequest
+from cobot.robot import Robot
+from cobot.trajectory import Trajectory
+from cobot.types import Array, Pose
+
+NEAREST_POINTS_M = 1e-3
+SMALLEST_SINE = 1e-3
+"""Of the angle at `via`: below it the three points are as good as on a line."""
+
+
+def plan_circ(robot: Robot, request: MotionRequest) -> Trajectory | None:
+    """The arc from the present position of the TCP through `via` to the goal pose.
+
+    Raises:
+        InputError: no `via`, or the goal is not a pose.
+        PlanningError: the three points define no circle, or from `follow`.
+    """
+    if not isinstance(request.goal, Pose) or request.via is None:
+        raise InputError("circ needs a pose as its goal and via, a point (x, y, z) on the arc")
+    return follow(robot, request, arc(robot.model.forward(request.start), request.via, request.goal))
+
+
+def arc(start: Pose, via: Array, goal: Pose) -> TcpPath:
+    """The path itself.
+
+    Raises:
+        PlanningError: two of the points coincide, or all three are on one line.
+    """
+    to_via, to_goal = via - start.position, goal.position - start.position
+    for name, length in (
+        ("via and the start", np.linalg.norm(to_via)),
+        ("the goal and the start", np.linalg.norm(to_goal)),
+        ("via and the goal", np.linalg.norm(via - goal.position)),
+    ):
+        if length < NEAREST_POINTS_M:
+            raise PlanningError(
+                f"circ: {name} are {1e3 * length:.2f} mm apart, an arc needs three distinct points"
+            )
+    normal = np.cross(to_via, to_goal)
+    area = float(np.linalg.norm(normal))
+    if area < SMALLEST_SINE * np.linalg.norm(to_via) * np.linalg.norm(via - goal.position):
+        raise PlanningError("circ: start, via and goal are on one line; use lin")
+    # Circumcentre of a triangle with one corner in the origin.
+    towards = np.cross(normal, to_via) * (to_goal @ to_goal) + np.cross(to_goal, normal) * (to_via @ to_via)
+    radius = towards / (2.0 * area**2)
+    centre = start.position + radius
+    axis = normal / area
+    x, y = -radius, np.cross(axis, -radius)
+    angle = float(np.arctan2((goal.position - centre) @ y, (goal.position - centre) @ x) % (2.0 * np.pi))
+    turn = turn_between(start, goal)
+
+    def pose_at(u: float) -> Pose:
+        position = centre + Rotation.from_rotvec(u * angle * axis).apply(x)
+        return Pose(position, turned(start, turn, u))
+
+    return TcpPath("circ", pose_at, angle * float(np.linalg.norm(radius)), float(np.linalg.norm(turn)))

@@ -1,0 +1,34 @@
+"""A straight line of the TCP, its orientation turning evenly from start to goal."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cobot.errors import InputError
+from cobot.planners.cartesian import TcpPath, follow, turn_between, turned
+from cobot.planners.request import MotionRequest
+from cobot.robot import Robot
+from cobot.trajectory import Trajectory
+from cobot.types import Pose
+
+
+def plan_lin(robot: Robot, request: MotionRequest) -> Trajectory | None:
+    """The straight line from the present pose of the TCP to the goal pose; None if it is there.
+
+    Raises:
+        InputError: the goal is not a pose.
+        PlanningError: from `follow`.
+    """
+    if not isinstance(request.goal, Pose):
+        raise InputError("lin needs a pose as its goal, not joint angles")
+    return follow(robot, request, straight_line(robot.model.forward(request.start), request.goal))
+
+
+def straight_line(start: Pose, goal: Pose) -> TcpPath:
+    """The path itself."""
+    across, turn = goal.position - start.position, turn_between(start, goal)
+
+    def pose_at(u: float) -> Pose:
+        return Pose(start.position + u * across, turned(start, turn, u))
+
+    return TcpPath("lin", pose_at, float(np.linalg.norm(across)), float(np.linalg.norm(turn)))

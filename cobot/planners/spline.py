@@ -1,0 +1,58 @@
+"""From the corner points of a polyline in joint space to a smooth path."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import BSpline
+
+from cobot.errors import CollisionError
+from cobot.planners.time_law import timed
+from cobot.robot import Robot
+from cobot.trajectory import Trajectory
+from cobot.types import Array, JointLimits
+
+DEGREE = 5
+FIRST_POINTS, LAST_POINTS = 12, 400
+
+
+def smooth_motion(robot: Robot, corners: Array, limits: JointLimits) -> Trajectory:
+    """A motion near a polyline, shape (n, dof), that is free of collisions.
+
+    The points are the control polygon of a clamped B-spline: the path stays within their hull, so
+    within the position limits, starts and ends exactly, and has four continuous derivatives. More
+    points along the polyline bring it nearer, until it is as free as the polyline is.
+
+    Raises:
+        CollisionError: it still touches something with `LAST_POINTS` points.
+    """
+    points = FIRST_POINTS
+    while True:
+        trajectory = timed(control_spline(resampled(corners, points)), limits, 2 * points + 32)
+        try:
+            robot.collision.check_trajectory(trajectory)
+        except CollisionError:
+            if points >= LAST_POINTS:
+                raise
+        else:
+            return trajectory
+        points *= 2
+
+
+def resampled(corners: Array, count: int) -> Array:
+    """`count` control points along a polyline, shape (count, dof), its ends included.
+
+    They stand at the Greville abscissae, for which the spline of a straight line runs evenly.
+    """
+    knots = _knots(count)
+    greville = np.array([knots[i + 1 : i + DEGREE + 1].mean() for i in range(count)])
+    reached = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
+    return np.stack([np.interp(greville * reached[-1], reached, column) for column in corners.T], axis=1)
+
+
+def control_spline(points: Array) -> BSpline:
+    """The clamped uniform B-spline over [0, 1] with the given control points, shape (n, dof)."""
+    return BSpline(_knots(len(points)), points, DEGREE)
+
+
+def _knots(points: int) -> Array:
+    return np.concatenate([np.zeros(DEGREE), np.linspace(0.0, 1.0, points - DEGREE + 1), np.ones(DEGREE)])
