@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import TextIO
 
 from cobot.config import Settings, load_endpoints
@@ -35,7 +36,7 @@ def check(settings: Settings, out: TextIO) -> bool:
     report.item("robot", load)
     for robot in robots:
         for name in robot.positions:
-            report.item(f"position {name}", lambda name=name, robot=robot: _position(robot, name, settings))
+            report.item(f"position {name}", partial(_position, robot, name, settings))
     return report.good
 
 

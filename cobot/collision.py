@@ -94,7 +94,7 @@ class CollisionChecker:
         return str(self._mj.body(body).name)
 
     def name(self, geom: int) -> str:
-        """What a person calls the thing that a geom belongs to: its body, or for the world the geom itself."""
+        """What a person calls a geom: its body, or the geom itself if that is part of the world."""
         body = int(self._mj.geom_bodyid[geom])
         return self.body_name(body) if body else str(self._mj.geom(geom).name or "the surroundings")
 

@@ -41,13 +41,13 @@ def check_limits(trajectory: Trajectory, limits: JointLimits, labels: Sequence[s
     if labels is not None:
         place = f"between {labels[segment]} and {labels[segment + 1]} ({place})"
     raise LimitError(
-        f"{place} the {QUANTITIES[derivative]} of {limits.names[joint]} reaches {value:.4f} {UNITS[derivative]}, "
-        f"its limit is {limit:.4f} {UNITS[derivative]}"
+        f"{place} the {QUANTITIES[derivative]} of {limits.names[joint]} reaches "
+        f"{value:.4f} {UNITS[derivative]}, its limit is {limit:.4f} {UNITS[derivative]}"
     )
 
 
 def stretch_to_limits(trajectory: Trajectory, limits: JointLimits) -> Trajectory:
-    """The same path, slowed down evenly by just so much that the velocity, acceleration and jerk limits hold."""
+    """The same path, slowed down evenly by just so much that all rate limits hold."""
     factor = 1.0
     for derivative in (1, 2, 3):
         low, high = trajectory.extrema(derivative)

@@ -61,7 +61,8 @@ def inverse(model: RobotModel, pose: Pose, seed: Array, random_seed: int = 0) ->
         x, y, z = pose.position
         raise UnreachableError(
             f"the TCP cannot reach x {x:.4f}, y {y:.4f}, z {z:.4f} m in this orientation: "
-            f"it comes as near as {1e3 * nearest.distance_m:.1f} mm and {np.degrees(nearest.angle_rad):.2f} degrees"
+            f"it comes as near as {1e3 * nearest.distance_m:.1f} mm and "
+            f"{np.degrees(nearest.angle_rad):.2f} degrees"
         )
     return min(found, key=lambda joints: float(np.linalg.norm(joints - seed)))
 

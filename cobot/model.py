@@ -63,10 +63,15 @@ class RobotModel:
 
     def forward(self, joints: Array) -> Pose:
         """The TCP's pose in the base frame."""
+        out = np.empty(7)
+        self.forward_into(joints, out)
+        return Pose(out[:3], out[3:])
+
+    def forward_into(self, joints: Array, out: Array) -> None:
+        """`forward` for the real-time cycle: x, y, z (m) and w, x, y, z into `out`, shape (7,)."""
         position, rotation = self._solve(joints)
-        quaternion = np.empty(4)
-        mujoco.mju_mat2Quat(quaternion, rotation.ravel())
-        return Pose(position, quaternion)
+        out[:3] = position
+        mujoco.mju_mat2Quat(out[3:], rotation.ravel())
 
     def jacobian(self, joints: Array) -> Array:
         """Shape (6, dof): rows vx vy vz (m/s) wx wy wz (rad/s) of the TCP, per rad/s, in the base frame."""
@@ -100,7 +105,7 @@ class RobotModel:
         self._data.qvel[:] = 0.0
         mujoco.mj_fwdPosition(self.mj, self._data)
         mujoco.mj_fwdVelocity(self.mj, self._data)
-        return self._data.qfrc_bias.copy()
+        return np.array(self._data.qfrc_bias)
 
     def _solve(self, joints: Array) -> tuple[Array, Array]:
         data = self._data

@@ -33,7 +33,7 @@ class Block:
         self.data = np.zeros((), dtype)
         self._head = np.ndarray((), _HEAD, memory, offset)
         self._shared = np.ndarray(dtype.itemsize, np.uint8, memory, offset + _HEAD.itemsize)
-        self._private = np.ndarray(dtype.itemsize, np.uint8, self.data)  # type: ignore[call-overload]
+        self._private = np.ndarray(dtype.itemsize, np.uint8, self.data)
         self._sequence = self._head["sequence"]
         self._checksum = self._head["checksum"]
 
@@ -52,7 +52,7 @@ class Block:
         begun = (int(self._sequence) | 1) if self._sequence % 2 else int(self._sequence) + 1
         self._sequence[...] = begun
         self._shared[:] = self._private
-        self._checksum[...] = zlib.crc32(self._private)
+        self._checksum[...] = zlib.crc32(self._private.data)
         self._sequence[...] = begun + 1
 
     def try_read(self) -> bool:
@@ -65,7 +65,12 @@ class Block:
             return False
         self._private[:] = self._shared
         checksum = int(self._checksum)
-        return int(self._sequence) == before and (before == 0 or zlib.crc32(self._private) == checksum)
+        return int(self._sequence) == before and (before == 0 or zlib.crc32(self._private.data) == checksum)
+
+    def salvage(self) -> np.ndarray:
+        """What lies there (`data`), consistent or not: for a writer that takes over from a dead one."""
+        self._private[:] = self._shared
+        return self.data
 
     def read(self) -> np.ndarray:
         """The newest consistent record (`data`, overwritten by the next read).

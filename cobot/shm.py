@@ -162,8 +162,9 @@ _HEARTBEAT = np.dtype([("pid", "u4"), ("monotonic_ns", "i8")], align=True)
 _REQUESTS = np.dtype([("stops", "u8"), ("estops", "u8")], align=True)
 _HEAD = np.dtype([("id", "u8")], align=True)
 _COMMAND = np.dtype(
-    [("id", "u8"), ("kind", "u4"), ("slot", "u4"), ("motion_id", "u8"), ("value", "f8")], align=True
-)
+    [("id", "u8"), ("kind", "u4"), ("slot", "u4"), ("motion_id", "u8"), ("stops", "u8"), ("value", "f8")],
+    align=True,
+)  # stops: the count of stop requests that the sender knew of; a START that a stop has overtaken is refused
 _SLOT = np.dtype([("motion_id", "u8"), ("segments", "u8"), ("checksum", "u8")], align=True)
 
 _PAGE = 4096
@@ -198,7 +199,9 @@ class Slot:
         self.coefficients[:n] = trajectory.coefficients
         self.head.data["motion_id"] = motion_id
         self.head.data["segments"] = n
-        self.head.data["checksum"] = zlib.crc32(trajectory.coefficients, zlib.crc32(trajectory.breakpoints_s))
+        self.head.data["checksum"] = zlib.crc32(
+            trajectory.coefficients.data, zlib.crc32(trajectory.breakpoints_s.data)
+        )
         self.head.publish()
 
 

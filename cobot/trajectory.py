@@ -124,12 +124,12 @@ class Trajectory:
     @property
     def start(self) -> Array:
         """Joint positions at the start, shape (dof,), rad."""
-        return self.sample([0.0])[0]
+        return np.asarray(self.sample([0.0])[0])
 
     @property
     def end(self) -> Array:
         """Joint positions at the end, shape (dof,), rad."""
-        return self.sample([self.duration_s])[0]
+        return np.asarray(self.sample([self.duration_s])[0])
 
     def sample(self, times_s: Sequence[float] | Array, derivative: int = 0) -> Array:
         """Positions (or their first to third derivative) at the given times, shape (len(times), dof).

@@ -112,8 +112,8 @@ def _joint_path(robot: Robot, start: Array, path: TcpPath, samples: int) -> BSpl
         if jump.max() > LARGEST_JOINT_STEP_RAD * FIRST_SAMPLES / samples + 1e-3:
             joint = int(jump.argmax())
             raise UnreachableError(
-                f"{path.name}: at {100 * share:.0f} % of the path {robot.limits.names[joint]} would have to jump "
-                f"by {jump[joint]:.2f} rad: the path leads through a singularity"
+                f"{path.name}: at {100 * share:.0f} % of the path {robot.limits.names[joint]} would have to "
+                f"jump by {jump[joint]:.2f} rad: the path leads through a singularity"
             )
         rows.append(descent.joints)
     return make_interp_spline(shares, np.array(rows), k=5)

@@ -85,7 +85,7 @@ class TimeLaw:
         keep = np.concatenate([[True], np.diff(times) > 1e-6 * self.duration_s])
         times = times[keep]
         times[-1] = self.duration_s
-        return times
+        return np.asarray(times)
 
 
 def traverse(path: BSpline, law: TimeLaw, pieces: int, limits: JointLimits) -> Trajectory:

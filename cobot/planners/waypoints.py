@@ -128,8 +128,8 @@ def _require_order(times: Array, labels: list[str]) -> None:
     if len(late):
         index = int(late[0]) + 1
         raise InputError(
-            f"{labels[index]}: time_from_start is {times[index]} s, must be later than the {times[index - 1]} s "
-            f"of {labels[index - 1]}"
+            f"{labels[index]}: time_from_start is {times[index]} s, must be later than the "
+            f"{times[index - 1]} s of {labels[index - 1]}"
         )
 
 
@@ -150,6 +150,7 @@ def _require_start(first: Array, start: Array, limits: JointLimits, tolerance_ra
         return
     joint = int(off.argmax())
     raise InputError(
-        f"{label}: starts with {limits.names[joint]} at {first[joint]:.4f} rad, but it is at {start[joint]:.4f} rad: "
-        f"{off[joint]:.4f} rad apart, allowed are {tolerance_rad} rad; go there first, or set move_to_start"
+        f"{label}: starts with {limits.names[joint]} at {first[joint]:.4f} rad, but it is at "
+        f"{start[joint]:.4f} rad: {off[joint]:.4f} rad apart, allowed are {tolerance_rad} rad; "
+        "go there first, or set move_to_start"
     )

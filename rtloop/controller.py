@@ -1,0 +1,302 @@
+"""What the arm shall do in this cycle: modes, motion on a path, stops, commands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from cobot.config import RtSection
+from cobot.shm import Ack, Command, Intervention, MotionResult, RobotMemory, text
+from cobot.types import Array, JointLimits, Mode
+from rtloop.backends import Backend, BackendError
+from rtloop.mailbox import Mailbox
+from rtloop.modes import TRANSITIONS
+from rtloop.path import Path, RefusedError, load
+from rtloop.path_clock import PathClock
+from rtloop.safety import Safety
+
+START_TOLERANCE_RAD = 1e-3
+"""How far a motion may start from the commanded position: planning rounds, the safety layer smooths."""
+SETTLE_LIMIT_S = 2.0
+"""Robot time after the end of a motion within which the arm has to settle."""
+
+
+class Controller:
+    """The `update` of the cycle. Real-time safe, but for a RESET, which waits for the drives.
+
+    Attributes:
+        mode, reason: the mode, and why it is ESTOP or FAULT, or why the last stop was made.
+        motion_id, motion_result: the running motion or the last one.
+        settled: at rest at the commanded position, as measured.
+        deceleration_ns: when the last stop began to slow the arm down, set from the cycle's `now_ns`.
+    """
+
+    def __init__(self, rt: RtSection, limits: JointLimits, memory: RobotMemory, backend: Backend) -> None:
+        self._rt = rt
+        self._limits = limits
+        self._slots = memory.slots
+        self._backend = backend
+        self.mailbox = Mailbox(memory)
+        self.safety = Safety(limits, rt.period_s)
+        self.path = Path(rt.trajectory_capacity, limits.dof)
+        self.clock = PathClock(limits, rt.period_s)
+        self.mode = Mode.HOLD
+        self.reason = ""
+        self.motion_id = 0
+        self.motion_result = MotionResult.NONE
+        self.slot = 0
+        self.settled = False
+        self.deceleration_ns = 0
+        self._position = np.zeros(limits.dof)
+        self._velocity = np.zeros(limits.dof)
+        self._acceleration = np.zeros(limits.dof)
+        self._scratch = np.zeros(limits.dof)
+        self._following = False  # the desired position comes from the path
+        self._braking = False  # the desired position comes from the safety layer, which stops
+        self._slowing_unseen = False
+        self._still_cycles = 0
+        self._unsettled_cycles = 0
+        self._loader: Iterator[None] | None = None
+        self._loading = 0  # number of the START command
+        self._loading_motion = 0
+
+    def start_at(self, position: Array) -> None:
+        """Hold a position where the arm is at rest."""
+        self._position[:] = position
+        self._velocity[:] = 0.0
+        self._acceleration[:] = 0.0
+        self.safety.reset(position)
+        self._following = self._braking = False
+        self._still_cycles = 0
+
+    def restore(self, state: np.ndarray) -> None:
+        """Take over what a dead rtloop has left: latches stay, an interrupted motion has failed."""
+        self.motion_id = int(state["motion_id"])
+        self.motion_result = MotionResult(int(state["motion_result"]))
+        self.safety.interventions[:] = state["interventions"]
+        if Mode(int(state["mode"])) in (Mode.ESTOP, Mode.FAULT):
+            self.mode = Mode(int(state["mode"]))
+            self.reason = text(state["reason"])
+        elif self.motion_result is MotionResult.RUNNING:
+            self.motion_result = MotionResult.FAILED
+            self.reason = "rtloop was restarted"
+
+    @property
+    def moving(self) -> bool:
+        """Whether a motion is loading or under way, its settling included."""
+        return (
+            self.mode in (Mode.TRAJECTORY, Mode.STOPPING)
+            or self._following
+            or self._braking
+            or self._loader is not None
+        )
+
+    def update(self, position: Array, velocity: Array, now_ns: int) -> None:
+        """One cycle; the command is then in `safety`.
+
+        Args:
+            position, velocity: as measured, shape (dof,), rad, rad/s.
+            now_ns: CLOCK_MONOTONIC.
+        """
+        self._take_requests(now_ns)
+        self._take_command(position)
+        if self._following:
+            self._follow(now_ns)
+        if self._braking:
+            self._braking = not self.safety.brake()
+            np.copyto(self._position, self.safety.position)
+        elif not self.safety.apply(self._position, self._velocity, self._acceleration):
+            self.estop("the commanded position is not finite")
+            self._brake()
+        self._check_tracking(position)
+        self._settle(position, velocity)
+
+    def stop(self, reason: str) -> None:
+        """Come to rest on the path."""
+        if self._loader is not None:
+            self._finish_loading(Ack.REJECTED, reason)
+        if self.mode is Mode.TRAJECTORY:
+            self._enter(Mode.STOPPING, reason)
+            self._slow_down()
+
+    def estop(self, reason: str) -> None:
+        """Come to rest on the path and stay there until reset."""
+        self._latch(Mode.ESTOP, reason)
+
+    def fault(self, reason: str) -> None:
+        """The device or the tracking failed: come to rest on the path and stay there until reset."""
+        self._latch(Mode.FAULT, reason)
+
+    def _latch(self, mode: Mode, reason: str) -> None:
+        if self.mode is mode or not self._enter(mode, reason):
+            return
+        if self._loader is not None:
+            self._finish_loading(Ack.REJECTED, reason)
+        if self.motion_result is MotionResult.RUNNING:
+            self.motion_result = MotionResult.FAILED
+        if self._following:
+            self._slow_down()
+
+    def _enter(self, mode: Mode, reason: str = "") -> bool:
+        if mode not in TRANSITIONS[self.mode]:
+            return False
+        self.mode = mode
+        self.reason = reason
+        return True
+
+    def _slow_down(self) -> None:
+        self.clock.request(0.0)
+        self._slowing_unseen = True
+
+    def _brake(self) -> None:
+        self._following, self._braking = False, True
+        self._velocity[:] = 0.0
+        self._acceleration[:] = 0.0
+
+    def _take_requests(self, now_ns: int) -> None:
+        stop, estop = self.mailbox.poll_requests()
+        if estop:
+            self.estop("e-stop requested")
+        if stop:
+            self.stop("stop requested")
+        silence_s = self.mailbox.service_silence_s(now_ns)
+        if self.mode is Mode.TRAJECTORY and silence_s > self._rt.service_timeout_s:
+            self.safety.interventions[Intervention.SERVICE_TIMEOUT] += 1
+            self.stop(f"the service has been silent for {silence_s:.1f} s")
+
+    def _take_command(self, position: Array) -> None:
+        if self._loader is not None:
+            self._load()
+            return
+        command = self.mailbox.next_command()
+        if command is None:
+            return
+        number, kind = int(command["id"]), int(command["kind"])
+        if kind == Command.START:
+            refusal = self._start(number, command)
+        elif kind == Command.SET_RATE:
+            refusal = self._set_rate(float(command["value"]))
+        elif kind == Command.RESET:
+            refusal = self._reset(position)
+        else:
+            refusal = f"there is no command {kind}"
+        if refusal is not None:
+            self.mailbox.acknowledge(number, Ack.REJECTED if refusal else Ack.ACCEPTED, refusal)
+
+    def _start(self, number: int, command: np.ndarray) -> str | None:
+        """Begin to load; the acknowledgement follows when the motion is verified."""
+        slot = int(command["slot"])
+        if self.mode is not Mode.HOLD:
+            return f"the arm is in mode {self.mode.name}"
+        if int(command["stops"]) != self.mailbox.stops:
+            return "a stop was requested meanwhile"
+        if slot >= len(self._slots):
+            return f"there is no slot {slot}"
+        self.slot = slot
+        self._loading_motion = int(command["motion_id"])
+        self._loader = load(
+            self.path, self._slots[slot], self._loading_motion, self.safety.position, START_TOLERANCE_RAD
+        )
+        self._loading = number
+        return None
+
+    def _load(self) -> None:
+        assert self._loader is not None
+        try:
+            next(self._loader)
+        except RefusedError as exc:
+            self._finish_loading(Ack.REJECTED, str(exc))
+        except StopIteration:
+            self._finish_loading(Ack.ACCEPTED)
+            self.clock.reset()
+            self.motion_id, self.motion_result = self._loading_motion, MotionResult.RUNNING
+            self._following = True
+            self._still_cycles = self._unsettled_cycles = 0
+            self.settled = False
+            self._enter(Mode.TRAJECTORY)
+
+    def _finish_loading(self, result: Ack, message: str = "") -> None:
+        self._loader = None
+        self.mailbox.acknowledge(self._loading, result, message)
+
+    def _set_rate(self, rate: float) -> str:
+        if self.mode is not Mode.TRAJECTORY:
+            return f"no motion is running, the arm is in mode {self.mode.name}"
+        if not 0.0 <= rate <= 1.0:
+            return f"the rate must be from 0 to 1, got {rate}"
+        self.clock.request(rate)
+        return ""
+
+    def _reset(self, position: Array) -> str:
+        """Leave ESTOP or FAULT. The drives may take their time: nothing moves."""
+        if self.mode not in (Mode.ESTOP, Mode.FAULT):
+            return ""
+        if self._following or self._braking:
+            return "the arm is not at rest yet"
+        try:
+            self._backend.enable()
+        except BackendError as exc:
+            return f"the robot cannot be enabled: {exc}"
+        self._enter(Mode.HOLD)
+        self.start_at(position)
+        return ""
+
+    def _follow(self, now_ns: int) -> None:
+        clock, path = self.clock, self.path
+        clock.advance(path)
+        path.move_to(clock.path_time_s)
+        first, rate = path.derivatives[:, 1], clock.rate
+        np.copyto(self._position, path.derivatives[:, 0])
+        if clock.path_time_s >= path.duration_s or (clock.at_rest and self.mode is not Mode.TRAJECTORY):
+            self._following = False
+            self._velocity[:] = 0.0
+            self._acceleration[:] = 0.0
+        else:
+            np.multiply(first, rate, out=self._velocity)
+            np.multiply(path.derivatives[:, 2], rate * rate, out=self._acceleration)
+            np.multiply(first, clock.rate_slope, out=self._scratch)
+            self._acceleration += self._scratch
+        if self._slowing_unseen and (clock.slowing or not self._following):
+            self._slowing_unseen = False
+            self.deceleration_ns = now_ns
+
+    def _check_tracking(self, position: Array) -> None:
+        error = self._scratch
+        np.subtract(position, self.safety.position, out=error)
+        np.abs(error, out=error)
+        if self.mode is not Mode.FAULT and not (error <= self._rt.tracking_error_rad).all():
+            joint = int(error.argmax())
+            self.safety.interventions[Intervention.TRACKING] += 1
+            self.fault(
+                f"{self._limits.names[joint]} is {error[joint]:.3f} rad from where it is commanded "
+                f"({position[joint]:.3f} instead of {self.safety.position[joint]:.3f} rad), "
+                f"allowed are {self._rt.tracking_error_rad} rad"
+            )
+
+    def _settle(self, position: Array, velocity: Array) -> None:
+        """Count how long the arm has been still, and end a motion that has ended."""
+        rt, error = self._rt, self._scratch  # as _check_tracking left it
+        still = (
+            not self._following
+            and not self.safety.pursuing
+            and (error <= rt.settle_position_rad).all()
+            and (np.abs(velocity) <= rt.settle_velocity_rad_s).all()
+        )
+        self._still_cycles = self._still_cycles + 1 if still else 0
+        self.settled = self._still_cycles * rt.period_s >= rt.settle_time_s
+        if self._following or self.mode not in (Mode.TRAJECTORY, Mode.STOPPING):
+            return
+        self._unsettled_cycles += 1
+        if self.settled:
+            at_end = self.clock.path_time_s >= self.path.duration_s
+            self.motion_result = MotionResult.ARRIVED if at_end else MotionResult.STOPPED
+            self._enter(Mode.HOLD, self.reason)
+        elif self._unsettled_cycles * rt.period_s >= SETTLE_LIMIT_S:
+            joint = int(error.argmax())
+            self.motion_result = MotionResult.FAILED
+            self._enter(
+                Mode.HOLD,
+                f"not settled {SETTLE_LIMIT_S} s after the end of the motion: {self._limits.names[joint]} is "
+                f"{error[joint]:.4f} rad away and moves at {velocity[joint]:.4f} rad/s",
+            )

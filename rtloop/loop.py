@@ -1,0 +1,131 @@
+"""The cycle: read, update, write, publish."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from cobot.config import Settings
+from cobot.model import RobotModel
+from cobot.shm import Phase, RobotMemory
+from cobot.types import Array, JointLimits
+from rtloop.backends import Backend, BackendError
+from rtloop.clock import Clock
+from rtloop.controller import Controller
+from rtloop.publisher import StatePublisher, Statistics
+
+END_LIMIT_S = 3.0
+"""Robot time that an arm is given to come to rest before the process ends."""
+
+
+class ControlLoop:
+    """Runs one robot, cycle by cycle."""
+
+    def __init__(
+        self, settings: Settings, model: RobotModel, memory: RobotMemory, backend: Backend, clock: Clock
+    ) -> None:
+        limits: JointLimits = model.limits
+        self._period_s = settings.rt.period_s
+        self._backend = backend
+        self._clock = clock
+        self._last = _last_state(memory)
+        self.controller = Controller(settings.rt, limits, memory, backend)
+        self._state = StatePublisher(memory, model, self.controller, clock)
+        self._statistics = Statistics(memory)
+        self._position = np.zeros(limits.dof)
+        self._velocity = np.zeros(limits.dof)
+        self._effort = np.zeros(limits.dof)
+        self._fresh = np.zeros((3, limits.dof))
+        self._cycle = 0
+
+    def open(self, start_position: Array) -> None:
+        """Connect to the robot and hold it where it is; a simulation begins where the last one was left.
+
+        Raises:
+            BackendError: the robot does not answer.
+        """
+        last = self._last
+        if last is not None:
+            self._cycle = int(last["cycle"])
+            self.controller.restore(last)
+        self._backend.open(start_position if last is None else last["position"])
+        self._backend.read(self._position, self._velocity, self._effort)
+        self._backend.enable()
+        self.controller.start_at(self._position)
+
+    def step(self, late_ns: int = 0) -> None:
+        """One cycle. Real-time safe; no exception leaves it but a broken program's.
+
+        Args:
+            late_ns: by how much the cycle began too late, for the statistics.
+        """
+        begun_ns = time.monotonic_ns()
+        self._read()
+        read_ns = time.monotonic_ns()
+        controller = self.controller
+        controller.update(self._position, self._velocity, read_ns)
+        updated_ns = time.monotonic_ns()
+        safety = controller.safety
+        try:
+            self._backend.write(safety.position, safety.velocity, safety.acceleration)
+        except BackendError as exc:
+            controller.fault(f"writing to the robot failed: {exc}")
+        written_ns = time.monotonic_ns()
+        self._cycle += 1
+        self._state.publish(
+            self._cycle, self._cycle * self._period_s, self._position, self._velocity, self._effort
+        )
+        statistics = self._statistics
+        statistics.count(Phase.WAKEUP, late_ns)
+        statistics.count(Phase.READ, read_ns - begun_ns)
+        statistics.count(Phase.UPDATE, updated_ns - read_ns)
+        statistics.count(Phase.WRITE, written_ns - updated_ns)
+        statistics.cycle_done()
+        statistics.count(Phase.TOTAL, time.monotonic_ns() - begun_ns)
+
+    def run(self, ending: list[str]) -> None:
+        """Cycle until `ending` holds a reason and the arm has come to rest."""
+        end_cycle = 0
+        while True:
+            self.step(self._clock.wait(moving=self.controller.moving))
+            if ending:
+                if end_cycle == 0:
+                    end_cycle = self._cycle + int(END_LIMIT_S / self._period_s)
+                    self.controller.stop(ending[0])
+                if not self.controller.moving or self._cycle >= end_cycle:
+                    return
+
+    def close(self) -> None:
+        """Switch the drives off and let go of the robot."""
+        try:
+            self._backend.disable()
+        finally:
+            self._backend.close()
+
+    def _read(self) -> None:
+        """Take over what is measured if it can be: the last good values stay otherwise."""
+        fresh = self._fresh
+        try:
+            self._backend.read(fresh[0], fresh[1], fresh[2])
+        except BackendError as exc:
+            self.controller.fault(f"reading from the robot failed: {exc}")
+            return
+        if not np.isfinite(fresh).all():
+            self.controller.fault("the robot reports a value that is not finite")
+            return
+        np.copyto(self._position, fresh[0])
+        np.copyto(self._velocity, fresh[1])
+        np.copyto(self._effort, fresh[2])
+
+
+def _last_state(memory: RobotMemory) -> np.ndarray | None:
+    """A copy of what a dead rtloop of the same supervisor has published last, None if there was none.
+
+    It may have died while it published: then the positions are those of two cycles, mixed, which is
+    as good.
+    """
+    if memory.state.sequence == 0:
+        return None
+    state = memory.state.salvage().copy()
+    return state if np.isfinite(state["position"]).all() else None

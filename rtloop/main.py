@@ -1,0 +1,82 @@
+"""From the command line to the cycle."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import time
+from pathlib import Path
+from types import FrameType
+
+import numpy as np
+
+from cobot.config import RtSection, load_settings
+from cobot.errors import CobotError
+from cobot.robot import load_robot
+from cobot.shm import RobotMemory, Role, encoded
+from rtloop.backends import BackendError, make_backend
+from rtloop.clock import FastClock, RealtimeClock
+from rtloop.loop import ControlLoop
+from rtloop.realtime import Permissions, freeze_garbage, prepare
+
+
+def main() -> int:
+    """Run until SIGTERM or SIGINT; the exit status: 0, or 2 when it could not start."""
+    parser = argparse.ArgumentParser(prog="python -m rtloop", description=__doc__)
+    parser.add_argument("--config", type=Path, help="settings file; without it the shipped one")
+    parser.add_argument("--clock", choices=("realtime", "fast"), help="instead of rt.clock")
+    arguments = parser.parse_args()
+    try:
+        _run(arguments.config, arguments.clock)
+    except (CobotError, BackendError) as exc:
+        print(exc, flush=True)
+        return 2
+    return 0
+
+
+def _run(config: Path | None, clock_name: str | None) -> None:
+    settings = load_settings(config)
+    rt = settings.rt
+    clock_name = clock_name or rt.clock
+    ending: list[str] = []
+
+    def end(number: int, frame: FrameType | None) -> None:
+        ending.append("cobot is ending")
+
+    signal.signal(signal.SIGTERM, end)
+    signal.signal(signal.SIGINT, end)
+    robot = load_robot(settings)
+    memory = RobotMemory.attach(settings.robot.name, Role.RTLOOP)
+    backend = make_backend(settings, robot.limits)
+    clock = FastClock(rt.period_s) if clock_name == "fast" else RealtimeClock(rt.period_s)
+    loop = ControlLoop(settings, robot.model, memory, backend, clock)
+    loop.open(np.array(robot.positions[settings.robot.start_position].joints))
+    try:
+        _introduce(memory, rt, clock_name, _permissions(rt, clock_name))
+        freeze_garbage()
+        loop.run(ending)
+    finally:
+        loop.close()
+        memory.close()
+
+
+def _permissions(rt: RtSection, clock_name: str) -> Permissions:
+    if clock_name == "fast":
+        return Permissions(
+            sched_fifo=False, memory_locked=False, refused="not asked for: the fast clock does not wait"
+        )
+    return prepare(rt.priority, rt.cpu)
+
+
+def _introduce(memory: RobotMemory, rt: RtSection, clock_name: str, permissions: Permissions) -> None:
+    """Publish who this is, before the first cycle."""
+    data = memory.statistics.data
+    data["pid"] = os.getpid()
+    data["sched_fifo"] = permissions.sched_fifo
+    data["memory_locked"] = permissions.memory_locked
+    data["started_ns"] = time.time_ns()
+    data["backend"] = encoded(rt.backend, 64)
+    data["clock"] = encoded(clock_name, 16)
+    data["permissions"] = encoded(permissions.refused, 400)
+    memory.statistics.publish()

@@ -1,0 +1,130 @@
+"""The planned path that is being followed: a private copy of a trajectory from shared memory."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator
+
+import numpy as np
+
+from cobot.shm import Slot
+from cobot.trajectory import ORDER, power_basis
+from cobot.types import Array
+
+PIECE_SEGMENTS = 96
+PIECE_TIMES = 4096
+"""How much is copied and checked in one cycle: 32 kB with seven joints, some tens of microseconds."""
+REST_TOLERANCE = 1e-3
+"""What a motion may have left of velocity (rad/s) and acceleration (rad/s²) at its ends."""
+
+_SECOND = np.array([0.0, 0.0, 2.0, 6.0, 12.0, 20.0])
+_THIRD = np.array([0.0, 0.0, 0.0, 6.0, 24.0, 60.0])
+_FIRST = np.arange(6.0)
+
+
+class Path:
+    """Piecewise quintics, evaluated without allocation.
+
+    Attributes:
+        derivatives: shape (dof, 4): q, dq/ds, d²q/ds², d³q/ds³ at the path time last moved to.
+        duration_s: path time at the end.
+    """
+
+    def __init__(self, capacity: int, dof: int) -> None:
+        self._times = np.zeros(capacity + 1)
+        self._coefficients = np.zeros((capacity, dof, ORDER))
+        self._segments = 0
+        self._index = 0
+        self._basis = np.zeros((ORDER, 4))
+        self.derivatives = np.zeros((dof, 4))
+        self.duration_s = 0.0
+
+    def move_to(self, path_time_s: float) -> None:
+        """Evaluate at a path time not before the last one. Real-time safe."""
+        times = self._times
+        while self._index < self._segments - 1 and path_time_s >= times[self._index + 1]:
+            self._index += 1
+        power_basis(path_time_s - times[self._index], self._basis)
+        np.dot(self._coefficients[self._index], self._basis, out=self.derivatives)
+
+    def sample(self, times_s: Array) -> tuple[Array, Array, Array]:
+        """First to third derivative at path times from now on, shape (n, dof) each; at rest past the end."""
+        inside = np.minimum(times_s, self.duration_s)
+        last = self._segments
+        index = np.minimum(np.searchsorted(self._times[1:last], inside, side="right"), last - 1)
+        local = (inside - self._times[index])[:, None]
+        c = self._coefficients[index]
+        powers = local ** np.arange(4.0)
+        first = np.einsum("nik,nk->ni", c[:, :, 1:] * _FIRST[1:], np.hstack([powers, local**4]))
+        second = np.einsum("nik,nk->ni", c[:, :, 2:] * _SECOND[2:], powers)
+        third = np.einsum("nik,nk->ni", c[:, :, 3:] * _THIRD[3:], powers[:, :3])
+        third[times_s >= self.duration_s] = 0.0
+        return first, second, third
+
+
+class RefusedError(Exception):
+    """A trajectory in shared memory is not one that may be followed; the text says why."""
+
+
+def load(path: Path, slot: Slot, motion_id: int, start: Array, tolerance_rad: float) -> Iterator[None]:
+    """Copy a slot into a path and verify it: a generator that does a piece at each step. Real-time safe.
+
+    Args:
+        start: where the motion has to begin, shape (dof,), rad.
+
+    Raises:
+        RefusedError: at any step.
+    """
+    segments = _read_head(path, slot, motion_id)
+    times = path._times[: segments + 1]
+    checksum = 0
+    for begin in range(0, segments + 1, PIECE_TIMES):
+        piece = times[begin : begin + PIECE_TIMES]
+        piece[:] = slot.breakpoints_s[begin : begin + len(piece)]
+        checksum = zlib.crc32(piece.data, checksum)
+        increasing = (np.diff(times[max(begin - 1, 0) : begin + len(piece)]) > 0.0).all()
+        if not np.isfinite(piece).all() or not increasing or times[0] != 0.0:
+            raise RefusedError("the trajectory's breakpoints do not start at 0 and increase")
+        yield
+    for begin in range(0, segments, PIECE_SEGMENTS):
+        piece = path._coefficients[begin : min(begin + PIECE_SEGMENTS, segments)]
+        piece[:] = slot.coefficients[begin : begin + len(piece)]
+        checksum = zlib.crc32(piece.data, checksum)
+        if not np.isfinite(piece).all():
+            raise RefusedError("the trajectory has a coefficient that is not finite")
+        yield
+    if checksum != int(slot.head.data["checksum"]):
+        raise RefusedError("the trajectory's checksum is wrong")
+    path.duration_s = float(times[-1])
+    path._segments = segments
+    _check_ends(path, start, tolerance_rad)
+
+
+def _read_head(path: Path, slot: Slot, motion_id: int) -> int:
+    """The number of segments."""
+    if not slot.head.try_read():
+        raise RefusedError("the trajectory slot is inconsistent")
+    segments, found = int(slot.head.data["segments"]), int(slot.head.data["motion_id"])
+    if found != motion_id:
+        raise RefusedError(f"the slot holds motion {found}, not {motion_id}")
+    if not 1 <= segments <= len(path._coefficients):
+        raise RefusedError(
+            f"the trajectory has {segments} segments, possible are 1 to {len(path._coefficients)}"
+        )
+    return segments
+
+
+def _check_ends(path: Path, start: Array, tolerance_rad: float) -> None:
+    """Both ends at rest, the start where the arm is; leaves the path at its start."""
+    for where, index, path_time_s in (("end", path._segments - 1, path.duration_s), ("start", 0, 0.0)):
+        path._index = index
+        path.move_to(path_time_s)
+        if not np.abs(path.derivatives[:, 1:3]).max() <= REST_TOLERANCE:
+            raise RefusedError(f"the trajectory is not at rest at its {where}")
+    off = np.abs(path.derivatives[:, 0] - start)
+    joint = int(off.argmax())
+    if not off[joint] <= tolerance_rad:
+        raise RefusedError(
+            f"the trajectory starts {off[joint]:.4f} rad from where joint {joint + 1} is, "
+            f"allowed are {tolerance_rad} rad"
+        )
