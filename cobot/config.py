@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib.util
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -11,6 +10,7 @@ import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo
 
 from cobot.errors import ConfigError
+from cobot.strict import StrictModel, sentence, unknown_key
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -59,7 +59,7 @@ def resolve(location: str, folder: Path) -> Path:
 
 def _in_folder(value: object, info: ValidationInfo) -> Path:
     if not isinstance(value, str):
-        raise ValueError("must be a path")  # noqa: TRY004 - pydantic translates only ValueError
+        raise ValueError(f"must be a path, got {value!r}")  # noqa: TRY004 - pydantic translates only ValueError
     return resolve(value, (info.context or {})["folder"])
 
 
@@ -69,10 +69,10 @@ Location = Annotated[Path, BeforeValidator(_in_folder)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 
 
-class Section(BaseModel):
-    """Base of all sections: frozen, strict, nothing unknown."""
+class Section(StrictModel):
+    """Base of all sections."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+    model_config = ConfigDict(frozen=True)
 
 
 class RobotSection(Section):
@@ -174,7 +174,7 @@ def load_endpoints(path: Path) -> dict[str, Endpoint]:
     endpoints = _parse(_EndpointsFile, path, _read_mapping(path)).endpoints
     for name in endpoints:
         if name not in ENDPOINTS:
-            raise ConfigError(f"{path}: endpoints: {_unknown(name, list(ENDPOINTS))}")
+            raise ConfigError(f"{path}: endpoints: {unknown_key(name, list(ENDPOINTS))}")
     missing = [name for name in ENDPOINTS if name not in endpoints]
     if missing:
         raise ConfigError(f"{path}: endpoints: missing {', '.join(missing)}")
@@ -231,27 +231,4 @@ def _parse(kind: type[Model], path: Path, content: dict[str, Any]) -> Model:
     try:
         return kind.model_validate(content, context={"folder": path.parent})
     except ValidationError as exc:
-        raise ConfigError(f"{path}: " + "; ".join(_sentence(kind, error) for error in exc.errors())) from exc
-
-
-def _sentence(kind: type[BaseModel], error: Any) -> str:
-    where = [str(part) for part in error["loc"]]
-    if error["type"] == "extra_forbidden":
-        valid = _valid_keys(kind, where[:-1])
-        return f"{'.'.join(where[:-1]) or 'top level'}: {_unknown(where[-1], valid)}"
-    if error["type"] == "missing":
-        return f"{'.'.join(where)}: is missing"
-    return f"{'.'.join(where)}: {error['msg']}, got {error['input']!r}"
-
-
-def _valid_keys(kind: type[BaseModel], where: list[str]) -> list[str]:
-    for part in where:
-        annotation = kind.model_fields[part].annotation if part in kind.model_fields else None
-        kind = annotation if isinstance(annotation, type) and issubclass(annotation, BaseModel) else Endpoint
-    return list(kind.model_fields)
-
-
-def _unknown(name: str, valid: list[str]) -> str:
-    guess = difflib.get_close_matches(name, valid, 1)
-    hint = f" (did you mean {guess[0]!r}?)" if guess else ""
-    return f"unknown key {name!r}{hint}; valid are: {', '.join(valid)}"
+        raise ConfigError(f"{path}: " + "; ".join(map(sentence, exc.errors()))) from exc

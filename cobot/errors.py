@@ -13,6 +13,7 @@ CobotError
 │   └── MotionTimeout        it did not arrive and settle within its time
 ├── ConflictError        something else owns the motion
 ├── PayloadError         a body is larger than the service takes
+├── MediaTypeError       a body is of another type than the endpoint takes
 ├── UnavailableError     a process, a file in shared memory or a device does not answer
 │   └── NotReadyError        the robot answers but is in a mode that permits no motion
 └── SharedMemoryError    shared memory is not what this program expects
@@ -79,6 +80,10 @@ class ConflictError(CobotError):
 
 class PayloadError(CobotError):
     code = "payload"
+
+
+class MediaTypeError(CobotError):
+    code = "media_type"
 
 
 class UnavailableError(CobotError):

@@ -35,13 +35,13 @@ class RealtimeClock:
     def __init__(self, period_s: float) -> None:
         self.overruns = 0
         self._period_ns = round(period_s * 1e9)
-        self._deadline_ns = time.monotonic_ns()
+        self._deadline_ns = 0  # of the next cycle; the first one is one period after the first wait
         self._timespec = _Timespec()
         self._reference = ctypes.byref(self._timespec)
         self._sleep = ctypes.CDLL(None, use_errno=True).clock_nanosleep
 
     def wait(self, *, moving: bool) -> int:
-        self._deadline_ns += self._period_ns
+        self._deadline_ns = (self._deadline_ns or time.monotonic_ns()) + self._period_ns
         self._timespec.tv_sec, self._timespec.tv_nsec = divmod(self._deadline_ns, 1_000_000_000)
         # A signal ends the sleep early (EINTR): sleep on, the deadline is absolute.
         while (error := self._sleep(_CLOCK_MONOTONIC, _TIMER_ABSTIME, self._reference, None)) != 0:

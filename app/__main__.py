@@ -1,0 +1,14 @@
+"""`python -m app`: the web service of one robot, as `cobot run` starts it."""
+
+from __future__ import annotations
+
+import signal
+import sys
+
+from cobot.process import die_with_parent
+
+if __name__ == "__main__":
+    die_with_parent(signal.SIGTERM)
+    from app.server import main  # takes some seconds, in which the supervisor might die unnoticed
+
+    sys.exit(main())

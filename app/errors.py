@@ -1,0 +1,114 @@
+"""The one mapping of errors to HTTP answers: always JSON, always a `detail` and a `code`."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, Field
+from starlette.exceptions import HTTPException
+
+from cobot import errors
+from cobot.errors import CobotError
+from cobot.strict import sentence
+
+log = logging.getLogger("cobot.service")
+
+STATUS: dict[type[CobotError], int] = {
+    errors.InputError: 422,
+    errors.PlanningError: 422,
+    errors.ExecutionError: 409,
+    errors.ConflictError: 409,
+    errors.PayloadError: 413,
+    errors.MediaTypeError: 415,
+    errors.UnavailableError: 503,
+    errors.SharedMemoryError: 503,
+    errors.ConfigError: 503,
+}
+"""By the most specific class in the error's ancestry."""
+
+
+class ErrorAnswer(BaseModel):
+    """The body of every answer that is not 200."""
+
+    detail: str = Field(description="What is wrong, where, the value and the limit.")
+    code: str = Field(description="A stable word for programs.")
+
+
+DESCRIPTIONS = {
+    409: "Somebody else owns the motion, or it was stopped before it began: the detail says who or why.",
+    413: "The body is larger than `web.max_body_bytes`.",
+    415: "The Content-Type is another one than this endpoint takes.",
+    422: "The request cannot be honoured as it is written: the detail says what, where, the value and the "
+    "limit. Nothing has moved.",
+    503: "The real-time process does not answer, or the robot is in a mode that permits no motion.",
+}
+
+
+def responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    """The documentation of the error answers that an endpoint can give."""
+    return {status: {"model": ErrorAnswer, "description": DESCRIPTIONS[status]} for status in statuses}
+
+
+def status_of(error: CobotError) -> int:
+    """The HTTP status of an error."""
+    return next(STATUS[kind] for kind in type(error).__mro__ if kind in STATUS)
+
+
+def install(app: FastAPI) -> None:
+    """Make every error of this application answer in the one form."""
+    app.add_exception_handler(CobotError, _cobot_error)
+    app.add_exception_handler(RequestValidationError, _invalid_request)
+    app.add_exception_handler(HTTPException, _http_exception)
+    app.add_exception_handler(Exception, _unexpected)
+
+
+def _answer(status: int, detail: str, code: str, headers: Any = None) -> JSONResponse:
+    return JSONResponse({"detail": detail, "code": code}, status, headers)
+
+
+def _cobot_error(request: Request, exc: Exception) -> JSONResponse:
+    assert isinstance(exc, CobotError)
+    return _answer(status_of(exc), str(exc), exc.code)
+
+
+def _invalid_request(request: Request, exc: Exception) -> JSONResponse:
+    assert isinstance(exc, RequestValidationError)
+    sentences = dict.fromkeys(_sentence(error) for error in exc.errors())
+    return _answer(422, "; ".join(sentences), errors.InputError.code)
+
+
+def _http_exception(request: Request, exc: Exception) -> JSONResponse:
+    assert isinstance(exc, HTTPException)
+    path = request.url.path
+    match exc.status_code:
+        case 400:  # FastAPI: a body that could not even be taken apart
+            return _answer(422, f"the body cannot be read: {exc.detail}", errors.InputError.code)
+        case 404:
+            return _answer(404, f"there is no {path}; /docs lists what there is", "not_found")
+        case 405:
+            allowed = (exc.headers or {}).get("Allow", "")
+            detail = f"{request.method} is not possible on {path}; allowed: {allowed}"
+            return _answer(405, detail, "method_not_allowed", exc.headers)
+        case 413:
+            limit = request.app.max_body_size
+            return _answer(413, f"the body is larger than {limit} bytes", errors.PayloadError.code)
+        case status:
+            return _answer(status, str(exc.detail), "http", exc.headers)
+
+
+def _unexpected(request: Request, exc: Exception) -> JSONResponse:
+    log.error("%s %s failed", request.method, request.url.path, exc_info=exc)
+    return _answer(500, "an error in cobot itself; its log has the details", CobotError.code)
+
+
+def _sentence(error: Any) -> str:
+    match error["type"], error["loc"]:
+        case "missing", ("body",):
+            return "the body is missing"
+        case "json_invalid", (_, position):
+            return f"the body is not valid JSON: {error['ctx']['error']} at character {position}"
+    return sentence(error, ignored=("body", "query", "header"))

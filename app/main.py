@@ -1,0 +1,107 @@
+"""The web service, put together."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+from importlib.metadata import version
+from pathlib import Path
+
+from fastapi import FastAPI
+from fastapi.responses import RedirectResponse
+from fastapi.routing import APIRoute
+from fastapi_offline import FastAPIOffline
+from starlette.routing import BaseRoute
+
+from app import errors
+from app.openapi import with_limits
+from app.routers import common, sequences, trajectory
+from app.routers import robot as robot_router
+from app.services import Services
+from app.services.health import HealthService
+from app.services.link import RobotLink
+from app.services.motion import MotionService
+from app.services.planning import PlanningService
+from app.services.sequences import SequenceService
+from app.services.stopping import StopService
+from app.services.trajectories import TrajectoryService
+from cobot.config import Endpoint, Settings, load_endpoints
+from cobot.robot import Robot, load_robot
+
+DESCRIPTION = """Moves a robot arm. Motions answer when the arm has arrived and settled: look at `success`.
+Lengths in m, angles in rad. **This is no safety system and there is no authentication.**"""
+
+
+def create_app(settings: Settings, config: Path | None, base_url: str) -> FastAPI:
+    """The application.
+
+    Args:
+        config: the settings' file, for the planning processes.
+        base_url: where the sequence runner finds this service.
+
+    Raises:
+        ConfigError: the configuration is wrong.
+    """
+    endpoints = load_endpoints(settings.web.endpoints)
+    robot = load_robot(settings)
+
+    @contextlib.asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        link = RobotLink(settings.robot.name, settings.web.stale_after_s)
+        planning = PlanningService(config, settings.planning.workers)
+        warming = asyncio.create_task(planning.warm_up())
+        async with link.heartbeat():
+            app.state.services = _services(settings, robot, link, planning, base_url)
+            yield
+            await app.state.services.stopping.stop(timeout_s=3.0)
+        warming.cancel()
+        planning.close()
+        link.close()
+
+    app: FastAPI = FastAPIOffline(
+        title="cobot",
+        version=version("cobot"),
+        description=DESCRIPTION,
+        lifespan=lifespan,
+        max_body_size=settings.web.max_body_bytes,
+        generate_unique_id_function=lambda route: route.name,
+        swagger_ui_parameters={"displayRequestDuration": True, "tryItOutEnabled": True},
+    )
+    app.state.endpoints = endpoints
+    app.state.stop_on_disconnect = settings.web.stop_on_disconnect
+    errors.install(app)
+    app.openapi = with_limits(app.openapi, robot.limits)  # type: ignore[method-assign]
+    for router in (robot_router.router, trajectory.router, sequences.router, common.router):
+        app.include_router(router)
+    app.router.routes[:] = [route for route in app.router.routes if _enabled(route, endpoints)]
+
+    @app.get("/", include_in_schema=False)
+    async def root() -> RedirectResponse:
+        return RedirectResponse("/docs")
+
+    return app
+
+
+def _enabled(route: BaseRoute, endpoints: dict[str, Endpoint]) -> bool:
+    """Whether api_endpoints.yaml wants it; what is not an endpoint (the documentation) always is."""
+    if not isinstance(route, APIRoute) or not route.include_in_schema:
+        return True
+    (method,) = route.methods or {""}
+    return endpoints[f"{method} {route.path}"].enabled
+
+
+def _services(
+    settings: Settings, robot: Robot, link: RobotLink, planning: PlanningService, base_url: str
+) -> Services:
+    motion = MotionService(robot, link, planning, settings.planning)
+    sequence = SequenceService(motion, link, settings.sequences, base_url)
+    return Services(
+        robot,
+        link,
+        motion,
+        TrajectoryService(motion, link, settings.planning.start_tolerance_rad),
+        sequence,
+        StopService(link, motion, sequence),
+        HealthService(settings.robot.name, link, motion, sequence, settings.web.stale_after_s),
+    )

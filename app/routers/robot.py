@@ -1,0 +1,133 @@
+"""State and motion of the arm."""
+
+from __future__ import annotations
+
+import numpy as np
+from fastapi import APIRouter, Depends
+
+from app.dependencies import Gone, Name, ServicesDep, Timeout, Token, json_body
+from app.errors import responses
+from app.schemas import (
+    Angles,
+    JointStates,
+    MoveAnswer,
+    MoveJoints,
+    MoveNamed,
+    MovePose,
+    NamedPositionAnswer,
+    Orientation,
+    PoseAnswer,
+    Position,
+    Quaternion,
+    ResetAnswer,
+)
+from app.services.motion import Outcome
+from cobot.frames import abc_from_quaternion
+from cobot.types import Scaling
+
+COMPLETED = "Motion completed successfully"
+MOTION_RESPONSES = responses(409, 413, 415, 422, 503)
+
+
+router = APIRouter(prefix="/robot", tags=["robot"])
+
+
+@router.get("/joint_states", responses=responses(503))
+async def joint_states(services: ServicesDep, timeout: Timeout) -> JointStates:
+    """Angles, velocities and efforts, as measured."""
+    state = await services.link.fresh_state(timeout)
+    return JointStates(
+        name=list(services.robot.limits.names),
+        position=state.position.tolist(),
+        velocity=state.velocity.tolist(),
+        effort=state.effort.tolist(),
+    )
+
+
+@router.get("/pose", responses=responses(503))
+async def pose(services: ServicesDep, timeout: Timeout) -> PoseAnswer:
+    """The TCP in the base frame."""
+    state = await services.link.fresh_state(timeout)
+    x, y, z, qw, qx, qy, qz = state.tcp.tolist()
+    a, b, c = abc_from_quaternion(state.tcp[3:])
+    return PoseAnswer(
+        position=Position(x=x, y=y, z=z),
+        orientation=Orientation(
+            quaternion=Quaternion(x=qx, y=qy, z=qz, w=qw),
+            euler_rad=Angles(a=a, b=b, c=c),
+            euler_deg=Angles(a=np.degrees(a), b=np.degrees(b), c=np.degrees(c)),
+        ),
+        frame_id=services.robot.base_frame,
+    )
+
+
+@router.get("/positions")
+async def positions(services: ServicesDep) -> list[NamedPositionAnswer]:
+    """The positions that have a name, from the SRDF."""
+    return [
+        NamedPositionAnswer(
+            name=position.name,
+            group=position.group,
+            description=position.description,
+            joints=list(position.joints),
+        )
+        for position in services.robot.positions.values()
+    ]
+
+
+@router.post("/move/named", responses=MOTION_RESPONSES, dependencies=[Depends(json_body)])
+async def move_named(
+    body: MoveNamed, services: ServicesDep, name: Name, timeout: Timeout, gone: Gone, token: Token = None
+) -> MoveAnswer:
+    """Go to a named position by ptp; answers when the arm has arrived and settled."""
+    goal = services.motion.named(body.name, Scaling(body.speed, body.accel_scale))
+    return _answer(await services.motion.move(name, goal, timeout, token, gone))
+
+
+@router.post("/move/joints", responses=MOTION_RESPONSES, dependencies=[Depends(json_body)])
+async def move_joints(
+    body: MoveJoints,
+    services: ServicesDep,
+    name: Name,
+    timeout: Timeout,
+    gone: Gone,
+    token: Token = None,
+) -> MoveAnswer:
+    """Go to joint angles by ptp; answers when the arm has arrived and settled."""
+    goal = services.motion.joints(body.joints, Scaling(body.speed, body.accel_scale))
+    return _answer(await services.motion.move(name, goal, timeout, token, gone))
+
+
+@router.post("/move/pose", responses=MOTION_RESPONSES, dependencies=[Depends(json_body)])
+async def move_pose(
+    body: MovePose, services: ServicesDep, name: Name, timeout: Timeout, gone: Gone, token: Token = None
+) -> MoveAnswer:
+    """Bring the TCP to a pose; answers when the arm has arrived and settled."""
+    via = None if body.via is None else [body.via.x, body.via.y, body.via.z]
+    goal = services.motion.pose(
+        [body.x, body.y, body.z],
+        [body.a, body.b, body.c],
+        body.frame_id,
+        body.planner,
+        Scaling(body.speed, body.accel_scale),
+        via,
+    )
+    return _answer(await services.motion.move(name, goal, timeout, token, gone))
+
+
+@router.post("/reset", responses=responses(503))
+async def reset(services: ServicesDep) -> ResetAnswer:
+    """Leave an e-stop or a fault, once its cause is gone. Nothing moves."""
+    await services.link.reset()
+    return ResetAnswer(success=True, message="the robot is ready to move")
+
+
+def _answer(outcome: Outcome) -> MoveAnswer:
+    return MoveAnswer(
+        success=outcome.error is None,
+        message=COMPLETED if outcome.error is None else str(outcome.error),
+        code=None if outcome.error is None else outcome.error.code,
+        motion_id=outcome.motion_id,
+        duration_s=outcome.duration_s,
+        planning_time_s=outcome.planning_time_s,
+    )

@@ -1,0 +1,55 @@
+"""Sequences of motions, run by a process of their own."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, File, Form, Query, UploadFile
+
+from app.dependencies import ServicesDep, form_body
+from app.errors import responses
+from app.schemas import LogAnswer, LogQuery, SequenceStatusAnswer, StartedAnswer
+from app.services.sequences import SequenceOrder
+
+router = APIRouter(prefix="/sequences", tags=["sequences"])
+Text = Annotated[str, Form(max_length=1000)]
+
+
+@router.post("/start", responses=responses(409, 413, 415, 422, 503), dependencies=[Depends(form_body)])
+async def start_sequence(
+    services: ServicesDep,
+    config: Annotated[UploadFile, File(description="The sequence, JSON; see docs/api.md for its schema.")],
+    n_iterations: Annotated[int, Form(ge=1, le=1_000_000)] = 3,
+    delay_between_iterations: Annotated[float, Form(ge=0.0, le=86400.0, allow_inf_nan=False)] = 5.0,
+    bag_path: Text = "",
+    topics: Text = "",
+    joints_action: Text = "cobot/move_to_joints",
+    pose_action: Text = "cobot/move_to_pose",
+) -> StartedAnswer:
+    """Start a sequence; answers when its process runs. Only one at a time."""
+    order = SequenceOrder(
+        await config.read(),
+        n_iterations,
+        delay_between_iterations,
+        bag_path,
+        topics,
+        joints_action,
+        pose_action,
+    )
+    status = await services.sequences.start(order)
+    assert status.sequence_id is not None
+    assert status.pid is not None
+    return StartedAnswer(sequence_id=status.sequence_id, pid=status.pid)
+
+
+@router.get("/status")
+async def sequence_status(services: ServicesDep) -> SequenceStatusAnswer:
+    """How the newest sequence stands."""
+    return SequenceStatusAnswer.model_validate(asdict(services.sequences.status))
+
+
+@router.get("/logs", responses=responses(422))
+async def sequence_logs(query: Annotated[LogQuery, Query()], services: ServicesDep) -> LogAnswer:
+    """What runners have printed; it stays when they have ended."""
+    return LogAnswer(lines=services.sequences.lines(query.n))

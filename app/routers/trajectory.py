@@ -1,0 +1,58 @@
+"""Timed joint trajectories."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, File, Query, UploadFile
+
+from app.dependencies import Gone, Name, ServicesDep, Timeout, Token, form_body, json_body
+from app.errors import responses
+from app.schemas import CsvQuery, LogAnswer, LogQuery, SendTrajectory, SentAnswer
+from app.services.csv_points import read_points
+from app.services.trajectories import Options, Sent
+from cobot.types import Waypoint
+
+router = APIRouter(prefix="/trajectory", tags=["trajectory"])
+SEND_RESPONSES = responses(409, 413, 415, 422, 503)
+
+
+@router.post("/send", responses=SEND_RESPONSES, dependencies=[Depends(json_body)])
+async def send_trajectory(
+    body: SendTrajectory, services: ServicesDep, name: Name, timeout: Timeout, gone: Gone, token: Token = None
+) -> SentAnswer:
+    """Run a trajectory through timed points; answers when it has begun."""
+    points = [
+        Waypoint(p.positions, p.time_from_start, p.velocities, p.accelerations, f"points[{index}]")
+        for index, p in enumerate(body.points)
+    ]
+    options = Options(body.validate_limits, body.retime, body.move_to_start)
+    return _answer(await services.trajectories.send(name, points, options, timeout, token, gone))
+
+
+@router.post("/send_csv", responses=SEND_RESPONSES, dependencies=[Depends(form_body)])
+async def send_csv(
+    file: Annotated[UploadFile, File(description="Header joint1 ... joint7, t; angles in rad, times in s.")],
+    query: Annotated[CsvQuery, Query()],
+    services: ServicesDep,
+    name: Name,
+    timeout: Timeout,
+    gone: Gone,
+    token: Token = None,
+) -> SentAnswer:
+    """Run a trajectory from a CSV file; answers when it has begun."""
+    dof = services.robot.limits.dof
+    points = await asyncio.to_thread(read_points, file.file, query.separator, dof)
+    options = Options(query.validate_limits, query.retime, query.move_to_start)
+    return _answer(await services.trajectories.send(name, points, options, timeout, token, gone))
+
+
+@router.get("/logs", responses=responses(422))
+async def trajectory_logs(query: Annotated[LogQuery, Query()], services: ServicesDep) -> LogAnswer:
+    """What became of trajectories: accepted, arrived, stopped, refused, and why."""
+    return LogAnswer(lines=services.trajectories.lines(query.n))
+
+
+def _answer(sent: Sent) -> SentAnswer:
+    return SentAnswer(motion_id=sent.motion_id, duration_s=sent.duration_s, points=sent.points)

@@ -1,0 +1,157 @@
+"""Timed joint waypoints from a CSV file, as spreadsheets and scripts write it."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import BinaryIO
+
+from cobot.errors import InputError
+from cobot.strict import unknown_key
+from cobot.types import Waypoint
+
+MAX_ROWS = 100_000
+SHOWN_CHARACTERS = 40
+TIME_NAMES = ("t", "time", "time_from_start")
+_JOINT_NAME = re.compile(r"(joint|velocity|acceleration)_?(\d{1,3})")
+
+
+@dataclass(frozen=True, slots=True)
+class _Columns:
+    """Where the numbers stand: indices into a row."""
+
+    names: list[str]
+    time: int
+    positions: list[int]
+    velocities: list[int] | None
+    accelerations: list[int] | None
+
+
+def read_points(file: BinaryIO, separator: str, dof: int) -> list[Waypoint]:
+    """The waypoints of a CSV file, each labelled with its row; the header is row 1.
+
+    Columns, in any order and any case: joint1 or joint_1 and so on (rad), one of t, time,
+    time_from_start (s), and optionally velocity1 ... (rad/s) and acceleration1 ... (rad/s²).
+    With ";" as separator numbers may have a decimal comma.
+
+    Raises:
+        InputError: naming row, column and what stands there.
+    """
+    if (not separator.isprintable() and separator != "\t") or separator.isalnum() or separator in "\"'.+-":
+        raise InputError(
+            f"separator: {separator!r} cannot separate numbers; use one character such as , ; | space or tab"
+        )
+    rows = _rows(file, separator)
+    try:
+        _, header = next(rows)
+    except StopIteration:
+        raise InputError("the file is empty; its first row must name the columns") from None
+    columns = _columns(header, dof)
+    points: list[Waypoint] = []
+    blank = 0
+    for number, row in rows:
+        if not any(cell.strip() for cell in row):
+            blank = blank or number
+            continue
+        if blank:
+            raise InputError(f"row {blank} is blank, but row {number} is not")
+        if len(points) == MAX_ROWS:
+            raise InputError(f"row {number}: there are more than {MAX_ROWS} rows")
+        points.append(_waypoint(row, number, columns, decimal_comma=separator == ";"))
+    if not points:
+        raise InputError("the file has a header, but no rows")
+    return points
+
+
+def _rows(file: BinaryIO, separator: str) -> Iterator[tuple[int, list[str]]]:
+    """(line number, cells) of each row; the file is read as a stream."""
+    text = io.TextIOWrapper(file, encoding="utf-8-sig", newline="")
+    reader = csv.reader(text, delimiter=separator, strict=True)
+    try:
+        while True:
+            number = reader.line_num + 1
+            try:
+                row = next(reader)
+            except StopIteration:
+                return
+            except UnicodeDecodeError as exc:
+                raise InputError(
+                    f"row {number} or soon after: not UTF-8 text (byte 0x{exc.object[exc.start]:02x})"
+                ) from exc
+            except csv.Error as exc:
+                raise InputError(f"row {number}: not CSV: {exc}") from exc
+            yield number, row
+    finally:
+        text.detach()  # the file is the caller's to close
+
+
+def _columns(header: list[str], dof: int) -> _Columns:
+    names = [cell.strip() for cell in header]
+    places: dict[str, int] = {}
+    valid = [*(f"joint{n}" for n in range(1, dof + 1)), TIME_NAMES[0]]
+    optional = [f"{kind}{n}" for kind in ("velocity", "acceleration") for n in range(1, dof + 1)]
+    for index, name in enumerate(names):
+        plain = name.lower()
+        match = _JOINT_NAME.fullmatch(plain)
+        key = f"{match[1]}{int(match[2])}" if match else TIME_NAMES[0] if plain in TIME_NAMES else plain
+        if key not in valid and key not in optional:
+            raise InputError(f"row 1, column {index + 1}: {unknown_key(name, [*valid, *optional])}")
+        if key in places:
+            raise InputError(
+                f"row 1, column {index + 1}: {name!r} names the same as {names[places[key]]!r} in column "
+                f"{places[key] + 1}"
+            )
+        places[key] = index
+    missing = [key for key in valid if key not in places]
+    for kind in ("velocity", "acceleration"):
+        family = [key for key in optional if key.startswith(kind)]
+        if any(key in places for key in family):
+            missing += [key for key in family if key not in places]
+    if missing:
+        raise InputError(
+            f"row 1: missing column {', '.join(missing)}; the row has {_shown(', '.join(names))}"
+        )
+
+    def group(kind: str) -> list[int] | None:
+        return [places[f"{kind}{n}"] for n in range(1, dof + 1)] if f"{kind}1" in places else None
+
+    positions = [places[f"joint{n}"] for n in range(1, dof + 1)]
+    return _Columns(names, places[TIME_NAMES[0]], positions, group("velocity"), group("acceleration"))
+
+
+def _waypoint(row: list[str], number: int, columns: _Columns, *, decimal_comma: bool) -> Waypoint:
+    if len(row) != len(columns.names):
+        raise InputError(f"row {number}: has {len(row)} columns, the header has {len(columns.names)}")
+    values = [_number(cell, number, index, columns, decimal_comma) for index, cell in enumerate(row)]
+
+    def pick(indices: list[int] | None) -> list[float] | None:
+        return None if indices is None else [values[index] for index in indices]
+
+    return Waypoint(
+        [values[index] for index in columns.positions],
+        values[columns.time],
+        pick(columns.velocities),
+        pick(columns.accelerations),
+        f"row {number}",
+    )
+
+
+def _number(cell: str, number: int, index: int, columns: _Columns, decimal_comma: bool) -> float:
+    text = cell.replace(",", ".") if decimal_comma else cell
+    try:
+        value = float(text) if "_" not in text else math.nan  # Python would read 1_0 as ten
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(
+            f"row {number}, column {columns.names[index]}: must be a finite number, got {_shown(cell)!r}"
+        )
+    return value
+
+
+def _shown(text: str) -> str:
+    return text if len(text) <= SHOWN_CHARACTERS else text[:SHOWN_CHARACTERS] + "..."

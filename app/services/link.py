@@ -1,0 +1,250 @@
+"""The service's end of the robot's shared memory."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import time
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from cobot.errors import ExecutionError, NotReadyError, TornReadError, UnavailableError
+from cobot.shm import RING, SLOTS, Ack, Command, Intervention, MotionResult, RobotMemory, Role, text
+from cobot.trajectory import Trajectory
+from cobot.types import Array, Mode
+
+HEARTBEAT_S = 0.05
+POLL_S = 0.002
+ACKNOWLEDGE_S = 3.0
+"""rtloop verifies the largest trajectory in about a second."""
+IN_THREAD_SEGMENTS = 2000
+"""A longer trajectory is copied in a thread, so that nobody else waits."""
+
+
+@dataclass(frozen=True, slots=True)
+class RobotState:
+    """A copy of rtloop's state block: rad, rad/s, N·m, shape (dof,) each.
+
+    Attributes:
+        tcp: shape (7,): x, y, z in m, then w, x, y, z, in the base frame, as measured.
+        age_s: how long ago it was published.
+        reason: why the mode is ESTOP or FAULT, or why the last motion ended.
+    """
+
+    mode: Mode
+    settled: bool
+    position: Array
+    velocity: Array
+    effort: Array
+    commanded_position: Array
+    tcp: Array
+    motion_id: int
+    motion_result: MotionResult
+    slot: int
+    path_time_s: float
+    path_duration_s: float
+    path_rate: float
+    deceleration_ns: int
+    stops_seen: int
+    interventions: dict[str, int]
+    overruns: int
+    torn_reads: int
+    age_s: float
+    reason: str
+
+
+class RobotLink:
+    """Reads the state, sends commands. Nothing in here waits on a lock.
+
+    Raises (constructor):
+        UnavailableError: there is no such robot.
+        ConflictError: another service serves it.
+        LayoutError: its shared memory is another version's.
+    """
+
+    def __init__(self, robot: str, stale_after_s: float) -> None:
+        self.memory = RobotMemory.attach(robot, Role.SERVICE)
+        self._stale_after_s = stale_after_s
+        self.memory.requests.salvage()
+        self.memory.head.salvage()
+        self._command_turn = asyncio.Lock()
+
+    def close(self) -> None:
+        self.memory.close()
+
+    @contextlib.asynccontextmanager
+    async def heartbeat(self) -> AsyncIterator[None]:
+        """Tell rtloop that the service is alive, from the event loop itself: a stuck one is a dead one."""
+        task = asyncio.create_task(self._beat(), name="heartbeat")
+        try:
+            yield
+        finally:
+            task.cancel()
+
+    async def _beat(self) -> None:
+        block = self.memory.heartbeat
+        block.data["pid"] = os.getpid()
+        while True:
+            block.data["monotonic_ns"] = time.monotonic_ns()
+            block.publish()
+            await asyncio.sleep(HEARTBEAT_S)
+
+    def state(self) -> RobotState:
+        """The newest state, however old.
+
+        Raises:
+            UnavailableError: rtloop has never published one, or died while it did.
+        """
+        try:
+            record = self.memory.state.read()
+        except TornReadError as exc:
+            raise UnavailableError(str(exc)) from exc
+        if self.memory.state.sequence == 0:
+            raise UnavailableError("rtloop has not started yet")
+        return RobotState(
+            mode=Mode(int(record["mode"])),
+            settled=bool(record["settled"]),
+            position=record["position"].copy(),
+            velocity=record["velocity"].copy(),
+            effort=record["effort"].copy(),
+            commanded_position=record["commanded_position"].copy(),
+            tcp=record["tcp"].copy(),
+            motion_id=int(record["motion_id"]),
+            motion_result=MotionResult(int(record["motion_result"])),
+            slot=int(record["slot"]),
+            path_time_s=float(record["path_time_s"]),
+            path_duration_s=float(record["path_duration_s"]),
+            path_rate=float(record["path_rate"]),
+            deceleration_ns=int(record["deceleration_monotonic_ns"]),
+            stops_seen=int(record["stops_seen"]),
+            interventions={
+                kind.name.lower(): int(count)
+                for kind, count in zip(Intervention, record["interventions"], strict=True)
+            },
+            overruns=int(record["overruns"]),
+            torn_reads=int(record["torn_reads"]),
+            age_s=(time.monotonic_ns() - int(record["monotonic_ns"])) * 1e-9,
+            reason=text(record["reason"]),
+        )
+
+    def statistics(self) -> np.ndarray:
+        """A copy of rtloop's statistics block.
+
+        Raises:
+            UnavailableError: it cannot be read.
+        """
+        try:
+            return self.memory.statistics.read().copy()
+        except TornReadError as exc:
+            raise UnavailableError(str(exc)) from exc
+
+    async def fresh_state(self, timeout_s: float) -> RobotState:
+        """The newest state, if rtloop is alive; waits for it to become so.
+
+        Raises:
+            UnavailableError: nothing fresh within the timeout, with how rtloop stands.
+        """
+        deadline_s = time.monotonic() + timeout_s
+        while True:
+            try:
+                state = self.state()
+                if state.age_s <= self._stale_after_s:
+                    return state
+                problem = f"rtloop (pid {self._rtloop_pid()}) has published nothing for {state.age_s:.1f} s"
+            except UnavailableError as exc:
+                problem = str(exc)
+            if time.monotonic() > deadline_s:
+                raise UnavailableError(f"{problem}; cobot run restarts it if it has died")
+            await asyncio.sleep(0.01)
+
+    async def ready_state(self, timeout_s: float) -> RobotState:
+        """A fresh state in which motion is permitted.
+
+        Raises:
+            UnavailableError: see `fresh_state`.
+            NotReadyError: ESTOP or FAULT, with the reason and the way out.
+        """
+        state = await self.fresh_state(timeout_s)
+        if state.mode in (Mode.ESTOP, Mode.FAULT):
+            raise NotReadyError(
+                f"the robot is in mode {state.mode.name}: {state.reason}; "
+                "see to the cause, then POST /robot/reset"
+            )
+        return state
+
+    @property
+    def stops(self) -> int:
+        """How many stops have been requested so far: a motion started with an older count is refused."""
+        return int(self.memory.requests.data["stops"])
+
+    def request_stop(self) -> None:
+        """Have rtloop bring the arm to rest on its path. Takes effect in its next cycle."""
+        self.memory.requests.data["stops"] += 1
+        self.memory.requests.publish()
+
+    async def start(self, trajectory: Trajectory, stops: int) -> int:
+        """Hand a motion over and have it started.
+
+        Args:
+            stops: `stops` as it was when the motion was asked for.
+
+        Returns:
+            The motion's number.
+
+        Raises:
+            ExecutionError: rtloop refuses it, with its reason.
+            UnavailableError: rtloop does not answer.
+            SharedMemoryError: the motion is larger than a slot.
+        """
+        async with self._command_turn:
+            state = self.state()
+            motion_id = state.motion_id + 1
+            number = (state.slot + 1) % SLOTS
+            slot = self.memory.slots[number]
+            if trajectory.segments > IN_THREAD_SEGMENTS:
+                await asyncio.to_thread(slot.write, motion_id, trajectory)
+            else:
+                slot.write(motion_id, trajectory)
+            await self._send(Command.START, slot=number, motion_id=motion_id, stops=stops)
+        return motion_id
+
+    async def reset(self) -> None:
+        """Leave ESTOP or FAULT.
+
+        Raises:
+            NotReadyError: the cause persists, with rtloop's reason.
+            UnavailableError: rtloop does not answer.
+        """
+        async with self._command_turn:
+            try:
+                await self._send(Command.RESET)
+            except ExecutionError as exc:
+                raise NotReadyError(str(exc)) from exc
+
+    async def _send(self, kind: Command, *, slot: int = 0, motion_id: int = 0, stops: int = 0) -> None:
+        number = int(self.memory.head.data["id"]) + 1
+        command = self.memory.commands[number % RING]
+        command.data["id"] = number
+        command.data["kind"] = kind
+        command.data["slot"] = slot
+        command.data["motion_id"] = motion_id
+        command.data["stops"] = stops
+        command.publish()
+        self.memory.head.data["id"] = number
+        self.memory.head.publish()
+        ack = self.memory.acks[number % RING]
+        deadline_s = time.monotonic() + ACKNOWLEDGE_S
+        while not (ack.try_read() and int(ack.data["id"]) == number):
+            if time.monotonic() > deadline_s:
+                raise UnavailableError(
+                    f"rtloop (pid {self._rtloop_pid()}) has not answered a {kind.name} for {ACKNOWLEDGE_S} s"
+                )
+            await asyncio.sleep(POLL_S / 2)
+        if int(ack.data["result"]) != Ack.ACCEPTED:
+            raise ExecutionError(text(ack.data["message"]))
+
+    def _rtloop_pid(self) -> int:
+        return int(self.statistics()["pid"])

@@ -1,0 +1,316 @@
+"""Who owns the motion, and how a motion goes from request to arrival."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from app.services.link import POLL_S, RobotLink, RobotState
+from app.services.planning import PlanningService, PlanRequest
+from cobot.config import PlanningSection
+from cobot.errors import (
+    CobotError,
+    ConflictError,
+    ExecutionError,
+    InputError,
+    MotionStopped,
+    MotionTimeout,
+    PlanningError,
+)
+from cobot.frames import pose_from_abc
+from cobot.limits import check_positions
+from cobot.planners import MotionRequest
+from cobot.robot import Robot
+from cobot.shm import MotionResult
+from cobot.trajectory import Trajectory
+from cobot.types import Array, Mode, PlannerName, Pose, Scaling
+
+REST_TIMEOUT_S = 5.0
+"""How long a motion that was told to stop is waited for."""
+STATE_TIMEOUT_S = 1.5
+"""How long a motion waits for a sign of rtloop before it gives up: less than the two seconds in which
+a client shall know."""
+
+
+@dataclass
+class Claim:
+    """The right to move, of one motion.
+
+    Attributes:
+        name: what others are told about the owner.
+        motion_id: once it runs.
+        stops: the count of stop requests when the claim was made.
+        interruption: why it has to end early, once it has to.
+    """
+
+    name: str
+    stops: int
+    since_s: float = field(default_factory=time.monotonic)
+    motion_id: int | None = None
+    interruption: ExecutionError | None = None
+    interrupted: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def interrupt(self, cause: ExecutionError) -> None:
+        """End this motion; the first cause counts."""
+        if self.interruption is None:
+            self.interruption = cause
+            self.interrupted.set()
+
+    def __str__(self) -> str:
+        number = f", motion {self.motion_id}" if self.motion_id is not None else ""
+        return f"{self.name} (for {time.monotonic() - self.since_s:.1f} s{number})"
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a motion request ended. `error` is None when the arm has arrived and settled."""
+
+    error: CobotError | None
+    motion_id: int | None
+    duration_s: float
+    planning_time_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """Where to go, and how: see `MotionRequest`."""
+
+    target: Array | Pose
+    scaling: Scaling
+    planner: PlannerName = PlannerName.PTP
+    via: Array | None = None
+
+
+class MotionService:
+    """One motion at a time.
+
+    A running sequence owns the motion from its start to its end; requests that carry its token
+    move on its behalf.
+    """
+
+    def __init__(
+        self, robot: Robot, link: RobotLink, planning: PlanningService, settings: PlanningSection
+    ) -> None:
+        self._robot = robot
+        self._link = link
+        self._planning = planning
+        self._settings = settings
+        self._claim: Claim | None = None
+        self._sequence: tuple[str, str] | None = None  # name, token
+
+    @property
+    def owner(self) -> str | None:
+        """Who moves the arm, for people."""
+        if self._claim is not None:
+            return str(self._claim)
+        return self._sequence[0] if self._sequence else None
+
+    def claim_for_sequence(self, name: str, token: str) -> None:
+        """Reserve the motion for requests with a token.
+
+        Raises:
+            ConflictError: somebody else owns it.
+        """
+        if self.owner is not None:
+            raise ConflictError(f"the robot is in use by {self.owner}")
+        self._sequence = name, token
+
+    def release_sequence(self) -> None:
+        self._sequence = None
+
+    @contextlib.contextmanager
+    def claim(self, name: str, token: str | None) -> Iterator[Claim]:
+        """Own the motion for as long as the context lasts.
+
+        Raises:
+            ConflictError: somebody else owns it.
+        """
+        if self._claim is not None or (self._sequence is not None and self._sequence[1] != token):
+            raise ConflictError(f"the robot is in use by {self.owner}; wait for it, or POST /stop")
+        if token is not None and self._sequence is None:
+            raise ConflictError("the sequence that this request belongs to has ended")
+        claim = Claim(name, self._link.stops)
+        self._claim = claim
+        try:
+            yield claim
+        finally:
+            self._claim = None
+
+    def interrupt(self, cause: ExecutionError) -> str | None:
+        """End the motion that is planned or runs; returns its description, or None."""
+        if self._claim is None:
+            return None
+        described = str(self._claim)
+        self._claim.interrupt(cause)
+        return described
+
+    def named(self, name: str, scaling: Scaling) -> Goal:
+        """The goal of a named position.
+
+        Raises:
+            InputError: there is no such position; lists the valid ones.
+        """
+        position = self._robot.positions.get(name)
+        if position is None:
+            valid = ", ".join(self._robot.positions)
+            raise InputError(f"there is no named position {name!r}; valid are: {valid}")
+        return self.joints(list(position.joints), scaling)
+
+    def joints(self, angles: list[float], scaling: Scaling) -> Goal:
+        """The goal of joint angles, rad.
+
+        Raises:
+            InputError: another number of joints than the robot has.
+            LimitError: beyond joint_limits.yaml.
+        """
+        limits = self._robot.limits
+        if len(angles) != limits.dof:
+            raise InputError(f"joints must have {limits.dof} angles, got {len(angles)}")
+        target = np.array(angles, dtype=np.float64)
+        check_positions(limits, target)
+        return Goal(target, scaling)
+
+    def pose(
+        self,
+        position: list[float],
+        abc: list[float],
+        frame: str,
+        planner: str,
+        scaling: Scaling,
+        via: list[float] | None,
+    ) -> Goal:
+        """The goal of a TCP pose: m, KUKA angles in rad.
+
+        Raises:
+            InputError: an unknown frame, or a `via` that does not fit the planner.
+        """
+        base = self._robot.base_frame
+        if (frame or self._settings.default_frame) != base:
+            raise InputError(f"frame_id: there is no frame {frame!r}; valid are: {base}, or empty for it")
+        if (via is None) == (planner == PlannerName.CIRC):
+            raise InputError(f"via: planner circ needs a point on its arc, others take none; it is {planner}")
+        point = None if via is None else np.array(via)
+        return Goal(pose_from_abc(*position, *abc), scaling, PlannerName(planner), point)
+
+    async def move(
+        self, name: str, goal: Goal, timeout_s: float, token: str | None, gone: asyncio.Event
+    ) -> Outcome:
+        """Plan, go, and return when the arm has arrived and settled, or why it has not.
+
+        Args:
+            gone: set when the client goes away: the arm then stops on its path.
+
+        Raises:
+            ConflictError, UnavailableError, InputError: nothing has moved.
+        """
+        begun_s = time.monotonic()
+        planned_s = begun_s
+        with self.claim(name, token) as claim, watching(claim, gone, timeout_s):
+            error: CobotError | None = None
+            try:
+                state = await self.ready()
+                request = MotionRequest(
+                    state.commanded_position,
+                    goal.target,
+                    goal.planner,
+                    goal.scaling,
+                    goal.via,
+                    timeout_s=self._settings.timeout_s,
+                )
+                trajectory = await self.plan(claim, request, timeout_s)
+                planned_s = time.monotonic()
+                if trajectory is not None:
+                    await self.start(claim, trajectory)
+                    await self.arrival(claim)
+            except (PlanningError, ExecutionError) as exc:
+                error = exc
+            now_s = time.monotonic()
+            planning_s = (planned_s if planned_s > begun_s else now_s) - begun_s
+            return Outcome(error, claim.motion_id, now_s - begun_s, planning_s)
+
+    async def ready(self) -> RobotState:
+        """A state from which a motion may start.
+
+        Raises:
+            UnavailableError: see `RobotLink.ready_state`.
+            ConflictError: the arm still moves for somebody who is gone.
+        """
+        state = await self._link.ready_state(STATE_TIMEOUT_S)
+        if state.mode is not Mode.HOLD:
+            raise ConflictError(f"motion {state.motion_id} is still {state.mode.name}: {state.reason}")
+        return state
+
+    async def plan(self, claim: Claim, request: PlanRequest, timeout_s: float) -> Trajectory | None:
+        """Plan on behalf of a claim; an interruption kills the planner."""
+        planning = asyncio.create_task(self._planning.plan(request, timeout_s))
+        interrupted = asyncio.create_task(claim.interrupted.wait())
+        try:
+            await asyncio.wait({planning, interrupted}, return_when=asyncio.FIRST_COMPLETED)
+            if claim.interruption is not None:
+                raise claim.interruption
+            return await planning
+        finally:
+            planning.cancel()
+            interrupted.cancel()
+
+    async def start(self, claim: Claim, trajectory: Trajectory) -> None:
+        """Hand the motion to rtloop.
+
+        Raises:
+            ExecutionError, UnavailableError, SharedMemoryError: see `RobotLink.start`.
+        """
+        if claim.interruption is not None:
+            raise claim.interruption
+        claim.motion_id = await self._link.start(trajectory, claim.stops)
+
+    async def arrival(self, claim: Claim) -> None:
+        """Wait until the motion has ended.
+
+        Raises:
+            ExecutionError: it did not arrive; its class and text say why.
+            UnavailableError: rtloop is gone.
+        """
+        give_up_s = float("inf")
+        while True:
+            state = await self._link.fresh_state(STATE_TIMEOUT_S)
+            if state.motion_id != claim.motion_id or state.motion_result is not MotionResult.RUNNING:
+                break
+            if claim.interruption is not None and give_up_s == float("inf"):
+                self._link.request_stop()
+                give_up_s = time.monotonic() + REST_TIMEOUT_S
+            if time.monotonic() > give_up_s:
+                raise ExecutionError(
+                    f"{claim.interruption}; the arm has not come to rest within {REST_TIMEOUT_S:.0f} s"
+                )
+            await asyncio.sleep(POLL_S)
+        if state.motion_id != claim.motion_id:
+            raise ExecutionError("another motion has taken over")
+        if state.motion_result is MotionResult.STOPPED:
+            share = 100.0 * state.path_time_s / state.path_duration_s
+            cause = claim.interruption or MotionStopped(state.reason)
+            raise type(cause)(f"{cause}: the arm came to rest on its path after {share:.0f} % of it")
+        if state.motion_result is not MotionResult.ARRIVED:
+            raise ExecutionError(state.reason)
+
+
+@contextlib.contextmanager
+def watching(claim: Claim, gone: asyncio.Event, timeout_s: float) -> Iterator[None]:
+    """Interrupt the motion when its client goes away or its time is up."""
+
+    async def watch() -> None:
+        try:
+            await asyncio.wait_for(gone.wait(), timeout_s)
+            claim.interrupt(MotionStopped("the client went away"))
+        except TimeoutError:
+            claim.interrupt(MotionTimeout(f"not arrived within {timeout_s:g} s"))
+
+    watcher = asyncio.create_task(watch())
+    try:
+        yield
+    finally:
+        watcher.cancel()

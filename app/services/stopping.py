@@ -1,0 +1,87 @@
+"""POST /stop: whatever the state of everything else, the arm first."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from dataclasses import dataclass
+
+from app.services.link import POLL_S, RobotLink, RobotState
+from app.services.motion import MotionService
+from app.services.sequences import SequenceService
+from cobot.errors import CobotError, MotionStopped, UnavailableError
+from cobot.types import Mode
+
+MOVING = (Mode.TRAJECTORY, Mode.STOPPING)
+
+
+@dataclass(frozen=True, slots=True)
+class Stopped:
+    """What a stop has done.
+
+    Attributes:
+        success: whether everything has ended and the arm is known to be at rest.
+        stopped: what was ended, for people.
+        position: measured, rad; None when rtloop does not answer.
+    """
+
+    success: bool
+    message: str
+    stopped: list[str]
+    position: list[float] | None
+    at_rest: bool
+    duration_s: float
+
+
+class StopService:
+    """Takes no lock, waits for no queue, asks for no ownership."""
+
+    def __init__(self, link: RobotLink, motion: MotionService, sequences: SequenceService) -> None:
+        self._link = link
+        self._motion = motion
+        self._sequences = sequences
+
+    async def stop(self, timeout_s: float) -> Stopped:
+        """End the sequence, the planning and the motion. Never fails: says what it could not confirm."""
+        begun_s = time.monotonic()
+        self._link.request_stop()
+        orphan = self._orphan()
+        motion = self._motion.interrupt(MotionStopped("stopped by POST /stop"))
+        problems: list[str] = []
+        sequence, state = await asyncio.gather(self._sequences.stop(), self._rest(timeout_s - 0.5, problems))
+        stopped = [item for item in (sequence, motion or orphan) if item]
+        at_rest = state is not None and state.mode not in MOVING and state.settled
+        done = f"stopped {' and '.join(stopped)}" if stopped else "nothing was running"
+        where = "the arm is at rest" if at_rest else "the arm is NOT known to be at rest"
+        return Stopped(
+            at_rest,
+            "; ".join([done, where, *problems]),
+            stopped,
+            None if state is None else state.position.tolist(),
+            at_rest,
+            time.monotonic() - begun_s,
+        )
+
+    def _orphan(self) -> str | None:
+        """A motion that runs though nobody here has started it: its service has died."""
+        try:
+            state = self._link.state()
+        except UnavailableError:
+            return None
+        return f"motion {state.motion_id}" if state.mode in MOVING else None
+
+    async def _rest(self, timeout_s: float, problems: list[str]) -> RobotState | None:
+        """The state once the arm is at rest, or the last one before the time was up."""
+        deadline_s = time.monotonic() + timeout_s
+        state: RobotState | None = None
+        while time.monotonic() < deadline_s:
+            try:
+                state = await self._link.fresh_state(0.5)
+            except CobotError as exc:
+                problems.append(str(exc))
+                return None
+            if state.stops_seen >= self._link.stops and state.mode not in MOVING and state.settled:
+                return state
+            await asyncio.sleep(POLL_S)
+        problems.append(f"not at rest within {timeout_s:g} s")
+        return state

@@ -1,0 +1,192 @@
+"""A Python client of the REST service.
+
+    with Client("http://localhost:8007") as robot:
+        robot.move_joints([0.0, 0.5, 0.0, -1.57, 0.0, 1.57, 0.0], speed=0.5)
+
+Answers are the service's JSON, decoded. What goes wrong is raised as the `CobotError` that the
+service had: an unreachable pose is an `UnreachableError` here too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import httpx
+
+from cobot import errors
+from cobot.errors import CobotError, ExecutionError, UnavailableError
+
+DEFAULT_URL = "http://localhost:8007"
+Json = dict[str, Any]
+
+
+def _family(kind: type[CobotError]) -> Iterable[type[CobotError]]:
+    yield kind
+    for child in kind.__subclasses__():
+        yield from _family(child)
+
+
+ERRORS: Mapping[str, type[CobotError]] = {kind.code: kind for kind in _family(errors.CobotError)}
+"""The error class of each code."""
+
+
+class Client:
+    """One robot's service.
+
+    Args:
+        timeout_s: for everything that answers at once.
+        motion_timeout_s: for motions, which answer on arrival; above the service's own timeouts.
+        token: that of a sequence, for the sequence's own motions.
+
+    Every method raises:
+        UnavailableError: nobody answers at the URL, or the robot behind it does not.
+        CobotError: the service's error, of the class that its `code` names.
+    """
+
+    def __init__(
+        self,
+        url: str = DEFAULT_URL,
+        *,
+        timeout_s: float = 10.0,
+        motion_timeout_s: float = 90.0,
+        token: str | None = None,
+        transport: httpx.BaseTransport | None = None,
+    ) -> None:
+        headers = {"X-Motion-Token": token} if token else {}
+        self._http = httpx.Client(base_url=url, timeout=timeout_s, headers=headers, transport=transport)
+        self._motion_timeout_s = motion_timeout_s
+
+    def __enter__(self) -> Client:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._http.close()
+
+    def joint_states(self) -> Json:
+        """`name`, `position` (rad), `velocity` (rad/s), `effort` (N·m)."""
+        return self._json("GET", "/robot/joint_states")
+
+    def pose(self) -> Json:
+        """The TCP: `position` (m), `orientation`, `frame_id`."""
+        return self._json("GET", "/robot/pose")
+
+    def positions(self) -> list[Json]:
+        """The named positions."""
+        return list(self._request("GET", "/robot/positions").json())
+
+    def move_named(self, name: str, *, speed: float = 0.1, accel_scale: float = 0.0) -> Json:
+        """Go to a named position; returns on arrival, raises when it is not reached."""
+        return self._move("named", {"name": name, "speed": speed, "accel_scale": accel_scale})
+
+    def move_joints(self, joints: Sequence[float], *, speed: float = 0.1, accel_scale: float = 0.0) -> Json:
+        """Go to joint angles in rad; returns on arrival, raises when it is not reached."""
+        return self._move("joints", {"joints": list(joints), "speed": speed, "accel_scale": accel_scale})
+
+    def move_pose(
+        self,
+        *,
+        x: float,
+        y: float,
+        z: float,
+        a: float = 0.0,
+        b: float = 0.0,
+        c: float = 0.0,
+        speed: float = 0.1,
+        accel_scale: float = 0.0,
+        planner: str = "ptp",
+        frame_id: str = "",
+        via: Mapping[str, float] | None = None,
+    ) -> Json:
+        """Bring the TCP to a pose (m, KUKA angles in rad); returns on arrival, raises when not reached."""
+        body: Json = {"x": x, "y": y, "z": z, "a": a, "b": b, "c": c}
+        body |= {"speed": speed, "accel_scale": accel_scale, "planner": planner, "frame_id": frame_id}
+        body["via"] = dict(via) if via else None
+        return self._move("pose", body)
+
+    def send_trajectory(self, points: Sequence[Mapping[str, Any]], **options: bool) -> Json:
+        """Run timed points; returns when the motion has begun. Options as in POST /trajectory/send."""
+        body = {"points": [dict(point) for point in points], **options}
+        return self._json("POST", "/trajectory/send", json=body, timeout=self._motion_timeout_s)
+
+    def send_csv(self, path: str | Path, *, separator: str = ",", **options: bool) -> Json:
+        """Run timed points from a CSV file; returns when the motion has begun."""
+        with Path(path).open("rb") as file:
+            return self._json(
+                "POST",
+                "/trajectory/send_csv",
+                params={"separator": separator, **options},
+                files={"file": (Path(path).name, file, "text/csv")},
+                timeout=self._motion_timeout_s,
+            )
+
+    def trajectory_logs(self, n: int = 50) -> list[str]:
+        """What became of trajectories, the newest line last."""
+        return list(self._json("GET", "/trajectory/logs", params={"n": n})["lines"])
+
+    def start_sequence(self, path: str | Path, **options: str | float) -> Json:
+        """Start a sequence file; options as in POST /sequences/start."""
+        with Path(path).open("rb") as file:
+            return self._json(
+                "POST",
+                "/sequences/start",
+                files={"config": (Path(path).name, file, "application/json")},
+                data={name: str(value) for name, value in options.items()},
+            )
+
+    def sequence_status(self) -> Json:
+        """How the newest sequence stands."""
+        return self._json("GET", "/sequences/status")
+
+    def sequence_logs(self, n: int = 50) -> list[str]:
+        """What the runner has printed, the newest line last."""
+        return list(self._json("GET", "/sequences/logs", params={"n": n})["lines"])
+
+    def stop(self) -> Json:
+        """End the sequence, the planning and the motion; the answer says whether the arm is at rest."""
+        return self._json("POST", "/stop", timeout=15.0)
+
+    def reset(self) -> Json:
+        """Leave an e-stop or a fault."""
+        return self._json("POST", "/robot/reset")
+
+    def health(self) -> Json:
+        """Processes, cycle times, versions."""
+        return self._json("GET", "/health")
+
+    def _move(self, what: str, body: Json) -> Json:
+        answer = self._json("POST", f"/robot/move/{what}", json=body, timeout=self._motion_timeout_s)
+        if not answer["success"]:
+            raise ERRORS.get(str(answer.get("code")), ExecutionError)(answer["message"])
+        return answer
+
+    def _json(self, method: str, path: str, **request: Any) -> Json:
+        return dict(self._request(method, path, **request).json())
+
+    def _request(self, method: str, path: str, **request: Any) -> httpx.Response:
+        try:
+            response = self._http.request(method, path, **request)
+        except httpx.HTTPError as exc:
+            url = self._http.base_url.join(path)
+            raise UnavailableError(f"{method} {url}: {exc or type(exc).__name__}") from exc
+        if response.is_success:
+            return response
+        try:
+            answer = response.json()
+            code, detail = str(answer["code"]), str(answer["detail"])
+        except (ValueError, KeyError, TypeError) as exc:
+            raise UnavailableError(
+                f"{method} {path}: status {response.status_code}, and no answer of cobot's"
+            ) from exc
+        raise ERRORS.get(code, CobotError)(detail)

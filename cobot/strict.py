@@ -1,0 +1,60 @@
+"""Reading what others have written: YAML and JSON documents, strictly, with errors that help."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, model_validator
+
+SHOWN_CHARACTERS = 80
+
+
+class StrictModel(BaseModel):
+    """Numbers are numbers, and nothing is unknown."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_unknown(cls, content: Any) -> Any:
+        """Pydantic refuses an extra key too, but does not say which ones are valid."""
+        if isinstance(content, dict):
+            for key in content:
+                if key not in cls.model_fields:
+                    raise ValueError(unknown_key(str(key), list(cls.model_fields)))
+        return content
+
+
+def unknown_key(name: str, valid: list[str]) -> str:
+    """The sentence for a key that nobody knows: what may have been meant, and the valid ones."""
+    guess = difflib.get_close_matches(name, valid, 1)
+    hint = f" (did you mean {guess[0]!r}?)" if guess else ""
+    return f"unknown key {shown(name)}{hint}; valid are: {', '.join(valid)}"
+
+
+def sentence(error: Mapping[str, Any], *, ignored: tuple[str, ...] = ()) -> str:
+    """One of pydantic's errors as `place: what is wrong, got value`.
+
+    Args:
+        ignored: parts of the place that mean nothing to the document's author.
+    """
+    place = ""
+    for part in error["loc"]:
+        if part not in ignored:
+            place += f"[{part}]" if isinstance(part, int) else f".{part}" if place else str(part)
+    match error["type"]:
+        case "missing":
+            return f"{place}: is missing"
+        case "value_error":
+            text = str(error["ctx"]["error"])
+        case _:
+            text = f"{error['msg'][:1].lower()}{error['msg'][1:]}, got {shown(error['input'])}"
+    return f"{place}: {text}" if place else text
+
+
+def shown(value: object) -> str:
+    """A value in an error message, cut to a readable length."""
+    text = repr(value)
+    return text if len(text) <= SHOWN_CHARACTERS else text[:SHOWN_CHARACTERS] + "..."

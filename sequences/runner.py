@@ -1,0 +1,157 @@
+"""Runs a sequence: target after target, over HTTP, with a log line for each step."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import time
+from dataclasses import dataclass
+from datetime import datetime
+from enum import IntEnum
+from pathlib import Path
+from types import FrameType
+
+from cobot.client import Client
+from cobot.errors import CobotError, InputError, UnavailableError
+from sequences.recorder import Recorder, parse_topics
+from sequences.schema import AnyTarget, JointTarget, NamedTarget, Sequence, read_sequence
+
+
+class ReturnCode(IntEnum):
+    """How a run ended; a signal that ends it gives 128 plus its number, as in a shell."""
+
+    DONE = 0
+    BAD_INPUT = 2
+    MOTION_FAILED = 3
+    UNAVAILABLE = 4
+
+
+class EndedError(Exception):
+    """A signal told the runner to end."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(signal.Signals(number).name)
+        self.number = number
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What to do.
+
+    Attributes:
+        token: of the service's, so that it knows the sequence's own requests; None when started by hand.
+        progress: descriptor to which each step is reported as a line of JSON, None for nowhere.
+    """
+
+    file: Path
+    url: str
+    iterations: int
+    delay_s: float
+    bag: Path | None
+    topics: str
+    token: str | None
+    progress: int | None
+
+
+def run(order: Run) -> int:
+    """Do it; the exit status."""
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, _end)
+    recorder: Recorder | None = None
+    try:
+        sequence = read_sequence(order.file)
+        topics = parse_topics(order.topics)
+        if order.bag is not None:
+            recorder = Recorder(order.bag, topics, order.url)
+            log(f"recording {', '.join(topics)} to {order.bag}")
+        with Client(order.url, token=order.token) as client:
+            _iterate(order, sequence, client, recorder)
+    except EndedError as exc:
+        log(f"ended by {exc}")
+        return 128 + exc.number
+    except InputError as exc:
+        log(f"error: {exc}")
+        return ReturnCode.BAD_INPUT
+    except UnavailableError as exc:
+        log(f"error: {exc}")
+        return ReturnCode.UNAVAILABLE
+    except CobotError as exc:
+        log(f"error: {exc}")
+        return ReturnCode.MOTION_FAILED
+    finally:
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, signal.SIG_IGN)  # the bag is closed in any case
+        if recorder is not None:
+            recorder.close()
+            if recorder.problem:
+                log(f"the recording ended with: {recorder.problem}")
+    log("done")
+    return ReturnCode.DONE
+
+
+def log(text: str) -> None:
+    """A line with its time, at once."""
+    print(f"{datetime.now().astimezone().isoformat(timespec='milliseconds')} {text}", flush=True)
+
+
+def _end(number: int, frame: FrameType | None) -> None:
+    raise EndedError(number)
+
+
+def _iterate(order: Run, sequence: Sequence, client: Client, recorder: Recorder | None) -> None:
+    steps: list[tuple[int, AnyTarget]] = list(enumerate(sequence.waypoints, start=1))
+    if sequence.home is not None:
+        steps.insert(0, (0, sequence.home))
+    for iteration in range(1, order.iterations + 1):
+        if iteration > 1:
+            log(f"waiting {order.delay_s:g} s")
+            time.sleep(order.delay_s)
+        for waypoint, target in steps:
+            place = {
+                "iteration": iteration,
+                "n_iterations": order.iterations,
+                "waypoint": waypoint,
+                "n_waypoints": len(sequence.waypoints),
+            }
+            _step(order, client, recorder, place, target)
+
+
+def _step(
+    order: Run, client: Client, recorder: Recorder | None, place: dict[str, int], target: AnyTarget
+) -> None:
+    name = f"waypoint {place['waypoint']}/{place['n_waypoints']}" if place["waypoint"] else "home"
+    where = f"iteration {place['iteration']}/{place['n_iterations']}, {name}"
+    if target.label:
+        where += f" ({target.label})"
+    _report(order.progress, place)
+    log(f"{where}: start")
+    event = {**place, "target": target.model_dump()}
+    if recorder is not None:
+        recorder.event({"event": "start", **event})
+    try:
+        answer = _move(client, target)
+    except CobotError as exc:
+        if recorder is not None:
+            recorder.event({"event": "failed", "reason": str(exc), **event})
+        raise type(exc)(f"{where}: {exc}") from exc
+    log(f"{where}: arrived after {answer['duration_s']:.2f} s")
+    if recorder is not None:
+        recorder.event({"event": "arrived", "motion_id": answer["motion_id"], **event})
+
+
+def _move(client: Client, target: AnyTarget) -> dict[str, object]:
+    if isinstance(target, JointTarget):
+        return client.move_joints(target.joints, speed=target.speed, accel_scale=target.accel_scale)
+    if isinstance(target, NamedTarget):
+        return client.move_named(target.named, speed=target.speed, accel_scale=target.accel_scale)
+    return client.move_pose(**target.model_dump(exclude={"label"}))
+
+
+def _report(progress: int | None, place: dict[str, int]) -> None:
+    if progress is not None:
+        try:
+            os.write(progress, json.dumps(place).encode() + b"\n")
+        except BrokenPipeError:  # the service is gone, and the next request will say so
+            print("nobody reads the progress any more", file=sys.stderr)
