@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import logging
+import signal
 import socket
 import sys
 from pathlib import Path
@@ -45,6 +46,8 @@ def main() -> int:
         timeout_graceful_shutdown=SHUTDOWN_S,
         server_header=False,
     )
+    # uvicorn raises the signal that ended it once more when all is closed; Python shall end in peace.
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
     server = uvicorn.Server(config)
     server.run(sockets=[socket.socket(fileno=arguments.fd)])
     return 0 if server.started else 2

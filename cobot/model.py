@@ -38,6 +38,13 @@ class RobotModel:
         mujoco.mj_kinematics(mj, self._data)
         self._base_rotation = self._data.xmat[self._base].reshape(3, 3).copy()
         self._base_position = self._data.xpos[self._base].copy()
+        # MuJoCo makes a new view at each access; these stay valid as long as the data.
+        self._joints = self._data.qpos
+        self._tcp_position = self._data.site_xpos[self._tcp]
+        self._tcp_rotation = self._data.site_xmat[self._tcp]
+        self._base_at_origin = bool(
+            np.array_equal(self._base_rotation, np.eye(3)) and not self._base_position.any()
+        )
         if mj.body_weldid[self._base] != 0:
             raise ConfigError(f"robot.base_frame: {base!r} must not move with the joints")
 
@@ -69,9 +76,15 @@ class RobotModel:
 
     def forward_into(self, joints: Array, out: Array) -> None:
         """`forward` for the real-time cycle: x, y, z (m) and w, x, y, z into `out`, shape (7,)."""
-        position, rotation = self._solve(joints)
-        out[:3] = position
-        mujoco.mju_mat2Quat(out[3:], rotation.ravel())
+        np.copyto(self._joints, joints)
+        mujoco.mj_kinematics(self.mj, self._data)
+        if self._base_at_origin:
+            np.copyto(out[:3], self._tcp_position)
+            mujoco.mju_mat2Quat(out[3:], self._tcp_rotation)
+        else:
+            turn = self._base_rotation.T
+            out[:3] = turn @ (self._tcp_position - self._base_position)
+            mujoco.mju_mat2Quat(out[3:], (turn @ self._tcp_rotation.reshape(3, 3)).ravel())
 
     def jacobian(self, joints: Array) -> Array:
         """Shape (6, dof): rows vx vy vz (m/s) wx wy wz (rad/s) of the TCP, per rad/s, in the base frame."""

@@ -37,6 +37,11 @@ class Block:
         self._sequence = self._head["sequence"]
         self._checksum = self._head["checksum"]
 
+    @property
+    def buffer(self) -> np.ndarray:
+        """The bytes of `data`, shape (size,), writable."""
+        return self._private
+
     @staticmethod
     def size(dtype: np.dtype) -> int:
         """Bytes that a block takes in the file."""

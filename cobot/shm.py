@@ -1,4 +1,4 @@
-"""The shared memory of one robot: the only file that knows its layout.
+"""The shared memory of one robot: the only file, with `cobot.layout`, that knows what is where.
 
 A file in /dev/shm, made by the supervisor, mapped by rtloop and by the service:
 
@@ -31,17 +31,27 @@ from pathlib import Path
 import numpy as np
 
 from cobot.errors import ConflictError, LayoutError, SharedMemoryError, UnavailableError
+from cobot.layout import (
+    ACK,
+    COMMAND,
+    HEAD,
+    HEADER,
+    HEARTBEAT,
+    LAYOUT_VERSION,
+    MAGIC,
+    REQUESTS,
+    RING,
+    SLOT,
+    SLOTS,
+    STATISTICS,
+    TEXT,
+    state_dtype,
+)
 from cobot.seqlock import Block
 from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array
 
 FOLDER = Path("/dev/shm")
-MAGIC = b"COBOTRT\0"
-LAYOUT_VERSION = 1
-RING = 32
-SLOTS = 2
-HISTOGRAM_BUCKETS = 1024
-TEXT = "S200"
 
 
 class Role(IntEnum):
@@ -52,120 +62,6 @@ class Role(IntEnum):
     SERVICE = 2
     READER = 3  # locks nothing, writes nothing
 
-
-class Command(IntEnum):
-    START = 1  # run the motion in a slot
-    SET_RATE = 2  # path time per clock time, 0 (pause) to 1
-    RESET = 3  # leave ESTOP or FAULT
-
-
-class Ack(IntEnum):
-    ACCEPTED = 1
-    REJECTED = 2
-
-
-class MotionResult(IntEnum):
-    """How the motion `motion_id` stands."""
-
-    NONE = 0  # there has been none
-    RUNNING = 1
-    ARRIVED = 2  # at rest at its goal, settled
-    STOPPED = 3  # at rest on its path, by request
-    FAILED = 4  # ended by a fault or an e-stop: the state's `reason` says why
-
-
-class Phase(IntEnum):
-    """The parts of a cycle whose times are counted in the statistics' histograms."""
-
-    WAKEUP = 0  # how late the cycle began
-    READ = 1
-    UPDATE = 2
-    WRITE = 3
-    TOTAL = 4  # compute time: read, update, write and publishing
-
-
-class Intervention(IntEnum):
-    """What the safety layer counted."""
-
-    NOT_FINITE = 0
-    POSITION = 1
-    VELOCITY = 2
-    ACCELERATION = 3
-    TRACKING = 4
-    SERVICE_TIMEOUT = 5
-
-
-def _state_dtype(dof: int) -> np.dtype:
-    joints = ("f8", (dof,))
-    return np.dtype(
-        [
-            ("cycle", "u8"),  # since rtloop's start
-            ("monotonic_ns", "i8"),  # CLOCK_MONOTONIC at publication
-            ("robot_time_s", "f8"),  # the robot's clock: cycles times the period
-            ("mode", "u4"),
-            ("settled", "u4"),  # at rest at the commanded position
-            ("position", *joints),  # measured, rad
-            ("velocity", *joints),  # measured, rad/s
-            ("effort", *joints),  # measured, N·m
-            ("commanded_position", *joints),
-            ("commanded_velocity", *joints),
-            ("commanded_acceleration", *joints),
-            ("tcp", "f8", (7,)),  # measured: x, y, z in m, then w, x, y, z, in the base frame
-            ("motion_id", "u8"),  # the running motion or the last one
-            ("motion_result", "u4"),
-            ("slot", "u4"),
-            ("path_time_s", "f8"),
-            ("path_duration_s", "f8"),
-            ("path_rate", "f8"),  # path time per clock time
-            ("deceleration_monotonic_ns", "i8"),  # when the last stop began to take effect
-            ("stops_seen", "u8"),  # the requests' counters as last acted upon
-            ("estops_seen", "u8"),
-            ("command_seen", "u8"),
-            ("interventions", "u8", (len(Intervention),)),
-            ("overruns", "u8"),
-            ("torn_reads", "u8"),
-            ("reason", TEXT),  # why ESTOP, FAULT or the last stop, UTF-8
-        ],
-        align=True,
-    )
-
-
-_HEADER = np.dtype(
-    [
-        ("magic", "S8"),
-        ("layout", "u4"),
-        ("dof", "u4"),
-        ("capacity", "u4"),
-        ("ring", "u4"),
-        ("period_s", "f8"),
-        ("created_ns", "i8"),
-        ("robot", "S64"),
-    ]
-)
-_STATISTICS = np.dtype(
-    [
-        ("pid", "u4"),
-        ("sched_fifo", "u4"),
-        ("memory_locked", "u4"),
-        ("started_ns", "i8"),  # CLOCK_REALTIME
-        ("backend", "S64"),
-        ("clock", "S16"),
-        ("permissions", "S400"),  # what was not granted, and why
-        ("cycles", "u8"),
-        ("max_us", "f8", (len(Phase),)),
-        ("histogram", "u4", (len(Phase), HISTOGRAM_BUCKETS)),  # 1 µs each, the last one is "more"
-    ],
-    align=True,
-)
-_ACK = np.dtype([("id", "u8"), ("result", "u4"), ("message", TEXT)], align=True)
-_HEARTBEAT = np.dtype([("pid", "u4"), ("monotonic_ns", "i8")], align=True)
-_REQUESTS = np.dtype([("stops", "u8"), ("estops", "u8")], align=True)
-_HEAD = np.dtype([("id", "u8")], align=True)
-_COMMAND = np.dtype(
-    [("id", "u8"), ("kind", "u4"), ("slot", "u4"), ("motion_id", "u8"), ("stops", "u8"), ("value", "f8")],
-    align=True,
-)  # stops: the count of stop requests that the sender knew of; a START that a stop has overtaken is refused
-_SLOT = np.dtype([("motion_id", "u8"), ("segments", "u8"), ("checksum", "u8")], align=True)
 
 _PAGE = 4096
 
@@ -212,21 +108,21 @@ class RobotMemory:
         self.path = path
         self.role = role
         self._descriptor = descriptor
-        header = np.frombuffer(os.pread(descriptor, _HEADER.itemsize, 0), _HEADER)[0]
+        header = np.frombuffer(os.pread(descriptor, HEADER.itemsize, 0), HEADER)[0]
         self.dof = int(header["dof"])
         self.period_s = float(header["period_s"])
         self.created_ns = int(header["created_ns"])
         capacity = int(header["capacity"])
         self._map = mmap.mmap(descriptor, _file_size(self.dof, capacity))
         self._offset = _PAGE
-        self.state = self._block(_state_dtype(self.dof), "state")
-        self.statistics = self._block(_STATISTICS, "statistics")
-        self.acks = [self._block(_ACK, "acknowledgement") for _ in range(RING)]
+        self.state = self._block(state_dtype(self.dof), "state")
+        self.statistics = self._block(STATISTICS, "statistics")
+        self.acks = [self._block(ACK, "acknowledgement") for _ in range(RING)]
         self._next_page()
-        self.heartbeat = self._block(_HEARTBEAT, "heartbeat")
-        self.requests = self._block(_REQUESTS, "requests")
-        self.head = self._block(_HEAD, "command head")
-        self.commands = [self._block(_COMMAND, "command") for _ in range(RING)]
+        self.heartbeat = self._block(HEARTBEAT, "heartbeat")
+        self.requests = self._block(REQUESTS, "requests")
+        self.head = self._block(HEAD, "command head")
+        self.commands = [self._block(COMMAND, "command") for _ in range(RING)]
         self._next_page()
         self.slots = [self._slot(capacity) for _ in range(SLOTS)]
 
@@ -252,7 +148,7 @@ class RobotMemory:
             os.posix_fallocate(
                 descriptor, 0, size
             )  # a full /dev/shm fails here, not in the middle of a motion
-            header = np.zeros((), _HEADER)
+            header = np.zeros((), HEADER)
             header["magic"], header["layout"], header["dof"] = MAGIC, LAYOUT_VERSION, dof
             header["capacity"], header["ring"], header["period_s"] = capacity, RING, period_s
             header["created_ns"], header["robot"] = time.time_ns(), robot.encode()
@@ -312,7 +208,7 @@ class RobotMemory:
         self._offset = _aligned(self._offset)
 
     def _slot(self, capacity: int) -> Slot:
-        head = self._block(_SLOT, "trajectory slot")
+        head = self._block(SLOT, "trajectory slot")
         times = np.ndarray(capacity + 1, np.float64, self._map, self._offset)
         self._offset += times.nbytes
         coefficients = np.ndarray((capacity, self.dof, ORDER), np.float64, self._map, self._offset)
@@ -336,20 +232,20 @@ def _path(robot: str) -> Path:
 
 
 def _file_size(dof: int, capacity: int) -> int:
-    slot = 64 + Block.size(_SLOT) + 8 * (capacity + 1) + 8 * capacity * dof * ORDER
+    slot = 64 + Block.size(SLOT) + 8 * (capacity + 1) + 8 * capacity * dof * ORDER
     blocks = (
-        Block.size(_state_dtype(dof))
-        + Block.size(_STATISTICS)
-        + RING * (Block.size(_ACK) + Block.size(_COMMAND) + 128)
+        Block.size(state_dtype(dof))
+        + Block.size(STATISTICS)
+        + RING * (Block.size(ACK) + Block.size(COMMAND) + 128)
     )
     return 8 * _PAGE + _aligned(blocks) + SLOTS * _aligned(slot)
 
 
 def _require_layout(path: Path, descriptor: int) -> None:
-    raw = os.pread(descriptor, _HEADER.itemsize, 0)
-    if len(raw) < _HEADER.itemsize or not raw.startswith(MAGIC.rstrip(b"\0")):
+    raw = os.pread(descriptor, HEADER.itemsize, 0)
+    if len(raw) < HEADER.itemsize or not raw.startswith(MAGIC.rstrip(b"\0")):
         raise LayoutError(f"{path}: is not the shared memory of a robot")
-    header = np.frombuffer(raw, _HEADER)[0]
+    header = np.frombuffer(raw, HEADER)[0]
     if header["layout"] != LAYOUT_VERSION:
         raise LayoutError(
             f"{path}: has layout version {header['layout']}, this program has {LAYOUT_VERSION}: "

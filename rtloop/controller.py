@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from cobot.config import RtSection
-from cobot.shm import Ack, Command, Intervention, MotionResult, RobotMemory, text
+from cobot.layout import Ack, Command, Intervention, MotionResult
+from cobot.shm import RobotMemory, text
 from cobot.types import Array, JointLimits, Mode
 from rtloop.backends import Backend, BackendError
 from rtloop.mailbox import Mailbox
@@ -48,9 +49,9 @@ class Controller:
         self.slot = 0
         self.settled = False
         self.deceleration_ns = 0
-        self._position = np.zeros(limits.dof)
-        self._velocity = np.zeros(limits.dof)
-        self._acceleration = np.zeros(limits.dof)
+        self._desired = np.zeros((3, limits.dof))  # rad, rad/s, rad/s²
+        self._error = np.zeros(limits.dof)  # measured against commanded, rad
+        self._largest_error = 0.0
         self._scratch = np.zeros(limits.dof)
         self._following = False  # the desired position comes from the path
         self._braking = False  # the desired position comes from the safety layer, which stops
@@ -63,9 +64,8 @@ class Controller:
 
     def start_at(self, position: Array) -> None:
         """Hold a position where the arm is at rest."""
-        self._position[:] = position
-        self._velocity[:] = 0.0
-        self._acceleration[:] = 0.0
+        self._desired[:] = 0.0
+        self._desired[0] = position
         self.safety.reset(position)
         self._following = self._braking = False
         self._still_cycles = 0
@@ -105,12 +105,12 @@ class Controller:
             self._follow(now_ns)
         if self._braking:
             self._braking = not self.safety.brake()
-            np.copyto(self._position, self.safety.position)
-        elif not self.safety.apply(self._position, self._velocity, self._acceleration):
+            np.copyto(self._desired[0], self.safety.position)
+        elif not self.safety.apply(self._desired):
             self.estop("the commanded position is not finite")
             self._brake()
         self._check_tracking(position)
-        self._settle(position, velocity)
+        self._settle(velocity)
 
     def stop(self, reason: str) -> None:
         """Come to rest on the path."""
@@ -151,8 +151,7 @@ class Controller:
 
     def _brake(self) -> None:
         self._following, self._braking = False, True
-        self._velocity[:] = 0.0
-        self._acceleration[:] = 0.0
+        self._desired[1:] = 0.0
 
     def _take_requests(self, now_ns: int) -> None:
         stop, estop = self.mailbox.poll_requests()
@@ -243,29 +242,31 @@ class Controller:
         return ""
 
     def _follow(self, now_ns: int) -> None:
-        clock, path = self.clock, self.path
+        clock, path, desired = self.clock, self.path, self._desired
         clock.advance(path)
         path.move_to(clock.path_time_s)
-        first, rate = path.derivatives[:, 1], clock.rate
-        np.copyto(self._position, path.derivatives[:, 0])
+        position, first, second, _ = path.rows
+        np.copyto(desired[0], position)
         if clock.path_time_s >= path.duration_s or (clock.at_rest and self.mode is not Mode.TRAJECTORY):
             self._following = False
-            self._velocity[:] = 0.0
-            self._acceleration[:] = 0.0
+            desired[1:] = 0.0
         else:
-            np.multiply(first, rate, out=self._velocity)
-            np.multiply(path.derivatives[:, 2], rate * rate, out=self._acceleration)
-            np.multiply(first, clock.rate_slope, out=self._scratch)
-            self._acceleration += self._scratch
+            rate = clock.rate
+            np.multiply(first, rate, out=desired[1])
+            np.multiply(second, rate * rate, out=desired[2])
+            if clock.rate_slope != 0.0:
+                np.multiply(first, clock.rate_slope, out=self._scratch)
+                desired[2] += self._scratch
         if self._slowing_unseen and (clock.slowing or not self._following):
             self._slowing_unseen = False
             self.deceleration_ns = now_ns
 
     def _check_tracking(self, position: Array) -> None:
-        error = self._scratch
+        error = self._error
         np.subtract(position, self.safety.position, out=error)
-        np.abs(error, out=error)
-        if self.mode is not Mode.FAULT and not (error <= self._rt.tracking_error_rad).all():
+        np.absolute(error, out=error)
+        self._largest_error = error.max()
+        if self._largest_error > self._rt.tracking_error_rad and self.mode is not Mode.FAULT:
             joint = int(error.argmax())
             self.safety.interventions[Intervention.TRACKING] += 1
             self.fault(
@@ -274,14 +275,14 @@ class Controller:
                 f"allowed are {self._rt.tracking_error_rad} rad"
             )
 
-    def _settle(self, position: Array, velocity: Array) -> None:
+    def _settle(self, velocity: Array) -> None:
         """Count how long the arm has been still, and end a motion that has ended."""
-        rt, error = self._rt, self._scratch  # as _check_tracking left it
+        rt = self._rt
         still = (
             not self._following
             and not self.safety.pursuing
-            and (error <= rt.settle_position_rad).all()
-            and (np.abs(velocity) <= rt.settle_velocity_rad_s).all()
+            and self._largest_error <= rt.settle_position_rad
+            and np.absolute(velocity, out=self._scratch).max() <= rt.settle_velocity_rad_s
         )
         self._still_cycles = self._still_cycles + 1 if still else 0
         self.settled = self._still_cycles * rt.period_s >= rt.settle_time_s
@@ -293,10 +294,10 @@ class Controller:
             self.motion_result = MotionResult.ARRIVED if at_end else MotionResult.STOPPED
             self._enter(Mode.HOLD, self.reason)
         elif self._unsettled_cycles * rt.period_s >= SETTLE_LIMIT_S:
-            joint = int(error.argmax())
+            joint = int(self._error.argmax())
             self.motion_result = MotionResult.FAILED
             self._enter(
                 Mode.HOLD,
                 f"not settled {SETTLE_LIMIT_S} s after the end of the motion: {self._limits.names[joint]} is "
-                f"{error[joint]:.4f} rad away and moves at {velocity[joint]:.4f} rad/s",
+                f"{self._error[joint]:.4f} rad away and moves at {velocity[joint]:.4f} rad/s",
             )

@@ -7,8 +7,9 @@ import time
 import numpy as np
 
 from cobot.config import Settings
+from cobot.layout import Phase
 from cobot.model import RobotModel
-from cobot.shm import Phase, RobotMemory
+from cobot.shm import RobotMemory
 from cobot.types import Array, JointLimits
 from rtloop.backends import Backend, BackendError
 from rtloop.clock import Clock
@@ -33,10 +34,12 @@ class ControlLoop:
         self.controller = Controller(settings.rt, limits, memory, backend)
         self._state = StatePublisher(memory, model, self.controller, clock)
         self._statistics = Statistics(memory)
-        self._position = np.zeros(limits.dof)
-        self._velocity = np.zeros(limits.dof)
-        self._effort = np.zeros(limits.dof)
+        self._measured = np.zeros((3, limits.dof))  # rad, rad/s, N·m
+        self._position, self._velocity, _ = self._measured
         self._fresh = np.zeros((3, limits.dof))
+        self._fresh_rows = tuple(self._fresh)
+        self._flat = self._fresh.ravel()
+        self._zeros = np.zeros(self._flat.size)
         self._cycle = 0
 
     def open(self, start_position: Array) -> None:
@@ -50,7 +53,7 @@ class ControlLoop:
             self._cycle = int(last["cycle"])
             self.controller.restore(last)
         self._backend.open(start_position if last is None else last["position"])
-        self._backend.read(self._position, self._velocity, self._effort)
+        self._backend.read(*self._measured)
         self._backend.enable()
         self.controller.start_at(self._position)
 
@@ -73,9 +76,7 @@ class ControlLoop:
             controller.fault(f"writing to the robot failed: {exc}")
         written_ns = time.monotonic_ns()
         self._cycle += 1
-        self._state.publish(
-            self._cycle, self._cycle * self._period_s, self._position, self._velocity, self._effort
-        )
+        self._state.publish(self._cycle, self._cycle * self._period_s, self._measured)
         statistics = self._statistics
         statistics.count(Phase.WAKEUP, late_ns)
         statistics.count(Phase.READ, read_ns - begun_ns)
@@ -105,18 +106,15 @@ class ControlLoop:
 
     def _read(self) -> None:
         """Take over what is measured if it can be: the last good values stay otherwise."""
-        fresh = self._fresh
         try:
-            self._backend.read(fresh[0], fresh[1], fresh[2])
+            self._backend.read(*self._fresh_rows)
         except BackendError as exc:
             self.controller.fault(f"reading from the robot failed: {exc}")
             return
-        if not np.isfinite(fresh).all():
+        if self._flat.dot(self._zeros) != 0.0:  # NaN and infinity times zero are NaN
             self.controller.fault("the robot reports a value that is not finite")
             return
-        np.copyto(self._position, fresh[0])
-        np.copyto(self._velocity, fresh[1])
-        np.copyto(self._effort, fresh[2])
+        np.copyto(self._measured, self._fresh)
 
 
 def _last_state(memory: RobotMemory) -> np.ndarray | None:

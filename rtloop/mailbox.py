@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cobot.shm import RING, Ack, RobotMemory, encoded
+from cobot.layout import RING, Ack
+from cobot.shm import RobotMemory, encoded
 
 UNREADABLE_CYCLES = 100
 """After so many tries a command is given up: its writer died while writing it."""

@@ -17,9 +17,20 @@ PIECE_TIMES = 4096
 REST_TOLERANCE = 1e-3
 """What a motion may have left of velocity (rad/s) and acceleration (rad/s²) at its ends."""
 
-_SECOND = np.array([0.0, 0.0, 2.0, 6.0, 12.0, 20.0])
-_THIRD = np.array([0.0, 0.0, 0.0, 6.0, 24.0, 60.0])
-_FIRST = np.arange(6.0)
+
+def _derivative_maps() -> Array:
+    """Shape (6, 18): powers of the time (6,) @ this = what each coefficient adds to each derivative."""
+    maps = np.zeros((ORDER, ORDER, 3))  # power, coefficient, derivative
+    for coefficient in range(ORDER):
+        factor = 1.0
+        for derivative in range(3):
+            factor *= coefficient - derivative
+            if coefficient > derivative:
+                maps[coefficient - derivative - 1, coefficient, derivative] = factor
+    return maps.reshape(ORDER, ORDER * 3)
+
+
+_DERIVATIVES = _derivative_maps()
 
 
 class Path:
@@ -27,6 +38,7 @@ class Path:
 
     Attributes:
         derivatives: shape (dof, 4): q, dq/ds, d²q/ds², d³q/ds³ at the path time last moved to.
+        rows: views of its four columns, shape (dof,) each.
         duration_s: path time at the end.
     """
 
@@ -37,6 +49,7 @@ class Path:
         self._index = 0
         self._basis = np.zeros((ORDER, 4))
         self.derivatives = np.zeros((dof, 4))
+        self.rows = tuple(self.derivatives.T)
         self.duration_s = 0.0
 
     def move_to(self, path_time_s: float) -> None:
@@ -47,19 +60,19 @@ class Path:
         power_basis(path_time_s - times[self._index], self._basis)
         np.dot(self._coefficients[self._index], self._basis, out=self.derivatives)
 
-    def sample(self, times_s: Array) -> tuple[Array, Array, Array]:
-        """First to third derivative at path times from now on, shape (n, dof) each; at rest past the end."""
+    def sample(self, times_s: Array) -> Array:
+        """First to third derivative at path times, shape (3, n, dof); at rest past the end."""
         inside = np.minimum(times_s, self.duration_s)
         last = self._segments
-        index = np.minimum(np.searchsorted(self._times[1:last], inside, side="right"), last - 1)
-        local = (inside - self._times[index])[:, None]
-        c = self._coefficients[index]
-        powers = local ** np.arange(4.0)
-        first = np.einsum("nik,nk->ni", c[:, :, 1:] * _FIRST[1:], np.hstack([powers, local**4]))
-        second = np.einsum("nik,nk->ni", c[:, :, 2:] * _SECOND[2:], powers)
-        third = np.einsum("nik,nk->ni", c[:, :, 3:] * _THIRD[3:], powers[:, :3])
-        third[times_s >= self.duration_s] = 0.0
-        return first, second, third
+        index = np.searchsorted(self._times[1:last], inside, side="right")
+        powers = np.empty((len(times_s), ORDER))
+        powers[:, 0] = 1.0
+        powers[:, 1:] = (inside - self._times[index])[:, None]
+        np.multiply.accumulate(powers, axis=1, out=powers)
+        basis = np.dot(powers, _DERIVATIVES).reshape(-1, ORDER, 3)
+        values = np.matmul(self._coefficients[index], basis)
+        values[times_s >= self.duration_s, :, 2] = 0.0
+        return np.asarray(values.transpose(2, 0, 1))
 
 
 class RefusedError(Exception):

@@ -19,7 +19,7 @@ from rtloop.path import Path
 
 LADDER = (1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.12, 0.08, 0.05, 0.03)
 """Fractions of the steepest profile that are tried, one a cycle."""
-SAMPLES = np.linspace(0.0, 1.0, 17)
+SAMPLES = np.linspace(0.0, 1.0, 11)
 """Places in each phase of a profile where the joints' acceleration and jerk are looked at."""
 SHARE = 0.99
 """Of the limits; the rest is for what lies between two samples."""
@@ -93,7 +93,7 @@ class PathClock:
     def _try_rung(self, path: Path) -> None:
         """Take this cycle's candidate if it holds; if not, the next cycle tries a gentler one."""
         self._waited_s += self._period_s
-        speed = np.abs(path.derivatives[:, 1]) + 1e-9
+        speed = np.abs(path.rows[1]) + 1e-9
         fraction = LADDER[self._rung]
         steepest = min(float((self._max_acceleration / speed).min()), MAX_ACCELERATION)
         jerk = min(float((self._max_jerk / speed).min()), MAX_JERK)

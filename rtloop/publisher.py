@@ -6,8 +6,10 @@ import time
 
 import numpy as np
 
+from cobot.layout import HISTOGRAM_BUCKETS, STATE_STRUCT, Phase
 from cobot.model import RobotModel
-from cobot.shm import HISTOGRAM_BUCKETS, Phase, RobotMemory, encoded
+from cobot.shm import RobotMemory, encoded
+from cobot.types import Array
 from rtloop.clock import Clock
 from rtloop.controller import Controller
 
@@ -19,47 +21,56 @@ class StatePublisher:
 
     def __init__(self, memory: RobotMemory, model: RobotModel, controller: Controller, clock: Clock) -> None:
         data = memory.state.data
+        dof = len(data["position"])
         self._block = memory.state
-        self._fields = {name: data[name] for name in data.dtype.names or () if name != "reason"}
         self._data = data
+        self._bytes = memory.state.buffer
+        # position, velocity and effort stand together, and so do the three commanded rows
+        self._measured = np.ndarray((3, dof), np.float64, self._bytes, _offset(data, "position"))
+        self._commanded = np.ndarray((3, dof), np.float64, self._bytes, _offset(data, "commanded_position"))
+        self._tcp = data["tcp"]
+        self._interventions = data["interventions"]
         self._model = model
         self._controller = controller
         self._clock = clock
         self._reason: str | None = None
 
-    def publish(
-        self, cycle: int, robot_time_s: float, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray
-    ) -> None:
-        """Publish what was measured in this cycle, and what the controller made of it."""
-        fields, controller = self._fields, self._controller
-        fields["cycle"][...] = cycle
-        fields["robot_time_s"][...] = robot_time_s
-        fields["mode"][...] = controller.mode
-        fields["settled"][...] = controller.settled
-        fields["position"][...] = position
-        fields["velocity"][...] = velocity
-        fields["effort"][...] = effort
-        fields["commanded_position"][...] = controller.safety.position
-        fields["commanded_velocity"][...] = controller.safety.velocity
-        fields["commanded_acceleration"][...] = controller.safety.acceleration
-        self._model.forward_into(position, fields["tcp"])
-        fields["motion_id"][...] = controller.motion_id
-        fields["motion_result"][...] = controller.motion_result
-        fields["slot"][...] = controller.slot
-        fields["path_time_s"][...] = controller.clock.path_time_s
-        fields["path_duration_s"][...] = controller.path.duration_s
-        fields["path_rate"][...] = controller.clock.rate
-        fields["deceleration_monotonic_ns"][...] = controller.deceleration_ns
-        fields["stops_seen"][...] = controller.mailbox.stops
-        fields["estops_seen"][...] = controller.mailbox.estops
-        fields["command_seen"][...] = controller.mailbox.command_seen
-        fields["interventions"][...] = controller.safety.interventions
-        fields["overruns"][...] = self._clock.overruns
-        fields["torn_reads"][...] = controller.mailbox.torn_reads
+    def publish(self, cycle: int, robot_time_s: float, measured: Array) -> None:
+        """Publish what was measured in this cycle, and what the controller made of it.
+
+        Args:
+            measured: shape (3, dof): rad, rad/s, N·m.
+        """
+        controller = self._controller
+        mailbox, path_clock = controller.mailbox, controller.clock
+        np.copyto(self._measured, measured)
+        np.copyto(self._commanded, controller.safety.command)
+        np.copyto(self._interventions, controller.safety.interventions)
+        self._model.forward_into(measured[0], self._tcp)
         if controller.reason is not self._reason:
             self._reason = controller.reason
             self._data["reason"] = encoded(controller.reason)
-        fields["monotonic_ns"][...] = time.monotonic_ns()
+        STATE_STRUCT.pack_into(
+            self._bytes.data,
+            0,
+            cycle,
+            robot_time_s,
+            controller.mode,
+            controller.settled,
+            controller.motion_id,
+            controller.motion_result,
+            controller.slot,
+            path_clock.path_time_s,
+            controller.path.duration_s,
+            path_clock.rate,
+            controller.deceleration_ns,
+            mailbox.stops,
+            mailbox.estops,
+            mailbox.command_seen,
+            self._clock.overruns,
+            mailbox.torn_reads,
+            time.monotonic_ns(),
+        )
         self._block.publish()
 
 
@@ -68,14 +79,14 @@ class Statistics:
 
     def __init__(self, memory: RobotMemory) -> None:
         self._block = memory.statistics
-        self._histogram = memory.statistics.data["histogram"]
-        self._max_us = memory.statistics.data["max_us"]
+        self._counts = [memoryview(row) for row in memory.statistics.data["histogram"]]
+        self._max_us = [0] * len(Phase)
         self._cycles = 0
 
     def count(self, phase: Phase, duration_ns: int) -> None:
         """One more sample of a phase."""
         microseconds = duration_ns // 1000
-        self._histogram[phase, min(microseconds, HISTOGRAM_BUCKETS - 1)] += 1
+        self._counts[phase][microseconds if microseconds < HISTOGRAM_BUCKETS else -1] += 1
         if microseconds > self._max_us[phase]:
             self._max_us[phase] = microseconds
 
@@ -84,4 +95,11 @@ class Statistics:
         self._cycles += 1
         if self._cycles % STATISTICS_CYCLES == 0:
             self._block.data["cycles"] = self._cycles
+            self._block.data["max_us"] = self._max_us
             self._block.publish()
+
+
+def _offset(record: np.ndarray, field: str) -> int:
+    fields = record.dtype.fields
+    assert fields is not None
+    return int(fields[field][1])

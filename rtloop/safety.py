@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 import ruckig
 
-from cobot.shm import Intervention
+from cobot.layout import Intervention
 from cobot.types import Array, JointLimits
 
 TOLERANCE = 0.01
@@ -19,30 +19,50 @@ TOLERANCE = 0.01
 three positions carry the rounding of numbers of the order of 1 rad, divided by the period squared."""
 POSITION_TOLERANCE_RAD = 1e-5
 
+KINDS = (
+    Intervention.POSITION,
+    Intervention.VELOCITY,
+    Intervention.ACCELERATION,
+    Intervention.VELOCITY,
+    Intervention.ACCELERATION,
+)
+"""Of the rows that are checked: the position, its first and second difference, and the rates that the
+command states."""
+
 
 class Safety:
     """Guards one arm's commands. Real-time safe.
 
+    Few numpy calls on whole matrices: on seven joints a call costs more than its arithmetic.
+
     Attributes:
-        position, velocity, acceleration: the command let through last, shape (dof,), rad, rad/s, rad/s².
+        command: the command let through last, shape (3, dof): rad, rad/s, rad/s².
+        position, velocity, acceleration: its rows.
         interventions: how often each kind of excess began, shape (len(Intervention),).
+        pursuing: whether the output is not the request but follows it.
     """
 
     def __init__(self, limits: JointLimits, period_s: float) -> None:
         dof = limits.dof
         self._limits = limits
-        self._period_s = period_s
-        self._low = limits.min_position - POSITION_TOLERANCE_RAD
-        self._high = limits.max_position + POSITION_TOLERANCE_RAD
-        self._max_velocity = limits.max_velocity * (1.0 + TOLERANCE)
-        self._max_acceleration = limits.max_acceleration * (1.0 + TOLERANCE)
-        self.position = np.zeros(dof)
-        self.velocity = np.zeros(dof)
-        self.acceleration = np.zeros(dof)
+        low, high = limits.min_position - POSITION_TOLERANCE_RAD, limits.max_position + POSITION_TOLERANCE_RAD
+        velocity, acceleration = (
+            rate * (1.0 + TOLERANCE) for rate in (limits.max_velocity, limits.max_acceleration)
+        )
+        self._low = np.array([low, -velocity, -acceleration, -velocity, -acceleration])
+        self._high = np.array([high, velocity, acceleration, velocity, acceleration])
+        self._checked = np.zeros((5, dof))
+        self._above = np.zeros((5, dof))
+        self._below = np.zeros((5, dof))
+        # position, first and second difference from the newest three positions
+        rate = 1.0 / period_s
+        self._differences = np.array(
+            [[1.0, 0.0, 0.0], [rate, -rate, 0.0], [rate**2, -2.0 * rate**2, rate**2]]
+        )
+        self._history = np.zeros((3, dof))
+        self.command = np.zeros((3, dof))
+        self.position, self.velocity, self.acceleration = self.command
         self.interventions = np.zeros(len(Intervention), np.uint64)
-        self._step = np.zeros(dof)  # the last change of position over the period
-        self._new_step = np.zeros(dof)
-        self._scratch = np.zeros(dof)
         self._generator = ruckig.Ruckig(dof, period_s)
         self._pursuit = ruckig.InputParameter(dof)
         self._pursuit.synchronization = ruckig.Synchronization.No
@@ -55,36 +75,35 @@ class Safety:
 
     def reset(self, position: Array) -> None:
         """Start over at rest at a position, without a jump: the arm has to be there."""
+        self.command[:] = 0.0
         self.position[:] = position
-        self.velocity[:] = 0.0
-        self.acceleration[:] = 0.0
-        self._step[:] = 0.0
+        self._history[:] = position
         self.pursuing = False
         self._excess = None
 
-    def apply(self, position: Array, velocity: Array, acceleration: Array) -> bool:
-        """Let a command through, or the nearest that is safe; the result is in the attributes.
+    def apply(self, request: Array) -> bool:
+        """Let a command through, or the nearest that is safe; the result is in `command`.
+
+        Args:
+            request: shape (3, dof): rad, rad/s, rad/s².
 
         Returns:
-            False when the command is not finite: the caller has to latch an e-stop.
+            False when the request is not finite: the caller has to latch an e-stop.
         """
-        excess, finite = self._find_excess(position, velocity, acceleration)
-        if excess is None:
-            np.copyto(self.position, position)
-            np.copyto(self.velocity, velocity)
-            np.copyto(self.acceleration, acceleration)
-            np.copyto(self._step, self._new_step)
+        checked, history = self._checked, self._history
+        np.copyto(history[0], request[0])
+        np.dot(self._differences, history, out=checked[:3])
+        np.copyto(checked[3:], request[1:])
+        np.subtract(self._high, checked, out=self._above)
+        np.subtract(checked, self._low, out=self._below)
+        np.minimum(self._above, self._below, out=self._above)
+        if self._above.min() >= 0.0:  # false for a NaN too
+            np.copyto(self.command, request)
             self.pursuing = False
             self._excess = None
+            self._remember()
             return True
-        if excess is not self._excess:
-            self.interventions[excess] += 1
-            self._excess = excess
-        if finite:
-            self._pursue(np.clip(position, self._limits.min_position, self._limits.max_position))
-        else:
-            self.brake()
-        return finite
+        return self._catch(request)
 
     def brake(self) -> bool:
         """Come to rest from wherever the arm is, each joint for itself, as fast as the limits permit.
@@ -97,32 +116,22 @@ class Safety:
         self._follow_pursuit()
         return not self.velocity.any()
 
-    def _find_excess(
-        self, position: Array, velocity: Array, acceleration: Array
-    ) -> tuple[Intervention | None, bool]:
-        step, scratch = self._new_step, self._scratch
-        np.subtract(position, self.position, out=step)
-        step /= self._period_s
-        np.subtract(step, self._step, out=scratch)
-        scratch /= self._period_s
-        total = float(step.sum() + velocity.sum() + acceleration.sum())
-        if not np.isfinite(total):
-            return Intervention.NOT_FINITE, False
-        if (position < self._low).any() or (position > self._high).any():
-            return Intervention.POSITION, True
-        np.abs(scratch, out=scratch)
-        if (scratch > self._max_acceleration).any():
-            return Intervention.ACCELERATION, True
-        np.abs(step, out=scratch)
-        if (scratch > self._max_velocity).any():
-            return Intervention.VELOCITY, True
-        return None, True
-
-    def _pursue(self, target: Array) -> None:
-        self._pursuit.control_interface = ruckig.ControlInterface.Position
-        self._pursuit.target_position = target.tolist()
-        self._pursuit.target_velocity = [0.0] * self._limits.dof
-        self._follow_pursuit()
+    def _catch(self, request: Array) -> bool:
+        finite = bool(np.isfinite(request).all())
+        row = int((self._above.min(axis=1) < 0.0).argmax())
+        excess = KINDS[row] if finite else Intervention.NOT_FINITE
+        if excess is not self._excess:
+            self.interventions[excess] += 1
+            self._excess = excess
+        if finite:
+            target = request[0].clip(self._limits.min_position, self._limits.max_position)
+            self._pursuit.control_interface = ruckig.ControlInterface.Position
+            self._pursuit.target_position = target.tolist()
+            self._pursuit.target_velocity = [0.0] * self._limits.dof
+            self._follow_pursuit()
+        else:
+            self.brake()
+        return finite
 
     def _follow_pursuit(self) -> None:
         pursuit, output = self._pursuit, self._output
@@ -130,10 +139,13 @@ class Safety:
         pursuit.current_velocity = self.velocity.tolist()
         pursuit.current_acceleration = self.acceleration.tolist()
         self._generator.update(pursuit, output)
-        self._step[:] = output.new_position
-        self._step -= self.position
-        self._step /= self._period_s
         self.position[:] = output.new_position
         self.velocity[:] = output.new_velocity
         self.acceleration[:] = output.new_acceleration
         self.pursuing = True
+        self._remember()
+
+    def _remember(self) -> None:
+        history = self._history
+        np.copyto(history[2], history[1])
+        np.copyto(history[1], self.position)

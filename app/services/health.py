@@ -14,7 +14,8 @@ from app.services.link import RobotLink
 from app.services.motion import MotionService
 from app.services.sequences import SequenceService
 from cobot.errors import UnavailableError
-from cobot.shm import LAYOUT_VERSION, Phase, text
+from cobot.layout import LAYOUT_VERSION, Phase
+from cobot.shm import text
 from cobot.types import Mode
 
 VERSIONS = ("cobot", "mujoco-core", "ruckig", "numpy", "fastapi")

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cobot.errors import ExecutionError, NotReadyError, TornReadError, UnavailableError
-from cobot.shm import RING, SLOTS, Ack, Command, Intervention, MotionResult, RobotMemory, Role, text
+from cobot.layout import RING, SLOTS, Ack, Command, Intervention, MotionResult
+from cobot.shm import RobotMemory, Role, text
 from cobot.trajectory import Trajectory
 from cobot.types import Array, Mode
 
@@ -43,7 +44,6 @@ class RobotState:
     tcp: Array
     motion_id: int
     motion_result: MotionResult
-    slot: int
     path_time_s: float
     path_duration_s: float
     path_rate: float
@@ -71,6 +71,7 @@ class RobotLink:
         self.memory.requests.salvage()
         self.memory.head.salvage()
         self._command_turn = asyncio.Lock()
+        self._last_motion = 0
 
     def close(self) -> None:
         self.memory.close()
@@ -114,7 +115,6 @@ class RobotLink:
             tcp=record["tcp"].copy(),
             motion_id=int(record["motion_id"]),
             motion_result=MotionResult(int(record["motion_result"])),
-            slot=int(record["slot"]),
             path_time_s=float(record["path_time_s"]),
             path_duration_s=float(record["path_duration_s"]),
             path_rate=float(record["path_rate"]),
@@ -200,9 +200,9 @@ class RobotLink:
             SharedMemoryError: the motion is larger than a slot.
         """
         async with self._command_turn:
-            state = self.state()
-            motion_id = state.motion_id + 1
-            number = (state.slot + 1) % SLOTS
+            # The state may be of the cycle before the last acknowledgement.
+            self._last_motion = max(self._last_motion, self.state().motion_id) + 1
+            motion_id, number = self._last_motion, self._last_motion % SLOTS
             slot = self.memory.slots[number]
             if trajectory.segments > IN_THREAD_SEGMENTS:
                 await asyncio.to_thread(slot.write, motion_id, trajectory)

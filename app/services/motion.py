@@ -23,10 +23,10 @@ from cobot.errors import (
     PlanningError,
 )
 from cobot.frames import pose_from_abc
+from cobot.layout import MotionResult
 from cobot.limits import check_positions
 from cobot.planners import MotionRequest
 from cobot.robot import Robot
-from cobot.shm import MotionResult
 from cobot.trajectory import Trajectory
 from cobot.types import Array, Mode, PlannerName, Pose, Scaling
 
@@ -278,7 +278,8 @@ class MotionService:
         give_up_s = float("inf")
         while True:
             state = await self._link.fresh_state(STATE_TIMEOUT_S)
-            if state.motion_id != claim.motion_id or state.motion_result is not MotionResult.RUNNING:
+            # The state may be of the cycle before the acknowledgement: then it knows the motion before.
+            if state.motion_id == claim.motion_id and state.motion_result is not MotionResult.RUNNING:
                 break
             if claim.interruption is not None and give_up_s == float("inf"):
                 self._link.request_stop()
@@ -288,8 +289,6 @@ class MotionService:
                     f"{claim.interruption}; the arm has not come to rest within {REST_TIMEOUT_S:.0f} s"
                 )
             await asyncio.sleep(POLL_S)
-        if state.motion_id != claim.motion_id:
-            raise ExecutionError("another motion has taken over")
         if state.motion_result is MotionResult.STOPPED:
             share = 100.0 * state.path_time_s / state.path_duration_s
             cause = claim.interruption or MotionStopped(state.reason)

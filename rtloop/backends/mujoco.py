@@ -39,25 +39,30 @@ class MujocoBackend:
         self._model = RobotModel.load(robot.model, limits, base=robot.base_frame, tcp=robot.tcp).mj
         self._model.opt.timestep = settings.rt.period_s
         self._data = mujoco.MjData(self._model)
-        self._limits = limits
-        self._damping = self._model.dof_damping.copy()
+        # MuJoCo makes a new view at each access; these stay valid as long as the data.
+        self._position, self._velocity = self._data.qpos, self._data.qvel
+        self._bias, self._control = self._data.qfrc_bias, self._data.ctrl
+        dof = limits.dof
+        self._high, self._low = limits.max_effort, -limits.max_effort
         self._friction = self._model.dof_frictionloss.copy()
-        self._torque = np.zeros(limits.dof)
-        self._term = np.zeros(limits.dof)
-        self._stiffness = np.zeros(limits.dof)
-        self._resistance = np.zeros(limits.dof)
+        self._torque = np.zeros(dof)
+        self._term = np.zeros(dof)
+        # stiffness, damping of the controller, damping of the joint; and what each acts on
+        self._gains = np.zeros((3, dof))
+        self._gains[2] = self._model.dof_damping
+        self._springs = np.zeros((3, dof))
         self.fail_read = ""
         self.fail_write = ""
 
     def open(self, initial_position: Array) -> None:
-        self._data.qpos[:] = initial_position
-        self._data.qvel[:] = 0.0
+        self._position[:] = initial_position
+        self._velocity[:] = 0.0
         mujoco.mj_forward(self._model, self._data)
-        inertia = np.zeros((self._limits.dof, self._limits.dof))
+        inertia = np.zeros((len(self._torque), len(self._torque)))
         mujoco.mj_fullM(self._model, self._data, inertia)
-        self._stiffness[:] = inertia.diagonal() * NATURAL_FREQUENCY_RAD_S**2
-        self._resistance[:] = 2.0 * DAMPING_RATIO * inertia.diagonal() * NATURAL_FREQUENCY_RAD_S
-        self._torque[:] = self._data.qfrc_bias
+        self._gains[0] = inertia.diagonal() * NATURAL_FREQUENCY_RAD_S**2
+        self._gains[1] = inertia.diagonal() * 2.0 * DAMPING_RATIO * NATURAL_FREQUENCY_RAD_S
+        self._torque[:] = self._bias
 
     def enable(self) -> None:
         """The simulated drives are always on."""
@@ -65,32 +70,31 @@ class MujocoBackend:
     def read(self, position: Array, velocity: Array, effort: Array) -> None:
         if self.fail_read:
             raise BackendError(self.fail_read)
-        np.copyto(position, self._data.qpos)
-        np.copyto(velocity, self._data.qvel)
+        np.copyto(position, self._position)
+        np.copyto(velocity, self._velocity)
         np.copyto(effort, self._torque)
 
     def write(self, position: Array, velocity: Array, acceleration: Array) -> None:
         if self.fail_write:
             raise BackendError(self.fail_write)
-        model, data, torque, term = self._model, self._data, self._torque, self._term
-        mujoco.mj_step1(model, data)
-        mujoco.mj_mulM(model, data, torque, acceleration)
-        torque += data.qfrc_bias
-        np.subtract(position, data.qpos, out=term)
-        term *= self._stiffness
+        torque, term, springs = self._torque, self._term, self._springs
+        mujoco.mj_step1(self._model, self._data)
+        np.subtract(position, self._position, out=springs[0])
+        np.subtract(velocity, self._velocity, out=springs[1])
+        np.copyto(springs[2], velocity)
+        np.multiply(springs, self._gains, out=springs)
+        np.add.reduce(springs, axis=0, out=torque)
+        torque += self._bias
+        mujoco.mj_mulM(self._model, self._data, term, acceleration)
         torque += term
-        np.subtract(velocity, data.qvel, out=term)
-        term *= self._resistance
-        torque += term
-        np.multiply(velocity, self._damping, out=term)
-        torque += term
-        np.divide(velocity, FRICTION_VELOCITY_RAD_S, out=term)
+        np.multiply(velocity, 1.0 / FRICTION_VELOCITY_RAD_S, out=term)
         np.tanh(term, out=term)
         term *= self._friction
         torque += term
-        np.clip(torque, -self._limits.max_effort, self._limits.max_effort, out=torque)
-        np.copyto(data.ctrl, torque)
-        mujoco.mj_step2(model, data)
+        np.minimum(torque, self._high, out=torque)
+        np.maximum(torque, self._low, out=torque)
+        np.copyto(self._control, torque)
+        mujoco.mj_step2(self._model, self._data)
 
     def disable(self) -> None:
         """The simulated arm has no brakes: it is simply no longer stepped."""
