@@ -66,6 +66,11 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(Exception, _unexpected)
 
 
+def payload_too_large(limit_bytes: int) -> JSONResponse:
+    """The answer to a body beyond the limit."""
+    return _answer(413, f"the body is larger than the limit of {limit_bytes} bytes", errors.PayloadError.code)
+
+
 def _answer(status: int, detail: str, code: str, headers: Any = None) -> JSONResponse:
     return JSONResponse({"detail": detail, "code": code}, status, headers)
 
@@ -94,8 +99,7 @@ def _http_exception(request: Request, exc: Exception) -> JSONResponse:
             detail = f"{request.method} is not possible on {path}; allowed: {allowed}"
             return _answer(405, detail, "method_not_allowed", exc.headers)
         case 413:
-            limit = request.app.max_body_size
-            return _answer(413, f"the body is larger than {limit} bytes", errors.PayloadError.code)
+            return payload_too_large(int(exc.detail))
         case status:
             return _answer(status, str(exc.detail), "http", exc.headers)
 

@@ -15,6 +15,7 @@ from fastapi_offline import FastAPIOffline
 from starlette.routing import BaseRoute
 
 from app import errors
+from app.body_limit import BodyLimit
 from app.openapi import with_limits
 from app.routers import common, sequences, trajectory
 from app.routers import robot as robot_router
@@ -64,12 +65,12 @@ def create_app(settings: Settings, config: Path | None, base_url: str) -> FastAP
         version=version("cobot"),
         description=DESCRIPTION,
         lifespan=lifespan,
-        max_body_size=settings.web.max_body_bytes,
         generate_unique_id_function=lambda route: route.name,
         swagger_ui_parameters={"displayRequestDuration": True, "tryItOutEnabled": True},
     )
     app.state.endpoints = endpoints
     app.state.stop_on_disconnect = settings.web.stop_on_disconnect
+    app.add_middleware(BodyLimit, limit_bytes=settings.web.max_body_bytes)
     errors.install(app)
     app.openapi = with_limits(app.openapi, robot.limits)  # type: ignore[method-assign]
     for router in (robot_router.router, trajectory.router, sequences.router, common.router):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from cobot.errors import CollisionError
+from cobot.errors import CollisionError, InputError
 from cobot.model import RobotModel
 from cobot.trajectory import Trajectory
 from cobot.types import Array
@@ -16,6 +16,9 @@ from cobot.types import Array
 CHECK_STEP_RAD = 0.02
 """No joint moves further between two checks of a motion: 16 mm at the tip of a stretched arm, which the
 collision margin and the width of the capsules cover."""
+
+MAX_CHECKS = 1_000_000
+"""Some seconds' work; more is no motion but a mistake."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +106,7 @@ class CollisionChecker:
 
         Raises:
             CollisionError: naming the bodies, the time, the part of the motion and the joint angles.
+            InputError: the motion is too long to be checked.
         """
         times = self._check_times(trajectory)
         for time_s, joints in zip(times, trajectory.sample(times), strict=True):
@@ -130,6 +134,11 @@ class CollisionChecker:
         )
         speed = np.abs(trajectory.sample(times, 1)).max(axis=1)
         travelled = np.concatenate([[0.0], np.cumsum(np.maximum(speed[1:], speed[:-1]) * np.diff(times))])
+        if not travelled[-1] <= MAX_CHECKS * CHECK_STEP_RAD:
+            raise InputError(
+                f"the motion travels {travelled[-1]:.4g} rad, "
+                f"at the most {MAX_CHECKS * CHECK_STEP_RAD:g} rad can be checked for collisions"
+            )
         count = int(np.ceil(travelled[-1] / CHECK_STEP_RAD)) + 1
         return np.asarray(np.interp(np.linspace(0.0, travelled[-1], count + 1), travelled, times))
 

@@ -13,6 +13,9 @@ from cobot.types import JointLimits
 RELATIVE_TOLERANCE = 1e-6
 """Rounding that a value may exceed its limit by: planners drive exactly at the limits."""
 
+ROUNDING = 1e-6
+"""By how much more than needed a motion is stretched, so that rounding does not exceed the limits again."""
+
 QUANTITIES = ("position", "velocity", "acceleration", "jerk")
 UNITS = ("rad", "rad/s", "rad/s²", "rad/s³")
 
@@ -42,7 +45,7 @@ def check_limits(trajectory: Trajectory, limits: JointLimits, labels: Sequence[s
         place = f"between {labels[segment]} and {labels[segment + 1]} ({place})"
     raise LimitError(
         f"{place} the {QUANTITIES[derivative]} of {limits.names[joint]} reaches "
-        f"{value:.4f} {UNITS[derivative]}, its limit is {limit:.4f} {UNITS[derivative]}"
+        f"{value:.6g} {UNITS[derivative]}, its limit is {limit:.6g} {UNITS[derivative]}"
     )
 
 
@@ -54,7 +57,7 @@ def stretch_to_limits(trajectory: Trajectory, limits: JointLimits) -> Trajectory
         bound = _bounds(limits)[derivative][1]
         ratio = float(np.max(np.maximum(-low, high) / bound))
         factor = max(factor, ratio ** (1.0 / derivative))
-    return trajectory if factor <= 1.0 else trajectory.stretched(factor)
+    return trajectory if factor <= 1.0 else trajectory.stretched(factor * (1.0 + ROUNDING))
 
 
 def _bounds(limits: JointLimits) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -43,7 +43,7 @@ def check_positions(limits: JointLimits, joints: Array, what: str = "joint angle
         LimitError: naming every joint that is beyond, its value and its range.
     """
     beyond = [
-        f"{what} of {name} is {value:.4f} rad, allowed is {low:.4f} to {high:.4f} rad"
+        f"{what} of {name} is {value:.6g} rad, allowed is {low:g} to {high:g} rad"
         for name, value, low, high in zip(
             limits.names, joints, limits.min_position, limits.max_position, strict=True
         )

@@ -50,7 +50,7 @@ def plan_waypoints(robot: Robot, request: WaypointRequest) -> Trajectory:
         CollisionError: see `CollisionChecker.check_trajectory`.
     """
     limits = robot.limits
-    labels = [_label(point, index) for index, point in enumerate(request.points)]
+    labels = _labels(request.points, limits.dof)
     if request.check_limits:
         for point, label in zip(request.points, labels, strict=True):
             check_positions(limits, np.asarray(point.positions), f"{label}: angle")
@@ -90,9 +90,7 @@ def through(
     Raises:
         InputError: no points, times that do not increase, a start elsewhere, ends that are not at rest.
     """
-    if not points:
-        raise InputError("points: at least one is needed")
-    labels = [_label(point, index) for index, point in enumerate(points)]
+    labels = _labels(points, limits.dof)
     times = np.array([point.time_from_start_s for point in points])
     positions = np.array([point.positions for point in points], dtype=np.float64)
     _require_order(times, labels)
@@ -117,8 +115,17 @@ def through(
     return from_hermite(times, positions, velocities, accelerations), labels
 
 
-def _label(point: Waypoint, index: int) -> str:
-    return point.label or f"point {index + 1}"
+def _labels(points: Sequence[Waypoint], dof: int) -> list[str]:
+    """What to call each point; and that there are points, with a number for each joint."""
+    if not points:
+        raise InputError("points: at least one is needed")
+    labels = [point.label or f"point {index + 1}" for index, point in enumerate(points)]
+    for point, label in zip(points, labels, strict=True):
+        for name in ("positions", "velocities", "accelerations"):
+            values = getattr(point, name)
+            if values is not None and len(values) != dof:
+                raise InputError(f"{label}: {name} must have {dof} numbers, got {len(values)}")
+    return labels
 
 
 def _require_order(times: Array, labels: list[str]) -> None:

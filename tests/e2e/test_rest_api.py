@@ -1,0 +1,494 @@
+"""The REST API over real HTTP, against a running simulation on the fast clock.
+
+Oracles: the manual's table of endpoints and statuses, scipy's rotations, numpy, the state that the
+service reports after a refusal.
+"""
+
+from __future__ import annotations
+
+import json
+import socket
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+from running import WAIT_S, Run
+from scipy.spatial.transform import Rotation
+
+HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
+AWAY = [0.0, 0.5, 0.0, -1.57, 0.0, 1.57, 0.0]
+MANUAL = {
+    ("get", "/robot/joint_states"),
+    ("get", "/robot/pose"),
+    ("get", "/robot/positions"),
+    ("post", "/robot/move/named"),
+    ("post", "/robot/move/pose"),
+    ("post", "/robot/move/joints"),
+    ("post", "/trajectory/send"),
+    ("post", "/trajectory/send_csv"),
+    ("get", "/trajectory/logs"),
+    ("post", "/sequences/start"),
+    ("get", "/sequences/status"),
+    ("get", "/sequences/logs"),
+    ("post", "/stop"),
+}
+
+
+def joints(http: httpx.Client) -> list[float]:
+    return http.get("/robot/joint_states").json()["position"]
+
+
+def until(condition: Callable[[], Any]) -> Any:
+    deadline_s = time.monotonic() + WAIT_S
+    while time.monotonic() < deadline_s:
+        value = condition()
+        if value:
+            return value
+        time.sleep(0.01)
+    raise AssertionError("did not happen in time")
+
+
+def motion(http: httpx.Client) -> dict[str, Any]:
+    return http.get("/health").json()["robot"]
+
+
+def slow_trajectory(http: httpx.Client) -> int:
+    """Start a motion that takes more robot time than any test."""
+    body = {"points": [{"positions": AWAY, "time_from_start": 3000.0}]}
+    answer = http.post("/trajectory/send", json=body)
+    assert answer.status_code == 200, answer.text
+    return answer.json()["motion_id"]
+
+
+def test_every_endpoint_of_the_manual_is_in_the_schema(http: httpx.Client) -> None:
+    paths = http.get("/openapi.json").json()["paths"]
+    served = {(method, path) for path, methods in paths.items() for method in methods}
+    assert served == MANUAL | {("get", "/health"), ("post", "/robot/reset")}
+
+
+def test_the_documentation_needs_no_internet(http: httpx.Client) -> None:
+    assert http.get("/").headers["location"] == "/docs"
+    for page in ("/docs", "/redoc"):
+        html = http.get(page).text
+        assert "//" not in html.replace("http://www.w3.org", "").split("<body>")[0].replace("<!--", "")
+        scripts = [part.split('"')[0] for part in html.split('src="')[1:]]
+        assert scripts
+        for script in scripts:
+            assert script.startswith("/")
+            assert http.get(script).status_code == 200
+
+
+def test_the_state_is_what_the_manual_shows(http: httpx.Client) -> None:
+    state = http.get("/robot/joint_states").json()
+    assert set(state) == {"name", "position", "velocity", "effort"}
+    assert state["name"] == [f"joint{n}" for n in range(1, 8)]
+    np.testing.assert_allclose(state["position"], HOME, atol=1e-3)
+    np.testing.assert_allclose(state["velocity"], 0.0, atol=5e-3)
+    assert abs(state["effort"][1]) > 5.0, "joint 2 carries the arm"
+
+
+def test_the_pose_states_one_orientation_in_three_ways(http: httpx.Client) -> None:
+    pose = http.get("/robot/pose").json()
+    assert pose["frame_id"] == "base_link"
+    np.testing.assert_allclose([pose["position"][k] for k in "xyz"], [0.4, 0.0, 0.65], atol=0.01)
+    orientation = pose["orientation"]
+    quaternion = Rotation.from_quat([orientation["quaternion"][k] for k in "xyzw"])
+    rad = [orientation["euler_rad"][k] for k in "abc"]
+    assert (Rotation.from_euler("ZYX", rad).inv() * quaternion).magnitude() < 1e-6
+    np.testing.assert_allclose([orientation["euler_deg"][k] for k in "abc"], np.degrees(rad), atol=1e-9)
+    assert quaternion.apply([0.0, 0.0, 1.0])[2] == pytest.approx(-1.0, abs=1e-3), "the tool points down"
+
+
+def test_the_named_positions_are_those_of_the_srdf(http: httpx.Client) -> None:
+    positions = http.get("/robot/positions").json()
+    assert [position["name"] for position in positions] == ["home", "work", "transport"]
+    assert all(set(position) == {"name", "group", "description", "joints"} for position in positions)
+    assert positions[0]["joints"] == HOME
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "goal"),
+    [
+        ("/robot/move/joints", {"joints": AWAY, "speed": 1.0}, AWAY),
+        ("/robot/move/joints", {"joints": [0, 0.25, 0, -1.57, 0, 1.57, 0], "speed": 1}, None),
+        ("/robot/move/named", {"name": "work", "speed": 0.9, "accel_scale": 0.5}, None),
+    ],
+)
+def test_a_joint_motion_answers_when_the_arm_has_arrived(
+    http: httpx.Client, path: str, body: dict[str, Any], goal: list[float] | None
+) -> None:
+    answer = http.post(path, json=body).json()
+    assert answer["success"] is True
+    assert answer["message"] == "Motion completed successfully"
+    if goal is None:
+        goal = body.get("joints") or next(
+            p["joints"] for p in http.get("/robot/positions").json() if p["name"] == body["name"]
+        )
+    np.testing.assert_allclose(joints(http), goal, atol=1e-3)
+
+
+@pytest.mark.parametrize("planner", ["ptp", "LIN", "circ", "ompl", "chomp"])
+def test_every_planner_brings_the_tcp_to_the_pose(http: httpx.Client, planner: str) -> None:
+    body: dict[str, Any] = {"x": 0.45, "y": 0.1, "z": 0.5, "b": 3.14159, "speed": 0.8, "planner": planner}
+    if planner == "circ":
+        body["via"] = {"x": 0.45, "y": 0.0, "z": 0.6}
+    answer = http.post("/robot/move/pose", json=body).json()
+    assert answer["success"], answer
+    position = http.get("/robot/pose").json()["position"]
+    np.testing.assert_allclose([position[k] for k in "xyz"], [0.45, 0.1, 0.5], atol=2e-3)
+
+
+def test_a_motion_to_where_the_arm_is_succeeds_without_one(http: httpx.Client) -> None:
+    answer = http.post("/robot/move/joints", json={"joints": HOME}).json()
+    assert answer["success"] is True
+    assert answer["motion_id"] is None
+
+
+@pytest.mark.parametrize(
+    ("body", "code", "words"),
+    [
+        ({"x": 3.0, "y": 0.0, "z": 0.5}, "unreachable", ["x 3.0000", "mm"]),
+        ({"x": 0.4, "y": 0.0, "z": -0.2, "b": 3.14159}, None, []),
+        ({"x": -0.5, "y": 0.1, "z": 0.5, "b": 3.14159, "planner": "lin"}, None, ["lin"]),
+    ],
+)
+def test_a_pose_that_cannot_be_reached_says_why_and_nothing_moves(
+    http: httpx.Client, body: dict[str, Any], code: str | None, words: list[str]
+) -> None:
+    before = motion(http)["motion_id"]
+    response = http.post("/robot/move/pose", json=body)
+    answer = response.json()
+    assert response.status_code == 200
+    assert answer["success"] is False
+    assert answer["motion_id"] is None
+    assert code is None or answer["code"] == code
+    assert all(word in answer["message"] for word in words), answer["message"]
+    assert motion(http)["motion_id"] == before
+
+
+BAD_BODIES: list[tuple[str, Any, list[str]]] = [
+    ("/robot/move/joints", {"joints": [0] * 6}, ["joints must have 7 angles, got 6"]),
+    ("/robot/move/joints", {"joints": [9, 0, 0, 0, 0, 0, 0]}, ["joint1", "is 9 rad", "-2.97 to 2.97 rad"]),
+    ("/robot/move/joints", {"joints": [1e308, 0, 0, 0, 0, 0, 0]}, ["joint1 is 1e+308 rad"]),
+    ("/robot/move/joints", {"joints": ["0", 0, 0, 0, 0, 0, 0]}, ["joints[0]", "'0'"]),
+    ("/robot/move/joints", {"joints": [True, 0, 0, 0, 0, 0, 0]}, ["joints[0]", "True"]),
+    ("/robot/move/joints", {"joints": 5}, ["joints", "list"]),
+    ("/robot/move/joints", {}, ["joints: is missing"]),
+    ("/robot/move/joints", [], ["dictionary"]),
+    ("/robot/move/joints", {"joints": HOME, "speed": 0.001}, ["speed", "0.01", "0.001"]),
+    ("/robot/move/joints", {"joints": HOME, "speed": 1.5}, ["speed", "1.5"]),
+    ("/robot/move/joints", {"joints": HOME, "speed": "0.5"}, ["speed", "'0.5'"]),
+    ("/robot/move/joints", {"joints": HOME, "accel_scale": -1}, ["accel_scale", "-1"]),
+    ("/robot/move/joints", {"joints": HOME, "spede": 1}, ["'spede'", "did you mean 'speed'", "accel_scale"]),
+    ("/robot/move/named", {"name": "hom"}, ["'hom'", "home, work, transport"]),
+    ("/robot/move/named", {"name": 7}, ["name", "7"]),
+    ("/robot/move/pose", {"x": 0.4, "y": 0.0}, ["z: is missing"]),
+    ("/robot/move/pose", {"x": 0.4, "y": 0, "z": 0.5, "planner": "stomp"}, ["planner", "'chomp'", "'stomp'"]),
+    ("/robot/move/pose", {"x": 0.4, "y": 0, "z": 0.5, "planner": "circ"}, ["via", "circ"]),
+    ("/robot/move/pose", {"x": 0.4, "y": 0, "z": 0.5, "via": {"x": 0, "y": 0, "z": 0}}, ["via", "ptp"]),
+    ("/robot/move/pose", {"x": 0.4, "y": 0, "z": 0.5, "frame_id": "moon"}, ["'moon'", "base_link"]),
+    ("/trajectory/send", {"points": []}, ["points", "at least 1"]),
+    ("/trajectory/send", {"points": [{"positions": HOME, "time_from_start": -1}]}, ["points[0]", "-1"]),
+    (
+        "/trajectory/send",
+        {"points": [{"positions": AWAY, "time_from_start": 0}, {"positions": HOME, "time_from_start": 3}]},
+        ["points[0]", "joint2", "0.5000 rad apart", "move_to_start"],
+    ),
+    (
+        "/trajectory/send",
+        {"points": [{"positions": HOME, "time_from_start": 1}, {"positions": AWAY, "time_from_start": 1}]},
+        ["points[1]", "time_from_start", "later"],
+    ),
+    (
+        "/trajectory/send",
+        {"points": [{"positions": AWAY, "time_from_start": 0.1}]},
+        ["points[0]", "joint2", "limit"],
+    ),
+    (
+        "/trajectory/send",
+        {"points": [{"positions": [0] * 6, "time_from_start": 1}]},
+        ["points[0]", "7", "6"],
+    ),
+    (
+        "/trajectory/send",
+        {"points": [{"positions": HOME, "time_from_start": 1, "velocities": [0] * 3}]},
+        ["points[0]", "velocities", "7", "3"],
+    ),
+    (
+        "/trajectory/send",
+        {"points": [{"positions": HOME, "time_from_start": 1, "effort": []}]},
+        ["points[0]", "'effort'", "accelerations"],
+    ),
+]
+
+
+@pytest.mark.parametrize(("path", "body", "words"), BAD_BODIES)
+def test_bad_input_is_named_and_moves_nothing(
+    http: httpx.Client, path: str, body: Any, words: list[str]
+) -> None:
+    before = motion(http)["motion_id"]
+    response = http.post(path, json=body)
+    assert response.status_code == 422, response.text
+    answer = response.json()
+    assert set(answer) == {"detail", "code"}
+    for word in words:
+        assert word in answer["detail"]
+    assert motion(http)["motion_id"] == before
+
+
+@pytest.mark.parametrize(
+    ("content", "kind", "status", "word"),
+    [
+        (b'{"joints": [NaN, 0, 0, 0, 0, 0, 0]}', "application/json", 422, "finite"),
+        (b'{"joints": [Infinity, 0, 0, 0, 0, 0, 0]}', "application/json", 422, "finite"),
+        (b'{"joints": [1e999, 0, 0, 0, 0, 0, 0]}', "application/json", 422, "finite"),
+        (b"", "application/json", 422, "missing"),
+        (b'{"joints": [', "application/json", 422, "not valid JSON"),
+        (b"\xff\xfe\x00", "application/json", 422, "read"),
+        (b'{"joints":' + b"[" * 100_000 + b"]" * 100_000 + b"}", "application/json", 422, "read"),
+        (b"joints=1", "application/x-www-form-urlencoded", 415, "application/json"),
+        (b"{}", "text/plain", 415, "text/plain"),
+    ],
+)
+def test_a_body_that_is_no_request_is_refused(
+    http: httpx.Client, content: bytes, kind: str, status: int, word: str
+) -> None:
+    response = http.post("/robot/move/joints", content=content, headers={"content-type": kind})
+    assert response.status_code == status, response.text
+    assert word in response.json()["detail"]
+
+
+def test_an_upload_beyond_the_limit_is_refused(shared: Run, http: httpx.Client) -> None:
+    """50 MB against the 32 MiB of web.max_body_bytes, announced and chunked."""
+    chunk = b"0" * 1_000_000
+    for headers in ({"content-length": "50000000"}, {}):
+        with httpx.Client(base_url=shared.url, timeout=WAIT_S) as other:
+            try:
+                response = other.post(
+                    "/robot/move/joints",
+                    content=(chunk for _ in range(50)),
+                    headers={"content-type": "application/json", **headers},
+                )
+            except (httpx.WriteError, httpx.ReadError):
+                continue  # the service has answered and hung up before all was sent
+            assert response.status_code == 413
+            assert "33554432" in response.json()["detail"]
+    assert http.get("/health").json()["status"] == "ok"
+
+
+def test_wrong_paths_and_methods_answer_in_the_same_form(http: httpx.Client) -> None:
+    missing = http.get("/robot/moov")
+    assert (missing.status_code, missing.json()["code"]) == (404, "not_found")
+    wrong = http.get("/stop")
+    assert (wrong.status_code, wrong.headers["allow"]) == (405, "POST")
+    assert "POST" in wrong.json()["detail"]
+    assert http.get("/trajectory/logs", params={"n": 301}).status_code == 422
+    assert "'m'" in http.get("/trajectory/logs", params={"m": 3}).json()["detail"]
+
+
+def test_the_limits_in_the_schema_are_those_of_joint_limits_yaml(http: httpx.Client) -> None:
+    schema = http.get("/openapi.json").json()["components"]["schemas"]["MoveJoints"]["properties"]["joints"]
+    limits = [(item["minimum"], item["maximum"]) for item in schema["prefixItems"]]
+    assert limits == [(-m, m) for m in (2.97, 2.10, 2.97, 2.10, 2.97, 2.10, 3.05)]
+
+
+def test_every_example_of_the_schema_works_unedited(http: httpx.Client) -> None:
+    """What Swagger's "Try it out" sends, in the order of the page, from home."""
+    schema = http.get("/openapi.json").json()
+    models = schema["components"]["schemas"]
+    tried = 0
+    for path, methods in schema["paths"].items():
+        content = methods.get("post", {}).get("requestBody", {}).get("content", {})
+        if "application/json" in content:
+            model = content["application/json"]["schema"]["$ref"].rsplit("/", 1)[1]
+            for example in models[model]["examples"]:
+                answer = http.post(path, json=example)
+                assert answer.status_code == 200, answer.text
+                assert answer.json().get("success", True), answer.text
+                until(lambda: motion(http)["mode"] == "HOLD")
+                tried += 1
+    assert tried == 4
+
+
+def test_a_second_motion_is_refused_with_the_name_of_the_first(http: httpx.Client) -> None:
+    number = slow_trajectory(http)
+    second = http.post("/robot/move/named", json={"name": "home"})
+    assert second.status_code == 409
+    assert f"motion {number}" in second.json()["detail"]
+    assert "POST /trajectory/send" in second.json()["detail"]
+    http.post("/stop").raise_for_status()
+
+
+def test_stop_says_what_it_stopped_and_may_be_repeated(http: httpx.Client) -> None:
+    number = slow_trajectory(http)
+    stop = http.post("/stop").json()
+    assert stop["success"] is True
+    assert stop["at_rest"] is True
+    assert any(f"motion {number}" in item for item in stop["stopped"])
+    np.testing.assert_allclose(stop["position"], joints(http), atol=1e-3)
+    again = http.post("/stop", json={}).json()
+    assert again["success"] is True
+    assert again["stopped"] == []
+    lines = http.get("/trajectory/logs", params={"n": 5}).json()["lines"]
+    assert any(f"motion {number}" in line and "POST /stop" in line for line in lines)
+
+
+def test_a_stopped_motion_answers_its_own_client_too(shared: Run, http: httpx.Client) -> None:
+    answers: list[Any] = []
+
+    def move() -> None:
+        body = {"joints": [1.5, 0.5, 0, -1.57, 0, 1.57, 0], "speed": 0.01}
+        answers.append(httpx.post(f"{shared.url}/robot/move/joints", json=body, timeout=WAIT_S).json())
+
+    mover = threading.Thread(target=move)
+    mover.start()
+    until(lambda: motion(http)["mode"] == "TRAJECTORY")
+    assert http.post("/stop").json()["at_rest"]
+    mover.join(WAIT_S)
+    assert answers[0]["success"] is False
+    assert answers[0]["code"] == "stopped"
+    assert "POST /stop" in answers[0]["message"]
+
+
+def test_a_client_that_goes_away_stops_the_arm(shared: Run, http: httpx.Client) -> None:
+    body = json.dumps({"joints": [1.5, 0.5, 0, -1.57, 0, 1.57, 0], "speed": 0.01}).encode()
+    host, port = shared.url.removeprefix("http://").split(":")
+    with socket.create_connection((host, int(port))) as client:
+        client.sendall(
+            b"POST /robot/move/joints HTTP/1.1\r\nHost: cobot\r\nContent-Type: application/json\r\n"
+            + f"Content-Length: {len(body)}\r\n\r\n".encode()
+            + body
+        )
+        until(lambda: motion(http)["mode"] == "TRAJECTORY")
+    until(lambda: motion(http)["mode"] == "HOLD")
+    assert motion(http)["motion_result"] == "STOPPED"
+    until(lambda: http.get("/health").json()["service"]["motion"] is None)
+
+
+def test_reads_answer_while_a_planner_thinks(shared: Run, http: httpx.Client) -> None:
+    """A goal that no sample reaches keeps ompl busy; a stop ends it."""
+    answers: list[Any] = []
+
+    def think() -> None:
+        points = [{"positions": HOME, "time_from_start": float(n)} for n in range(1, 60_000)]
+        response = httpx.post(f"{shared.url}/trajectory/send", json={"points": points}, timeout=WAIT_S)
+        answers.append(response)
+
+    thinker = threading.Thread(target=think)
+    thinker.start()
+    until(lambda: http.get("/health").json()["service"]["motion"] or answers)
+    assert http.get("/robot/joint_states").status_code == 200
+    stop = http.post("/stop").json()
+    assert stop["success"]
+    thinker.join(WAIT_S)
+    assert answers[0].status_code in (200, 409)
+    answer = http.post("/robot/move/joints", json={"joints": AWAY, "speed": 1.0}).json()
+    assert answer["success"], "planning works again"
+
+
+def test_a_trajectory_passes_through_its_points_and_its_log_tells_its_end(http: httpx.Client) -> None:
+    points = [
+        {"positions": HOME, "time_from_start": 0.0},
+        {"positions": AWAY, "time_from_start": 3.0, "velocities": [0.0] * 7, "accelerations": [0.0] * 7},
+    ]
+    sent = http.post("/trajectory/send", json={"points": points}).json()
+    assert (sent["status"], sent["points"], sent["duration_s"]) == ("sent", 2, 3.0)
+    until(
+        lambda: any(
+            f"motion {sent['motion_id']}: arrived" in line
+            for line in http.get("/trajectory/logs").json()["lines"]
+        )
+    )
+    np.testing.assert_allclose(joints(http), AWAY, atol=1e-3)
+
+
+def test_one_point_may_come_as_an_object_as_matlab_encodes_it(http: httpx.Client) -> None:
+    body = {"points": {"positions": AWAY, "time_from_start": 5}}
+    assert http.post("/trajectory/send", json=body).json()["points"] == 1
+
+
+def test_retime_and_move_to_start_make_an_impossible_trajectory_possible(http: httpx.Client) -> None:
+    points = [{"positions": AWAY, "time_from_start": 0.0}, {"positions": HOME, "time_from_start": 0.2}]
+    body = {"points": points, "retime": True, "move_to_start": True}
+    sent = http.post("/trajectory/send", json=body)
+    assert sent.status_code == 200, sent.text
+    assert sent.json()["duration_s"] > 0.2
+    until(lambda: motion(http)["mode"] == "HOLD")
+    np.testing.assert_allclose(joints(http), HOME, atol=1e-3)
+
+
+def test_without_its_check_a_trajectory_still_meets_the_safety_layer(http: httpx.Client) -> None:
+    """0.5 rad in 0.1 s: refused by the check, caught within the limits by rtloop."""
+    before = http.get("/health").json()["interventions"]
+    body = {"points": [{"positions": AWAY, "time_from_start": 0.1}], "validate_limits": False}
+    assert http.post("/trajectory/send", json=body).status_code == 200
+    until(lambda: motion(http)["mode"] == "HOLD" and motion(http)["settled"])
+    after = http.get("/health").json()["interventions"]
+    assert sum(after.values()) > sum(before.values())
+    np.testing.assert_allclose(joints(http), AWAY, atol=2e-3)
+
+
+CSV = (
+    "t;Joint_1;joint2;joint3;joint4;joint5;joint6;joint7\r\n"
+    "0;0;0;0;-1,57;0;1,57;0\r\n3;0;0,5;0;-1,57;0;1,57;0\r\n\r\n"
+)
+
+
+def test_a_csv_with_semicolons_and_decimal_commas_runs(http: httpx.Client) -> None:
+    files = {"file": ("t.csv", b"\xef\xbb\xbf" + CSV.encode(), "text/csv")}
+    sent = http.post("/trajectory/send_csv", params={"separator": ";"}, files=files)
+    assert sent.status_code == 200, sent.text
+    assert sent.json()["points"] == 2
+    until(lambda: motion(http)["mode"] == "HOLD")
+    np.testing.assert_allclose(joints(http), AWAY, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("content", "params", "status", "words"),
+    [
+        (b"\x00\x01\x02\xff" * 1000, {}, 422, ["row 1"]),
+        (CSV.encode(), {}, 422, ["row 1"]),
+        (CSV.encode().replace(b"0,5", b"x"), {"separator": ";"}, 422, ["row 3", "joint2", "'x'"]),
+        (CSV.encode(), {"separator": "7"}, 422, ["separator", "'7'"]),
+        (CSV.encode(), {"separator": ";;"}, 422, ["separator"]),
+        (CSV.encode(), {"seperator": ";"}, 422, ["'seperator'", "did you mean 'separator'"]),
+        (b"", {}, 422, ["empty"]),
+    ],
+)
+def test_a_bad_csv_is_refused_with_row_and_column(
+    http: httpx.Client, content: bytes, params: dict[str, str], status: int, words: list[str]
+) -> None:
+    files = {"file": ("t.csv", content, "text/csv")}
+    response = http.post("/trajectory/send_csv", params=params, files=files)
+    assert response.status_code == status
+    for word in words:
+        assert word in response.json()["detail"]
+
+
+def test_a_csv_of_a_hundred_thousand_rows_runs(http: httpx.Client) -> None:
+    rows = 100_000
+    header = ",".join([*(f"joint{n}" for n in range(1, 8)), "t"])
+    wave = 0.1 * np.sin(np.linspace(0.0, 6 * np.pi, rows)) ** 3
+    body = "\n".join(f"0,{w:.9f},0,-1.57,0,1.57,0,{n * 0.01:.2f}" for n, w in enumerate(wave))
+    files = {"file": ("t.csv", f"{header}\n{body}\n".encode(), "text/csv")}
+    sent = http.post("/trajectory/send_csv", files=files)
+    assert sent.status_code == 200, sent.text
+    assert sent.json()["points"] == rows
+    assert http.post("/stop").json()["success"]
+
+
+def test_health_tells_processes_cycle_times_and_versions(http: httpx.Client) -> None:
+    health = http.get("/health").json()
+    assert health["status"] == "ok"
+    assert health["rtloop"]["pid"] != health["service"]["pid"]
+    assert health["cycle_us"]["total"]["p50_us"] > 0.0
+    assert {"cobot", "mujoco-core", "ruckig", "python", "layout"} <= set(health["versions"])
+
+
+def test_reset_in_hold_changes_nothing(http: httpx.Client) -> None:
+    assert http.post("/robot/reset").json()["success"]
+    assert motion(http)["mode"] == "HOLD"
