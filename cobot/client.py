@@ -17,7 +17,7 @@ from typing import Any
 import httpx
 
 from cobot import errors
-from cobot.errors import CobotError, ExecutionError, UnavailableError
+from cobot.errors import CobotError, ExecutionError, InputError, UnavailableError
 
 DEFAULT_URL = "http://localhost:8007"
 Json = dict[str, Any]
@@ -56,7 +56,13 @@ class Client:
         transport: httpx.BaseTransport | None = None,
     ) -> None:
         headers = {"X-Motion-Token": token} if token else {}
-        self._http = httpx.Client(base_url=url, timeout=timeout_s, headers=headers, transport=transport)
+        try:
+            # trust_env: a robot's motions do not go through the proxy that the environment has for the web.
+            self._http = httpx.Client(
+                base_url=url, timeout=timeout_s, headers=headers, transport=transport, trust_env=False
+            )
+        except httpx.InvalidURL as exc:
+            raise InputError(f"url {url!r}: {exc}") from exc
         self._motion_timeout_s = motion_timeout_s
 
     def __enter__(self) -> Client:
@@ -84,7 +90,7 @@ class Client:
 
     def positions(self) -> list[Json]:
         """The named positions."""
-        return list(self._request("GET", "/robot/positions").json())
+        return list(self._request("GET", "/robot/positions"))
 
     def move_named(self, name: str, *, speed: float = 0.1, accel_scale: float = 0.0) -> Json:
         """Go to a named position; returns on arrival, raises when it is not reached."""
@@ -172,21 +178,26 @@ class Client:
         return answer
 
     def _json(self, method: str, path: str, **request: Any) -> Json:
-        return dict(self._request(method, path, **request).json())
+        answer = self._request(method, path, **request)
+        if not isinstance(answer, dict):
+            raise UnavailableError(f"{method} {self._http.base_url.join(path)}: no answer of cobot's")
+        return answer
 
-    def _request(self, method: str, path: str, **request: Any) -> httpx.Response:
+    def _request(self, method: str, path: str, **request: Any) -> Any:
+        url = self._http.base_url.join(path)
         try:
             response = self._http.request(method, path, **request)
         except httpx.HTTPError as exc:
-            url = self._http.base_url.join(path)
             raise UnavailableError(f"{method} {url}: {exc or type(exc).__name__}") from exc
-        if response.is_success:
-            return response
+        except (TypeError, ValueError) as exc:  # JSON has no NaN, no infinity and no objects of ours
+            raise InputError(f"{method} {path}: {exc}") from exc
         try:
             answer = response.json()
+            if response.is_success:
+                return answer
             code, detail = str(answer["code"]), str(answer["detail"])
         except (ValueError, KeyError, TypeError) as exc:
             raise UnavailableError(
-                f"{method} {path}: status {response.status_code}, and no answer of cobot's"
+                f"{method} {url}: status {response.status_code}, and no answer of cobot's"
             ) from exc
         raise ERRORS.get(code, CobotError)(detail)

@@ -76,7 +76,7 @@ points = [
 sent = httpx.post(HOST + "/trajectory/send", json={"points": points}, timeout=T_MOVE)
 sent.raise_for_status()
 print(sent.json())
-wait_for("/trajectory/logs?n=5", "arrived")
+wait_for("/trajectory/logs?n=5", f"motion {sent.json()['motion_id']}: arrived")
 with (HERE / "trajectory.csv").open("rb") as csv_file:
     uploaded = httpx.post(
         HOST + "/trajectory/send_csv",

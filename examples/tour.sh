@@ -34,11 +34,13 @@ curl -sS -X POST "$HOST/robot/move/joints" -H 'Content-Type: application/json' -
 
 echo '# 8. Send a trajectory of your own, as JSON and as CSV; it runs while you read the log'
 move /robot/move/named '{"name": "home", "speed": 0.5}'
-ask -X POST "$HOST/trajectory/send" -H 'Content-Type: application/json' -d '{"points": [
+sent=$(ask -X POST "$HOST/trajectory/send" -H 'Content-Type: application/json' -d '{"points": [
   {"positions": [0, 0, 0, -1.57, 0, 1.57, 0], "time_from_start": 0.0},
   {"positions": [0, 0.3, 0, -1.2, 0, 1.3, 0], "time_from_start": 2.0},
-  {"positions": [0, 0, 0, -1.57, 0, 1.57, 0], "time_from_start": 4.0}]}'
-until curl -sS "$HOST/trajectory/logs?n=5" | grep -q arrived; do sleep 0.2; done
+  {"positions": [0, 0, 0, -1.57, 0, 1.57, 0], "time_from_start": 4.0}]}')
+echo "$sent"
+motion=$(sed 's/.*"motion_id":\([0-9]*\).*/\1/' <<< "$sent")
+until curl -sS "$HOST/trajectory/logs?n=5" | grep -q "motion $motion: arrived"; do sleep 0.2; done
 ask -X POST "$HOST/trajectory/send_csv?separator=%2C&retime=true" -F "file=@$HERE/trajectory.csv;type=text/csv"
 
 echo '# 9. Stop it: the arm comes to rest on its path'

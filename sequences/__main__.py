@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import signal
 import sys
@@ -17,7 +18,7 @@ from sequences.schema import read_sequence, schema_text
 TOKEN_VARIABLE = "COBOT_MOTION_TOKEN"
 RETURN_CODES = (
     "return codes: 0 all done, 2 the file or an argument is wrong, 3 a motion failed, "
-    "4 the service does not answer, 128 + N ended by signal N"
+    "4 the service or the robot is not available, 128 + N ended by signal N"
 )
 
 
@@ -28,8 +29,8 @@ def main() -> int:
     runner = commands.add_parser("run", help="run a sequence file", epilog=RETURN_CODES)
     runner.add_argument("file", type=Path)
     runner.add_argument("--url", default=DEFAULT_URL, help="of the service (%(default)s)")
-    runner.add_argument("--iterations", type=int, default=1, help="how often (%(default)s)")
-    runner.add_argument("--delay", type=float, default=0.0, help="between iterations, s (%(default)s)")
+    runner.add_argument("--iterations", type=_count, default=1, help="how often (%(default)s)")
+    runner.add_argument("--delay", type=_seconds, default=0.0, help="between iterations, s (%(default)s)")
     runner.add_argument("--bag", type=Path, help="record to this rosbag2, which must not exist")
     runner.add_argument("--topics", default="", help="to record, comma separated; all without it")
     runner.add_argument("--progress-fd", type=int, help=argparse.SUPPRESS)
@@ -44,6 +45,19 @@ def main() -> int:
             return _check(arguments.file)
     print(schema_text(), end="")
     return 0
+
+
+def _count(argument: str) -> int:
+    if argument.isdecimal() and int(argument) >= 1:
+        return int(argument)
+    raise argparse.ArgumentTypeError(f"{argument!r} is no number from 1 up")
+
+
+def _seconds(argument: str) -> float:
+    value = float(argument)
+    if math.isfinite(value) and value >= 0.0:
+        return value
+    raise argparse.ArgumentTypeError(f"{argument!r} is no time from 0 s up")
 
 
 def _run(arguments: argparse.Namespace) -> int:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import threading
 import time
+from concurrent.futures import Future
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
-from rosbags.rosbag2 import Writer
+from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
 from rosbags.typesys import Stores, get_typestore
 
 from cobot.client import Client
@@ -19,8 +21,10 @@ JOINT_STATES = "/joint_states"
 MOTION_EVENTS = "/motion_events"
 TOPICS = {JOINT_STATES: "sensor_msgs/msg/JointState", MOTION_EVENTS: "std_msgs/msg/String"}
 PERIOD_S = 0.02
+POLL_TIMEOUT_S = 0.5
+"""Short, for a bag has to be closed before whoever sent SIGTERM loses patience."""
 BAG_VERSION = 8
-"""Of the bag's metadata: what ROS 2 Humble writes reads as well."""
+"""Of the bag's metadata: the older and more widely read of the two that rosbags writes."""
 
 
 def parse_topics(text: str) -> list[str]:
@@ -37,64 +41,94 @@ def parse_topics(text: str) -> list[str]:
 
 
 class Recorder:
-    """Writes a bag from its construction until `close`.
+    """Writes a bag from `start` to `close`.
+
+    One thread opens, writes and closes the bag: the exception that a signal raises in the main thread
+    can't tear a record in two. MCAP, because rosbags' sqlite storage takes the path for a URI, in which
+    "%2e%2e" means "..".
 
     Attributes:
-        problem: what the robot's state could not be read for, "" while all is well.
-
-    Raises:
-        InputError: the bag exists already or cannot be made.
+        problem: why the robot's state cannot be read or the bag not be written, "" while all is well.
     """
 
     def __init__(self, path: Path, topics: list[str], url: str) -> None:
-        self._types = get_typestore(Stores.ROS2_HUMBLE)
-        try:
-            self._writer = Writer(path, version=BAG_VERSION)
-            self._writer.open()
-        except Exception as exc:  # rosbags' own WriterError, and what the file system says
-            raise InputError(f"bag {path}: cannot be written: {exc}") from exc
-        self._connections = {
-            topic: self._writer.add_connection(topic, TOPICS[topic], typestore=self._types)
-            for topic in topics
-        }
-        self._lock = threading.Lock()
-        self._end = threading.Event()
-        self._client = Client(url)
         self.problem = ""
-        self._thread = threading.Thread(target=self._record, name="recorder", daemon=True)
-        if JOINT_STATES in topics:
-            self._thread.start()
+        self._path = path
+        self._topics = topics
+        self._url = url
+        self._types = get_typestore(Stores.ROS2_HUMBLE)
+        self._events: SimpleQueue[tuple[int, str]] = SimpleQueue()
+        self._opened: Future[None] = Future()
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+
+    def start(self) -> None:
+        """Make the bag, and record until `close`.
+
+        Raises:
+            InputError: the bag exists already or cannot be made.
+        """
+        self._thread.start()
+        self._opened.result()
 
     def event(self, content: dict[str, Any]) -> None:
         """Record a motion event, as JSON."""
-        String = self._types.types["std_msgs/msg/String"]
-        self._write(MOTION_EVENTS, String(data=json.dumps(content)))
+        self._events.put((time.time_ns(), json.dumps(content)))
 
     def close(self) -> None:
         """Finish the bag, so that it can be read."""
         self._end.set()
-        if self._thread.is_alive():
-            self._thread.join(2.0)
-        with self._lock:
-            self._connections.clear()
-            self._writer.close()
-        self._client.close()
+        if self._thread.ident is not None:
+            self._thread.join()
 
-    def _record(self) -> None:
-        while not self._end.wait(PERIOD_S):
-            try:
-                state = self._client.joint_states()
-            except CobotError as exc:
-                self.problem = str(exc)
-                continue
-            self.problem = ""
-            self._write(JOINT_STATES, self._joint_state(state))
+    def _run(self) -> None:
+        try:
+            with (
+                Client(self._url, timeout_s=POLL_TIMEOUT_S) as client,
+                Writer(self._path, version=BAG_VERSION, storage_plugin=StoragePlugin.MCAP) as writer,
+            ):
+                self._record(client, writer)
+        except (WriterError, OSError, CobotError) as exc:
+            error = InputError(f"bag {self._path}: cannot be written: {exc}")
+            if self._opened.done():
+                self.problem = str(error)
+            else:
+                self._opened.set_exception(error)
 
-    def _joint_state(self, state: dict[str, Any]) -> Any:
+    def _record(self, client: Client, writer: Writer) -> None:
+        connections = {
+            topic: writer.add_connection(topic, TOPICS[topic], typestore=self._types)
+            for topic in self._topics
+        }
+
+        def write(topic: str, time_ns: int, message: Any) -> None:
+            if topic in connections:
+                data = self._types.serialize_cdr(message, TOPICS[topic])
+                writer.write(connections[topic], time_ns, data)
+
+        self._opened.set_result(None)
+        due_s = time.monotonic()
+        ended = False
+        while not ended:
+            due_s = max(due_s + PERIOD_S, time.monotonic())
+            ended = self._end.wait(due_s - time.monotonic())
+            while not self._events.empty():
+                time_ns, text = self._events.get()
+                write(MOTION_EVENTS, time_ns, self._types.types[TOPICS[MOTION_EVENTS]](data=text))
+            if JOINT_STATES in connections and not ended:
+                try:
+                    state = client.joint_states()
+                except CobotError as exc:
+                    self.problem = str(exc)
+                    continue
+                self.problem = ""
+                now_ns = time.time_ns()
+                write(JOINT_STATES, now_ns, self._joint_state(state, now_ns))
+
+    def _joint_state(self, state: dict[str, Any], time_ns: int) -> Any:
         types = self._types.types
-        now_ns = time.time_ns()
         stamp = types["builtin_interfaces/msg/Time"](
-            sec=now_ns // 1_000_000_000, nanosec=now_ns % 1_000_000_000
+            sec=time_ns // 1_000_000_000, nanosec=time_ns % 1_000_000_000
         )
         return types[TOPICS[JOINT_STATES]](
             header=types["std_msgs/msg/Header"](stamp=stamp, frame_id=""),
@@ -103,10 +137,3 @@ class Recorder:
             velocity=np.array(state["velocity"], dtype=np.float64),
             effort=np.array(state["effort"], dtype=np.float64),
         )
-
-    def _write(self, topic: str, message: Any) -> None:
-        with self._lock:
-            connection = self._connections.get(topic)
-            if connection is not None:
-                data = self._types.serialize_cdr(message, TOPICS[topic])
-                self._writer.write(connection, time.time_ns(), data)

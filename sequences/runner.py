@@ -18,6 +18,8 @@ from cobot.errors import CobotError, InputError, UnavailableError
 from sequences.recorder import Recorder, parse_topics
 from sequences.schema import AnyTarget, JointTarget, NamedTarget, Sequence, read_sequence
 
+SIGNALS = (signal.SIGTERM, signal.SIGINT)
+
 
 class ReturnCode(IntEnum):
     """How a run ended; a signal that ends it gives 128 plus its number, as in a shell."""
@@ -28,8 +30,8 @@ class ReturnCode(IntEnum):
     UNAVAILABLE = 4
 
 
-class EndedError(Exception):
-    """A signal told the runner to end."""
+class Ended(BaseException):
+    """A signal told the runner to end; no handler of ordinary errors on the way shall stop it."""
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -57,7 +59,7 @@ class Run:
 
 def run(order: Run) -> int:
     """Do it; the exit status."""
-    for number in (signal.SIGTERM, signal.SIGINT):
+    for number in SIGNALS:
         signal.signal(number, _end)
     recorder: Recorder | None = None
     try:
@@ -65,10 +67,11 @@ def run(order: Run) -> int:
         topics = parse_topics(order.topics)
         if order.bag is not None:
             recorder = Recorder(order.bag, topics, order.url)
+            recorder.start()
             log(f"recording {', '.join(topics)} to {order.bag}")
         with Client(order.url, token=order.token) as client:
             _iterate(order, sequence, client, recorder)
-    except EndedError as exc:
+    except Ended as exc:
         log(f"ended by {exc}")
         return 128 + exc.number
     except InputError as exc:
@@ -81,8 +84,7 @@ def run(order: Run) -> int:
         log(f"error: {exc}")
         return ReturnCode.MOTION_FAILED
     finally:
-        for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, signal.SIG_IGN)  # the bag is closed in any case
+        _ignore_signals()  # the bag is closed in any case
         if recorder is not None:
             recorder.close()
             if recorder.problem:
@@ -97,7 +99,13 @@ def log(text: str) -> None:
 
 
 def _end(number: int, frame: FrameType | None) -> None:
-    raise EndedError(number)
+    _ignore_signals()
+    raise Ended(number)
+
+
+def _ignore_signals() -> None:
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
 
 
 def _iterate(order: Run, sequence: Sequence, client: Client, recorder: Recorder | None) -> None:

@@ -9,9 +9,10 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Discriminator, Field, Tag, ValidationError
 
 from cobot.errors import InputError
-from cobot.strict import StrictModel, sentence
+from cobot.strict import StrictModel, sentence, shown
 
 SCHEMA_FILE = Path(__file__).with_name("sequence.schema.json")
+SHOWN_ERRORS = 10
 TAGS = ("joint target", "named target", "pose target")
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
@@ -91,17 +92,29 @@ def read_sequence(path: Path) -> Sequence:
         InputError: naming each place, what stands there and what is valid.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8-sig"))
+        content = json.loads(path.read_text(encoding="utf-8-sig"), object_pairs_hook=_without_repetition)
     except (OSError, UnicodeDecodeError) as exc:
         raise InputError(f"cannot be read: {exc}") from exc
-    except json.JSONDecodeError as exc:
+    except ValueError as exc:  # JSONDecodeError, and Python's refusal of integers without end
         raise InputError(f"not valid JSON: {exc}") from exc
     except RecursionError as exc:
         raise InputError("not valid JSON: nested too deeply") from exc
     try:
         return Sequence.model_validate(content)
     except ValidationError as exc:
-        raise InputError("; ".join(sentence(error, ignored=TAGS) for error in exc.errors())) from exc
+        sentences = [sentence(error, ignored=TAGS) for error in exc.errors()]
+        more = [f"and {len(sentences) - SHOWN_ERRORS} more"] if len(sentences) > SHOWN_ERRORS else []
+        raise InputError("; ".join(sentences[:SHOWN_ERRORS] + more)) from exc
+
+
+def _without_repetition(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """JSON lets a second key win silently; where the arm goes must not depend on that."""
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"the key {shown(twice)} stands twice in one object")
+    return content
 
 
 def schema_text() -> str:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from typing import BinaryIO
 
@@ -41,16 +42,21 @@ def read_points(file: BinaryIO, separator: str, dof: int) -> list[Waypoint]:
     Raises:
         InputError: naming row, column and what stands there.
     """
-    if (not separator.isprintable() and separator != "\t") or separator.isalnum() or separator in "\"'.+-":
+    printable = separator.isprintable() or separator == "\t"
+    if len(separator) != 1 or not printable or separator.isalnum() or separator in "\"'.+-":
         raise InputError(
             f"separator: {separator!r} cannot separate numbers; use one character such as , ; | space or tab"
         )
-    rows = _rows(file, separator)
-    try:
-        _, header = next(rows)
-    except StopIteration:
-        raise InputError("the file is empty; its first row must name the columns") from None
-    columns = _columns(header, dof)
+    with contextlib.closing(_rows(file, separator)) as rows:
+        _, header = next(rows, (1, []))
+        if not header:
+            raise InputError("row 1 is empty; it must name the columns")
+        return _points(rows, _columns(header, dof), decimal_comma=separator == ";")
+
+
+def _points(
+    rows: Iterator[tuple[int, list[str]]], columns: _Columns, *, decimal_comma: bool
+) -> list[Waypoint]:
     points: list[Waypoint] = []
     blank = 0
     for number, row in rows:
@@ -61,16 +67,17 @@ def read_points(file: BinaryIO, separator: str, dof: int) -> list[Waypoint]:
             raise InputError(f"row {blank} is blank, but row {number} is not")
         if len(points) == MAX_ROWS:
             raise InputError(f"row {number}: there are more than {MAX_ROWS} rows")
-        points.append(_waypoint(row, number, columns, decimal_comma=separator == ";"))
+        points.append(_waypoint(row, number, columns, decimal_comma))
     if not points:
         raise InputError("the file has a header, but no rows")
     return points
 
 
-def _rows(file: BinaryIO, separator: str) -> Iterator[tuple[int, list[str]]]:
+def _rows(file: BinaryIO, separator: str) -> Generator[tuple[int, list[str]]]:
     """(line number, cells) of each row; the file is read as a stream."""
     text = io.TextIOWrapper(file, encoding="utf-8-sig", newline="")
-    reader = csv.reader(text, delimiter=separator, strict=True)
+    # Spaces before a quote belong to nobody, unless they are the separator.
+    reader = csv.reader(text, delimiter=separator, skipinitialspace=separator != " ", strict=True)
     try:
         while True:
             number = reader.line_num + 1
@@ -123,7 +130,7 @@ def _columns(header: list[str], dof: int) -> _Columns:
     return _Columns(names, places[TIME_NAMES[0]], positions, group("velocity"), group("acceleration"))
 
 
-def _waypoint(row: list[str], number: int, columns: _Columns, *, decimal_comma: bool) -> Waypoint:
+def _waypoint(row: list[str], number: int, columns: _Columns, decimal_comma: bool) -> Waypoint:
     if len(row) != len(columns.names):
         raise InputError(f"row {number}: has {len(row)} columns, the header has {len(columns.names)}")
     values = [_number(cell, number, index, columns, decimal_comma) for index, cell in enumerate(row)]

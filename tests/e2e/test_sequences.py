@@ -1,0 +1,219 @@
+"""Sequences, with a real runner process against a real service.
+
+Oracles: the process table, the runner's return code, `rosbags` as the reader of recordings.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import psutil
+import pytest
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+from running import WAIT_S, Run
+
+HOME = [0, 0, 0, -1.57, 0, 1.57, 0]
+SHORT = {
+    "home": {"joints": HOME, "speed": 1.0},
+    "waypoints": [
+        {"joints": [0.3, 0.3, 0, -1.2, 0, 1.4, 0], "speed": 1.0, "label": "first"},
+        {"x": 0.5, "y": 0.0, "z": 0.5, "a": 0, "b": 3.14159, "c": 0, "speed": 1.0, "planner": "PTP"},
+        {"named": "home", "speed": 1.0},
+    ],
+}
+LONG = {"waypoints": [{"joints": [1.5, 0, 0, -1.57, 0, 1.57, 0], "speed": 0.01}] * 50}
+
+
+def start(http: httpx.Client, content: Any, **fields: Any) -> httpx.Response:
+    raw = content if isinstance(content, bytes) else json.dumps(content).encode()
+    data = {"n_iterations": 1, "delay_between_iterations": 0, **fields}
+    return http.post("/sequences/start", files={"config": ("s.json", raw, "application/json")}, data=data)
+
+
+def status(http: httpx.Client) -> dict[str, Any]:
+    return http.get("/sequences/status").json()
+
+
+def until(condition: Callable[[], Any]) -> Any:
+    deadline_s = time.monotonic() + WAIT_S
+    while time.monotonic() < deadline_s:
+        value = condition()
+        if value:
+            return value
+        time.sleep(0.02)
+    raise AssertionError("did not happen in time")
+
+
+def finished(http: httpx.Client) -> dict[str, Any]:
+    return until(lambda: status(http)["status"] == "finished" and status(http))
+
+
+def moving(http: httpx.Client) -> bool:
+    return http.get("/health").json()["robot"]["mode"] == "TRAJECTORY"
+
+
+def at_rest(http: httpx.Client) -> bool:
+    robot = http.get("/health").json()["robot"]
+    return robot["mode"] == "HOLD" and robot["settled"]
+
+
+def test_a_sequence_visits_all_points_in_all_iterations(http: httpx.Client) -> None:
+    answer = start(http, SHORT, n_iterations=2, joints_action="my/action")
+    assert answer.status_code == 200, answer.text
+    assert answer.json()["status"] == "started"
+    assert psutil.pid_exists(answer.json()["pid"])
+    end = finished(http)
+    lines = http.get("/sequences/logs", params={"n": 50}).json()["lines"]
+    assert end["returncode"] == 0, lines
+    assert (end["iteration"], end["n_iterations"], end["waypoint"], end["n_waypoints"]) == (2, 2, 3, 3)
+    assert end["started_at"] < end["finished_at"]
+    assert sum("arrived" in line for line in lines[-20:]) == 8
+    assert any("(first)" in line for line in lines)
+    assert any("my/action" in line for line in lines)
+    np.testing.assert_allclose(http.get("/robot/joint_states").json()["position"], HOME, atol=1e-3)
+    assert http.get("/health").json()["service"]["motion"] is None
+
+
+def test_while_a_sequence_runs_nobody_else_moves_the_arm(http: httpx.Client) -> None:
+    pid = start(http, LONG).json()["pid"]
+    until(lambda: moving(http))
+    second = start(http, SHORT)
+    assert second.status_code == 409
+    assert f"pid {pid}" in second.json()["detail"]
+    move = http.post("/robot/move/named", json={"name": "home"})
+    assert move.status_code == 409
+    assert "sequence" in move.json()["detail"] or "POST /robot/move/joints" in move.json()["detail"]
+    stop = http.post("/stop").json()
+    assert stop["success"]
+    assert any(f"pid {pid}" in item for item in stop["stopped"])
+    end = status(http)
+    assert end["status"] == "finished"
+    assert end["returncode"] == 128 + signal.SIGTERM
+    assert not psutil.pid_exists(pid)
+    assert at_rest(http)
+
+
+def test_a_killed_runner_is_reported_and_the_arm_stops(http: httpx.Client) -> None:
+    pid = start(http, LONG).json()["pid"]
+    until(lambda: moving(http))
+    os.kill(pid, signal.SIGKILL)
+    assert finished(http)["returncode"] == -signal.SIGKILL
+    until(lambda: at_rest(http))
+    assert http.post("/robot/move/named", json={"name": "home", "speed": 1.0}).json()["success"]
+    assert any("return code -9" in line for line in http.get("/sequences/logs").json()["lines"])
+
+
+def test_a_runner_that_hangs_is_ended_by_stop(http: httpx.Client) -> None:
+    """SIGSTOP: the process takes no SIGTERM any more. The two seconds are the issue's figure."""
+    pid = start(http, LONG).json()["pid"]
+    until(lambda: moving(http))
+    os.kill(pid, signal.SIGSTOP)
+    stop = http.post("/stop").json()
+    assert stop["success"]
+    assert stop["duration_s"] < 2.0
+    assert status(http)["returncode"] == -signal.SIGKILL
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"{", ["not valid JSON"]),
+        (b"\x00\xff", ["cannot be read"]),
+        (b"[" * 200_000, ["nested too deeply"]),
+        ({"waypoints": []}, ["waypoints", "at least 1"]),
+        ({"waypoints": [{"joints": HOME, "sped": 1}]}, ["waypoints[0]", "'sped'", "did you mean 'speed'"]),
+        ({"waypoints": [{"x": 0.5, "y": 0, "z": 0.5}]}, ["waypoints[0].a: is missing"]),
+        ({"waypoints": [{"joints": HOME, "speed": 7}]}, ["waypoints[0].speed", "got 7"]),
+    ],
+)
+def test_a_bad_file_ends_the_runner_with_its_reason(
+    http: httpx.Client, content: Any, words: list[str]
+) -> None:
+    assert start(http, content).status_code == 200
+    assert finished(http)["returncode"] == 2
+    log = "\n".join(http.get("/sequences/logs", params={"n": 5}).json()["lines"])
+    for word in words:
+        assert word in log
+
+
+def test_a_waypoint_that_cannot_be_reached_ends_the_sequence_with_its_number(http: httpx.Client) -> None:
+    far = {"x": 3.0, "y": 0, "z": 0.5, "a": 0, "b": 3.14, "c": 0}
+    start(http, {"waypoints": [SHORT["waypoints"][0], far]})  # type: ignore[index]
+    assert finished(http)["returncode"] == 3
+    log = "\n".join(http.get("/sequences/logs", params={"n": 5}).json()["lines"])
+    assert "iteration 1/1, waypoint 2/2" in log
+    assert "cannot reach" in log
+
+
+def test_a_recording_can_be_read_by_rosbags(shared: Run, http: httpx.Client) -> None:
+    assert start(http, SHORT, bag_path="run/one").status_code == 200
+    end = finished(http)
+    assert end["returncode"] == 0
+    bag = shared.config.parent / "recordings" / "run" / "one"
+    assert end["bag_path"] == str(bag)
+    with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        messages: dict[str, list[Any]] = {}
+        for connection, _, raw in reader.messages():
+            messages.setdefault(connection.topic, []).append(reader.deserialize(raw, connection.msgtype))
+    states = messages["/joint_states"]
+    assert states[0].name == [f"joint{n}" for n in range(1, 8)]
+    np.testing.assert_allclose(states[0].position, HOME, atol=2e-3)
+    assert np.ptp([state.position[0] for state in states]) > 0.1
+    events = [json.loads(message.data) for message in messages["/motion_events"]]
+    assert [event["event"] for event in events] == ["start", "arrived"] * 4
+
+
+def test_a_recording_survives_a_stop_and_holds_only_the_chosen_topic(shared: Run, http: httpx.Client) -> None:
+    start(http, LONG, bag_path="stopped", topics="/joint_states")
+    until(lambda: moving(http))
+    http.post("/stop").raise_for_status()
+    bag = shared.config.parent / "recordings" / "stopped"
+    with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        assert {connection.topic for connection in reader.connections} == {"/joint_states"}
+
+
+@pytest.mark.parametrize("path", ["../outside", "/etc/cobot", "a/../../outside", "link/out", ".", "nul\0"])
+def test_a_recording_cannot_leave_its_folder(shared: Run, http: httpx.Client, path: str) -> None:
+    folder = shared.config.parent / "recordings"
+    folder.mkdir(exist_ok=True)
+    link = folder / "link"
+    if not link.is_symlink():
+        link.symlink_to(shared.config.parent)
+    answer = start(http, SHORT, bag_path=path)
+    assert answer.status_code == 422, answer.text
+    assert "bag_path" in answer.json()["detail"]
+    assert not Path(shared.config.parent / "outside").exists()
+
+
+def test_an_unknown_topic_ends_the_runner_with_the_valid_ones(http: httpx.Client) -> None:
+    start(http, SHORT, bag_path="topics", topics="/tf")
+    assert finished(http)["returncode"] == 2
+    log = "\n".join(http.get("/sequences/logs", params={"n": 5}).json()["lines"])
+    assert "'/tf'" in log
+    assert "/joint_states, /motion_events" in log
+
+
+@pytest.mark.parametrize(
+    ("fields", "word"),
+    [
+        ({"n_iterations": 0}, "n_iterations"),
+        ({"n_iterations": "many"}, "n_iterations"),
+        ({"delay_between_iterations": -1}, "delay_between_iterations"),
+        ({"delay_between_iterations": "nan"}, "delay_between_iterations"),
+    ],
+)
+def test_bad_form_fields_are_named(http: httpx.Client, fields: dict[str, Any], word: str) -> None:
+    answer = start(http, SHORT, **fields)
+    assert answer.status_code == 422
+    assert word in answer.json()["detail"]
+    missing = http.post("/sequences/start", data={"n_iterations": 1}, files={})
+    assert missing.status_code == 415
