@@ -35,7 +35,11 @@ Speed = Annotated[
 ]
 AccelScale = Annotated[
     float,
-    Field(ge=0.0, le=1.0, description="Share of the acceleration and jerk limits; 0 takes `speed`."),
+    Field(
+        ge=0.0,
+        le=1.0,
+        description="Share of the acceleration and jerk limits (of jerk 0.8 at the most); 0 takes `speed`.",
+    ),
 ]
 Planner = Annotated[
     Literal["ompl", "ptp", "lin", "circ", "chomp"],

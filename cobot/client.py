@@ -188,7 +188,7 @@ class Client:
         try:
             response = self._http.request(method, path, **request)
         except httpx.HTTPError as exc:
-            raise UnavailableError(f"{method} {url}: {exc or type(exc).__name__}") from exc
+            raise UnavailableError(f"{method} {url}: {str(exc) or type(exc).__name__}") from exc
         except (TypeError, ValueError) as exc:  # JSON has no NaN, no infinity and no objects of ours
             raise InputError(f"{method} {path}: {exc}") from exc
         try:

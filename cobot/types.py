@@ -145,12 +145,17 @@ class NamedPosition:
     description: str = ""
 
 
+PLANNED_JERK = 0.8
+"""The share of the jerk limits that planned motions use at the most: a stop on the path has to add jerk of
+its own, and can begin at once only if the motion has left some."""
+
+
 @dataclass(frozen=True, slots=True)
 class Scaling:
     """How much of the limits a motion may use, as fractions in (0, 1].
 
     Velocity is scaled by `speed`; acceleration by `accel_scale`, or by `speed` when `accel_scale`
-    is 0; jerk by the same fraction as acceleration.
+    is 0; jerk by the same fraction as acceleration, but to no more than `PLANNED_JERK` of its limit.
     """
 
     speed: float = 0.1
@@ -165,6 +170,10 @@ class Scaling:
     @property
     def acceleration(self) -> float:
         return self.accel_scale or self.speed
+
+    @property
+    def jerk(self) -> float:
+        return min(self.acceleration, PLANNED_JERK)
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,8 @@ from cobot.types import Array
 PIECE_SEGMENTS = 96
 PIECE_TIMES = 4096
 """How much is copied and checked in one cycle: 32 kB with seven joints, some tens of microseconds."""
+MOST_BREAKPOINTS = 24
+"""That a stop looks at: where they are closer together, the path is smooth between them."""
 REST_TOLERANCE = 1e-3
 """What a motion may have left of velocity (rad/s) and acceleration (rad/s²) at its ends."""
 
@@ -59,6 +61,12 @@ class Path:
             self._index += 1
         power_basis(path_time_s - times[self._index], self._basis)
         np.dot(self._coefficients[self._index], self._basis, out=self.derivatives)
+
+    def breakpoints(self, from_s: float, to_s: float) -> Array:
+        """The path's breakpoints between two path times, at the most `MOST_BREAKPOINTS` of them."""
+        times = self._times[: self._segments + 1]
+        begin, end = np.searchsorted(times, (from_s, to_s))
+        return times[begin : end : 1 + (end - begin) // MOST_BREAKPOINTS]
 
     def sample(self, times_s: Array) -> Array:
         """First to third derivative at path times, shape (3, n, dof); at rest past the end."""

@@ -21,15 +21,16 @@ LADDER = (1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.12, 0.08, 0.05, 0.03)
 """Fractions of the steepest profile that are tried, one a cycle."""
 SAMPLES = np.linspace(0.0, 1.0, 11)
 """Places in each phase of a profile where the joints' acceleration and jerk are looked at."""
+SIDE_S = 1e-9
 SHARE = 0.99
 """Of the limits; the rest is for what lies between two samples."""
 MAX_ACCELERATION = 50.0
 MAX_JERK = 2000.0
 """Of the rate, 1/s and 1/s²: where the arm hardly moves, any rate would be admissible."""
-PATIENCE_S = 0.15
 RELAXATION_PER_S = 4.0
-"""A path that leaves no room to slow down anywhere is stopped nevertheless: after `PATIENCE_S` the
-bounds on a profile widen. Only a path beyond the limits, which the safety layer bounds, needs that."""
+"""A path that leaves no room to slow down anywhere is stopped nevertheless: from the time on in which a
+joint at its limits would have come to rest, the bounds on a profile widen. Only a path beyond the
+limits, which the safety layer bounds, should need that."""
 
 
 class PathClock:
@@ -38,6 +39,8 @@ class PathClock:
     def __init__(self, limits: JointLimits, period_s: float) -> None:
         self._max_acceleration = limits.max_acceleration
         self._max_jerk = limits.max_jerk
+        braking_s = limits.max_velocity / limits.max_acceleration + limits.max_acceleration / limits.max_jerk
+        self._patience_s = float(braking_s.max())
         self._period_s = period_s
         self._generator = ruckig.Ruckig(1)
         self._problem = ruckig.InputParameter(1)
@@ -124,12 +127,16 @@ class PathClock:
         s, r, a, j = (
             np.array(values)[phases, None] for values in (profile.p, profile.v, profile.a, profile.j)
         )
-        times = (s + t * (r + t * (a / 2 + t * j / 6))).ravel()
-        rate = (r + t * (a + t * j / 2)).ravel()[:, None]
-        slope = (a + t * j).ravel()[:, None]
-        bend = np.broadcast_to(j, t.shape).ravel()[:, None]
+        grid = (s + t * (r + t * (a / 2 + t * j / 6))).ravel()
+        rates = np.array([r + t * (a + t * j / 2), a + t * j, np.broadcast_to(j, t.shape)]).reshape(3, -1)
+        # The path's jerk steps at its breakpoints: both sides of each are looked at too.
+        breaks = path.breakpoints(grid[0], grid[-1])
+        times = np.concatenate([grid, breaks - SIDE_S, breaks + SIDE_S])
+        rate, slope, bend = (
+            np.concatenate([row, np.tile(np.interp(breaks, grid, row), 2)])[:, None] for row in rates
+        )
         first, second, third = path.sample(times)
-        widening = 1.0 + RELAXATION_PER_S * max(0.0, self._waited_s - PATIENCE_S)
+        widening = 1.0 + RELAXATION_PER_S * max(0.0, self._waited_s - self._patience_s)
         own_acceleration = second * rate**2
         own_jerk = third * rate**3
         acceleration = np.abs(own_acceleration + first * slope)

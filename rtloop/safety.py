@@ -49,6 +49,7 @@ class Safety:
         velocity, acceleration = (
             rate * (1.0 + TOLERANCE) for rate in (limits.max_velocity, limits.max_acceleration)
         )
+        self._largest_step = limits.max_jerk * period_s  # of the acceleration, from cycle to cycle
         self._low = np.array([low, -velocity, -acceleration, -velocity, -acceleration])
         self._high = np.array([high, velocity, acceleration, velocity, acceleration])
         self._checked = np.zeros((5, dof))
@@ -97,13 +98,20 @@ class Safety:
         np.subtract(self._high, checked, out=self._above)
         np.subtract(checked, self._low, out=self._below)
         np.minimum(self._above, self._below, out=self._above)
-        if self._above.min() >= 0.0:  # false for a NaN too
+        inside = self._above.min() >= 0.0  # false for a NaN too
+        if inside and (not self.pursuing or self._meets(request)):
             np.copyto(self.command, request)
             self.pursuing = False
             self._excess = None
             self._remember()
             return True
         return self._catch(request)
+
+    def _meets(self, request: Array) -> bool:
+        """Whether the pursuit has come so close that going over to the request keeps the jerk limits."""
+        acceleration = self._checked[2]
+        step = np.maximum(np.abs(acceleration - self.acceleration), np.abs(acceleration - request[2]))
+        return bool((step <= self._largest_step).all())
 
     def brake(self) -> bool:
         """Come to rest from wherever the arm is, each joint for itself, as fast as the limits permit.

@@ -66,8 +66,8 @@ def follow(robot: Robot, request: MotionRequest, path: TcpPath) -> Trajectory | 
     """
     if path.length_m < STANDING_M and path.angle_rad < STANDING_RAD:
         return None
-    share = request.scaling.acceleration
-    cap = _tcp_rates(path, robot.cartesian_limits.scaled(request.scaling.speed, share, share))
+    scaling = request.scaling
+    cap = _tcp_rates(path, robot.cartesian_limits.scaled(scaling.speed, scaling.acceleration, scaling.jerk))
     limits = request.scaled_limits(robot)
     samples = FIRST_SAMPLES
     while samples <= LAST_SAMPLES:

@@ -36,8 +36,8 @@ class MotionRequest:
 
     def scaled_limits(self, robot: Robot) -> JointLimits:
         """The share of the joint limits that this motion may use."""
-        share = self.scaling.acceleration
-        return robot.limits.scaled(self.scaling.speed, share, share)
+        scaling = self.scaling
+        return robot.limits.scaled(scaling.speed, scaling.acceleration, scaling.jerk)
 
 
 def validate(
