@@ -38,8 +38,7 @@ class ControlLoop:
         self._position, self._velocity, _ = self._measured
         self._fresh = np.zeros((3, limits.dof))
         self._fresh_rows = tuple(self._fresh)
-        self._flat = self._fresh.ravel()
-        self._zeros = np.zeros(self._flat.size)
+        self._finite = np.zeros_like(self._fresh, bool)
         self._cycle = 0
 
     def open(self, start_position: Array) -> None:
@@ -111,7 +110,7 @@ class ControlLoop:
         except BackendError as exc:
             self.controller.fault(f"reading from the robot failed: {exc}")
             return
-        if self._flat.dot(self._zeros) != 0.0:  # NaN and infinity times zero are NaN
+        if not np.isfinite(self._fresh, out=self._finite).all():
             self.controller.fault("the robot reports a value that is not finite")
             return
         np.copyto(self._measured, self._fresh)

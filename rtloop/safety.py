@@ -18,6 +18,8 @@ TOLERANCE = 0.01
 """Relative, on velocity and acceleration: planners drive exactly at the limits, and the differences of
 three positions carry the rounding of numbers of the order of 1 rad, divided by the period squared."""
 POSITION_TOLERANCE_RAD = 1e-5
+ROUNDING = 1e-9
+"""Of velocity and acceleration at the end of a brake profile: this is rest."""
 
 KINDS = (
     Intervention.POSITION,
@@ -45,6 +47,7 @@ class Safety:
     def __init__(self, limits: JointLimits, period_s: float) -> None:
         dof = limits.dof
         self._limits = limits
+        self._period_s = period_s
         low, high = limits.min_position - POSITION_TOLERANCE_RAD, limits.max_position + POSITION_TOLERANCE_RAD
         velocity, acceleration = (
             rate * (1.0 + TOLERANCE) for rate in (limits.max_velocity, limits.max_acceleration)
@@ -60,7 +63,7 @@ class Safety:
         self._differences = np.array(
             [[1.0, 0.0, 0.0], [rate, -rate, 0.0], [rate**2, -2.0 * rate**2, rate**2]]
         )
-        self._history = np.zeros((3, dof))
+        self._history = np.zeros((4, dof))  # positions: what is requested, and what was let through before
         self.command = np.zeros((3, dof))
         self.position, self.velocity, self.acceleration = self.command
         self.interventions = np.zeros(len(Intervention), np.uint64)
@@ -71,7 +74,7 @@ class Safety:
         self._pursuit.max_acceleration = limits.max_acceleration.tolist()
         self._pursuit.max_jerk = limits.max_jerk.tolist()
         self._output = ruckig.OutputParameter(dof)
-        self._excess: Intervention | None = None  # what is being caught
+        self._caught: set[Intervention] = set()  # in this pursuit
         self.pursuing = False
 
     def reset(self, position: Array) -> None:
@@ -80,7 +83,7 @@ class Safety:
         self.position[:] = position
         self._history[:] = position
         self.pursuing = False
-        self._excess = None
+        self._caught.clear()
 
     def apply(self, request: Array) -> bool:
         """Let a command through, or the nearest that is safe; the result is in `command`.
@@ -93,19 +96,35 @@ class Safety:
         """
         checked, history = self._checked, self._history
         np.copyto(history[0], request[0])
-        np.dot(self._differences, history, out=checked[:3])
-        np.copyto(checked[3:], request[1:])
-        np.subtract(self._high, checked, out=self._above)
-        np.subtract(checked, self._low, out=self._below)
-        np.minimum(self._above, self._below, out=self._above)
-        inside = self._above.min() >= 0.0  # false for a NaN too
+        with np.errstate(over="ignore", invalid="ignore"):
+            np.dot(self._differences, history[:3], out=checked[:3])
+            np.copyto(checked[3:], request[1:])
+            np.subtract(self._high, checked, out=self._above)
+            np.subtract(checked, self._low, out=self._below)
+            np.minimum(self._above, self._below, out=self._above)
+            inside = bool(self._above.min() >= 0.0)  # false for a NaN too
         if inside and (not self.pursuing or self._meets(request)):
             np.copyto(self.command, request)
             self.pursuing = False
-            self._excess = None
+            self._caught.clear()
             self._remember()
             return True
-        return self._catch(request)
+        finite = inside or bool(np.isfinite(request).all())
+        if not inside:
+            self._count(
+                Intervention.NOT_FINITE if not finite else KINDS[(self._above.min(axis=1) < 0.0).argmax()]
+            )
+        if finite:
+            self._pursue(request[0])
+        else:
+            self.brake()
+        return finite
+
+    def _count(self, kind: Intervention) -> None:
+        """Once in each pursuit."""
+        if kind not in self._caught:
+            self._caught.add(kind)
+            self.interventions[kind] += 1
 
     def _meets(self, request: Array) -> bool:
         """Whether the pursuit has come so close that going over to the request keeps the jerk limits."""
@@ -122,27 +141,25 @@ class Safety:
         self._pursuit.control_interface = ruckig.ControlInterface.Velocity
         self._pursuit.target_velocity = [0.0] * self._limits.dof
         self._follow_pursuit()
-        return not self.velocity.any()
+        if np.abs(self.command[1:]).max() > ROUNDING:
+            return False
+        self.command[1:] = 0.0
+        return True
 
-    def _catch(self, request: Array) -> bool:
-        finite = bool(np.isfinite(request).all())
-        row = int((self._above.min(axis=1) < 0.0).argmax())
-        excess = KINDS[row] if finite else Intervention.NOT_FINITE
-        if excess is not self._excess:
-            self.interventions[excess] += 1
-            self._excess = excess
-        if finite:
-            target = request[0].clip(self._limits.min_position, self._limits.max_position)
-            self._pursuit.control_interface = ruckig.ControlInterface.Position
-            self._pursuit.target_position = target.tolist()
-            self._pursuit.target_velocity = [0.0] * self._limits.dof
-            self._follow_pursuit()
-        else:
-            self.brake()
-        return finite
+    def _pursue(self, target: Array) -> None:
+        target = target.clip(self._limits.min_position, self._limits.max_position)
+        self._pursuit.control_interface = ruckig.ControlInterface.Position
+        self._pursuit.target_position = target.tolist()
+        self._pursuit.target_velocity = [0.0] * self._limits.dof
+        self._follow_pursuit()
 
     def _follow_pursuit(self) -> None:
         pursuit, output = self._pursuit, self._output
+        if not self.pursuing:
+            # What the arm really does, whatever was stated: from the last three positions, which give
+            # the velocity half a period ago.
+            np.dot(self._differences, self._history[1:], out=self.command)
+            self.velocity += 0.5 * self._period_s * self.acceleration
         pursuit.current_position = self.position.tolist()
         pursuit.current_velocity = self.velocity.tolist()
         pursuit.current_acceleration = self.acceleration.tolist()
@@ -155,5 +172,5 @@ class Safety:
 
     def _remember(self) -> None:
         history = self._history
-        np.copyto(history[2], history[1])
+        history[2:] = history[1:3]
         np.copyto(history[1], self.position)

@@ -1,0 +1,59 @@
+"""Punctuality is for the benchmarks; here only what is counted when time is lost.
+
+Oracle: the kernel's own CLOCK_MONOTONIC.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+from rig import Rig
+
+from cobot.config import Settings
+from cobot.layout import HISTOGRAM_BUCKETS, Phase
+from cobot.robot import Robot
+from rtloop.clock import FastClock, RealtimeClock
+from rtloop.publisher import STATISTICS_CYCLES
+
+
+def test_missed_periods_are_counted_and_not_caught_up() -> None:
+    clock = RealtimeClock(1e-3)
+    clock.wait(moving=True)
+    time.sleep(0.02)
+    late_ns = clock.wait(moving=True)
+    assert late_ns >= 18e6
+    assert clock.overruns >= 18
+    deadline_ns = clock._deadline_ns
+    assert deadline_ns > time.monotonic_ns() - 50e6, "the next deadline is near now, not in the past"
+
+
+def test_a_cycle_never_begins_before_its_deadline() -> None:
+    clock = RealtimeClock(1e-3)
+    assert min(clock.wait(moving=True) for _ in range(50)) >= 0
+
+
+def test_the_fast_clock_does_not_wait_while_the_arm_moves(monkeypatch: pytest.MonkeyPatch) -> None:
+    naps: list[float] = []
+    monkeypatch.setattr(time, "sleep", naps.append)
+    clock = FastClock(1e-3)
+    clock.wait(moving=True)
+    clock.wait(moving=False)
+    assert naps == [1e-3]
+
+
+def test_every_cycle_is_in_the_histograms(settings: Settings, robot: Robot) -> None:
+    rig = Rig(settings, robot)
+    try:
+        rig.step(STATISTICS_CYCLES - 1)
+        rig.loop.step(late_ns=5_000_000)
+        statistics = rig.memory.statistics.read()
+        assert int(statistics["cycles"]) == STATISTICS_CYCLES
+        histogram = statistics["histogram"]
+        assert int(histogram[Phase.UPDATE].sum()) == STATISTICS_CYCLES
+        assert int(histogram[Phase.WAKEUP][HISTOGRAM_BUCKETS - 1]) == 1
+        assert float(statistics["max_us"][Phase.WAKEUP]) == 5000.0
+        assert np.all(statistics["max_us"][Phase.UPDATE] > 0.0)
+    finally:
+        rig.close()
