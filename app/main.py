@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 from collections.abc import AsyncIterator
 from importlib.metadata import version
 from pathlib import Path
@@ -54,6 +55,8 @@ def create_app(settings: Settings, config: Path | None, base_url: str) -> FastAP
         warming = asyncio.create_task(planning.warm_up())
         async with link.heartbeat():
             app.state.services = _services(settings, robot, link, planning, base_url)
+            gc.collect()
+            gc.freeze()
             yield
             await app.state.services.stopping.stop(timeout_s=3.0)
         warming.cancel()
@@ -73,9 +76,12 @@ def create_app(settings: Settings, config: Path | None, base_url: str) -> FastAP
     app.add_middleware(BodyLimit, limit_bytes=settings.web.max_body_bytes)
     errors.install(app)
     app.openapi = with_limits(app.openapi, robot.limits)  # type: ignore[method-assign]
-    for router in (robot_router.router, trajectory.router, sequences.router, common.router):
-        app.include_router(router)
-    app.router.routes[:] = [route for route in app.router.routes if _enabled(route, endpoints)]
+    # Routes are matched one after the other: those that are polled come first, the documentation's last. Not
+    # by include_router, for the nesting it keeps is matched in each request too.
+    routers = (robot_router.router, trajectory.router, sequences.router, common.router)
+    app.router.routes[:0] = [
+        route for router in routers for route in router.routes if _enabled(route, endpoints)
+    ]
 
     @app.get("/", include_in_schema=False)
     async def root() -> RedirectResponse:
@@ -85,9 +91,8 @@ def create_app(settings: Settings, config: Path | None, base_url: str) -> FastAP
 
 
 def _enabled(route: BaseRoute, endpoints: dict[str, Endpoint]) -> bool:
-    """Whether api_endpoints.yaml wants it; what is not an endpoint (the documentation) always is."""
-    if not isinstance(route, APIRoute) or not route.include_in_schema:
-        return True
+    """Whether api_endpoints.yaml wants it."""
+    assert isinstance(route, APIRoute)
     (method,) = route.methods or {""}
     return endpoints[f"{method} {route.path}"].enabled
 

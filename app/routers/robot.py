@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from fastapi import APIRouter, Depends
+from fastapi import APIRouter, Depends, Request
 
-from app.dependencies import Gone, Name, ServicesDep, Timeout, Token, json_body
+from app.dependencies import Call, Gone, json_body
 from app.errors import responses
 from app.schemas import (
     Angles,
@@ -33,11 +33,12 @@ router = APIRouter(prefix="/robot", tags=["robot"])
 
 
 @router.get("/joint_states", responses=responses(503))
-async def joint_states(services: ServicesDep, timeout: Timeout) -> JointStates:
+async def joint_states(request: Request) -> JointStates:
     """Angles, velocities and efforts, as measured."""
-    state = await services.link.fresh_state(timeout)
+    call = Call(request)
+    state = await call.services.link.fresh_state(call.timeout_s)
     return JointStates(
-        name=list(services.robot.limits.names),
+        name=list(call.services.robot.limits.names),
         position=state.position.tolist(),
         velocity=state.velocity.tolist(),
         effort=state.effort.tolist(),
@@ -45,9 +46,10 @@ async def joint_states(services: ServicesDep, timeout: Timeout) -> JointStates:
 
 
 @router.get("/pose", responses=responses(503))
-async def pose(services: ServicesDep, timeout: Timeout) -> PoseAnswer:
+async def pose(request: Request) -> PoseAnswer:
     """The TCP in the base frame."""
-    state = await services.link.fresh_state(timeout)
+    call = Call(request)
+    state = await call.services.link.fresh_state(call.timeout_s)
     x, y, z, qw, qx, qy, qz = state.tcp.tolist()
     a, b, c = abc_from_quaternion(state.tcp[3:])
     return PoseAnswer(
@@ -57,13 +59,14 @@ async def pose(services: ServicesDep, timeout: Timeout) -> PoseAnswer:
             euler_rad=Angles(a=a, b=b, c=c),
             euler_deg=Angles(a=np.degrees(a), b=np.degrees(b), c=np.degrees(c)),
         ),
-        frame_id=services.robot.base_frame,
+        frame_id=call.services.robot.base_frame,
     )
 
 
 @router.get("/positions")
-async def positions(services: ServicesDep) -> list[NamedPositionAnswer]:
+async def positions(request: Request) -> list[NamedPositionAnswer]:
     """The positions that have a name, from the SRDF."""
+    call = Call(request)
     return [
         NamedPositionAnswer(
             name=position.name,
@@ -71,40 +74,36 @@ async def positions(services: ServicesDep) -> list[NamedPositionAnswer]:
             description=position.description,
             joints=list(position.joints),
         )
-        for position in services.robot.positions.values()
+        for position in call.services.robot.positions.values()
     ]
 
 
 @router.post("/move/named", responses=MOTION_RESPONSES, dependencies=[Depends(json_body)])
-async def move_named(
-    body: MoveNamed, services: ServicesDep, name: Name, timeout: Timeout, gone: Gone, token: Token = None
-) -> MoveAnswer:
+async def move_named(body: MoveNamed, request: Request, gone: Gone) -> MoveAnswer:
     """Go to a named position by ptp; answers when the arm has arrived and settled."""
-    goal = services.motion.named(body.name, Scaling(body.speed, body.accel_scale))
-    return _answer(await services.motion.move(name, goal, timeout, token, gone))
+    call = Call(request)
+    goal = call.services.motion.named(body.name, Scaling(body.speed, body.accel_scale))
+    return _answer(await call.services.motion.move(call.name, goal, call.timeout_s, call.token, gone))
 
 
 @router.post("/move/joints", responses=MOTION_RESPONSES, dependencies=[Depends(json_body)])
 async def move_joints(
     body: MoveJoints,
-    services: ServicesDep,
-    name: Name,
-    timeout: Timeout,
+    request: Request,
     gone: Gone,
-    token: Token = None,
 ) -> MoveAnswer:
     """Go to joint angles by ptp; answers when the arm has arrived and settled."""
-    goal = services.motion.joints(body.joints, Scaling(body.speed, body.accel_scale))
-    return _answer(await services.motion.move(name, goal, timeout, token, gone))
+    call = Call(request)
+    goal = call.services.motion.joints(body.joints, Scaling(body.speed, body.accel_scale))
+    return _answer(await call.services.motion.move(call.name, goal, call.timeout_s, call.token, gone))
 
 
 @router.post("/move/pose", responses=MOTION_RESPONSES, dependencies=[Depends(json_body)])
-async def move_pose(
-    body: MovePose, services: ServicesDep, name: Name, timeout: Timeout, gone: Gone, token: Token = None
-) -> MoveAnswer:
+async def move_pose(body: MovePose, request: Request, gone: Gone) -> MoveAnswer:
     """Bring the TCP to a pose; answers when the arm has arrived and settled."""
+    call = Call(request)
     via = None if body.via is None else [body.via.x, body.via.y, body.via.z]
-    goal = services.motion.pose(
+    goal = call.services.motion.pose(
         [body.x, body.y, body.z],
         [body.a, body.b, body.c],
         body.frame_id,
@@ -112,13 +111,14 @@ async def move_pose(
         Scaling(body.speed, body.accel_scale),
         via,
     )
-    return _answer(await services.motion.move(name, goal, timeout, token, gone))
+    return _answer(await call.services.motion.move(call.name, goal, call.timeout_s, call.token, gone))
 
 
 @router.post("/reset", responses=responses(503))
-async def reset(services: ServicesDep) -> ResetAnswer:
+async def reset(request: Request) -> ResetAnswer:
     """Leave an e-stop or a fault, once its cause is gone. Nothing moves."""
-    await services.link.reset()
+    call = Call(request)
+    await call.services.link.reset()
     return ResetAnswer(success=True, message="the robot is ready to move")
 
 

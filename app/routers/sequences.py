@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, File, Form, Query, UploadFile
+from fastapi import APIRouter, Depends, File, Form, Query, Request, UploadFile
 
-from app.dependencies import ServicesDep, form_body
+from app.dependencies import Call, form_body
 from app.errors import responses
 from app.schemas import LogAnswer, LogQuery, SequenceStatusAnswer, StartedAnswer
 from app.services.sequences import SequenceOrder
@@ -18,7 +18,7 @@ Text = Annotated[str, Form(max_length=1000)]
 
 @router.post("/start", responses=responses(409, 413, 415, 422, 503), dependencies=[Depends(form_body)])
 async def start_sequence(
-    services: ServicesDep,
+    request: Request,
     config: Annotated[UploadFile, File(description="The sequence, JSON; see docs/api.md for its schema.")],
     n_iterations: Annotated[int, Form(ge=1, le=1_000_000)] = 3,
     delay_between_iterations: Annotated[float, Form(ge=0.0, le=86400.0, allow_inf_nan=False)] = 5.0,
@@ -28,6 +28,7 @@ async def start_sequence(
     pose_action: Text = "cobot/move_to_pose",
 ) -> StartedAnswer:
     """Start a sequence; answers when its process runs. Only one at a time."""
+    call = Call(request)
     order = SequenceOrder(
         await config.read(),
         n_iterations,
@@ -37,19 +38,21 @@ async def start_sequence(
         joints_action,
         pose_action,
     )
-    status = await services.sequences.start(order)
+    status = await call.services.sequences.start(order)
     assert status.sequence_id is not None
     assert status.pid is not None
     return StartedAnswer(sequence_id=status.sequence_id, pid=status.pid)
 
 
 @router.get("/status")
-async def sequence_status(services: ServicesDep) -> SequenceStatusAnswer:
+async def sequence_status(request: Request) -> SequenceStatusAnswer:
     """How the newest sequence stands."""
-    return SequenceStatusAnswer.model_validate(asdict(services.sequences.status))
+    call = Call(request)
+    return SequenceStatusAnswer.model_validate(asdict(call.services.sequences.status))
 
 
 @router.get("/logs", responses=responses(422))
-async def sequence_logs(query: Annotated[LogQuery, Query()], services: ServicesDep) -> LogAnswer:
+async def sequence_logs(query: Annotated[LogQuery, Query()], request: Request) -> LogAnswer:
     """What runners have printed; it stays when they have ended."""
-    return LogAnswer(lines=services.sequences.lines(query.n))
+    call = Call(request)
+    return LogAnswer(lines=call.services.sequences.lines(query.n))

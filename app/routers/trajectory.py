@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, File, Query, UploadFile
+from fastapi import APIRouter, Depends, File, Query, Request, UploadFile
 
-from app.dependencies import Gone, Name, ServicesDep, Timeout, Token, form_body, json_body
+from app.dependencies import Call, Gone, form_body, json_body
 from app.errors import responses
 from app.schemas import CsvQuery, LogAnswer, LogQuery, SendTrajectory, SentAnswer
 from app.services.csv_points import read_points
@@ -19,39 +19,41 @@ SEND_RESPONSES = responses(409, 413, 415, 422, 503)
 
 
 @router.post("/send", responses=SEND_RESPONSES, dependencies=[Depends(json_body)])
-async def send_trajectory(
-    body: SendTrajectory, services: ServicesDep, name: Name, timeout: Timeout, gone: Gone, token: Token = None
-) -> SentAnswer:
+async def send_trajectory(body: SendTrajectory, request: Request, gone: Gone) -> SentAnswer:
     """Run a trajectory through timed points; answers when it has begun."""
+    call = Call(request)
     points = [
         Waypoint(p.positions, p.time_from_start, p.velocities, p.accelerations, f"points[{index}]")
         for index, p in enumerate(body.points)
     ]
     options = Options(body.validate_limits, body.retime, body.move_to_start)
-    return _answer(await services.trajectories.send(name, points, options, timeout, token, gone))
+    return _answer(
+        await call.services.trajectories.send(call.name, points, options, call.timeout_s, call.token, gone)
+    )
 
 
 @router.post("/send_csv", responses=SEND_RESPONSES, dependencies=[Depends(form_body)])
 async def send_csv(
     file: Annotated[UploadFile, File(description="Header joint1 ... joint7, t; angles in rad, times in s.")],
     query: Annotated[CsvQuery, Query()],
-    services: ServicesDep,
-    name: Name,
-    timeout: Timeout,
+    request: Request,
     gone: Gone,
-    token: Token = None,
 ) -> SentAnswer:
     """Run a trajectory from a CSV file; answers when it has begun."""
-    dof = services.robot.limits.dof
+    call = Call(request)
+    dof = call.services.robot.limits.dof
     points = await asyncio.to_thread(read_points, file.file, query.separator, dof)
     options = Options(query.validate_limits, query.retime, query.move_to_start)
-    return _answer(await services.trajectories.send(name, points, options, timeout, token, gone))
+    return _answer(
+        await call.services.trajectories.send(call.name, points, options, call.timeout_s, call.token, gone)
+    )
 
 
 @router.get("/logs", responses=responses(422))
-async def trajectory_logs(query: Annotated[LogQuery, Query()], services: ServicesDep) -> LogAnswer:
+async def trajectory_logs(query: Annotated[LogQuery, Query()], request: Request) -> LogAnswer:
     """What became of trajectories: accepted, arrived, stopped, refused, and why."""
-    return LogAnswer(lines=services.trajectories.lines(query.n))
+    call = Call(request)
+    return LogAnswer(lines=call.services.trajectories.lines(query.n))
 
 
 def _answer(sent: Sent) -> SentAnswer:

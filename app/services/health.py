@@ -14,7 +14,7 @@ from app.services.link import RobotLink
 from app.services.motion import MotionService
 from app.services.sequences import SequenceService
 from cobot.errors import UnavailableError
-from cobot.layout import LAYOUT_VERSION, Phase
+from cobot.layout import LAYOUT_VERSION, Intervention, Phase
 from cobot.shm import text
 from cobot.types import Mode
 
@@ -73,7 +73,8 @@ class HealthService:
                 "torn_reads": state.torn_reads,
                 **_process(statistics),
             }
-            interventions = state.interventions
+            names = (kind.name.lower() for kind in Intervention)
+            interventions = dict(zip(names, state.interventions, strict=True))
             cycle_us = _cycle_times(statistics)
             if not alive:
                 problems.append(f"rtloop (pid {rtloop['pid']}) has been silent for {state.age_s:.1f} s")

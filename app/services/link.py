@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cobot.errors import ExecutionError, NotReadyError, TornReadError, UnavailableError
-from cobot.layout import RING, SLOTS, Ack, Command, Intervention, MotionResult
+from cobot.layout import RING, SLOTS, STATE_SCALARS, STATE_STRUCT, Ack, Command, MotionResult
 from cobot.shm import RobotMemory, Role, text
 from cobot.trajectory import Trajectory
 from cobot.types import Array, Mode
@@ -21,17 +21,19 @@ HEARTBEAT_S = 0.05
 POLL_S = 0.002
 ACKNOWLEDGE_S = 3.0
 """rtloop verifies the largest trajectory in about a second."""
+SCALARS = [name for name, _ in STATE_SCALARS]
 IN_THREAD_SEGMENTS = 2000
 """A longer trajectory is copied in a thread, so that nobody else waits."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class RobotState:
     """A copy of rtloop's state block: rad, rad/s, N·m, shape (dof,) each.
 
     Attributes:
         tcp: shape (7,): x, y, z in m, then w, x, y, z, in the base frame, as measured.
         age_s: how long ago it was published.
+        interventions: in the order of `Intervention`.
         reason: why the mode is ESTOP or FAULT, or why the last motion ended.
     """
 
@@ -46,10 +48,8 @@ class RobotState:
     motion_result: MotionResult
     path_time_s: float
     path_duration_s: float
-    path_rate: float
-    deceleration_ns: int
     stops_seen: int
-    interventions: dict[str, int]
+    interventions: list[int]
     overruns: int
     torn_reads: int
     age_s: float
@@ -105,28 +105,24 @@ class RobotLink:
             raise UnavailableError(str(exc)) from exc
         if self.memory.state.sequence == 0:
             raise UnavailableError("rtloop has not started yet")
+        scalars = dict(zip(SCALARS, STATE_STRUCT.unpack_from(self.memory.state.buffer.data), strict=True))
         return RobotState(
-            mode=Mode(int(record["mode"])),
-            settled=bool(record["settled"]),
+            mode=Mode(scalars["mode"]),
+            settled=bool(scalars["settled"]),
             position=record["position"].copy(),
             velocity=record["velocity"].copy(),
             effort=record["effort"].copy(),
             commanded_position=record["commanded_position"].copy(),
             tcp=record["tcp"].copy(),
-            motion_id=int(record["motion_id"]),
-            motion_result=MotionResult(int(record["motion_result"])),
-            path_time_s=float(record["path_time_s"]),
-            path_duration_s=float(record["path_duration_s"]),
-            path_rate=float(record["path_rate"]),
-            deceleration_ns=int(record["deceleration_monotonic_ns"]),
-            stops_seen=int(record["stops_seen"]),
-            interventions={
-                kind.name.lower(): int(count)
-                for kind, count in zip(Intervention, record["interventions"], strict=True)
-            },
-            overruns=int(record["overruns"]),
-            torn_reads=int(record["torn_reads"]),
-            age_s=(time.monotonic_ns() - int(record["monotonic_ns"])) * 1e-9,
+            motion_id=scalars["motion_id"],
+            motion_result=MotionResult(scalars["motion_result"]),
+            path_time_s=scalars["path_time_s"],
+            path_duration_s=scalars["path_duration_s"],
+            stops_seen=scalars["stops_seen"],
+            interventions=record["interventions"].tolist(),
+            overruns=scalars["overruns"],
+            torn_reads=scalars["torn_reads"],
+            age_s=(time.monotonic_ns() - scalars["monotonic_ns"]) * 1e-9,
             reason=text(record["reason"]),
         )
 

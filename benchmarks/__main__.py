@@ -1,0 +1,46 @@
+"""`make bench`: measures cobot against peers and floors in the same run, and prints one table.
+
+python -m benchmarks [--quick] [NAME ...]
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+from collections.abc import Callable, Iterator
+
+from benchmarks import cycle, planning, web
+from benchmarks.table import HEADER, Row
+
+BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
+    "compute": lambda quick: cycle.compute(1 if quick else 5, 5.0 if quick else 12.0),
+    "wake_up": lambda quick: cycle.wake_up(2 if quick else 10, 5.0 if quick else 12.0),
+    "planning": lambda quick: planning.planning_time(30 if quick else 300),
+    "straightness": lambda quick: planning.straightness(2 if quick else 12),
+    "requests": lambda quick: web.requests_per_second(2 if quick else 8, 2.0 if quick else 4.0),
+    "stop": lambda quick: web.stop(10 if quick else 100),
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help=f"of {', '.join(BENCHMARKS)}; all without one"
+    )
+    parser.add_argument("--quick", action="store_true", help="a minute instead of ten: tails mean little")
+    arguments = parser.parse_args()
+    unknown = set(arguments.names) - set(BENCHMARKS)
+    if unknown:
+        parser.error(f"there is no {', '.join(sorted(unknown))}; valid are: {', '.join(BENCHMARKS)}")
+    print(
+        f"{os.cpu_count()} cores, Linux {platform.release()}, Python {platform.python_version()}\n\n{HEADER}",
+        flush=True,
+    )
+    for name in arguments.names or BENCHMARKS:
+        for row in BENCHMARKS[name](arguments.quick):
+            print(row, flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,33 @@
+"""The floor for HTTP: a FastAPI with two routes and nothing behind them, served as cobot is."""
+
+from __future__ import annotations
+
+import socket
+
+import uvicorn
+from fastapi import FastAPI
+
+PAYLOAD = {
+    "name": [f"joint{n}" for n in range(1, 8)],
+    "position": [-0.00012345678901234, 0.5123456789012345, 0.0, -1.570123456789012, 0.0, 1.57, 0.0],
+    "velocity": [1.2345678901234567e-05] * 7,
+    "effort": [0.012345678901234567, -46.1234567890123, 0.0123, 21.812345678901234, 0.01, 0.4, 0.001],
+}
+app = FastAPI()
+
+
+@app.get("/robot/joint_states")
+async def joint_states() -> dict[str, list]:
+    return PAYLOAD
+
+
+@app.post("/stop")
+async def stop() -> dict[str, bool]:
+    return {"success": True}
+
+
+if __name__ == "__main__":
+    listening = socket.create_server(("127.0.0.1", 0))
+    print(f"http://127.0.0.1:{listening.getsockname()[1]}", flush=True)
+    config = uvicorn.Config(app, loop="uvloop", http="httptools", access_log=False, log_level="error")
+    uvicorn.Server(config).run(sockets=[listening])

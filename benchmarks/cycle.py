@@ -1,0 +1,142 @@
+"""The 1 kHz cycle: how long it computes, and how late it begins."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import Iterator
+
+import mujoco
+import numpy as np
+
+from benchmarks.service import from_histogram, histograms, reader, service
+from benchmarks.table import Row, percentiles, row
+from cobot.client import Client
+from cobot.config import load_settings
+from cobot.errors import CobotError
+from cobot.layout import HISTOGRAM_BUCKETS, Phase
+from cobot.robot import load_robot
+from tests.running import Run
+
+WARM_UP_S = 1.5
+CYCLICTEST = ("cyclictest", "--quiet", "--mlockall", "--interval=1000", "--threads=1")
+
+
+def compute(slices: int, slice_s: float) -> Iterator[Row]:
+    """Compute time per cycle while the arm moves, against MuJoCo's step of the same model by itself."""
+    phases = (Phase.READ, Phase.UPDATE, Phase.WRITE, Phase.TOTAL)
+    counts = np.zeros((len(Phase), HISTOGRAM_BUCKETS), np.int64)
+    floor: list[float] = []
+    with service() as run, _moving(run):
+        memory = reader(run)
+        for _ in range(slices):
+            time.sleep(WARM_UP_S)
+            before = histograms(memory)
+            time.sleep(slice_s)
+            counts += histograms(memory) - before
+            os.kill(_rtloop(run), signal.SIGSTOP)
+            floor += _steps_us(0.2 * slice_s)
+            os.kill(_rtloop(run), signal.SIGCONT)
+    for phase in phases:
+        aim = "50 / 120 / 200" if phase is Phase.TOTAL else ""
+        name = f"rtloop compute time a cycle, {phase.name.lower()}"
+        yield row(
+            name, "µs", from_histogram(counts[phase]), "mj_step of the model", percentiles(floor), aim=aim
+        )
+
+
+def wake_up(slices: int, slice_s: float) -> Iterator[Row]:
+    """How late cycles begin, in slices that alternate with cyclictest's at the same priority."""
+    if shutil.which(CYCLICTEST[0]) is None:
+        print("wake-up: cyclictest is not installed (Debian: rt-tests)")
+        return
+    ours = np.zeros(HISTOGRAM_BUCKETS, np.int64)
+    floor = np.zeros(HISTOGRAM_BUCKETS, np.int64)
+    with service() as run, _moving(run):
+        memory = reader(run)
+        real_time = bool(memory.statistics.read()["sched_fifo"])
+        policy = ("--policy=fifo", f"--priority={load_settings(None).rt.priority}")
+        for _ in range(slices):
+            time.sleep(WARM_UP_S)
+            before = histograms(memory)[Phase.WAKEUP]
+            time.sleep(slice_s)
+            ours += histograms(memory)[Phase.WAKEUP] - before
+            os.kill(_rtloop(run), signal.SIGSTOP)
+            try:
+                floor += _cyclictest(slice_s, policy if real_time else ("--policy=other",))
+            finally:
+                os.kill(_rtloop(run), signal.SIGCONT)
+    against = f"cyclictest, {'SCHED_FIFO' if real_time else 'no real-time permission'}"
+    yield row(
+        "wake-up latency of a cycle",
+        "µs",
+        from_histogram(ours),
+        against,
+        from_histogram(floor),
+        ratio_of="p99",
+        aim="3 times at p99",
+    )
+
+
+def _cyclictest(duration_s: float, policy: tuple[str, ...]) -> np.ndarray:
+    output = subprocess.run(
+        [*CYCLICTEST, *policy, f"--duration={round(duration_s)}", f"--histogram={HISTOGRAM_BUCKETS}"],
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout
+    counts = np.zeros(HISTOGRAM_BUCKETS, np.int64)
+    for line in output.splitlines():
+        if line and line[0].isdigit():
+            bucket, count = line.split()[:2]
+            counts[int(bucket)] += int(count)
+        elif line.startswith("# Histogram Overflows:"):
+            counts[-1] += int(line.split()[-1])
+    return counts
+
+
+def _steps_us(duration_s: float) -> list[float]:
+    model = load_robot(load_settings(None)).model.mj
+    data = mujoco.MjData(model)
+    durations = []
+    end_ns = time.monotonic_ns() + int(duration_s * 1e9)
+    while time.monotonic_ns() < end_ns:
+        begun_ns = time.monotonic_ns()
+        mujoco.mj_step(model, data)
+        durations.append((time.monotonic_ns() - begun_ns) / 1000)
+    return durations
+
+
+def _rtloop(run: Run) -> int:
+    child = run.child("rtloop")
+    assert child is not None
+    return child.pid
+
+
+class _moving:
+    """Keeps the arm moving between two positions, whatever becomes of single motions."""
+
+    def __init__(self, run: Run) -> None:
+        self._url = run.url
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._move, daemon=True)
+
+    def __enter__(self) -> None:
+        self._thread.start()
+
+    def __exit__(self, *_: object) -> None:
+        self._end.set()
+        self._thread.join()
+
+    def _move(self) -> None:
+        with Client(self._url, motion_timeout_s=30.0) as robot:
+            while not self._end.is_set():
+                for name in ("work", "home"):
+                    try:
+                        robot.move_named(name, speed=0.3)
+                    except CobotError:
+                        time.sleep(0.1)  # stopped while rtloop was: the next one follows

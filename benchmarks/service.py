@@ -1,0 +1,60 @@
+"""A running `cobot`, and what its shared memory says."""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from cobot.shm import RobotMemory, Role
+from tests.running import Run
+
+
+@contextlib.contextmanager
+def service(clock: str = "realtime") -> Iterator[Run]:
+    """`cobot run` on a free port with a robot of its own, until the context ends."""
+    with tempfile.TemporaryDirectory(prefix="cobot-bench-") as folder:
+        run = Run(Path(folder), clock)
+        try:
+            run.until(run.healthy)
+            yield run
+        finally:
+            run.end()
+
+
+@contextlib.contextmanager
+def background(module: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """A Python module as a process of its own, until the context ends."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", module, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def reader(run: Run) -> RobotMemory:
+    """The robot's shared memory, for looking."""
+    return RobotMemory.attach(run.memory.name.removeprefix("cobot-"), Role.READER)
+
+
+def histograms(memory: RobotMemory) -> np.ndarray:
+    """What rtloop has counted so far, shape (phases, buckets)."""
+    return memory.statistics.read()["histogram"].astype(np.int64)
+
+
+def from_histogram(counts: np.ndarray) -> tuple[float, float, float]:
+    """p50, p99, p99.9 in µs; the last bucket is "that much or more"."""
+    total = np.cumsum(counts)
+    p50, p99, p999 = (int(np.searchsorted(total, share * total[-1])) for share in (0.5, 0.99, 0.999))
+    return float(p50), float(p99), float(p999)

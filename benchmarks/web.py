@@ -1,0 +1,125 @@
+"""The web service against a bare one: answers a second, and how soon a stop takes effect."""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+
+from benchmarks.service import background, reader, service
+from benchmarks.table import Row, percentiles, row
+from cobot.client import Client
+from cobot.errors import CobotError
+from cobot.shm import RobotMemory
+
+CLIENTS = 16
+POLLERS = 20
+POLL_RATE_HZ = 20
+JOINT_STATES = "/robot/joint_states"
+
+
+def requests_per_second(slices: int, slice_s: float) -> Iterator[Row]:
+    """GET /robot/joint_states in slices that alternate with a bare FastAPI route of equal payload."""
+    ours, theirs = [], []
+    with service() as run, background("benchmarks.bare") as bare:
+        bare_url = _address(bare)
+        for _ in range(slices):
+            ours.append(_answers_per_second(run.url, slice_s))
+            theirs.append(_answers_per_second(bare_url, slice_s))
+    yield row(
+        f"GET {JOINT_STATES}, {CLIENTS} connections",
+        "answers/s",
+        _low_tail(ours),
+        "bare FastAPI route",
+        _low_tail(theirs),
+        aim="0.7 or more",
+    )
+
+
+def stop(repetitions: int) -> Iterator[Row]:
+    """POST /stop to the first cycle that decelerates, while 20 clients poll and a planner plans."""
+    delays: list[float] = []
+    answers: list[float] = []
+    with service() as run, background("benchmarks.bare") as bare, background("benchmarks.planner"):
+        seconds = str(repetitions * 10)
+        arguments = (run.url + JOINT_STATES, str(POLLERS), str(POLL_RATE_HZ), seconds)
+        with (
+            background("benchmarks.load", *arguments),
+            Client(run.url, motion_timeout_s=30.0) as mover,
+            Client(run.url) as stopper,
+            Client(_address(bare)) as floor,
+        ):
+            memory = reader(run)
+            names = ("work", "home")
+            for repetition in range(repetitions):
+                with _motion(mover, names[repetition % 2]):
+                    _until_cruising(memory)
+                    begun_ns = time.monotonic_ns()
+                    stopper.stop()
+                    delays.append((int(memory.state.read()["deceleration_monotonic_ns"]) - begun_ns) / 1e6)
+                begun_ns = time.monotonic_ns()
+                floor.stop()
+                answers.append((time.monotonic_ns() - begun_ns) / 1e6)
+    yield row(
+        f"POST /stop to the first decelerating cycle, {POLLERS} clients polling, a planner running",
+        "ms",
+        percentiles(delays),
+        "answer of a bare FastAPI route, under the same load",
+        percentiles(answers),
+        ratio_of="p99",
+        aim="10 ms at p99",
+    )
+
+
+@contextlib.contextmanager
+def _motion(client: Client, name: str) -> Iterator[None]:
+    """A motion in the background; it has ended when the context does."""
+
+    def move() -> None:
+        with contextlib.suppress(CobotError):
+            client.move_named(name, speed=0.2)
+
+    thread = threading.Thread(target=move)
+    thread.start()
+    try:
+        yield
+    finally:
+        thread.join()
+
+
+def _until_cruising(memory: RobotMemory) -> None:
+    """Half a second into a motion."""
+    deadline_s = time.monotonic() + 20.0
+    while time.monotonic() < deadline_s:
+        state = memory.state.read()
+        if int(state["motion_result"]) == 1 and float(state["path_time_s"]) > 0.5:
+            return
+        time.sleep(0.003)
+    raise TimeoutError("no motion")
+
+
+def _answers_per_second(url: str, duration_s: float) -> float:
+    command = [
+        sys.executable,
+        "-m",
+        "benchmarks.load",
+        url + JOINT_STATES,
+        str(CLIENTS),
+        "0",
+        str(duration_s),
+    ]
+    return float(subprocess.run(command, check=True, capture_output=True, text=True).stdout) / duration_s
+
+
+def _low_tail(rates: list[float]) -> tuple[float, float, float]:
+    """For a rate the bad end is the low one."""
+    p50, p1, p01 = percentiles([-rate for rate in rates])
+    return -p50, -p1, -p01
+
+
+def _address(process: subprocess.Popen[str]) -> str:
+    assert process.stdout is not None
+    return process.stdout.readline().strip()
