@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import os
+import contextlib
 import shutil
-import signal
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
 
-import mujoco
 import numpy as np
 
 from benchmarks.service import from_histogram, histograms, reader, service
@@ -19,7 +18,6 @@ from cobot.client import Client
 from cobot.config import load_settings
 from cobot.errors import CobotError
 from cobot.layout import HISTOGRAM_BUCKETS, Phase
-from cobot.robot import load_robot
 from tests.running import Run
 
 WARM_UP_S = 1.5
@@ -27,26 +25,24 @@ CYCLICTEST = ("cyclictest", "--quiet", "--mlockall", "--interval=1000", "--threa
 
 
 def compute(slices: int, slice_s: float) -> Iterator[Row]:
-    """Compute time per cycle while the arm moves, against MuJoCo's step of the same model by itself."""
+    """Compute time per cycle while the arm moves, in slices that alternate with a bare loop's."""
     phases = (Phase.READ, Phase.UPDATE, Phase.WRITE, Phase.TOTAL)
     counts = np.zeros((len(Phase), HISTOGRAM_BUCKETS), np.int64)
     floor: list[float] = []
-    with service() as run, _moving(run):
+    with service() as run, Moving(run):
         memory = reader(run)
         for _ in range(slices):
             time.sleep(WARM_UP_S)
             before = histograms(memory)
             time.sleep(slice_s)
             counts += histograms(memory) - before
-            os.kill(_rtloop(run), signal.SIGSTOP)
-            floor += _steps_us(0.2 * slice_s)
-            os.kill(_rtloop(run), signal.SIGCONT)
+            with _stopped(run):
+                floor += _bare_cycles_us(slice_s)
     for phase in phases:
         aim = "50 / 120 / 200" if phase is Phase.TOTAL else ""
         name = f"rtloop compute time a cycle, {phase.name.lower()}"
-        yield row(
-            name, "µs", from_histogram(counts[phase]), "mj_step of the model", percentiles(floor), aim=aim
-        )
+        bare = "bare loop: Ruckig, mj_step, copy"
+        yield row(name, "µs", from_histogram(counts[phase]), bare, percentiles(floor), aim=aim)
 
 
 def wake_up(slices: int, slice_s: float) -> Iterator[Row]:
@@ -56,7 +52,7 @@ def wake_up(slices: int, slice_s: float) -> Iterator[Row]:
         return
     ours = np.zeros(HISTOGRAM_BUCKETS, np.int64)
     floor = np.zeros(HISTOGRAM_BUCKETS, np.int64)
-    with service() as run, _moving(run):
+    with service() as run, Moving(run):
         memory = reader(run)
         real_time = bool(memory.statistics.read()["sched_fifo"])
         policy = ("--policy=fifo", f"--priority={load_settings(None).rt.priority}")
@@ -65,11 +61,8 @@ def wake_up(slices: int, slice_s: float) -> Iterator[Row]:
             before = histograms(memory)[Phase.WAKEUP]
             time.sleep(slice_s)
             ours += histograms(memory)[Phase.WAKEUP] - before
-            os.kill(_rtloop(run), signal.SIGSTOP)
-            try:
+            with _stopped(run):
                 floor += _cyclictest(slice_s, policy if real_time else ("--policy=other",))
-            finally:
-                os.kill(_rtloop(run), signal.SIGCONT)
     against = f"cyclictest, {'SCHED_FIFO' if real_time else 'no real-time permission'}"
     yield row(
         "wake-up latency of a cycle",
@@ -99,25 +92,25 @@ def _cyclictest(duration_s: float, policy: tuple[str, ...]) -> np.ndarray:
     return counts
 
 
-def _steps_us(duration_s: float) -> list[float]:
-    model = load_robot(load_settings(None)).model.mj
-    data = mujoco.MjData(model)
-    durations = []
-    end_ns = time.monotonic_ns() + int(duration_s * 1e9)
-    while time.monotonic_ns() < end_ns:
-        begun_ns = time.monotonic_ns()
-        mujoco.mj_step(model, data)
-        durations.append((time.monotonic_ns() - begun_ns) / 1000)
-    return durations
+def _bare_cycles_us(duration_s: float) -> list[float]:
+    command = [sys.executable, "-m", "benchmarks.bare_cycle", str(duration_s)]
+    output = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    return [int(line) / 1000 for line in output.split()]
 
 
-def _rtloop(run: Run) -> int:
+@contextlib.contextmanager
+def _stopped(run: Run) -> Iterator[None]:
+    """rtloop takes no time while the context lasts: its floor is measured."""
     child = run.child("rtloop")
     assert child is not None
-    return child.pid
+    child.suspend()
+    try:
+        yield
+    finally:
+        child.resume()
 
 
-class _moving:
+class Moving:
     """Keeps the arm moving between two positions, whatever becomes of single motions."""
 
     def __init__(self, run: Run) -> None:

@@ -66,7 +66,7 @@ def planning_time(requests: int) -> Iterator[Row]:
 
 
 def straightness(lines: int) -> Iterator[Row]:
-    """How far the TCP leaves the line: as planned, every millisecond, and as the simulated arm was measured."""
+    """How far the TCP leaves the line: as planned, each millisecond, and as measured on the simulated arm."""
     robot = load_robot(load_settings(None))
     random = np.random.default_rng(11)
     planned: list[float] = []

@@ -16,7 +16,9 @@ import numpy as np
 
 from cobot.errors import TornReadError
 
-_HEAD = np.dtype([("sequence", "<u8"), ("checksum", "<u8")])
+_HEAD_BYTES = 16
+_SEQUENCE, _CHECKSUM = 0, 1
+_MASK = 2**64 - 1
 READ_TRIES = 100
 """A write takes some microseconds; so many failures in a row mean that the writer died in one."""
 
@@ -31,46 +33,48 @@ class Block:
     def __init__(self, memory: mmap, offset: int, dtype: np.dtype, name: str) -> None:
         self.name = name
         self.data = np.zeros((), dtype)
-        self._head = np.ndarray((), _HEAD, memory, offset)
-        self._shared = np.ndarray(dtype.itemsize, np.uint8, memory, offset + _HEAD.itemsize)
-        self._private = np.ndarray(dtype.itemsize, np.uint8, self.data)
-        self._sequence = self._head["sequence"]
-        self._checksum = self._head["checksum"]
+        # memoryviews: to read or write a number in one costs a fifth of what it costs in an array
+        view = memoryview(memory)[offset : offset + self.size(dtype)]
+        self._head = view[:_HEAD_BYTES].cast("Q")
+        self._shared = view[_HEAD_BYTES:]
+        self._private = self.buffer.data
 
     @property
     def buffer(self) -> np.ndarray:
         """The bytes of `data`, shape (size,), writable."""
-        return self._private
+        return np.ndarray(self.data.dtype.itemsize, np.uint8, self.data)
 
     @staticmethod
     def size(dtype: np.dtype) -> int:
         """Bytes that a block takes in the file."""
-        return _HEAD.itemsize + dtype.itemsize
+        return _HEAD_BYTES + dtype.itemsize
 
     @property
     def sequence(self) -> int:
         """Twice the number of publications; odd while one is under way."""
-        return int(self._sequence)
+        return self._head[_SEQUENCE]
 
     def publish(self) -> None:
         """Make `data` visible to readers. Real-time safe. Only the block's one writer may call it."""
-        begun = (int(self._sequence) | 1) if self._sequence % 2 else int(self._sequence) + 1
-        self._sequence[...] = begun
+        head = self._head
+        begun = head[_SEQUENCE] | 1
+        head[_SEQUENCE] = begun
         self._shared[:] = self._private
-        self._checksum[...] = zlib.crc32(self._private.data)
-        self._sequence[...] = begun + 1
+        head[_CHECKSUM] = zlib.crc32(self._private)
+        head[_SEQUENCE] = (begun + 1) & _MASK
 
     def try_read(self) -> bool:
         """Copy the record into `data` if it is consistent; one try, real-time safe.
 
         On False `data` holds garbage.
         """
-        before = int(self._sequence)
+        head = self._head
+        before = head[_SEQUENCE]
         if before % 2:
             return False
         self._private[:] = self._shared
-        checksum = int(self._checksum)
-        return int(self._sequence) == before and (before == 0 or zlib.crc32(self._private.data) == checksum)
+        checksum = head[_CHECKSUM]
+        return head[_SEQUENCE] == before and (before == 0 or zlib.crc32(self._private) == checksum)
 
     def salvage(self) -> np.ndarray:
         """What lies there (`data`), consistent or not: for a writer that takes over from a dead one."""

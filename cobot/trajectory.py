@@ -43,22 +43,6 @@ _HERMITE = np.linalg.inv(
 """Maps (p0, v0, a0, p1, v1, a1) on the unit interval to coefficients."""
 
 
-def power_basis(local_s: float, out: Array) -> Array:
-    """Fill `out`, shape (6, 4), so that coefficients (dof, 6) @ out = (dof, 4): q, dq, ddq, dddq.
-
-    Real-time safe: no allocation.
-    """
-    u = local_s
-    u2 = u * u
-    u3 = u2 * u
-    u4 = u3 * u
-    out[:, 0] = (1.0, u, u2, u3, u4, u4 * u)
-    out[1:, 1] = (1.0, 2 * u, 3 * u2, 4 * u3, 5 * u4)
-    out[2:, 2] = (2.0, 6 * u, 12 * u2, 20 * u3)
-    out[3:, 3] = (6.0, 24 * u, 60 * u2)
-    return out
-
-
 @dataclass(frozen=True, slots=True)
 class Trajectory:
     """A motion of all joints over time.

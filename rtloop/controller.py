@@ -51,8 +51,7 @@ class Controller:
         self.deceleration_ns = 0
         self._desired = np.zeros((3, limits.dof))  # rad, rad/s, rad/s²
         self._error = np.zeros(limits.dof)  # measured against commanded, rad
-        self._largest_error = 0.0
-        self._scratch = np.zeros(limits.dof)
+        self._tracking_square = rt.tracking_error_rad**2
         self._following = False  # the desired position comes from the path
         self._braking = False  # the desired position comes from the safety layer, which stops
         self._slowing_unseen = False
@@ -161,7 +160,7 @@ class Controller:
             self.stop("stop requested")
         silence_s = self.mailbox.service_silence_s(now_ns)
         if self.mode is Mode.TRAJECTORY and silence_s > self._rt.service_timeout_s:
-            self.safety.interventions[Intervention.SERVICE_TIMEOUT] += 1
+            self.safety.count(Intervention.SERVICE_TIMEOUT)
             self.stop(f"the service has been silent for {silence_s:.1f} s")
 
     def _take_command(self, position: Array) -> None:
@@ -242,21 +241,12 @@ class Controller:
         return ""
 
     def _follow(self, now_ns: int) -> None:
-        clock, path, desired = self.clock, self.path, self._desired
+        clock, path = self.clock, self.path
         clock.advance(path)
-        path.move_to(clock.path_time_s)
-        position, first, second, _ = path.rows
-        np.copyto(desired[0], position)
+        path.evaluate(clock.path_time_s, clock.rate, clock.rate_slope, self._desired)
         if clock.path_time_s >= path.duration_s or (clock.at_rest and self.mode is not Mode.TRAJECTORY):
             self._following = False
-            desired[1:] = 0.0
-        else:
-            rate = clock.rate
-            np.multiply(first, rate, out=desired[1])
-            np.multiply(second, rate * rate, out=desired[2])
-            if clock.rate_slope != 0.0:
-                np.multiply(first, clock.rate_slope, out=self._scratch)
-                desired[2] += self._scratch
+            self._desired[1:] = 0.0
         if self._slowing_unseen and (clock.slowing or not self._following):
             self._slowing_unseen = False
             self.deceleration_ns = now_ns
@@ -264,13 +254,13 @@ class Controller:
     def _check_tracking(self, position: Array) -> None:
         error = self._error
         np.subtract(position, self.safety.position, out=error)
-        np.absolute(error, out=error)
-        self._largest_error = error.max()
-        if self._largest_error > self._rt.tracking_error_rad and self.mode is not Mode.FAULT:
-            joint = int(error.argmax())
-            self.safety.interventions[Intervention.TRACKING] += 1
+        if error.dot(error) <= self._tracking_square or self.mode is Mode.FAULT:
+            return
+        joint = int(np.abs(error).argmax())
+        if abs(error[joint]) > self._rt.tracking_error_rad:
+            self.safety.count(Intervention.TRACKING)
             self.fault(
-                f"{self._limits.names[joint]} is {error[joint]:.3f} rad from where it is commanded "
+                f"{self._limits.names[joint]} is {abs(error[joint]):.3f} rad from where it is commanded "
                 f"({position[joint]:.3f} instead of {self.safety.position[joint]:.3f} rad), "
                 f"allowed are {self._rt.tracking_error_rad} rad"
             )
@@ -281,8 +271,8 @@ class Controller:
         still = (
             not self._following
             and not self.safety.pursuing
-            and self._largest_error <= rt.settle_position_rad
-            and np.absolute(velocity, out=self._scratch).max() <= rt.settle_velocity_rad_s
+            and np.abs(self._error).max() <= rt.settle_position_rad
+            and np.abs(velocity).max() <= rt.settle_velocity_rad_s
         )
         self._still_cycles = self._still_cycles + 1 if still else 0
         self.settled = self._still_cycles * rt.period_s >= rt.settle_time_s
@@ -294,10 +284,10 @@ class Controller:
             self.motion_result = MotionResult.ARRIVED if at_end else MotionResult.STOPPED
             self._enter(Mode.HOLD, self.reason)
         elif self._unsettled_cycles * rt.period_s >= SETTLE_LIMIT_S:
-            joint = int(self._error.argmax())
+            joint = int(np.abs(self._error).argmax())
             self.motion_result = MotionResult.FAILED
             self._enter(
                 Mode.HOLD,
                 f"not settled {SETTLE_LIMIT_S} s after the end of the motion: {self._limits.names[joint]} is "
-                f"{self._error[joint]:.4f} rad away and moves at {velocity[joint]:.4f} rad/s",
+                f"{abs(self._error[joint]):.4f} rad away and moves at {velocity[joint]:.4f} rad/s",
             )

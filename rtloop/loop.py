@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from math import isfinite
 
 import numpy as np
 
@@ -35,10 +36,7 @@ class ControlLoop:
         self._state = StatePublisher(memory, model, self.controller, clock)
         self._statistics = Statistics(memory)
         self._measured = np.zeros((3, limits.dof))  # rad, rad/s, N·m
-        self._position, self._velocity, _ = self._measured
         self._fresh = np.zeros((3, limits.dof))
-        self._fresh_rows = tuple(self._fresh)
-        self._finite = np.zeros_like(self._fresh, bool)
         self._cycle = 0
 
     def open(self, start_position: Array) -> None:
@@ -52,9 +50,9 @@ class ControlLoop:
             self._cycle = int(last["cycle"])
             self.controller.restore(last)
         self._backend.open(start_position if last is None else last["position"])
-        self._backend.read(*self._measured)
+        self._backend.read(self._measured)
         self._backend.enable()
-        self.controller.start_at(self._position)
+        self.controller.start_at(self._measured[0])
 
     def step(self, late_ns: int = 0) -> None:
         """One cycle. Real-time safe; no exception leaves it but a broken program's.
@@ -66,11 +64,10 @@ class ControlLoop:
         self._read()
         read_ns = time.monotonic_ns()
         controller = self.controller
-        controller.update(self._position, self._velocity, read_ns)
+        controller.update(self._measured[0], self._measured[1], read_ns)
         updated_ns = time.monotonic_ns()
-        safety = controller.safety
         try:
-            self._backend.write(safety.position, safety.velocity, safety.acceleration)
+            self._backend.write(controller.safety.command)
         except BackendError as exc:
             controller.fault(f"writing to the robot failed: {exc}")
         written_ns = time.monotonic_ns()
@@ -106,14 +103,15 @@ class ControlLoop:
     def _read(self) -> None:
         """Take over what is measured if it can be: the last good values stay otherwise."""
         try:
-            self._backend.read(*self._fresh_rows)
+            self._backend.read(self._fresh)
         except BackendError as exc:
             self.controller.fault(f"reading from the robot failed: {exc}")
             return
-        if not np.isfinite(self._fresh, out=self._finite).all():
+        values = self._fresh.ravel()
+        if not isfinite(values.dot(values)):
             self.controller.fault("the robot reports a value that is not finite")
             return
-        np.copyto(self._measured, self._fresh)
+        self._measured, self._fresh = self._fresh, self._measured
 
 
 def _last_state(memory: RobotMemory) -> np.ndarray | None:

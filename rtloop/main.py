@@ -46,6 +46,7 @@ def _run(config: Path | None, clock_name: str | None) -> None:
 
     signal.signal(signal.SIGTERM, end)
     signal.signal(signal.SIGINT, end)
+    np.seterr(all="ignore")  # what is not finite is found by comparisons, and reported
     robot = load_robot(settings)
     memory = RobotMemory.attach(settings.robot.name, Role.RTLOOP)
     backend = make_backend(settings, robot.limits)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import struct
 import zlib
 from collections.abc import Iterator
 
 import numpy as np
 
 from cobot.shm import Slot
-from cobot.trajectory import ORDER, power_basis
+from cobot.trajectory import ORDER
 from cobot.types import Array
 
+BASIS = struct.Struct("=18d")
 PIECE_SEGMENTS = 96
 PIECE_TIMES = 4096
 """How much is copied and checked in one cycle: 32 kB with seven joints, some tens of microseconds."""
@@ -39,8 +41,6 @@ class Path:
     """Piecewise quintics, evaluated without allocation.
 
     Attributes:
-        derivatives: shape (dof, 4): q, dq/ds, d²q/ds², d³q/ds³ at the path time last moved to.
-        rows: views of its four columns, shape (dof,) each.
         duration_s: path time at the end.
     """
 
@@ -48,19 +48,41 @@ class Path:
         self._times = np.zeros(capacity + 1)
         self._coefficients = np.zeros((capacity, dof, ORDER))
         self._segments = 0
-        self._index = 0
-        self._basis = np.zeros((ORDER, 4))
-        self.derivatives = np.zeros((dof, 4))
-        self.rows = tuple(self.derivatives.T)
+        self._turn_to(0)
+        self._basis = np.zeros((3, ORDER))
+        self._basis_bytes = self._basis.data.cast("B")
         self.duration_s = 0.0
 
-    def move_to(self, path_time_s: float) -> None:
-        """Evaluate at a path time not before the last one. Real-time safe."""
+    def evaluate(self, path_time_s: float, rate: float, slope: float, out: Array) -> None:
+        """Where the joints are at a path time not before the last one. Real-time safe.
+
+        Args:
+            rate, slope: first and second derivative of the path time, 1 and 1/s.
+            out: shape (3, dof): rad, rad/s, rad/s²; with the path P(s), P, P' r and P'' r² + P' r'.
+        """
         times = self._times
         while self._index < self._segments - 1 and path_time_s >= times[self._index + 1]:
-            self._index += 1
-        power_basis(path_time_s - times[self._index], self._basis)
-        np.dot(self._coefficients[self._index], self._basis, out=self.derivatives)
+            self._turn_to(self._index + 1)
+        u = path_time_s - self._begin_s
+        u2 = u * u
+        u3 = u2 * u
+        u4 = u3 * u
+        first, second, third, fourth = 2.0 * u, 3.0 * u2, 4.0 * u3, 5.0 * u4  # with 1: powers' derivatives
+        square = rate * rate
+        BASIS.pack_into(
+            self._basis_bytes,
+            0,
+            *(1.0, u, u2, u3, u4, u4 * u),
+            *(0.0, rate, rate * first, rate * second, rate * third, rate * fourth),
+            *(0.0, slope, 2.0 * square + slope * first, 6.0 * u * square + slope * second),
+            *(12.0 * u2 * square + slope * third, 20.0 * u3 * square + slope * fourth),
+        )
+        np.dot(self._basis, self._segment, out=out)
+
+    def _turn_to(self, index: int) -> None:
+        self._index = index
+        self._begin_s = float(self._times[index])
+        self._segment = self._coefficients[index].T
 
     def breakpoints(self, from_s: float, to_s: float) -> Array:
         """The path's breakpoints between two path times, at the most `MOST_BREAKPOINTS` of them."""
@@ -137,12 +159,13 @@ def _read_head(path: Path, slot: Slot, motion_id: int) -> int:
 
 def _check_ends(path: Path, start: Array, tolerance_rad: float) -> None:
     """Both ends at rest, the start where the arm is; leaves the path at its start."""
+    found = np.zeros((3, len(start)))
     for where, index, path_time_s in (("end", path._segments - 1, path.duration_s), ("start", 0, 0.0)):
-        path._index = index
-        path.move_to(path_time_s)
-        if not np.abs(path.derivatives[:, 1:3]).max() <= REST_TOLERANCE:
+        path._turn_to(index)
+        path.evaluate(path_time_s, 1.0, 0.0, found)
+        if not np.abs(found[1:]).max() <= REST_TOLERANCE:
             raise RefusedError(f"the trajectory is not at rest at its {where}")
-    off = np.abs(path.derivatives[:, 0] - start)
+    off = np.abs(found[0] - start)
     joint = int(off.argmax())
     if not off[joint] <= tolerance_rad:
         raise RefusedError(

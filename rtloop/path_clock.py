@@ -96,7 +96,7 @@ class PathClock:
     def _try_rung(self, path: Path) -> None:
         """Take this cycle's candidate if it holds; if not, the next cycle tries a gentler one."""
         self._waited_s += self._period_s
-        speed = np.abs(path.rows[1]) + 1e-9
+        speed = np.abs(path.sample(np.array([self.path_time_s]))[0, 0]) + 1e-9
         fraction = LADDER[self._rung]
         steepest = min(float((self._max_acceleration / speed).min()), MAX_ACCELERATION)
         jerk = min(float((self._max_jerk / speed).min()), MAX_JERK)

@@ -34,6 +34,7 @@ class StatePublisher:
         self._controller = controller
         self._clock = clock
         self._reason: str | None = None
+        self._counted = -1
 
     def publish(self, cycle: int, robot_time_s: float, measured: Array) -> None:
         """Publish what was measured in this cycle, and what the controller made of it.
@@ -45,7 +46,9 @@ class StatePublisher:
         mailbox, path_clock = controller.mailbox, controller.clock
         np.copyto(self._measured, measured)
         np.copyto(self._commanded, controller.safety.command)
-        np.copyto(self._interventions, controller.safety.interventions)
+        if controller.safety.counted != self._counted:
+            self._counted = controller.safety.counted
+            np.copyto(self._interventions, controller.safety.interventions)
         self._model.forward_into(measured[0], self._tcp)
         if controller.reason is not self._reason:
             self._reason = controller.reason

@@ -30,17 +30,20 @@ KINDS = (
 )
 """Of the rows that are checked: the position, its first and second difference, and the rates that the
 command states."""
+PAST = 3
 
 
 class Safety:
     """Guards one arm's commands. Real-time safe.
 
-    Few numpy calls on whole matrices: on seven joints a call costs more than its arithmetic.
+    On seven joints a numpy call costs more than its arithmetic, so the check is one matrix product: past
+    positions, command and limits lie in one block, and the product gives all distances to all limits.
 
     Attributes:
         command: the command let through last, shape (3, dof): rad, rad/s, rad/s².
         position, velocity, acceleration: its rows.
-        interventions: how often each kind of excess began, shape (len(Intervention),).
+        interventions: how often each kind of excess was caught, shape (len(Intervention),).
+        counted: their sum.
         pursuing: whether the output is not the request but follows it.
     """
 
@@ -48,25 +51,30 @@ class Safety:
         dof = limits.dof
         self._limits = limits
         self._period_s = period_s
+        self._largest_step = limits.max_jerk * period_s  # of the acceleration, from cycle to cycle
         low, high = limits.min_position - POSITION_TOLERANCE_RAD, limits.max_position + POSITION_TOLERANCE_RAD
         velocity, acceleration = (
             rate * (1.0 + TOLERANCE) for rate in (limits.max_velocity, limits.max_acceleration)
         )
-        self._largest_step = limits.max_jerk * period_s  # of the acceleration, from cycle to cycle
-        self._low = np.array([low, -velocity, -acceleration, -velocity, -acceleration])
-        self._high = np.array([high, velocity, acceleration, velocity, acceleration])
-        self._checked = np.zeros((5, dof))
-        self._above = np.zeros((5, dof))
-        self._below = np.zeros((5, dof))
-        # position, first and second difference from the newest three positions
-        rate = 1.0 / period_s
-        self._differences = np.array(
-            [[1.0, 0.0, 0.0], [rate, -rate, 0.0], [rate**2, -2.0 * rate**2, rate**2]]
-        )
-        self._history = np.zeros((4, dof))  # positions: what is requested, and what was let through before
-        self.command = np.zeros((3, dof))
+        upper = np.array([high, velocity, acceleration, velocity, acceleration])
+        lower = np.array([low, -velocity, -acceleration, -velocity, -acceleration])
+        self._block = np.vstack([np.zeros((PAST + 3, dof)), upper, lower])
+        self._past = self._block[:PAST]  # the positions let through before, the newest last
+        self.command = self._block[PAST : PAST + 3]
         self.position, self.velocity, self.acceleration = self.command
+        rate = 1.0 / period_s
+        # of the last three positions, in the order of `_block`: the oldest first
+        self._differences = np.array(
+            [[0.0, 0.0, 1.0], [0.0, -rate, rate], [rate**2, -2.0 * rate**2, rate**2]]
+        )
+        values = np.zeros((5, PAST + 3))
+        values[:3, 1:4] = self._differences
+        values[3:, 4:] = np.eye(2)
+        one, none = np.eye(5), np.zeros((5, 5))
+        self._distances = np.block([[-values, one, none], [values, none, -one]])
+        self._distance = np.zeros((10, dof))
         self.interventions = np.zeros(len(Intervention), np.uint64)
+        self.counted = 0
         self._generator = ruckig.Ruckig(dof, period_s)
         self._pursuit = ruckig.InputParameter(dof)
         self._pursuit.synchronization = ruckig.Synchronization.No
@@ -81,7 +89,7 @@ class Safety:
         """Start over at rest at a position, without a jump: the arm has to be there."""
         self.command[:] = 0.0
         self.position[:] = position
-        self._history[:] = position
+        self._past[:] = position
         self.pursuing = False
         self._caught.clear()
 
@@ -94,43 +102,14 @@ class Safety:
         Returns:
             False when the request is not finite: the caller has to latch an e-stop.
         """
-        checked, history = self._checked, self._history
-        np.copyto(history[0], request[0])
-        with np.errstate(over="ignore", invalid="ignore"):
-            np.dot(self._differences, history[:3], out=checked[:3])
-            np.copyto(checked[3:], request[1:])
-            np.subtract(self._high, checked, out=self._above)
-            np.subtract(checked, self._low, out=self._below)
-            np.minimum(self._above, self._below, out=self._above)
-            inside = bool(self._above.min() >= 0.0)  # false for a NaN too
-        if inside and (not self.pursuing or self._meets(request)):
-            np.copyto(self.command, request)
+        np.copyto(self.command, request)
+        np.dot(self._distances, self._block, out=self._distance)
+        inside = self._distance.min() >= 0.0  # false for a NaN too
+        if inside and (not self.pursuing or self._meets()):
             self.pursuing = False
-            self._caught.clear()
-            self._remember()
+            self._past[:] = self._block[1 : PAST + 1]
             return True
-        finite = inside or bool(np.isfinite(request).all())
-        if not inside:
-            self._count(
-                Intervention.NOT_FINITE if not finite else KINDS[(self._above.min(axis=1) < 0.0).argmax()]
-            )
-        if finite:
-            self._pursue(request[0])
-        else:
-            self.brake()
-        return finite
-
-    def _count(self, kind: Intervention) -> None:
-        """Once in each pursuit."""
-        if kind not in self._caught:
-            self._caught.add(kind)
-            self.interventions[kind] += 1
-
-    def _meets(self, request: Array) -> bool:
-        """Whether the pursuit has come so close that going over to the request keeps the jerk limits."""
-        acceleration = self._checked[2]
-        step = np.maximum(np.abs(acceleration - self.acceleration), np.abs(acceleration - request[2]))
-        return bool((step <= self._largest_step).all())
+        return self._catch(request, inside=bool(inside))
 
     def brake(self) -> bool:
         """Come to rest from wherever the arm is, each joint for itself, as fast as the limits permit.
@@ -146,31 +125,51 @@ class Safety:
         self.command[1:] = 0.0
         return True
 
-    def _pursue(self, target: Array) -> None:
-        target = target.clip(self._limits.min_position, self._limits.max_position)
+    def count(self, kind: Intervention) -> None:
+        """One more intervention."""
+        self.interventions[kind] += 1
+        self.counted += 1
+
+    def _catch(self, request: Array, *, inside: bool) -> bool:
+        if not self.pursuing:
+            self._caught.clear()
+        finite = inside or bool(np.isfinite(request).all())
+        if not inside:
+            distance = self._distance.reshape(2, len(KINDS), -1).min(axis=(0, 2))
+            kind = KINDS[(distance < 0.0).argmax()] if finite else Intervention.NOT_FINITE
+            if kind not in self._caught:
+                self._caught.add(kind)
+                self.count(kind)
+        if not finite:
+            self.brake()
+            return False
+        target = request[0].clip(self._limits.min_position, self._limits.max_position)
         self._pursuit.control_interface = ruckig.ControlInterface.Position
         self._pursuit.target_position = target.tolist()
         self._pursuit.target_velocity = [0.0] * self._limits.dof
         self._follow_pursuit()
+        return True
+
+    def _meets(self) -> bool:
+        """Whether the pursuit has come so close that going over to the request keeps the jerk limits."""
+        acceleration = self._differences[2] @ self._block[1 : PAST + 1]
+        before = np.array(self._output.new_acceleration)
+        step = np.maximum(np.abs(acceleration - before), np.abs(acceleration - self.acceleration))
+        return bool((step <= self._largest_step).all())
 
     def _follow_pursuit(self) -> None:
+        """One period on, from where the arm is."""
         pursuit, output = self._pursuit, self._output
-        if not self.pursuing:
+        if self.pursuing:
+            output.pass_to_input(pursuit)
+        else:
             # What the arm really does, whatever was stated: from the last three positions, which give
             # the velocity half a period ago.
-            np.dot(self._differences, self._history[1:], out=self.command)
-            self.velocity += 0.5 * self._period_s * self.acceleration
-        pursuit.current_position = self.position.tolist()
-        pursuit.current_velocity = self.velocity.tolist()
-        pursuit.current_acceleration = self.acceleration.tolist()
+            position, velocity, acceleration = self._differences @ self._past
+            pursuit.current_position = position.tolist()
+            pursuit.current_velocity = (velocity + 0.5 * self._period_s * acceleration).tolist()
+            pursuit.current_acceleration = acceleration.tolist()
         self._generator.update(pursuit, output)
-        self.position[:] = output.new_position
-        self.velocity[:] = output.new_velocity
-        self.acceleration[:] = output.new_acceleration
+        self.command[:] = output.new_position, output.new_velocity, output.new_acceleration
         self.pursuing = True
-        self._remember()
-
-    def _remember(self) -> None:
-        history = self._history
-        history[2:] = history[1:3]
-        np.copyto(history[1], self.position)
+        self._past[:] = self._block[1 : PAST + 1]

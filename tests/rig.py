@@ -36,16 +36,16 @@ class Loopback:
         if self.fail_enable:
             raise BackendError(self.fail_enable)
 
-    def read(self, position: Array, velocity: Array, effort: Array) -> None:
+    def read(self, measured: Array) -> None:
         if self.fail_read:
             raise BackendError(self.fail_read)
-        position[:] = self.measured[0] + self.offset
-        velocity[:], effort[:] = self.measured[1:]
+        measured[:] = self.measured
+        measured[0] += self.offset
 
-    def write(self, position: Array, velocity: Array, acceleration: Array) -> None:
+    def write(self, command: Array) -> None:
         if self.fail_write:
             raise BackendError(self.fail_write)
-        self.measured[0], self.measured[1] = position, velocity
+        self.measured[:2] = command[:2]
 
     def disable(self) -> None: ...
 

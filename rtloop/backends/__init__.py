@@ -19,24 +19,23 @@ class Backend(Protocol):
 
     The constructor is called with (settings, limits). `open`, `enable`, `disable` and `close` may block;
     `read` and `write` are called each cycle and must be real-time safe: bounded, no allocation on
-    purpose, no I/O but the device's own. All arrays have shape (dof,) in rad, rad/s, rad/s², N·m.
-    Each method may raise BackendError.
+    purpose, no I/O but the device's own. Each method may raise BackendError.
     """
 
     def open(self, initial_position: Array) -> None:
-        """Connect. A simulation stands at `initial_position`, a robot is where it is."""
+        """Connect. A simulation stands at `initial_position`, shape (dof,), rad; a robot is where it is."""
         ...
 
     def enable(self) -> None:
         """Switch the drives on, holding the position; also after a fault, once its cause is gone."""
         ...
 
-    def read(self, position: Array, velocity: Array, effort: Array) -> None:
-        """Fill in what is measured."""
+    def read(self, measured: Array) -> None:
+        """Fill in what is measured, shape (3, dof): rad, rad/s, N·m."""
         ...
 
-    def write(self, position: Array, velocity: Array, acceleration: Array) -> None:
-        """Command where the joints should be now."""
+    def write(self, command: Array) -> None:
+        """Command where the joints should be now, shape (3, dof): rad, rad/s, rad/s²."""
         ...
 
     def disable(self) -> None:

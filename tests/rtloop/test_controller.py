@@ -276,8 +276,8 @@ def test_random_bytes_in_every_block_that_the_service_writes_move_nothing(rig: R
     blocks += [slot.head for slot in memory.slots]
     for _ in range(300):
         block = blocks[random.integers(len(blocks))]
-        block._shared[:] = random.integers(0, 256, len(block._shared), dtype=np.uint8)
-        block._sequence[...] = random.integers(0, 2**62)
+        block._shared[:] = random.bytes(len(block._shared))
+        block._head[0] = int(random.integers(0, 2**64, dtype=np.uint64))
         rig.step(3)
     np.testing.assert_array_equal(rig.commanded[-1], rig.home)
     assert rig.memory.state.read()["torn_reads"] > 0
