@@ -3,9 +3,18 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import signal
 
 _PR_SET_PDEATHSIG = 1
+
+
+BACKGROUND_NICENESS = 10
+
+
+def yield_to_others() -> None:
+    """Take the processor's time that nobody else wants: planning shall not delay a stop."""
+    os.nice(BACKGROUND_NICENESS)
 
 
 def die_with_parent(number: signal.Signals) -> None:
