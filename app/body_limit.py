@@ -14,17 +14,21 @@ from app.errors import payload_too_large
 class BodyLimit:
     """ASGI middleware."""
 
-    def __init__(self, app: ASGIApp, limit_bytes: int) -> None:
+    def __init__(self, app: ASGIApp, limit_bytes: int, json_limit_bytes: int) -> None:
         self._app = app
         self._limit_bytes = limit_bytes
+        self._json_limit_bytes = json_limit_bytes
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http" or scope["method"] == "GET":  # of a GET nothing is taken in
             await self._app(scope, receive, send)
             return
-        announced = dict(scope["headers"]).get(b"content-length", b"0")
-        if announced.isdigit() and int(announced) > self._limit_bytes:
-            await payload_too_large(self._limit_bytes)(scope, receive, send)
+        headers = dict(scope["headers"])
+        form = headers.get(b"content-type", b"").startswith(b"multipart/")
+        limit_bytes = self._limit_bytes if form else self._json_limit_bytes
+        announced = headers.get(b"content-length", b"0")
+        if announced.isdigit() and int(announced) > limit_bytes:
+            await payload_too_large(limit_bytes)(scope, receive, send)
             return
         received = 0
 
@@ -32,8 +36,8 @@ class BodyLimit:
             nonlocal received
             message = await receive()
             received += len(message.get("body", b""))
-            if received > self._limit_bytes:
-                raise HTTPException(413, str(self._limit_bytes))
+            if received > limit_bytes:
+                raise HTTPException(413, str(limit_bytes))
             return message
 
         await self._app(scope, counted, send)

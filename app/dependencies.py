@@ -7,14 +7,17 @@ answer. `Call` is none at all, because each one costs a tenth of what a state co
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
-from typing import Annotated, cast
+import json
+from collections.abc import AsyncIterator, Callable, Coroutine
+from typing import Annotated, Any, cast
 
-from fastapi import Depends, Request
+from fastapi import Depends, HTTPException, Request, Response
+from fastapi.routing import APIRoute
 
 from app.services import Services
 from cobot.config import Endpoint
-from cobot.errors import MediaTypeError
+from cobot.errors import InputError, MediaTypeError
+from cobot.strict import unknown_key, without_repetition
 
 
 class Call:
@@ -62,6 +65,29 @@ async def gone(request: Request) -> AsyncIterator[asyncio.Event]:
         watcher.cancel()
 
 
+class _StrictRequest(Request):
+    async def json(self) -> Any:
+        body = await self.body()
+        try:
+            return json.loads(body, object_pairs_hook=without_repetition)
+        except (json.JSONDecodeError, UnicodeDecodeError):
+            raise
+        except ValueError as exc:
+            raise HTTPException(422, f"the body: {exc}") from exc
+
+
+class StrictRoute(APIRoute):
+    """Refuses what JSON leaves open: an object with the same key twice."""
+
+    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
+        handler = super().get_route_handler()
+
+        async def strict(request: Request) -> Response:
+            return await handler(_StrictRequest(request.scope, request.receive))
+
+        return strict
+
+
 def _require_type(request: Request, expected: str) -> None:
     found = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     if found != expected:
@@ -74,6 +100,10 @@ async def json_body(request: Request) -> None:
 
 async def form_body(request: Request) -> None:
     _require_type(request, "multipart/form-data")
+    valid = [field.alias for field in request.scope["route"].dependant.body_params]
+    for name in await request.form():
+        if name not in valid:
+            raise InputError(unknown_key(name, valid))
 
 
 Gone = Annotated[asyncio.Event, Depends(gone)]

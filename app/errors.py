@@ -1,4 +1,7 @@
-"""The one mapping of errors to HTTP answers: always JSON, always a `detail` and a `code`."""
+"""The one mapping of errors to HTTP answers: always JSON, always a `detail` and a `code`.
+
+Only what is no HTTP at all is answered by the server itself, with 400 and in plain text.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ from starlette.exceptions import HTTPException
 
 from cobot import errors
 from cobot.errors import CobotError
-from cobot.strict import sentence
+from cobot.strict import sentence, shown
 
 log = logging.getLogger("cobot.service")
 
@@ -40,7 +43,7 @@ class ErrorAnswer(BaseModel):
 
 DESCRIPTIONS = {
     409: "Somebody else owns the motion, or it was stopped before it began: the detail says who or why.",
-    413: "The body is larger than `web.max_body_bytes`.",
+    413: "The body is larger than `web.max_body_bytes` (uploads) or `web.max_json_bytes`.",
     415: "The Content-Type is another one than this endpoint takes.",
     422: "The request cannot be honoured as it is written: the detail says what, where, the value and the "
     "limit. Nothing has moved.",
@@ -100,6 +103,8 @@ def _http_exception(request: Request, exc: Exception) -> JSONResponse:
             return _answer(405, detail, "method_not_allowed", exc.headers)
         case 413:
             return payload_too_large(int(exc.detail))
+        case 422:
+            return _answer(422, str(exc.detail), errors.InputError.code)
         case status:
             return _answer(status, str(exc.detail), "http", exc.headers)
 
@@ -115,4 +120,7 @@ def _sentence(error: Any) -> str:
             return "the body is missing"
         case "json_invalid", (_, position):
             return f"the body is not valid JSON: {error['ctx']['error']} at character {position}"
+        case "value_error", ("body", field) if isinstance(error["input"], str):
+            # FastAPI's own words for this are of classes
+            return f"{field}: must be an uploaded file, got the text {shown(error['input'])}"
     return sentence(error, ignored=("body", "query", "header"))

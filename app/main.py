@@ -68,12 +68,17 @@ def create_app(settings: Settings, config: Path | None, base_url: str) -> FastAP
         version=version("cobot"),
         description=DESCRIPTION,
         lifespan=lifespan,
-        generate_unique_id_function=lambda route: route.name,
-        swagger_ui_parameters={"displayRequestDuration": True, "tryItOutEnabled": True},
+        swagger_ui_parameters={
+            "displayRequestDuration": True,
+            "tryItOutEnabled": True,
+            "defaultModelsExpandDepth": -1,  # no list of models below the endpoints, which show theirs
+        },
     )
     app.state.endpoints = endpoints
     app.state.stop_on_disconnect = settings.web.stop_on_disconnect
-    app.add_middleware(BodyLimit, limit_bytes=settings.web.max_body_bytes)
+    app.add_middleware(
+        BodyLimit, limit_bytes=settings.web.max_body_bytes, json_limit_bytes=settings.web.max_json_bytes
+    )
     errors.install(app)
     app.openapi = with_limits(app.openapi, robot.limits)  # type: ignore[method-assign]
     # Routes are matched one after the other: those that are polled come first, the documentation's last. Not
@@ -82,6 +87,9 @@ def create_app(settings: Settings, config: Path | None, base_url: str) -> FastAP
     app.router.routes[:0] = [
         route for router in routers for route in router.routes if _enabled(route, endpoints)
     ]
+    for route in app.routes:
+        if isinstance(route, APIRoute):
+            route.operation_id = route.name  # what generated clients call their methods
 
     @app.get("/", include_in_schema=False)
     async def root() -> RedirectResponse:

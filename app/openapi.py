@@ -1,4 +1,4 @@
-"""The robot's own numbers in the OpenAPI schema."""
+"""The robot's own numbers, and sentences, in the OpenAPI schema."""
 
 from __future__ import annotations
 
@@ -31,6 +31,8 @@ def with_limits(openapi: Callable[[], dict[str, Any]], limits: JointLimits) -> C
                     "maxItems": limits.dof,
                     "prefixItems": items,
                 }
+        for endpoint in (operation for path in schema["paths"].values() for operation in path.values()):
+            endpoint["summary"] = endpoint["description"].partition("\n")[0]  # says more than the path again
         return schema
 
     return described

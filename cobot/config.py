@@ -120,6 +120,7 @@ class WebSection(Section):
     endpoints: Location
     joint_limits: Location
     max_body_bytes: Annotated[int, Field(ge=1024)]
+    max_json_bytes: Annotated[int, Field(ge=1024)]
     stop_on_disconnect: bool
     stale_after_s: Positive
 

@@ -60,8 +60,8 @@ def inverse(model: RobotModel, pose: Pose, seed: Array, random_seed: int = 0) ->
     if not found:
         x, y, z = pose.position
         raise UnreachableError(
-            f"the TCP cannot reach x {x:.4f}, y {y:.4f}, z {z:.4f} m in this orientation: "
-            f"it comes as near as {1e3 * nearest.distance_m:.1f} mm and "
+            f"the TCP cannot reach x {x:.6g}, y {y:.6g}, z {z:.6g} m in this orientation: "
+            f"it comes as near as {1e3 * nearest.distance_m:.4g} mm and "
             f"{np.degrees(nearest.angle_rad):.2f} degrees"
         )
     return min(found, key=lambda joints: float(np.linalg.norm(joints - seed)))

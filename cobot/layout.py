@@ -78,6 +78,7 @@ STATE_SCALARS = (
     ("overruns", "u8"),
     ("torn_reads", "u8"),
     ("monotonic_ns", "i8"),  # CLOCK_MONOTONIC at publication
+    ("measured_monotonic_ns", "i8"),  # and when the robot was last read without an error
 )
 """They stand first, without gaps, so that the cycle can write them with one `struct.pack_into`."""
 _CODES = {"u8": "Q", "i8": "q", "f8": "d"}

@@ -30,7 +30,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cobot.errors import ConflictError, LayoutError, SharedMemoryError, UnavailableError
+from cobot.errors import ConflictError, InputError, LayoutError, SharedMemoryError, UnavailableError
 from cobot.layout import (
     ACK,
     COMMAND,
@@ -82,11 +82,12 @@ class Slot:
         """Put a trajectory here. The caller sees to it that rtloop is not following this slot.
 
         Raises:
-            SharedMemoryError: more segments than the slot has room for, or another dof.
+            InputError: more segments than the slot has room for.
+            SharedMemoryError: another dof.
         """
         n, capacity = trajectory.segments, len(self.coefficients)
         if n > capacity:
-            raise SharedMemoryError(f"the motion has {n} segments, rt.trajectory_capacity is {capacity}")
+            raise InputError(f"the motion has {n} segments, rt.trajectory_capacity is {capacity}")
         if trajectory.dof != self.coefficients.shape[1]:
             raise SharedMemoryError(
                 f"the motion has {trajectory.dof} joints, the robot {self.coefficients.shape[1]}"

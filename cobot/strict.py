@@ -54,6 +54,20 @@ def sentence(error: Mapping[str, Any], *, ignored: tuple[str, ...] = ()) -> str:
     return f"{place}: {text}" if place else text
 
 
+def without_repetition(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """For `json.loads(object_pairs_hook=...)`, which by itself lets a second key win silently.
+
+    Raises:
+        ValueError: a key stands twice; where an arm goes must not depend on which one counts.
+    """
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"the key {shown(twice)} stands twice in one object")
+    return content
+
+
 def shown(value: object) -> str:
     """A value in an error message, cut to a readable length."""
     text = repr(value)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum, StrEnum
 
 import numpy as np
@@ -99,6 +99,11 @@ class JointLimits:
     @property
     def dof(self) -> int:
         return len(self.names)
+
+    def including(self, position: Array) -> JointLimits:
+        """The same, but no tighter than this position: an arm that was pushed beyond may go back."""
+        low, high = np.minimum(self.min_position, position), np.maximum(self.max_position, position)
+        return replace(self, min_position=low, max_position=high)
 
     def scaled(self, velocity: float, acceleration: float, jerk: float) -> JointLimits:
         """The same positions and efforts with the rates multiplied by the given fractions."""

@@ -91,12 +91,13 @@ class Controller:
             or self._loader is not None
         )
 
-    def update(self, position: Array, velocity: Array, now_ns: int) -> None:
+    def update(self, position: Array, velocity: Array, now_ns: int, *, measured: bool) -> None:
         """One cycle; the command is then in `safety`.
 
         Args:
-            position, velocity: as measured, shape (dof,), rad, rad/s.
+            position, velocity: as measured last, shape (dof,), rad, rad/s.
             now_ns: CLOCK_MONOTONIC.
+            measured: whether in this cycle.
         """
         self._take_requests(now_ns)
         self._take_command(position)
@@ -109,7 +110,7 @@ class Controller:
             self.estop("the commanded position is not finite")
             self._brake()
         self._check_tracking(position)
-        self._settle(velocity)
+        self._settle(velocity, measured=measured)
 
     def stop(self, reason: str) -> None:
         """Come to rest on the path."""
@@ -194,7 +195,12 @@ class Controller:
         self.slot = slot
         self._loading_motion = int(command["motion_id"])
         self._loader = load(
-            self.path, self._slots[slot], self._loading_motion, self.safety.position, START_TOLERANCE_RAD
+            self.path,
+            self._slots[slot],
+            self._loading_motion,
+            self.safety.position,
+            START_TOLERANCE_RAD,
+            self._limits.including(self.safety.position),
         )
         self._loading = number
         return None
@@ -229,7 +235,7 @@ class Controller:
     def _reset(self, position: Array) -> str:
         """Leave ESTOP or FAULT. The drives may take their time: nothing moves."""
         if self.mode not in (Mode.ESTOP, Mode.FAULT):
-            return ""
+            return "" if self.mode is Mode.HOLD else f"there is nothing to reset in mode {self.mode.name}"
         if self._following or self._braking:
             return "the arm is not at rest yet"
         try:
@@ -265,11 +271,12 @@ class Controller:
                 f"allowed are {self._rt.tracking_error_rad} rad"
             )
 
-    def _settle(self, velocity: Array) -> None:
+    def _settle(self, velocity: Array, *, measured: bool) -> None:
         """Count how long the arm has been still, and end a motion that has ended."""
         rt = self._rt
         still = (
-            not self._following
+            measured
+            and not self._following
             and not self.safety.pursuing
             and np.abs(self._error).max() <= rt.settle_position_rad
             and np.abs(velocity).max() <= rt.settle_velocity_rad_s
@@ -284,10 +291,20 @@ class Controller:
             self.motion_result = MotionResult.ARRIVED if at_end else MotionResult.STOPPED
             self._enter(Mode.HOLD, self.reason)
         elif self._unsettled_cycles * rt.period_s >= SETTLE_LIMIT_S:
-            joint = int(np.abs(self._error).argmax())
             self.motion_result = MotionResult.FAILED
-            self._enter(
-                Mode.HOLD,
-                f"not settled {SETTLE_LIMIT_S} s after the end of the motion: {self._limits.names[joint]} is "
-                f"{abs(self._error[joint]):.4f} rad away and moves at {velocity[joint]:.4f} rad/s",
-            )
+            self._enter(Mode.HOLD, self._why_unsettled(velocity))
+            if self.safety.pursuing:
+                self._brake()
+
+    def _why_unsettled(self, velocity: Array) -> str:
+        off = np.abs(self._desired[0] - self.safety.position)
+        joint = int(off.argmax())
+        if off[joint] > self._rt.settle_position_rad:
+            here, wanted = self.safety.position[joint], self._desired[0, joint]
+            name = self._limits.names[joint]
+            return f"the safety layer keeps {name} at {here:.4f} rad: the motion wants it at {wanted:.4f} rad"
+        joint = int(np.abs(self._error).argmax())
+        return (
+            f"not settled {SETTLE_LIMIT_S} s after the end of the motion: {self._limits.names[joint]} is "
+            f"{abs(self._error[joint]):.4f} rad away and moves at {velocity[joint]:.4f} rad/s"
+        )

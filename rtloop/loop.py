@@ -37,6 +37,7 @@ class ControlLoop:
         self._statistics = Statistics(memory)
         self._measured = np.zeros((3, limits.dof))  # rad, rad/s, N·m
         self._fresh = np.zeros((3, limits.dof))
+        self._measured_ns = 0
         self._cycle = 0
 
     def open(self, start_position: Array) -> None:
@@ -61,10 +62,12 @@ class ControlLoop:
             late_ns: by how much the cycle began too late, for the statistics.
         """
         begun_ns = time.monotonic_ns()
-        self._read()
+        measured = self._read()
         read_ns = time.monotonic_ns()
+        if measured:
+            self._measured_ns = read_ns
         controller = self.controller
-        controller.update(self._measured[0], self._measured[1], read_ns)
+        controller.update(self._measured[0], self._measured[1], read_ns, measured=measured)
         updated_ns = time.monotonic_ns()
         try:
             self._backend.write(controller.safety.command)
@@ -72,7 +75,7 @@ class ControlLoop:
             controller.fault(f"writing to the robot failed: {exc}")
         written_ns = time.monotonic_ns()
         self._cycle += 1
-        self._state.publish(self._cycle, self._cycle * self._period_s, self._measured)
+        self._state.publish(self._cycle, self._cycle * self._period_s, self._measured, self._measured_ns)
         statistics = self._statistics
         statistics.count(Phase.WAKEUP, late_ns)
         statistics.count(Phase.READ, read_ns - begun_ns)
@@ -100,18 +103,19 @@ class ControlLoop:
         finally:
             self._backend.close()
 
-    def _read(self) -> None:
-        """Take over what is measured if it can be: the last good values stay otherwise."""
+    def _read(self) -> bool:
+        """Take over what is measured if it can be; False if the last good values stay."""
         try:
             self._backend.read(self._fresh)
         except BackendError as exc:
             self.controller.fault(f"reading from the robot failed: {exc}")
-            return
+            return False
         values = self._fresh.ravel()
         if not isfinite(values.dot(values)):
             self.controller.fault("the robot reports a value that is not finite")
-            return
+            return False
         self._measured, self._fresh = self._fresh, self._measured
+        return True
 
 
 def _last_state(memory: RobotMemory) -> np.ndarray | None:

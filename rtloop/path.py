@@ -10,7 +10,8 @@ import numpy as np
 
 from cobot.shm import Slot
 from cobot.trajectory import ORDER
-from cobot.types import Array
+from cobot.types import Array, JointLimits
+from rtloop.safety import POSITION_TOLERANCE_RAD
 
 BASIS = struct.Struct("=18d")
 PIECE_SEGMENTS = 96
@@ -18,6 +19,7 @@ PIECE_TIMES = 4096
 """How much is copied and checked in one cycle: 32 kB with seven joints, some tens of microseconds."""
 MOST_BREAKPOINTS = 24
 """That a stop looks at: where they are closer together, the path is smooth between them."""
+PLACES = np.linspace(0.0, 1.0, 9)
 REST_TOLERANCE = 1e-3
 """What a motion may have left of velocity (rad/s) and acceleration (rad/s²) at its ends."""
 
@@ -109,11 +111,16 @@ class RefusedError(Exception):
     """A trajectory in shared memory is not one that may be followed; the text says why."""
 
 
-def load(path: Path, slot: Slot, motion_id: int, start: Array, tolerance_rad: float) -> Iterator[None]:
+def load(
+    path: Path, slot: Slot, motion_id: int, start: Array, tolerance_rad: float, limits: JointLimits
+) -> Iterator[None]:
     """Copy a slot into a path and verify it: a generator that does a piece at each step. Real-time safe.
+
+    Velocities and accelerations beyond the limits can be caught on the way; a joint stop ahead can not.
 
     Args:
         start: where the motion has to begin, shape (dof,), rad.
+        limits: whose positions no motion may leave.
 
     Raises:
         RefusedError: at any step.
@@ -135,6 +142,7 @@ def load(path: Path, slot: Slot, motion_id: int, start: Array, tolerance_rad: fl
         checksum = zlib.crc32(piece.data, checksum)
         if not np.isfinite(piece).all():
             raise RefusedError("the trajectory has a coefficient that is not finite")
+        _check_positions(piece, times[begin : begin + len(piece) + 1], limits)
         yield
     if checksum != int(slot.head.data["checksum"]):
         raise RefusedError("the trajectory's checksum is wrong")
@@ -155,6 +163,22 @@ def _read_head(path: Path, slot: Slot, motion_id: int) -> int:
             f"the trajectory has {segments} segments, possible are 1 to {len(path._coefficients)}"
         )
     return segments
+
+
+def _check_positions(piece: Array, times_s: Array, limits: JointLimits) -> None:
+    """No joint beyond its stops, at `PLACES` in each segment."""
+    powers = (np.diff(times_s)[:, None, None] * PLACES[:, None]) ** np.arange(ORDER)  # segment, place, power
+    positions = np.matmul(powers, piece.transpose(0, 2, 1))  # segment, place, joint
+    beyond = np.maximum(positions - limits.max_position, limits.min_position - positions)
+    if beyond.max() <= POSITION_TOLERANCE_RAD:
+        return
+    segment, place, joint = np.unravel_index(beyond.argmax(), beyond.shape)
+    time_s = times_s[segment] + PLACES[place] * (times_s[segment + 1] - times_s[segment])
+    position = positions[segment, place, joint]
+    raise RefusedError(
+        f"{time_s:.3f} s into the motion {limits.names[joint]} would be at {position:.4f} rad, "
+        f"allowed is {limits.min_position[joint]:g} to {limits.max_position[joint]:g} rad"
+    )
 
 
 def _check_ends(path: Path, start: Array, tolerance_rad: float) -> None:

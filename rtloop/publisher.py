@@ -36,11 +36,12 @@ class StatePublisher:
         self._reason: str | None = None
         self._counted = -1
 
-    def publish(self, cycle: int, robot_time_s: float, measured: Array) -> None:
+    def publish(self, cycle: int, robot_time_s: float, measured: Array, measured_ns: int) -> None:
         """Publish what was measured in this cycle, and what the controller made of it.
 
         Args:
-            measured: shape (3, dof): rad, rad/s, N·m.
+            measured: shape (3, dof): rad, rad/s, N·m; good ones.
+            measured_ns: CLOCK_MONOTONIC when it was read.
         """
         controller = self._controller
         mailbox, path_clock = controller.mailbox, controller.clock
@@ -73,6 +74,7 @@ class StatePublisher:
             self._clock.overruns,
             mailbox.torn_reads,
             time.monotonic_ns(),
+            measured_ns,
         )
         self._block.publish()
 

@@ -52,13 +52,13 @@ class Safety:
         self._limits = limits
         self._period_s = period_s
         self._largest_step = limits.max_jerk * period_s  # of the acceleration, from cycle to cycle
-        low, high = limits.min_position - POSITION_TOLERANCE_RAD, limits.max_position + POSITION_TOLERANCE_RAD
         velocity, acceleration = (
             rate * (1.0 + TOLERANCE) for rate in (limits.max_velocity, limits.max_acceleration)
         )
-        upper = np.array([high, velocity, acceleration, velocity, acceleration])
-        lower = np.array([low, -velocity, -acceleration, -velocity, -acceleration])
-        self._block = np.vstack([np.zeros((PAST + 3, dof)), upper, lower])
+        rates = np.array([velocity, acceleration, velocity, acceleration])
+        bounds = [np.zeros(dof), rates.reshape(4, dof), np.zeros(dof), -rates.reshape(4, dof)]
+        self._block = np.vstack([np.zeros((PAST + 3, dof)), *bounds])
+        self._highest, self._lowest = self._block[PAST + 3], self._block[PAST + 8]
         self._past = self._block[:PAST]  # the positions let through before, the newest last
         self.command = self._block[PAST : PAST + 3]
         self.position, self.velocity, self.acceleration = self.command
@@ -86,7 +86,13 @@ class Safety:
         self.pursuing = False
 
     def reset(self, position: Array) -> None:
-        """Start over at rest at a position, without a jump: the arm has to be there."""
+        """Start over at rest at a position, without a jump: the arm has to be there.
+
+        A position beyond the limits, where it was pushed, is held, and left only towards them.
+        """
+        reach = self._limits.including(position)
+        self._lowest[:] = reach.min_position - POSITION_TOLERANCE_RAD
+        self._highest[:] = reach.max_position + POSITION_TOLERANCE_RAD
         self.command[:] = 0.0
         self.position[:] = position
         self._past[:] = position
@@ -143,7 +149,7 @@ class Safety:
         if not finite:
             self.brake()
             return False
-        target = request[0].clip(self._limits.min_position, self._limits.max_position)
+        target = request[0].clip(self._lowest, self._highest)
         self._pursuit.control_interface = ruckig.ControlInterface.Position
         self._pursuit.target_position = target.tolist()
         self._pursuit.target_velocity = [0.0] * self._limits.dof

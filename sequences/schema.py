@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Discriminator, Field, Tag, ValidationError
 
 from cobot.errors import InputError
-from cobot.strict import StrictModel, sentence, shown
+from cobot.strict import StrictModel, sentence, without_repetition
 
 SCHEMA_FILE = Path(__file__).with_name("sequence.schema.json")
 SHOWN_ERRORS = 10
@@ -92,7 +92,7 @@ def read_sequence(path: Path) -> Sequence:
         InputError: naming each place, what stands there and what is valid.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8-sig"), object_pairs_hook=_without_repetition)
+        content = json.loads(path.read_text(encoding="utf-8-sig"), object_pairs_hook=without_repetition)
     except (OSError, UnicodeDecodeError) as exc:
         raise InputError(f"cannot be read: {exc}") from exc
     except ValueError as exc:  # JSONDecodeError, and Python's refusal of integers without end
@@ -105,16 +105,6 @@ def read_sequence(path: Path) -> Sequence:
         sentences = [sentence(error, ignored=TAGS) for error in exc.errors()]
         more = [f"and {len(sentences) - SHOWN_ERRORS} more"] if len(sentences) > SHOWN_ERRORS else []
         raise InputError("; ".join(sentences[:SHOWN_ERRORS] + more)) from exc
-
-
-def _without_repetition(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """JSON lets a second key win silently; where the arm goes must not depend on that."""
-    content = dict(pairs)
-    if len(content) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise ValueError(f"the key {shown(twice)} stands twice in one object")
-    return content
 
 
 def schema_text() -> str:

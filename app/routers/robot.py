@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from fastapi import APIRouter, Depends, Request
 
-from app.dependencies import Call, Gone, json_body
+from app.dependencies import Call, Gone, StrictRoute, json_body
 from app.errors import responses
 from app.schemas import (
     Angles,
@@ -29,14 +29,14 @@ COMPLETED = "Motion completed successfully"
 MOTION_RESPONSES = responses(409, 413, 415, 422, 503)
 
 
-router = APIRouter(prefix="/robot", tags=["robot"])
+router = APIRouter(prefix="/robot", tags=["robot"], route_class=StrictRoute)
 
 
 @router.get("/joint_states", responses=responses(503))
 async def joint_states(request: Request) -> JointStates:
     """Angles, velocities and efforts, as measured."""
     call = Call(request)
-    state = await call.services.link.fresh_state(call.timeout_s)
+    state = await call.services.link.measured_state(call.timeout_s)
     return JointStates(
         name=list(call.services.robot.limits.names),
         position=state.position.tolist(),
@@ -49,7 +49,7 @@ async def joint_states(request: Request) -> JointStates:
 async def pose(request: Request) -> PoseAnswer:
     """The TCP in the base frame."""
     call = Call(request)
-    state = await call.services.link.fresh_state(call.timeout_s)
+    state = await call.services.link.measured_state(call.timeout_s)
     x, y, z, qw, qx, qy, qz = state.tcp.tolist()
     a, b, c = abc_from_quaternion(state.tcp[3:])
     return PoseAnswer(
@@ -118,7 +118,7 @@ async def move_pose(body: MovePose, request: Request, gone: Gone) -> MoveAnswer:
 async def reset(request: Request) -> ResetAnswer:
     """Leave an e-stop or a fault, once its cause is gone. Nothing moves."""
     call = Call(request)
-    await call.services.link.reset()
+    await call.services.link.reset(call.timeout_s)
     return ResetAnswer(success=True, message="the robot is ready to move")
 
 

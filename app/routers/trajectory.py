@@ -7,14 +7,14 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, File, Query, Request, UploadFile
 
-from app.dependencies import Call, Gone, form_body, json_body
+from app.dependencies import Call, Gone, StrictRoute, form_body, json_body
 from app.errors import responses
 from app.schemas import CsvQuery, LogAnswer, LogQuery, SendTrajectory, SentAnswer
 from app.services.csv_points import read_points
 from app.services.trajectories import Options, Sent
 from cobot.types import Waypoint
 
-router = APIRouter(prefix="/trajectory", tags=["trajectory"])
+router = APIRouter(prefix="/trajectory", tags=["trajectory"], route_class=StrictRoute)
 SEND_RESPONSES = responses(409, 413, 415, 422, 503)
 
 

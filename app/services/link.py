@@ -33,6 +33,7 @@ class RobotState:
     Attributes:
         tcp: shape (7,): x, y, z in m, then w, x, y, z, in the base frame, as measured.
         age_s: how long ago it was published.
+        measured_age_s: how long ago the robot was read.
         interventions: in the order of `Intervention`.
         reason: why the mode is ESTOP or FAULT, or why the last motion ended.
     """
@@ -53,6 +54,7 @@ class RobotState:
     overruns: int
     torn_reads: int
     age_s: float
+    measured_age_s: float
     reason: str
 
 
@@ -105,6 +107,7 @@ class RobotLink:
             raise UnavailableError(str(exc)) from exc
         if self.memory.state.sequence == 0:
             raise UnavailableError("rtloop has not started yet")
+        now_ns = time.monotonic_ns()
         scalars = dict(zip(SCALARS, STATE_STRUCT.unpack_from(self.memory.state.buffer.data), strict=True))
         return RobotState(
             mode=Mode(scalars["mode"]),
@@ -122,7 +125,8 @@ class RobotLink:
             interventions=record["interventions"].tolist(),
             overruns=scalars["overruns"],
             torn_reads=scalars["torn_reads"],
-            age_s=(time.monotonic_ns() - scalars["monotonic_ns"]) * 1e-9,
+            age_s=(now_ns - scalars["monotonic_ns"]) * 1e-9,
+            measured_age_s=(now_ns - scalars["measured_monotonic_ns"]) * 1e-9,
             reason=text(record["reason"]),
         )
 
@@ -155,6 +159,17 @@ class RobotLink:
             if time.monotonic() > deadline_s:
                 raise UnavailableError(f"{problem}; cobot run restarts it if it has died")
             await asyncio.sleep(0.01)
+
+    async def measured_state(self, timeout_s: float) -> RobotState:
+        """A fresh state with fresh measurements.
+
+        Raises:
+            UnavailableError: see `fresh_state`; or the robot cannot be read, with the reason.
+        """
+        state = await self.fresh_state(timeout_s)
+        if state.measured_age_s > self._stale_after_s:
+            raise UnavailableError(f"not measured for {state.measured_age_s:.1f} s: {state.reason}")
+        return state
 
     async def ready_state(self, timeout_s: float) -> RobotState:
         """A fresh state in which motion is permitted.
@@ -193,7 +208,7 @@ class RobotLink:
         Raises:
             ExecutionError: rtloop refuses it, with its reason.
             UnavailableError: rtloop does not answer.
-            SharedMemoryError: the motion is larger than a slot.
+            InputError: the motion is larger than a slot.
         """
         async with self._command_turn:
             # The state may be of the cycle before the last acknowledgement.
@@ -207,7 +222,7 @@ class RobotLink:
             await self._send(Command.START, slot=number, motion_id=motion_id, stops=stops)
         return motion_id
 
-    async def reset(self) -> None:
+    async def reset(self, timeout_s: float) -> None:
         """Leave ESTOP or FAULT.
 
         Raises:
@@ -216,11 +231,19 @@ class RobotLink:
         """
         async with self._command_turn:
             try:
-                await self._send(Command.RESET)
+                await self._send(Command.RESET, timeout_s=timeout_s)
             except ExecutionError as exc:
                 raise NotReadyError(str(exc)) from exc
 
-    async def _send(self, kind: Command, *, slot: int = 0, motion_id: int = 0, stops: int = 0) -> None:
+    async def _send(
+        self,
+        kind: Command,
+        *,
+        slot: int = 0,
+        motion_id: int = 0,
+        stops: int = 0,
+        timeout_s: float = ACKNOWLEDGE_S,
+    ) -> None:
         number = int(self.memory.head.data["id"]) + 1
         command = self.memory.commands[number % RING]
         command.data["id"] = number
@@ -232,11 +255,11 @@ class RobotLink:
         self.memory.head.data["id"] = number
         self.memory.head.publish()
         ack = self.memory.acks[number % RING]
-        deadline_s = time.monotonic() + ACKNOWLEDGE_S
+        deadline_s = time.monotonic() + timeout_s
         while not (ack.try_read() and int(ack.data["id"]) == number):
             if time.monotonic() > deadline_s:
                 raise UnavailableError(
-                    f"rtloop (pid {self._rtloop_pid()}) has not answered a {kind.name} for {ACKNOWLEDGE_S} s"
+                    f"rtloop (pid {self._rtloop_pid()}) has not answered a {kind.name} for {timeout_s:g} s"
                 )
             await asyncio.sleep(POLL_S / 2)
         if int(ack.data["result"]) != Ack.ACCEPTED:

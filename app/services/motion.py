@@ -21,6 +21,7 @@ from cobot.errors import (
     MotionStopped,
     MotionTimeout,
     PlanningError,
+    PlanningTimeout,
 )
 from cobot.frames import pose_from_abc
 from cobot.layout import MotionResult
@@ -192,8 +193,10 @@ class MotionService:
         base = self._robot.base_frame
         if (frame or self._settings.default_frame) != base:
             raise InputError(f"frame_id: there is no frame {frame!r}; valid are: {base}, or empty for it")
-        if (via is None) == (planner == PlannerName.CIRC):
-            raise InputError(f"via: planner circ needs a point on its arc, others take none; it is {planner}")
+        if via is None and planner == PlannerName.CIRC:
+            raise InputError("via: is missing; planner circ needs a point on its arc")
+        if via is not None and planner != PlannerName.CIRC:
+            raise InputError(f"via: is for planner circ only, not for {planner}")
         point = None if via is None else np.array(via)
         return Goal(pose_from_abc(*position, *abc), scaling, PlannerName(planner), point)
 
@@ -251,6 +254,8 @@ class MotionService:
         interrupted = asyncio.create_task(claim.interrupted.wait())
         try:
             await asyncio.wait({planning, interrupted}, return_when=asyncio.FIRST_COMPLETED)
+            if isinstance(claim.interruption, MotionTimeout):
+                raise PlanningTimeout(f"not planned within {timeout_s:g} s")
             if claim.interruption is not None:
                 raise claim.interruption
             return await planning
@@ -262,7 +267,7 @@ class MotionService:
         """Hand the motion to rtloop.
 
         Raises:
-            ExecutionError, UnavailableError, SharedMemoryError: see `RobotLink.start`.
+            ExecutionError, UnavailableError, InputError: see `RobotLink.start`.
         """
         if claim.interruption is not None:
             raise claim.interruption

@@ -13,6 +13,8 @@ from cobot.errors import CobotError, MotionStopped, UnavailableError
 from cobot.types import Mode
 
 MOVING = (Mode.TRAJECTORY, Mode.STOPPING)
+UNMEASURED_S = 0.25
+"""Without a measurement for so long, nobody can say that the arm is at rest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +82,9 @@ class StopService:
             except CobotError as exc:
                 problems.append(str(exc))
                 return None
+            if state.measured_age_s > UNMEASURED_S and state.mode not in MOVING:
+                problems.append(f"it was measured {state.measured_age_s:.1f} s ago: {state.reason}")
+                return state
             if state.stops_seen >= self._link.stops and state.mode not in MOVING and state.settled:
                 return state
             await asyncio.sleep(POLL_S)

@@ -15,7 +15,6 @@ from cobot.planners.circ import plan_circ
 from cobot.planners.lin import plan_lin
 from cobot.planners.ptp import plan_ptp
 from cobot.planners.request import MotionRequest, is_there, validate
-from cobot.planners.sampling import plan_ompl
 from cobot.planners.waypoints import WaypointRequest, plan_waypoints
 from cobot.robot import Robot
 from cobot.trajectory import Trajectory
@@ -23,7 +22,15 @@ from cobot.types import Array, PlannerName, Pose
 
 __all__ = ["MotionRequest", "WaypointRequest", "plan", "plan_waypoints"]
 
-JOINT_PLANNERS = {PlannerName.PTP: plan_ptp, PlannerName.OMPL: plan_ompl, PlannerName.CHOMP: plan_chomp}
+
+def _plan_ompl(robot: Robot, request: MotionRequest, goal: Array) -> Trajectory:
+    """Imports OMPL when it is used: the service, which leaves planning to its workers, needs none of it."""
+    from cobot.planners.sampling import plan_ompl
+
+    return plan_ompl(robot, request, goal)
+
+
+JOINT_PLANNERS = {PlannerName.PTP: plan_ptp, PlannerName.OMPL: _plan_ompl, PlannerName.CHOMP: plan_chomp}
 PATH_PLANNERS = {PlannerName.LIN: plan_lin, PlannerName.CIRC: plan_circ}
 
 
@@ -31,10 +38,9 @@ def plan(robot: Robot, request: MotionRequest) -> Trajectory | None:
     """A validated motion from rest to rest, or None when the arm is already there.
 
     Raises:
-        InputError: a start or goal beyond the limits, or fields that this planner does not take.
+        InputError: a goal beyond the limits, or fields that this planner does not take.
         PlanningError: there is no such motion, or this planner does not find one.
     """
-    check_positions(robot.limits, request.start, "present angle")
     robot.collision.check_position(request.start, "the start")
     if request.via is not None and request.planner is not PlannerName.CIRC:
         raise InputError(f"via is for planner circ only, not for {request.planner}")

@@ -45,11 +45,13 @@ def validate(
 ) -> None:
     """The checks that no motion escapes: limits on true extrema, self-collision and surroundings.
 
+    An arm that stands beyond a limit, because it was pushed there, may move back, but not further out.
+
     Raises:
         LimitError: from `check_limits`.
         CollisionError: from the collision checker.
     """
-    check_limits(trajectory, limits, labels)
+    check_limits(trajectory, limits.including(trajectory.start), labels)
     robot.collision.check_trajectory(trajectory)
 
 

@@ -18,9 +18,7 @@ SIMPLIFICATION_SHARE = 0.2
 """Of the planning time, at the most, spent on making the path shorter."""
 
 util.setLogLevel(util.LogLevel.LOG_ERROR)
-util.RNG.setSeed(
-    1
-)  # OMPL takes one seed per process: a worker's sequence of plans is repeatable, not a single plan
+util.RNG.setSeed(1)  # one per process: a worker's sequence of plans is repeatable, not a single plan
 
 
 def plan_ompl(robot: Robot, request: MotionRequest, goal: Array) -> Trajectory:

@@ -95,6 +95,8 @@ def through(
     positions = np.array([point.positions for point in points], dtype=np.float64)
     _require_order(times, labels)
     _require_rest(points, labels, first=times[0] == 0.0)
+    if times[-1] == 0.0:
+        raise InputError(f"{labels[0]}: a motion needs a point with a time_from_start above 0")
     if times[0] == 0.0:
         _require_start(positions[0], start, limits, start_tolerance_rad, labels[0])
         positions[0] = start
@@ -102,8 +104,6 @@ def through(
         times, positions = np.append(0.0, times), np.vstack([start, positions])
         labels = ["the present position", *labels]
         points = [Waypoint(start.tolist(), 0.0), *points]
-    if len(times) == 1:
-        raise InputError(f"{labels[0]}: a motion needs a point with a time_from_start above 0")
     spline = CubicSpline(times, positions, bc_type="clamped")
     velocities, accelerations = spline(times, 1), spline(times, 2)
     accelerations[[0, -1]] = 0.0
@@ -158,6 +158,6 @@ def _require_start(first: Array, start: Array, limits: JointLimits, tolerance_ra
     joint = int(off.argmax())
     raise InputError(
         f"{label}: starts with {limits.names[joint]} at {first[joint]:.4f} rad, but it is at "
-        f"{start[joint]:.4f} rad: {off[joint]:.4f} rad apart, allowed are {tolerance_rad} rad; "
+        f"{start[joint]:.4f} rad: {off[joint]:.4f} rad apart, allowed are {tolerance_rad:g} rad; "
         "go there first, or set move_to_start"
     )

@@ -207,6 +207,35 @@ def test_settled_is_stated_only_after_the_settling_time(rig: Rig) -> None:
     assert rig.result is MotionResult.ARRIVED
 
 
+def test_a_pushed_arm_beyond_a_limit_is_held_and_may_move_back_only(rig: Rig) -> None:
+    rig.loopback.offset[5] = rig.limits.max_position[5] + 0.01 - rig.home[5]
+    rig.step()
+    assert rig.mode is Mode.FAULT
+    assert rig.answer(rig.send(Command.RESET), cycles=2) == ""
+    rig.loopback.offset[5] = 0.0
+    beyond = rig.commanded[-1].copy()
+    rig.step(300)
+    np.testing.assert_array_equal(rig.commanded[-1], beyond)
+    out, back = np.zeros(7), np.zeros(7)
+    out[5], back[5] = 0.005, -0.2
+    assert "joint6 would be at" in rig.start(motion(rig, out))
+    assert rig.start(motion(rig, back)) == ""
+    rig.run()
+    assert rig.result is MotionResult.ARRIVED
+    assert sum(rig.interventions) == 1, "the tracking error, and nothing since"
+
+
+def test_while_the_robot_cannot_be_read_nothing_is_called_settled(rig: Rig) -> None:
+    rig.step(100)
+    assert rig.memory.state.read()["settled"]
+    read_ns = int(rig.memory.state.data["measured_monotonic_ns"])
+    rig.loopback.fail_read = "no answer"
+    rig.step(3)
+    state = rig.memory.state.read()
+    assert not state["settled"]
+    assert read_ns == state["measured_monotonic_ns"] < state["monotonic_ns"]
+
+
 # what the service, or a wild writer, may leave in a slot
 
 
@@ -219,6 +248,15 @@ def test_a_trajectory_that_starts_elsewhere_is_refused(rig: Rig) -> None:
         "the trajectory starts 0.0100 rad from where joint 1 is, allowed are 0.001 rad"
     )
     assert rig.mode is Mode.HOLD
+
+
+def test_a_trajectory_beyond_a_joint_stop_is_refused(rig: Rig) -> None:
+    """A stop ahead cannot be caught on the way, as velocities and accelerations can."""
+    by = np.zeros(7)
+    by[1] = 2.2
+    answer = rig.start(motion(rig, by))
+    assert answer.endswith("allowed is -2.1 to 2.1 rad")
+    assert "s into the motion joint2 would be at 2." in answer
 
 
 def test_a_trajectory_that_does_not_end_at_rest_is_refused(rig: Rig) -> None:
