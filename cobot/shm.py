@@ -6,7 +6,7 @@ A file in /dev/shm, made by the supervisor, mapped by rtloop and by the service:
     state       rtloop writes, every cycle
     statistics  rtloop writes, some times a second
     acks        rtloop writes, one entry per command
-    heartbeat   a thread of the service writes
+    heartbeat   the service writes, from its event loop
     requests    the service writes: counters of stops and e-stops, which nothing can crowd out
     head        the service writes: the newest command's number
     commands    the service writes: a ring

@@ -140,7 +140,6 @@ def test_the_distance_that_is_missing_is_at_least_what_geometry_says(robot: Robo
 
 
 def test_one_descent_reports_how_far_from_the_goal_it_ended(robot: Robot) -> None:
-    # Not an exact repetition: `joints` are those after the last step, the distances of the best one.
     home = np.array(robot.positions["home"].joints)
     pose = Pose(np.array([1.2, 0.0, 0.36]), DOWN)
     descent = solve_near(robot.model, pose, home)
