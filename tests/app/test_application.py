@@ -1,0 +1,88 @@
+"""How the application is put together: schema, names, and endpoints that are switched off.
+
+Oracle: joint_limits.yaml and api_endpoints.yaml as read by PyYAML; httpx as the client, without a network.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+import yaml
+from fastapi import FastAPI
+
+from app.main import create_app
+from cobot.config import Settings
+
+CONFIG = Path(__file__).parents[2] / "config"
+
+
+@pytest.fixture(scope="module")
+def schema(settings: Settings) -> dict[str, Any]:
+    return create_app(settings, None, "http://robot.test").openapi()
+
+
+def ask(app: FastAPI, method: str, path: str) -> httpx.Response:
+    async def request() -> httpx.Response:
+        transport = httpx.ASGITransport(app)
+        async with httpx.AsyncClient(transport=transport, base_url="http://robot.test") as client:
+            return await client.request(method, path)
+
+    return asyncio.run(request())
+
+
+def without(settings: Settings, folder: Path, *endpoints: str) -> FastAPI:
+    content = yaml.safe_load((CONFIG / "api_endpoints.yaml").read_text(encoding="utf-8"))
+    for name in endpoints:
+        content["endpoints"][name]["enabled"] = False
+    file = folder / "endpoints.yaml"
+    file.write_text(yaml.safe_dump(content), encoding="utf-8")
+    web = settings.web.model_copy(update={"endpoints": file})
+    return create_app(settings.model_copy(update={"web": web}), None, "http://robot.test")
+
+
+def test_the_schema_has_exactly_the_configured_endpoints(schema: dict[str, Any]) -> None:
+    configured = yaml.safe_load((CONFIG / "api_endpoints.yaml").read_text(encoding="utf-8"))["endpoints"]
+    found = {f"{method.upper()} {path}" for path, methods in schema["paths"].items() for method in methods}
+    assert found == set(configured)
+
+
+def test_the_limits_of_the_file_stand_in_the_schema(schema: dict[str, Any]) -> None:
+    limits = yaml.safe_load((CONFIG / "joint_limits.yaml").read_text(encoding="utf-8"))["joint_limits"]
+    for model, field in (("MoveJoints", "joints"), ("TrajectoryPoint", "positions")):
+        items = schema["components"]["schemas"][model]["properties"][field]["prefixItems"]
+        assert [(item["minimum"], item["maximum"]) for item in items] == [
+            (joint["min_position"], joint["max_position"]) for joint in limits.values()
+        ]
+
+
+def test_operations_are_named_after_what_they_do(schema: dict[str, Any]) -> None:
+    operations = [operation for methods in schema["paths"].values() for operation in methods.values()]
+    names = [operation["operationId"] for operation in operations]
+    assert len(set(names)) == len(names)
+    assert {"joint_states", "move_joints", "stop"} <= set(names)
+    assert len({operation["summary"] for operation in operations}) == len(operations)
+
+
+def test_an_endpoint_that_is_switched_off_is_not_there(settings: Settings, tmp_path: Path) -> None:
+    app = without(settings, tmp_path, "POST /robot/move/pose", "GET /trajectory/logs")
+    assert "/robot/move/pose" not in app.openapi()["paths"]
+    assert "/robot/move/joints" in app.openapi()["paths"]
+    answer = ask(app, "POST", "/robot/move/pose")
+    assert (answer.status_code, answer.json()["code"]) == (404, "not_found")
+
+
+def test_the_documentation_needs_nobody_else(settings: Settings) -> None:
+    app = create_app(settings, None, "http://robot.test")
+    for page in ("/docs", "/redoc"):
+        text = ask(app, "GET", page).text
+        addresses = re.findall(r'(?:src|href)="([^"]+)"', text)
+        assert len(addresses) >= 2
+        for address in addresses:
+            assert address.startswith("/"), "everything comes from this service"
+            assert ask(app, "GET", address).status_code == 200
+        assert not re.findall(r"https?://(?!robot\.test)[^\"' ]+", text)

@@ -1,0 +1,106 @@
+"""Sequence files: what is valid, and what the published schema says about it.
+
+Oracle: jsonschema_rs, a validator of others, reads the published schema.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import jsonschema_rs
+import pytest
+
+from cobot.errors import InputError
+from sequences.schema import SCHEMA_FILE, read_sequence, schema_text
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "motion_sequence_config.json"
+POSE = {"x": 0.4, "y": 0.0, "z": 0.5, "a": 0.0, "b": 3.14, "c": 0.0}
+JOINTS = {"joints": [0, 0, 0, -1.57, 0, 1.57, 0]}
+
+
+@pytest.fixture(scope="module")
+def validator() -> Any:
+    return jsonschema_rs.validator_for(json.loads(SCHEMA_FILE.read_text(encoding="utf-8")))
+
+
+def written(folder: Path, content: object) -> Path:
+    file = folder / "sequence.json"
+    file.write_text(content if isinstance(content, str) else json.dumps(content), encoding="utf-8")
+    return file
+
+
+def test_the_published_schema_is_the_one_that_the_code_has() -> None:
+    assert SCHEMA_FILE.read_text(encoding="utf-8") == schema_text()
+
+
+def test_the_example_is_valid_for_both(validator: Any) -> None:
+    validator.validate(json.loads(EXAMPLE.read_text(encoding="utf-8")))
+    assert len(read_sequence(EXAMPLE).waypoints) > 0
+
+
+@pytest.mark.parametrize(
+    "waypoint",
+    [
+        JOINTS,
+        {"named": "work"},
+        POSE,
+        {**POSE, "planner": "circ", "via": {"x": 0, "y": 0, "z": 0}, "speed": 1},
+    ],
+)
+def test_every_kind_of_target_is_valid_for_both(
+    tmp_path: Path, validator: Any, waypoint: dict[str, Any]
+) -> None:
+    content = {"home": JOINTS, "waypoints": [waypoint]}
+    validator.validate(content)
+    assert len(read_sequence(written(tmp_path, content)).waypoints) == 1
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ({}, "waypoints: is missing"),
+        ({"waypoints": []}, "waypoints"),
+        ({"waypoints": [{**JOINTS, "sped": 1}]}, "waypoints[0]: unknown key 'sped' (did you mean 'speed'?)"),
+        ({"waypoints": [{"joints": ["0"]}]}, "waypoints[0].joints[0]"),
+        ({"waypoints": [{**JOINTS, "speed": 0}]}, "waypoints[0].speed"),
+        ({"waypoints": [{**JOINTS, "speed": True}]}, "waypoints[0].speed"),
+        ({"waypoints": [{"x": 0.4, "y": 0}]}, "waypoints[0].z: is missing"),
+        ({"waypoints": [{**POSE, "planner": "stomp"}]}, "waypoints[0].planner"),
+        ({"waypoints": [JOINTS], "hom": None}, "unknown key 'hom'"),
+        ([], ""),
+    ],
+)
+def test_what_one_refuses_the_other_refuses_too(
+    tmp_path: Path, validator: Any, content: object, words: str
+) -> None:
+    assert not validator.is_valid(content)
+    with pytest.raises(InputError) as caught:
+        read_sequence(written(tmp_path, content))
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "not valid JSON"),
+        ('{"waypoints": [NaN', "not valid JSON"),
+        ('{"waypoints": [{"joints": [NaN]}]}', "joints[0]"),
+        ('{"waypoints": [{"joints": [1e999]}]}', "joints[0]"),
+        ('{"waypoints": [{"named": "a", "named": "b"}]}', "the key 'named' stands twice"),
+        ("[" * 100_000, "not valid JSON"),
+        ("\x00\x01", "not valid JSON"),
+    ],
+)
+def test_what_is_no_json_is_refused_with_its_place(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        read_sequence(written(tmp_path, text))
+    assert words in str(caught.value)
+
+
+def test_a_file_with_many_errors_names_the_first_and_counts_the_rest(tmp_path: Path) -> None:
+    content = {"waypoints": [{"joints": []} | {"speed": 9}] * 40}
+    with pytest.raises(InputError, match=r"and \d+ more$") as caught:
+        read_sequence(written(tmp_path, content))
+    assert len(str(caught.value)) < 2000
