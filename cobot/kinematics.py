@@ -15,8 +15,8 @@ from cobot.frames import rotation
 from cobot.model import RobotModel
 from cobot.types import Array, Pose
 
-POSITION_TOLERANCE_M = 1e-7
-ANGLE_TOLERANCE_RAD = 1e-7
+POSITION_TOLERANCE_M = 1e-9
+ANGLE_TOLERANCE_RAD = 1e-9
 STEPS = 60
 ATTEMPTS = 60
 ENOUGH_SOLUTIONS = 4

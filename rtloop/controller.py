@@ -235,7 +235,7 @@ class Controller:
     def _reset(self, position: Array) -> str:
         """Leave ESTOP or FAULT. The drives may take their time: nothing moves."""
         if self.mode not in (Mode.ESTOP, Mode.FAULT):
-            return "" if self.mode is Mode.HOLD else f"there is nothing to reset in mode {self.mode.name}"
+            return ""
         if self._following or self._braking:
             return "the arm is not at rest yet"
         try:

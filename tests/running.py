@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import httpx
 import psutil
@@ -22,6 +23,17 @@ _numbers = itertools.count()
 def unique_name() -> str:
     """A robot name that no other test run on this machine uses."""
     return f"test-{os.getpid()}-{next(_numbers)}"
+
+
+def until(condition: Callable[[], Any], what: Callable[[], str] = str) -> Any:
+    """What the condition gave when it first held; `what` explains when it never does."""
+    deadline_s = time.monotonic() + WAIT_S
+    while time.monotonic() < deadline_s:
+        value = condition()
+        if value:
+            return value
+        time.sleep(0.01)
+    raise AssertionError(f"did not happen within {WAIT_S} s {what()}")
 
 
 class Run:
@@ -69,15 +81,9 @@ class Run:
         assert found
         return found.group()
 
-    def until(self, condition: Callable[[], object]) -> object:
-        """What the condition gave when it first held."""
-        deadline_s = time.monotonic() + WAIT_S
-        while time.monotonic() < deadline_s:
-            value = condition()
-            if value:
-                return value
-            time.sleep(0.02)
-        raise AssertionError(f"did not happen within {WAIT_S} s; output so far:\n{self.output}")
+    def until(self, condition: Callable[[], Any]) -> Any:
+        """The same, with what `cobot run` has printed in the explanation."""
+        return until(condition, lambda: f"; output so far:\n{self.output}")
 
     def health(self) -> dict[str, object] | None:
         try:

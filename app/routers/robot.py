@@ -114,7 +114,7 @@ async def move_pose(body: MovePose, request: Request, gone: Gone) -> MoveAnswer:
     return _answer(await call.services.motion.move(call.name, goal, call.timeout_s, call.token, gone))
 
 
-@router.post("/reset", responses=responses(503))
+@router.post("/reset", responses=responses(409, 503))
 async def reset(request: Request) -> ResetAnswer:
     """Leave an e-stop or a fault, once its cause is gone. Nothing moves."""
     call = Call(request)

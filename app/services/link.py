@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cobot.errors import ExecutionError, NotReadyError, TornReadError, UnavailableError
+from cobot.errors import ConflictError, ExecutionError, NotReadyError, TornReadError, UnavailableError
 from cobot.layout import RING, SLOTS, STATE_SCALARS, STATE_STRUCT, Ack, Command, MotionResult
 from cobot.shm import RobotMemory, Role, text
 from cobot.trajectory import Trajectory
@@ -226,9 +226,13 @@ class RobotLink:
         """Leave ESTOP or FAULT.
 
         Raises:
+            ConflictError: the arm moves, so there is nothing to reset.
             NotReadyError: the cause persists, with rtloop's reason.
             UnavailableError: rtloop does not answer.
         """
+        state = await self.fresh_state(timeout_s)
+        if state.mode in (Mode.TRAJECTORY, Mode.STOPPING):
+            raise ConflictError(f"motion {state.motion_id} is {state.mode.name}: there is nothing to reset")
         async with self._command_turn:
             try:
                 await self._send(Command.RESET, timeout_s=timeout_s)

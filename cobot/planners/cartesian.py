@@ -23,9 +23,9 @@ LARGEST_DEVIATION_RAD = np.radians(0.05)
 FIRST_SAMPLES, LAST_SAMPLES = 24, 768
 LARGEST_JOINT_STEP_RAD = 0.5
 """Between two of the first samples; in proportion less between more of them."""
-SLOWEST_SHARE = 0.02
-"""A path that the joints can only follow at less than this share of the speed that the TCP could have
-leads through or past a singularity: refused, because nobody wants a tool that nearly stops on the way."""
+SLOWEST = 50.0
+"""A path that takes so many times longer than by the TCP's own limits leads through or past a singularity:
+refused, because nobody wants a tool that nearly stops on the way."""
 STANDING_M, STANDING_RAD = 1e-6, 1e-6
 
 
@@ -159,7 +159,7 @@ def _tcp_rates(path: TcpPath, limits: CartesianLimits) -> PathRates:
 
 
 def _require_speed(path: BSpline, rates: PathRates, cap: PathRates, limits: JointLimits, name: str) -> None:
-    if rates.velocity >= SLOWEST_SHARE * cap.velocity:
+    if 1.0 / rates.velocity <= SLOWEST * TimeLaw(cap).duration_s:
         return
     shares = np.linspace(0.0, 1.0, 400)
     demand = np.abs(path.derivative(1)(shares)) * cap.velocity / limits.max_velocity

@@ -9,14 +9,12 @@ from __future__ import annotations
 import json
 import socket
 import threading
-import time
-from collections.abc import Callable
 from typing import Any
 
 import httpx
 import numpy as np
 import pytest
-from running import WAIT_S, Run
+from running import WAIT_S, Run, until
 from scipy.spatial.transform import Rotation
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
@@ -40,16 +38,6 @@ MANUAL = {
 
 def joints(http: httpx.Client) -> list[float]:
     return http.get("/robot/joint_states").json()["position"]
-
-
-def until(condition: Callable[[], Any]) -> Any:
-    deadline_s = time.monotonic() + WAIT_S
-    while time.monotonic() < deadline_s:
-        value = condition()
-        if value:
-            return value
-        time.sleep(0.01)
-    raise AssertionError("did not happen in time")
 
 
 def motion(http: httpx.Client) -> dict[str, Any]:
@@ -529,6 +517,15 @@ def test_health_tells_processes_cycle_times_and_versions(http: httpx.Client) -> 
     assert health["rtloop"]["pid"] != health["service"]["pid"]
     assert health["cycle_us"]["total"]["p50_us"] > 0.0
     assert {"cobot", "mujoco-core", "ruckig", "python", "layout"} <= set(health["versions"])
+
+
+def test_reset_while_the_arm_moves_is_refused_and_the_motion_goes_on(http: httpx.Client) -> None:
+    number = slow_trajectory(http)
+    answer = http.post("/robot/reset")
+    assert answer.status_code == 409
+    assert answer.json()["detail"] == f"motion {number} is TRAJECTORY: there is nothing to reset"
+    assert motion(http)["mode"] == "TRAJECTORY"
+    assert http.post("/stop").json()["success"]
 
 
 def test_reset_in_hold_changes_nothing(http: httpx.Client) -> None:

@@ -8,8 +8,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +17,7 @@ import psutil
 import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
-from running import WAIT_S, Run
+from running import Run, until
 
 HOME = [0, 0, 0, -1.57, 0, 1.57, 0]
 SHORT = {
@@ -43,16 +41,6 @@ def status(http: httpx.Client) -> dict[str, Any]:
     return http.get("/sequences/status").json()
 
 
-def until(condition: Callable[[], Any]) -> Any:
-    deadline_s = time.monotonic() + WAIT_S
-    while time.monotonic() < deadline_s:
-        value = condition()
-        if value:
-            return value
-        time.sleep(0.02)
-    raise AssertionError("did not happen in time")
-
-
 def finished(http: httpx.Client) -> dict[str, Any]:
     return until(lambda: status(http)["status"] == "finished" and status(http))
 
@@ -62,8 +50,9 @@ def moving(http: httpx.Client) -> bool:
 
 
 def at_rest(http: httpx.Client) -> bool:
-    robot = http.get("/health").json()["robot"]
-    return robot["mode"] == "HOLD" and robot["settled"]
+    health = http.get("/health").json()
+    robot = health["robot"]
+    return robot["mode"] == "HOLD" and robot["settled"] and health["service"]["motion"] is None
 
 
 def test_a_sequence_visits_all_points_in_all_iterations(http: httpx.Client) -> None:
