@@ -5,10 +5,11 @@ from __future__ import annotations
 import signal
 import sys
 
-from cobot.process import die_with_parent
+from cobot.process import Niceness, be, die_with_parent
 
 if __name__ == "__main__":
     die_with_parent(signal.SIGTERM)
+    be(Niceness.PROMPT)
     from app.server import main  # takes some seconds, in which the supervisor might die unnoticed
 
     sys.exit(main())

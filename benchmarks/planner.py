@@ -9,12 +9,12 @@ import numpy as np
 from cobot.config import load_settings
 from cobot.errors import CobotError
 from cobot.planners import MotionRequest, plan
-from cobot.process import yield_to_others
+from cobot.process import Niceness, be
 from cobot.robot import load_robot
 from cobot.types import PlannerName, Scaling
 
 if __name__ == "__main__":
-    yield_to_others()
+    be(Niceness.BACKGROUND)
     robot = load_robot(load_settings(None))
     home, work = (np.array(robot.positions[name].joints) for name in ("home", "work"))
     for seed in itertools.count():

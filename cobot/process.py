@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import signal
+from enum import IntEnum
 
 _PR_SET_PDEATHSIG = 1
 
 
-BACKGROUND_NICENESS = 10
+class Niceness(IntEnum):
+    """Whose turn it is when there are more threads than cores: planning shall not delay a stop."""
+
+    PROMPT = -10  # what answers people
+    ORDINARY = 0
+    BACKGROUND = 10  # takes the time that nobody else wants
 
 
-def yield_to_others() -> None:
-    """Take the processor's time that nobody else wants: planning shall not delay a stop."""
-    os.nice(BACKGROUND_NICENESS)
+def be(niceness: Niceness) -> None:
+    """Set this thread's niceness, and that of all that it starts.
+
+    To go below one's own takes root or CAP_SYS_NICE, as SCHED_FIFO does; without it nothing changes.
+    """
+    with contextlib.suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, 0, niceness)
 
 
 def die_with_parent(number: signal.Signals) -> None:

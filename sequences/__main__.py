@@ -11,7 +11,7 @@ from pathlib import Path
 
 from cobot.client import DEFAULT_URL
 from cobot.errors import InputError
-from cobot.process import die_with_parent
+from cobot.process import Niceness, be, die_with_parent
 from sequences.runner import ReturnCode, Run, run
 from sequences.schema import read_sequence, schema_text
 
@@ -63,6 +63,7 @@ def _seconds(argument: str) -> float:
 def _run(arguments: argparse.Namespace) -> int:
     if arguments.progress_fd is not None:  # the service has started it, and it ends with the service
         die_with_parent(signal.SIGTERM)
+        be(Niceness.ORDINARY)
     return run(
         Run(
             arguments.file,

@@ -13,7 +13,7 @@ import pebble
 from cobot.config import load_settings
 from cobot.errors import PlanningError, PlanningTimeout
 from cobot.planners import MotionRequest, WaypointRequest, plan, plan_waypoints
-from cobot.process import die_with_parent, yield_to_others
+from cobot.process import Niceness, be, die_with_parent
 from cobot.robot import Robot, load_robot
 from cobot.trajectory import Trajectory
 
@@ -31,7 +31,7 @@ _worker = _Worker()
 
 def _prepare(config: Path | None) -> None:
     die_with_parent(signal.SIGKILL)
-    yield_to_others()
+    be(Niceness.BACKGROUND)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     _worker.robot = load_robot(load_settings(config))
 
