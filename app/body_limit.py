@@ -8,8 +8,6 @@ from __future__ import annotations
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from app.errors import payload_too_large
-
 
 class BodyLimit:
     """ASGI middleware."""
@@ -26,18 +24,18 @@ class BodyLimit:
         headers = dict(scope["headers"])
         form = headers.get(b"content-type", b"").startswith(b"multipart/")
         limit_bytes = self._limit_bytes if form else self._json_limit_bytes
-        announced = headers.get(b"content-length", b"0")
-        if announced.isdigit() and int(announced) > limit_bytes:
-            await payload_too_large(limit_bytes)(scope, receive, send)
-            return
+        length = headers.get(b"content-length", b"0")
+        announced = int(length) if length.isdigit() else 0
         received = 0
 
         async def counted() -> Message:
+            """Asked for only by an endpoint that takes a body."""
             nonlocal received
-            message = await receive()
-            received += len(message.get("body", b""))
-            if received > limit_bytes:
-                raise HTTPException(413, str(limit_bytes))
-            return message
+            if announced <= limit_bytes:
+                message = await receive()
+                received += len(message.get("body", b""))
+                if received <= limit_bytes:
+                    return message
+            raise HTTPException(413, str(limit_bytes))
 
         await self._app(scope, counted, send)

@@ -13,11 +13,16 @@ from typing import Annotated, Any, cast
 
 from fastapi import Depends, HTTPException, Request, Response
 from fastapi.routing import APIRoute
+from pydantic import BaseModel, ValidationError
 
 from app.services import Services
+from app.services.motion import Caller
 from cobot.config import Endpoint
 from cobot.errors import InputError, MediaTypeError
-from cobot.strict import unknown_key, without_repetition
+from cobot.strict import sentences, unknown_key, without_repetition
+
+STOPS = "cobot.stops"
+IN_THREAD_BYTES = 65536
 
 
 class Call:
@@ -41,9 +46,14 @@ class Call:
         return cast(dict[str, Endpoint], self._request.app.state.endpoints)[self.name].timeout_s
 
     @property
-    def token(self) -> str | None:
-        """Of the sequence on whose behalf the arm shall move, if any."""
-        return self._request.headers.get("X-Motion-Token")
+    def stops(self) -> int:
+        """How many stops had been requested when this request came in."""
+        return cast(int, self._request.scope[STOPS])
+
+    def caller(self, gone: asyncio.Event) -> Caller:
+        """Who asks, for a motion."""
+        token = self._request.headers.get("X-Motion-Token")
+        return Caller(self.name, token, self.stops, self.timeout_s, gone)
 
 
 async def gone(request: Request) -> AsyncIterator[asyncio.Event]:
@@ -65,27 +75,41 @@ async def gone(request: Request) -> AsyncIterator[asyncio.Event]:
         watcher.cancel()
 
 
-class _StrictRequest(Request):
+class _CobotRequest(Request):
     async def json(self) -> Any:
         body = await self.body()
-        try:
-            return json.loads(body, object_pairs_hook=without_repetition)
-        except (json.JSONDecodeError, UnicodeDecodeError):
-            raise
-        except ValueError as exc:
-            raise HTTPException(422, f"the body: {exc}") from exc
+        (param,) = self.scope["route"].dependant.body_params
+        model: type[BaseModel] = param.field_info.annotation
+        if len(body) <= IN_THREAD_BYTES:
+            return _validated(body, model)
+        return await asyncio.to_thread(_validated, body, model)
 
 
-class StrictRoute(APIRoute):
-    """Refuses what JSON leaves open: an object with the same key twice."""
+def _validated(body: bytes, model: type[BaseModel]) -> BaseModel:
+    """The body as an instance, which FastAPI then takes as it is."""
+    try:
+        return model.model_validate(json.loads(body, object_pairs_hook=without_repetition))
+    except ValidationError as exc:
+        raise HTTPException(422, sentences(exc.errors())) from exc
+    except (json.JSONDecodeError, UnicodeDecodeError):
+        raise
+    except ValueError as exc:
+        raise HTTPException(422, f"the body: {exc}") from exc
+
+
+class CobotRoute(APIRoute):
+    """Notes the count of stops before the body is read, refuses an object with the same key twice, and
+    takes large bodies apart in a thread: nobody else shall wait for them.
+    """
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         handler = super().get_route_handler()
 
-        async def strict(request: Request) -> Response:
-            return await handler(_StrictRequest(request.scope, request.receive))
+        async def handle(request: Request) -> Response:
+            request.scope[STOPS] = request.app.state.services.link.stops
+            return await handler(_CobotRequest(request.scope, request.receive))
 
-        return strict
+        return handle
 
 
 def _require_type(request: Request, expected: str) -> None:

@@ -69,11 +69,6 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(Exception, _unexpected)
 
 
-def payload_too_large(limit_bytes: int) -> JSONResponse:
-    """The answer to a body beyond the limit."""
-    return _answer(413, f"the body is larger than the limit of {limit_bytes} bytes", errors.PayloadError.code)
-
-
 def _answer(status: int, detail: str, code: str, headers: Any = None) -> JSONResponse:
     return JSONResponse({"detail": detail, "code": code}, status, headers)
 
@@ -85,8 +80,8 @@ def _cobot_error(request: Request, exc: Exception) -> JSONResponse:
 
 def _invalid_request(request: Request, exc: Exception) -> JSONResponse:
     assert isinstance(exc, RequestValidationError)
-    sentences = dict.fromkeys(_sentence(error) for error in exc.errors())
-    return _answer(422, "; ".join(sentences), errors.InputError.code)
+    found = dict.fromkeys(_sentence(error) for error in exc.errors())
+    return _answer(422, "; ".join(found), errors.InputError.code)
 
 
 def _http_exception(request: Request, exc: Exception) -> JSONResponse:
@@ -102,7 +97,8 @@ def _http_exception(request: Request, exc: Exception) -> JSONResponse:
             detail = f"{request.method} is not possible on {path}; allowed: {allowed}"
             return _answer(405, detail, "method_not_allowed", exc.headers)
         case 413:
-            return payload_too_large(int(exc.detail))
+            detail = f"the body is larger than the limit of {exc.detail} bytes"
+            return _answer(413, detail, errors.PayloadError.code)
         case 422:
             return _answer(422, str(exc.detail), errors.InputError.code)
         case status:

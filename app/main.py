@@ -23,7 +23,7 @@ from app.routers import robot as robot_router
 from app.services import Services
 from app.services.health import HealthService
 from app.services.link import RobotLink
-from app.services.motion import MotionService
+from app.services.motion import LATEST_ANSWER_S, MotionService
 from app.services.planning import PlanningService
 from app.services.sequences import SequenceService
 from app.services.stopping import StopService
@@ -54,7 +54,7 @@ def create_app(settings: Settings, config: Path | None, base_url: str) -> FastAP
         planning = PlanningService(config, settings.planning.workers)
         warming = asyncio.create_task(planning.warm_up())
         async with link.heartbeat():
-            app.state.services = _services(settings, robot, link, planning, base_url)
+            app.state.services = _services(settings, endpoints, robot, link, planning, base_url)
             gc.collect()
             gc.freeze()
             yield
@@ -106,10 +106,16 @@ def _enabled(route: BaseRoute, endpoints: dict[str, Endpoint]) -> bool:
 
 
 def _services(
-    settings: Settings, robot: Robot, link: RobotLink, planning: PlanningService, base_url: str
+    settings: Settings,
+    endpoints: dict[str, Endpoint],
+    robot: Robot,
+    link: RobotLink,
+    planning: PlanningService,
+    base_url: str,
 ) -> Services:
     motion = MotionService(robot, link, planning, settings.planning)
-    sequence = SequenceService(motion, link, settings.sequences, base_url)
+    slowest_s = max(end.timeout_s for name, end in endpoints.items() if name.startswith("POST /robot/move/"))
+    sequence = SequenceService(motion, link, settings.sequences, base_url, slowest_s + LATEST_ANSWER_S)
     return Services(
         robot,
         link,

@@ -22,7 +22,7 @@ def with_limits(openapi: Callable[[], dict[str, Any]], limits: JointLimits) -> C
 
     def described() -> dict[str, Any]:
         schema = openapi()
-        models = schema["components"]["schemas"]
+        models = schema.get("components", {}).get("schemas", {})
         for model, field in JOINT_FIELDS:
             if model in models:  # the endpoint may be switched off
                 models[model]["properties"][field] |= {

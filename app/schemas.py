@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, FailFast, Field
 
 from cobot.strict import StrictModel
 
@@ -224,7 +224,7 @@ class SendTrajectory(StrictModel):
         }
     )
 
-    points: Annotated[list[TrajectoryPoint], BeforeValidator(_as_list)] = Field(
+    points: Annotated[list[TrajectoryPoint], FailFast(), BeforeValidator(_as_list)] = Field(
         min_length=1, max_length=100_000, description="At strictly increasing times."
     )
     validate_limits: bool = Field(

@@ -2,23 +2,32 @@
 
 from __future__ import annotations
 
+import os
+import socket
+import subprocess
+import sys
+import tempfile
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import TextIO
 
-from cobot.config import Settings, load_endpoints
-from cobot.errors import CobotError, CollisionError
+from cobot.config import Settings, WebSection, load_endpoints
+from cobot.errors import CobotError, CollisionError, ConfigError
 from cobot.limits import check_positions
 from cobot.planners import MotionRequest, plan
 from cobot.robot import Robot, load_robot
 from cobot.types import PlannerName, Scaling, vector
 
 
-def check(settings: Settings, out: TextIO) -> bool:
+def check(settings: Settings, config: Path | None, out: TextIO) -> bool:
     """Validate the configuration, one printed line per item.
 
-    Checks the endpoints file, the model with its limits, and of each named position: limits,
-    self-collision, and that a ptp motion leads there from the start position.
+    Checks the endpoints file, the address, the folders, the model with its limits, the backend, and of
+    each named position: limits, self-collision, and that a ptp motion leads there from the start position.
+
+    Args:
+        config: the settings' file, for the real-time process.
 
     Returns:
         Whether everything is good.
@@ -27,6 +36,10 @@ def check(settings: Settings, out: TextIO) -> bool:
     report.item(
         "endpoints", lambda: f"{len(load_endpoints(settings.web.endpoints))} in {settings.web.endpoints}"
     )
+    report.item("address", lambda: _address(settings.web))
+    report.item("core", lambda: _core(settings.rt.cpu))
+    report.item("logs", lambda: _folder(settings.logs))
+    report.item("recordings", lambda: _folder(settings.sequences.recordings))
     robots: list[Robot] = []
 
     def load() -> str:
@@ -35,6 +48,7 @@ def check(settings: Settings, out: TextIO) -> bool:
 
     report.item("robot", load)
     for robot in robots:
+        report.item("backend", lambda: _backend(settings.rt.backend, config))
         for name in robot.positions:
             report.item(f"position {name}", partial(_position, robot, name, settings))
     return report.good
@@ -51,6 +65,44 @@ class _Report:
         except CobotError as exc:
             self.good = False
             print(f"FAILED  {name}: {exc}", file=self._out)
+
+
+def _address(web: WebSection) -> str:
+    """Whether it is one of this computer's; the port may well be in use, by cobot itself."""
+    try:
+        family, _, _, _, address = socket.getaddrinfo(web.host, 0, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, socket.SOCK_STREAM) as listener:
+            listener.bind(address)
+    except (OSError, ValueError) as exc:  # ValueError: no name of a host at all
+        raise ConfigError(f"web.host: cannot listen on {web.host!r}: {exc}") from exc
+    return f"{web.host} port {web.port}"
+
+
+def _core(cpu: int | None) -> str:
+    cores = os.sched_getaffinity(0)
+    if cpu is None or cpu in cores:
+        return "left to the system" if cpu is None else str(cpu)
+    raise ConfigError(f"rt.cpu: there is no core {cpu}; valid are: {', '.join(map(str, sorted(cores)))}")
+
+
+def _folder(folder: Path) -> str:
+    """It is made if it is not there: only then it is known that it can be."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return str(folder)
+    except OSError as exc:
+        raise ConfigError(f"{folder}: cannot be written to: {exc.strerror}") from exc
+
+
+def _backend(name: str, config: Path | None) -> str:
+    """Whether the real-time process, as `cobot run` would start it, can make it."""
+    command = [sys.executable, "-m", "rtloop", "--check", *(["--config", str(config)] if config else [])]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        said = (done.stdout + done.stderr).strip().splitlines()
+        raise ConfigError(said[-1] if said else f"rtloop ends with status {done.returncode}")
+    return name
 
 
 def _position(robot: Robot, name: str, settings: Settings) -> str:

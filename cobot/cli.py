@@ -34,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         settings = load_settings(chosen.config)
         if chosen.command == "check":
-            return EXIT_OK if check(settings, sys.stdout) else EXIT_FAILED
+            return EXIT_OK if check(settings, chosen.config, sys.stdout) else EXIT_FAILED
         return Supervisor(_overridden(settings, chosen), chosen.config).run()
     except CobotError as exc:
         print(f"cobot: {exc}", file=sys.stderr)
@@ -68,7 +68,9 @@ def _parser() -> argparse.ArgumentParser:
         choices=["realtime", "fast"],
         help="instead of rt.clock; fast simulates motions as fast as the machine can",
     )
-    commands.add_parser("check", parents=[config], help="validate files, model, limits and named positions")
+    commands.add_parser(
+        "check", parents=[config], help="validate files, folders, model, limits, named positions"
+    )
     return parser
 
 

@@ -20,6 +20,8 @@ from cobot import errors
 from cobot.errors import CobotError, ExecutionError, InputError, UnavailableError
 
 DEFAULT_URL = "http://localhost:8007"
+MOTION_TIMEOUT_S = 90.0
+"""Above the service's own timeouts as shipped."""
 Json = dict[str, Any]
 
 
@@ -51,7 +53,7 @@ class Client:
         url: str = DEFAULT_URL,
         *,
         timeout_s: float = 10.0,
-        motion_timeout_s: float = 90.0,
+        motion_timeout_s: float = MOTION_TIMEOUT_S,
         token: str | None = None,
         transport: httpx.BaseTransport | None = None,
     ) -> None:

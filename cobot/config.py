@@ -42,7 +42,10 @@ def resolve(location: str, folder: Path) -> Path:
         ConfigError: for a package that is not installed or a path that leaves it.
     """
     if not location.startswith("pkg://"):
-        return (folder / Path(location).expanduser()).resolve()
+        try:
+            return (folder / Path(location).expanduser()).resolve()
+        except (RuntimeError, OSError, ValueError) as exc:  # no such user, a circle of links, a NUL byte
+            raise ConfigError(f"{location}: {exc}") from exc
     package, _, inner = location.removeprefix("pkg://").partition("/")
     try:
         spec = importlib.util.find_spec(package) if package.isidentifier() else None
@@ -58,8 +61,8 @@ def resolve(location: str, folder: Path) -> Path:
 
 
 def _in_folder(value: object, info: ValidationInfo) -> Path:
-    if not isinstance(value, str):
-        raise ValueError(f"must be a path, got {value!r}")  # noqa: TRY004 - pydantic translates only ValueError
+    if not isinstance(value, str) or "\0" in value:
+        raise ValueError(f"must be a path, got {value!r}")
     return resolve(value, (info.context or {})["folder"])
 
 
@@ -115,7 +118,7 @@ class PlanningSection(Section):
 
 class WebSection(Section):
     enabled: bool
-    host: str
+    host: Annotated[str, Field(min_length=1)]
     port: Annotated[int, Field(ge=0, le=65535)]
     endpoints: Location
     joint_limits: Location
@@ -194,7 +197,7 @@ def read_yaml(path: Path) -> Any:
         raise ConfigError(f"{path}: no such file") from exc
     except (OSError, UnicodeDecodeError) as exc:
         raise ConfigError(f"{path}: cannot be read: {exc}") from exc
-    except (yaml.YAMLError, RecursionError) as exc:
+    except (yaml.YAMLError, RecursionError, ValueError, TypeError) as exc:  # no such date, a list as a key
         raise ConfigError(f"{path}: not valid YAML: {' '.join(str(exc).split())}") from exc
 
 
@@ -204,7 +207,7 @@ class _UniqueKeyLoader(yaml.SafeLoader):
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen = set()
         for key_node, _ in node.value:
-            key = key_node.value
+            key = str(key_node.value)
             if key in seen:
                 raise yaml.constructor.ConstructorError(
                     None, None, f"{key!r} stands twice", key_node.start_mark

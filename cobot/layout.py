@@ -37,6 +37,7 @@ class MotionResult(IntEnum):
     ARRIVED = 2  # at rest at its goal, settled
     STOPPED = 3  # at rest on its path, by request
     FAILED = 4  # ended by a fault or an e-stop: the state's `reason` says why
+    STOPPED_ASIDE = 5  # at rest by request, but not on its path: that left no room to slow down
 
 
 class Phase(IntEnum):

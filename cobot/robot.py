@@ -43,6 +43,11 @@ def load_robot(settings: Settings) -> Robot:
             f"valid are: {', '.join(positions)}"
         )
     planning = settings.planning
+    if planning.default_frame != settings.robot.base_frame:
+        raise ConfigError(
+            f"planning.default_frame: there is no frame {planning.default_frame!r}; "
+            f"valid are: {settings.robot.base_frame}"
+        )
     cartesian = CartesianLimits(
         planning.max_linear_velocity,
         planning.max_linear_acceleration,

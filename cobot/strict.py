@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, model_validator
 
 SHOWN_CHARACTERS = 80
+SHOWN_ERRORS = 10
 
 
 class StrictModel(BaseModel):
@@ -29,7 +31,7 @@ class StrictModel(BaseModel):
 
 def unknown_key(name: str, valid: list[str]) -> str:
     """The sentence for a key that nobody knows: what may have been meant, and the valid ones."""
-    guess = difflib.get_close_matches(name, valid, 1)
+    guess = difflib.get_close_matches(name, valid, 1) if len(name) <= SHOWN_CHARACTERS else []
     hint = f" (did you mean {guess[0]!r}?)" if guess else ""
     return f"unknown key {shown(name)}{hint}; valid are: {', '.join(valid)}"
 
@@ -54,6 +56,13 @@ def sentence(error: Mapping[str, Any], *, ignored: tuple[str, ...] = ()) -> str:
     return f"{place}: {text}" if place else text
 
 
+def sentences(errors: Sequence[Mapping[str, Any]], *, ignored: tuple[str, ...] = ()) -> str:
+    """The first of pydantic's errors, and how many more there are."""
+    each = dict.fromkeys(sentence(error, ignored=ignored) for error in errors[:SHOWN_ERRORS])
+    more = [f"and {len(errors) - SHOWN_ERRORS} more"] if len(errors) > SHOWN_ERRORS else []
+    return "; ".join([*each, *more])
+
+
 def without_repetition(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """For `json.loads(object_pairs_hook=...)`, which by itself lets a second key win silently.
 
@@ -62,8 +71,8 @@ def without_repetition(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """
     content = dict(pairs)
     if len(content) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
+        counts = Counter(name for name, _ in pairs)
+        twice = next(name for name, count in counts.items() if count > 1)
         raise ValueError(f"the key {shown(twice)} stands twice in one object")
     return content
 

@@ -172,8 +172,8 @@ class Supervisor:
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             listener.bind(address)
             listener.listen(512)
-        except OSError as exc:
-            reason = exc.strerror or str(exc)
+        except (OSError, ValueError) as exc:  # ValueError: no name of a host at all
+            reason = getattr(exc, "strerror", None) or str(exc)
             raise UnavailableError(
                 f"cannot listen on {web.host} port {web.port}: {reason}; --port 0 picks a free one"
             ) from exc

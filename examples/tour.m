@@ -1,6 +1,6 @@
 % The ten-minute tour with MATLAB. Start `make run` in another terminal, then: tour
-HOST = getenv('HOST');
-if isempty(HOST), HOST = 'http://localhost:8007'; end
+URL = getenv('COBOT_URL');
+if isempty(URL), URL = 'http://localhost:8007'; end
 T_READ = 10;
 T_MOVE = 90;
 readOpts = weboptions('Timeout', T_READ);
@@ -8,48 +8,48 @@ moveOpts = weboptions('MediaType', 'application/json', 'Timeout', T_MOVE);
 here = fileparts(mfilename('fullpath'));
 
 % 1. Where is the arm? Angles in rad, velocities in rad/s, efforts in N m
-jointState = webread([HOST '/robot/joint_states'], readOpts);
+jointState = webread([URL '/robot/joint_states'], readOpts);
 disp(jointState.position)
 
 % 2. Where is its tool? Metres in base_link; KUKA angles A, B, C
-pose = webread([HOST '/robot/pose'], readOpts);
+pose = webread([URL '/robot/pose'], readOpts);
 fprintf('TCP: x=%.3f, y=%.3f, z=%.3f m\n', pose.position.x, pose.position.y, pose.position.z);
 
 % 3. Which positions have names?
-positions = webread([HOST '/robot/positions'], readOpts);
+positions = webread([URL '/robot/positions'], readOpts);
 for i = 1:numel(positions)
   fprintf('%s - %s\n', positions(i).name, positions(i).description);
 end
 
 % 4. Go home, at half speed; the answer comes when the arm has arrived
-reply = webwrite([HOST '/robot/move/named'], struct('name', 'home', 'speed', 0.5), moveOpts);
+reply = webwrite([URL '/robot/move/named'], struct('name', 'home', 'speed', 0.5), moveOpts);
 assert(reply.success, reply.message)
 
 % 5. Move the joints
 body = struct('joints', [0.0, 0.5, 0.0, -1.57, 0.0, 1.57, 0.0], 'speed', 0.5);
-reply = webwrite([HOST '/robot/move/joints'], body, moveOpts);
+reply = webwrite([URL '/robot/move/joints'], body, moveOpts);
 assert(reply.success, reply.message)
 
 % 6. Move the tool: to a point first, then down a straight line, then along an arc
 target = struct('x', 0.45, 'y', 0.0, 'z', 0.55, 'b', pi, 'speed', 0.5);
-reply = webwrite([HOST '/robot/move/pose'], target, moveOpts);
+reply = webwrite([URL '/robot/move/pose'], target, moveOpts);
 assert(reply.success, reply.message)
 target.z = 0.45;
 target.planner = 'lin';
-reply = webwrite([HOST '/robot/move/pose'], target, moveOpts);
+reply = webwrite([URL '/robot/move/pose'], target, moveOpts);
 assert(reply.success, reply.message)
 target.y = 0.2;
 target.planner = 'circ';
 target.via = struct('x', 0.5, 'y', 0.1, 'z', 0.45);
-reply = webwrite([HOST '/robot/move/pose'], target, moveOpts);
+reply = webwrite([URL '/robot/move/pose'], target, moveOpts);
 assert(reply.success, reply.message)
 
 % 7. What cannot be done says why, and nothing moves
-reply = webwrite([HOST '/robot/move/pose'], struct('x', 3.0, 'y', 0.0, 'z', 0.5), moveOpts);
+reply = webwrite([URL '/robot/move/pose'], struct('x', 3.0, 'y', 0.0, 'z', 0.5), moveOpts);
 disp(reply.message)
 
 % 8. Send a trajectory of your own, as JSON and as CSV; it runs while you read the log
-reply = webwrite([HOST '/robot/move/named'], struct('name', 'home', 'speed', 0.5), moveOpts);
+reply = webwrite([URL '/robot/move/named'], struct('name', 'home', 'speed', 0.5), moveOpts);
 assert(reply.success, reply.message)
 home = [0, 0, 0, -1.57, 0, 1.57, 0];
 p1 = struct('positions', home, 'time_from_start', 0.0);
@@ -57,17 +57,17 @@ p2 = struct('positions', [0, 0.3, 0, -1.2, 0, 1.3, 0], 'time_from_start', 2.0);
 p3 = struct('positions', home, 'time_from_start', 4.0);
 trajectory = struct();
 trajectory.points = [p1, p2, p3];
-reply = webwrite([HOST '/trajectory/send'], trajectory, moveOpts);
+reply = webwrite([URL '/trajectory/send'], trajectory, moveOpts);
 disp(reply.status)
 pause(6)
 form = matlab.net.http.io.MultipartFormProvider('file', ...
     matlab.net.http.io.FileProvider(fullfile(here, 'trajectory.csv')));
 request = matlab.net.http.RequestMessage('post', [], form);
-response = request.send(matlab.net.URI([HOST '/trajectory/send_csv?separator=%2C&retime=true']));
+response = request.send(matlab.net.URI([URL '/trajectory/send_csv?separator=%2C&retime=true']));
 disp(response.Body.Data)
 
 % 9. Stop it: the arm comes to rest on its path
-reply = webwrite([HOST '/stop'], struct(), moveOpts);
+reply = webwrite([URL '/stop'], struct(), moveOpts);
 disp(reply.message)
 
 % 10. Run a sequence, in a process of its own
@@ -75,15 +75,16 @@ form = matlab.net.http.io.MultipartFormProvider( ...
     'config', matlab.net.http.io.FileProvider(fullfile(here, 'motion_sequence_config.json')), ...
     'n_iterations', '1', 'delay_between_iterations', '0');
 request = matlab.net.http.RequestMessage('post', [], form);
-response = request.send(matlab.net.URI([HOST '/sequences/start']));
+response = request.send(matlab.net.URI([URL '/sequences/start']));
 disp(response.Body.Data)
-status = webread([HOST '/sequences/status'], readOpts);
+status = webread([URL '/sequences/status'], readOpts);
 while ~strcmp(status.status, 'finished')
   pause(0.2)
-  status = webread([HOST '/sequences/status'], readOpts);
+  status = webread([URL '/sequences/status'], readOpts);
 end
 disp(status)
+assert(status.returncode == 0, 'the sequence has failed, see /sequences/logs')
 
 % And how is the robot?
-health = webread([HOST '/health'], readOpts);
+health = webread([URL '/health'], readOpts);
 disp(health.status)

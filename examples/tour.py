@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 import os
+import re
 import time
 from pathlib import Path
 
 import httpx
 
-HOST = os.environ.get("HOST", "http://localhost:8007")
+URL = os.environ.get("COBOT_URL", "http://localhost:8007")
 HERE = Path(__file__).parent
-T_READ, T_MOVE = 10, 90
+T_READ, T_STOP, T_MOVE = 10, 15, 90
+http = httpx.Client(base_url=URL, trust_env=False)  # no proxy between a program and its robot
 
 
 def read(path: str) -> dict:
-    response = httpx.get(HOST + path, timeout=T_READ)
+    response = http.get(path, timeout=T_READ)
     response.raise_for_status()
     return response.json()
 
 
 def move(path: str, body: dict) -> None:
     """A motion answers 200 even when it could not be done: its `success` says so."""
-    response = httpx.post(HOST + path, json=body, timeout=T_MOVE)
+    response = http.post(path, json=body, timeout=T_MOVE)
     response.raise_for_status()
     answer = response.json()
     if not answer["success"]:
@@ -29,9 +31,14 @@ def move(path: str, body: dict) -> None:
     print(path, answer)
 
 
-def wait_for(path: str, word: str) -> None:
-    while word not in httpx.get(HOST + path, timeout=T_READ).text:
+def wait_for(path: str, pattern: str) -> str:
+    """What the pattern finds in the answer, once it finds something."""
+    for _ in range(450):
+        found = re.search(pattern, http.get(path, timeout=T_READ).text)
+        if found:
+            return found.group()
         time.sleep(0.2)
+    raise TimeoutError(f"{path} has no {pattern}")
 
 
 # 1. Where is the arm? Angles in rad, velocities in rad/s, efforts in N·m
@@ -60,9 +67,9 @@ move("/robot/move/pose", {"x": 0.45, "y": 0.0, "z": 0.45, **down, "planner": "li
 move("/robot/move/pose", {"x": 0.45, "y": 0.2, "z": 0.45, **down, "planner": "circ", "via": via})
 
 # 7. What cannot be done says why, and nothing moves
-too_far = httpx.post(HOST + "/robot/move/pose", json={"x": 3.0, "y": 0.0, "z": 0.5}, timeout=T_MOVE).json()
+too_far = http.post("/robot/move/pose", json={"x": 3.0, "y": 0.0, "z": 0.5}, timeout=T_MOVE).json()
 print(too_far["success"], too_far["message"])
-beyond = httpx.post(HOST + "/robot/move/joints", json={"joints": [9, 0, 0, 0, 0, 0, 0]}, timeout=T_MOVE)
+beyond = http.post("/robot/move/joints", json={"joints": [9, 0, 0, 0, 0, 0, 0]}, timeout=T_MOVE)
 print(beyond.status_code, beyond.json()["detail"])
 
 # 8. Send a trajectory of your own, as JSON and as CSV; it runs while you read the log
@@ -73,13 +80,15 @@ points = [
     {"positions": [0, 0.3, 0, -1.2, 0, 1.3, 0], "time_from_start": 2.0},
     {"positions": home, "time_from_start": 4.0},
 ]
-sent = httpx.post(HOST + "/trajectory/send", json={"points": points}, timeout=T_MOVE)
+sent = http.post("/trajectory/send", json={"points": points}, timeout=T_MOVE)
 sent.raise_for_status()
 print(sent.json())
-wait_for("/trajectory/logs?n=5", f"motion {sent.json()['motion_id']}: arrived")
+ended = wait_for("/trajectory/logs?n=5", f'motion {sent.json()["motion_id"]}: (arrived|[^a])[^"]*')
+print(ended)
+assert "arrived" in ended
 with (HERE / "trajectory.csv").open("rb") as csv_file:
-    uploaded = httpx.post(
-        HOST + "/trajectory/send_csv",
+    uploaded = http.post(
+        "/trajectory/send_csv",
         params={"separator": ",", "retime": True},
         files={"file": ("trajectory.csv", csv_file, "text/csv")},
         timeout=T_MOVE,
@@ -88,20 +97,22 @@ uploaded.raise_for_status()
 print(uploaded.json())
 
 # 9. Stop it: the arm comes to rest on its path
-print(httpx.post(HOST + "/stop", timeout=T_READ).json()["message"])
+print(http.post("/stop", timeout=T_STOP).json()["message"])
 
 # 10. Run a sequence, in a process of its own
 with (HERE / "motion_sequence_config.json").open("rb") as sequence:
-    started = httpx.post(
-        HOST + "/sequences/start",
+    started = http.post(
+        "/sequences/start",
         files={"config": ("motion_sequence_config.json", sequence, "application/json")},
         data={"n_iterations": "1", "delay_between_iterations": "0"},
         timeout=T_READ,
     )
 started.raise_for_status()
 wait_for("/sequences/status", '"finished"')
-print(read("/sequences/status"))
 print(*read("/sequences/logs?n=20")["lines"], sep="\n")
+status = read("/sequences/status")
+print(status)
+assert status["returncode"] == 0
 
 # And how is the robot?
 print(read("/health")["status"])

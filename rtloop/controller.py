@@ -54,6 +54,7 @@ class Controller:
         self._tracking_square = rt.tracking_error_rad**2
         self._following = False  # the desired position comes from the path
         self._braking = False  # the desired position comes from the safety layer, which stops
+        self._left_path = False
         self._slowing_unseen = False
         self._still_cycles = 0
         self._unsettled_cycles = 0
@@ -71,6 +72,7 @@ class Controller:
 
     def restore(self, state: np.ndarray) -> None:
         """Take over what a dead rtloop has left: latches stay, an interrupted motion has failed."""
+        self.mailbox.refuse_pending("rtloop was restarted")
         self.motion_id = int(state["motion_id"])
         self.motion_result = MotionResult(int(state["motion_result"]))
         self.safety.interventions[:] = state["interventions"]
@@ -102,7 +104,10 @@ class Controller:
         self._take_requests(now_ns)
         self._take_command(position)
         if self._following:
-            self._follow(now_ns)
+            self._follow()
+        if self._slowing_unseen and (self.clock.slowing or not self._following):
+            self._slowing_unseen = False
+            self.deceleration_ns = now_ns
         if self._braking:
             self._braking = not self.safety.brake()
             np.copyto(self._desired[0], self.safety.position)
@@ -113,7 +118,7 @@ class Controller:
         self._settle(velocity, measured=measured)
 
     def stop(self, reason: str) -> None:
-        """Come to rest on the path."""
+        """Come to rest: on the path, if the arm is on it and it leaves room to slow down."""
         if self._loader is not None:
             self._finish_loading(Ack.REJECTED, reason)
         if self.mode is Mode.TRAJECTORY:
@@ -121,11 +126,11 @@ class Controller:
             self._slow_down()
 
     def estop(self, reason: str) -> None:
-        """Come to rest on the path and stay there until reset."""
+        """Come to rest as after a stop, and stay there until reset."""
         self._latch(Mode.ESTOP, reason)
 
     def fault(self, reason: str) -> None:
-        """The device or the tracking failed: come to rest on the path and stay there until reset."""
+        """The device or the tracking failed: come to rest as after a stop, and stay there until reset."""
         self._latch(Mode.FAULT, reason)
 
     def _latch(self, mode: Mode, reason: str) -> None:
@@ -135,7 +140,7 @@ class Controller:
             self._finish_loading(Ack.REJECTED, reason)
         if self.motion_result is MotionResult.RUNNING:
             self.motion_result = MotionResult.FAILED
-        if self._following:
+        if self._following or self.safety.pursuing:
             self._slow_down()
 
     def _enter(self, mode: Mode, reason: str = "") -> bool:
@@ -146,11 +151,14 @@ class Controller:
         return True
 
     def _slow_down(self) -> None:
-        self.clock.request(0.0)
         self._slowing_unseen = True
+        if self.safety.pursuing:
+            self._brake()
+        else:
+            self.clock.request(0.0)
 
     def _brake(self) -> None:
-        self._following, self._braking = False, True
+        self._following, self._braking, self._left_path = False, True, True
         self._desired[1:] = 0.0
 
     def _take_requests(self, now_ns: int) -> None:
@@ -215,7 +223,7 @@ class Controller:
             self._finish_loading(Ack.ACCEPTED)
             self.clock.reset()
             self.motion_id, self.motion_result = self._loading_motion, MotionResult.RUNNING
-            self._following = True
+            self._following, self._left_path = True, False
             self._still_cycles = self._unsettled_cycles = 0
             self.settled = False
             self._enter(Mode.TRAJECTORY)
@@ -246,16 +254,16 @@ class Controller:
         self.start_at(position)
         return ""
 
-    def _follow(self, now_ns: int) -> None:
+    def _follow(self) -> None:
         clock, path = self.clock, self.path
         clock.advance(path)
+        if clock.stuck and self.mode is not Mode.TRAJECTORY:
+            self._brake()
+            return
         path.evaluate(clock.path_time_s, clock.rate, clock.rate_slope, self._desired)
         if clock.path_time_s >= path.duration_s or (clock.at_rest and self.mode is not Mode.TRAJECTORY):
             self._following = False
             self._desired[1:] = 0.0
-        if self._slowing_unseen and (clock.slowing or not self._following):
-            self._slowing_unseen = False
-            self.deceleration_ns = now_ns
 
     def _check_tracking(self, position: Array) -> None:
         error = self._error
@@ -287,14 +295,19 @@ class Controller:
             return
         self._unsettled_cycles += 1
         if self.settled:
-            at_end = self.clock.path_time_s >= self.path.duration_s
-            self.motion_result = MotionResult.ARRIVED if at_end else MotionResult.STOPPED
+            self.motion_result = self._result()
             self._enter(Mode.HOLD, self.reason)
         elif self._unsettled_cycles * rt.period_s >= SETTLE_LIMIT_S:
             self.motion_result = MotionResult.FAILED
             self._enter(Mode.HOLD, self._why_unsettled(velocity))
             if self.safety.pursuing:
                 self._brake()
+
+    def _result(self) -> MotionResult:
+        if self._left_path:
+            return MotionResult.STOPPED_ASIDE
+        at_end = self.clock.path_time_s >= self.path.duration_s
+        return MotionResult.ARRIVED if at_end else MotionResult.STOPPED
 
     def _why_unsettled(self, velocity: Array) -> str:
         off = np.abs(self._desired[0] - self.safety.position)

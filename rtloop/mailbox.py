@@ -88,6 +88,13 @@ class Mailbox:
             self.acknowledge(number, Ack.REJECTED, "the command could not be read")
         return None
 
+    def refuse_pending(self, reason: str) -> None:
+        """Answer what was sent to an rtloop that has died: it was meant for where the arm was then."""
+        if self._head.try_read():
+            newest = int(self._head.data["id"])
+            for number in range(max(self.command_seen + 1, newest - RING + 1), newest + 1):
+                self.acknowledge(number, Ack.REJECTED, reason)
+
     def acknowledge(self, number: int, result: Ack, message: str = "") -> None:
         """Answer a command."""
         self.command_seen = number

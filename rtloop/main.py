@@ -26,9 +26,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m rtloop", description=__doc__)
     parser.add_argument("--config", type=Path, help="settings file; without it the shipped one")
     parser.add_argument("--clock", choices=("realtime", "fast"), help="instead of rt.clock")
+    parser.add_argument("--check", action="store_true", help="only see whether the backend can be made")
     arguments = parser.parse_args()
     try:
-        _run(arguments.config, arguments.clock)
+        if arguments.check:
+            settings = load_settings(arguments.config)
+            make_backend(settings, load_robot(settings).limits)
+        else:
+            _run(arguments.config, arguments.clock)
     except (CobotError, BackendError) as exc:
         print(exc, flush=True)
         return 2

@@ -27,10 +27,8 @@ SHARE = 0.99
 MAX_ACCELERATION = 50.0
 MAX_JERK = 2000.0
 """Of the rate, 1/s and 1/s²: where the arm hardly moves, any rate would be admissible."""
-RELAXATION_PER_S = 4.0
-"""A path that leaves no room to slow down anywhere is stopped nevertheless: from the time on in which a
-joint at its limits would have come to rest, the bounds on a profile widen. Only a path beyond the
-limits, which the safety layer bounds, should need that."""
+LONGEST_S = 2.0
+"""Of a profile: a gentler one is not taken, for somebody waits for the stop."""
 
 
 class PathClock:
@@ -71,6 +69,13 @@ class PathClock:
         """Whether a profile towards the target rate is under way."""
         return self._profile_s >= 0.0
 
+    @property
+    def stuck(self) -> bool:
+        """Whether the path has left no room to change the rate for as long as a joint at its limits would
+        have taken to come to rest. Only a path beyond the limits should do that.
+        """
+        return self._pending and self._waited_s > self._patience_s
+
     def request(self, rate: float) -> None:
         """Go over to another rate, as soon and as fast as the joints permit."""
         if rate != self.target_rate:
@@ -108,12 +113,19 @@ class PathClock:
         # never below the present slope: Ruckig would put a brake phase in front
         problem.max_acceleration = [max(steepest * fraction, abs(self.rate_slope) * (1.0 + 1e-9))]
         problem.max_jerk = [jerk * fraction]
-        self._generator.calculate(problem, self._candidate)
-        if self._admissible(path):
+        if self._calculated() and self._admissible(path):
             self._profile, self._candidate = self._candidate, self._profile
             self._profile_target, self._profile_s, self._pending = self.target_rate, 0.0, False
         else:
             self._rung = (self._rung + 1) % len(LADDER)
+
+    def _calculated(self) -> bool:
+        """Whether there is a candidate. Of numbers that are all but zero Ruckig makes none."""
+        try:
+            result = self._generator.calculate(self._problem, self._candidate)
+        except (ruckig.RuckigError, ValueError):  # ValueError: a result that its binding does not know
+            return False
+        return result is ruckig.Result.Working and self._candidate.duration <= LONGEST_S
 
     def _admissible(self, path: Path) -> bool:
         """Whether the joints' acceleration and jerk hold all along the candidate.
@@ -136,11 +148,10 @@ class PathClock:
             np.concatenate([row, np.tile(np.interp(breaks, grid, row), 2)])[:, None] for row in rates
         )
         first, second, third = path.sample(times)
-        widening = 1.0 + RELAXATION_PER_S * max(0.0, self._waited_s - self._patience_s)
         own_acceleration = second * rate**2
         own_jerk = third * rate**3
         acceleration = np.abs(own_acceleration + first * slope)
         jerk = np.abs(own_jerk + 3.0 * second * rate * slope + first * bend)
         most = np.maximum(SHARE * self._max_acceleration, np.abs(own_acceleration))
         most_jerk = np.maximum(SHARE * self._max_jerk, np.abs(own_jerk))
-        return bool((acceleration <= most * widening).all() and (jerk <= most_jerk * widening).all())
+        return bool((acceleration <= most).all() and (jerk <= most_jerk).all())

@@ -9,7 +9,7 @@ import signal
 import sys
 from pathlib import Path
 
-from cobot.client import DEFAULT_URL
+from cobot.client import DEFAULT_URL, MOTION_TIMEOUT_S
 from cobot.errors import InputError
 from cobot.process import Niceness, be, die_with_parent
 from sequences.runner import ReturnCode, Run, run
@@ -27,10 +27,16 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m sequences", description=__doc__, epilog=RETURN_CODES)
     commands = parser.add_subparsers(dest="command", required=True)
     runner = commands.add_parser("run", help="run a sequence file", epilog=RETURN_CODES)
-    runner.add_argument("file", type=Path)
+    runner.add_argument("file", type=Path, help="- for standard input")
     runner.add_argument("--url", default=DEFAULT_URL, help="of the service (%(default)s)")
     runner.add_argument("--iterations", type=_count, default=1, help="how often (%(default)s)")
     runner.add_argument("--delay", type=_seconds, default=0.0, help="between iterations, s (%(default)s)")
+    runner.add_argument(
+        "--motion-timeout",
+        type=_seconds,
+        default=MOTION_TIMEOUT_S,
+        help="for the service's answer to a motion, s (%(default)s)",
+    )
     runner.add_argument("--bag", type=Path, help="record to this rosbag2, which must not exist")
     runner.add_argument("--topics", default="", help="to record, comma separated; all without it")
     runner.add_argument("--progress-fd", type=int, help=argparse.SUPPRESS)
@@ -70,6 +76,7 @@ def _run(arguments: argparse.Namespace) -> int:
             arguments.url,
             arguments.iterations,
             arguments.delay,
+            arguments.motion_timeout,
             arguments.bag,
             arguments.topics,
             os.environ.get(TOKEN_VARIABLE),

@@ -51,6 +51,7 @@ class Run:
     url: str
     iterations: int
     delay_s: float
+    motion_timeout_s: float
     bag: Path | None
     topics: str
     token: str | None
@@ -69,7 +70,7 @@ def run(order: Run) -> int:
             recorder = Recorder(order.bag, topics, order.url)
             recorder.start()
             log(f"recording {', '.join(topics)} to {order.bag}")
-        with Client(order.url, token=order.token) as client:
+        with Client(order.url, motion_timeout_s=order.motion_timeout_s, token=order.token) as client:
             _iterate(order, sequence, client, recorder)
     except Ended as exc:
         log(f"ended by {exc}")

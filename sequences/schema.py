@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, ValidationError
 
 from cobot.errors import InputError
-from cobot.strict import StrictModel, sentence, without_repetition
+from cobot.strict import StrictModel, sentences, without_repetition
 
 SCHEMA_FILE = Path(__file__).with_name("sequence.schema.json")
-SHOWN_ERRORS = 10
 TAGS = ("joint target", "named target", "pose target")
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
@@ -86,13 +86,14 @@ class Sequence(StrictModel):
 
 
 def read_sequence(path: Path) -> Sequence:
-    """Read and validate a sequence file.
+    """Read and validate a sequence file; "-" is standard input.
 
     Raises:
         InputError: naming each place, what stands there and what is valid.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8-sig"), object_pairs_hook=without_repetition)
+        raw = sys.stdin.buffer.read() if str(path) == "-" else path.read_bytes()
+        content = json.loads(raw.decode("utf-8-sig"), object_pairs_hook=without_repetition)
     except (OSError, UnicodeDecodeError) as exc:
         raise InputError(f"cannot be read: {exc}") from exc
     except ValueError as exc:  # JSONDecodeError, and Python's refusal of integers without end
@@ -102,9 +103,7 @@ def read_sequence(path: Path) -> Sequence:
     try:
         return Sequence.model_validate(content)
     except ValidationError as exc:
-        sentences = [sentence(error, ignored=TAGS) for error in exc.errors()]
-        more = [f"and {len(sentences) - SHOWN_ERRORS} more"] if len(sentences) > SHOWN_ERRORS else []
-        raise InputError("; ".join(sentences[:SHOWN_ERRORS] + more)) from exc
+        raise InputError(sentences(exc.errors(), ignored=TAGS)) from exc
 
 
 def schema_text() -> str:

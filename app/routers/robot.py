@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from fastapi import APIRouter, Depends, Request
 
-from app.dependencies import Call, Gone, StrictRoute, json_body
+from app.dependencies import Call, CobotRoute, Gone, json_body
 from app.errors import responses
 from app.schemas import (
     Angles,
@@ -29,7 +29,7 @@ COMPLETED = "Motion completed successfully"
 MOTION_RESPONSES = responses(409, 413, 415, 422, 503)
 
 
-router = APIRouter(prefix="/robot", tags=["robot"], route_class=StrictRoute)
+router = APIRouter(prefix="/robot", tags=["robot"], route_class=CobotRoute)
 
 
 @router.get("/joint_states", responses=responses(503))
@@ -83,19 +83,15 @@ async def move_named(body: MoveNamed, request: Request, gone: Gone) -> MoveAnswe
     """Go to a named position by ptp; answers when the arm has arrived and settled."""
     call = Call(request)
     goal = call.services.motion.named(body.name, Scaling(body.speed, body.accel_scale))
-    return _answer(await call.services.motion.move(call.name, goal, call.timeout_s, call.token, gone))
+    return _answer(await call.services.motion.move(goal, call.caller(gone)))
 
 
 @router.post("/move/joints", responses=MOTION_RESPONSES, dependencies=[Depends(json_body)])
-async def move_joints(
-    body: MoveJoints,
-    request: Request,
-    gone: Gone,
-) -> MoveAnswer:
+async def move_joints(body: MoveJoints, request: Request, gone: Gone) -> MoveAnswer:
     """Go to joint angles by ptp; answers when the arm has arrived and settled."""
     call = Call(request)
     goal = call.services.motion.joints(body.joints, Scaling(body.speed, body.accel_scale))
-    return _answer(await call.services.motion.move(call.name, goal, call.timeout_s, call.token, gone))
+    return _answer(await call.services.motion.move(goal, call.caller(gone)))
 
 
 @router.post("/move/pose", responses=MOTION_RESPONSES, dependencies=[Depends(json_body)])
@@ -111,7 +107,7 @@ async def move_pose(body: MovePose, request: Request, gone: Gone) -> MoveAnswer:
         Scaling(body.speed, body.accel_scale),
         via,
     )
-    return _answer(await call.services.motion.move(call.name, goal, call.timeout_s, call.token, gone))
+    return _answer(await call.services.motion.move(goal, call.caller(gone)))
 
 
 @router.post("/reset", responses=responses(409, 503))

@@ -7,12 +7,12 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, File, Form, Query, Request, UploadFile
 
-from app.dependencies import Call, form_body
+from app.dependencies import Call, CobotRoute, form_body
 from app.errors import responses
 from app.schemas import LogAnswer, LogQuery, SequenceStatusAnswer, StartedAnswer
 from app.services.sequences import SequenceOrder
 
-router = APIRouter(prefix="/sequences", tags=["sequences"])
+router = APIRouter(prefix="/sequences", tags=["sequences"], route_class=CobotRoute)
 Text = Annotated[str, Form(max_length=1000)]
 
 
@@ -38,7 +38,7 @@ async def start_sequence(
         joints_action,
         pose_action,
     )
-    status = await call.services.sequences.start(order)
+    status = await call.services.sequences.start(order, call.stops)
     assert status.sequence_id is not None
     assert status.pid is not None
     return StartedAnswer(sequence_id=status.sequence_id, pid=status.pid)

@@ -7,14 +7,14 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, File, Query, Request, UploadFile
 
-from app.dependencies import Call, Gone, StrictRoute, form_body, json_body
+from app.dependencies import Call, CobotRoute, Gone, form_body, json_body
 from app.errors import responses
 from app.schemas import CsvQuery, LogAnswer, LogQuery, SendTrajectory, SentAnswer
 from app.services.csv_points import read_points
 from app.services.trajectories import Options, Sent
 from cobot.types import Waypoint
 
-router = APIRouter(prefix="/trajectory", tags=["trajectory"], route_class=StrictRoute)
+router = APIRouter(prefix="/trajectory", tags=["trajectory"], route_class=CobotRoute)
 SEND_RESPONSES = responses(409, 413, 415, 422, 503)
 
 
@@ -27,9 +27,7 @@ async def send_trajectory(body: SendTrajectory, request: Request, gone: Gone) ->
         for index, p in enumerate(body.points)
     ]
     options = Options(body.validate_limits, body.retime, body.move_to_start)
-    return _answer(
-        await call.services.trajectories.send(call.name, points, options, call.timeout_s, call.token, gone)
-    )
+    return _answer(await call.services.trajectories.send(points, options, call.caller(gone)))
 
 
 @router.post("/send_csv", responses=SEND_RESPONSES, dependencies=[Depends(form_body)])
@@ -44,9 +42,7 @@ async def send_csv(
     dof = call.services.robot.limits.dof
     points = await asyncio.to_thread(read_points, file.file, query.separator, dof)
     options = Options(query.validate_limits, query.retime, query.move_to_start)
-    return _answer(
-        await call.services.trajectories.send(call.name, points, options, call.timeout_s, call.token, gone)
-    )
+    return _answer(await call.services.trajectories.send(points, options, call.caller(gone)))
 
 
 @router.get("/logs", responses=responses(422))

@@ -219,7 +219,11 @@ class RobotLink:
                 await asyncio.to_thread(slot.write, motion_id, trajectory)
             else:
                 slot.write(motion_id, trajectory)
-            await self._send(Command.START, slot=number, motion_id=motion_id, stops=stops)
+            try:
+                await self._send(Command.START, slot=number, motion_id=motion_id, stops=stops)
+            except (UnavailableError, asyncio.CancelledError):
+                self.request_stop()  # revokes it: rtloop refuses a motion that a stop has overtaken
+                raise
         return motion_id
 
     async def reset(self, timeout_s: float) -> None:

@@ -22,6 +22,7 @@ from cobot.errors import (
     MotionTimeout,
     PlanningError,
     PlanningTimeout,
+    UnavailableError,
 )
 from cobot.frames import pose_from_abc
 from cobot.layout import MotionResult
@@ -36,6 +37,31 @@ REST_TIMEOUT_S = 5.0
 STATE_TIMEOUT_S = 1.5
 """How long a motion waits for a sign of rtloop before it gives up: less than the two seconds in which
 a client shall know."""
+LATEST_ANSWER_S = 10.0
+"""A motion that is out of time is answered within this: a sign of rtloop, rest, and the way to the client."""
+WHERE = {
+    MotionResult.STOPPED: "on its path",
+    MotionResult.STOPPED_ASIDE: "beside its path, which left no room to slow down within the limits,",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Caller:
+    """Who asks for a motion.
+
+    Attributes:
+        name: what others are told about the owner.
+        token: of the sequence on whose behalf the arm shall move, if any.
+        stops: the count of stop requests when the request came in: a later one is for its motion too.
+        timeout_s: after which the motion is to end.
+        gone: set when the client goes away: the arm then stops.
+    """
+
+    name: str
+    token: str | None
+    stops: int
+    timeout_s: float
+    gone: asyncio.Event
 
 
 @dataclass
@@ -43,9 +69,8 @@ class Claim:
     """The right to move, of one motion.
 
     Attributes:
-        name: what others are told about the owner.
+        name, stops: see `Caller`.
         motion_id: once it runs.
-        stops: the count of stop requests when the claim was made.
         interruption: why it has to end early, once it has to.
     """
 
@@ -125,17 +150,20 @@ class MotionService:
         self._sequence = None
 
     @contextlib.contextmanager
-    def claim(self, name: str, token: str | None) -> Iterator[Claim]:
-        """Own the motion for as long as the context lasts.
+    def claim(self, caller: Caller) -> Iterator[Claim]:
+        """Own the motion for as long as the context lasts, but no longer than the caller waits for it.
 
         Raises:
             ConflictError: somebody else owns it.
         """
+        token = caller.token
         if self._claim is not None or (self._sequence is not None and self._sequence[1] != token):
             raise ConflictError(f"the robot is in use by {self.owner}; wait for it, or POST /stop")
         if token is not None and self._sequence is None:
             raise ConflictError("the sequence that this request belongs to has ended")
-        claim = Claim(name, self._link.stops)
+        claim = Claim(caller.name, caller.stops)
+        if self._link.stops != caller.stops:
+            claim.interrupt(MotionStopped("a stop was requested while the request was being read"))
         self._claim = claim
         try:
             yield claim
@@ -200,20 +228,15 @@ class MotionService:
         point = None if via is None else np.array(via)
         return Goal(pose_from_abc(*position, *abc), scaling, PlannerName(planner), point)
 
-    async def move(
-        self, name: str, goal: Goal, timeout_s: float, token: str | None, gone: asyncio.Event
-    ) -> Outcome:
+    async def move(self, goal: Goal, caller: Caller) -> Outcome:
         """Plan, go, and return when the arm has arrived and settled, or why it has not.
-
-        Args:
-            gone: set when the client goes away: the arm then stops on its path.
 
         Raises:
             ConflictError, UnavailableError, InputError: nothing has moved.
         """
         begun_s = time.monotonic()
         planned_s = begun_s
-        with self.claim(name, token) as claim, watching(claim, gone, timeout_s):
+        with self.claim(caller) as claim, watching(claim, caller):
             error: CobotError | None = None
             try:
                 state = await self.ready()
@@ -225,7 +248,7 @@ class MotionService:
                     goal.via,
                     timeout_s=self._settings.timeout_s,
                 )
-                trajectory = await self.plan(claim, request, timeout_s)
+                trajectory = await self.plan(claim, request, caller.timeout_s)
                 planned_s = time.monotonic()
                 if trajectory is not None:
                     await self.start(claim, trajectory)
@@ -245,7 +268,7 @@ class MotionService:
         """
         state = await self._link.ready_state(STATE_TIMEOUT_S)
         if state.mode is not Mode.HOLD:
-            raise ConflictError(f"motion {state.motion_id} is still {state.mode.name}: {state.reason}")
+            raise ConflictError(f"the arm still moves: motion {state.motion_id} is in mode {state.mode.name}")
         return state
 
     async def plan(self, claim: Claim, request: PlanRequest, timeout_s: float) -> Trajectory | None:
@@ -282,7 +305,11 @@ class MotionService:
         """
         give_up_s = float("inf")
         while True:
-            state = await self._link.fresh_state(STATE_TIMEOUT_S)
+            try:
+                state = await self._link.fresh_state(STATE_TIMEOUT_S)
+            except UnavailableError:
+                self._link.request_stop()  # if rtloop goes on after all, then not with a motion of nobody's
+                raise
             # The state may be of the cycle before the acknowledgement: then it knows the motion before.
             if state.motion_id == claim.motion_id and state.motion_result is not MotionResult.RUNNING:
                 break
@@ -294,24 +321,25 @@ class MotionService:
                     f"{claim.interruption}; the arm has not come to rest within {REST_TIMEOUT_S:.0f} s"
                 )
             await asyncio.sleep(POLL_S)
-        if state.motion_result is MotionResult.STOPPED:
+        if state.motion_result in WHERE:
             share = 100.0 * state.path_time_s / state.path_duration_s
             cause = claim.interruption or MotionStopped(state.reason)
-            raise type(cause)(f"{cause}: the arm came to rest on its path after {share:.0f} % of it")
+            where = WHERE[state.motion_result]
+            raise type(cause)(f"{cause}: the arm came to rest {where} after {share:.0f} % of it")
         if state.motion_result is not MotionResult.ARRIVED:
             raise ExecutionError(state.reason)
 
 
 @contextlib.contextmanager
-def watching(claim: Claim, gone: asyncio.Event, timeout_s: float) -> Iterator[None]:
+def watching(claim: Claim, caller: Caller) -> Iterator[None]:
     """Interrupt the motion when its client goes away or its time is up."""
 
     async def watch() -> None:
         try:
-            await asyncio.wait_for(gone.wait(), timeout_s)
+            await asyncio.wait_for(caller.gone.wait(), caller.timeout_s)
             claim.interrupt(MotionStopped("the client went away"))
         except TimeoutError:
-            claim.interrupt(MotionTimeout(f"not arrived within {timeout_s:g} s"))
+            claim.interrupt(MotionTimeout(f"not arrived within {caller.timeout_s:g} s"))
 
     watcher = asyncio.create_task(watch())
     try:

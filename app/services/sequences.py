@@ -14,11 +14,12 @@ from collections import deque
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import IO
 
 from app.services.link import RobotLink
 from app.services.motion import MotionService
 from cobot.config import SequencesSection
-from cobot.errors import ConflictError, InputError, UnavailableError
+from cobot.errors import ConflictError, InputError, MotionStopped, UnavailableError
 
 LINE_BYTES = 65536
 
@@ -65,13 +66,20 @@ class SequenceService:
     """Starts, watches and ends the runner. It owns the motion as long as it lives."""
 
     def __init__(
-        self, motion: MotionService, link: RobotLink, settings: SequencesSection, base_url: str
+        self,
+        motion: MotionService,
+        link: RobotLink,
+        settings: SequencesSection,
+        base_url: str,
+        motion_timeout_s: float,
     ) -> None:
         self._motion = motion
         self._link = link
         self._settings = settings
         self._base_url = base_url
+        self._motion_timeout_s = motion_timeout_s
         self._lines: deque[str] = deque(maxlen=settings.log_lines)
+        self._starting = False
         self._process: asyncio.subprocess.Process | None = None
         self._watcher: asyncio.Task[None] | None = None
         self.status = SequenceStatus()
@@ -80,11 +88,15 @@ class SequenceService:
         """The newest lines that runners have printed, the oldest of them first."""
         return list(self._lines)[-count:]
 
-    async def start(self, order: SequenceOrder) -> SequenceStatus:
+    async def start(self, order: SequenceOrder, stops: int) -> SequenceStatus:
         """Start the runner; whether its file makes sense, its status and log will tell.
+
+        Args:
+            stops: the count of stop requests when the request came in.
 
         Raises:
             ConflictError: a sequence runs, or somebody else owns the motion.
+            MotionStopped: a stop was requested meanwhile.
             InputError: the recording would leave the recordings folder.
             UnavailableError: the process cannot be started.
         """
@@ -96,12 +108,16 @@ class SequenceService:
         number = (self.status.sequence_id or 0) + 1
         token = secrets.token_hex(16)
         self._motion.claim_for_sequence(f"sequence {number}", token)
+        self._starting = True
         try:
-            file = await asyncio.to_thread(_written, order.config)
-            process, progress = await self._spawn(file, order, bag, token)
-        except OSError as exc:
+            process, progress = await self._spawn(order, bag, token)
+        except BaseException as exc:
             self._motion.release_sequence()
-            raise UnavailableError(f"the sequence runner cannot be started: {exc}") from exc
+            if isinstance(exc, OSError):
+                raise UnavailableError(f"the sequence runner cannot be started: {exc}") from exc
+            raise
+        finally:
+            self._starting = False
         self._process = process
         self.status = SequenceStatus(
             status="running",
@@ -113,11 +129,16 @@ class SequenceService:
         )
         actions = f"joints_action {order.joints_action}, pose_action {order.pose_action}"
         self._note(f"sequence {number} started, pid {process.pid}, {actions}")
-        self._watcher = asyncio.create_task(self._watch(process, progress, number, file))
+        self._watcher = asyncio.create_task(self._watch(process, progress, number))
+        if self._link.stops != stops:
+            await self.stop()
+            raise MotionStopped(f"a stop was requested while sequence {number} was being started")
         return self.status
 
     async def stop(self) -> str | None:
         """End the runner, by force if it does not listen; returns what was ended, or None."""
+        if self._starting:  # `start` sees the count of stops, and ends what it has begun
+            return "the start of a sequence"
         process, watcher = self._process, self._watcher
         if process is None or watcher is None or watcher.done():
             return None
@@ -146,24 +167,27 @@ class SequenceService:
         return path
 
     async def _spawn(
-        self, file: Path, order: SequenceOrder, bag: Path | None, token: str
+        self, order: SequenceOrder, bag: Path | None, token: str
     ) -> tuple[asyncio.subprocess.Process, asyncio.StreamReader]:
         """The runner, and the pipe on which it reports its progress."""
-        read_end, write_end = os.pipe()
-        arguments = ["run", str(file), "--url", self._base_url]
+        arguments = ["run", "-", "--url", self._base_url]
+        arguments += ["--motion-timeout", repr(self._motion_timeout_s)]
         arguments += ["--iterations", str(order.n_iterations)]
         arguments += ["--delay", repr(order.delay_between_iterations_s)]
-        arguments += ["--progress-fd", str(write_end)]
         if bag is not None:
             bag.parent.mkdir(parents=True, exist_ok=True)
             arguments += ["--bag", str(bag), "--topics", order.topics]
+        config = await asyncio.to_thread(_unnamed_file, order.config)
+        read_end, write_end = os.pipe()
         try:
             process = await asyncio.create_subprocess_exec(
                 sys.executable,
                 "-m",
                 "sequences",
                 *arguments,
-                stdin=asyncio.subprocess.DEVNULL,
+                "--progress-fd",
+                str(write_end),
+                stdin=config,
                 stdout=asyncio.subprocess.PIPE,
                 stderr=asyncio.subprocess.STDOUT,
                 env={**os.environ, "COBOT_MOTION_TOKEN": token},
@@ -171,11 +195,14 @@ class SequenceService:
                 start_new_session=True,
                 limit=LINE_BYTES,
             )
-        except OSError:
+        except BaseException as exc:
             os.close(read_end)
+            if isinstance(exc, ValueError):  # a NUL byte, of which no command line may have one
+                raise InputError(f"topics: {exc}") from exc
             raise
         finally:
             os.close(write_end)
+            config.close()
         progress = asyncio.StreamReader(limit=LINE_BYTES)
         await asyncio.get_running_loop().connect_read_pipe(
             lambda: asyncio.StreamReaderProtocol(progress), os.fdopen(read_end, "rb")
@@ -183,7 +210,7 @@ class SequenceService:
         return process, progress
 
     async def _watch(
-        self, process: asyncio.subprocess.Process, progress: asyncio.StreamReader, number: int, file: Path
+        self, process: asyncio.subprocess.Process, progress: asyncio.StreamReader, number: int
     ) -> None:
         """Follow the runner to its end, however it ends, and then give the motion back."""
         assert process.stdout is not None
@@ -196,7 +223,6 @@ class SequenceService:
         await asyncio.wait(readers, timeout=0.5)
         for reader in readers:
             reader.cancel()
-        file.unlink(missing_ok=True)
         if returncode != 0:
             self._link.request_stop()
         self.status = replace(
@@ -230,12 +256,12 @@ class SequenceService:
         self._lines.append(f"{datetime.now().astimezone().isoformat(timespec='milliseconds')} {text}")
 
 
-def _written(content: bytes) -> Path:
-    """A temporary file with this content."""
-    descriptor, name = tempfile.mkstemp(prefix="cobot-sequence-", suffix=".json")
-    with os.fdopen(descriptor, "wb") as file:
-        file.write(content)
-    return Path(name)
+def _unnamed_file(content: bytes) -> IO[bytes]:
+    """A file with this content that goes with its last reader, however that ends."""
+    file = tempfile.TemporaryFile()  # noqa: SIM115 - the caller closes it
+    file.write(content)
+    file.seek(0)
+    return file
 
 
 def _signal(process: asyncio.subprocess.Process, number: signal.Signals) -> None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from app.services.link import RobotLink
-from app.services.motion import Claim, MotionService, watching
+from app.services.motion import Caller, Claim, MotionService, watching
 from cobot.errors import CobotError, ExecutionError
 from cobot.planners import WaypointRequest
 from cobot.types import Scaling, Waypoint
@@ -55,15 +55,7 @@ class TrajectoryService:
         """The newest log lines, the oldest of them first."""
         return list(self._lines)[-count:]
 
-    async def send(
-        self,
-        name: str,
-        points: Sequence[Waypoint],
-        options: Options,
-        timeout_s: float,
-        token: str | None,
-        gone: asyncio.Event,
-    ) -> Sent:
+    async def send(self, points: Sequence[Waypoint], options: Options, caller: Caller) -> Sent:
         """Interpolate, check, hand over; returns when rtloop has accepted, the motion then goes on alone.
 
         Raises:
@@ -72,12 +64,12 @@ class TrajectoryService:
             ConflictError, UnavailableError: see `MotionService`.
         """
         with contextlib.ExitStack() as stack:
-            claim = stack.enter_context(self._motion.claim(name, token))
+            claim = stack.enter_context(self._motion.claim(caller))
             try:
-                with watching(claim, gone, timeout_s):
-                    sent = await self._hand_over(claim, points, options, timeout_s)
+                with watching(claim, caller):
+                    sent = await self._hand_over(claim, points, options, caller.timeout_s)
             except CobotError as exc:
-                self._note(f"{name}: refused: {exc}")
+                self._note(f"{caller.name}: refused: {exc}")
                 raise
             self._note(f"motion {sent.motion_id}: accepted, {sent.points} points, {sent.duration_s:.3f} s")
             # From here the claim belongs to the task that follows the motion to its end.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import ruckig
 
-from cobot.errors import PlanningError
+from cobot.planners.profile import fastest_profile
 from cobot.planners.request import MotionRequest
 from cobot.robot import Robot
 from cobot.trajectory import ORDER, Trajectory
@@ -21,7 +21,7 @@ def plan_ptp(robot: Robot, request: MotionRequest, goal: Array) -> Trajectory:
     synchronisation keeps the joints in proportion from rest to rest.
 
     Raises:
-        PlanningError: Ruckig finds no profile.
+        PlanningError: there is no profile.
     """
     limits = request.scaled_limits(robot)
     problem = ruckig.InputParameter(limits.dof)
@@ -31,13 +31,7 @@ def plan_ptp(robot: Robot, request: MotionRequest, goal: Array) -> Trajectory:
     problem.max_acceleration = limits.max_acceleration.tolist()
     problem.max_jerk = limits.max_jerk.tolist()
     problem.synchronization = ruckig.Synchronization.Phase
-    solution = ruckig.Trajectory(limits.dof)
-    try:
-        result = ruckig.Ruckig(limits.dof).calculate(problem, solution)
-    except ruckig.RuckigError as exc:
-        raise PlanningError(f"ptp: Ruckig: {exc}") from exc
-    if result not in (ruckig.Result.Working, ruckig.Result.Finished):
-        raise PlanningError(f"ptp: Ruckig found no profile: {result.name}")
+    solution = fastest_profile(problem)
     return from_profiles(solution.profiles[0], solution.duration)
 
 

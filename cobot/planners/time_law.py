@@ -8,8 +8,8 @@ import numpy as np
 import ruckig
 from scipy.interpolate import BSpline
 
-from cobot.errors import PlanningError
 from cobot.feasibility import stretch_to_limits
+from cobot.planners.profile import fastest_profile
 from cobot.trajectory import Trajectory, from_hermite
 from cobot.types import Array, JointLimits
 
@@ -59,13 +59,7 @@ class TimeLaw:
         problem.max_velocity = [rates.velocity]
         problem.max_acceleration = [rates.acceleration]
         problem.max_jerk = [rates.jerk]
-        self._curve = ruckig.Trajectory(1)
-        try:
-            result = ruckig.Ruckig(1).calculate(problem, self._curve)
-        except ruckig.RuckigError as exc:
-            raise PlanningError(f"no time law for the path: {exc}") from exc
-        if result not in (ruckig.Result.Working, ruckig.Result.Finished):
-            raise PlanningError(f"no time law for the path: {result.name}")
+        self._curve = fastest_profile(problem)
         self.duration_s = float(self._curve.duration)
         self._phases = np.cumsum(self._curve.profiles[0][0].t)
 

@@ -51,7 +51,8 @@ def make_backend(settings: Settings, limits: JointLimits) -> Backend:
     """The backend that `rt.backend` names: "mujoco", or a class as "package.module:Class".
 
     Raises:
-        ConfigError: there is no such class.
+        ConfigError: there is no such class, or it cannot be made.
+        BackendError: its own reason.
     """
     name = settings.rt.backend
     location = "rtloop.backends.mujoco:MujocoBackend" if name == "mujoco" else name
@@ -60,6 +61,8 @@ def make_backend(settings: Settings, limits: JointLimits) -> Backend:
         raise ConfigError(f"rt.backend: {name!r} is neither mujoco nor package.module:Class")
     try:
         backend: Backend = getattr(importlib.import_module(module), attribute)(settings, limits)
-    except (ImportError, AttributeError) as exc:
-        raise ConfigError(f"rt.backend: cannot load {name!r}: {exc}") from exc
+    except BackendError:
+        raise
+    except Exception as exc:  # somebody else's module may raise anything
+        raise ConfigError(f"rt.backend: cannot load {name!r}: {type(exc).__name__}: {exc}") from exc
     return backend

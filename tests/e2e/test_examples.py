@@ -21,7 +21,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 def test_the_tour_runs_from_its_first_to_its_last_step(shared: Run, command: list[str]) -> None:
     tour = subprocess.run(
         command,
-        env={**os.environ, "HOST": shared.url},
+        env={**os.environ, "COBOT_URL": shared.url, "http_proxy": "http://127.0.0.1:9"},
         capture_output=True,
         text=True,
         timeout=240,

@@ -1,0 +1,27 @@
+"""Ruckig's profiles: the fastest way from rest to rest under velocity, acceleration and jerk limits."""
+
+from __future__ import annotations
+
+import ruckig
+
+from cobot.errors import PlanningError
+
+
+def fastest_profile(problem: ruckig.InputParameter) -> ruckig.Trajectory:
+    """The solution of a problem.
+
+    Raises:
+        PlanningError: Ruckig finds none, as with limits that are all but zero.
+    """
+    solution = ruckig.Trajectory(problem.degrees_of_freedom)
+    try:
+        result = ruckig.Ruckig(problem.degrees_of_freedom).calculate(problem, solution)
+    except (ruckig.RuckigError, ValueError):  # ValueError: a result that its binding does not know
+        result = None
+    if result in (ruckig.Result.Working, ruckig.Result.Finished):
+        return solution
+    raise PlanningError(
+        f"no time profile from rest to rest with a velocity of up to {min(problem.max_velocity):.3g}, an "
+        f"acceleration of up to {min(problem.max_acceleration):.3g} and a jerk of up to "
+        f"{min(problem.max_jerk):.3g} per second: these may be too small"
+    )
