@@ -95,6 +95,8 @@ def _validated(body: bytes, model: type[BaseModel]) -> BaseModel:
         raise
     except ValueError as exc:
         raise HTTPException(422, f"the body: {exc}") from exc
+    except RecursionError as exc:
+        raise HTTPException(422, "the body: nested too deeply") from exc
 
 
 class CobotRoute(APIRoute):

@@ -13,7 +13,7 @@ from app.schemas import LogAnswer, LogQuery, SequenceStatusAnswer, StartedAnswer
 from app.services.sequences import SequenceOrder
 
 router = APIRouter(prefix="/sequences", tags=["sequences"], route_class=CobotRoute)
-Text = Annotated[str, Form(max_length=1000)]
+Text = Annotated[str, Form(max_length=1000, pattern=r"^[^\x00]*$")]  # no command line can have a NUL
 
 
 @router.post("/start", responses=responses(409, 413, 415, 422, 503), dependencies=[Depends(form_body)])

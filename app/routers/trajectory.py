@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
+from functools import partial
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, File, Query, Request, UploadFile
@@ -22,12 +22,15 @@ SEND_RESPONSES = responses(409, 413, 415, 422, 503)
 async def send_trajectory(body: SendTrajectory, request: Request, gone: Gone) -> SentAnswer:
     """Run a trajectory through timed points; answers when it has begun."""
     call = Call(request)
-    points = [
-        Waypoint(p.positions, p.time_from_start, p.velocities, p.accelerations, f"points[{index}]")
-        for index, p in enumerate(body.points)
-    ]
     options = Options(body.validate_limits, body.retime, body.move_to_start)
-    return _answer(await call.services.trajectories.send(points, options, call.caller(gone)))
+
+    def read() -> list[Waypoint]:
+        return [
+            Waypoint(p.positions, p.time_from_start, p.velocities, p.accelerations, f"points[{index}]")
+            for index, p in enumerate(body.points)
+        ]
+
+    return _answer(await call.services.trajectories.send(read, options, call.caller(gone)))
 
 
 @router.post("/send_csv", responses=SEND_RESPONSES, dependencies=[Depends(form_body)])
@@ -40,9 +43,9 @@ async def send_csv(
     """Run a trajectory from a CSV file; answers when it has begun."""
     call = Call(request)
     dof = call.services.robot.limits.dof
-    points = await asyncio.to_thread(read_points, file.file, query.separator, dof)
     options = Options(query.validate_limits, query.retime, query.move_to_start)
-    return _answer(await call.services.trajectories.send(points, options, call.caller(gone)))
+    read = partial(read_points, file.file, query.separator, dof)
+    return _answer(await call.services.trajectories.send(read, options, call.caller(gone)))
 
 
 @router.get("/logs", responses=responses(422))

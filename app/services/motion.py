@@ -87,6 +87,11 @@ class Claim:
             self.interruption = cause
             self.interrupted.set()
 
+    def proceed(self) -> None:
+        """Raise what has interrupted it, if something has."""
+        if self.interruption is not None:
+            raise self.interruption
+
     def __str__(self) -> str:
         number = f", motion {self.motion_id}" if self.motion_id is not None else ""
         return f"{self.name} (for {time.monotonic() - self.since_s:.1f} s{number})"
@@ -279,8 +284,7 @@ class MotionService:
             await asyncio.wait({planning, interrupted}, return_when=asyncio.FIRST_COMPLETED)
             if isinstance(claim.interruption, MotionTimeout):
                 raise PlanningTimeout(f"not planned within {timeout_s:g} s")
-            if claim.interruption is not None:
-                raise claim.interruption
+            claim.proceed()
             return await planning
         finally:
             planning.cancel()
@@ -292,8 +296,7 @@ class MotionService:
         Raises:
             ExecutionError, UnavailableError, InputError: see `RobotLink.start`.
         """
-        if claim.interruption is not None:
-            raise claim.interruption
+        claim.proceed()
         claim.motion_id = await self._link.start(trajectory, claim.stops)
 
     async def arrival(self, claim: Claim) -> None:

@@ -195,10 +195,8 @@ class SequenceService:
                 start_new_session=True,
                 limit=LINE_BYTES,
             )
-        except BaseException as exc:
+        except BaseException:
             os.close(read_end)
-            if isinstance(exc, ValueError):  # a NUL byte, of which no command line may have one
-                raise InputError(f"topics: {exc}") from exc
             raise
         finally:
             os.close(write_end)

@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import logging
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -55,8 +55,12 @@ class TrajectoryService:
         """The newest log lines, the oldest of them first."""
         return list(self._lines)[-count:]
 
-    async def send(self, points: Sequence[Waypoint], options: Options, caller: Caller) -> Sent:
+    async def send(self, read: Callable[[], Sequence[Waypoint]], options: Options, caller: Caller) -> Sent:
         """Interpolate, check, hand over; returns when rtloop has accepted, the motion then goes on alone.
+
+        Args:
+            read: gives the points, or raises an InputError; called in a thread, and only when the arm is
+                free: who only wants to know that it is not shall not cost the owner's service its time.
 
         Raises:
             InputError, PlanningError: the points make no motion, with the reason. Nothing has moved.
@@ -67,7 +71,7 @@ class TrajectoryService:
             claim = stack.enter_context(self._motion.claim(caller))
             try:
                 with watching(claim, caller):
-                    sent = await self._hand_over(claim, points, options, caller.timeout_s)
+                    sent = await self._hand_over(claim, read, options, caller.timeout_s)
             except CobotError as exc:
                 self._note(f"{caller.name}: refused: {exc}")
                 raise
@@ -79,8 +83,11 @@ class TrajectoryService:
         return sent
 
     async def _hand_over(
-        self, claim: Claim, points: Sequence[Waypoint], options: Options, timeout_s: float
+        self, claim: Claim, read: Callable[[], Sequence[Waypoint]], options: Options, timeout_s: float
     ) -> Sent:
+        await self._motion.ready()
+        claim.proceed()
+        points = await asyncio.to_thread(read)
         state = await self._motion.ready()
         request = WaypointRequest(
             state.commanded_position,

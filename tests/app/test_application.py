@@ -76,6 +76,11 @@ def test_an_endpoint_that_is_switched_off_is_not_there(settings: Settings, tmp_p
     assert (answer.status_code, answer.json()["code"]) == (404, "not_found")
 
 
+def test_a_schema_without_endpoints_is_a_schema(settings: Settings, tmp_path: Path) -> None:
+    everything = yaml.safe_load((CONFIG / "api_endpoints.yaml").read_text(encoding="utf-8"))["endpoints"]
+    assert without(settings, tmp_path, *everything).openapi()["paths"] == {}
+
+
 def test_the_documentation_needs_nobody_else(settings: Settings) -> None:
     app = create_app(settings, None, "http://robot.test")
     for page in ("/docs", "/redoc"):

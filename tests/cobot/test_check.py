@@ -14,6 +14,12 @@ from cobot.cli import main
 IN_THE_FLOOR = (0.0, 1.9, 0.0, -0.2, 0.0, 0.0, 0.0)
 
 
+@pytest.fixture(autouse=True)
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the shipped settings have their logs and recordings."""
+    monkeypatch.setenv("HOME", str(tmp_path))
+
+
 def config(folder: Path, text: str) -> list[str]:
     file = folder / "mine.yaml"
     file.write_text(text, encoding="utf-8")
@@ -34,14 +40,15 @@ def test_the_shipped_configuration_is_good(capsys: pytest.CaptureFixture[str]) -
     output = capsys.readouterr()
     lines = output.out.splitlines()
     assert all(line.startswith("ok ") for line in lines)
-    assert [line.split()[1:3] for line in lines[2:]] == [
-        ["position", "home:"],
-        ["position", "work:"],
-        ["position", "transport:"],
+    items = [line.removeprefix("ok").strip() for line in lines]
+    assert [item.partition(":")[0] for item in items] == [
+        *("endpoints", "address", "core", "logs", "recordings", "robot", "backend"),
+        *("position home", "position work", "position transport"),
     ]
     assert "endpoints: 15 in" in lines[0]
-    assert "robot: 7 joints" in lines[1]
-    assert re.search(r"position home: .* TCP at x 0\.400 y -?0\.000 z 0\.654 m in base_link", lines[2])
+    assert "address: 127.0.0.1 port 8007" in lines[1]
+    assert "robot: 7 joints" in lines[5]
+    assert re.search(r"position home: .* TCP at x 0\.400 y -?0\.000 z 0\.654 m in base_link", lines[7])
     assert output.err == ""
 
 
@@ -91,6 +98,17 @@ def test_a_named_position_without_a_joint_is_reported_with_file_position_and_joi
             r"FAILED  robot: robot\.start_position: 'hom' is not in .*; valid are: home, work, transport",
         ),
         ("robot: {tcp: gripper}", r"FAILED  robot: .*robot\.tcp: the model has no site or body 'gripper'"),
+        (
+            "planning: {default_frame: moon}",
+            r"FAILED  robot: planning\.default_frame: there is no frame 'moon'; valid are: base_link",
+        ),
+        ("rt: {backend: no.such:Arm}", r"FAILED  backend: rt\.backend: cannot load 'no\.such:Arm': .*'no'"),
+        ("rt: {backend: 'json:loads'}", r"FAILED  backend: rt\.backend: cannot load 'json:loads': TypeError"),
+        ("rt: {cpu: 4096}", r"FAILED  core: rt\.cpu: there is no core 4096; valid are: \d"),
+        ("web: {host: host.invalid}", r"FAILED  address: web\.host: cannot listen on 'host\.invalid'"),
+        ("web: {host: 192.0.2.1}", r"FAILED  address: web\.host: cannot listen on '192\.0\.2\.1'"),
+        ("logs: mine.yaml/logs", r"FAILED  logs: .*mine\.yaml/logs: cannot be written to: Not a directory"),
+        ("sequences: {recordings: mine.yaml}", r"FAILED  recordings: .*mine\.yaml: cannot be written to"),
         ("robot: {group: hand}", r"FAILED  robot: .*has no group 'hand'; valid are: iiwa_arm"),
     ],
 )

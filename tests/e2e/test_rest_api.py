@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import socket
 import threading
+import time
 from typing import Any
 
 import httpx
@@ -237,7 +238,12 @@ def test_bad_input_is_named_and_moves_nothing(
         (b"", "application/json", 422, "missing"),
         (b'{"joints": [', "application/json", 422, "not valid JSON"),
         (b"\xff\xfe\x00", "application/json", 422, "read"),
-        (b'{"joints":' + b"[" * 100_000 + b"]" * 100_000 + b"}", "application/json", 422, "read"),
+        (
+            b'{"joints":' + b"[" * 100_000 + b"]" * 100_000 + b"}",
+            "application/json",
+            422,
+            "nested too deeply",
+        ),
         (b"joints=1", "application/x-www-form-urlencoded", 415, "application/json"),
         (b"{}", "text/plain", 415, "text/plain"),
     ],
@@ -276,6 +282,76 @@ def test_a_body_beyond_the_limit_is_refused(
             assert response.status_code == 413
             assert limit in response.json()["detail"]
     assert http.get("/health").json()["status"] == "ok"
+
+
+def test_an_endpoint_without_a_body_does_not_mind_one(http: httpx.Client) -> None:
+    answer = http.post("/stop", content=b"0" * 5_000_000)
+    assert answer.status_code == 200
+    assert answer.json()["success"] is True
+
+
+LARGE = 90_000
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        (b"{" + b'"a": 1,' * LARGE + b'"b": 1}', "the key 'a' stands twice"),
+        (b"{" + b",".join(b'"k%d": 1' % n for n in range(LARGE)) + b"}", "unknown key 'k0'"),
+        (b'{"points": [' + b"{}," * (LARGE - 1) + b"{}]}", "points[0].positions: is missing"),
+        (
+            b'{"points": [' + b'{"positions": ["x", "x", 1]},' * (LARGE - 1) + b"{}]}",
+            "points[0].positions[0]",
+        ),
+        (b'{"' + b"x" * 4_000_000 + b'": 1}', "unknown key 'xxx"),
+        (b'{"points": [' + b'"",' * (LARGE - 1) + b"0]}", "points[0]: "),
+    ],
+)
+def test_a_large_body_full_of_mistakes_gets_a_short_answer(
+    http: httpx.Client, body: bytes, words: str
+) -> None:
+    answer = http.post("/trajectory/send", content=body, headers={"content-type": "application/json"})
+    assert answer.status_code == 422
+    assert words in answer.json()["detail"]
+    assert len(answer.content) < 2000
+
+
+@pytest.mark.parametrize("planner", ["ptp", "lin"])
+def test_an_acceleration_of_all_but_nothing_says_so(http: httpx.Client, planner: str) -> None:
+    for scale in (1e-300, 5e-324):
+        body = {"x": 0.45, "y": 0.0, "z": 0.5, "b": 3.14159, "planner": planner, "accel_scale": scale}
+        answer = http.post("/robot/move/pose", json=body)
+        assert answer.status_code == 200, answer.text
+        assert (answer.json()["success"], answer.json()["code"]) == (False, "planning")
+        assert "too small" in answer.json()["message"]
+
+
+@pytest.mark.parametrize("path", ["/robot/move/joints", "/trajectory/send_csv", "/sequences/start"])
+def test_a_stop_counts_for_a_request_that_is_still_being_sent(
+    shared: Run, http: httpx.Client, path: str
+) -> None:
+    request = {
+        "/robot/move/joints": {"json": {"joints": AWAY, "speed": 1.0}},
+        "/trajectory/send_csv": {"files": {"file": ("a.csv", b"any")}},
+        "/sequences/start": {"files": {"config": ("s.json", b'{"waypoints": [{"named": "work"}]}')}},
+    }[path]
+    before = motion(http)["motion_id"]
+    raw = httpx.Request("POST", shared.url + path, **request)
+    content = raw.read()
+    head = "".join(f"{name}: {value}\r\n" for name, value in raw.headers.items())
+    host, port = shared.url.removeprefix("http://").split(":")
+    with socket.create_connection((host, int(port))) as client:
+        client.settimeout(WAIT_S)
+        client.sendall(f"POST {path} HTTP/1.1\r\n{head}\r\n".encode() + content[:20])
+        time.sleep(0.3)  # for the service to take in the head
+        assert http.post("/stop").json()["success"]
+        client.sendall(content[20:])
+        answer = client.recv(65536).decode()
+        while not answer.endswith("}"):
+            answer += client.recv(65536).decode()
+    assert "a stop was requested while" in answer
+    assert motion(http)["motion_id"] == before
+    assert http.get("/health").json()["service"]["motion"] is None
 
 
 def test_a_key_that_stands_twice_is_refused(http: httpx.Client) -> None:

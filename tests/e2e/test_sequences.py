@@ -191,6 +191,13 @@ def test_an_unknown_topic_ends_the_runner_with_the_valid_ones(http: httpx.Client
     assert "/joint_states, /motion_events" in log
 
 
+def test_topics_that_no_command_line_can_have_are_refused_and_the_arm_is_free(http: httpx.Client) -> None:
+    answer = start(http, SHORT, bag_path="nul", topics="/joint_states\0")
+    assert answer.status_code == 422
+    assert "topics" in answer.json()["detail"]
+    assert http.get("/health").json()["service"]["motion"] is None
+
+
 @pytest.mark.parametrize(
     ("fields", "word"),
     [

@@ -96,6 +96,29 @@ def test_reads_answer_503_with_the_reason_while_rtloop_does_not_run(run: Run) ->
     run.until(run.healthy)
 
 
+def test_a_motion_that_is_lost_sight_of_ends_when_rtloop_goes_on(run: Run) -> None:
+    body = {"points": [{"positions": [0.5, 0, 0, -1.57, 0, 1.57, 0], "time_from_start": 2000.0}]}
+    assert httpx.post(f"{run.url}/trajectory/send", json=body, timeout=WAIT_S).json()["status"] == "sent"
+    rtloop = run.child("rtloop")
+    assert rtloop is not None
+    rtloop.suspend()
+
+    def lost() -> bool:
+        lines = httpx.get(f"{run.url}/trajectory/logs", timeout=WAIT_S).json()["lines"]
+        return any("lost sight of it" in line for line in lines)
+
+    run.until(lost)
+    rtloop.resume()
+    run.until(run.healthy)
+
+    def stopped() -> bool:
+        robot = (run.health() or {"robot": {}})["robot"]
+        assert isinstance(robot, dict)
+        return robot.get("motion_result") == "STOPPED" and robot.get("mode") == "HOLD"
+
+    run.until(stopped)
+
+
 def test_a_killed_service_is_restarted_and_the_arm_has_stopped(run: Run) -> None:
     body = {"points": [{"positions": [0.5, 0, 0, -1.57, 0, 1.57, 0], "time_from_start": 2000.0}]}
     assert httpx.post(f"{run.url}/trajectory/send", json=body, timeout=WAIT_S).json()["status"] == "sent"

@@ -389,3 +389,15 @@ def test_a_new_rtloop_does_not_repeat_commands_and_requests(
     successor.step(100)
     assert (successor.mode, successor.reason) == (Mode.HOLD, "")
     assert successor.loop.controller.mailbox.command_seen == 1
+
+
+def test_a_new_rtloop_refuses_what_was_sent_to_the_dead_one(
+    rig: Rig, settings: Settings, robot: Robot
+) -> None:
+    rig.step(3)
+    rig.memory.slots[0].write(1, motion(rig))
+    number = rig.send(Command.START, slot=0, motion_id=1)
+    successor = Rig(settings, robot, memory=rig.memory)
+    assert successor.answer(number, cycles=1) == "rtloop was restarted"
+    successor.step(100)
+    assert successor.mode is Mode.HOLD

@@ -14,12 +14,13 @@ from scipy.interpolate import make_interp_spline
 
 from cobot.config import Settings
 from cobot.layout import Command, MotionResult
+from cobot.planners import WaypointRequest, plan_waypoints
 from cobot.planners.ptp import plan_ptp
 from cobot.planners.request import MotionRequest
 from cobot.planners.time_law import timed
 from cobot.robot import Robot
 from cobot.trajectory import Trajectory
-from cobot.types import Mode, PlannerName, Scaling
+from cobot.types import Mode, PlannerName, Scaling, Waypoint
 
 ROUNDING = 1.005
 """Finite differences of the third order at 1 kHz carry this much of rounding and sampling."""
@@ -183,3 +184,23 @@ def test_a_path_beyond_the_limits_can_be_stopped_too(rig: Rig, robot: Robot) -> 
     velocity, acceleration, _ = rig.rates()
     assert velocity.max() <= 1.02
     assert acceleration.max() <= 1.02
+
+
+@pytest.mark.parametrize("request_name", ["stops", "estops"])
+@pytest.mark.parametrize(("amplitude_rad", "step_s"), [(0.003, 0.08), (0.01, 0.1), (0.05, 0.05), (0.3, 0.3)])
+def test_a_zigzag_that_leaves_no_room_to_slow_down_is_stopped_beside_its_path(
+    rig: Rig, robot: Robot, amplitude_rad: float, step_s: float, request_name: str
+) -> None:
+    turns = [rig.home + amplitude_rad * (-1) ** i * (i > 0) for i in range(400)]
+    points = [Waypoint(turn.tolist(), step_s * i, None, None, str(i)) for i, turn in enumerate(turns)]
+    unchecked = WaypointRequest(rig.home, points, 0.01, check_limits=False, retime=False, approach=None)
+    assert rig.start(plan_waypoints(robot, unchecked)) == ""
+    rig.step(1503)
+    rig.request(request_name)
+    rig.run(3000)
+    stopped = rig.mode is Mode.HOLD and rig.result is MotionResult.STOPPED_ASIDE
+    assert stopped if request_name == "stops" else (rig.mode is Mode.ESTOP and not rig.loop.controller.moving)
+    velocity, acceleration, jerk = rig.rates()
+    assert velocity.max() <= 1.02
+    assert acceleration.max() <= 1.02
+    assert jerk[1503:].max() <= ROUNDING

@@ -10,6 +10,7 @@ import os
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -33,6 +34,7 @@ class Service(ThreadingHTTPServer):
         super().__init__(("127.0.0.1", 0), Answering)
         self.posted: list[tuple[str, str | None, dict[str, Any]]] = []
         self.answers: list[tuple[int, dict[str, Any]]] = []
+        self.delay_s = 0.0
 
     @property
     def url(self) -> str:
@@ -48,6 +50,7 @@ class Answering(BaseHTTPRequestHandler):
     def do_POST(self) -> None:
         body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
         self.server.posted.append((self.path, self.headers["X-Motion-Token"], body))
+        time.sleep(self.server.delay_s)
         self._answer(*(self.server.answers.pop(0) if self.server.answers else (200, ARRIVED)))
 
     def _answer(self, status: int, content: dict[str, Any]) -> None:
@@ -175,3 +178,21 @@ def test_a_bag_that_exists_is_not_overwritten(tmp_path: Path, service: Service) 
     assert "cannot be written" in result.stdout
     assert not service.posted
     assert not list(bag.iterdir())
+
+
+def test_a_file_may_come_through_standard_input(service: Service) -> None:
+    command = [sys.executable, "-m", "sequences", "run", "-", "--url", service.url]
+    content = json.dumps({"waypoints": [JOINTS]})
+    result = subprocess.run(
+        command, input=content, capture_output=True, text=True, timeout=WAIT_S, check=False
+    )
+    assert result.returncode == 0
+    assert len(service.posted) == 1
+
+
+def test_a_motion_is_waited_for_as_long_as_it_is_said(tmp_path: Path, service: Service) -> None:
+    service.delay_s = 1.0
+    late = run(tmp_path, service.url, {"waypoints": [JOINTS]}, "--motion-timeout", "0.1")
+    assert late.returncode == 4
+    assert "timed out" in late.stdout
+    assert run(tmp_path, service.url, {"waypoints": [JOINTS]}, "--motion-timeout", "30").returncode == 0
