@@ -156,7 +156,7 @@ class MotionService:
 
     @contextlib.contextmanager
     def claim(self, caller: Caller) -> Iterator[Claim]:
-        """Own the motion for as long as the context lasts, but no longer than the caller waits for it.
+        """Own the motion for as long as the context lasts; one that a stop has overtaken is interrupted.
 
         Raises:
             ConflictError: somebody else owns it.
