@@ -8,6 +8,8 @@ from __future__ import annotations
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from cobot.errors import PayloadError
+
 
 class BodyLimit:
     """ASGI middleware."""
@@ -22,7 +24,7 @@ class BodyLimit:
             await self._app(scope, receive, send)
             return
         headers = dict(scope["headers"])
-        form = headers.get(b"content-type", b"").startswith(b"multipart/")
+        form = headers.get(b"content-type", b"").lower().startswith(b"multipart/")
         limit_bytes = self._limit_bytes if form else self._json_limit_bytes
         length = headers.get(b"content-length", b"0")
         announced = int(length) if length.isdigit() else 0
@@ -36,6 +38,7 @@ class BodyLimit:
                 received += len(message.get("body", b""))
                 if received <= limit_bytes:
                     return message
-            raise HTTPException(413, str(limit_bytes))
+            error = PayloadError(f"the body is larger than the limit of {limit_bytes} bytes")
+            raise HTTPException(413) from error  # FastAPI lets no other class through
 
         await self._app(scope, counted, send)

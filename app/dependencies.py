@@ -7,22 +7,25 @@ answer. `Call` is none at all, because each one costs a tenth of what a state co
 from __future__ import annotations
 
 import asyncio
+import gc
 import json
 from collections.abc import AsyncIterator, Callable, Coroutine
-from typing import Annotated, Any, cast
+from typing import Annotated, Any, TypeVar, cast
 
 from fastapi import Depends, HTTPException, Request, Response
 from fastapi.routing import APIRoute
 from pydantic import BaseModel, ValidationError
 
+from app.errors import status_of
 from app.services import Services
 from app.services.motion import Caller
 from cobot.config import Endpoint
-from cobot.errors import InputError, MediaTypeError
+from cobot.errors import CobotError, InputError, MediaTypeError
 from cobot.strict import sentences, unknown_key, without_repetition
 
 STOPS = "cobot.stops"
-IN_THREAD_BYTES = 65536
+LARGE_BYTES = 65536
+Result = TypeVar("Result")
 
 
 class Call:
@@ -47,13 +50,17 @@ class Call:
 
     @property
     def stops(self) -> int:
-        """How many stops had been requested when this request came in."""
+        """`MotionService.stops` when this request came in."""
         return cast(int, self._request.scope[STOPS])
+
+    @property
+    def token(self) -> str | None:
+        """Of the sequence on whose behalf the arm shall move, if any."""
+        return self._request.headers.get("X-Motion-Token")
 
     def caller(self, gone: asyncio.Event) -> Caller:
         """Who asks, for a motion."""
-        token = self._request.headers.get("X-Motion-Token")
-        return Caller(self.name, token, self.stops, self.timeout_s, gone)
+        return Caller(self.name, self.token, self.stops, self.timeout_s, gone)
 
 
 async def gone(request: Request) -> AsyncIterator[asyncio.Event]:
@@ -80,35 +87,58 @@ class _CobotRequest(Request):
         body = await self.body()
         (param,) = self.scope["route"].dependant.body_params
         model: type[BaseModel] = param.field_info.annotation
-        if len(body) <= IN_THREAD_BYTES:
-            return _validated(body, model)
-        return await asyncio.to_thread(_validated, body, model)
+        try:
+            if len(body) <= LARGE_BYTES:
+                return _validated(body, model)
+            # To take a large one apart may hold the interpreter for a tenth of a second. That must not add
+            # up, nor cost the service its heartbeat while somebody's motion depends on it.
+            call = Call(self)
+            async with self.app.state.large_body:
+                call.services.motion.require_free(call.token)
+                return await asyncio.to_thread(_without_collection, _validated, body, model)
+        except CobotError as exc:
+            raise HTTPException(status_of(exc)) from exc  # FastAPI lets no other class through
 
 
 def _validated(body: bytes, model: type[BaseModel]) -> BaseModel:
-    """The body as an instance, which FastAPI then takes as it is."""
+    """The body as an instance, which FastAPI then takes as it is.
+
+    Raises:
+        InputError: naming what is wrong and where.
+    """
     try:
         return model.model_validate(json.loads(body, object_pairs_hook=without_repetition))
     except ValidationError as exc:
-        raise HTTPException(422, sentences(exc.errors())) from exc
-    except (json.JSONDecodeError, UnicodeDecodeError):
-        raise
+        raise InputError(sentences(exc.errors())) from exc
+    except json.JSONDecodeError as exc:
+        raise InputError(f"the body is not valid JSON: {exc.msg} at character {exc.pos}") from exc
+    except UnicodeDecodeError as exc:
+        raise InputError(f"the body cannot be read as {exc.encoding}: {exc.reason}") from exc
     except ValueError as exc:
-        raise HTTPException(422, f"the body: {exc}") from exc
+        raise InputError(f"the body: {exc}") from exc
     except RecursionError as exc:
-        raise HTTPException(422, "the body: nested too deeply") from exc
+        raise InputError("the body: nested too deeply") from exc
+
+
+def _without_collection(function: Callable[..., Result], *arguments: Any) -> Result:
+    """Call it without garbage collection, which would walk through all that it makes, again and again."""
+    gc.disable()
+    try:
+        return function(*arguments)
+    finally:
+        gc.enable()
 
 
 class CobotRoute(APIRoute):
-    """Notes the count of stops before the body is read, refuses an object with the same key twice, and
-    takes large bodies apart in a thread: nobody else shall wait for them.
+    """Notes the count of stops before the body is read, takes the body apart strictly, and lets nobody
+    else wait for a large one.
     """
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         handler = super().get_route_handler()
 
         async def handle(request: Request) -> Response:
-            request.scope[STOPS] = request.app.state.services.link.stops
+            request.scope[STOPS] = request.app.state.services.motion.stops
             return await handler(_CobotRequest(request.scope, request.receive))
 
         return handle

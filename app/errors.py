@@ -86,6 +86,8 @@ def _invalid_request(request: Request, exc: Exception) -> JSONResponse:
 
 def _http_exception(request: Request, exc: Exception) -> JSONResponse:
     assert isinstance(exc, HTTPException)
+    if isinstance(exc.__cause__, CobotError):
+        return _cobot_error(request, exc.__cause__)
     path = request.url.path
     match exc.status_code:
         case 400:  # FastAPI: a body that could not even be taken apart
@@ -96,11 +98,6 @@ def _http_exception(request: Request, exc: Exception) -> JSONResponse:
             allowed = (exc.headers or {}).get("Allow", "")
             detail = f"{request.method} is not possible on {path}; allowed: {allowed}"
             return _answer(405, detail, "method_not_allowed", exc.headers)
-        case 413:
-            detail = f"the body is larger than the limit of {exc.detail} bytes"
-            return _answer(413, detail, errors.PayloadError.code)
-        case 422:
-            return _answer(422, str(exc.detail), errors.InputError.code)
         case status:
             return _answer(status, str(exc.detail), "http", exc.headers)
 
@@ -114,8 +111,6 @@ def _sentence(error: Any) -> str:
     match error["type"], error["loc"]:
         case "missing", ("body",):
             return "the body is missing"
-        case "json_invalid", (_, position):
-            return f"the body is not valid JSON: {error['ctx']['error']} at character {position}"
         case "value_error", ("body", field) if isinstance(error["input"], str):
             # FastAPI's own words for this are of classes
             return f"{field}: must be an uploaded file, got the text {shown(error['input'])}"

@@ -75,6 +75,7 @@ def create_app(settings: Settings, config: Path | None, base_url: str) -> FastAP
         },
     )
     app.state.endpoints = endpoints
+    app.state.large_body = asyncio.Lock()
     app.state.stop_on_disconnect = settings.web.stop_on_disconnect
     app.add_middleware(
         BodyLimit, limit_bytes=settings.web.max_body_bytes, json_limit_bytes=settings.web.max_json_bytes

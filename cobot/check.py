@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import socket
 import subprocess
-import sys
 import tempfile
 from collections.abc import Callable
 from functools import partial
@@ -16,6 +15,7 @@ from cobot.config import Settings, WebSection, load_endpoints
 from cobot.errors import CobotError, CollisionError, ConfigError
 from cobot.limits import check_positions
 from cobot.planners import MotionRequest, plan
+from cobot.process import RUN_MODULE
 from cobot.robot import Robot, load_robot
 from cobot.types import PlannerName, Scaling, vector
 
@@ -97,7 +97,7 @@ def _folder(folder: Path) -> str:
 
 def _backend(name: str, config: Path | None) -> str:
     """Whether the real-time process, as `cobot run` would start it, can make it."""
-    command = [sys.executable, "-m", "rtloop", "--check", *(["--config", str(config)] if config else [])]
+    command = [*RUN_MODULE, "rtloop", "--check", *(["--config", str(config)] if config else [])]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         said = (done.stdout + done.stderr).strip().splitlines()

@@ -6,9 +6,13 @@ import contextlib
 import ctypes
 import os
 import signal
+import sys
 from enum import IntEnum
 
 _PR_SET_PDEATHSIG = 1
+
+RUN_MODULE = (sys.executable, "-P", "-m")
+"""Starts an installed module; -P: not one that happens to lie in the current folder."""
 
 
 class Niceness(IntEnum):

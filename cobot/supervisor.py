@@ -25,6 +25,7 @@ from types import FrameType
 
 from cobot.config import Settings
 from cobot.errors import ConfigError, TornReadError, UnavailableError
+from cobot.process import RUN_MODULE
 from cobot.robot import load_robot
 from cobot.shm import RobotMemory, text
 
@@ -117,9 +118,7 @@ class Supervisor:
         children: list[Child] = []
         try:
             self._catch_signals()
-            rtloop = Child(
-                "rtloop", [sys.executable, "-m", "rtloop", *self._config, "--clock", settings.rt.clock]
-            )
+            rtloop = Child("rtloop", [*RUN_MODULE, "rtloop", *self._config, "--clock", settings.rt.clock])
             children.append(rtloop)
             rtloop.start()
             self._await_rtloop(rtloop, memory)
@@ -145,9 +144,7 @@ class Supervisor:
     def _service(self, listener: socket.socket) -> Child:
         host, port = listener.getsockname()[:2]
         listening = ["--host", host, "--port", str(port), "--fd", str(listener.fileno())]
-        return Child(
-            "service", [sys.executable, "-m", "app", *self._config, *listening], (listener.fileno(),)
-        )
+        return Child("service", [*RUN_MODULE, "app", *self._config, *listening], (listener.fileno(),))
 
     def _open_log(self) -> Path:
         folder = self._settings.logs

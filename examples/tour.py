@@ -85,7 +85,7 @@ sent.raise_for_status()
 print(sent.json())
 ended = wait_for("/trajectory/logs?n=5", f'motion {sent.json()["motion_id"]}: (arrived|[^a])[^"]*')
 print(ended)
-assert "arrived" in ended
+assert "arrived" in ended, ended
 with (HERE / "trajectory.csv").open("rb") as csv_file:
     uploaded = http.post(
         "/trajectory/send_csv",
@@ -112,7 +112,7 @@ wait_for("/sequences/status", '"finished"')
 print(*read("/sequences/logs?n=20")["lines"], sep="\n")
 status = read("/sequences/status")
 print(status)
-assert status["returncode"] == 0
+assert status["returncode"] == 0, "the sequence has failed"
 
 # And how is the robot?
 print(read("/health")["status"])

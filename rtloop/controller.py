@@ -180,7 +180,10 @@ class Controller:
         if command is None:
             return
         number, kind = int(command["id"]), int(command["kind"])
-        if kind == Command.START:
+        refusal: str | None
+        if kind in (Command.START, Command.RESET) and int(command["stops"]) != self.mailbox.stops:
+            refusal = "a stop was requested meanwhile"
+        elif kind == Command.START:
             refusal = self._start(number, command)
         elif kind == Command.SET_RATE:
             refusal = self._set_rate(float(command["value"]))
@@ -196,8 +199,8 @@ class Controller:
         slot = int(command["slot"])
         if self.mode is not Mode.HOLD:
             return f"the arm is in mode {self.mode.name}"
-        if int(command["stops"]) != self.mailbox.stops:
-            return "a stop was requested meanwhile"
+        if self._braking:
+            return "the arm is not at rest yet"
         if slot >= len(self._slots):
             return f"there is no slot {slot}"
         self.slot = slot

@@ -99,7 +99,7 @@ class Run:
     def child(self, module: str) -> psutil.Process | None:
         for process in psutil.Process(self.process.pid).children():
             try:
-                if process.cmdline()[1:3] == ["-m", module]:
+                if process.cmdline()[1:4] == ["-P", "-m", module]:
                     return process
             except (psutil.NoSuchProcess, psutil.ZombieProcess):
                 continue

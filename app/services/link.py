@@ -32,7 +32,8 @@ class RobotState:
 
     Attributes:
         tcp: shape (7,): x, y, z in m, then w, x, y, z, in the base frame, as measured.
-        age_s: how long ago it was published.
+        published_s: when it was published, `time.monotonic`.
+        age_s: how long ago that was.
         measured_age_s: how long ago the robot was read.
         interventions: in the order of `Intervention`.
         reason: why the mode is ESTOP or FAULT, or why the last motion ended.
@@ -53,6 +54,7 @@ class RobotState:
     interventions: list[int]
     overruns: int
     torn_reads: int
+    published_s: float
     age_s: float
     measured_age_s: float
     reason: str
@@ -125,6 +127,7 @@ class RobotLink:
             interventions=record["interventions"].tolist(),
             overruns=scalars["overruns"],
             torn_reads=scalars["torn_reads"],
+            published_s=scalars["monotonic_ns"] * 1e-9,
             age_s=(now_ns - scalars["monotonic_ns"]) * 1e-9,
             measured_age_s=(now_ns - scalars["measured_monotonic_ns"]) * 1e-9,
             reason=text(record["reason"]),
@@ -219,11 +222,7 @@ class RobotLink:
                 await asyncio.to_thread(slot.write, motion_id, trajectory)
             else:
                 slot.write(motion_id, trajectory)
-            try:
-                await self._send(Command.START, slot=number, motion_id=motion_id, stops=stops)
-            except (UnavailableError, asyncio.CancelledError):
-                self.request_stop()  # revokes it: rtloop refuses a motion that a stop has overtaken
-                raise
+            await self._send(Command.START, slot=number, motion_id=motion_id, stops=stops)
         return motion_id
 
     async def reset(self, timeout_s: float) -> None:
@@ -239,7 +238,7 @@ class RobotLink:
             raise ConflictError(f"motion {state.motion_id} is {state.mode.name}: there is nothing to reset")
         async with self._command_turn:
             try:
-                await self._send(Command.RESET, timeout_s=timeout_s)
+                await self._send(Command.RESET, stops=self.stops, timeout_s=timeout_s)
             except ExecutionError as exc:
                 raise NotReadyError(str(exc)) from exc
 
@@ -247,11 +246,12 @@ class RobotLink:
         self,
         kind: Command,
         *,
+        stops: int,
         slot: int = 0,
         motion_id: int = 0,
-        stops: int = 0,
         timeout_s: float = ACKNOWLEDGE_S,
     ) -> None:
+        """Have a command carried out, now or never: rtloop refuses one that a stop has overtaken."""
         number = int(self.memory.head.data["id"]) + 1
         command = self.memory.commands[number % RING]
         command.data["id"] = number
@@ -264,12 +264,16 @@ class RobotLink:
         self.memory.head.publish()
         ack = self.memory.acks[number % RING]
         deadline_s = time.monotonic() + timeout_s
-        while not (ack.try_read() and int(ack.data["id"]) == number):
-            if time.monotonic() > deadline_s:
-                raise UnavailableError(
-                    f"rtloop (pid {self._rtloop_pid()}) has not answered a {kind.name} for {timeout_s:g} s"
-                )
-            await asyncio.sleep(POLL_S / 2)
+        answered = False
+        try:
+            while not (answered := ack.try_read() and int(ack.data["id"]) == number):
+                if time.monotonic() > deadline_s:
+                    rtloop = f"rtloop (pid {self._rtloop_pid()})"
+                    raise UnavailableError(f"{rtloop} has not answered a {kind.name} for {timeout_s:g} s")
+                await asyncio.sleep(POLL_S / 2)
+        finally:
+            if not answered:
+                self.request_stop()
         if int(ack.data["result"]) != Ack.ACCEPTED:
             raise ExecutionError(text(ack.data["message"]))
 

@@ -52,7 +52,7 @@ class Caller:
     Attributes:
         name: what others are told about the owner.
         token: of the sequence on whose behalf the arm shall move, if any.
-        stops: the count of stop requests when the request came in: a later one is for its motion too.
+        stops: `MotionService.stops` when the request came in: a later stop is for its motion too.
         timeout_s: after which the motion is to end.
         gone: set when the client goes away: the arm then stops.
     """
@@ -69,7 +69,8 @@ class Claim:
     """The right to move, of one motion.
 
     Attributes:
-        name, stops: see `Caller`.
+        name: see `Caller`.
+        stops: the link's count of stops when the claim was made.
         motion_id: once it runs.
         interruption: why it has to end early, once it has to.
     """
@@ -122,6 +123,9 @@ class MotionService:
 
     A running sequence owns the motion from its start to its end; requests that carry its token
     move on its behalf.
+
+    Attributes:
+        stops: how often POST /stop was called.
     """
 
     def __init__(
@@ -131,6 +135,7 @@ class MotionService:
         self._link = link
         self._planning = planning
         self._settings = settings
+        self.stops = 0
         self._claim: Claim | None = None
         self._sequence: tuple[str, str] | None = None  # name, token
 
@@ -154,6 +159,17 @@ class MotionService:
     def release_sequence(self) -> None:
         self._sequence = None
 
+    def require_free(self, token: str | None) -> None:
+        """See that a request with this token may move the arm.
+
+        Raises:
+            ConflictError: somebody else owns it.
+        """
+        if self._claim is not None or (self._sequence is not None and self._sequence[1] != token):
+            raise ConflictError(f"the robot is in use by {self.owner}; wait for it, or POST /stop")
+        if token is not None and self._sequence is None:
+            raise ConflictError("the sequence that this request belongs to has ended")
+
     @contextlib.contextmanager
     def claim(self, caller: Caller) -> Iterator[Claim]:
         """Own the motion for as long as the context lasts; one that a stop has overtaken is interrupted.
@@ -161,13 +177,9 @@ class MotionService:
         Raises:
             ConflictError: somebody else owns it.
         """
-        token = caller.token
-        if self._claim is not None or (self._sequence is not None and self._sequence[1] != token):
-            raise ConflictError(f"the robot is in use by {self.owner}; wait for it, or POST /stop")
-        if token is not None and self._sequence is None:
-            raise ConflictError("the sequence that this request belongs to has ended")
-        claim = Claim(caller.name, caller.stops)
-        if self._link.stops != caller.stops:
+        self.require_free(caller.token)
+        claim = Claim(caller.name, self._link.stops)
+        if self.stops != caller.stops:
             claim.interrupt(MotionStopped("a stop was requested while the request was being read"))
         self._claim = claim
         try:
@@ -175,12 +187,13 @@ class MotionService:
         finally:
             self._claim = None
 
-    def interrupt(self, cause: ExecutionError) -> str | None:
+    def stop(self) -> str | None:
         """End the motion that is planned or runs; returns its description, or None."""
+        self.stops += 1
         if self._claim is None:
             return None
         described = str(self._claim)
-        self._claim.interrupt(cause)
+        self._claim.interrupt(MotionStopped("stopped by POST /stop"))
         return described
 
     def named(self, name: str, scaling: Scaling) -> Goal:
@@ -307,14 +320,18 @@ class MotionService:
             UnavailableError: rtloop is gone.
         """
         give_up_s = float("inf")
+        begun_s = time.monotonic()
         while True:
             try:
                 state = await self._link.fresh_state(STATE_TIMEOUT_S)
             except UnavailableError:
                 self._link.request_stop()  # if rtloop goes on after all, then not with a motion of nobody's
                 raise
-            # The state may be of the cycle before the acknowledgement: then it knows the motion before.
-            if state.motion_id == claim.motion_id and state.motion_result is not MotionResult.RUNNING:
+            if state.motion_id != claim.motion_id:
+                # Of the cycle before the acknowledgement; or rtloop has died before it could publish one.
+                if state.published_s > begun_s:
+                    raise ExecutionError("rtloop was restarted; the motion has not begun")
+            elif state.motion_result is not MotionResult.RUNNING:
                 break
             if claim.interruption is not None and give_up_s == float("inf"):
                 self._link.request_stop()

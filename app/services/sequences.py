@@ -8,7 +8,6 @@ import json
 import os
 import secrets
 import signal
-import sys
 import tempfile
 from collections import deque
 from dataclasses import dataclass, replace
@@ -20,6 +19,7 @@ from app.services.link import RobotLink
 from app.services.motion import MotionService
 from cobot.config import SequencesSection
 from cobot.errors import ConflictError, InputError, MotionStopped, UnavailableError
+from cobot.process import RUN_MODULE
 
 LINE_BYTES = 65536
 
@@ -92,7 +92,7 @@ class SequenceService:
         """Start the runner; whether its file makes sense, its status and log will tell.
 
         Args:
-            stops: the count of stop requests when the request came in.
+            stops: `MotionService.stops` when the request came in.
 
         Raises:
             ConflictError: a sequence runs, or somebody else owns the motion.
@@ -130,7 +130,7 @@ class SequenceService:
         actions = f"joints_action {order.joints_action}, pose_action {order.pose_action}"
         self._note(f"sequence {number} started, pid {process.pid}, {actions}")
         self._watcher = asyncio.create_task(self._watch(process, progress, number))
-        if self._link.stops != stops:
+        if self._motion.stops != stops:
             await self.stop()
             raise MotionStopped(f"a stop was requested while sequence {number} was being started")
         return self.status
@@ -158,11 +158,12 @@ class SequenceService:
         folder = self._settings.recordings.resolve()
         try:
             path = (folder / bag_path).resolve()
+            exists = path.exists()
         except (ValueError, OSError, RuntimeError) as exc:  # NUL bytes, names too long, circular links
             raise InputError(f"bag_path: {exc}") from exc
         if path == folder or not path.is_relative_to(folder):
             raise InputError(f"bag_path: {bag_path!r} is not below the recordings folder {folder}")
-        if path.exists():
+        if exists:
             raise InputError(f"bag_path: {path} exists already; nothing is overwritten")
         return path
 
@@ -175,14 +176,16 @@ class SequenceService:
         arguments += ["--iterations", str(order.n_iterations)]
         arguments += ["--delay", repr(order.delay_between_iterations_s)]
         if bag is not None:
-            bag.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                bag.parent.mkdir(parents=True, exist_ok=True)
+            except OSError as exc:
+                raise InputError(f"bag_path: {bag.parent} cannot be made: {exc.strerror}") from exc
             arguments += ["--bag", str(bag), "--topics", order.topics]
         config = await asyncio.to_thread(_unnamed_file, order.config)
         read_end, write_end = os.pipe()
         try:
             process = await asyncio.create_subprocess_exec(
-                sys.executable,
-                "-m",
+                *RUN_MODULE,
                 "sequences",
                 *arguments,
                 "--progress-fd",

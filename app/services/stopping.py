@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from app.services.link import POLL_S, RobotLink, RobotState
 from app.services.motion import MotionService
 from app.services.sequences import SequenceService
-from cobot.errors import CobotError, MotionStopped, UnavailableError
+from cobot.errors import CobotError, UnavailableError
 from cobot.types import Mode
 
 MOVING = (Mode.TRAJECTORY, Mode.STOPPING)
@@ -48,12 +48,13 @@ class StopService:
         begun_s = time.monotonic()
         self._link.request_stop()
         orphan = self._orphan()
-        motion = self._motion.interrupt(MotionStopped("stopped by POST /stop"))
+        motion = self._motion.stop()
         problems: list[str] = []
         sequence, state = await asyncio.gather(self._sequences.stop(), self._rest(timeout_s - 0.5, problems))
         stopped = [item for item in (sequence, motion or orphan) if item]
         at_rest = state is not None and state.mode not in MOVING and state.settled
-        done = f"stopped {' and '.join(stopped)}" if stopped else "nothing was running"
+        told = "stopped" if at_rest else "told to stop:"
+        done = f"{told} {' and '.join(stopped)}" if stopped else "nothing was running"
         where = "the arm is at rest" if at_rest else "the arm is NOT known to be at rest"
         return Stopped(
             at_rest,
