@@ -38,7 +38,7 @@ def check(settings: Settings, config: Path | None, out: TextIO) -> bool:
     )
     report.item("address", lambda: _address(settings.web))
     report.item("core", lambda: _core(settings.rt.cpu))
-    report.item("logs", lambda: _folder(settings.logs))
+    report.item("logs", lambda: _log(settings))
     report.item("recordings", lambda: _folder(settings.sequences.recordings))
     robots: list[Robot] = []
 
@@ -93,6 +93,15 @@ def _folder(folder: Path) -> str:
             return str(folder)
     except OSError as exc:
         raise ConfigError(f"{folder}: cannot be written to: {exc.strerror}") from exc
+
+
+def _log(settings: Settings) -> str:
+    _folder(settings.logs)
+    try:
+        with settings.log_file.open("a"):
+            return str(settings.log_file)
+    except OSError as exc:
+        raise ConfigError(f"{settings.log_file}: cannot be written to: {exc.strerror}") from exc
 
 
 def _backend(name: str, config: Path | None) -> str:

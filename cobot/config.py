@@ -16,6 +16,8 @@ Model = TypeVar("Model", bound=BaseModel)
 
 DEFAULT_SETTINGS = "pkg://config/cobot-setting.yaml"
 
+LEAST_STOP_S = 4.0
+"""A stop may take some 2.5 s, see rtloop."""
 ENDPOINTS = (
     "GET /robot/joint_states",
     "GET /robot/pose",
@@ -70,6 +72,7 @@ Location = Annotated[Path, BeforeValidator(_in_folder)]
 """A path in a settings file, resolved against that file's folder."""
 
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+CartesianRate = Annotated[float, Field(ge=1e-3, le=1e4)]
 
 
 class Section(StrictModel):
@@ -94,11 +97,11 @@ class RtSection(Section):
     period_s: Annotated[float, Field(ge=0.0005, le=0.01)]
     priority: Annotated[int, Field(ge=1, le=98)]
     cpu: Annotated[int, Field(ge=0)] | None
-    service_timeout_s: Positive
-    tracking_error_rad: Positive
-    settle_position_rad: Positive
-    settle_velocity_rad_s: Positive
-    settle_time_s: Positive
+    service_timeout_s: Annotated[float, Field(ge=0.2, le=10.0)]  # a sign of life comes every 0.05 s
+    tracking_error_rad: Annotated[float, Field(ge=0.005, le=1.0)]
+    settle_position_rad: Annotated[float, Field(ge=1e-5, le=0.1)]
+    settle_velocity_rad_s: Annotated[float, Field(ge=1e-4, le=0.5)]
+    settle_time_s: Annotated[float, Field(gt=0.0, le=1.0)]
     trajectory_capacity: Annotated[int, Field(ge=100, le=1_000_000)]
 
 
@@ -107,13 +110,13 @@ class PlanningSection(Section):
     timeout_s: Positive
     workers: Annotated[int, Field(ge=1, le=16)]
     collision_margin_m: Annotated[float, Field(ge=0.0, le=0.1)]
-    start_tolerance_rad: Positive
-    max_linear_velocity: Positive
-    max_linear_acceleration: Positive
-    max_linear_jerk: Positive
-    max_angular_velocity: Positive
-    max_angular_acceleration: Positive
-    max_angular_jerk: Positive
+    start_tolerance_rad: Annotated[float, Field(ge=1e-5, le=0.1)]
+    max_linear_velocity: CartesianRate
+    max_linear_acceleration: CartesianRate
+    max_linear_jerk: CartesianRate
+    max_angular_velocity: CartesianRate
+    max_angular_acceleration: CartesianRate
+    max_angular_jerk: CartesianRate
 
 
 class WebSection(Section):
@@ -125,7 +128,7 @@ class WebSection(Section):
     max_body_bytes: Annotated[int, Field(ge=1024)]
     max_json_bytes: Annotated[int, Field(ge=1024)]
     stop_on_disconnect: bool
-    stale_after_s: Positive
+    stale_after_s: Annotated[float, Field(ge=0.05, le=1.0)]
 
 
 class SequencesSection(Section):
@@ -143,6 +146,10 @@ class Settings(Section):
     web: WebSection
     sequences: SequencesSection
     logs: Location
+
+    @property
+    def log_file(self) -> Path:
+        return self.logs / f"{self.robot.name}.log"
 
 
 class Endpoint(Section):
@@ -173,7 +180,7 @@ def load_endpoints(path: Path) -> dict[str, Endpoint]:
     """Read `api_endpoints.yaml`: an entry for each of `ENDPOINTS`, and no other.
 
     Raises:
-        ConfigError: as above, or an endpoint is missing or unknown.
+        ConfigError: as above, or an endpoint is missing or unknown, or there would be no stop.
     """
     endpoints = _parse(_EndpointsFile, path, _read_mapping(path)).endpoints
     for name in endpoints:
@@ -182,6 +189,12 @@ def load_endpoints(path: Path) -> dict[str, Endpoint]:
     missing = [name for name in ENDPOINTS if name not in endpoints]
     if missing:
         raise ConfigError(f"{path}: endpoints: missing {', '.join(missing)}")
+    stop = endpoints["POST /stop"]
+    if not stop.enabled or stop.timeout_s < LEAST_STOP_S:
+        raise ConfigError(
+            f"{path}: POST /stop: must be enabled, with a timeout_s of {LEAST_STOP_S:g} at least: a stop may "
+            "take that long"
+        )
     return endpoints
 
 

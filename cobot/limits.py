@@ -75,5 +75,5 @@ def _joint(path: Path, name: str, entry: Any) -> tuple[float, ...]:
     rates = tuple(float(entry[f"max_{rate}"]) for rate in _RATES)
     for rate, value in zip(_RATES, rates, strict=True):
         if not 0.0 < value < 1e6:
-            raise ConfigError(f"{where}.max_{rate}: must be positive and finite, got {value}")
+            raise ConfigError(f"{where}.max_{rate}: must be above 0 and below 1e6, got {value:g}")
     return low, high, *rates

@@ -47,6 +47,10 @@ class RobotModel:
         )
         if mj.body_weldid[self._base] != 0:
             raise ConfigError(f"robot.base_frame: {base!r} must not move with the joints")
+        moved = np.abs(self.jacobian(np.full(limits.dof, 0.5))).max(axis=0) > 0.0
+        if not moved.all():
+            still = ", ".join(name for name, moves in zip(limits.names, moved, strict=True) if not moves)
+            raise ConfigError(f"robot.tcp: {tcp!r} is not moved by {still}")
 
     @classmethod
     def load(cls, path: Path, limits: JointLimits, base: str = "base_link", tcp: str = "tcp") -> RobotModel:
@@ -56,7 +60,7 @@ class RobotModel:
             ConfigError: missing or not loadable, other joints than the limits, no such base or TCP.
         """
         if not path.is_file():
-            raise ConfigError(f"{path}: no such file")
+            raise ConfigError(f"{path}: {'is no file' if path.exists() else 'no such file'}")
         try:
             return cls(_compile(path, tcp), limits, base, tcp)
         except ValueError as exc:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import reprlib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -11,6 +12,9 @@ from pydantic import BaseModel, ConfigDict, model_validator
 
 SHOWN_CHARACTERS = 80
 SHOWN_ERRORS = 10
+_BRIEF = reprlib.Repr()  # of a list of a million, only what is shown is written
+_BRIEF.maxlist = _BRIEF.maxdict = SHOWN_CHARACTERS
+_BRIEF.maxstring = _BRIEF.maxother = 2 * SHOWN_CHARACTERS
 
 
 class StrictModel(BaseModel):
@@ -79,5 +83,5 @@ def without_repetition(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def shown(value: object) -> str:
     """A value in an error message, cut to a readable length."""
-    text = repr(value)
+    text = repr(value) if isinstance(value, str) else _BRIEF.repr(value)
     return text if len(text) <= SHOWN_CHARACTERS else text[:SHOWN_CHARACTERS] + "..."

@@ -150,7 +150,7 @@ class Supervisor:
         folder = self._settings.logs
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            path = folder / f"{self._settings.robot.name}.log"
+            path = self._settings.log_file
             to_file = RotatingFileHandler(path, maxBytes=LOG_BYTES, backupCount=3, encoding="utf-8")
         except OSError as exc:
             raise ConfigError(f"logs: cannot write to {folder}: {exc.strerror}") from exc

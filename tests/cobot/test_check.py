@@ -104,6 +104,12 @@ def test_a_named_position_without_a_joint_is_reported_with_file_position_and_joi
         ),
         ("rt: {backend: no.such:Arm}", r"FAILED  backend: rt\.backend: cannot load 'no\.such:Arm': .*'no'"),
         ("rt: {backend: 'json:loads'}", r"FAILED  backend: rt\.backend: cannot load 'json:loads': TypeError"),
+        ("robot: {tcp: world}", r"FAILED  robot: .*robot\.tcp: 'world' is not moved by joint1, joint2"),
+        ("robot: {model: /tmp}", r"FAILED  robot: /tmp: is no file"),
+        (
+            "robot: {name: a}\nlogs: logs",
+            r"FAILED  logs: .*logs/a\.log: cannot be written to: Is",
+        ),
         ("rt: {cpu: 4096}", r"FAILED  core: rt\.cpu: there is no core 4096; valid are: \d"),
         ("web: {host: host.invalid}", r"FAILED  address: web\.host: cannot listen on 'host\.invalid'"),
         ("web: {host: 192.0.2.1}", r"FAILED  address: web\.host: cannot listen on '192\.0\.2\.1'"),
@@ -115,6 +121,7 @@ def test_a_named_position_without_a_joint_is_reported_with_file_position_and_joi
 def test_what_the_settings_name_and_is_not_there_is_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, message: str
 ) -> None:
+    (tmp_path / "logs" / "a.log").mkdir(parents=True)
     assert main(config(tmp_path, text)) == 1
     output = capsys.readouterr().out
     assert re.search(message, output), output

@@ -69,6 +69,11 @@ web:
         ("logs: ~nosuchuser/x", "~nosuchuser/x: "),
         ('logs: "a\\0b"', "logs: must be a path"),
         ("web: {host: ''}", "web.host: "),
+        ("rt: {service_timeout_s: 0.001}", "rt.service_timeout_s: "),
+        ("rt: {settle_time_s: 100.0}", "rt.settle_time_s: "),
+        ("rt: {tracking_error_rad: 1.0e-12}", "rt.tracking_error_rad: "),
+        ("web: {stale_after_s: 1.0e-6}", "web.stale_after_s: "),
+        ("planning: {max_linear_velocity: 1.0e-300}", "planning.max_linear_velocity: "),
         ("- a", "must hold a mapping, got list"),
         ("&a [*a]", "must hold a mapping"),
     ],
@@ -102,6 +107,10 @@ def test_the_endpoints_file_names_all_endpoints_and_no_other(tmp_path: Path) -> 
         )
     with pytest.raises(ConfigError, match=r"unknown key 'POST /halt' .*valid are: GET /robot/joint_states"):
         load_endpoints(write(tmp_path, "endpoints:\n" + every + "  POST /halt: {timeout_s: 1.0}\n"))
+    for stop in ("{timeout_s: 1.0}", "{enabled: false, timeout_s: 10.0}"):
+        other = every.replace("1.0", "5.0").replace("POST /stop: {timeout_s: 5.0}", f"POST /stop: {stop}")
+        with pytest.raises(ConfigError, match="POST /stop: must be enabled, with a timeout_s of 4 at least"):
+            load_endpoints(write(tmp_path, "endpoints:\n" + other))
     with pytest.raises(ConfigError, match=r"timeout_s: input should be greater than 0"):
         load_endpoints(write(tmp_path, "endpoints:\n" + every.replace("1.0", "0.0")))
 

@@ -170,7 +170,9 @@ def test_a_recording_survives_a_stop_and_holds_only_the_chosen_topic(shared: Run
         assert {connection.topic for connection in reader.connections} == {"/joint_states"}
 
 
-@pytest.mark.parametrize("path", ["../outside", "/etc/cobot", "a/../../outside", "link/out", ".", "nul\0"])
+@pytest.mark.parametrize(
+    "path", ["../outside", "/etc/cobot", "a/../../outside", "link/out", ".", "nul\0", "x" * 300]
+)
 def test_a_recording_cannot_leave_its_folder(shared: Run, http: httpx.Client, path: str) -> None:
     folder = shared.config.parent / "recordings"
     folder.mkdir(exist_ok=True)

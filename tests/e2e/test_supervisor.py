@@ -5,6 +5,7 @@ The oracles are the operating system's: exit statuses, /dev/shm, the process tab
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -145,6 +146,22 @@ def test_what_a_killed_supervisor_left_is_taken_over(run: Run) -> None:
     run.until(run.healthy)
     run.end()
     assert not run.memory.exists()
+
+
+def test_what_lies_in_the_current_folder_is_not_taken_for_cobot(tmp_path: Path) -> None:
+    """A clone's folder is called cobot too, and Python would look there first."""
+    for name in ("cobot/config", "app", "rtloop", "sequences"):
+        (tmp_path / name).mkdir(parents=True)
+        (tmp_path / name / "__init__.py").write_text(
+            "raise RuntimeError('the wrong one')\n", encoding="utf-8"
+        )
+    command = [str(Path(sys.executable).with_name("cobot")), "check"]
+    environment = {**os.environ, "HOME": str(tmp_path)}
+    done = subprocess.run(
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=WAIT_S, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "ok      backend: mujoco" in done.stdout
 
 
 def test_a_port_in_use_is_named(run: Run, tmp_path: Path) -> None:

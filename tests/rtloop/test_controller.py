@@ -114,6 +114,30 @@ def test_a_reset_has_to_wait_until_the_arm_is_at_rest(rig: Rig) -> None:
     assert rig.answer(rig.send(Command.RESET)) == ""
 
 
+def test_a_reset_that_a_stop_has_overtaken_is_refused(rig: Rig) -> None:
+    """The service revokes by a stop what rtloop has not answered in time: its client believes it failed."""
+    rig.request("estops")
+    rig.step(3)
+    stops = int(rig.memory.requests.data["stops"])
+    rig.request("stops")
+    assert rig.answer(rig.send(Command.RESET, stops=stops)) == "a stop was requested meanwhile"
+    assert rig.mode is Mode.ESTOP
+
+
+def test_a_motion_may_not_begin_while_the_arm_brakes(rig: Rig) -> None:
+    """A motion that has failed to settle is over before the arm has come to rest."""
+    by = np.zeros(7)
+    by[0] = 2.9
+    assert rig.start(motion(rig, by).stretched(0.02)) == "", "much too fast: the safety layer pursues it"
+    while rig.mode is not Mode.HOLD:
+        rig.step()
+    assert rig.reason.startswith("the safety layer keeps joint1 at ")
+    assert rig.loop.controller.moving
+    assert rig.start(motion(rig, 0.01 * MOVE)) == "the arm is not at rest yet"
+    rig.run()
+    assert rig.start(motion(rig, 0.01 * MOVE)) == ""
+
+
 def test_a_reset_in_hold_changes_nothing(rig: Rig) -> None:
     assert rig.answer(rig.send(Command.RESET)) == ""
     assert rig.mode is Mode.HOLD
