@@ -5,8 +5,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import Iterator
+from collections.abc import Coroutine, Iterator
 from dataclasses import dataclass, field
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -32,6 +33,7 @@ from cobot.robot import Robot
 from cobot.trajectory import Trajectory
 from cobot.types import Array, Mode, PlannerName, Pose, Scaling
 
+Result = TypeVar("Result")
 REST_TIMEOUT_S = 5.0
 """How long a motion that was told to stop is waited for."""
 STATE_TIMEOUT_S = 1.5
@@ -72,7 +74,8 @@ class Claim:
         name: see `Caller`.
         stops: the link's count of stops when the claim was made.
         motion_id: once it runs.
-        interruption: why it has to end early, once it has to.
+        interruption: why it has to end early, once it has to; then `interrupted` is set.
+        ended: set when it has.
     """
 
     name: str
@@ -81,6 +84,7 @@ class Claim:
     motion_id: int | None = None
     interruption: ExecutionError | None = None
     interrupted: asyncio.Event = field(default_factory=asyncio.Event)
+    ended: asyncio.Event = field(default_factory=asyncio.Event)
 
     def interrupt(self, cause: ExecutionError) -> None:
         """End this motion; the first cause counts."""
@@ -92,6 +96,18 @@ class Claim:
         """Raise what has interrupted it, if something has."""
         if self.interruption is not None:
             raise self.interruption
+
+    async def unless_interrupted(self, work: Coroutine[Any, Any, Result]) -> Result:
+        """The work's result; an interruption cancels it and is raised."""
+        task = asyncio.create_task(work)
+        interrupted = asyncio.create_task(self.interrupted.wait())
+        try:
+            await asyncio.wait({task, interrupted}, return_when=asyncio.FIRST_COMPLETED)
+            self.proceed()
+            return await task
+        finally:
+            task.cancel()
+            interrupted.cancel()
 
     def __str__(self) -> str:
         number = f", motion {self.motion_id}" if self.motion_id is not None else ""
@@ -186,15 +202,14 @@ class MotionService:
             yield claim
         finally:
             self._claim = None
+            claim.ended.set()
 
-    def stop(self) -> str | None:
-        """End the motion that is planned or runs; returns its description, or None."""
+    def stop(self) -> Claim | None:
+        """Interrupt the motion that is read, planned or runs; its claim, which will end, or None."""
         self.stops += 1
-        if self._claim is None:
-            return None
-        described = str(self._claim)
-        self._claim.interrupt(MotionStopped("stopped by POST /stop"))
-        return described
+        if self._claim is not None:
+            self._claim.interrupt(MotionStopped("stopped by POST /stop"))
+        return self._claim
 
     def named(self, name: str, scaling: Scaling) -> Goal:
         """The goal of a named position.
@@ -291,17 +306,10 @@ class MotionService:
 
     async def plan(self, claim: Claim, request: PlanRequest, timeout_s: float) -> Trajectory | None:
         """Plan on behalf of a claim; an interruption kills the planner."""
-        planning = asyncio.create_task(self._planning.plan(request, timeout_s))
-        interrupted = asyncio.create_task(claim.interrupted.wait())
         try:
-            await asyncio.wait({planning, interrupted}, return_when=asyncio.FIRST_COMPLETED)
-            if isinstance(claim.interruption, MotionTimeout):
-                raise PlanningTimeout(f"not planned within {timeout_s:g} s")
-            claim.proceed()
-            return await planning
-        finally:
-            planning.cancel()
-            interrupted.cancel()
+            return await claim.unless_interrupted(self._planning.plan(request, timeout_s))
+        except MotionTimeout as exc:
+            raise PlanningTimeout(f"not planned within {timeout_s:g} s") from exc
 
     async def start(self, claim: Claim, trajectory: Trajectory) -> None:
         """Hand the motion to rtloop.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
 from dataclasses import dataclass
 
@@ -13,6 +14,8 @@ from cobot.errors import CobotError, UnavailableError
 from cobot.types import Mode
 
 MOVING = (Mode.TRAJECTORY, Mode.STOPPING)
+END_TIMEOUT_S = 2.0
+"""How long a motion is waited for that has come to rest and has only to notice."""
 UNMEASURED_S = 0.25
 """Without a measurement for so long, nobody can say that the arm is at rest."""
 
@@ -48,11 +51,15 @@ class StopService:
         begun_s = time.monotonic()
         self._link.request_stop()
         orphan = self._orphan()
-        motion = self._motion.stop()
+        claim = self._motion.stop()
+        motion = str(claim) if claim else None
         problems: list[str] = []
         sequence, state = await asyncio.gather(self._sequences.stop(), self._rest(timeout_s - 0.5, problems))
         stopped = [item for item in (sequence, motion or orphan) if item]
         at_rest = state is not None and state.mode not in MOVING and state.settled
+        if at_rest and claim is not None:  # who has stopped the arm may want to move it next
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(claim.ended.wait(), END_TIMEOUT_S)
         told = "stopped" if at_rest else "told to stop:"
         done = f"{told} {' and '.join(stopped)}" if stopped else "nothing was running"
         where = "the arm is at rest" if at_rest else "the arm is NOT known to be at rest"

@@ -86,8 +86,7 @@ class TrajectoryService:
         self, claim: Claim, read: Callable[[], Sequence[Waypoint]], options: Options, timeout_s: float
     ) -> Sent:
         await self._motion.ready()
-        claim.proceed()
-        points = await asyncio.to_thread(read)
+        points = await claim.unless_interrupted(asyncio.to_thread(read))
         state = await self._motion.ready()
         request = WaypointRequest(
             state.commanded_position,

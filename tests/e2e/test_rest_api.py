@@ -490,6 +490,7 @@ def test_reads_answer_while_a_planner_thinks(shared: Run, http: httpx.Client) ->
     assert http.get("/robot/joint_states").status_code == 200
     stop = http.post("/stop").json()
     assert stop["success"]
+    assert http.get("/health").json()["service"]["motion"] is None, "the arm is free at once"
     thinker.join(WAIT_S)
     assert answers[0].status_code in (200, 409)
     answer = http.post("/robot/move/joints", json={"joints": AWAY, "speed": 1.0}).json()
