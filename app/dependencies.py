@@ -18,7 +18,7 @@ from pydantic import BaseModel, ValidationError
 
 from app.errors import status_of
 from app.services import Services
-from app.services.motion import Caller
+from app.services.ownership import Caller
 from cobot.config import Endpoint
 from cobot.errors import CobotError, InputError, MediaTypeError
 from cobot.strict import sentences, unknown_key, without_repetition
@@ -50,7 +50,7 @@ class Call:
 
     @property
     def stops(self) -> int:
-        """`MotionService.stops` when this request came in."""
+        """`Ownership.stops` when this request came in."""
         return cast(int, self._request.scope[STOPS])
 
     @property
@@ -94,7 +94,7 @@ class _CobotRequest(Request):
             # up, nor cost the service its heartbeat while somebody's motion depends on it.
             call = Call(self)
             async with self.app.state.large_body:
-                call.services.motion.require_free(call.token)
+                call.services.ownership.require_free(call.token)
                 return await asyncio.to_thread(_without_collection, _validated, body, model)
         except CobotError as exc:
             raise HTTPException(status_of(exc)) from exc  # FastAPI lets no other class through
@@ -138,7 +138,7 @@ class CobotRoute(APIRoute):
         handler = super().get_route_handler()
 
         async def handle(request: Request) -> Response:
-            request.scope[STOPS] = request.app.state.services.motion.stops
+            request.scope[STOPS] = request.app.state.services.ownership.stops
             return await handler(_CobotRequest(request.scope, request.receive))
 
         return handle

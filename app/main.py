@@ -24,6 +24,7 @@ from app.services import Services
 from app.services.health import HealthService
 from app.services.link import RobotLink
 from app.services.motion import LATEST_ANSWER_S, MotionService
+from app.services.ownership import Ownership
 from app.services.planning import PlanningService
 from app.services.sequences import SequenceService
 from app.services.stopping import StopService
@@ -114,15 +115,17 @@ def _services(
     planning: PlanningService,
     base_url: str,
 ) -> Services:
-    motion = MotionService(robot, link, planning, settings.planning)
+    ownership = Ownership(link)
+    motion = MotionService(robot, link, ownership, planning, settings.planning)
     slowest_s = max(end.timeout_s for name, end in endpoints.items() if name.startswith("POST /robot/move/"))
-    sequence = SequenceService(motion, link, settings.sequences, base_url, slowest_s + LATEST_ANSWER_S)
+    sequence = SequenceService(ownership, link, settings.sequences, base_url, slowest_s + LATEST_ANSWER_S)
     return Services(
         robot,
         link,
+        ownership,
         motion,
-        TrajectoryService(motion, link, settings.planning.start_tolerance_rad),
+        TrajectoryService(ownership, motion, settings.planning.start_tolerance_rad),
         sequence,
-        StopService(link, motion, sequence),
-        HealthService(settings.robot.name, link, motion, sequence, settings.web.stale_after_s),
+        StopService(link, ownership, sequence),
+        HealthService(settings.robot.name, link, ownership, sequence, settings.web.stale_after_s),
     )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from app.services.health import HealthService
 from app.services.link import RobotLink
 from app.services.motion import MotionService
+from app.services.ownership import Ownership
 from app.services.sequences import SequenceService
 from app.services.stopping import StopService
 from app.services.trajectories import TrajectoryService
@@ -19,6 +20,7 @@ class Services:
 
     robot: Robot
     link: RobotLink
+    ownership: Ownership
     motion: MotionService
     trajectories: TrajectoryService
     sequences: SequenceService

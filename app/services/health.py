@@ -11,7 +11,7 @@ from importlib.metadata import version
 import numpy as np
 
 from app.services.link import RobotLink
-from app.services.motion import MotionService
+from app.services.ownership import Ownership
 from app.services.sequences import SequenceService
 from cobot.errors import UnavailableError
 from cobot.layout import LAYOUT_VERSION, Intervention, Phase
@@ -41,11 +41,11 @@ class HealthService:
     """Collects; answers whatever is broken."""
 
     def __init__(
-        self, robot: str, link: RobotLink, motion: MotionService, sequences: SequenceService, stale_s: float
+        self, robot: str, link: RobotLink, ownership: Ownership, sequences: SequenceService, stale_s: float
     ) -> None:
         self._robot = robot
         self._link = link
-        self._motion = motion
+        self._ownership = ownership
         self._sequences = sequences
         self._stale_s = stale_s
         self._started_s = time.monotonic()
@@ -88,7 +88,7 @@ class HealthService:
             {
                 "pid": os.getpid(),
                 "uptime_s": time.monotonic() - self._started_s,
-                "motion": self._motion.owner,
+                "motion": self._ownership.owner,
             },
             {"status": self._sequences.status.status, "pid": self._sequences.status.pid},
             cycle_us,

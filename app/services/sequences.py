@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import IO
 
 from app.services.link import RobotLink
-from app.services.motion import MotionService
+from app.services.ownership import Ownership
 from cobot.config import SequencesSection
 from cobot.errors import ConflictError, InputError, MotionStopped, UnavailableError
 from cobot.process import RUN_MODULE
@@ -67,13 +67,13 @@ class SequenceService:
 
     def __init__(
         self,
-        motion: MotionService,
+        ownership: Ownership,
         link: RobotLink,
         settings: SequencesSection,
         base_url: str,
         motion_timeout_s: float,
     ) -> None:
-        self._motion = motion
+        self._ownership = ownership
         self._link = link
         self._settings = settings
         self._base_url = base_url
@@ -92,7 +92,7 @@ class SequenceService:
         """Start the runner; whether its file makes sense, its status and log will tell.
 
         Args:
-            stops: `MotionService.stops` when the request came in.
+            stops: `Ownership.stops` when the request came in.
 
         Raises:
             ConflictError: a sequence runs, or somebody else owns the motion.
@@ -107,12 +107,12 @@ class SequenceService:
         bag = self._recording(order.bag_path)
         number = (self.status.sequence_id or 0) + 1
         token = secrets.token_hex(16)
-        self._motion.claim_for_sequence(f"sequence {number}", token)
+        self._ownership.claim_for_sequence(f"sequence {number}", token)
         self._starting = True
         try:
             process, progress = await self._spawn(order, bag, token)
         except BaseException as exc:
-            self._motion.release_sequence()
+            self._ownership.release_sequence()
             if isinstance(exc, OSError):
                 raise UnavailableError(f"the sequence runner cannot be started: {exc}") from exc
             raise
@@ -130,7 +130,7 @@ class SequenceService:
         actions = f"joints_action {order.joints_action}, pose_action {order.pose_action}"
         self._note(f"sequence {number} started, pid {process.pid}, {actions}")
         self._watcher = asyncio.create_task(self._watch(process, progress, number))
-        if self._motion.stops != stops:
+        if self._ownership.stops != stops:
             await self.stop()
             raise MotionStopped(f"a stop was requested while sequence {number} was being started")
         return self.status
@@ -229,7 +229,7 @@ class SequenceService:
         self.status = replace(
             self.status, status="finished", returncode=returncode, finished_at=datetime.now(UTC)
         )
-        self._motion.release_sequence()
+        self._ownership.release_sequence()
         self._note(f"sequence {number} finished, return code {returncode}")
 
     async def _read_log(self, stream: asyncio.StreamReader) -> None:

@@ -8,7 +8,7 @@ import time
 from dataclasses import dataclass
 
 from app.services.link import POLL_S, RobotLink, RobotState
-from app.services.motion import MotionService
+from app.services.ownership import Ownership
 from app.services.sequences import SequenceService
 from cobot.errors import CobotError, UnavailableError
 from cobot.types import Mode
@@ -41,9 +41,9 @@ class Stopped:
 class StopService:
     """Takes no lock, waits for no queue, asks for no ownership."""
 
-    def __init__(self, link: RobotLink, motion: MotionService, sequences: SequenceService) -> None:
+    def __init__(self, link: RobotLink, ownership: Ownership, sequences: SequenceService) -> None:
         self._link = link
-        self._motion = motion
+        self._ownership = ownership
         self._sequences = sequences
 
     async def stop(self, timeout_s: float) -> Stopped:
@@ -51,7 +51,7 @@ class StopService:
         begun_s = time.monotonic()
         self._link.request_stop()
         orphan = self._orphan()
-        claim = self._motion.stop()
+        claim = self._ownership.stop()
         motion = str(claim) if claim else None
         problems: list[str] = []
         sequence, state = await asyncio.gather(self._sequences.stop(), self._rest(timeout_s - 0.5, problems))

@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
-from app.services.link import RobotLink
-from app.services.motion import Caller, Claim, MotionService, watching
+from app.services.motion import MotionService
+from app.services.ownership import Caller, Claim, Ownership, watching
 from cobot.errors import CobotError, ExecutionError
 from cobot.planners import WaypointRequest
 from cobot.types import Scaling, Waypoint
@@ -44,9 +44,9 @@ class Sent:
 class TrajectoryService:
     """Sends trajectories and keeps the log of what became of them."""
 
-    def __init__(self, motion: MotionService, link: RobotLink, start_tolerance_rad: float) -> None:
+    def __init__(self, ownership: Ownership, motion: MotionService, start_tolerance_rad: float) -> None:
+        self._ownership = ownership
         self._motion = motion
-        self._link = link
         self._start_tolerance_rad = start_tolerance_rad
         self._lines: deque[str] = deque(maxlen=LOG_LINES)
         self._followers: set[asyncio.Task[None]] = set()
@@ -68,7 +68,7 @@ class TrajectoryService:
             ConflictError, UnavailableError: see `MotionService`.
         """
         with contextlib.ExitStack() as stack:
-            claim = stack.enter_context(self._motion.claim(caller))
+            claim = stack.enter_context(self._ownership.claim(caller))
             try:
                 with watching(claim, caller):
                     sent = await self._hand_over(claim, read, options, caller.timeout_s)

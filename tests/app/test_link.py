@@ -10,7 +10,8 @@ import pytest
 from rig import Rig
 
 from app.services.link import RobotLink
-from app.services.motion import Caller, MotionService
+from app.services.motion import MotionService
+from app.services.ownership import Caller, Ownership
 from app.services.planning import PlanningService
 from cobot.config import Settings
 from cobot.errors import ExecutionError, UnavailableError
@@ -64,11 +65,12 @@ def test_a_motion_that_a_restart_has_swallowed_has_failed(rig: Rig, robot: Robot
     rig.step(10)
     link = attached(rig)
     planning = PlanningService(None, 1)
-    service = MotionService(robot, link, planning, settings.planning)
-    caller = Caller("test", None, service.stops, 10.0, asyncio.Event())
+    ownership = Ownership(link)
+    service = MotionService(robot, link, ownership, planning, settings.planning)
+    caller = Caller("test", None, ownership.stops, 10.0, asyncio.Event())
 
     async def arrive() -> None:
-        with service.claim(caller) as claim:
+        with ownership.claim(caller) as claim:
             claim.motion_id = 1
             waiting = asyncio.create_task(service.arrival(claim))
             await asyncio.sleep(0.02)
