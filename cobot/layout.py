@@ -11,7 +11,7 @@ from enum import IntEnum
 import numpy as np
 
 MAGIC = b"COBOTRT\0"
-LAYOUT_VERSION = 1
+LAYOUT_VERSION = 2
 RING = 32
 SLOTS = 2
 HISTOGRAM_BUCKETS = 1024
@@ -57,8 +57,9 @@ class Intervention(IntEnum):
     POSITION = 1
     VELOCITY = 2
     ACCELERATION = 3
-    TRACKING = 4
-    SERVICE_TIMEOUT = 5
+    JERK = 4
+    TRACKING = 5
+    SERVICE_TIMEOUT = 6
 
 
 STATE_SCALARS = (

@@ -1,7 +1,7 @@
 """The last thing before a command is written: the same code in every mode and for every backend.
 
 A command within the limits passes bit for bit. What is not finite is refused and latches an e-stop;
-what goes beyond position, velocity or acceleration is caught: from then on the output is a
+what goes beyond position, velocity, acceleration or jerk is caught: from then on the output is a
 jerk-limited pursuit of the request that stays within all limits, until the request can be reached
 in one step again.
 """
@@ -15,8 +15,8 @@ from cobot.layout import Intervention
 from cobot.types import Array, JointLimits
 
 TOLERANCE = 0.01
-"""Relative, on velocity and acceleration: planners drive exactly at the limits, and the differences of
-three positions carry the rounding of numbers of the order of 1 rad, divided by the period squared."""
+"""Relative, on the rates: planners drive exactly at the limits, and the differences of four positions
+carry the rounding of numbers of the order of 1 rad, divided by the period cubed."""
 POSITION_TOLERANCE_RAD = 1e-5
 ROUNDING = 1e-9
 """Of velocity and acceleration at the end of a brake profile: this is rest."""
@@ -25,11 +25,13 @@ KINDS = (
     Intervention.POSITION,
     Intervention.VELOCITY,
     Intervention.ACCELERATION,
+    Intervention.JERK,
     Intervention.VELOCITY,
     Intervention.ACCELERATION,
 )
-"""Of the rows that are checked: the position, its first and second difference, and the rates that the
+"""Of the rows that are checked: the position, its first to third difference, and the rates that the
 command states."""
+ROWS = len(KINDS)
 PAST = 3
 
 
@@ -52,13 +54,10 @@ class Safety:
         self._limits = limits
         self._period_s = period_s
         self._largest_step = limits.max_jerk * period_s  # of the acceleration, from cycle to cycle
-        velocity, acceleration = (
-            rate * (1.0 + TOLERANCE) for rate in (limits.max_velocity, limits.max_acceleration)
-        )
-        rates = np.array([velocity, acceleration, velocity, acceleration])
-        bounds = [np.zeros(dof), rates.reshape(4, dof), np.zeros(dof), -rates.reshape(4, dof)]
-        self._block = np.vstack([np.zeros((PAST + 3, dof)), *bounds])
-        self._highest, self._lowest = self._block[PAST + 3], self._block[PAST + 8]
+        velocity, acceleration, jerk = limits.max_velocity, limits.max_acceleration, limits.max_jerk
+        rates = (1.0 + TOLERANCE) * np.array([velocity, acceleration, jerk, velocity, acceleration])
+        self._block = np.vstack([np.zeros((PAST + 3, dof)), np.zeros(dof), rates, np.zeros(dof), -rates])
+        self._highest, self._lowest = self._block[PAST + 3], self._block[PAST + 3 + ROWS]
         self._past = self._block[:PAST]  # the positions let through before, the newest last
         self.command = self._block[PAST : PAST + 3]
         self.position, self.velocity, self.acceleration = self.command
@@ -67,12 +66,13 @@ class Safety:
         self._differences = np.array(
             [[0.0, 0.0, 1.0], [0.0, -rate, rate], [rate**2, -2.0 * rate**2, rate**2]]
         )
-        values = np.zeros((5, PAST + 3))
+        values = np.zeros((ROWS, PAST + 3))
         values[:3, 1:4] = self._differences
-        values[3:, 4:] = np.eye(2)
-        one, none = np.eye(5), np.zeros((5, 5))
+        values[3, :4] = rate**3 * np.array([-1.0, 3.0, -3.0, 1.0])
+        values[4:, 4:] = np.eye(2)
+        one, none = np.eye(ROWS), np.zeros((ROWS, ROWS))
         self._distances = np.block([[-values, one, none], [values, none, -one]])
-        self._distance = np.zeros((10, dof))
+        self._distance = np.zeros((2 * ROWS, dof))
         self.interventions = np.zeros(len(Intervention), np.uint64)
         self.counted = 0
         self._generator = ruckig.Ruckig(dof, period_s)
@@ -141,7 +141,7 @@ class Safety:
             self._caught.clear()
         finite = inside or bool(np.isfinite(request).all())
         if not inside:
-            distance = self._distance.reshape(2, len(KINDS), -1).min(axis=(0, 2))
+            distance = self._distance.reshape(2, ROWS, -1).min(axis=(0, 2))
             kind = KINDS[(distance < 0.0).argmax()] if finite else Intervention.NOT_FINITE
             if kind not in self._caught:
                 self._caught.add(kind)

@@ -181,9 +181,10 @@ def test_a_path_beyond_the_limits_can_be_stopped_too(rig: Rig, robot: Robot) -> 
     rig.request()
     rig.run()
     assert rig.mode is Mode.HOLD
-    velocity, acceleration, _ = rig.rates()
+    velocity, acceleration, jerk = rig.rates()
     assert velocity.max() <= 1.02
     assert acceleration.max() <= 1.02
+    assert jerk.max() <= 1.02
 
 
 @pytest.mark.parametrize("request_name", ["stops", "estops"])
@@ -203,4 +204,4 @@ def test_a_zigzag_that_leaves_no_room_to_slow_down_is_stopped_beside_its_path(
     velocity, acceleration, jerk = rig.rates()
     assert velocity.max() <= 1.02
     assert acceleration.max() <= 1.02
-    assert jerk[1503:].max() <= ROUNDING
+    assert jerk.max() <= 1.02
