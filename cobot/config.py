@@ -102,6 +102,7 @@ class RtSection(Section):
     settle_position_rad: Annotated[float, Field(ge=1e-5, le=0.1)]
     settle_velocity_rad_s: Annotated[float, Field(ge=1e-4, le=0.5)]
     settle_time_s: Annotated[float, Field(gt=0.0, le=1.0)]
+    overruns_to_stop: Annotated[int, Field(ge=2, le=1000)]
     trajectory_capacity: Annotated[int, Field(ge=100, le=1_000_000)]
 
 

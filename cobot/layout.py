@@ -60,6 +60,7 @@ class Intervention(IntEnum):
     JERK = 4
     TRACKING = 5
     SERVICE_TIMEOUT = 6
+    OVERRUN = 7
 
 
 STATE_SCALARS = (

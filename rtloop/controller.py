@@ -125,6 +125,12 @@ class Controller:
             self._enter(Mode.STOPPING, reason)
             self._slow_down()
 
+    def overrun(self, cycles: int) -> None:
+        """So many cycles in a row have begun late: nobody can count on the next ones."""
+        if self.mode is Mode.TRAJECTORY:
+            self.safety.count(Intervention.OVERRUN)
+            self.stop(f"{cycles} cycles in a row began late: the computer is too slow or too busy")
+
     def estop(self, reason: str) -> None:
         """Come to rest as after a stop, and stay there until reset."""
         self._latch(Mode.ESTOP, reason)

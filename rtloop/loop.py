@@ -29,6 +29,9 @@ class ControlLoop:
     ) -> None:
         limits: JointLimits = model.limits
         self._period_s = settings.rt.period_s
+        self._period_ns = round(settings.rt.period_s * 1e9)
+        self._overruns_to_stop = settings.rt.overruns_to_stop
+        self._late_in_a_row = 0
         self._backend = backend
         self._clock = clock
         self._last = _last_state(memory)
@@ -59,9 +62,12 @@ class ControlLoop:
         """One cycle. Real-time safe; no exception leaves it but a broken program's.
 
         Args:
-            late_ns: by how much the cycle began too late, for the statistics.
+            late_ns: by how much the cycle began too late.
         """
         begun_ns = time.monotonic_ns()
+        self._late_in_a_row = self._late_in_a_row + 1 if late_ns > self._period_ns else 0
+        if self._late_in_a_row == self._overruns_to_stop:
+            self.controller.overrun(self._late_in_a_row)
         measured = self._read()
         read_ns = time.monotonic_ns()
         if measured:

@@ -106,9 +106,9 @@ class Rig:
         self.memory.heartbeat.data["monotonic_ns"] = time.monotonic_ns() + int(ahead_s * 1e9)
         self.memory.heartbeat.publish()
 
-    def step(self, cycles: int = 1) -> None:
+    def step(self, cycles: int = 1, late_ns: int = 0) -> None:
         for _ in range(cycles):
-            self.loop.step()
+            self.loop.step(late_ns)
             self.commanded.append(self.loop.controller.safety.position.copy())
             self.path_times.append(self.loop.controller.clock.path_time_s)
 

@@ -212,6 +212,28 @@ def test_a_silent_service_ends_the_motion(rig: Rig) -> None:
     within_limits(rig)
 
 
+def test_many_late_cycles_in_a_row_stop_the_motion_and_few_do_not(rig: Rig) -> None:
+    trajectory = under_way(rig)
+    late_ns, many = 1_100_000, rig.settings.rt.overruns_to_stop
+    for lateness in [*[late_ns] * (many - 1), 900_000, *[late_ns] * (many - 1)]:
+        rig.step(late_ns=lateness)
+    assert rig.mode is Mode.TRAJECTORY
+    rig.step(late_ns=late_ns)
+    assert rig.mode is Mode.STOPPING
+    rig.run()
+    assert (rig.mode, rig.result) == (Mode.HOLD, MotionResult.STOPPED)
+    assert rig.reason == f"{many} cycles in a row began late: the computer is too slow or too busy"
+    assert rig.interventions[Intervention.OVERRUN] == 1
+    np.testing.assert_allclose(rig.commanded[-1], trajectory.sample([rig.path_times[-1]])[0], atol=1e-12)
+    within_limits(rig)
+
+
+def test_late_cycles_while_the_arm_holds_do_nothing(rig: Rig) -> None:
+    for _ in range(3 * rig.settings.rt.overruns_to_stop):
+        rig.step(late_ns=5_000_000)
+    assert (rig.mode, sum(rig.interventions)) == (Mode.HOLD, 0)
+
+
 def test_a_motion_that_does_not_settle_has_failed(rig: Rig) -> None:
     assert rig.start(motion(rig)) == ""
     rig.loopback.offset[2] = 5 * rig.settings.rt.settle_position_rad
