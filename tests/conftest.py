@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import pytest
+from rig import Rig
 
 from cobot.config import Settings, load_settings
 from cobot.robot import Robot, load_robot
@@ -16,3 +19,11 @@ def settings() -> Settings:
 @pytest.fixture(scope="session")
 def robot(settings: Settings) -> Robot:
     return load_robot(settings)
+
+
+@pytest.fixture
+def rig(settings: Settings, robot: Robot) -> Iterator[Rig]:
+    """The cycle with a backend that is always where it is told to be."""
+    made = Rig(settings, robot)
+    yield made
+    made.close()

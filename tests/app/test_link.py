@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -22,13 +21,6 @@ from cobot.types import Mode, PlannerName, Scaling
 
 STALE_S = 60.0
 """The cycle is stepped by hand: what it has published may be old."""
-
-
-@pytest.fixture
-def rig(settings: Settings, robot: Robot) -> Iterator[Rig]:
-    made = Rig(settings, robot)
-    yield made
-    made.close()
 
 
 def attached(rig: Rig) -> RobotLink:

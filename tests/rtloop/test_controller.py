@@ -5,8 +5,6 @@ Oracles: the table of transitions, and numpy's finite differences of everything 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 from rig import Rig
@@ -21,13 +19,6 @@ from cobot.types import Mode, PlannerName, Scaling
 from rtloop.modes import TRANSITIONS
 
 MOVE = np.array([0.6, 0.2, -0.3, 0.4, 0.2, -0.3, 0.5])
-
-
-@pytest.fixture
-def rig(settings: Settings, robot: Robot) -> Iterator[Rig]:
-    made = Rig(settings, robot)
-    yield made
-    made.close()
 
 
 def motion(rig: Rig, by: np.ndarray = MOVE, speed: float = 0.5) -> Trajectory:

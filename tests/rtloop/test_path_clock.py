@@ -5,8 +5,6 @@ Oracle: numpy's finite differences of the commanded positions, and `Trajectory.s
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 from rig import Rig
@@ -24,13 +22,6 @@ from cobot.types import Mode, PlannerName, Scaling, Waypoint
 
 ROUNDING = 1.005
 """Finite differences of the third order at 1 kHz carry this much of rounding and sampling."""
-
-
-@pytest.fixture
-def rig(settings: Settings, robot: Robot) -> Iterator[Rig]:
-    made = Rig(settings, robot)
-    yield made
-    made.close()
 
 
 def ptp(robot: Robot, start: np.ndarray, goal: np.ndarray, speed: float) -> Trajectory:
