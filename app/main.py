@@ -35,6 +35,12 @@ from cobot.robot import Robot, load_robot
 DESCRIPTION = """Moves a robot arm. Motions answer when the arm has arrived and settled: look at `success`.
 Lengths in m, angles in rad. **This is no safety system and there is no authentication.**"""
 
+SWAGGER = {
+    "displayRequestDuration": True,
+    "tryItOutEnabled": True,
+    "defaultModelsExpandDepth": -1,  # no list of models below the endpoints, which show theirs
+}
+
 
 def create_app(settings: Settings, config: Path | None, base_url: str) -> FastAPI:
     """The application.
@@ -69,11 +75,7 @@ def create_app(settings: Settings, config: Path | None, base_url: str) -> FastAP
         version=version("cobot"),
         description=DESCRIPTION,
         lifespan=lifespan,
-        swagger_ui_parameters={
-            "displayRequestDuration": True,
-            "tryItOutEnabled": True,
-            "defaultModelsExpandDepth": -1,  # no list of models below the endpoints, which show theirs
-        },
+        swagger_ui_parameters=SWAGGER,
     )
     app.state.endpoints = endpoints
     app.state.large_body = asyncio.Lock()

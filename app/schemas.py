@@ -1,4 +1,7 @@
-"""Requests and answers as JSON: the edge where everything is checked before anything happens."""
+"""Requests and answers as JSON: the edge where everything is checked before anything happens.
+
+All on one page, as in the schema that is published of them.
+"""
 
 from __future__ import annotations
 

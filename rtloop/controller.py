@@ -1,4 +1,8 @@
-"""What the arm shall do in this cycle: modes, motion on a path, stops, commands."""
+"""What the arm shall do in this cycle: modes, motion on a path, stops, commands.
+
+A long module, because the modes are one state: its parts that have a state of their own (mailbox, path,
+path clock, safety) have a module of their own.
+"""
 
 from __future__ import annotations
 

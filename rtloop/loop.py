@@ -66,7 +66,7 @@ class ControlLoop:
         """
         begun_ns = time.monotonic_ns()
         self._late_in_a_row = self._late_in_a_row + 1 if late_ns > self._period_ns else 0
-        if self._late_in_a_row == self._overruns_to_stop:
+        if self._late_in_a_row >= self._overruns_to_stop:
             self.controller.overrun(self._late_in_a_row)
         measured = self._read()
         read_ns = time.monotonic_ns()

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.services.link import POLL_S, RobotLink, RobotState
+from app.services.link import ACKNOWLEDGE_S, POLL_S, RobotLink, RobotState
 from app.services.ownership import Caller, Claim, Ownership, watching
 from app.services.planning import PlanningService, PlanRequest
 from cobot.config import PlanningSection
@@ -36,8 +36,8 @@ REST_TIMEOUT_S = 5.0
 STATE_TIMEOUT_S = 1.5
 """How long a motion waits for a sign of rtloop before it gives up: less than the two seconds in which
 a client shall know."""
-LATEST_ANSWER_S = 10.0
-"""A motion that is out of time is answered within this: a sign of rtloop, rest, and the way to the client."""
+LATEST_ANSWER_S = ACKNOWLEDGE_S + STATE_TIMEOUT_S + REST_TIMEOUT_S + 1.0
+"""How long after its timeout a motion may be answered: all its waits, and the way to the client."""
 WHERE = {
     MotionResult.STOPPED: "on its path",
     MotionResult.STOPPED_ASIDE: "beside its path, which left no room to slow down within the limits,",

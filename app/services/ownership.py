@@ -157,14 +157,15 @@ class Ownership:
 
 @contextlib.contextmanager
 def watching(claim: Claim, caller: Caller) -> Iterator[None]:
-    """Interrupt the motion when its client goes away or its time is up."""
+    """Interrupt the motion, or what comes before it, when its client goes away or its time is up."""
 
     async def watch() -> None:
         try:
             await asyncio.wait_for(caller.gone.wait(), caller.timeout_s)
             claim.interrupt(MotionStopped("the client went away"))
         except TimeoutError:
-            claim.interrupt(MotionTimeout(f"not arrived within {caller.timeout_s:g} s"))
+            done = "begun" if claim.motion_id is None else "arrived"
+            claim.interrupt(MotionTimeout(f"not {done} within {caller.timeout_s:g} s"))
 
     watcher = asyncio.create_task(watch())
     try:

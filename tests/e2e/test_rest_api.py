@@ -429,6 +429,18 @@ def test_a_second_motion_is_refused_with_the_name_of_the_first(http: httpx.Clien
     http.post("/stop").raise_for_status()
 
 
+def test_what_takes_long_to_read_is_not_read_while_the_arm_is_somebody_elses(http: httpx.Client) -> None:
+    """Else its owner's service would lose time to requests that it refuses anyway."""
+    slow_trajectory(http)
+    large = b'{"points": [' + b"{}," * LARGE + b"{}]}"
+    headers = {"content-type": "application/json"}
+    assert http.post("/trajectory/send", content=large, headers=headers).status_code == 409
+    assert http.post("/trajectory/send_csv", files={"file": ("a.csv", b"\xff")}).status_code == 409
+    assert http.post("/stop").json()["success"]
+    assert http.post("/trajectory/send", content=large, headers=headers).status_code == 422
+    assert http.post("/trajectory/send_csv", files={"file": ("a.csv", b"\xff")}).status_code == 422
+
+
 def test_stop_says_what_it_stopped_and_may_be_repeated(http: httpx.Client) -> None:
     number = slow_trajectory(http)
     stop = http.post("/stop").json()

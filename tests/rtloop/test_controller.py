@@ -219,10 +219,16 @@ def test_many_late_cycles_in_a_row_stop_the_motion_and_few_do_not(rig: Rig) -> N
     within_limits(rig)
 
 
-def test_late_cycles_while_the_arm_holds_do_nothing(rig: Rig) -> None:
-    for _ in range(3 * rig.settings.rt.overruns_to_stop):
-        rig.step(late_ns=5_000_000)
+def test_a_computer_that_is_late_all_the_time_lets_the_arm_hold_but_not_move(rig: Rig) -> None:
+    late_ns, many = 5_000_000, rig.settings.rt.overruns_to_stop
+    rig.step(3 * many, late_ns)
     assert (rig.mode, sum(rig.interventions)) == (Mode.HOLD, 0)
+    rig.memory.slots[0].write(1, motion(rig))
+    rig.send(Command.START, slot=0, motion_id=1)
+    rig.step(many, late_ns)
+    assert (rig.mode, rig.interventions[Intervention.OVERRUN]) == (Mode.STOPPING, 1)
+    rig.run()
+    assert rig.result is MotionResult.STOPPED
 
 
 def test_a_motion_that_does_not_settle_has_failed(rig: Rig) -> None:

@@ -19,6 +19,7 @@ from cobot.planners.time_law import timed
 from cobot.robot import Robot
 from cobot.trajectory import Trajectory
 from cobot.types import Mode, PlannerName, Scaling, Waypoint
+from rtloop.path_clock import PathClock
 
 ROUNDING = 1.005
 """Finite differences of the third order at 1 kHz carry this much of rounding and sampling."""
@@ -196,3 +197,28 @@ def test_a_zigzag_that_leaves_no_room_to_slow_down_is_stopped_beside_its_path(
     assert velocity.max() <= 1.02
     assert acceleration.max() <= 1.02
     assert jerk.max() <= 1.02
+
+
+@pytest.mark.parametrize("speed", [1e10, 1e30, 1e100, 1e300])
+def test_a_path_for_which_there_is_no_profile_at_all_is_given_up_and_raises_nothing(
+    robot: Robot, speed: float
+) -> None:
+    """Ruckig raises errors of several classes on limits that are all but zero."""
+
+    class Racing:
+        duration_s = 1e9
+
+        def sample(self, times_s: np.ndarray) -> np.ndarray:
+            return np.full((3, len(times_s), 7), speed)
+
+        def breakpoints(self, from_s: float, to_s: float) -> np.ndarray:
+            return np.zeros(0)
+
+    clock = PathClock(robot.limits, 1e-3)
+    clock.request(0.0)
+    cycles = 0
+    while not clock.stuck:
+        clock.advance(Racing())  # type: ignore[arg-type]
+        cycles += 1
+    assert 300 < cycles < 600
+    assert clock.rate == 1.0
