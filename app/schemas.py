@@ -148,7 +148,7 @@ class JointStates(BaseModel):
             "name": [f"joint{n}" for n in range(1, 8)],
             "position": HOME,
             "velocity": [0.0] * 7,
-            "effort": [0.0, -46.1, 0.0, 21.8, 0.0, 0.4, 0.0],
+            "effort": [0.0, -14.35, 0.0, 14.36, -0.34, 0.0, 0.0],
         }
     )
 
