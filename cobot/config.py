@@ -34,6 +34,7 @@ ENDPOINTS = (
     "GET /sequences/logs",
     "POST /stop",
     "GET /health",
+    "WS /robot/stream",
 )
 
 
@@ -72,7 +73,7 @@ Location = Annotated[Path, BeforeValidator(_in_folder)]
 """A path in a settings file, resolved against that file's folder."""
 
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-CartesianRate = Annotated[float, Field(ge=1e-3, le=1e4)]
+Rate = Annotated[float, Field(ge=1e-3, le=1e4)]
 
 
 class Section(StrictModel):
@@ -106,18 +107,33 @@ class RtSection(Section):
     trajectory_capacity: Annotated[int, Field(ge=100, le=1_000_000)]
 
 
+class StreamingSection(Section):
+    joint_velocity: Rate
+    joint_acceleration: Rate
+    linear_velocity: Rate
+    linear_acceleration: Rate
+    linear_jerk: Rate
+    angular_velocity: Rate
+    angular_acceleration: Rate
+    angular_jerk: Rate
+    command_timeout_s: Annotated[float, Field(ge=0.01, le=5.0)]
+    collision_margin_m: Annotated[float, Field(ge=0.0, le=0.2)]
+    slow_down_m: Annotated[float, Field(ge=0.01, le=1.0)]
+    yield_rad: Annotated[float, Field(ge=0.01, le=1.5)]
+
+
 class PlanningSection(Section):
     default_frame: str
     timeout_s: Positive
     workers: Annotated[int, Field(ge=1, le=16)]
     collision_margin_m: Annotated[float, Field(ge=0.0, le=0.1)]
     start_tolerance_rad: Annotated[float, Field(ge=1e-5, le=0.1)]
-    max_linear_velocity: CartesianRate
-    max_linear_acceleration: CartesianRate
-    max_linear_jerk: CartesianRate
-    max_angular_velocity: CartesianRate
-    max_angular_acceleration: CartesianRate
-    max_angular_jerk: CartesianRate
+    max_linear_velocity: Rate
+    max_linear_acceleration: Rate
+    max_linear_jerk: Rate
+    max_angular_velocity: Rate
+    max_angular_acceleration: Rate
+    max_angular_jerk: Rate
 
 
 class WebSection(Section):
@@ -143,6 +159,7 @@ class Settings(Section):
 
     robot: RobotSection
     rt: RtSection
+    streaming: StreamingSection
     planning: PlanningSection
     web: WebSection
     sequences: SequencesSection

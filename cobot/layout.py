@@ -11,10 +11,11 @@ from enum import IntEnum
 import numpy as np
 
 MAGIC = b"COBOTRT\0"
-LAYOUT_VERSION = 2
+LAYOUT_VERSION = 3
 RING = 32
 SLOTS = 2
 HISTOGRAM_BUCKETS = 1024
+CHUNK_POINTS = 64
 TEXT = "S200"
 
 
@@ -61,6 +62,28 @@ class Intervention(IntEnum):
     TRACKING = 5
     SERVICE_TIMEOUT = 6
     OVERRUN = 7
+    JUMP = 8  # a streamed target further from the last one than an arm can get: refused
+    COMMAND_TIMEOUT = 9  # no streamed target for too long: held
+    COLLISION = 10  # a stream led into the arm itself or its surroundings: held
+    PROXIMITY = 11  # a stream came near them: slowed down
+    CONTACT = 12  # the surroundings push harder than the session permits: stopped
+
+
+class Stream(IntEnum):
+    """What a streaming session streams."""
+
+    JOINT_IMPEDANCE = 1
+    CARTESIAN = 2
+    JOINT_TORQUE = 3
+
+
+class Interpolation(IntEnum):
+    """How rtloop goes from one streamed target to the next."""
+
+    NONE = 0  # at once, as fast as the limits permit
+    LINEAR = 1  # at constant velocity, within one command period
+    QUINTIC = 2  # with continuous velocity and acceleration, within one command period
+    RUCKIG = 3  # re-planned in every cycle, jerk-limited
 
 
 STATE_SCALARS = (
@@ -78,6 +101,11 @@ STATE_SCALARS = (
     ("stops_seen", "u8"),  # the requests' counters as last acted upon
     ("estops_seen", "u8"),
     ("command_seen", "u8"),
+    ("session", "u8"),  # the streaming session that moves the arm, 0 for none
+    ("setpoint_seen", "u8"),  # the number of its target taken last
+    ("move_seen", "u8"),  # the number of its `move_to_pose` taken last
+    ("move_running", "u8"),
+    ("chunk_seen", "u8"),
     ("overruns", "u8"),
     ("torn_reads", "u8"),
     ("monotonic_ns", "i8"),  # CLOCK_MONOTONIC at publication
@@ -97,11 +125,18 @@ def state_dtype(dof: int) -> np.dtype:
             ("position", *joints),  # measured, rad
             ("velocity", *joints),  # measured, rad/s
             ("effort", *joints),  # measured, N·m
+            ("desired_effort", *joints),  # N·m
+            ("external_effort", *joints),  # what the surroundings exert, estimated, N·m
+            ("wrench", "f8", (6,)),  # the same at the TCP, in the base frame: N, N·m
+            ("sensor", "f8", (6,)),  # raw, in the TCP's frame: N, N·m
             ("commanded_position", *joints),
             ("commanded_velocity", *joints),
             ("commanded_acceleration", *joints),
             ("tcp", "f8", (7,)),  # measured: x, y, z in m, then w, x, y, z, in the base frame
+            ("tcp_velocity", "f8", (6,)),  # m/s, rad/s, in the base frame
+            ("effort_rate", *joints),  # N·m/s, smoothed
             ("interventions", "u8", (len(Intervention),)),
+            ("intervened_ns", "i8", (len(Intervention),)),  # CLOCK_MONOTONIC of the last one of each kind
             ("reason", TEXT),  # why ESTOP, FAULT or the last stop, UTF-8
         ]
     )
@@ -117,6 +152,7 @@ HEADER = np.dtype(
         ("period_s", "f8"),
         ("created_ns", "i8"),
         ("robot", "S64"),
+        ("url", "S128"),
     ]
 )
 STATISTICS = np.dtype(
@@ -143,3 +179,92 @@ COMMAND = np.dtype(
     align=True,
 )  # stops: the count of stop requests that the sender knew of; a START that a stop has overtaken is refused
 SLOT = np.dtype([("motion_id", "u8"), ("segments", "u8"), ("checksum", "u8")], align=True)
+INFO_TEXT = "S64"
+
+
+def info_dtype(dof: int) -> np.dtype:
+    """What rtloop knows of its robot from the beginning."""
+    joints = ("f8", (dof,))
+    return np.dtype(
+        [
+            ("model", INFO_TEXT),
+            ("joint_names", INFO_TEXT, (dof,)),
+            ("min_position", *joints),
+            ("max_position", *joints),
+            ("max_velocity", *joints),
+            ("max_acceleration", *joints),
+            ("max_jerk", *joints),
+            ("max_effort", *joints),
+            ("stiffness", *joints),  # nominal, N·m/rad; zeros: the drives do not give way
+            ("cartesian_stiffness", "f8", (6,)),  # nominal, N/m and N·m/rad
+            ("flange", "f8", (7,)),  # in the TCP's frame
+        ]
+    )
+
+
+def session_dtype(dof: int) -> np.dtype:
+    """What a streaming client wants; fixed from the session's beginning to its end."""
+    joints = ("f8", (dof,))
+    return np.dtype(
+        [
+            ("number", "u8"),  # of the session: a new one for each
+            ("open", "u8"),  # 1 while it is wanted
+            ("pid", "u8"),  # its writer: when that is gone, so is the session
+            ("stops", "u8"),  # stops that rtloop had seen when the client asked: a later one refuses it
+            ("stream", "u8"),
+            ("interpolation", "u8"),
+            ("decimation", "u8"),  # a new target is taken every so many cycles
+            ("impedance", "u8"),  # 1: stiffness and damping_ratio count, 0: the drives' nominal ones
+            ("stiffness", *joints),
+            ("damping_ratio", *joints),
+            ("cartesian_stiffness", "f8", (6,)),
+            ("cartesian_damping_ratio", "f8", (6,)),
+            ("max_contact_torque", *joints),  # N·m, infinite for none
+            ("max_contact_wrench", "f8", (6,)),  # N, N·m
+            ("force_axes", "f8", (6,)),  # 1: force control along this axis of the force frame
+            ("force_velocity", "f8", (6,)),  # the fastest that force control moves, m/s and rad/s
+            ("force_in_tcp", "u8"),  # the force frame is given in the TCP's frame, not in the base frame
+            ("force_frame", "f8", (7,)),
+            ("posture", *joints),  # of the null space, rad; NaN for none
+        ]
+    )
+
+
+def setpoint_dtype(dof: int) -> np.dtype:
+    """What a streaming client wants now."""
+    joints = ("f8", (dof,))
+    return np.dtype(
+        [
+            ("session", "u8"),
+            ("number", "u8"),
+            ("feed_forward", "u8"),  # whether velocities are stated
+            ("joints", *joints),  # rad, or N·m
+            ("joint_velocity", *joints),
+            ("joint_acceleration", *joints),
+            ("pose", "f8", (7,)),
+            ("wrench", "f8", (6,)),  # what the TCP shall exert, in the force frame
+            ("twist", "f8", (6,)),
+            ("twist_rate", "f8", (6,)),
+            ("move", "u8"),  # number of the newest `move_to_pose`
+            ("move_pose", "f8", (7,)),
+            ("move_duration_s", "f8"),
+            ("cancel", "u8"),  # number of the `move_to_pose` that is cancelled
+        ]
+    )
+
+
+def chunk_dtype(dof: int) -> np.dtype:
+    """Timed targets that lie ahead."""
+    return np.dtype(
+        [
+            ("session", "u8"),
+            ("number", "u8"),
+            ("count", "u8"),
+            ("times_s", "f8", (CHUNK_POINTS,)),  # on the robot's clock
+            ("points", "f8", (CHUNK_POINTS, max(dof, 7))),  # joints, or poses
+        ]
+    )
+
+
+SESSION_ACK = np.dtype([("session", "u8"), ("result", "u8"), ("message", TEXT)])
+STREAM_REQUESTS = np.dtype([("estops", "u8")])

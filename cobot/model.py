@@ -20,6 +20,7 @@ class RobotModel:
     Attributes:
         mj: MuJoCo's model.
         limits: the joint limits, which also give the joints' order.
+        tcp_site: index of the TCP among the model's sites.
     """
 
     def __init__(self, mj: mujoco.MjModel, limits: JointLimits, base: str, tcp: str) -> None:
@@ -33,7 +34,7 @@ class RobotModel:
                 f"the model's joints must be those of the limits, hinges in the same order: "
                 f"{', '.join(joints)} against {', '.join(limits.names)}"
             )
-        self._tcp = _tcp_site(mj, tcp)
+        self._tcp = self.tcp_site = _tcp_site(mj, tcp)
         self._jacobian = np.zeros((6, limits.dof))
         mujoco.mj_kinematics(mj, self._data)
         self._base_rotation = self._data.xmat[self._base].reshape(3, 3).copy()
@@ -69,6 +70,22 @@ class RobotModel:
             raise ConfigError(f"{path}: {exc}") from exc
 
     @property
+    def name(self) -> str:
+        """What the model's file calls itself."""
+        return bytes(self.mj.names).split(b"\0", 1)[0].decode("utf-8", "replace")
+
+    def flange_in_tcp(self) -> Array:
+        """x, y, z (m) and w, x, y, z of the site `flange` in the TCP's frame; without one it is the TCP."""
+        out = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+        flange = mujoco.mj_name2id(self.mj, mujoco.mjtObj.mjOBJ_SITE, "flange")
+        if flange >= 0:
+            mujoco.mj_kinematics(self.mj, self._data)
+            turn = self._tcp_rotation.reshape(3, 3).T
+            out[:3] = turn @ (self._data.site_xpos[flange] - self._tcp_position)
+            mujoco.mju_mat2Quat(out[3:], (turn @ self._data.site_xmat[flange].reshape(3, 3)).ravel())
+        return out
+
+    @property
     def dof(self) -> int:
         return self.limits.dof
 
@@ -90,6 +107,20 @@ class RobotModel:
             out[:3] = turn @ (self._tcp_position - self._base_position)
             mujoco.mju_mat2Quat(out[3:], (turn @ self._tcp_rotation.reshape(3, 3)).ravel())
 
+    def velocity_into(self, velocity: Array, out: Array) -> None:
+        """The TCP's velocity, m/s and rad/s in the base frame, into `out`; see `present_jacobian`."""
+        np.dot(self.present_jacobian(), velocity, out=out)
+
+    def present_jacobian(self) -> Array:
+        """`jacobian` for the joints that were given to `forward_into` last; overwritten by the next call."""
+        mujoco.mj_comPos(self.mj, self._data)
+        linear, angular = self._jacobian[:3], self._jacobian[3:]
+        mujoco.mj_jacSite(self.mj, self._data, linear, angular, self._tcp)
+        if not self._base_at_origin:
+            linear[:] = self._base_rotation.T @ linear
+            angular[:] = self._base_rotation.T @ angular
+        return self._jacobian
+
     def jacobian(self, joints: Array) -> Array:
         """Shape (6, dof): rows vx vy vz (m/s) wx wy wz (rad/s) of the TCP, per rad/s, in the base frame."""
         return self.forward_and_jacobian(joints)[2].copy()
@@ -100,13 +131,7 @@ class RobotModel:
         The Jacobian is overwritten by the next call.
         """
         position, rotation = self._solve(joints)
-        mujoco.mj_comPos(self.mj, self._data)
-        linear, angular = self._jacobian[:3], self._jacobian[3:]
-        mujoco.mj_jacSite(self.mj, self._data, linear, angular, self._tcp)
-        if not np.array_equal(self._base_rotation, np.eye(3)):
-            linear[:] = self._base_rotation.T @ linear
-            angular[:] = self._base_rotation.T @ angular
-        return position, rotation, self._jacobian
+        return position, rotation, self.present_jacobian()
 
     def mass_matrix(self, joints: Array) -> Array:
         """Joint-space inertia, shape (dof, dof), kg·m², the drives' inertia (armature) included."""

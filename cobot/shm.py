@@ -11,6 +11,9 @@ A file in /dev/shm, made by the supervisor, mapped by rtloop and by the service:
     head        the service writes: the newest command's number
     commands    the service writes: a ring
     slots       the service writes: two trajectories
+    info        rtloop writes, at its start: what robot this is
+    session_ack rtloop writes: its answer to a session
+    session, setpoint, chunk, stream_requests   the streaming client writes
 
 Every block has one writer (`cobot.seqlock`), and byte-range locks on the file make sure of it: they
 vanish with their process, however it ends, and name its pid to whom they refuse.
@@ -41,10 +44,16 @@ from cobot.layout import (
     MAGIC,
     REQUESTS,
     RING,
+    SESSION_ACK,
     SLOT,
     SLOTS,
     STATISTICS,
+    STREAM_REQUESTS,
     TEXT,
+    chunk_dtype,
+    info_dtype,
+    session_dtype,
+    setpoint_dtype,
     state_dtype,
 )
 from cobot.seqlock import Block
@@ -61,6 +70,7 @@ class Role(IntEnum):
     RTLOOP = 1
     SERVICE = 2
     READER = 3  # locks nothing, writes nothing
+    STREAM = 4  # who streams targets; taken by `take`, on top of the role that has mapped the memory
 
 
 _PAGE = 4096
@@ -113,6 +123,8 @@ class RobotMemory:
         self.dof = int(header["dof"])
         self.period_s = float(header["period_s"])
         self.created_ns = int(header["created_ns"])
+        self.robot = text(header["robot"])
+        self.url = text(header["url"])
         capacity = int(header["capacity"])
         self._map = mmap.mmap(descriptor, _file_size(self.dof, capacity))
         self._offset = _PAGE
@@ -126,10 +138,20 @@ class RobotMemory:
         self.commands = [self._block(COMMAND, "command") for _ in range(RING)]
         self._next_page()
         self.slots = [self._slot(capacity) for _ in range(SLOTS)]
+        self.info = self._block(info_dtype(self.dof), "robot information")
+        self.session_ack = self._block(SESSION_ACK, "session acknowledgement")
+        self._next_page()
+        self.session = self._block(session_dtype(self.dof), "session")
+        self.stream_requests = self._block(STREAM_REQUESTS, "requests of the stream")
+        self.setpoint = self._block(setpoint_dtype(self.dof), "setpoint")
+        self.chunk = self._block(chunk_dtype(self.dof), "chunk")
 
     @classmethod
-    def create(cls, robot: str, dof: int, period_s: float, capacity: int) -> RobotMemory:
+    def create(cls, robot: str, dof: int, period_s: float, capacity: int, url: str = "") -> RobotMemory:
         """Make the file of a robot, replacing what a killed run has left.
+
+        Args:
+            url: where the robot's service listens, for local clients; "" if it does not.
 
         Raises:
             ConflictError: another supervisor, or a process of its that still lives, uses it; with its pid.
@@ -142,7 +164,7 @@ class RobotMemory:
             raise SharedMemoryError(f"{path}: {exc.strerror}") from exc
         try:
             _lock(descriptor, Role.SUPERVISOR, robot)
-            for role in (Role.RTLOOP, Role.SERVICE):
+            for role in (Role.RTLOOP, Role.SERVICE, Role.STREAM):
                 _refuse_if_locked(descriptor, role, robot)
             size = _file_size(dof, capacity)
             os.ftruncate(descriptor, 0)
@@ -153,6 +175,7 @@ class RobotMemory:
             header["magic"], header["layout"], header["dof"] = MAGIC, LAYOUT_VERSION, dof
             header["capacity"], header["ring"], header["period_s"] = capacity, RING, period_s
             header["created_ns"], header["robot"] = time.time_ns(), robot.encode()
+            header["url"] = url.encode()
             os.pwrite(descriptor, header.tobytes(), 0)
             return cls(path, descriptor, Role.SUPERVISOR)
         except OSError as exc:
@@ -189,6 +212,17 @@ class RobotMemory:
         except (LayoutError, ConflictError):
             os.close(descriptor)
             raise
+
+    def take(self, role: Role) -> None:
+        """Be the one writer of a further role's blocks; `release` or the process's end gives it back.
+
+        Raises:
+            ConflictError: another process has it, with its pid.
+        """
+        _lock(self._descriptor, role, self.robot)
+
+    def release(self, role: Role) -> None:
+        fcntl.fcntl(self._descriptor, fcntl.F_SETLK, _flock(fcntl.F_UNLCK, role))
 
     def close(self) -> None:
         """Let go of the lock. The mapping itself goes with the last array that looks into it."""
@@ -234,8 +268,9 @@ def _path(robot: str) -> Path:
 
 def _file_size(dof: int, capacity: int) -> int:
     slot = 64 + Block.size(SLOT) + 8 * (capacity + 1) + 8 * capacity * dof * ORDER
+    dtypes = (state_dtype, info_dtype, session_dtype, setpoint_dtype, chunk_dtype)
     blocks = (
-        Block.size(state_dtype(dof))
+        sum(Block.size(dtype(dof)) for dtype in dtypes)
         + Block.size(STATISTICS)
         + RING * (Block.size(ACK) + Block.size(COMMAND) + 128)
     )

@@ -112,8 +112,9 @@ class Supervisor:
         robot = load_robot(settings)
         log_file = self._open_log()
         listener = self._listen() if settings.web.enabled else None
+        url = _url(listener) if listener is not None else ""
         memory = RobotMemory.create(
-            settings.robot.name, robot.limits.dof, settings.rt.period_s, settings.rt.trajectory_capacity
+            settings.robot.name, robot.limits.dof, settings.rt.period_s, settings.rt.trajectory_capacity, url
         )
         children: list[Child] = []
         try:
@@ -125,7 +126,7 @@ class Supervisor:
             if listener is not None:
                 children.append(self._service(listener))
                 children[-1].start()
-            self._announce(listener, memory, log_file)
+            self._announce(memory, log_file)
             while not self._stopping.is_set():
                 for child in children:
                     self._revive(child)
@@ -229,20 +230,22 @@ class Supervisor:
         elif now_s >= child.restart_at_s:
             child.start()
 
-    def _announce(self, listener: socket.socket | None, memory: RobotMemory, log_file: Path) -> None:
+    def _announce(self, memory: RobotMemory, log_file: Path) -> None:
         settings = self._settings
         log.info("cobot %s (pid %d)", version("cobot"), os.getpid())
-        if listener is not None:
-            host, port = listener.getsockname()[:2]
-            shown = "localhost" if host in ("127.0.0.1", "0.0.0.0", "::", "::1") else host
-            log.info("  address    http://%s:%d/docs", shown, port)
-        else:
-            log.info("  address    none: web.enabled is false")
+        log.info("  address    %s", f"{memory.url}/docs" if memory.url else "none: web.enabled is false")
         log.info("  robot      %s, %d joints", settings.robot.name, memory.dof)
         log.info("  backend    %s, clock %s", settings.rt.backend, settings.rt.clock)
         log.info("  real time  %s", _permissions(memory))
         log.info("  logs       %s", log_file)
         log.info("  Ctrl-C stops: the arm first, then the service")
+
+
+def _url(listener: socket.socket) -> str:
+    """Where clients on this computer find the service."""
+    host, port = listener.getsockname()[:2]
+    local = host in ("127.0.0.1", "0.0.0.0", "::", "::1")
+    return f"http://{'localhost' if local else f'[{host}]' if ':' in host else host}:{port}"
 
 
 def _permissions(memory: RobotMemory) -> str:

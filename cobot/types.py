@@ -35,8 +35,9 @@ def vector(values: object, size: int | None = None, *, name: str = "vector") -> 
 class Mode(IntEnum):
     """What rtloop does in its cycle. Values are part of the shared-memory layout.
 
-    HOLD keeps the last commanded position; only here may a motion start.
-    TRAJECTORY follows a planned motion; STOPPING brings it to rest on its path.
+    HOLD keeps the last commanded position; only here may a motion or a streaming session begin.
+    TRAJECTORY follows a planned motion; STOPPING brings the arm to rest, on its path if it is on one.
+    JOINT_IMPEDANCE, CARTESIAN and JOINT_TORQUE follow what a client streams.
     ESTOP is latched by command or by a broken invariant, FAULT by the backend or the tracking;
     both come to rest, hold, and permit nothing until RESET.
     """
@@ -46,6 +47,9 @@ class Mode(IntEnum):
     STOPPING = 2
     ESTOP = 3
     FAULT = 4
+    JOINT_IMPEDANCE = 5
+    CARTESIAN = 6
+    JOINT_TORQUE = 7
 
 
 class PlannerName(StrEnum):

@@ -10,16 +10,18 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cobot.config import RtSection
+from cobot.config import Settings
 from cobot.layout import Ack, Command, Intervention, MotionResult
+from cobot.model import RobotModel
 from cobot.shm import RobotMemory, text
-from cobot.types import Array, JointLimits, Mode
-from rtloop.backends import Backend, BackendError
+from cobot.types import Array, Mode
+from rtloop.backends import Backend, BackendError, Measured
 from rtloop.mailbox import Mailbox
-from rtloop.modes import TRANSITIONS
+from rtloop.modes import STREAMING, TRANSITIONS
 from rtloop.path import Path, RefusedError, load
 from rtloop.path_clock import PathClock
 from rtloop.safety import Safety
+from rtloop.streaming import Streaming
 
 START_TOLERANCE_RAD = 1e-3
 """How far a motion may start from the commanded position: planning rounds, the safety layer smooths."""
@@ -37,13 +39,14 @@ class Controller:
         deceleration_ns: when the last stop began to slow the arm down, set from the cycle's `now_ns`.
     """
 
-    def __init__(self, rt: RtSection, limits: JointLimits, memory: RobotMemory, backend: Backend) -> None:
-        self._rt = rt
-        self._limits = limits
+    def __init__(self, settings: Settings, model: RobotModel, memory: RobotMemory, backend: Backend) -> None:
+        self._rt = rt = settings.rt
+        self._limits = limits = model.limits
         self._slots = memory.slots
         self._backend = backend
         self.mailbox = Mailbox(memory)
         self.safety = Safety(limits, rt.period_s)
+        self.streaming = Streaming(settings.streaming, model, memory, backend, self.safety, rt.period_s)
         self.path = Path(rt.trajectory_capacity, limits.dof)
         self.clock = PathClock(limits, rt.period_s)
         self.mode = Mode.HOLD
@@ -55,9 +58,10 @@ class Controller:
         self.deceleration_ns = 0
         self._desired = np.zeros((3, limits.dof))  # rad, rad/s, rad/s²
         self._error = np.zeros(limits.dof)  # measured against commanded, rad
-        self._tracking_square = rt.tracking_error_rad**2
+        self._yield_rad = settings.streaming.yield_rad
         self._following = False  # the desired position comes from the path
         self._braking = False  # the desired position comes from the safety layer, which stops
+        self._waiting = False  # in a streaming session, for the next target
         self._left_path = False
         self._slowing_unseen = False
         self._still_cycles = 0
@@ -80,58 +84,68 @@ class Controller:
         self.motion_id = int(state["motion_id"])
         self.motion_result = MotionResult(int(state["motion_result"]))
         self.safety.interventions[:] = state["interventions"]
-        if Mode(int(state["mode"])) in (Mode.ESTOP, Mode.FAULT):
-            self.mode = Mode(int(state["mode"]))
+        self.safety.intervened_ns[:] = state["intervened_ns"]
+        mode = Mode(int(state["mode"]))
+        if mode in (Mode.ESTOP, Mode.FAULT):
+            self.mode = mode
             self.reason = text(state["reason"])
-        elif self.motion_result is MotionResult.RUNNING:
-            self.motion_result = MotionResult.FAILED
+        elif self.motion_result is MotionResult.RUNNING or mode in STREAMING:
             self.reason = "rtloop was restarted"
+        if self.motion_result is MotionResult.RUNNING:
+            self.motion_result = MotionResult.FAILED
 
     @property
     def moving(self) -> bool:
-        """Whether a motion is loading or under way, its settling included."""
+        """Whether a motion is loading or under way, its settling included, or a stream comes to its end."""
         return (
             self.mode in (Mode.TRAJECTORY, Mode.STOPPING)
             or self._following
             or self._braking
             or self._loader is not None
+            or (self.streaming.session != 0 and self.mode not in STREAMING)
         )
 
-    def update(self, position: Array, velocity: Array, now_ns: int, *, measured: bool) -> None:
+    def update(self, measured: Measured, now_ns: int, *, fresh: bool) -> None:
         """One cycle; the command is then in `safety`.
 
         Args:
-            position, velocity: as measured last, shape (dof,), rad, rad/s.
+            measured: as read last.
             now_ns: CLOCK_MONOTONIC.
-            measured: whether in this cycle.
+            fresh: whether it was read in this cycle.
         """
+        self.safety.now_ns = now_ns
         self._take_requests(now_ns)
-        self._take_command(position)
+        self._take_session()
+        self._take_command(measured.position)
         if self._following:
             self._follow()
+        elif self.mode in STREAMING:
+            self._stream(measured)
         if self._slowing_unseen and (self.clock.slowing or not self._following):
             self._slowing_unseen = False
             self.deceleration_ns = now_ns
         if self._braking:
             self._braking = not self.safety.brake()
             np.copyto(self._desired[0], self.safety.position)
-        elif not self.safety.apply(self._desired):
+        elif not self.safety.apply(self._desired, streamed=self.mode in STREAMING):
             self.estop("the commanded position is not finite")
             self._brake()
-        self._check_tracking(position)
-        self._settle(velocity, measured=measured)
+        if self.mode in STREAMING:
+            self.streaming.follow()
+        self._check_tracking(measured.position)
+        self._settle(measured, fresh=fresh)
 
     def stop(self, reason: str) -> None:
         """Come to rest: on the path, if the arm is on it and it leaves room to slow down."""
         if self._loader is not None:
             self._finish_loading(Ack.REJECTED, reason)
-        if self.mode is Mode.TRAJECTORY:
+        if self.mode is Mode.TRAJECTORY or self.mode in STREAMING:
             self._enter(Mode.STOPPING, reason)
             self._slow_down()
 
     def overrun(self, cycles: int) -> None:
         """So many cycles in a row have begun late: nobody can count on the next ones."""
-        if self.mode is Mode.TRAJECTORY:
+        if self.mode is Mode.TRAJECTORY or self.mode in STREAMING:
             self.safety.count(Intervention.OVERRUN)
             self.stop(f"{cycles} cycles in a row began late: the computer is too slow or too busy")
 
@@ -150,7 +164,7 @@ class Controller:
             self._finish_loading(Ack.REJECTED, reason)
         if self.motion_result is MotionResult.RUNNING:
             self.motion_result = MotionResult.FAILED
-        if self._following or self.safety.pursuing:
+        if self._following or self.safety.pursuing or self.streaming.session:
             self._slow_down()
 
     def _enter(self, mode: Mode, reason: str = "") -> bool:
@@ -162,7 +176,7 @@ class Controller:
 
     def _slow_down(self) -> None:
         self._slowing_unseen = True
-        if self.safety.pursuing:
+        if self.safety.pursuing or self.streaming.session:
             self._brake()
         else:
             self.clock.request(0.0)
@@ -175,12 +189,38 @@ class Controller:
         stop, estop = self.mailbox.poll_requests()
         if estop:
             self.estop("e-stop requested")
+        if self.streaming.box.estop_requested():
+            self.estop("e-stop requested by the streaming client")
         if stop:
             self.stop("stop requested")
         silence_s = self.mailbox.service_silence_s(now_ns)
         if self.mode is Mode.TRAJECTORY and silence_s > self._rt.service_timeout_s:
             self.safety.count(Intervention.SERVICE_TIMEOUT)
             self.stop(f"the service has been silent for {silence_s:.1f} s")
+
+    def _take_session(self) -> None:
+        streaming = self.streaming
+        if streaming.session or not streaming.box.asks():
+            return
+        mode = Mode.TRAJECTORY if self.moving else self.mode
+        if not streaming.open(self.safety.command, mode, self.mailbox.stops):
+            self._enter(streaming.mode)
+            self._still_cycles = self._unsettled_cycles = 0
+
+    def _stream(self, measured: Measured) -> None:
+        """What the client wants in this cycle."""
+        streaming = self.streaming
+        streaming.advance(measured)
+        if streaming.not_finite:
+            self.estop(streaming.not_finite)
+        elif streaming.problem:
+            self.stop(streaming.problem)
+        elif not streaming.holding:
+            self._braking = False
+            np.copyto(self._desired, streaming.reference)
+        elif not self._waiting:
+            self._brake()
+        self._waiting = streaming.holding
 
     def _take_command(self, position: Array) -> None:
         if self._loader is not None:
@@ -257,7 +297,7 @@ class Controller:
         """Leave ESTOP or FAULT. The drives may take their time: nothing moves."""
         if self.mode not in (Mode.ESTOP, Mode.FAULT):
             return ""
-        if self._following or self._braking:
+        if self._following or self._braking or self.streaming.session:
             return "the arm is not at rest yet"
         try:
             self._backend.enable()
@@ -281,29 +321,33 @@ class Controller:
     def _check_tracking(self, position: Array) -> None:
         error = self._error
         np.subtract(position, self.safety.position, out=error)
-        if error.dot(error) <= self._tracking_square or self.mode is Mode.FAULT:
+        allowed = self._yield_rad if self.streaming.session else self._rt.tracking_error_rad
+        if error.dot(error) <= allowed * allowed or self.mode is Mode.FAULT:
             return
         joint = int(np.abs(error).argmax())
-        if abs(error[joint]) > self._rt.tracking_error_rad:
+        if abs(error[joint]) > allowed:
             self.safety.count(Intervention.TRACKING)
             self.fault(
                 f"{self._limits.names[joint]} is {abs(error[joint]):.3f} rad from where it is commanded "
                 f"({position[joint]:.3f} instead of {self.safety.position[joint]:.3f} rad), "
-                f"allowed are {self._rt.tracking_error_rad} rad"
+                f"allowed are {allowed} rad"
             )
 
-    def _settle(self, velocity: Array, *, measured: bool) -> None:
-        """Count how long the arm has been still, and end a motion that has ended."""
+    def _settle(self, measured: Measured, *, fresh: bool) -> None:
+        """Count how long the arm has been still, and end a motion or a stream that has ended."""
         rt = self._rt
         still = (
-            measured
+            fresh
             and not self._following
             and not self.safety.pursuing
-            and np.abs(self._error).max() <= rt.settle_position_rad
-            and np.abs(velocity).max() <= rt.settle_velocity_rad_s
+            and (self.streaming.session or np.abs(self._error).max() <= rt.settle_position_rad)
+            and np.abs(measured.velocity).max() <= rt.settle_velocity_rad_s
         )
         self._still_cycles = self._still_cycles + 1 if still else 0
         self.settled = self._still_cycles * rt.period_s >= rt.settle_time_s
+        if self.streaming.session:
+            self._end_stream(measured.position)
+            return
         if self._following or self.mode not in (Mode.TRAJECTORY, Mode.STOPPING):
             return
         self._unsettled_cycles += 1
@@ -312,9 +356,23 @@ class Controller:
             self._enter(Mode.HOLD, self.reason)
         elif self._unsettled_cycles * rt.period_s >= SETTLE_LIMIT_S:
             self.motion_result = MotionResult.FAILED
-            self._enter(Mode.HOLD, self._why_unsettled(velocity))
+            self._enter(Mode.HOLD, self._why_unsettled(measured.velocity))
             if self.safety.pursuing:
                 self._brake()
+
+    def _end_stream(self, position: Array) -> None:
+        """Go over to position control where the arm is, once a session has ended and the arm rests.
+
+        One that is pushed around and does not come to rest is held all the same.
+        """
+        if self.mode in STREAMING or self._braking:
+            return
+        self._unsettled_cycles += 1
+        if self.settled or self._unsettled_cycles * self._rt.period_s >= SETTLE_LIMIT_S:
+            self.streaming.close()
+            self.start_at(position)
+            if self.mode is Mode.STOPPING:
+                self._enter(Mode.HOLD, self.reason)
 
     def _result(self) -> MotionResult:
         if self._left_path:

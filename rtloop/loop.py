@@ -11,8 +11,8 @@ from cobot.config import Settings
 from cobot.layout import Phase
 from cobot.model import RobotModel
 from cobot.shm import RobotMemory
-from cobot.types import Array, JointLimits
-from rtloop.backends import Backend, BackendError
+from cobot.types import Array
+from rtloop.backends import Backend, BackendError, Measured
 from rtloop.clock import Clock
 from rtloop.controller import Controller
 from rtloop.publisher import StatePublisher, Statistics
@@ -27,7 +27,6 @@ class ControlLoop:
     def __init__(
         self, settings: Settings, model: RobotModel, memory: RobotMemory, backend: Backend, clock: Clock
     ) -> None:
-        limits: JointLimits = model.limits
         self._period_s = settings.rt.period_s
         self._period_ns = round(settings.rt.period_s * 1e9)
         self._overruns_to_stop = settings.rt.overruns_to_stop
@@ -35,11 +34,11 @@ class ControlLoop:
         self._backend = backend
         self._clock = clock
         self._last = _last_state(memory)
-        self.controller = Controller(settings.rt, limits, memory, backend)
+        self.controller = Controller(settings, model, memory, backend)
         self._state = StatePublisher(memory, model, self.controller, clock)
         self._statistics = Statistics(memory)
-        self._measured = np.zeros((3, limits.dof))  # rad, rad/s, N·m
-        self._fresh = np.zeros((3, limits.dof))
+        self._measured = Measured(model.dof)
+        self._fresh = Measured(model.dof)
         self._measured_ns = 0
         self._cycle = 0
 
@@ -56,7 +55,7 @@ class ControlLoop:
         self._backend.open(start_position if last is None else last["position"])
         self._backend.read(self._measured)
         self._backend.enable()
-        self.controller.start_at(self._measured[0])
+        self.controller.start_at(self._measured.position)
 
     def step(self, late_ns: int = 0) -> None:
         """One cycle. Real-time safe; no exception leaves it but a broken program's.
@@ -68,12 +67,12 @@ class ControlLoop:
         self._late_in_a_row = self._late_in_a_row + 1 if late_ns > self._period_ns else 0
         if self._late_in_a_row >= self._overruns_to_stop:
             self.controller.overrun(self._late_in_a_row)
-        measured = self._read()
+        fresh = self._read()
         read_ns = time.monotonic_ns()
-        if measured:
+        if fresh:
             self._measured_ns = read_ns
         controller = self.controller
-        controller.update(self._measured[0], self._measured[1], read_ns, measured=measured)
+        controller.update(self._measured, read_ns, fresh=fresh)
         updated_ns = time.monotonic_ns()
         try:
             self._backend.write(controller.safety.command)
@@ -116,7 +115,7 @@ class ControlLoop:
         except BackendError as exc:
             self.controller.fault(f"reading from the robot failed: {exc}")
             return False
-        values = self._fresh.ravel()
+        values = self._fresh.values
         if not isfinite(values.dot(values)):
             self.controller.fault("the robot reports a value that is not finite")
             return False

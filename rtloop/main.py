@@ -13,12 +13,14 @@ import numpy as np
 
 from cobot.config import RtSection, load_settings
 from cobot.errors import CobotError
-from cobot.robot import load_robot
+from cobot.robot import Robot, load_robot
 from cobot.shm import RobotMemory, Role, encoded
-from rtloop.backends import BackendError, make_backend
+from rtloop.backends import Backend, BackendError, ImpedanceControlled, make_backend
 from rtloop.clock import FastClock, RealtimeClock
 from rtloop.loop import ControlLoop
 from rtloop.realtime import Permissions, freeze_garbage, prepare
+
+INFO_LIMITS = ("min_position", "max_position", "max_velocity", "max_acceleration", "max_jerk", "max_effort")
 
 
 def main() -> int:
@@ -60,6 +62,7 @@ def _run(config: Path | None, clock_name: str | None) -> None:
     loop.open(np.array(robot.positions[settings.robot.start_position].joints))
     try:
         _introduce(memory, rt, clock_name, _permissions(rt, clock_name))
+        _describe(memory, robot, backend)
         freeze_garbage()
         loop.run(ending)
     finally:
@@ -86,3 +89,17 @@ def _introduce(memory: RobotMemory, rt: RtSection, clock_name: str, permissions:
     data["clock"] = encoded(clock_name, 16)
     data["permissions"] = encoded(permissions.refused, 400)
     memory.statistics.publish()
+
+
+def _describe(memory: RobotMemory, robot: Robot, backend: Backend) -> None:
+    """Publish what robot this is."""
+    data, limits = memory.info.data, robot.limits
+    data["model"] = encoded(robot.model.name, 64)
+    data["joint_names"] = [encoded(name, 64) for name in limits.names]
+    for name in INFO_LIMITS:
+        data[name] = getattr(limits, name)
+    if isinstance(backend, ImpedanceControlled):
+        data["stiffness"] = backend.nominal_stiffness
+        data["cartesian_stiffness"] = backend.nominal_cartesian_stiffness
+    data["flange"] = robot.model.flange_in_tcp()
+    memory.info.publish()

@@ -10,10 +10,13 @@ from cobot.layout import HISTOGRAM_BUCKETS, STATE_STRUCT, Phase
 from cobot.model import RobotModel
 from cobot.shm import RobotMemory, encoded
 from cobot.types import Array
+from rtloop.backends import JOINT_ROWS, Measured
 from rtloop.clock import Clock
 from rtloop.controller import Controller
 
 STATISTICS_CYCLES = 500
+EFFORT_RATE_S = 0.01
+"""Time constant of the effort's derivative."""
 
 
 class StatePublisher:
@@ -25,32 +28,40 @@ class StatePublisher:
         self._block = memory.state
         self._data = data
         self._bytes = memory.state.buffer
-        # position, velocity and effort stand together, and so do the three commanded rows
-        self._measured = np.ndarray((3, dof), np.float64, self._bytes, _offset(data, "position"))
+        # What is measured stands together, and so do the three commanded rows.
+        values = JOINT_ROWS * dof + 12
+        self._measured = np.ndarray(values, np.float64, self._bytes, _offset(data, "position"))
         self._commanded = np.ndarray((3, dof), np.float64, self._bytes, _offset(data, "commanded_position"))
         self._tcp = data["tcp"]
-        self._interventions = data["interventions"]
+        self._tcp_velocity = data["tcp_velocity"]
+        self._effort_rate = data["effort_rate"]
+        self._effort_change = np.zeros(dof)
+        self._effort = np.zeros(dof)
+        self._smoothing = memory.period_s / EFFORT_RATE_S
+        self._per_period = 1.0 / memory.period_s
         self._model = model
         self._controller = controller
         self._clock = clock
         self._reason: str | None = None
         self._counted = -1
 
-    def publish(self, cycle: int, robot_time_s: float, measured: Array, measured_ns: int) -> None:
+    def publish(self, cycle: int, robot_time_s: float, measured: Measured, measured_ns: int) -> None:
         """Publish what was measured in this cycle, and what the controller made of it.
 
         Args:
-            measured: shape (3, dof): rad, rad/s, N·m; good ones.
             measured_ns: CLOCK_MONOTONIC when it was read.
         """
         controller = self._controller
-        mailbox, path_clock = controller.mailbox, controller.clock
-        np.copyto(self._measured, measured)
+        mailbox, path_clock, streaming = controller.mailbox, controller.clock, controller.streaming
+        np.copyto(self._measured, measured.values)
         np.copyto(self._commanded, controller.safety.command)
         if controller.safety.counted != self._counted:
             self._counted = controller.safety.counted
-            np.copyto(self._interventions, controller.safety.interventions)
-        self._model.forward_into(measured[0], self._tcp)
+            self._data["interventions"] = controller.safety.interventions
+            self._data["intervened_ns"] = controller.safety.intervened_ns
+        self._model.forward_into(measured.position, self._tcp)
+        self._model.velocity_into(measured.velocity, self._tcp_velocity)
+        self._smooth_effort_rate(measured.effort)
         if controller.reason is not self._reason:
             self._reason = controller.reason
             self._data["reason"] = encoded(controller.reason)
@@ -71,12 +82,26 @@ class StatePublisher:
             mailbox.stops,
             mailbox.estops,
             mailbox.command_seen,
+            streaming.session,
+            streaming.setpoint_seen,
+            streaming.move_seen,
+            streaming.move_running,
+            streaming.chunk_seen,
             self._clock.overruns,
-            mailbox.torn_reads,
+            mailbox.torn_reads + streaming.box.torn_reads,
             time.monotonic_ns(),
             measured_ns,
         )
         self._block.publish()
+
+    def _smooth_effort_rate(self, effort: Array) -> None:
+        change = self._effort_change
+        np.subtract(effort, self._effort, out=change)
+        np.copyto(self._effort, effort)
+        change *= self._per_period
+        change -= self._effort_rate
+        change *= self._smoothing
+        self._effort_rate += change
 
 
 class Statistics:

@@ -3,7 +3,9 @@
 A command within the limits passes bit for bit. What is not finite is refused and latches an e-stop;
 what goes beyond position, velocity, acceleration or jerk is caught: from then on the output is a
 jerk-limited pursuit of the request that stays within all limits, until the request can be reached
-in one step again.
+in one step again. What is streamed may change its mind at any time: there the limits are tighter, the
+pursuit goes along with the request's velocity, and a joint that could no longer stop before its limit
+slows down before it gets there.
 """
 
 from __future__ import annotations
@@ -33,6 +35,10 @@ KINDS = (
 command states."""
 ROWS = len(KINDS)
 PAST = 3
+PURSUED_VELOCITY = 0.99
+"""Of the limit: Ruckig refuses to arrive at the limit itself."""
+PURSUIT_JERK = 0.6
+"""Of the limit, for a pursuit that goes along with the request: the rest is for the request's own."""
 
 
 class Safety:
@@ -45,7 +51,9 @@ class Safety:
         command: the command let through last, shape (3, dof): rad, rad/s, rad/s².
         position, velocity, acceleration: its rows.
         interventions: how often each kind of excess was caught, shape (len(Intervention),).
+        intervened_ns: when the last one of each kind was, in the same order.
         counted: their sum.
+        now_ns: the cycle's time; the caller sets it.
         pursuing: whether the output is not the request but follows it.
     """
 
@@ -53,10 +61,7 @@ class Safety:
         dof = limits.dof
         self._limits = limits
         self._period_s = period_s
-        self._largest_step = limits.max_jerk * period_s  # of the acceleration, from cycle to cycle
-        velocity, acceleration, jerk = limits.max_velocity, limits.max_acceleration, limits.max_jerk
-        rates = (1.0 + TOLERANCE) * np.array([velocity, acceleration, jerk, velocity, acceleration])
-        self._block = np.vstack([np.zeros((PAST + 3, dof)), np.zeros(dof), rates, np.zeros(dof), -rates])
+        self._block = np.zeros((PAST + 3 + 2 * ROWS, dof))
         self._highest, self._lowest = self._block[PAST + 3], self._block[PAST + 3 + ROWS]
         self._past = self._block[:PAST]  # the positions let through before, the newest last
         self.command = self._block[PAST : PAST + 3]
@@ -74,16 +79,44 @@ class Safety:
         self._distances = np.block([[-values, one, none], [values, none, -one]])
         self._distance = np.zeros((2 * ROWS, dof))
         self.interventions = np.zeros(len(Intervention), np.uint64)
+        self.intervened_ns = np.zeros(len(Intervention), np.int64)
         self.counted = 0
+        self.now_ns = 0
         self._generator = ruckig.Ruckig(dof, period_s)
         self._pursuit = ruckig.InputParameter(dof)
         self._pursuit.synchronization = ruckig.Synchronization.No
-        self._pursuit.max_velocity = limits.max_velocity.tolist()
-        self._pursuit.max_acceleration = limits.max_acceleration.tolist()
-        self._pursuit.max_jerk = limits.max_jerk.tolist()
         self._output = ruckig.OutputParameter(dof)
+        self._pursued = np.zeros((3, dof))  # where the pursuit is
+        self._cramped = np.zeros(dof, bool)  # see `_foresee`
         self._caught: set[Intervention] = set()  # in this pursuit
         self.pursuing = False
+        self.use(limits)
+
+    def use(self, limits: JointLimits, share: float = 1.0, catch_up: float = np.inf) -> None:
+        """Catch what exceeds these rates, from now on; the joint positions' limits stay.
+
+        Args:
+            share: of the velocities.
+            catch_up: how much faster than a moving request a pursuit of it may be, rad/s.
+        """
+        self._used = limits
+        self._share = share
+        self._catch_up = catch_up
+        slack = 1.0 + 2.0 * TOLERANCE
+        self._longest_way = self._way(slack * limits.max_velocity, slack * limits.max_acceleration)
+        self._largest_step = limits.max_jerk * self._period_s  # of the acceleration, from cycle to cycle
+        velocity, acceleration = limits.max_velocity * share, limits.max_acceleration
+        rates = (1.0 + TOLERANCE) * np.array(
+            [velocity, acceleration, limits.max_jerk, velocity, acceleration]
+        )
+        first = PAST + 3
+        self._block[first + 1 : first + ROWS] = rates
+        self._block[first + ROWS + 1 :] = -rates
+
+    def slow_down(self, share: float) -> None:
+        """Permit only a share of the velocities; who is faster is slowed down within the other limits."""
+        if share != self._share:
+            self.use(self._used, share, self._catch_up)
 
     def reset(self, position: Array) -> None:
         """Start over at rest at a position, without a jump: the arm has to be there.
@@ -99,23 +132,25 @@ class Safety:
         self.pursuing = False
         self._caught.clear()
 
-    def apply(self, request: Array) -> bool:
+    def apply(self, request: Array, *, streamed: bool = False) -> bool:
         """Let a command through, or the nearest that is safe; the result is in `command`.
 
         Args:
             request: shape (3, dof): rad, rad/s, rad/s².
+            streamed: nobody knows what comes next.
 
         Returns:
             False when the request is not finite: the caller has to latch an e-stop.
         """
         np.copyto(self.command, request)
         np.dot(self._distances, self._block, out=self._distance)
-        inside = self._distance.min() >= 0.0  # false for a NaN too
-        if inside and (not self.pursuing or self._meets()):
+        inside = bool(self._distance.min() >= 0.0)  # false for a NaN too
+        ahead = self._foresee() if streamed and inside else None
+        if inside and ahead is None and (not self.pursuing or self._meets()):
             self.pursuing = False
             self._past[:] = self._block[1 : PAST + 1]
             return True
-        return self._catch(request, inside=bool(inside))
+        return self._catch(request, inside=inside, ahead=ahead, streamed=streamed)
 
     def brake(self) -> bool:
         """Come to rest from wherever the arm is, each joint for itself, as fast as the limits permit.
@@ -125,6 +160,7 @@ class Safety:
         """
         self._pursuit.control_interface = ruckig.ControlInterface.Velocity
         self._pursuit.target_velocity = [0.0] * self._limits.dof
+        self._pursue_within(self._limits, 1.0)
         self._follow_pursuit()
         if np.abs(self.command[1:]).max() > ROUNDING:
             return False
@@ -134,48 +170,137 @@ class Safety:
     def count(self, kind: Intervention) -> None:
         """One more intervention."""
         self.interventions[kind] += 1
+        self.intervened_ns[kind] = self.now_ns
         self.counted += 1
 
-    def _catch(self, request: Array, *, inside: bool) -> bool:
+    def _catch(self, request: Array, *, inside: bool, ahead: Intervention | None, streamed: bool) -> bool:
         if not self.pursuing:
             self._caught.clear()
         finite = inside or bool(np.isfinite(request).all())
+        kind = ahead
         if not inside:
             distance = self._distance.reshape(2, ROWS, -1).min(axis=(0, 2))
             kind = KINDS[(distance < 0.0).argmax()] if finite else Intervention.NOT_FINITE
-            if kind not in self._caught:
-                self._caught.add(kind)
-                self.count(kind)
+        if kind is not None and kind not in self._caught:
+            self._caught.add(kind)
+            self.count(kind)
         if not finite:
             self.brake()
             return False
         target = request[0].clip(self._lowest, self._highest)
+        velocity = np.zeros(self._limits.dof)
+        if streamed:
+            clipped = target != request[0]
+            if ahead is not Intervention.POSITION and not clipped.any() and self._pursue_along(request):
+                return True
+            most = PURSUED_VELOCITY * self._share * self._used.max_velocity
+            np.clip(request[1], -most, most, out=velocity)
+            self._foresee()
+            velocity[clipped | self._cramped] = 0.0
         self._pursuit.control_interface = ruckig.ControlInterface.Position
         self._pursuit.target_position = target.tolist()
-        self._pursuit.target_velocity = [0.0] * self._limits.dof
+        self._pursuit.target_velocity = velocity.tolist()
+        self._pursue_within(self._used, self._share)
         self._follow_pursuit()
         return True
+
+    def _pursue_along(self, request: Array) -> bool:
+        """Pursue a request that moves: bring the difference to it to zero, as it goes along.
+
+        Returns:
+            Whether that keeps the limits; if not, nothing has been let through.
+        """
+        period_s, pursuit, output = self._period_s, self._pursuit, self._output
+        most_velocity, most_acceleration = self._share * self._used.max_velocity, self._used.max_acceleration
+        position, velocity, acceleration = request
+        if (np.abs(velocity) >= most_velocity).any() or (np.abs(acceleration) >= most_acceleration).any():
+            return False
+        before = position - period_s * (velocity - 0.5 * period_s * acceleration)
+        off = self._state() - [before, velocity - period_s * acceleration, acceleration]
+        zero = [0.0] * len(position)
+        pursuit.control_interface = ruckig.ControlInterface.Position
+        pursuit.current_position, pursuit.current_velocity, pursuit.current_acceleration = off.tolist()
+        pursuit.target_position = pursuit.target_velocity = zero
+        pursuit.max_velocity = np.minimum(most_velocity - velocity, self._catch_up).tolist()
+        pursuit.min_velocity = np.maximum(-most_velocity - velocity, -self._catch_up).tolist()
+        pursuit.max_acceleration = (most_acceleration - acceleration).tolist()
+        pursuit.min_acceleration = (-most_acceleration - acceleration).tolist()
+        pursuit.max_jerk = (PURSUIT_JERK * self._used.max_jerk).tolist()
+        try:
+            self._generator.update(pursuit, output)
+        except (ruckig.RuckigError, ValueError):  # no profile from here within such limits
+            return False
+        np.add(request, [output.new_position, output.new_velocity, output.new_acceleration], out=self.command)
+        np.dot(self._distances, self._block, out=self._distance)
+        if not self._distance.min() >= 0.0 or self._foresee() is not None:
+            return False
+        self._let_through_pursuit()
+        return True
+
+    def _pursue_within(self, limits: JointLimits, share: float) -> None:
+        self._pursuit.max_velocity = (limits.max_velocity * share).tolist()
+        self._pursuit.max_acceleration = limits.max_acceleration.tolist()
+        self._pursuit.max_jerk = limits.max_jerk.tolist()
+        self._pursuit.min_velocity = self._pursuit.min_acceleration = None
+
+    def _foresee(self) -> Intervention | None:
+        """What the command would lead to, if not now: a joint that could come to rest only beyond its limit,
+        noted in `_cramped`, or one whose acceleration could not be taken back before its velocity limit.
+        """
+        position, velocity, acceleration = self._differences @ self._block[1 : PAST + 1]
+        self._cramped[:] = False
+        velocity += 0.5 * self._period_s * acceleration
+        peak = np.abs(velocity + acceleration * np.abs(acceleration) / (2.0 * self._used.max_jerk))
+        if (peak > (1.0 + TOLERANCE) * self._share * self._used.max_velocity).any():
+            return Intervention.VELOCITY
+        room = np.minimum(self._highest - position, position - self._lowest)
+        if (room > self._longest_way).all():
+            return None
+        way = self._way(np.abs(velocity), np.abs(acceleration))
+        up = (position + way > self._highest) & ((velocity > 0.0) | (acceleration > 0.0))
+        down = (position - way < self._lowest) & ((velocity < 0.0) | (acceleration < 0.0))
+        np.logical_or(up, down, out=self._cramped)
+        return Intervention.POSITION if self._cramped.any() else None
+
+    def _way(self, speed: Array, acceleration: Array) -> Array:
+        """How far a joint gets until it rests: a bound that is simple and never too short.
+
+        The acceleration is taken back to zero, which may add speed; then the joint brakes. For the largest
+        speed v, the limits a and j, v²/2a + va/2j holds for short and for long ways.
+        """
+        jerk, most = self._used.max_jerk, self._used.max_acceleration
+        peak = speed + 1.5 * self._period_s * acceleration + acceleration * acceleration / (2.0 * jerk)
+        way: Array = peak * (acceleration / jerk + peak / (2.0 * most) + most / (2.0 * jerk))
+        return way
 
     def _meets(self) -> bool:
         """Whether the pursuit has come so close that going over to the request keeps the jerk limits."""
         acceleration = self._differences[2] @ self._block[1 : PAST + 1]
-        before = np.array(self._output.new_acceleration)
-        step = np.maximum(np.abs(acceleration - before), np.abs(acceleration - self.acceleration))
+        step = np.maximum(np.abs(acceleration - self._pursued[2]), np.abs(acceleration - self.acceleration))
         return bool((step <= self._largest_step).all())
+
+    def _state(self) -> Array:
+        """What the arm really does, whatever was stated, shape (3, dof).
+
+        Of the last three positions, which give the velocity half a period ago; a pursuit knows it exactly.
+        """
+        if self.pursuing:
+            return self._pursued
+        state: Array = self._differences @ self._past
+        state[1] += 0.5 * self._period_s * state[2]
+        return state
 
     def _follow_pursuit(self) -> None:
         """One period on, from where the arm is."""
         pursuit, output = self._pursuit, self._output
-        if self.pursuing:
-            output.pass_to_input(pursuit)
-        else:
-            # What the arm really does, whatever was stated: from the last three positions, which give
-            # the velocity half a period ago.
-            position, velocity, acceleration = self._differences @ self._past
-            pursuit.current_position = position.tolist()
-            pursuit.current_velocity = (velocity + 0.5 * self._period_s * acceleration).tolist()
-            pursuit.current_acceleration = acceleration.tolist()
+        pursuit.current_position, pursuit.current_velocity, pursuit.current_acceleration = (
+            self._state().tolist()
+        )
         self._generator.update(pursuit, output)
         self.command[:] = output.new_position, output.new_velocity, output.new_acceleration
+        self._let_through_pursuit()
+
+    def _let_through_pursuit(self) -> None:
+        np.copyto(self._pursued, self.command)
         self.pursuing = True
         self._past[:] = self._block[1 : PAST + 1]

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import time
 
 import numpy as np
 from running import unique_name
 
 from cobot.config import Settings
-from cobot.layout import RING, Ack, Command, MotionResult
+from cobot.layout import RING, Ack, Command, Interpolation, Intervention, MotionResult, Stream
 from cobot.robot import Robot
 from cobot.shm import RobotMemory, text
 from cobot.trajectory import Trajectory
 from cobot.types import Array, Mode
-from rtloop.backends import Backend, BackendError
+from rtloop.backends import Backend, BackendError, Impedance, Measured
 from rtloop.backends.mujoco import MujocoBackend
 from rtloop.clock import FastClock
 from rtloop.loop import ControlLoop
@@ -25,27 +26,33 @@ class Loopback:
     """The backend that is always where it is told to be; its faults are plain attributes."""
 
     def __init__(self, dof: int) -> None:
-        self.measured = np.zeros((3, dof))
+        self.measured = Measured(dof)
         self.offset = np.zeros(dof)
         self.fail_read = self.fail_write = self.fail_enable = ""
+        self.nominal_stiffness = np.full(dof, 5000.0)
+        self.nominal_cartesian_stiffness = np.array([10000.0] * 3 + [1000.0] * 3)
+        self.impedance: Impedance | None = None
 
     def open(self, initial_position: Array) -> None:
-        self.measured[0] = initial_position
+        self.measured.position[:] = initial_position
 
     def enable(self) -> None:
         if self.fail_enable:
             raise BackendError(self.fail_enable)
 
-    def read(self, measured: Array) -> None:
+    def read(self, measured: Measured) -> None:
         if self.fail_read:
             raise BackendError(self.fail_read)
-        measured[:] = self.measured
-        measured[0] += self.offset
+        measured.values[:] = self.measured.values
+        measured.position += self.offset
 
     def write(self, command: Array) -> None:
         if self.fail_write:
             raise BackendError(self.fail_write)
-        self.measured[:2] = command[:2]
+        self.measured.joints[:2] = command[:2]
+
+    def set_impedance(self, impedance: Impedance | None) -> None:
+        self.impedance = impedance
 
     def disable(self) -> None: ...
 
@@ -147,6 +154,47 @@ class Rig:
         self._motion += 1
         self.memory.slots[slot].write(self._motion, trajectory)
         return self.answer(self.send(Command.START, slot=slot, motion_id=self._motion))
+
+    def stream(self, stream: Stream = Stream.JOINT_IMPEDANCE, **wishes: object) -> str:
+        """Open a session as a client would; "" or why not."""
+        session = self.memory.session.data
+        session["number"] += 1
+        session["open"], session["pid"], session["stream"] = 1, os.getpid(), stream
+        session["stops"] = self.loop.controller.mailbox.stops
+        session["interpolation"], session["decimation"] = Interpolation.LINEAR, 10
+        session["stiffness"], session["damping_ratio"] = 500.0, 0.7
+        session["cartesian_stiffness"][:3], session["cartesian_stiffness"][3:] = 3000.0, 200.0
+        session["cartesian_damping_ratio"] = 0.7
+        session["max_contact_torque"], session["max_contact_wrench"] = np.inf, np.inf
+        session["force_axes"], session["force_velocity"] = 0.0, 1.0
+        session["force_frame"] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+        session["posture"] = np.nan
+        for name, value in wishes.items():
+            session[name] = value
+        self.memory.session.publish()
+        self.step()
+        ack = self.memory.session_ack
+        assert ack.try_read()
+        assert ack.data["session"] == session["number"]
+        return "" if ack.data["result"] == Ack.ACCEPTED else text(ack.data["message"])
+
+    def aim(self, **values: object) -> None:
+        """Write a target, or another of the fields of the setpoint."""
+        setpoint = self.memory.setpoint.data
+        setpoint["session"] = self.memory.session.data["number"]
+        if not {"move", "cancel"} & set(values):
+            setpoint["number"] += 1
+        for name, value in values.items():
+            setpoint[name] = value
+        self.memory.setpoint.publish()
+
+    def end_stream(self) -> None:
+        self.memory.session.data["open"] = 0
+        self.memory.session.publish()
+
+    def counted(self) -> dict[str, int]:
+        """The interventions so far, those that were."""
+        return {kind.name: n for kind, n in zip(Intervention, self.interventions, strict=True) if n}
 
     def request(self, what: str = "stops") -> None:
         """A stop, or an e-stop."""

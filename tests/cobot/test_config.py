@@ -47,7 +47,7 @@ web:
     ("text", "sentence"),
     [
         ("web: {prot: 1}", "web: unknown key 'prot' (did you mean 'port'?); valid are: enabled, host, port"),
-        ("wbe: {}", "unknown key 'wbe' (did you mean 'web'?); valid are: robot, rt, planning"),
+        ("wbe: {}", "unknown key 'wbe' (did you mean 'web'?); valid are: robot, rt, streaming"),
         ("web: {port: 70000}", "web.port: input should be less than or equal to 65535, got 70000"),
         ("web: {port: '8007'}", "web.port: input should be a valid integer, got '8007'"),
         ("rt: {clock: slow}", "rt.clock: input should be 'realtime' or 'fast', got 'slow'"),

@@ -1,0 +1,246 @@
+"""Cartesian targets, made joint references: motion along some axes, force along the others."""
+
+from __future__ import annotations
+
+from math import cbrt, sqrt
+
+import numpy as np
+
+from cobot.layout import Interpolation, Intervention
+from cobot.model import RobotModel
+from cobot.quaternion import between, product, rotated
+from cobot.types import Array, CartesianLimits, JointLimits
+from rtloop.backends import Measured
+from rtloop.pose_interpolation import MinJerkMove, PoseInterpolator
+from rtloop.pose_limiter import PoseLimiter
+from rtloop.stream_checks import cartesian_jump
+
+FORCE_RATE_RAD_S = 8.0
+"""How fast an error of the force decays where nothing gives way but the arm's own springs; slower where the
+surroundings give way too. Well below what the estimate of the external wrench can follow."""
+DAMPING = 1e-5
+"""Of the inverse, m²: near a singularity the joints' velocity limits take over."""
+POSTURE_RATE_RAD_S = 1.0
+POSTURE_VELOCITY_RAD_S = 0.2
+POSTURE_FILTER_S = 0.1
+"""The pull towards the posture sets in through two filters, or it would jerk the joints."""
+VELOCITY_SHARE = 0.98
+LEAD_RAD = 0.2
+"""So far the reference may be ahead of the arm: then it waits."""
+UNIT_TOLERANCE = 1e-3
+
+
+class CartesianSource:
+    """Poses of the TCP, interpolated, within the Cartesian limits, and followed by the joints.
+
+    Along an axis with force control the arm moves in proportion to what is missing of the force.
+
+    Attributes:
+        reference, refusal, heading: see `Source`.
+        move_running: whether a `move_to_pose` is under way.
+    """
+
+    def __init__(
+        self,
+        kind: Interpolation,
+        model: RobotModel,
+        limits: JointLimits,
+        within: CartesianLimits,
+        period_s: float,
+        command_s: float,
+        wish: np.ndarray,
+    ) -> None:
+        dof = limits.dof
+        self._model = model
+        self._limits = limits
+        self._within = within
+        self._period_s = period_s
+        self._command_s = command_s
+        self._interpolator = PoseInterpolator(
+            kind,
+            period_s,
+            within.max_linear_velocity,
+            within.max_linear_acceleration,
+            within.max_linear_jerk,
+            within.max_angular_velocity,
+            within.max_angular_acceleration,
+            within.max_angular_jerk,
+        )
+        self._limiter = PoseLimiter(period_s, within)
+        self._move: MinJerkMove | None = None
+        self._goal = np.zeros(7)
+        self._last = np.zeros(7)
+        self._wrench = np.zeros(6)
+        self._axes = wish["force_axes"] > 0.0
+        self._force_control = bool(self._axes.any())
+        self._force_velocity = wish["force_velocity"].copy()
+        stiffness = wish["cartesian_stiffness"]
+        self._force_gain = FORCE_RATE_RAD_S / np.repeat([stiffness[:3].max(), stiffness[3:].max()], 3)
+        self._force_in_tcp = bool(wish["force_in_tcp"])
+        self._force_origin = wish["force_frame"][:3].tolist()
+        self._force_turn = wish["force_frame"][3:].tolist()
+        self._own_posture = not np.isfinite(wish["posture"]).all()
+        self._posture = wish["posture"].copy()
+        self._largest_step = VELOCITY_SHARE * limits.max_velocity * period_s
+        self._error = np.zeros(6)
+        self._here = np.zeros(7)
+        self._damping = DAMPING * np.eye(6)
+        self._before = np.zeros(dof)
+        self._pull = np.zeros((2, dof))
+        self._commanded = np.zeros(dof)
+        self.reference = np.zeros((3, dof))
+        self.heading = np.zeros(dof)
+        self.refusal = ""
+
+    @property
+    def move_running(self) -> bool:
+        return self._move is not None
+
+    def begin(self, command: Array) -> None:
+        np.copyto(self.reference, command)
+        np.copyto(self._commanded, command[0])
+        np.copyto(self._before, command[1])
+        self._pull[:] = 0.0
+        if self._own_posture:
+            np.copyto(self._posture, command[0])
+            self._own_posture = False
+        self._model.forward_into(command[0], self._last)
+        twist = self._model.jacobian(command[0]) @ command[1]
+        self._interpolator.begin(self._last, twist)
+        self._limiter.begin(self._last, twist)
+        self._move = None
+
+    def take(self, setpoint: np.ndarray, interval_s: float) -> Intervention | None:
+        pose, wrench = setpoint["pose"], setpoint["wrench"]
+        twist = setpoint["twist"] if setpoint["feed_forward"] else None
+        self.refusal = _flaw(pose, wrench, setpoint["twist"])
+        if self.refusal:
+            return Intervention.NOT_FINITE
+        np.copyto(self._wrench, wrench)
+        self.refusal = cartesian_jump(pose, self._last, interval_s)
+        if self.refusal:
+            return Intervention.JUMP
+        np.copyto(self._last, pose)
+        self._interpolator.aim(pose, twist, self._command_s)
+        self._head_for(pose)
+        return None
+
+    def start_move(self, pose: Array, duration_s: float) -> Intervention | None:
+        """Go to a pose by a minimum-jerk motion; one that is under way to the same pose goes on."""
+        self.refusal = _flaw(pose, self._wrench, self._wrench)
+        if self.refusal or not np.isfinite(duration_s):
+            return Intervention.NOT_FINITE
+        if self._move is None or not np.array_equal(pose, self._goal):
+            np.copyto(self._goal, pose)
+            duration_s = max(duration_s, self._shortest_move_s(pose))
+            self._move = MinJerkMove(self._limiter.pose, pose, duration_s, self._period_s)
+            self._head_for(pose)
+        return None
+
+    def cancel_move(self) -> None:
+        """Forget the move; where the arm goes next is for the next target to say."""
+        self._move = None
+
+    def advance(self, measured: Measured) -> None:
+        if float(np.abs(self.reference[0] - self._commanded).max()) > LEAD_RAD:
+            self.reference[1:] = 0.0
+            return
+        if self._move is not None:
+            self._follow_move(self._move)
+        else:
+            self._interpolator.advance()
+            self._limiter.step(self._interpolator.pose)
+        self._step_joints(measured)
+
+    def follow(self, command: Array) -> None:
+        np.copyto(self._commanded, command[0])
+
+    def _shortest_move_s(self, pose: Array) -> float:
+        """In which the limits hold: the largest velocity of a minimum-jerk motion of length l in time t is
+        15/8 l/t, its largest acceleration 10/√3 l/t², its jerk 60 l/t³.
+        """
+        here, within = self._limiter.pose, self._within
+        length = float(np.linalg.norm(pose[:3] - here[:3]))
+        angle = float(np.linalg.norm(between(here[3:].tolist(), pose[3:].tolist())))
+        return max(
+            1.875 * length / within.max_linear_velocity,
+            sqrt(5.7735 * length / within.max_linear_acceleration),
+            cbrt(60.0 * length / within.max_linear_jerk),
+            1.875 * angle / within.max_angular_velocity,
+            sqrt(5.7735 * angle / within.max_angular_acceleration),
+            cbrt(60.0 * angle / within.max_angular_jerk),
+        )
+
+    def _follow_move(self, move: MinJerkMove) -> None:
+        move.advance()
+        self._limiter.step(move.pose)
+        if move.done and not self._limiter.limited:
+            self._move = None
+            np.copyto(self._last, self._goal)
+            self._interpolator.begin(self._limiter.pose)
+
+    def _step_joints(self, measured: Measured) -> None:
+        """The joint step that closes the distance to the pose, in the least squares sense, with the posture
+        pulled at in the null space: z + J⁺ (e - J z).
+        """
+        joints, period_s = self.reference[0], self._period_s
+        error, jacobian = self._distance_to(self._limiter.pose)
+        if self._force_control:
+            self._replace_by_force(error, measured.wrench)
+        wanted = POSTURE_RATE_RAD_S * (self._posture - joints)
+        np.clip(wanted, -POSTURE_VELOCITY_RAD_S, POSTURE_VELOCITY_RAD_S, out=wanted)
+        share = period_s / POSTURE_FILTER_S
+        self._pull[0] += share * (wanted - self._pull[0])
+        self._pull[1] += share * (self._pull[0] - self._pull[1])
+        pull = period_s * self._pull[1]
+        step = pull + jacobian.T @ np.linalg.solve(
+            jacobian @ jacobian.T + self._damping, error - jacobian @ pull
+        )
+        excess = float((np.abs(step) / self._largest_step).max())
+        if excess > 1.0:
+            step /= excess
+        target = np.clip(joints + step, self._limits.min_position, self._limits.max_position)
+        np.subtract(target, joints, out=step)
+        step /= period_s
+        np.subtract(step, self._before, out=self.reference[2])
+        self.reference[2] /= period_s
+        np.copyto(self._before, step)
+        np.copyto(self.reference[1], step)
+        np.copyto(joints, target)
+
+    def _distance_to(self, pose: Array) -> tuple[Array, Array]:
+        """From where the reference puts the TCP, in the base frame: m, rad; and the Jacobian there."""
+        here = self._here
+        self._model.forward_into(self.reference[0], here)
+        np.subtract(pose[:3], here[:3], out=self._error[:3])
+        self._error[3:] = between(here[3:].tolist(), pose[3:].tolist())
+        return self._error, self._model.present_jacobian()
+
+    def _replace_by_force(self, error: Array, wrench: Array) -> None:
+        """Along the force axes, a step in proportion to what is missing of the force."""
+        tcp = self._here[3:].tolist()
+        frame = product(tcp, self._force_turn) if self._force_in_tcp else self._force_turn
+        turn = np.array([rotated(frame, axis) for axis in np.eye(3).tolist()]).T
+        to_tcp = np.zeros((6, 6))  # from a twist in the force frame to that of the TCP in the base frame
+        to_tcp[:3, :3] = to_tcp[3:, 3:] = turn
+        if self._force_in_tcp:  # which may turn about another point than the TCP
+            x, y, z = rotated(tcp, self._force_origin)
+            to_tcp[:3, 3:] = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ turn
+        exerted = -(to_tcp.T @ wrench)
+        velocity = np.clip(
+            self._force_gain * (self._wrench - exerted), -self._force_velocity, self._force_velocity
+        )
+        in_frame = np.linalg.solve(to_tcp, error)
+        in_frame[self._axes] = velocity[self._axes] * self._period_s
+        np.dot(to_tcp, in_frame, out=error)
+
+    def _head_for(self, pose: Array) -> None:
+        error, jacobian = self._distance_to(pose)
+        np.dot(jacobian.T, np.linalg.solve(jacobian @ jacobian.T + self._damping, error), out=self.heading)
+
+
+def _flaw(pose: Array, wrench: Array, twist: Array) -> str:
+    if not (np.isfinite(pose).all() and np.isfinite(wrench).all() and np.isfinite(twist).all()):
+        return "a streamed pose, wrench or velocity is not finite"
+    norm = float(np.linalg.norm(pose[3:]))
+    return "" if abs(norm - 1.0) <= UNIT_TOLERANCE else f"the streamed quaternion's norm is {norm:.4f}, not 1"

@@ -1,0 +1,321 @@
+"""A streaming session: who may, what is streamed, and what ends it."""
+
+from __future__ import annotations
+
+import os
+import select
+from dataclasses import replace
+
+import numpy as np
+
+from cobot.config import StreamingSection
+from cobot.layout import Ack, Interpolation, Intervention, Stream
+from cobot.model import RobotModel
+from cobot.shm import RobotMemory
+from cobot.types import Array, CartesianLimits, JointLimits, Mode
+from rtloop.backends import Backend, Impedance, ImpedanceControlled, Measured
+from rtloop.cartesian import CartesianSource
+from rtloop.guard import Guard
+from rtloop.safety import Safety
+from rtloop.sources import JointSource, Source, TorqueSource
+from rtloop.streambox import StreamBox
+
+MODES = {
+    Stream.JOINT_IMPEDANCE: Mode.JOINT_IMPEDANCE,
+    Stream.CARTESIAN: Mode.CARTESIAN,
+    Stream.JOINT_TORQUE: Mode.JOINT_TORQUE,
+}
+AXES = ("x", "y", "z", "rx", "ry", "rz")
+DEFAULT_INTERVAL_S = 0.01
+"""Between targets, before there have been two."""
+ALIVE_CYCLES = 50
+"""So often it is asked whether the client's process still lives."""
+CATCH_UP_RAD_S = 0.05
+"""A pose that was limited to the TCP's velocity has to be followed at that velocity, and little more."""
+TORQUE_FREQUENCY_RAD_S = 12.0
+"""Of the springs that follow a torque-controlled reference: well below what the estimate of external torques
+can follow, or the two would swing against each other."""
+
+
+class Streaming:
+    """Follows one client's targets. Real-time safe, but for `open`, which takes place at rest.
+
+    Attributes:
+        session: number of the session that moves the arm, 0 for none.
+        mode: of rtloop, for this session.
+        holding: whether the arm shall come to rest and wait for the next target.
+        problem: why the session cannot go on; "" while it can.
+        not_finite: what the client has streamed that is no number; "" while it has not.
+    """
+
+    def __init__(
+        self,
+        section: StreamingSection,
+        model: RobotModel,
+        memory: RobotMemory,
+        backend: Backend,
+        safety: Safety,
+        period_s: float,
+    ) -> None:
+        self.box = StreamBox(memory)
+        self._model = model
+        self._limits = model.limits
+        self._backend = backend
+        self._safety = safety
+        self._period_s = period_s
+        self._timeout_cycles = round(section.command_timeout_s / period_s)
+        self._stream_limits = _stream_limits(section, model.limits)
+        self._tcp_limits = CartesianLimits(
+            section.linear_velocity,
+            section.linear_acceleration,
+            section.linear_jerk,
+            section.angular_velocity,
+            section.angular_acceleration,
+            section.angular_jerk,
+        )
+        self._guard = Guard(model, section, self._stream_limits)
+        self._largest_contact = np.zeros(model.dof + 6)
+        self._life: select.poll | None = None
+        self._life_fd = -1
+        self._source: Source | None = None
+        self.session = 0
+        self.mode = Mode.HOLD
+        self.holding = self._blocked = self._slowed = self._live = False
+        self.problem = self.not_finite = ""
+        self._decimation = 1
+        self._cycle = self._silent_cycles = 0
+        self._cancel_seen = 0
+        self.setpoint_seen = 0
+        self.move_seen = 0
+        self.chunk_seen = 0
+
+    @property
+    def reference(self) -> Array:
+        assert self._source is not None
+        return self._source.reference
+
+    @property
+    def move_running(self) -> bool:
+        """Whether a `move_to_pose` is under way."""
+        return isinstance(self._source, CartesianSource) and self._source.move_running
+
+    def open(self, command: Array, mode: Mode, stops: int) -> str:
+        """Answer the client that asks: begin the session in which it streams.
+
+        Args:
+            command: where the arm is commanded to be, at rest, shape (3, dof).
+            mode: of rtloop; only HOLD permits a session.
+            stops: that were requested so far.
+
+        Returns:
+            "" or why not.
+        """
+        wish = self.box.session.data
+        refusal = self._refusal(wish, mode, stops) or self._watch(int(wish["pid"]))
+        if not refusal:
+            self._begin(wish, command)
+        self.box.answer(Ack.REJECTED if refusal else Ack.ACCEPTED, refusal)
+        return refusal
+
+    def close(self) -> None:
+        """The arm is at rest and position-controlled again."""
+        self.session = 0
+        self._source = None
+        self._life = None
+        os.close(self._life_fd)
+        self._safety.use(self._limits)
+        if isinstance(self._backend, ImpedanceControlled):
+            self._backend.set_impedance(None)
+
+    def advance(self, measured: Measured) -> None:
+        """One period on; then `problem`, `holding` and `reference` say what to do."""
+        source = self._source
+        assert source is not None
+        self._cycle += 1
+        self._silent_cycles += 1
+        self.box.session.changed()
+        if not self.box.wanted:
+            self.problem = "the client has ended the session"
+        elif self._cycle % ALIVE_CYCLES == 0 and self._life is not None and self._life.poll(0):
+            self.problem = "the streaming client has died"
+        if self._cycle % self._decimation == 0 and self.box.setpoint.changed():
+            self._take(self.box.setpoint.data)
+        if self._live and self._silent_cycles > self._timeout_cycles:
+            self._live = False
+            self._hold(Intervention.COMMAND_TIMEOUT)
+        if not self.holding:
+            source.advance(measured)
+        self._watch_contact(measured)
+        self._watch_surroundings()
+
+    def follow(self) -> None:
+        """To be called when the safety layer has let this cycle's command through."""
+        assert self._source is not None
+        self._source.follow(self._safety.command)
+
+    def _refusal(self, wish: np.ndarray, mode: Mode, stops: int) -> str:
+        if mode is not Mode.HOLD:
+            return f"the arm is in mode {mode.name}"
+        if int(wish["stops"]) != stops:
+            return "a stop was requested meanwhile"
+        if int(wish["stream"]) not in list(Stream) or int(wish["interpolation"]) not in list(Interpolation):
+            return f"there is no stream {wish['stream']} with interpolation {wish['interpolation']}"
+        if not 1 <= wish["decimation"] <= 1000:
+            return f"decimation must be from 1 to 1000, got {wish['decimation']}"
+        if not isinstance(self._backend, ImpedanceControlled):
+            return "this robot's drives cannot give way: its backend has no impedance control"
+        for name, nominal in (
+            ("stiffness", self._backend.nominal_stiffness),
+            ("cartesian_stiffness", self._backend.nominal_cartesian_stiffness),
+        ):
+            values = wish[name]
+            if not ((values > 0.0) & (values <= nominal)).all():
+                return f"{name} must be above 0 and at the most {nominal.tolist()}, got {values.tolist()}"
+        for name in ("damping_ratio", "cartesian_damping_ratio"):
+            if not ((wish[name] >= 0.3) & (wish[name] <= 1.0)).all():
+                return f"{name} must be from 0.3 to 1, got {wish[name].tolist()}"
+        for name in ("max_contact_torque", "max_contact_wrench"):
+            if not (wish[name] > 0.0).all():
+                return f"{name} must be above 0, got {wish[name].tolist()}"
+        if not (np.isfinite(wish["force_frame"]).all() and (wish["force_velocity"] > 0.0).all()):
+            return "the force frame must be finite and the velocities of force control above 0"
+        return ""
+
+    def _watch(self, pid: int) -> str:
+        """Have the kernel tell when the client's process ends; "" or why it cannot."""
+        try:
+            self._life_fd = os.pidfd_open(pid)
+        except (OSError, OverflowError) as exc:
+            return f"the streaming client, process {pid}, cannot be watched: {exc}"
+        self._life = select.poll()
+        self._life.register(self._life_fd, select.POLLIN)
+        return ""
+
+    def _begin(self, wish: np.ndarray, command: Array) -> None:
+        kind, stream = Interpolation(int(wish["interpolation"])), Stream(int(wish["stream"]))
+        self._decimation = int(wish["decimation"])
+        command_s = self._decimation * self._period_s
+        # Poses have limits of their own, torques have none but the robot's.
+        limits = self._stream_limits if stream is Stream.JOINT_IMPEDANCE else self._limits
+        impedance = Impedance(False, wish["stiffness"].copy(), wish["damping_ratio"].copy())
+        match stream:
+            case Stream.JOINT_IMPEDANCE:
+                self._source = JointSource(kind, limits, self._limits.max_velocity, self._period_s, command_s)
+            case Stream.CARTESIAN:
+                self._source = CartesianSource(
+                    kind, self._model, limits, self._tcp_limits, self._period_s, command_s, wish
+                )
+                impedance = Impedance(
+                    True, wish["cartesian_stiffness"].copy(), wish["cartesian_damping_ratio"].copy()
+                )
+            case Stream.JOINT_TORQUE:
+                self._source = TorqueSource(self._model, limits, self._period_s)
+                stiffness = self._model.mass_matrix(command[0]).diagonal() * TORQUE_FREQUENCY_RAD_S**2
+                impedance = Impedance(False, stiffness, np.ones(self._limits.dof))
+        assert isinstance(self._backend, ImpedanceControlled)
+        self._backend.set_impedance(impedance)
+        self._largest_contact[:] = *wish["max_contact_torque"], *wish["max_contact_wrench"]
+        self._guard.begin(touching=bool(wish["force_axes"].any()))
+        self._safety.use(limits, catch_up=CATCH_UP_RAD_S if stream is Stream.CARTESIAN else np.inf)
+        self._source.begin(command)
+        self.mode = MODES[stream]
+        self.session = int(wish["number"])
+        self.setpoint_seen = self.move_seen = self._cancel_seen = self.chunk_seen = 0
+        self.holding = self._blocked = False
+        self.problem = self.not_finite = ""
+        self._cycle = 0
+        self._silent_cycles = 0
+        self._live = self._slowed = False
+
+    def _take(self, setpoint: np.ndarray) -> None:
+        """Whatever is new in what the client has written."""
+        if int(setpoint["session"]) != self.session:
+            return
+        source, number = self._source, int(setpoint["number"])
+        assert source is not None
+        if isinstance(source, CartesianSource):
+            self._take_move(source, setpoint)
+        if number == self.setpoint_seen:
+            return
+        interval_s = self._silent_cycles * self._period_s if self._live else DEFAULT_INTERVAL_S
+        self.setpoint_seen = number
+        if self.move_running:
+            return
+        self._silent_cycles = 0
+        self._live = True
+        self._go_on()
+        self._judge(source.take(setpoint, interval_s))
+
+    def _take_move(self, source: CartesianSource, setpoint: np.ndarray) -> None:
+        move, cancel = int(setpoint["move"]), int(setpoint["cancel"])
+        if move != self.move_seen:
+            self.move_seen = move
+            self._live = False
+            self._go_on()
+            self._judge(source.start_move(setpoint["move_pose"], float(setpoint["move_duration_s"])))
+        if cancel != self._cancel_seen:
+            self._cancel_seen = cancel
+            if cancel == self.move_seen and source.move_running:
+                source.cancel_move()
+                self.holding = True
+
+    def _go_on(self) -> None:
+        """A target ends the waiting, from wherever the arm is by now."""
+        if self.holding:
+            assert self._source is not None
+            self._source.begin(self._safety.command)
+
+    def _judge(self, flaw: Intervention | None) -> None:
+        """Follow the target that was just taken, or not."""
+        source = self._source
+        assert source is not None
+        if flaw is Intervention.NOT_FINITE:
+            self._safety.count(flaw)
+            self.not_finite = source.refusal
+        elif flaw is not None:
+            self._hold(flaw)
+        elif self._blocked:
+            self._blocked = not self._guard.leads_away(self._safety.position, source.heading)
+            self.holding = self._blocked
+        else:
+            self.holding = False
+
+    def _hold(self, why: Intervention) -> None:
+        if not self.holding:
+            self._safety.count(why)
+        self.holding = True
+
+    def _watch_contact(self, measured: Measured) -> None:
+        excess = np.abs(measured.external) - self._largest_contact
+        index = int(excess.argmax())
+        if excess[index] > 0.0:
+            self._safety.count(Intervention.CONTACT)
+            joints = self._limits.dof
+            where, unit = (
+                (f"on {self._limits.names[index]}", "N·m")
+                if index < joints
+                else (f"along {AXES[index - joints]} at the TCP", "N or N·m")
+            )
+            self.problem = (
+                f"contact: {measured.external[index]:.1f} {unit} {where}, "
+                f"allowed are {self._largest_contact[index]:g}"
+            )
+
+    def _watch_surroundings(self) -> None:
+        guard, safety = self._guard, self._safety
+        guard.look(safety.command)
+        if guard.share < 1.0 and not self._slowed:
+            safety.count(Intervention.PROXIMITY)
+        self._slowed = guard.share < 1.0
+        safety.slow_down(guard.share)
+        if guard.blocked and not self.holding:
+            self._blocked = True
+            self._hold(Intervention.COLLISION)
+
+
+def _stream_limits(section: StreamingSection, limits: JointLimits) -> JointLimits:
+    return replace(
+        limits,
+        max_velocity=np.minimum(limits.max_velocity, section.joint_velocity),
+        max_acceleration=np.minimum(limits.max_acceleration, section.joint_acceleration),
+    )
