@@ -15,7 +15,7 @@ from rtloop.pose_interpolation import MinJerkMove, PoseInterpolator
 from rtloop.pose_limiter import PoseLimiter
 from rtloop.stream_checks import cartesian_jump
 
-FORCE_RATE_RAD_S = 8.0
+FORCE_RATE_RAD_S = 5.0
 """How fast an error of the force decays where nothing gives way but the arm's own springs; slower where the
 surroundings give way too. Well below what the estimate of the external wrench can follow."""
 DAMPING = 1e-5
@@ -23,7 +23,9 @@ DAMPING = 1e-5
 POSTURE_RATE_RAD_S = 1.0
 POSTURE_VELOCITY_RAD_S = 0.2
 POSTURE_FILTER_S = 0.1
-"""The pull towards the posture sets in through two filters, or it would jerk the joints."""
+FORCE_FILTER_S = 0.03
+"""Time constants: what pulls at the posture and what the force asks for set in through two filters, or they
+would jerk the joints."""
 VELOCITY_SHARE = 0.98
 LEAD_RAD = 0.2
 """So far the reference may be ahead of the arm: then it waits."""
@@ -87,6 +89,7 @@ class CartesianSource:
         self._damping = DAMPING * np.eye(6)
         self._before = np.zeros(dof)
         self._pull = np.zeros((2, dof))
+        self._force_pull = np.zeros((2, 6))
         self._commanded = np.zeros(dof)
         self.reference = np.zeros((3, dof))
         self.heading = np.zeros(dof)
@@ -100,7 +103,7 @@ class CartesianSource:
         np.copyto(self.reference, command)
         np.copyto(self._commanded, command[0])
         np.copyto(self._before, command[1])
-        self._pull[:] = 0.0
+        self._pull[:] = self._force_pull[:] = 0.0
         if self._own_posture:
             np.copyto(self._posture, command[0])
             self._own_posture = False
@@ -189,10 +192,7 @@ class CartesianSource:
             self._replace_by_force(error, measured.wrench)
         wanted = POSTURE_RATE_RAD_S * (self._posture - joints)
         np.clip(wanted, -POSTURE_VELOCITY_RAD_S, POSTURE_VELOCITY_RAD_S, out=wanted)
-        share = period_s / POSTURE_FILTER_S
-        self._pull[0] += share * (wanted - self._pull[0])
-        self._pull[1] += share * (self._pull[0] - self._pull[1])
-        pull = period_s * self._pull[1]
+        pull = period_s * _filtered(self._pull, wanted, period_s / POSTURE_FILTER_S)
         step = pull + jacobian.T @ np.linalg.solve(
             jacobian @ jacobian.T + self._damping, error - jacobian @ pull
         )
@@ -230,13 +230,22 @@ class CartesianSource:
         velocity = np.clip(
             self._force_gain * (self._wrench - exerted), -self._force_velocity, self._force_velocity
         )
+        smooth = _filtered(self._force_pull, velocity, self._period_s / FORCE_FILTER_S)
         in_frame = np.linalg.solve(to_tcp, error)
-        in_frame[self._axes] = velocity[self._axes] * self._period_s
+        in_frame[self._axes] = smooth[self._axes] * self._period_s
         np.dot(to_tcp, in_frame, out=error)
 
     def _head_for(self, pose: Array) -> None:
         error, jacobian = self._distance_to(pose)
         np.dot(jacobian.T, np.linalg.solve(jacobian @ jacobian.T + self._damping, error), out=self.heading)
+
+
+def _filtered(stages: Array, value: Array, share: float) -> Array:
+    """The value through two low-pass filters, one after the other, whose stages are shape (2, n)."""
+    stages[0] += share * (value - stages[0])
+    stages[1] += share * (stages[0] - stages[1])
+    smooth: Array = stages[1]
+    return smooth
 
 
 def _flaw(pose: Array, wrench: Array, twist: Array) -> str:

@@ -361,16 +361,18 @@ class Controller:
                 self._brake()
 
     def _end_stream(self, position: Array) -> None:
-        """Go over to position control where the arm is, once a session has ended and the arm rests.
+        """Go over to position control, once a session has ended and the arm rests.
 
-        One that is pushed around and does not come to rest is held all the same.
+        An arm that is pushed aside is held where it is; one that is pushed around and does not come to rest
+        is held all the same.
         """
         if self.mode in STREAMING or self._braking:
             return
         self._unsettled_cycles += 1
         if self.settled or self._unsettled_cycles * self._rt.period_s >= SETTLE_LIMIT_S:
             self.streaming.close()
-            self.start_at(position)
+            if np.abs(self._error).max() > self._rt.settle_position_rad:
+                self.start_at(position)
             if self.mode is Mode.STOPPING:
                 self._enter(Mode.HOLD, self.reason)
 

@@ -251,7 +251,7 @@ class Safety:
         self._cramped[:] = False
         velocity += 0.5 * self._period_s * acceleration
         peak = np.abs(velocity + acceleration * np.abs(acceleration) / (2.0 * self._used.max_jerk))
-        if (peak > (1.0 + TOLERANCE) * self._share * self._used.max_velocity).any():
+        if (peak > (1.0 + 0.5 * TOLERANCE) * self._share * self._used.max_velocity).any():
             return Intervention.VELOCITY
         room = np.minimum(self._highest - position, position - self._lowest)
         if (room > self._longest_way).all():
