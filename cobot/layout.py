@@ -67,6 +67,7 @@ class Intervention(IntEnum):
     COLLISION = 10  # a stream led into the arm itself or its surroundings: held
     PROXIMITY = 11  # a stream came near them: slowed down
     CONTACT = 12  # the surroundings push harder than the session permits: stopped
+    LATE = 13  # timed targets whose time had passed: dropped
 
 
 class Stream(IntEnum):

@@ -7,6 +7,7 @@ path clock, safety) have a module of their own.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import sqrt
 
 import numpy as np
 
@@ -27,6 +28,8 @@ START_TOLERANCE_RAD = 1e-3
 """How far a motion may start from the commanded position: planning rounds, the safety layer smooths."""
 SETTLE_LIMIT_S = 2.0
 """Robot time after the end of a motion within which the arm has to settle."""
+JUMP_FACTOR = 3.0
+"""Times all joints' largest velocities: nothing makes an arm that fast, so it was misread."""
 
 
 class Controller:
@@ -36,6 +39,7 @@ class Controller:
         mode, reason: the mode, and why it is ESTOP or FAULT, or why the last stop was made.
         motion_id, motion_result: the running motion or the last one.
         settled: at rest at the commanded position, as measured.
+        stale: whether what is measured has stopped changing although the arm is moved; the loop sets it.
         deceleration_ns: when the last stop began to slow the arm down, set from the cycle's `now_ns`.
     """
 
@@ -55,9 +59,13 @@ class Controller:
         self.motion_result = MotionResult.NONE
         self.slot = 0
         self.settled = False
+        self.stale = False
         self.deceleration_ns = 0
         self._desired = np.zeros((3, limits.dof))  # rad, rad/s, rad/s²
         self._error = np.zeros(limits.dof)  # measured against commanded, rad
+        self._off = 0.0  # its length
+        self._largest_step = JUMP_FACTOR * rt.period_s * float(np.linalg.norm(limits.max_velocity))
+        self._misread = False  # since the last reset
         self._yield_rad = settings.streaming.yield_rad
         self._following = False  # the desired position comes from the path
         self._braking = False  # the desired position comes from the safety layer, which stops
@@ -75,8 +83,18 @@ class Controller:
         self._desired[:] = 0.0
         self._desired[0] = position
         self.safety.reset(position)
-        self._following = self._braking = False
+        self._following = self._braking = self._misread = False
         self._still_cycles = 0
+        self._off = 0.0
+
+    def let_go(self, position: Array) -> None:
+        """The robot has not taken commands for some time, so its drives have stopped by themselves.
+
+        When it takes them again, it shall find that it is wanted where it is.
+        """
+        if self.streaming.session:
+            self.streaming.close()
+        self.start_at(position)
 
     def restore(self, state: np.ndarray) -> None:
         """Take over what a dead rtloop has left: latches stay, an interrupted motion has failed."""
@@ -105,22 +123,23 @@ class Controller:
             or (self.streaming.session != 0 and self.mode not in STREAMING)
         )
 
-    def update(self, measured: Measured, now_ns: int, *, fresh: bool) -> None:
+    def update(self, measured: Measured, now_ns: int, robot_time_s: float, *, fresh: bool) -> None:
         """One cycle; the command is then in `safety`.
 
         Args:
             measured: as read last.
             now_ns: CLOCK_MONOTONIC.
+            robot_time_s: on the robot's clock.
             fresh: whether it was read in this cycle.
         """
         self.safety.now_ns = now_ns
         self._take_requests(now_ns)
         self._take_session()
-        self._take_command(measured.position)
+        self._take_command(measured)
         if self._following:
             self._follow()
         elif self.mode in STREAMING:
-            self._stream(measured)
+            self._stream(measured, robot_time_s)
         if self._slowing_unseen and (self.clock.slowing or not self._following):
             self._slowing_unseen = False
             self.deceleration_ns = now_ns
@@ -207,10 +226,10 @@ class Controller:
             self._enter(streaming.mode)
             self._still_cycles = self._unsettled_cycles = 0
 
-    def _stream(self, measured: Measured) -> None:
+    def _stream(self, measured: Measured, robot_time_s: float) -> None:
         """What the client wants in this cycle."""
         streaming = self.streaming
-        streaming.advance(measured)
+        streaming.advance(measured, robot_time_s)
         if streaming.not_finite:
             self.estop(streaming.not_finite)
         elif streaming.problem:
@@ -222,7 +241,7 @@ class Controller:
             self._brake()
         self._waiting = streaming.holding
 
-    def _take_command(self, position: Array) -> None:
+    def _take_command(self, measured: Measured) -> None:
         if self._loader is not None:
             self._load()
             return
@@ -238,7 +257,7 @@ class Controller:
         elif kind == Command.SET_RATE:
             refusal = self._set_rate(float(command["value"]))
         elif kind == Command.RESET:
-            refusal = self._reset(position)
+            refusal = self._reset(measured)
         else:
             refusal = f"there is no command {kind}"
         if refusal is not None:
@@ -293,18 +312,27 @@ class Controller:
         self.clock.request(rate)
         return ""
 
-    def _reset(self, position: Array) -> str:
-        """Leave ESTOP or FAULT. The drives may take their time: nothing moves."""
+    def _reset(self, measured: Measured) -> str:
+        """Leave ESTOP or FAULT and hold the arm where it is now. The drives may take their time: nothing
+        moves.
+        """
         if self.mode not in (Mode.ESTOP, Mode.FAULT):
             return ""
         if self._following or self._braking or self.streaming.session:
             return "the arm is not at rest yet"
+        if self.stale:
+            return "the robot still reports the same values as when it moved"
+        found = Measured(self._limits.dof)
         try:
             self._backend.enable()
+            self._backend.read(found)
         except BackendError as exc:
             return f"the robot cannot be enabled: {exc}"
+        if not np.isfinite(found.values).all():
+            return "the robot reports a value that is not finite"
+        np.copyto(measured.values, found.values)
         self._enter(Mode.HOLD)
-        self.start_at(position)
+        self.start_at(measured.position)
         return ""
 
     def _follow(self) -> None:
@@ -322,7 +350,13 @@ class Controller:
         error = self._error
         np.subtract(position, self.safety.position, out=error)
         allowed = self._yield_rad if self.streaming.session else self._rt.tracking_error_rad
-        if error.dot(error) <= allowed * allowed or self.mode is Mode.FAULT:
+        before, self._off = self._off, sqrt(error.dot(error))
+        step = abs(self._off - before)
+        misread = step > self._largest_step
+        if not misread and (self._off <= allowed or self.mode is Mode.FAULT):
+            return
+        self._misread |= misread
+        if self.mode is Mode.FAULT:
             return
         joint = int(np.abs(error).argmax())
         if abs(error[joint]) > allowed:
@@ -332,6 +366,9 @@ class Controller:
                 f"({position[joint]:.3f} instead of {self.safety.position[joint]:.3f} rad), "
                 f"allowed are {allowed} rad"
             )
+        elif misread:
+            self.safety.count(Intervention.TRACKING)
+            self.fault(f"the measured position has jumped by {step:.3f} rad within a cycle, as no arm can")
 
     def _settle(self, measured: Measured, *, fresh: bool) -> None:
         """Count how long the arm has been still, and end a motion or a stream that has ended."""
@@ -346,7 +383,7 @@ class Controller:
         self._still_cycles = self._still_cycles + 1 if still else 0
         self.settled = self._still_cycles * rt.period_s >= rt.settle_time_s
         if self.streaming.session:
-            self._end_stream(measured.position)
+            self._end_stream(measured.position, fresh=fresh)
             return
         if self._following or self.mode not in (Mode.TRAJECTORY, Mode.STOPPING):
             return
@@ -360,18 +397,19 @@ class Controller:
             if self.safety.pursuing:
                 self._brake()
 
-    def _end_stream(self, position: Array) -> None:
+    def _end_stream(self, position: Array, *, fresh: bool) -> None:
         """Go over to position control, once a session has ended and the arm rests.
 
-        An arm that is pushed aside is held where it is; one that is pushed around and does not come to rest
-        is held all the same.
+        An arm that is pushed aside is held where it is, unless nobody knows where that is; one that is pushed
+        around and does not come to rest is held all the same.
         """
         if self.mode in STREAMING or self._braking:
             return
         self._unsettled_cycles += 1
         if self.settled or self._unsettled_cycles * self._rt.period_s >= SETTLE_LIMIT_S:
             self.streaming.close()
-            if np.abs(self._error).max() > self._rt.settle_position_rad:
+            off = np.abs(self._error).max() > self._rt.settle_position_rad
+            if off and fresh and not self._misread:
                 self.start_at(position)
             if self.mode is Mode.STOPPING:
                 self._enter(Mode.HOLD, self.reason)

@@ -72,7 +72,8 @@ class ControlLoop:
         if fresh:
             self._measured_ns = read_ns
         controller = self.controller
-        controller.update(self._measured, read_ns, fresh=fresh)
+        robot_time_s = (self._cycle + 1) * self._period_s
+        controller.update(self._measured, read_ns, robot_time_s, fresh=fresh)
         updated_ns = time.monotonic_ns()
         try:
             self._backend.write(controller.safety.command)
@@ -80,7 +81,7 @@ class ControlLoop:
             controller.fault(f"writing to the robot failed: {exc}")
         written_ns = time.monotonic_ns()
         self._cycle += 1
-        self._state.publish(self._cycle, self._cycle * self._period_s, self._measured, self._measured_ns)
+        self._state.publish(self._cycle, robot_time_s, self._measured, self._measured_ns)
         statistics = self._statistics
         statistics.count(Phase.WAKEUP, late_ns)
         statistics.count(Phase.READ, read_ns - begun_ns)

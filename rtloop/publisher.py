@@ -109,6 +109,7 @@ class Statistics:
 
     def __init__(self, memory: RobotMemory) -> None:
         self._block = memory.statistics
+        self._info = memory.info
         self._counts = [memoryview(row) for row in memory.statistics.data["histogram"]]
         self._max_us = [0] * len(Phase)
         self._cycles = 0
@@ -121,12 +122,16 @@ class Statistics:
             self._max_us[phase] = microseconds
 
     def cycle_done(self) -> None:
-        """Publish twice a second: the block is large, and its copy counts as compute time."""
+        """Publish twice a second: the block is large, and its copy counts as compute time.
+
+        So is what robot this is, although it stays the same: what a wild writer has spoilt is mended.
+        """
         self._cycles += 1
         if self._cycles % STATISTICS_CYCLES == 0:
             self._block.data["cycles"] = self._cycles
             self._block.data["max_us"] = self._max_us
             self._block.publish()
+            self._info.publish()
 
 
 def _offset(record: np.ndarray, field: str) -> int:

@@ -6,12 +6,13 @@ from typing import Protocol
 
 import numpy as np
 
-from cobot.layout import Interpolation, Intervention
+from cobot.layout import CHUNK_POINTS, Interpolation, Intervention
 from cobot.model import RobotModel
 from cobot.types import Array, JointLimits
 from rtloop.backends import Measured
+from rtloop.chunks import ChunkInterpolator
 from rtloop.interpolation import make_interpolator
-from rtloop.stream_checks import joint_jump
+from rtloop.stream_checks import SLACK_S, is_finite, joint_jump
 
 
 class Source(Protocol):
@@ -23,9 +24,11 @@ class Source(Protocol):
         heading: a joint step towards the last target, rad: only its direction counts.
     """
 
-    reference: Array
     refusal: str
     heading: Array
+
+    @property
+    def reference(self) -> Array: ...
 
     def begin(self, command: Array) -> None:
         """Go on from what is commanded, shape (3, dof)."""
@@ -45,7 +48,11 @@ class Source(Protocol):
 
 
 class JointSource:
-    """Joint targets, interpolated."""
+    """Joint targets, interpolated, or chunks of timed ones; whichever came last counts.
+
+    Attributes:
+        late, starved: see `ChunkInterpolator`.
+    """
 
     def __init__(
         self,
@@ -55,40 +62,93 @@ class JointSource:
         period_s: float,
         command_s: float,
     ) -> None:
-        self._interpolator = make_interpolator(
-            kind, limits.dof, period_s, limits.max_velocity, limits.max_acceleration, limits.max_jerk
-        )
-        self.reference = self._interpolator.reference
+        rates = limits.max_velocity, limits.max_acceleration, limits.max_jerk
+        self._interpolator = make_interpolator(kind, limits.dof, period_s, *rates)
+        self._chunks = ChunkInterpolator(limits.dof, period_s, *rates)
+        self._chunked = False
+        self._time_s = 0.0  # of the chunks' reference
         self.refusal = ""
         self.heading = np.zeros(limits.dof)
         self._names = limits.names
         self._velocity = safe_velocity
+        self._period_s = period_s
         self._command_s = command_s
         self._last = np.zeros(limits.dof)
 
+    @property
+    def reference(self) -> Array:
+        return self._chunks.reference if self._chunked else self._interpolator.reference
+
+    @property
+    def late(self) -> int:
+        return self._chunks.late
+
+    @property
+    def starved(self) -> int:
+        return self._chunks.starved
+
     def begin(self, command: Array) -> None:
+        self._chunked = False
         self._interpolator.begin(command)
         np.copyto(self._last, command[0])
 
     def take(self, setpoint: np.ndarray, interval_s: float) -> Intervention | None:
         target = setpoint["joints"]
         velocity = setpoint["joint_velocity"] if setpoint["feed_forward"] else None
-        if not np.isfinite(target).all() or (velocity is not None and not np.isfinite(velocity).all()):
+        if not is_finite(target) or (velocity is not None and not is_finite(velocity)):
             self.refusal = "a streamed joint target is not finite"
             return Intervention.NOT_FINITE
         self.refusal = joint_jump(target, self._last, interval_s, self._velocity, self._names)
         if self.refusal:
             return Intervention.JUMP
+        if self._chunked:
+            self.begin(self.reference)
         np.subtract(target, self.reference[0], out=self.heading)
         np.copyto(self._last, target)
         self._interpolator.aim(target, velocity, self._command_s)
         return None
 
+    def take_chunk(self, chunk: np.ndarray, robot_time_s: float) -> Intervention | None:
+        """Timed targets from now on, see `cobot.layout.chunk_dtype`; or what is wrong with them."""
+        count, dof = min(int(chunk["count"]), CHUNK_POINTS), len(self._last)
+        times_s, points = chunk["times_s"][:count].copy(), chunk["points"][:count, :dof].copy()
+        if not (is_finite(times_s) and is_finite(points)):
+            self.refusal = "a streamed chunk is not finite"
+            return Intervention.NOT_FINITE
+        self._time_s = robot_time_s - self._period_s  # the reference is that of the cycle before
+        self.refusal = self._chunk_jump(times_s, points)
+        if self.refusal:
+            return Intervention.JUMP
+        if not self._chunked:
+            self._chunks.begin(self.reference)
+        self.refusal = self._chunks.take(times_s, points, self._time_s)
+        if self.refusal:
+            return Intervention.LATE
+        self._chunked = True
+        np.copyto(self._last, points[-1])
+        np.subtract(points[-1], self.reference[0], out=self.heading)
+        return None
+
     def advance(self, measured: Measured) -> None:
-        self._interpolator.advance()
+        if self._chunked:
+            self._time_s += self._period_s
+            self._chunks.advance(self._time_s)
+        else:
+            self._interpolator.advance()
 
     def follow(self, command: Array) -> None:
         """The reference does not wait for the arm."""
+
+    def _chunk_jump(self, times_s: Array, points: Array) -> str:
+        """Whether the targets that are still ahead would take a joint faster than it can be."""
+        ahead = times_s > self._time_s
+        at = np.concatenate([[self._time_s - SLACK_S], times_s[ahead]])
+        rows = np.vstack([self.reference[0], points[ahead]])
+        excess = np.abs(np.diff(rows, axis=0)) - self._velocity * np.diff(at)[:, None]
+        if excess.size == 0 or excess.max() <= 0.0:
+            return ""
+        point, joint = np.unravel_index(int(excess.argmax()), excess.shape)
+        return f"{self._names[joint]} would have to jump to point {point} of the chunk"
 
 
 class TorqueSource:

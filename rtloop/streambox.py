@@ -13,12 +13,14 @@ class Inbox:
     """A block that somebody else writes, read when it has changed. Real-time safe.
 
     Attributes:
-        torn_reads: how often it was not consistent; it is then tried again in the next cycle.
+        readable: whether `data` is what somebody has written; if not, it is tried again in the next cycle.
+        torn_reads: how often it was not consistent.
     """
 
     def __init__(self, block: Block) -> None:
         self._block = block
         self._sequence = -1
+        self.readable = True
         self.torn_reads = 0
 
     @property
@@ -30,7 +32,8 @@ class Inbox:
         sequence = self._block.sequence
         if sequence == self._sequence:
             return False
-        if not self._block.try_read():
+        self.readable = self._block.try_read()
+        if not self.readable:
             self.torn_reads += 1
             return False
         self._sequence = sequence
@@ -70,9 +73,9 @@ class StreamBox:
 
     @property
     def wanted(self) -> bool:
-        """Whether the client still wants the session that was answered last."""
+        """Whether the client still wants the session that was answered last, as far as one can read."""
         data = self.session.data
-        return bool(data["open"] == 1 and data["number"] == self.session_seen)
+        return not self.session.readable or bool(data["open"] == 1 and data["number"] == self.session_seen)
 
     def estop_requested(self) -> bool:
         """Whether an e-stop was requested since the last call."""

@@ -84,7 +84,7 @@ class Streaming:
         self.problem = self.not_finite = ""
         self._decimation = 1
         self._cycle = self._silent_cycles = 0
-        self._cancel_seen = 0
+        self._cancel_seen = self._starved = 0
         self.setpoint_seen = 0
         self.move_seen = 0
         self.chunk_seen = 0
@@ -127,7 +127,7 @@ class Streaming:
         if isinstance(self._backend, ImpedanceControlled):
             self._backend.set_impedance(None)
 
-    def advance(self, measured: Measured) -> None:
+    def advance(self, measured: Measured, robot_time_s: float) -> None:
         """One period on; then `problem`, `holding` and `reference` say what to do."""
         source = self._source
         assert source is not None
@@ -140,11 +140,15 @@ class Streaming:
             self.problem = "the streaming client has died"
         if self._cycle % self._decimation == 0 and self.box.setpoint.changed():
             self._take(self.box.setpoint.data)
+        if self.box.chunk.changed():
+            self._take_chunk(self.box.chunk.data, robot_time_s)
         if self._live and self._silent_cycles > self._timeout_cycles:
             self._live = False
             self._hold(Intervention.COMMAND_TIMEOUT)
         if not self.holding:
             source.advance(measured)
+        if isinstance(source, JointSource):
+            self._watch_chunks(source)
         self._watch_contact(measured)
         self._watch_surroundings()
 
@@ -226,6 +230,7 @@ class Streaming:
         self._cycle = 0
         self._silent_cycles = 0
         self._live = self._slowed = False
+        self._starved = 0
 
     def _take(self, setpoint: np.ndarray) -> None:
         """Whatever is new in what the client has written."""
@@ -245,6 +250,25 @@ class Streaming:
         self._live = True
         self._go_on()
         self._judge(source.take(setpoint, interval_s))
+
+    def _take_chunk(self, chunk: np.ndarray, robot_time_s: float) -> None:
+        source = self._source
+        if int(chunk["session"]) != self.session or not isinstance(source, JointSource):
+            return
+        self.chunk_seen = int(chunk["number"])
+        self._go_on()
+        late = source.late
+        flaw = source.take_chunk(chunk, robot_time_s)
+        if flaw is None or flaw is Intervention.NOT_FINITE:
+            self._live = False
+            self._judge(flaw)
+        if flaw is Intervention.JUMP or flaw is Intervention.LATE or source.late != late:
+            self._safety.count(flaw or Intervention.LATE)  # and the chunk before goes on
+
+    def _watch_chunks(self, source: JointSource) -> None:
+        if source.starved != self._starved:
+            self._starved = source.starved
+            self._safety.count(Intervention.COMMAND_TIMEOUT)
 
     def _take_move(self, source: CartesianSource, setpoint: np.ndarray) -> None:
         move, cancel = int(setpoint["move"]), int(setpoint["cancel"])
