@@ -107,17 +107,27 @@ def _validated(body: bytes, model: type[BaseModel]) -> BaseModel:
         InputError: naming what is wrong and where.
     """
     try:
-        return model.model_validate(json.loads(body, object_pairs_hook=without_repetition))
+        return model.model_validate(decoded(body, "the body"))
     except ValidationError as exc:
         raise InputError(sentences(exc.errors())) from exc
+
+
+def decoded(text: bytes | str, name: str) -> Any:
+    """JSON, in which no key stands twice in one object.
+
+    Raises:
+        InputError: naming it, and what is wrong where.
+    """
+    try:
+        return json.loads(text, object_pairs_hook=without_repetition)
     except json.JSONDecodeError as exc:
-        raise InputError(f"the body is not valid JSON: {exc.msg} at character {exc.pos}") from exc
+        raise InputError(f"{name} is not valid JSON: {exc.msg} at character {exc.pos}") from exc
     except UnicodeDecodeError as exc:
-        raise InputError(f"the body cannot be read as {exc.encoding}: {exc.reason}") from exc
+        raise InputError(f"{name} cannot be read as {exc.encoding}: {exc.reason}") from exc
     except ValueError as exc:
-        raise InputError(f"the body: {exc}") from exc
+        raise InputError(f"{name}: {exc}") from exc
     except RecursionError as exc:
-        raise InputError("the body: nested too deeply") from exc
+        raise InputError(f"{name}: nested too deeply") from exc
 
 
 def _without_collection(function: Callable[..., Result], *arguments: Any) -> Result:

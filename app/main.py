@@ -11,7 +11,7 @@ from pathlib import Path
 
 from fastapi import FastAPI
 from fastapi.responses import RedirectResponse
-from fastapi.routing import APIRoute
+from fastapi.routing import APIRoute, APIWebSocketRoute
 from fastapi_offline import FastAPIOffline
 from starlette.routing import BaseRoute
 
@@ -20,14 +20,17 @@ from app.body_limit import BodyLimit
 from app.openapi import with_limits
 from app.routers import common, sequences, trajectory
 from app.routers import robot as robot_router
+from app.routers import stream as stream_router
 from app.services import Services
 from app.services.health import HealthService
+from app.services.interventions import reporting
 from app.services.link import RobotLink
 from app.services.motion import LATEST_ANSWER_S, MotionService
 from app.services.ownership import Ownership
 from app.services.planning import PlanningService
 from app.services.sequences import SequenceService
 from app.services.stopping import StopService
+from app.services.streams import StreamService
 from app.services.trajectories import TrajectoryService
 from cobot.config import Endpoint, Settings, load_endpoints
 from cobot.robot import Robot, load_robot
@@ -60,12 +63,13 @@ def create_app(settings: Settings, config: Path | None, base_url: str) -> FastAP
         link = RobotLink(settings.robot.name, settings.web.stale_after_s)
         planning = PlanningService(config, settings.planning.workers)
         warming = asyncio.create_task(planning.warm_up())
-        async with link.heartbeat():
+        async with link.heartbeat(), reporting(link):
             app.state.services = _services(settings, endpoints, robot, link, planning, base_url)
             gc.collect()
             gc.freeze()
             yield
             await app.state.services.stopping.stop(timeout_s=3.0)
+            app.state.services.streams.close()
         warming.cancel()
         planning.close()
         link.close()
@@ -87,7 +91,13 @@ def create_app(settings: Settings, config: Path | None, base_url: str) -> FastAP
     app.openapi = with_limits(app.openapi, robot.limits)  # type: ignore[method-assign]
     # Routes are matched one after the other: those that are polled come first, the documentation's last. Not
     # by include_router, for the nesting it keeps is matched in each request too.
-    routers = (robot_router.router, trajectory.router, sequences.router, common.router)
+    routers = (
+        robot_router.router,
+        trajectory.router,
+        sequences.router,
+        common.router,
+        stream_router.router,
+    )
     app.router.routes[:0] = [
         route for router in routers for route in router.routes if _enabled(route, endpoints)
     ]
@@ -104,6 +114,8 @@ def create_app(settings: Settings, config: Path | None, base_url: str) -> FastAP
 
 def _enabled(route: BaseRoute, endpoints: dict[str, Endpoint]) -> bool:
     """Whether api_endpoints.yaml wants it."""
+    if isinstance(route, APIWebSocketRoute):
+        return endpoints[f"WS {route.path}"].enabled
     assert isinstance(route, APIRoute)
     (method,) = route.methods or {""}
     return endpoints[f"{method} {route.path}"].enabled
@@ -121,6 +133,7 @@ def _services(
     motion = MotionService(robot, link, ownership, planning, settings.planning)
     slowest_s = max(end.timeout_s for name, end in endpoints.items() if name.startswith("POST /robot/move/"))
     sequence = SequenceService(ownership, link, settings.sequences, base_url, slowest_s + LATEST_ANSWER_S)
+    streams = StreamService(link, ownership, motion, settings.streaming.command_timeout_s)
     return Services(
         robot,
         link,
@@ -129,5 +142,6 @@ def _services(
         TrajectoryService(ownership, motion, settings.planning.start_tolerance_rad),
         sequence,
         StopService(link, ownership, sequence),
-        HealthService(settings.robot.name, link, ownership, sequence, settings.web.stale_after_s),
+        HealthService(settings.robot.name, link, ownership, sequence, streams, settings.web.stale_after_s),
+        streams,
     )

@@ -330,8 +330,12 @@ class HealthAnswer(BaseModel):
     rtloop: dict[str, Any] = Field(description="The real-time process: pid, permissions, overruns.")
     service: dict[str, Any]
     sequence: dict[str, Any]
+    session: dict[str, Any] | None = Field(description="The streaming session: number, client, mode.")
     cycle_us: dict[str, dict[str, float]] = Field(
         description="Wake-up lateness and compute time of the cycle's phases, µs."
     )
     interventions: dict[str, int] = Field(description="What the safety layer caught, by kind.")
+    last_interventions_s: dict[str, float | None] = Field(
+        description="Seconds since the last one of each kind; null: there was none."
+    )
     versions: dict[str, str]

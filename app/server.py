@@ -7,16 +7,35 @@ import logging
 import signal
 import socket
 import sys
+from asyncio import BaseTransport, Transport
 from pathlib import Path
+from typing import cast
 
 import uvicorn
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from app.main import create_app
 from cobot.config import load_settings
 from cobot.errors import CobotError
+from cobot.realtime.wire import MAX_FRAME_BYTES
 
 ANY_ADDRESS = {"0.0.0.0": "127.0.0.1", "::": "::1"}
 SHUTDOWN_S = 4
+PING_S = 5.0
+UNREAD_S = 10.0
+"""A WebSocket whose client reads nothing for so long is closed."""
+UNSENT_BYTES = 4096
+
+
+class StreamProtocol(WebSocketsSansIOProtocol):
+    """Buffers next to nothing for a client that reads slowly: what is sent shall be new."""
+
+    def connection_made(self, transport: BaseTransport) -> None:
+        super().connection_made(transport)
+        cast(Transport, transport).set_write_buffer_limits(high=0)
+        connection = transport.get_extra_info("socket")
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT_BYTES)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(1000 * UNREAD_S))
 
 
 def main() -> int:
@@ -40,6 +59,11 @@ def main() -> int:
         app,
         loop="uvloop",
         http="httptools",
+        ws=StreamProtocol,
+        ws_max_size=MAX_FRAME_BYTES,
+        ws_ping_interval=PING_S,
+        ws_ping_timeout=PING_S,
+        ws_per_message_deflate=False,  # it costs more time than floats of ours get shorter
         access_log=False,
         log_config=None,
         log_level="warning",

@@ -10,12 +10,18 @@ import os
 import platform
 from collections.abc import Callable, Iterator
 
-from benchmarks import cycle, planning, web
+from benchmarks import cycle, latency, modes, planning, smoothness, stopping, torn, virtual_clock, web
 from benchmarks.table import HEADER, Row
 
 BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "compute": lambda quick: cycle.compute(1 if quick else 5, 5.0 if quick else 12.0),
-    "wake_up": lambda quick: cycle.wake_up(2 if quick else 10, 5.0 if quick else 12.0),
+    "modes": lambda quick: modes.modes(1 if quick else 3, 3.0 if quick else 10.0),
+    "wake_up": lambda quick: cycle.wake_up(2 if quick else 13, 5.0 if quick else 12.0),
+    "latency": lambda quick: latency.commands(400 if quick else 4000, 2 if quick else 10),
+    "torn_reads": lambda quick: torn.torn_reads(100_000 if quick else 10_000_000),
+    "stops": lambda quick: stopping.stops(4 if quick else 40),
+    "smoothness": lambda quick: smoothness.smoothness(6.0 if quick else 30.0),
+    "virtual_clock": lambda quick: virtual_clock.factor(2 if quick else 10),
     "planning": lambda quick: planning.planning_time(30 if quick else 300),
     "straightness": lambda quick: planning.straightness(2 if quick else 12),
     "requests": lambda quick: web.requests_per_second(2 if quick else 8, 2.0 if quick else 4.0),
@@ -28,7 +34,9 @@ def main() -> None:
     parser.add_argument(
         "names", nargs="*", metavar="NAME", help=f"of {', '.join(BENCHMARKS)}; all without one"
     )
-    parser.add_argument("--quick", action="store_true", help="a minute instead of ten: tails mean little")
+    parser.add_argument(
+        "--quick", action="store_true", help="minutes instead of a quarter of an hour: tails mean little"
+    )
     arguments = parser.parse_args()
     unknown = set(arguments.names) - set(BENCHMARKS)
     if unknown:

@@ -1,11 +1,11 @@
-"""The floor for HTTP: a FastAPI with two routes and nothing behind them, served as cobot is."""
+"""The floor for HTTP: a FastAPI with three routes and nothing behind them, served as cobot is."""
 
 from __future__ import annotations
 
 import socket
 
 import uvicorn
-from fastapi import FastAPI
+from fastapi import FastAPI, WebSocket, WebSocketDisconnect
 
 PAYLOAD = {
     "name": [f"joint{n}" for n in range(1, 8)],
@@ -26,8 +26,25 @@ async def stop() -> dict[str, bool]:
     return {"success": True}
 
 
+@app.websocket("/echo")
+async def echo(socket: WebSocket) -> None:
+    await socket.accept()
+    try:
+        while True:
+            await socket.send_bytes(await socket.receive_bytes())
+    except WebSocketDisconnect:
+        return
+
+
 if __name__ == "__main__":
     listening = socket.create_server(("127.0.0.1", 0))
     print(f"http://127.0.0.1:{listening.getsockname()[1]}", flush=True)
-    config = uvicorn.Config(app, loop="uvloop", http="httptools", access_log=False, log_level="error")
+    config = uvicorn.Config(
+        app,
+        loop="uvloop",
+        http="httptools",
+        access_log=False,
+        log_level="error",
+        ws_per_message_deflate=False,
+    )
     uvicorn.Server(config).run(sockets=[listening])

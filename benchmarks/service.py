@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from running import Run
 
 from cobot.shm import RobotMemory, Role
-from tests.running import Run
 
 
 @contextlib.contextmanager

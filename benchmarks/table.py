@@ -13,31 +13,34 @@ class Row:
     """A figure, its tail, and the same of what it is compared with.
 
     Attributes:
+        columns: what the values are, where they are not p50, p99 and p99.9.
         ratio_of: which of the columns the ratio and the aim are about.
     """
 
     name: str
     unit: str
-    values: tuple[float, float, float]  # p50, p99, p99.9
+    columns: tuple[str, ...]
+    values: Sequence[float]
     against: str
-    against_values: tuple[float, float, float]
+    against_values: Sequence[float]
     ratio_of: str
     ratio: float
     aim: str
 
     def __str__(self) -> str:
         ours, theirs = (" / ".join(_short(v) for v in row) for row in (self.values, self.against_values))
+        unit = self.unit if self.columns == PERCENTILES else " / ".join(self.columns)
         return (
-            f"| {self.name} | {self.unit} | {ours} | {self.against} | {theirs} "
-            f"| {self.ratio:.2f} ({self.ratio_of}) | {self.aim} |"
+            f"| {self.name} | {unit} | {ours} | {self.against} | {theirs} "
+            f"| {_short(self.ratio)} ({self.ratio_of}) | {self.aim} |"
         )
 
 
+PERCENTILES = ("p50", "p99", "p99.9")
 HEADER = (
-    "| Figure | Unit | p50 / p99 / p99.9 | Compared with | p50 / p99 / p99.9 | Ratio | Aim |\n"
+    "| Figure | Unit, or the columns | p50 / p99 / p99.9 | Compared with | p50 / p99 / p99.9 | Ratio | Aim |\n"
     "|---|---|---|---|---|---|---|"
 )
-COLUMNS = {"p50": 0, "p99": 1, "p99.9": 2}
 
 
 def percentiles(samples: Sequence[float] | np.ndarray) -> tuple[float, float, float]:
@@ -49,17 +52,19 @@ def percentiles(samples: Sequence[float] | np.ndarray) -> tuple[float, float, fl
 def row(
     name: str,
     unit: str,
-    values: tuple[float, float, float],
+    values: Sequence[float],
     against: str,
-    against_values: tuple[float, float, float],
+    against_values: Sequence[float],
     *,
-    ratio_of: str = "p50",
+    columns: tuple[str, ...] = PERCENTILES,
+    ratio_of: str = "",
     aim: str = "",
 ) -> Row:
-    """A row whose ratio is ours by theirs, in the named column."""
-    column = COLUMNS[ratio_of]
+    """A row whose ratio is ours by theirs, in the named column: the first one without a name."""
+    ratio_of = ratio_of or columns[0]
+    column = columns.index(ratio_of)
     ratio = values[column] / against_values[column]
-    return Row(name, unit, values, against, against_values, ratio_of, ratio, aim)
+    return Row(name, unit, columns, values, against, against_values, ratio_of, ratio, aim)
 
 
 def _short(value: float) -> str:

@@ -27,7 +27,7 @@ def requests_per_second(slices: int, slice_s: float) -> Iterator[Row]:
     """GET /robot/joint_states in slices that alternate with a bare FastAPI route of equal payload."""
     ours, theirs = [], []
     with service() as run, background("benchmarks.bare") as bare:
-        bare_url = _address(bare)
+        bare_url = address(bare)
         for _ in range(slices):
             ours.append(_answers_per_second(run.url, slice_s))
             theirs.append(_answers_per_second(bare_url, slice_s))
@@ -52,7 +52,7 @@ def stop(repetitions: int) -> Iterator[Row]:
             background("benchmarks.load", *arguments),
             Client(run.url, motion_timeout_s=30.0) as mover,
             Client(run.url) as stopper,
-            Client(_address(bare)) as floor,
+            Client(address(bare)) as floor,
         ):
             memory = reader(run)
             gc.disable()
@@ -125,6 +125,6 @@ def _low_tail(rates: list[float]) -> tuple[float, float, float]:
     return -p50, -p1, -p01
 
 
-def _address(process: subprocess.Popen[str]) -> str:
+def address(process: subprocess.Popen[str]) -> str:
     assert process.stdout is not None
     return process.stdout.readline().strip()

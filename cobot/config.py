@@ -104,6 +104,8 @@ class RtSection(Section):
     settle_velocity_rad_s: Annotated[float, Field(ge=1e-4, le=0.5)]
     settle_time_s: Annotated[float, Field(gt=0.0, le=1.0)]
     overruns_to_stop: Annotated[int, Field(ge=2, le=1000)]
+    pause_to_stop_s: Annotated[float, Field(ge=0.005, le=1.0)]
+    frozen_after_s: Annotated[float, Field(ge=0.005, le=1.0)]
     trajectory_capacity: Annotated[int, Field(ge=100, le=1_000_000)]
 
 

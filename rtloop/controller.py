@@ -162,11 +162,11 @@ class Controller:
             self._enter(Mode.STOPPING, reason)
             self._slow_down()
 
-    def overrun(self, cycles: int) -> None:
-        """So many cycles in a row have begun late: nobody can count on the next ones."""
+    def overrun(self, what: str) -> None:
+        """Cycles have begun so late that nobody can count on the next ones."""
         if self.mode is Mode.TRAJECTORY or self.mode in STREAMING:
             self.safety.count(Intervention.OVERRUN)
-            self.stop(f"{cycles} cycles in a row began late: the computer is too slow or too busy")
+            self.stop(f"{what}: the computer is too slow or too busy")
 
     def estop(self, reason: str) -> None:
         """Come to rest as after a stop, and stay there until reset."""

@@ -40,7 +40,7 @@ class Run:
     """One `cobot run` with a robot name, a port and folders of its own."""
 
     def __init__(self, folder: Path, clock: str = "fast") -> None:
-        robot = unique_name()
+        self.name = robot = unique_name()
         self.memory = Path("/dev/shm") / f"cobot-{robot}"
         self.config = folder / f"{robot}.yaml"
         self.config.write_text(

@@ -10,6 +10,7 @@ from app.services.motion import MotionService
 from app.services.ownership import Ownership
 from app.services.sequences import SequenceService
 from app.services.stopping import StopService
+from app.services.streams import StreamService
 from app.services.trajectories import TrajectoryService
 from cobot.robot import Robot
 
@@ -26,3 +27,4 @@ class Services:
     sequences: SequenceService
     stopping: StopService
     health: HealthService
+    streams: StreamService

@@ -10,15 +10,17 @@ from importlib.metadata import version
 
 import numpy as np
 
-from app.services.link import RobotLink
+from app.services.link import RobotLink, RobotState
 from app.services.ownership import Ownership
 from app.services.sequences import SequenceService
+from app.services.streams import StreamService
 from cobot.errors import UnavailableError
 from cobot.layout import LAYOUT_VERSION, Intervention, Phase
 from cobot.shm import text
 from cobot.types import Mode
 
 VERSIONS = ("cobot", "mujoco-core", "ruckig", "numpy", "fastapi")
+KINDS = [kind.name.lower() for kind in Intervention]
 SHARES = {"p50_us": 0.5, "p99_us": 0.99, "p999_us": 0.999}
 
 
@@ -32,8 +34,10 @@ class Health:
     rtloop: dict[str, object]
     service: dict[str, object]
     sequence: dict[str, object]
+    session: dict[str, object] | None
     cycle_us: dict[str, dict[str, float]]
     interventions: dict[str, int]
+    last_interventions_s: dict[str, float | None]
     versions: dict[str, str]
 
 
@@ -41,12 +45,19 @@ class HealthService:
     """Collects; answers whatever is broken."""
 
     def __init__(
-        self, robot: str, link: RobotLink, ownership: Ownership, sequences: SequenceService, stale_s: float
+        self,
+        robot: str,
+        link: RobotLink,
+        ownership: Ownership,
+        sequences: SequenceService,
+        streams: StreamService,
+        stale_s: float,
     ) -> None:
         self._robot = robot
         self._link = link
         self._ownership = ownership
         self._sequences = sequences
+        self._streams = streams
         self._stale_s = stale_s
         self._started_s = time.monotonic()
 
@@ -55,7 +66,9 @@ class HealthService:
         problems: list[str] = []
         robot: dict[str, object] = {"name": self._robot, "mode": None, "reason": "", "settled": None}
         rtloop: dict[str, object] = {"alive": False, "pid": None}
+        session: dict[str, object] | None = None
         interventions: dict[str, int] = {}
+        last_interventions_s: dict[str, float | None] = {}
         cycle_us: dict[str, dict[str, float]] = {}
         try:
             state = self._link.state()
@@ -73,8 +86,9 @@ class HealthService:
                 "torn_reads": state.torn_reads,
                 **_process(statistics),
             }
-            names = (kind.name.lower() for kind in Intervention)
-            interventions = dict(zip(names, state.interventions, strict=True))
+            interventions = dict(zip(KINDS, state.interventions, strict=True))
+            last_interventions_s = _seconds_since(state.intervened_ns)
+            session = self._session(state)
             cycle_us = _cycle_times(statistics)
             if not alive:
                 problems.append(f"rtloop (pid {rtloop['pid']}) has been silent for {state.age_s:.1f} s")
@@ -91,14 +105,32 @@ class HealthService:
                 "motion": self._ownership.owner,
             },
             {"status": self._sequences.status.status, "pid": self._sequences.status.pid},
+            session,
             cycle_us,
             interventions,
+            last_interventions_s,
             {
                 **{name: version(name) for name in VERSIONS},
                 "python": platform.python_version(),
                 "layout": str(LAYOUT_VERSION),
             },
         )
+
+    def _session(self, state: RobotState) -> dict[str, object] | None:
+        """The streaming session, whoever has opened it."""
+        if state.session == 0:
+            return None
+        ours = self._streams.session
+        client = self._link.streamer() if ours is None else ours.name
+        refused = 0 if ours is None else ours.refused
+        return {"number": state.session, "client": client, "mode": state.mode.name, "refused": refused}
+
+
+def _seconds_since(moments_ns: list[int]) -> dict[str, float | None]:
+    """By kind of intervention; None for never."""
+    now_ns = time.monotonic_ns()
+    seconds = ((now_ns - moment) * 1e-9 if moment else None for moment in moments_ns)
+    return dict(zip(KINDS, seconds, strict=True))
 
 
 def _process(statistics: np.ndarray) -> dict[str, object]:

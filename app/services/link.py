@@ -22,6 +22,8 @@ POLL_S = 0.002
 ACKNOWLEDGE_S = 3.0
 """rtloop verifies the largest trajectory in about a second."""
 SCALARS = [name for name, _ in STATE_SCALARS]
+RESTING = frozenset({Mode.HOLD, Mode.ESTOP, Mode.FAULT})
+"""Modes in which nothing moves the arm, but for the end of a motion."""
 IN_THREAD_SEGMENTS = 2000
 """A longer trajectory is copied in a thread, so that nobody else waits."""
 
@@ -35,7 +37,9 @@ class RobotState:
         published_s: when it was published, `time.monotonic`.
         age_s: how long ago that was.
         measured_age_s: how long ago the robot was read.
+        session: the streaming session that moves the arm, 0 for none.
         interventions: in the order of `Intervention`.
+        intervened_ns: when each was counted last, CLOCK_MONOTONIC; 0 for never.
         reason: why the mode is ESTOP or FAULT, or why the last motion ended.
     """
 
@@ -51,7 +55,9 @@ class RobotState:
     path_time_s: float
     path_duration_s: float
     stops_seen: int
+    session: int
     interventions: list[int]
+    intervened_ns: list[int]
     overruns: int
     torn_reads: int
     published_s: float
@@ -124,7 +130,9 @@ class RobotLink:
             path_time_s=scalars["path_time_s"],
             path_duration_s=scalars["path_duration_s"],
             stops_seen=scalars["stops_seen"],
+            session=scalars["session"],
             interventions=record["interventions"].tolist(),
+            intervened_ns=record["intervened_ns"].tolist(),
             overruns=scalars["overruns"],
             torn_reads=scalars["torn_reads"],
             published_s=scalars["monotonic_ns"] * 1e-9,
@@ -132,6 +140,18 @@ class RobotLink:
             measured_age_s=(now_ns - scalars["measured_monotonic_ns"]) * 1e-9,
             reason=text(record["reason"]),
         )
+
+    def streamer(self) -> str | None:
+        """Who streams to the arm, for people: the process that has opened the session."""
+        try:
+            state = self.state()
+            if state.session == 0 or state.age_s > self._stale_after_s:
+                return None
+            return f"a streaming client (process {self.memory.session.read()['pid']})"
+        except UnavailableError:
+            return None
+        except TornReadError:
+            return "a streaming client"
 
     def statistics(self) -> np.ndarray:
         """A copy of rtloop's statistics block.

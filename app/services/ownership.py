@@ -103,7 +103,7 @@ class Ownership:
         """Who moves the arm, for people."""
         if self._claim is not None:
             return str(self._claim)
-        return self._sequence[0] if self._sequence else None
+        return self._sequence[0] if self._sequence else self._link.streamer()
 
     def claim_for_sequence(self, name: str, token: str) -> None:
         """Reserve the motion for requests with a token.
@@ -126,6 +126,9 @@ class Ownership:
         """
         if self._claim is not None or (self._sequence is not None and self._sequence[1] != token):
             raise ConflictError(f"the robot is in use by {self.owner}; wait for it, or POST /stop")
+        streamer = self._link.streamer()
+        if streamer is not None:
+            raise ConflictError(f"the robot is in use by {streamer}; wait for its end, or POST /stop")
         if token is not None and self._sequence is None:
             raise ConflictError("the sequence that this request belongs to has ended")
 

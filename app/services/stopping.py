@@ -7,13 +7,11 @@ import contextlib
 import time
 from dataclasses import dataclass
 
-from app.services.link import POLL_S, RobotLink, RobotState
+from app.services.link import POLL_S, RESTING, RobotLink, RobotState
 from app.services.ownership import Ownership
 from app.services.sequences import SequenceService
 from cobot.errors import CobotError, UnavailableError
-from cobot.types import Mode
 
-MOVING = (Mode.TRAJECTORY, Mode.STOPPING)
 END_TIMEOUT_S = 2.0
 """How long a motion is waited for that has come to rest and has only to notice."""
 UNMEASURED_S = 0.25
@@ -56,7 +54,7 @@ class StopService:
         problems: list[str] = []
         sequence, state = await asyncio.gather(self._sequences.stop(), self._rest(timeout_s - 0.5, problems))
         stopped = [item for item in (sequence, motion or orphan) if item]
-        at_rest = state is not None and state.mode not in MOVING and state.settled
+        at_rest = state is not None and _idle(state) and state.settled
         if at_rest and claim is not None:  # who has stopped the arm may want to move it next
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(claim.ended.wait(), END_TIMEOUT_S)
@@ -73,12 +71,12 @@ class StopService:
         )
 
     def _orphan(self) -> str | None:
-        """A motion that runs though nobody here has started it: its service has died."""
+        """What moves the arm without a claim: a local client, or the motion of a service that has died."""
         try:
             state = self._link.state()
         except UnavailableError:
             return None
-        return f"motion {state.motion_id}" if state.mode in MOVING else None
+        return self._link.streamer() or (None if _idle(state) else f"motion {state.motion_id}")
 
     async def _rest(self, timeout_s: float, problems: list[str]) -> RobotState | None:
         """The state once the arm is at rest, or the last one before the time was up."""
@@ -90,11 +88,16 @@ class StopService:
             except CobotError as exc:
                 problems.append(str(exc))
                 return None
-            if state.measured_age_s > UNMEASURED_S and state.mode not in MOVING:
+            if state.measured_age_s > UNMEASURED_S and _idle(state):
                 problems.append(f"it was measured {state.measured_age_s:.1f} s ago: {state.reason}")
                 return state
-            if state.stops_seen >= self._link.stops and state.mode not in MOVING and state.settled:
+            if state.stops_seen >= self._link.stops and _idle(state) and state.settled:
                 return state
             await asyncio.sleep(POLL_S)
         problems.append(f"not at rest within {timeout_s:g} s")
         return state
+
+
+def _idle(state: RobotState) -> bool:
+    """Whether neither a motion nor a session is under way."""
+    return state.mode in RESTING and state.session == 0

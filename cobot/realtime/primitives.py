@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
-from cobot.client import Client, Json
+from cobot.client import Json
 from cobot.errors import InputError
 from cobot.frames import abc_from_quaternion
+from cobot.realtime.plans import Run
 from cobot.types import vector
-
-Run = Callable[[Client], Json]
 
 
 def primitive(name: str, params: Mapping[str, Any], dof: int) -> Run:

@@ -1,0 +1,294 @@
+"""Faults, and what the arm does meanwhile: seen from outside, in the state block, cycle by cycle."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from rig import Rig
+
+from cobot.config import Settings
+from cobot.errors import TornReadError
+from cobot.layout import Command, Stream
+from cobot.planners.ptp import plan_ptp
+from cobot.planners.request import MotionRequest
+from cobot.robot import Robot
+from cobot.seqlock import Block
+from cobot.shm import RobotMemory, Role, text
+from cobot.types import Array, JointLimits, Mode, PlannerName, Scaling
+from rtloop.modes import STREAMING
+
+SLACK = 1.011
+"""Of the rates: the safety layer permits one per cent for the rounding of differences."""
+POSITION_SLACK_RAD = 1.1e-5
+REST_RAD_S = 1e-3
+"""What is commanded may be no faster when the arm is taken over."""
+KINDS = ("motion", "joint", "cartesian", "torque")
+MOVE = np.array([0.4, 0.2, -0.3, 0.3, 0.2, -0.3, 0.4])
+BLOCKS = (
+    "state",
+    "statistics",
+    "acks",
+    "heartbeat",
+    "requests",
+    "head",
+    "commands",
+    "slots",
+    "info",
+    "session_ack",
+    "session",
+    "setpoint",
+    "chunk",
+    "stream_requests",
+)
+
+
+class Record:
+    """What the arm was told and where it was.
+
+    A command may leave the limits behind in one case only: the arm rests and is taken over where it is, after
+    a session, a reset, or an rtloop or a device that has been gone.
+    """
+
+    def __init__(self, limits: JointLimits, period_s: float) -> None:
+        self._limits, self._period_s = limits, period_s
+        self.cycles: list[int] = []
+        self.modes: list[Mode] = []
+        self.commanded: list[Array] = []
+        self.measured: list[Array] = []
+        self.reasons: set[str] = set()
+        self._sessions: list[int] = []
+        self._starts: list[int] = []
+        self._unwritten: list[bool] = []
+        self._reason = b""
+        self._writing_fails = False
+
+    def add(self, state: np.ndarray, start: int = 0) -> None:
+        """A state, unless it is the last one again; `start` tells one rtloop from the next."""
+        cycle = int(state["cycle"])
+        if self.cycles and cycle == self.cycles[-1] and start == self._starts[-1]:
+            return
+        reason = state["reason"].item()
+        if reason != self._reason:
+            self._reason = reason
+            self.reasons.add(text(state["reason"]))
+            self._writing_fails = reason.startswith(b"writing to")
+        self.cycles.append(cycle)
+        self.modes.append(Mode(int(state["mode"])))
+        self.commanded.append(state["commanded_position"].copy())
+        self.measured.append(state["position"].copy())
+        self._sessions.append(int(state["session"]))
+        self._starts.append(start)
+        self._unwritten.append(self._writing_fails)
+
+    def violations(self) -> list[str]:
+        """Every limit that was not kept, in words."""
+        commanded, measured = np.array(self.commanded), np.array(self.measured)
+        cycles = np.array(self.cycles)
+        taken_over = self._taken_over(commanded, measured)
+        gaps = np.diff(cycles, prepend=cycles[0] - 1) != 1
+        begins = np.unique([0, *np.flatnonzero(taken_over | gaps), len(cycles)])
+        found: list[str] = []
+        for begin, end in zip(begins[:-1], begins[1:], strict=True):
+            rows = commanded[begin:end]
+            if begin and taken_over[begin]:
+                rows = np.concatenate([np.repeat(rows[:1], 3, axis=0), rows])  # from rest
+                found += self._not_at_rest(commanded, measured, begin)
+            found += self._excesses(rows, int(cycles[begin]))
+        return found + self._strays(commanded, measured, taken_over)
+
+    def moved_rad(self, cycles: int) -> float:
+        """How far any joint was commanded in so many last cycles."""
+        recent = np.array(self.commanded[-cycles:])
+        return float(np.ptp(recent, axis=0).max())
+
+    def _taken_over(self, commanded: Array, measured: Array) -> Array:
+        sessions, starts = np.array(self._sessions), np.array(self._starts)
+        latched = np.isin(self.modes, (Mode.ESTOP, Mode.FAULT))
+        held = np.isin(self.modes, (Mode.HOLD,))
+        found = np.zeros(len(sessions), bool)
+        found[1:] = (sessions[:-1] != 0) & (sessions[1:] == 0)
+        found[1:] |= latched[:-1] & held[1:]
+        found[1:] |= starts[:-1] != starts[1:]
+        found |= np.array(self._unwritten) & (commanded == measured).all(axis=1)
+        return found
+
+    def _not_at_rest(self, commanded: Array, measured: Array, begin: int) -> list[str]:
+        """The arm stood, and is held where it stood, or where it was told to stand."""
+        cycle = self.cycles[begin]
+        found = []
+        alive = self._starts[begin] == self._starts[begin - 1] and not self._unwritten[begin]
+        if alive and begin > 1 and self.cycles[begin - 2] == cycle - 2:
+            speed = np.abs(commanded[begin - 1] - commanded[begin - 2]).max() / self._period_s
+            if speed > REST_RAD_S:
+                found.append(f"cycle {cycle}: taken over while moving at {speed:.4f} rad/s")
+        here = np.abs(commanded[begin] - measured[begin]).max()
+        there = np.abs(commanded[begin] - commanded[begin - 1]).max()
+        if min(here, there) > REST_RAD_S:
+            found.append(f"cycle {cycle}: taken over {here:.4f} rad from where the arm is")
+        return found
+
+    def _excesses(self, rows: Array, cycle: int) -> list[str]:
+        limits, found = self._limits, []
+        bounds = (limits.max_velocity, limits.max_acceleration, limits.max_jerk)
+        names = ("velocity", "acceleration", "jerk")
+        for order, (name, bound) in enumerate(zip(names, bounds, strict=True), start=1):
+            if len(rows) <= order:
+                break
+            share = np.abs(np.diff(rows, order, axis=0)) / self._period_s**order / bound
+            for row in np.flatnonzero(~(share <= SLACK).all(axis=1)):
+                joint = int(share[row].argmax())
+                found.append(
+                    f"some {row} cycles after {cycle}: {name} of {limits.names[joint]} is "
+                    f"{share[row, joint]:.3f} times its limit"
+                )
+        return found
+
+    def _strays(self, commanded: Array, measured: Array, taken_over: Array) -> list[str]:
+        """Positions beyond the limits, but for an arm that was pushed there."""
+        limits, found = self._limits, []
+        beyond = np.maximum(commanded - limits.max_position, limits.min_position - commanded)
+        allowed = np.zeros(limits.dof)
+        out = (beyond > POSITION_SLACK_RAD).any(axis=1) | taken_over
+        for row in np.flatnonzero(out):
+            if taken_over[row]:
+                allowed = np.maximum(beyond[row], 0.0)
+            elif not (beyond[row] <= allowed + POSITION_SLACK_RAD).all():
+                found.append(f"cycle {self.cycles[row]}: {beyond[row].max():.5f} rad beyond a position limit")
+        return found
+
+
+class WatchedRig(Rig):
+    """The simulated arm on the virtual clock; who asks and who looks has a mapping of the memory of its own."""
+
+    def __init__(self, settings: Settings, robot: Robot, memory: RobotMemory | None = None) -> None:
+        super().__init__(settings, robot, simulated=True, memory=memory)
+        self._own = self.memory
+        self.memory = RobotMemory.attach(self._own.robot, Role.READER)
+        for block in (self.memory.head, self.memory.requests, self.memory.session, self.memory.setpoint):
+            block.salvage()
+        self.record = Record(robot.limits, settings.rt.period_s)
+
+    def close(self) -> None:
+        self.memory.close()
+        self._own.unlink()
+        self._own.close()
+
+    def step(self, cycles: int = 1, late_ns: int = 0) -> None:
+        for _ in range(cycles):
+            super().step(1, late_ns)
+            self.record.add(self.memory.state.read())
+
+    def reset(self) -> str:
+        """Leave ESTOP or FAULT; "" or why not. Waits until the arm rests."""
+        self.run()
+        return self.answer(self.send(Command.RESET))
+
+
+class Task:
+    """Something that the arm does: a planned motion, or one of the streams."""
+
+    def __init__(self, rig: Rig, kind: str, interval: int = 10, **wishes: object) -> None:
+        self.rig, self.kind, self._interval = rig, kind, interval
+        self._cycle = 0
+        self._pose = np.zeros(7)
+        self._origin = rig.loop.controller.safety.position.copy()
+        if kind == "motion":
+            request = MotionRequest(self._origin, self._origin + self._way(), PlannerName.PTP, Scaling(0.4))
+            refusal = rig.start(plan_ptp(rig.robot, request, request.goal))
+        else:
+            stream = {
+                "joint": Stream.JOINT_IMPEDANCE,
+                "cartesian": Stream.CARTESIAN,
+                "torque": Stream.JOINT_TORQUE,
+            }
+            refusal = rig.stream(stream[kind], **{"decimation": interval, **wishes})
+            rig.robot.model.forward_into(self._origin, self._pose)
+        assert refusal == "", refusal
+
+    def step(self, cycles: int = 1) -> None:
+        """Go on with it."""
+        for _ in range(cycles):
+            if self.kind != "motion" and self._cycle % self._interval == 0:
+                self.rig.aim(**self.target())
+            self._cycle += 1
+            self.rig.step()
+
+    def target(self) -> dict[str, Array]:
+        """From rest, and back after two seconds."""
+        time_s = self._cycle * self.rig.settings.rt.period_s
+        share = (1.0 - np.cos(np.pi * time_s)) / 2.0
+        if self.kind == "joint":
+            return {"joints": self._origin + 0.6 * share * self._way()}
+        if self.kind == "cartesian":
+            pose = self._pose.copy()
+            pose[:3] += share * np.array([-0.1, 0.08, -0.05])
+            return {"pose": pose}
+        return {"joints": 4.0 * np.sin(2.0 * np.pi * time_s) * np.array([1.0, 0.5, 0.3, -0.5, 0.1, 0.1, 0.05])}
+
+    @property
+    def running(self) -> bool:
+        return self.rig.mode is Mode.TRAJECTORY if self.kind == "motion" else self.rig.mode in STREAMING
+
+    def end(self) -> None:
+        """Come to rest."""
+        if self.rig.mode in STREAMING:
+            self.rig.end_stream()
+        self.rig.run()
+
+    def _way(self) -> Array:
+        """Towards home from far away, so that no series of tasks leads to the limits."""
+        away = self._origin - self.rig.home
+        return np.where(away * MOVE > 0.0, -MOVE, MOVE)
+
+
+def spoil(memory: RobotMemory, name: str, random: np.random.Generator) -> None:
+    """Random bytes all over a block, as a writer gone wild would leave them."""
+    for view in _views(memory, name):
+        view[:] = random.bytes(len(view))
+
+
+def _views(memory: RobotMemory, name: str) -> Iterator[memoryview]:
+    found = getattr(memory, name)
+    for part in found if isinstance(found, list) else [found]:
+        block = part if isinstance(part, Block) else part.head
+        yield block._head.cast("B")
+        yield block._shared
+        if not isinstance(part, Block):
+            yield part.breakpoints_s.data.cast("B")
+            yield part.coefficients.data.cast("B")
+
+
+@contextmanager
+def watched(robot: str, limits: JointLimits, period_s: float) -> Iterator[Record]:
+    """Look at a running robot's state block, as often as this computer permits, until the context ends."""
+    memory = RobotMemory.attach(robot, Role.READER)
+    record = Record(limits, period_s)
+    ended = threading.Event()
+
+    def look() -> None:
+        start = 0
+        while not ended.is_set():
+            try:
+                state = memory.state.read()
+                if not record.cycles or int(state["cycle"]) != record.cycles[-1]:
+                    start = int(memory.statistics.read()["started_ns"]) or start
+                record.add(state, start)
+            except (TornReadError, ValueError):  # spoilt: the next cycle mends it
+                continue
+            time.sleep(2e-4)
+
+    looker = threading.Thread(target=look, daemon=True)
+    looker.start()
+    try:
+        yield record
+    finally:
+        ended.set()
+        looker.join()
+        memory.close()
+
+
