@@ -18,7 +18,8 @@ FULL = 0.95
 """Of the velocity limits, for a stream."""
 RISE_S = 1.5
 REST_CYCLES = 1500
-COLUMNS = ("median distance, rad", "peak deceleration / limit", "peak jerk / limit")
+COLUMNS = ("median distance, rad", "peak deceleration", "peak jerk")
+"""The peaks as shares of the limits."""
 Cause = Callable[[Rig], None]
 
 
@@ -56,7 +57,7 @@ def _row(name: str, found: list[tuple[float, float, float, float]]) -> Row:
         name,
         "",
         (float(np.median(distances)), float(decelerations.max()), float(jerks.max())),
-        "Ruckig's fastest stop of each joint; the limits",
+        "Ruckig's fastest stop of each joint, the limits",
         (float(np.median(shortest)), 1.0, 1.0),
         columns=COLUMNS,
         aim="1 of the limits",

@@ -38,7 +38,7 @@ class Row:
 
 PERCENTILES = ("p50", "p99", "p99.9")
 HEADER = (
-    "| Figure | Unit, or the columns | p50 / p99 / p99.9 | Compared with | p50 / p99 / p99.9 | Ratio | Aim |\n"
+    "| Figure | Unit or columns | p50 / p99 / p99.9 | Compared with | p50 / p99 / p99.9 | Ratio | Aim |\n"
     "|---|---|---|---|---|---|---|"
 )
 

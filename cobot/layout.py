@@ -215,7 +215,6 @@ def session_dtype(dof: int) -> np.dtype:
             ("stream", "u8"),
             ("interpolation", "u8"),
             ("decimation", "u8"),  # a new target is taken every so many cycles
-            ("impedance", "u8"),  # 1: stiffness and damping_ratio count, 0: the drives' nominal ones
             ("stiffness", *joints),
             ("damping_ratio", *joints),
             ("cartesian_stiffness", "f8", (6,)),

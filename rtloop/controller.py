@@ -219,7 +219,7 @@ class Controller:
 
     def _take_session(self) -> None:
         streaming = self.streaming
-        if streaming.session or not streaming.box.asks():
+        if not streaming.box.asks():
             return
         mode = Mode.TRAJECTORY if self.moving else self.mode
         if not streaming.open(self.safety.command, mode, self.mailbox.stops):

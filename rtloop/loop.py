@@ -142,7 +142,7 @@ class ControlLoop:
             self._square = square
             self._frozen = 0
             self.controller.stale = False
-        elif not self.controller.stale:
+        elif not self.controller.stale and not self._unwritten:
             self._look_for_life()
         return not self.controller.stale
 

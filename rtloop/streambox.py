@@ -71,11 +71,10 @@ class StreamBox:
             and self.session.data["number"] != self.session_seen
         )
 
-    @property
-    def wanted(self) -> bool:
-        """Whether the client still wants the session that was answered last, as far as one can read."""
+    def wants(self, number: int) -> bool:
+        """Whether the client still wants this session, as far as one can read."""
         data = self.session.data
-        return not self.session.readable or bool(data["open"] == 1 and data["number"] == self.session_seen)
+        return not self.session.readable or bool(data["open"] == 1 and data["number"] == number)
 
     def estop_requested(self) -> bool:
         """Whether an e-stop was requested since the last call."""

@@ -133,8 +133,7 @@ class Streaming:
         assert source is not None
         self._cycle += 1
         self._silent_cycles += 1
-        self.box.session.changed()
-        if not self.box.wanted:
+        if not self.box.wants(self.session):
             self.problem = "the client has ended the session"
         elif self._cycle % ALIVE_CYCLES == 0 and self._life is not None and self._life.poll(0):
             self.problem = "the streaming client has died"

@@ -10,12 +10,13 @@ from typing import Generic, Self, TypeVar
 
 import numpy as np
 
-from cobot.errors import ExecutionError, InputError, MotionStopped, UnavailableError
-from cobot.layout import CHUNK_POINTS, chunk_dtype, setpoint_dtype
+from cobot.errors import ExecutionError, MotionStopped, UnavailableError
+from cobot.layout import CHUNK_POINTS, Stream, chunk_dtype, setpoint_dtype
+from cobot.realtime.records import check_chunk, check_setpoint
 from cobot.realtime.states import CartesianState, JointState, cartesian_state, joint_state
 from cobot.realtime.transport import Transport
 from cobot.shm import text
-from cobot.types import Array, Mode, Pose, vector
+from cobot.types import Mode, vector
 
 REST_S = 5.0
 """How long an arm is waited for that was told to stop: it takes 2.5 s at the most."""
@@ -33,6 +34,7 @@ class Control(Generic[State]):
     def __init__(self, transport: Transport, wish: np.ndarray) -> None:
         self._transport = transport
         self._dof = transport.dof
+        self._stream = Stream(int(wish["stream"]))
         self._turn = threading.Lock()
         self._setpoint = np.zeros((), setpoint_dtype(self._dof))
         self._chunk = np.zeros((), chunk_dtype(self._dof))
@@ -88,9 +90,17 @@ class Control(Generic[State]):
                 raise ExecutionError(f"the arm has not come to rest within {REST_S:g} s")
             time.sleep(POLL_S / 10)
 
-    def _publish(self) -> None:
-        self._require_running(self._transport.state())
-        self._transport.send_setpoint(self._setpoint)
+    def _publish(self, counter: str, **fields: object) -> None:
+        """Have rtloop take these fields of the setpoint, the others as they are; or change nothing at all."""
+        with self._turn:
+            wanted = self._setpoint.copy()
+            for name, value in fields.items():
+                wanted[name] = value
+            wanted[counter] += 1
+            check_setpoint(wanted, self._stream)
+            self._require_running(self._transport.state())
+            self._setpoint = wanted
+            self._transport.send_setpoint(wanted)
 
     def _require_running(self, state: np.ndarray) -> None:
         """Nobody shall go on sending targets that no arm follows.
@@ -109,24 +119,6 @@ class Control(Generic[State]):
             raise MotionStopped(
                 f"the session has ended, mode {Mode(int(state['mode'])).name}: {text(state['reason'])}"
             )
-
-    def _send_chunk(self, times_s: Sequence[float], points: Sequence[Sequence[float]], size: int) -> None:
-        count = len(points)
-        if not 1 <= count <= CHUNK_POINTS:
-            raise InputError(f"a chunk has from 1 to {CHUNK_POINTS} points, got {count}")
-        times = vector(times_s, count, name="times_s")
-        if not (np.diff(times) > 0.0).all():
-            raise InputError(f"times_s must increase, got {times.tolist()}")
-        rows = np.stack([vector(point, size, name=f"points[{i}]") for i, point in enumerate(points)])
-        with self._turn:
-            state = self._transport.state()
-            self._require_running(state)
-            chunk = self._chunk
-            chunk["number"] += 1
-            chunk["count"] = count
-            chunk["times_s"][:count] = times
-            chunk["points"][:count, :size] = rows
-            self._transport.send_chunk(chunk)
 
 
 class JointControl(Control[JointState]):
@@ -153,17 +145,10 @@ class JointControl(Control[JointState]):
             MotionStopped: the session has ended, with the reason.
         """
         target = vector(positions, self._dof, name="positions")
-        rates = vector(velocities, self._dof, name="velocities") if len(velocities) else None
+        rates = vector(velocities, self._dof, name="velocities") if len(velocities) else 0.0
         if len(accelerations):
             vector(accelerations, self._dof, name="accelerations")
-        with self._turn:
-            setpoint = self._setpoint
-            setpoint["joints"] = target
-            setpoint["feed_forward"] = rates is not None
-            if rates is not None:
-                setpoint["joint_velocity"] = rates
-            setpoint["number"] += 1
-            self._publish()
+        self._publish("number", joints=target, feed_forward=bool(len(velocities)), joint_velocity=rates)
 
     def set_chunk(self, times_s: Sequence[float], positions: Sequence[Sequence[float]]) -> None:
         """Where the joints shall be at times to come: an action chunk. A newer one replaces what lies ahead.
@@ -175,7 +160,20 @@ class JointControl(Control[JointState]):
         Raises:
             InputError, MotionStopped: as `set_target_joints`.
         """
-        self._send_chunk(times_s, positions, self._dof)
+        count = len(positions)
+        with self._turn:
+            chunk = self._chunk.copy()
+            chunk["number"] += 1
+            chunk["count"] = count
+            if 1 <= count <= CHUNK_POINTS:
+                chunk["times_s"][:count] = vector(times_s, count, name="times_s")
+                for index, point in enumerate(positions):
+                    row = vector(point, self._dof, name=f"positions[{index}]")
+                    chunk["points"][index, : self._dof] = row
+            check_chunk(chunk, self._stream)
+            self._require_running(self._transport.state())
+            self._chunk = chunk
+            self._transport.send_chunk(chunk)
 
 
 class JointImpedanceControl(JointControl):
@@ -194,11 +192,7 @@ class JointTorqueControl(Control[JointState]):
         Raises:
             InputError, MotionStopped: as `JointControl.set_target_joints`.
         """
-        target = vector(torques, self._dof, name="torques")
-        with self._turn:
-            self._setpoint["joints"] = target
-            self._setpoint["number"] += 1
-            self._publish()
+        self._publish("number", joints=vector(torques, self._dof, name="torques"))
 
 
 class CartesianMotionForceControl(Control[CartesianState]):
@@ -226,20 +220,12 @@ class CartesianMotionForceControl(Control[CartesianState]):
             InputError: another number of numbers, one that is none, or no quaternion.
             MotionStopped: the session has ended, with the reason.
         """
-        target = _pose(pose)
-        force = vector(wrench, 6, name="wrench") if len(wrench) else np.zeros(6)
-        twist = vector(velocity, 6, name="velocity") if len(velocity) else None
+        force = vector(wrench, 6, name="wrench") if len(wrench) else 0.0
+        twist = vector(velocity, 6, name="velocity") if len(velocity) else 0.0
         if len(acceleration):
             vector(acceleration, 6, name="acceleration")
-        with self._turn:
-            setpoint = self._setpoint
-            setpoint["pose"] = target
-            setpoint["wrench"] = force
-            setpoint["feed_forward"] = twist is not None
-            if twist is not None:
-                setpoint["twist"] = twist
-            setpoint["number"] += 1
-            self._publish()
+        target = vector(pose, 7, name="pose")
+        self._publish("number", pose=target, wrench=force, feed_forward=bool(len(velocity)), twist=twist)
 
     def move_to_pose(self, pose: Sequence[float], duration_sec: float = 3.0) -> None:
         """Begin a minimum-jerk motion to a pose and return; one to the same pose that runs goes on.
@@ -250,15 +236,7 @@ class CartesianMotionForceControl(Control[CartesianState]):
             InputError: no pose, or no duration from 0.001 to 600 s.
             MotionStopped: the session has ended, with the reason.
         """
-        target = _pose(pose)
-        if not 1e-3 <= duration_sec <= 600.0:
-            raise InputError(f"duration_sec must be from 0.001 to 600 s, got {duration_sec}")
-        with self._turn:
-            setpoint = self._setpoint
-            setpoint["move_pose"] = target
-            setpoint["move_duration_s"] = duration_sec
-            setpoint["move"] += 1
-            self._publish()
+        self._publish("move", move_pose=vector(pose, 7, name="pose"), move_duration_s=duration_sec)
 
     def move_to_pose_sync(
         self, pose: Sequence[float], duration_sec: float = 3.0, timeout_sec: float = 0.0
@@ -293,12 +271,4 @@ class CartesianMotionForceControl(Control[CartesianState]):
         """End a `move_to_pose`: the arm comes to rest where it is, and waits for the next target."""
         with self._turn:
             self._setpoint["cancel"] = self._setpoint["move"]
-            self._publish()
-
-
-def _pose(pose: Sequence[float]) -> Array:
-    values = vector(pose, 7, name="pose")
-    checked = Pose(values[:3], values[3:])
-    if abs(float(np.linalg.norm(values[3:])) - 1.0) > 1e-2:
-        raise InputError(f"the quaternion of the pose must have length 1, got {values[3:].tolist()}")
-    return np.concatenate([checked.position, checked.quaternion])
+            self._transport.send_setpoint(self._setpoint)

@@ -65,7 +65,9 @@ def check_setpoint(setpoint: np.ndarray, stream: Stream) -> None:
         _normalise(setpoint["move_pose"], "move_pose")
         (shortest, longest), duration = MOVE_S, float(setpoint["move_duration_s"])
         if not shortest <= duration <= longest:
-            raise InputError(f"the duration of a move must be from {shortest} to {longest} s, got {duration}")
+            raise InputError(
+                f"the duration of a move must be from {shortest:g} to {longest:g} s, got {duration:g}"
+            )
 
 
 def check_chunk(chunk: np.ndarray, stream: Stream) -> None:

@@ -151,6 +151,8 @@ class Robot(SessionSettings):
                         raise
                     time.sleep(0.1)
         self._chosen = Mode.IDLE
+        while not self.operational() and time.monotonic() < deadline_s:  # the state is older than the answer
+            time.sleep(0.001)
         return self.operational()
 
     def switch_mode(self, mode: Mode) -> None:

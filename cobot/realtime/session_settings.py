@@ -7,12 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from cobot.errors import InputError
-from cobot.layout import Interpolation, Stream, session_dtype
+from cobot.layout import Interpolation, Stream
 from cobot.realtime.modes import CoordType
+from cobot.realtime.records import DAMPING_RATIO, NO_FRAME, nominal_session
 from cobot.types import Array, vector
-
-DAMPING_RATIO = 0.7
-NO_FRAME = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
 
 class SessionSettings:
@@ -24,17 +22,8 @@ class SessionSettings:
 
     def __init__(self, info: np.ndarray) -> None:
         self._limits_of = info
-        self._dof = dof = len(info["max_velocity"])
-        self._wish = np.zeros((), session_dtype(dof))
-        self._wish["stiffness"], self._wish["cartesian_stiffness"] = (
-            info["stiffness"],
-            info["cartesian_stiffness"],
-        )
-        self._wish["damping_ratio"], self._wish["cartesian_damping_ratio"] = DAMPING_RATIO, DAMPING_RATIO
-        self._wish["max_contact_torque"], self._wish["max_contact_wrench"] = np.inf, np.inf
-        self._wish["force_velocity"] = 1.0
-        self._wish["force_frame"] = NO_FRAME
-        self._wish["posture"] = np.nan
+        self._dof = len(info["max_velocity"])
+        self._wish = nominal_session(info)
 
     def set_joint_impedance(self, K_q: Sequence[float], Z_q: Sequence[float] | None = None) -> None:
         """Stiffness (N·m/rad, up to `info().K_q_nom`) and damping ratio (0.3 to 1) of the joints.

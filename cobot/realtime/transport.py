@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import os
+import threading
 import time
 from typing import Protocol
 
 import numpy as np
 
-from cobot.errors import ExecutionError, TornReadError, UnavailableError
-from cobot.layout import Ack
-from cobot.shm import FOLDER, RobotMemory, Role, text
+from cobot.errors import ConflictError, ExecutionError, TornReadError, UnavailableError
+from cobot.realtime.writer import StreamWriter
+from cobot.shm import FOLDER, RobotMemory, Role
+from cobot.types import Mode
 
 STALE_S = 0.25
 """A state older than this is none."""
@@ -88,60 +89,53 @@ class SharedMemoryTransport:
             running = ", ".join(sorted(path.name.removeprefix("cobot-") for path in FOLDER.glob("cobot-*")))
             raise UnavailableError(f"{exc}; robots that run here: {running or 'none'}") from exc
         self.robot, self.url, self.dof = robot, self._memory.url, self._memory.dof
+        self._writer = StreamWriter(self._memory)
+        self._turn = threading.Lock()
         self._streaming = False
         self.info = self._read_info()
 
     def state(self) -> np.ndarray:
-        memory = self._memory
-        try:
-            record = memory.state.read()
-        except TornReadError as exc:
-            raise UnavailableError(f"robot {self.robot!r}: {exc}") from exc
+        block = self._memory.state
+        with self._turn:
+            try:
+                record = block.read().copy()
+            except TornReadError as exc:
+                raise UnavailableError(f"robot {self.robot!r}: {exc}") from exc
         age_s = (time.monotonic_ns() - int(record["monotonic_ns"])) * 1e-9
-        if memory.state.sequence == 0 or age_s > STALE_S:
+        if block.sequence == 0 or age_s > STALE_S:
             raise UnavailableError(f"robot {self.robot!r}: rtloop has published nothing for {age_s:.1f} s")
-        return record.copy()
+        return record
 
     def open_session(self, wish: np.ndarray) -> int:
-        memory = self._memory
         state = self.state()
-        memory.take(Role.STREAM)
-        number = int(memory.session.salvage()["number"]) + 1
-        wish["number"], wish["open"], wish["pid"], wish["stops"] = number, 1, os.getpid(), state["stops_seen"]
-        memory.stream_requests.salvage()
-        memory.session.data[...] = wish
-        memory.session.publish()
+        if state["session"]:
+            raise ConflictError(
+                f"the arm is in mode {Mode(int(state['mode'])).name}: somebody streams already"
+            )
+        number = self._writer.begin(wish, int(state["stops_seen"]))
         try:
-            self._await_answer(number)
+            self._await_session(number)
         except (ExecutionError, UnavailableError):
-            memory.session.data["open"] = 0
-            memory.session.publish()
-            memory.release(Role.STREAM)
+            self._writer.end()
+            self._writer.release()
             raise
         self._streaming = True
         return number
 
     def send_setpoint(self, setpoint: np.ndarray) -> None:
-        block = self._memory.setpoint
-        block.data[...] = setpoint
-        block.publish()
+        self._writer.setpoint(setpoint)
 
     def send_chunk(self, chunk: np.ndarray) -> None:
-        block = self._memory.chunk
-        block.data[...] = chunk
-        block.publish()
+        self._writer.chunk(chunk)
 
     def request_estop(self) -> None:
-        block = self._memory.stream_requests
-        block.data["estops"] += 1
-        block.publish()
+        self._writer.estop()
 
     def end_session(self) -> None:
         if self._streaming:
             self._streaming = False
-            self._memory.session.data["open"] = 0
-            self._memory.session.publish()
-            self._memory.release(Role.STREAM)
+            self._writer.end()
+            self._writer.release()
 
     def close(self) -> None:
         self.end_session()
@@ -155,12 +149,14 @@ class SharedMemoryTransport:
         except TornReadError as exc:
             raise UnavailableError(f"robot {self.robot!r}: {exc}") from exc
 
-    def _await_answer(self, number: int) -> None:
-        ack = self._memory.session_ack
+    def _await_session(self, number: int) -> None:
+        """Wait for rtloop's answer, and for the first state in which the session is under way."""
         deadline_s = time.monotonic() + ANSWER_S
-        while not (ack.try_read() and int(ack.data["session"]) == number):
+        while (refusal := self._writer.answer(number)) is None:
             if time.monotonic() > deadline_s:
                 raise UnavailableError(f"robot {self.robot!r}: rtloop has not answered for {ANSWER_S:g} s")
             time.sleep(POLL_S)
-        if int(ack.data["result"]) != Ack.ACCEPTED:
-            raise ExecutionError(text(ack.data["message"]))
+        if refusal:
+            raise ExecutionError(refusal)
+        while int(self.state()["session"]) != number and time.monotonic() < deadline_s:
+            time.sleep(POLL_S)

@@ -1,7 +1,8 @@
-"""The tour, in each of its languages, against a running service."""
+"""Each example, the tour in each of its languages, against a running service."""
 
 from __future__ import annotations
 
+import math
 import os
 import subprocess
 import sys
@@ -30,6 +31,34 @@ def test_the_tour_runs_from_its_first_to_its_last_step(shared: Run, command: lis
     assert tour.returncode == 0, tour.stdout + tour.stderr
     assert "ok" in tour.stdout.splitlines()[-1] + tour.stdout.splitlines()[-2]
     assert "return code 0" in tour.stdout
+
+
+def test_the_policy_example_moves_the_arm_and_leaves_it_at_rest(shared: Run) -> None:
+    before = shared.joints()
+    assert example(shared, "policy_30hz.py", "1.5")[-1].startswith("and rests")
+    swing = 0.15 * (1.0 - math.cos(1.5))  # where its last targets lead: shared's clock may be slower
+    assert shared.joints()[0] - before[0] == pytest.approx(swing, abs=0.02)
+
+
+def test_the_streaming_plot_is_drawn(shared: Run, tmp_path: Path) -> None:
+    picture = tmp_path / "streaming.png"
+    assert example(shared, "streaming_plot.py", "--seconds", "1.5", "--output", str(picture))
+    assert picture.read_bytes().startswith(b"\x89PNG\r\n")
+
+
+def example(run: Run, script: str, *arguments: str) -> list[str]:
+    """What it prints."""
+    name = run.memory.name.removeprefix("cobot-")
+    ended = subprocess.run(
+        [sys.executable, str(EXAMPLES / script), *arguments],
+        env={**os.environ, "COBOT_ROBOT": name},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    return ended.stdout.splitlines()
 
 
 def test_the_matlab_tour_is_matlab() -> None:

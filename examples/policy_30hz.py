@@ -1,0 +1,34 @@
+"""A policy that decides 30 times a second moves the arm.
+
+Start `make run` in another terminal, then: python examples/policy_30hz.py [SECONDS]
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+import time
+
+from cobot import Mode, Robot
+
+RATE_HZ = 30
+SECONDS = float(sys.argv[1]) if len(sys.argv) > 1 else 10.0
+
+
+def policy(home: list[float], time_s: float) -> list[float]:
+    """Where the joints shall be next, rad: put yours here, and give it `control.get_state()`."""
+    swing = 0.15 * (1.0 - math.cos(time_s))
+    return [home[0] + swing, *home[1:5], home[5] + swing, home[6]]
+
+
+with Robot(os.environ.get("COBOT_ROBOT", "iiwa")) as robot:
+    robot.switch_mode(Mode.RT_JOINT_IMPEDANCE)
+    with robot.start_joint_impedance_control(RATE_HZ, interpolation="quintic") as control:
+        home = control.get_state().q
+        begun_s = time.monotonic()
+        for tick in range(round(SECONDS * RATE_HZ)):
+            control.set_target_joints(policy(home, tick / RATE_HZ))
+            time.sleep(max(0.0, begun_s + (tick + 1) / RATE_HZ - time.monotonic()))
+        print("the arm is at", control.get_state().q)
+print("and rests")  # the end of the `with` block has seen to it; so would the end of this process
