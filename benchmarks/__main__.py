@@ -15,9 +15,9 @@ from benchmarks.table import HEADER, Row
 
 BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "compute": lambda quick: cycle.compute(1 if quick else 5, 5.0 if quick else 12.0),
-    "modes": lambda quick: modes.modes(1 if quick else 3, 3.0 if quick else 10.0),
+    "modes": lambda quick: modes.modes(1 if quick else 2, 3.0 if quick else 8.0),
     "wake_up": lambda quick: cycle.wake_up(2 if quick else 13, 5.0 if quick else 12.0),
-    "latency": lambda quick: latency.commands(400 if quick else 4000, 2 if quick else 10),
+    "latency": lambda quick: latency.commands(400 if quick else 3000, 2 if quick else 10),
     "torn_reads": lambda quick: torn.torn_reads(100_000 if quick else 10_000_000),
     "stops": lambda quick: stopping.stops(4 if quick else 40),
     "smoothness": lambda quick: smoothness.smoothness(6.0 if quick else 30.0),
@@ -34,7 +34,7 @@ def main() -> None:
     parser.add_argument(
         "names", nargs="*", metavar="NAME", help=f"of {', '.join(BENCHMARKS)}; all without one"
     )
-    parser.add_argument("--quick", action="store_true", help="three minutes instead of 25: tails mean little")
+    parser.add_argument("--quick", action="store_true", help="three minutes, not twenty: tails mean little")
     arguments = parser.parse_args()
     unknown = set(arguments.names) - set(BENCHMARKS)
     if unknown:

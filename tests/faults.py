@@ -68,8 +68,13 @@ class Record:
         self._reason = b""
         self._writing_fails = False
 
-    def add(self, state: np.ndarray, start: int = 0) -> None:
-        """A state, unless it is the last one again; `start` tells one rtloop from the next."""
+    def add(self, state: np.ndarray, start: int = 0, truth: Array | None = None) -> None:
+        """A state, unless it is the last one again.
+
+        Args:
+            start: tells one rtloop from the next.
+            truth: where the joints really are, shape (dof,), rad, if that is known better.
+        """
         cycle = int(state["cycle"])
         if self.cycles and cycle == self.cycles[-1] and start == self._starts[-1]:
             return
@@ -81,7 +86,7 @@ class Record:
         self.cycles.append(cycle)
         self.modes.append(Mode(int(state["mode"])))
         self.commanded.append(state["commanded_position"].copy())
-        self.measured.append(state["position"].copy())
+        self.measured.append((state["position"] if truth is None else truth).copy())
         self._sessions.append(int(state["session"]))
         self._starts.append(start)
         self._unwritten.append(self._writing_fails)
@@ -105,6 +110,11 @@ class Record:
         """How far any joint was commanded in so many last cycles."""
         recent = np.array(self.commanded[-cycles:])
         return float(np.ptp(recent, axis=0).max())
+
+    def fastest(self) -> float:
+        """The largest velocity of the arm itself, as a share of its limit."""
+        steps = np.abs(np.diff(np.array(self.measured), axis=0)) / self._limits.max_velocity
+        return float(steps.max()) / self._period_s
 
     def _taken_over(self, commanded: Array, measured: Array) -> Array:
         sessions, starts = np.array(self._sessions), np.array(self._starts)
@@ -182,7 +192,7 @@ class WatchedRig(Rig):
     def step(self, cycles: int = 1, late_ns: int = 0) -> None:
         for _ in range(cycles):
             super().step(1, late_ns)
-            self.record.add(self.memory.state.read())
+            self.record.add(self.memory.state.read(), truth=self.simulation._data.qpos)
 
     def answer(self, number: int, cycles: int = 3000) -> str:
         ack = self.memory.acks[number % RING]

@@ -45,7 +45,7 @@ def test_the_shipped_configuration_is_good(capsys: pytest.CaptureFixture[str]) -
         *("endpoints", "address", "core", "logs", "recordings", "robot", "backend"),
         *("position home", "position work", "position transport"),
     ]
-    assert "endpoints: 15 in" in lines[0]
+    assert "endpoints: 16 in" in lines[0]
     assert "address: 127.0.0.1 port 8007" in lines[1]
     assert "robot: 7 joints" in lines[5]
     assert re.search(r"position home: .* TCP at x 0\.400 y -?0\.000 z 0\.654 m in base_link", lines[7])

@@ -18,7 +18,8 @@ from hypothesis import strategies as st
 from running import unique_name
 
 from cobot.errors import ConflictError, InputError, LayoutError, SharedMemoryError, UnavailableError
-from cobot.layout import LAYOUT_VERSION
+from cobot.layout import LAYOUT_VERSION, RING
+from cobot.seqlock import Block
 from cobot.shm import RobotMemory, Role, encoded
 from cobot.trajectory import from_hermite
 
@@ -81,7 +82,7 @@ def test_every_role_sees_what_the_others_write_and_no_block_overlaps_another(rob
     assert (rtloop.dof, rtloop.period_s, rtloop.created_ns) == (DOF, PERIOD_S, supervisor.created_ns)
 
     def blocks(memory: RobotMemory) -> list:
-        single = [memory.state, memory.statistics, memory.heartbeat, memory.requests, memory.head]
+        single = [value for value in vars(memory).values() if isinstance(value, Block)]
         return [*single, *memory.acks, *memory.commands, *(slot.head for slot in memory.slots)]
 
     random = np.random.default_rng(20261121)
@@ -99,6 +100,18 @@ def test_every_role_sees_what_the_others_write_and_no_block_overlaps_another(rob
     for slot in service.slots:
         assert (slot.breakpoints_s == 1.5).all()
         assert (slot.coefficients == 2.5).all()
+
+
+def test_no_two_blocks_share_a_cache_line(robot: str) -> None:
+    """libpyflexiv's suite CacheLineAlign; 64 bytes on every computer that this runs on."""
+    memory = create(robot)
+    blocks = [value for value in vars(memory).values() if isinstance(value, Block)]
+    blocks += [*memory.acks, *memory.commands]
+    whole = np.frombuffer(memory._map, np.uint8).ctypes.data
+    offsets = [np.frombuffer(block._head, np.uint8).ctypes.data - whole for block in blocks]
+    assert len(blocks) == 2 * RING + 11
+    assert all(offset % 64 == 0 for offset in offsets)
+    assert len(set(offsets)) == len(offsets)
 
 
 def test_a_trajectory_arrives_as_it_was_with_its_checksum(robot: str) -> None:

@@ -179,3 +179,23 @@ def test_streaming_into_the_floor_slows_down_and_holds_above_it(rig: Rig) -> Non
         rig.aim(pose=np.array([*here[:2], here[2] + 0.002, *here[3:]]))
         rig.step(10)
     assert tcp(rig, rig.commanded[-1])[2] > lowest + 0.05
+
+
+def test_the_elbow_goes_where_the_posture_wants_it_and_the_tcp_stays(rig: Rig) -> None:
+    model = rig.robot.model
+    wanted = rig.home.copy()
+    for _ in range(300):  # along the null space, by 0.3 rad of joint 3 or so
+        null = np.linalg.svd(model.jacobian(wanted))[2][-1]
+        wanted += 1e-3 * null * np.sign(null[2])
+    assert rig.stream(Stream.CARTESIAN, posture=wanted) == ""
+    begin = tcp(rig, rig.home)
+    for cycle in range(8000):
+        if cycle % 100 == 0:
+            rig.aim(pose=begin)
+        rig.step()
+    poses = commanded_tcp(rig)
+    assert np.abs(poses[:, :3] - begin[:3]).max() < 1e-4
+    apart = np.abs(wanted - rig.home).max()
+    assert np.abs(rig.commanded[-1] - wanted).max() < 0.2 * apart
+    assert rig.counted() == {}
+    require_limits(rig)

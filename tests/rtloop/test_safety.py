@@ -68,6 +68,30 @@ def test_a_jump_becomes_a_jerk_limited_move(output: Output) -> None:
     assert not output.safety.pursuing
 
 
+# libpyflexiv's suites ClampJointPosition and ClampJointVelocity
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("joint", range(7))
+def test_each_joint_is_limited_for_itself_in_both_directions(output: Output, sign: float, joint: int) -> None:
+    goal = output.positions[0].copy()
+    goal[joint] += 0.5 * sign
+    for _ in range(60):
+        output.apply(goal)
+    moved = np.abs(np.array(output.positions) - output.positions[0])
+    assert np.flatnonzero(moved.max(axis=0)).tolist() == [joint]
+    assert (sign * (output.positions[-1] - output.positions[0]))[joint] > 0.0
+    output.check()
+
+
+def test_a_joint_within_its_limits_is_not_touched_while_another_is_limited(output: Output) -> None:
+    goal = output.positions[0].copy()
+    goal[0] += 0.5
+    output.apply(goal)
+    np.testing.assert_array_equal(output.positions[-1][1:], output.positions[0][1:])
+    assert output.positions[-1][0] < output.positions[0][0] + 1e-4
+
+
 def test_a_request_beyond_a_joint_stop_ends_at_the_stop(output: Output) -> None:
     for cycle in range(6000):
         ramp = output.positions[0].copy()

@@ -1,0 +1,23 @@
+"""The table of tests in docs/flexiv-parity.md.
+
+Oracle: the names of the test functions in this folder's neighbours.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+TESTS = Path(__file__).parents[1]
+DOCUMENT = TESTS.parent / "docs" / "flexiv-parity.md"
+
+
+def test_every_test_that_the_table_names_exists() -> None:
+    named = set(re.findall(r"`(test_\w+)`", DOCUMENT.read_text(encoding="utf-8")))
+    defined = {
+        name
+        for file in TESTS.rglob("test_*.py")
+        for name in re.findall(r"^def (test_\w+)", file.read_text(encoding="utf-8"), re.MULTILINE)
+    }
+    assert len(named) > 80
+    assert named <= defined, f"no such tests: {sorted(named - defined)}"
