@@ -25,6 +25,7 @@ MODES = {
     Stream.CARTESIAN: Mode.CARTESIAN,
     Stream.JOINT_TORQUE: Mode.JOINT_TORQUE,
 }
+UNIT_TOLERANCE = 1e-2
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 DEFAULT_INTERVAL_S = 0.01
 """Between targets, before there have been two."""
@@ -165,23 +166,36 @@ class Streaming:
             return f"there is no stream {wish['stream']} with interpolation {wish['interpolation']}"
         if not 1 <= wish["decimation"] <= 1000:
             return f"decimation must be from 1 to 1000, got {wish['decimation']}"
-        if not isinstance(self._backend, ImpedanceControlled):
-            return "this robot's drives cannot give way: its backend has no impedance control"
-        for name, nominal in (
-            ("stiffness", self._backend.nominal_stiffness),
-            ("cartesian_stiffness", self._backend.nominal_cartesian_stiffness),
-        ):
-            values = wish[name]
-            if not ((values > 0.0) & (values <= nominal)).all():
-                return f"{name} must be above 0 and at the most {nominal.tolist()}, got {values.tolist()}"
+        if refusal := self._stiffness_refusal(wish):
+            return refusal
         for name in ("damping_ratio", "cartesian_damping_ratio"):
             if not ((wish[name] >= 0.3) & (wish[name] <= 1.0)).all():
                 return f"{name} must be from 0.3 to 1, got {wish[name].tolist()}"
         for name in ("max_contact_torque", "max_contact_wrench"):
             if not (wish[name] > 0.0).all():
                 return f"{name} must be above 0, got {wish[name].tolist()}"
-        if not (np.isfinite(wish["force_frame"]).all() and (wish["force_velocity"] > 0.0).all()):
-            return "the force frame must be finite and the velocities of force control above 0"
+        turn = float(np.linalg.norm(wish["force_frame"][3:]))
+        if not (np.isfinite(wish["force_frame"]).all() and abs(turn - 1.0) < UNIT_TOLERANCE):
+            return f"force_frame must be a position and a unit quaternion, got {wish['force_frame'].tolist()}"
+        if not (wish["force_velocity"] > 0.0).all():
+            return f"force_velocity must be above 0, got {wish['force_velocity'].tolist()}"
+        return ""
+
+    def _stiffness_refusal(self, wish: np.ndarray) -> str:
+        backend = self._backend
+        if not isinstance(backend, ImpedanceControlled):
+            stiff = not wish["stiffness"].any() and not wish["cartesian_stiffness"].any()
+            force = wish["stream"] == Stream.JOINT_TORQUE or wish["force_axes"].any()
+            return (
+                "" if stiff and not force else "this robot's drives cannot give way: no stiffness, no force"
+            )
+        for name, nominal in (
+            ("stiffness", backend.nominal_stiffness),
+            ("cartesian_stiffness", backend.nominal_cartesian_stiffness),
+        ):
+            values = wish[name]
+            if not ((values > 0.0) & (values <= nominal)).all():
+                return f"{name} must be above 0 and at the most {nominal.tolist()}, got {values.tolist()}"
         return ""
 
     def _watch(self, pid: int) -> str:
@@ -215,8 +229,8 @@ class Streaming:
                 self._source = TorqueSource(self._model, limits, self._period_s)
                 stiffness = self._model.mass_matrix(command[0]).diagonal() * TORQUE_FREQUENCY_RAD_S**2
                 impedance = Impedance(False, stiffness, np.ones(self._limits.dof))
-        assert isinstance(self._backend, ImpedanceControlled)
-        self._backend.set_impedance(impedance)
+        if isinstance(self._backend, ImpedanceControlled):
+            self._backend.set_impedance(impedance)
         self._largest_contact[:] = *wish["max_contact_torque"], *wish["max_contact_wrench"]
         self._guard.begin(touching=bool(wish["force_axes"].any()))
         self._safety.use(limits, catch_up=CATCH_UP_RAD_S if stream is Stream.CARTESIAN else np.inf)

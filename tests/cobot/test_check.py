@@ -136,7 +136,7 @@ def test_what_the_settings_name_and_is_not_there_is_reported(
         ),
         (
             "wbe: {}",
-            r"mine\.yaml: unknown key 'wbe' \(did you mean 'web'\?\); valid are: robot, rt, plan",
+            r"mine\.yaml: unknown key 'wbe' \(did you mean 'web'\?\); valid are: robot, rt, streaming",
         ),
         ("rt: {period_s: fast}", r"mine\.yaml: rt\.period_s: .*got 'fast'"),
         ("rt: {period_s: 1.0}", r"mine\.yaml: rt\.period_s: .*0\.01.*got 1\.0"),

@@ -13,10 +13,11 @@ import sys
 
 import numpy as np
 import pytest
-from rig import Rig
+from rig import Loopback, Rig
 
 from cobot.layout import Command, Interpolation, Stream
 from cobot.types import Array, Mode
+from rtloop.backends import ImpedanceControlled
 
 COMMAND_TIMEOUT_CYCLES = 500
 
@@ -239,7 +240,9 @@ def test_no_motion_starts_during_a_session_and_no_session_when_a_stop_came_first
         ({"stiffness": np.nan}, "stiffness must be above 0 and at the most"),
         ({"damping_ratio": 0.1}, "damping_ratio must be from 0.3 to 1"),
         ({"max_contact_torque": 0.0}, "max_contact_torque must be above 0"),
-        ({"force_frame": np.nan}, "the force frame must be finite"),
+        ({"force_frame": np.nan}, "force_frame must be a position and a unit quaternion"),
+        ({"force_frame": np.zeros(7)}, "force_frame must be a position and a unit quaternion"),
+        ({"force_velocity": 0.0}, "force_velocity must be above 0"),
         ({"pid": 2**22 + 1}, "cannot be watched"),
     ],
 )
@@ -247,6 +250,28 @@ def test_a_session_that_makes_no_sense_is_refused(rig: Rig, wish: dict[str, obje
     assert sentence in rig.stream(**wish)
     assert rig.mode is Mode.HOLD
     assert rig.stream() == ""
+
+
+class PositionOnly:
+    """Drives that are told positions, and nothing else."""
+
+    def __init__(self, loopback: Loopback) -> None:
+        for name in ("open", "enable", "read", "write", "disable", "close"):
+            setattr(self, name, getattr(loopback, name))
+
+
+def test_drives_that_cannot_give_way_follow_positions_and_refuse_forces(rig: Rig) -> None:
+    backend = PositionOnly(rig.loopback)
+    assert not isinstance(backend, ImpedanceControlled)
+    rig.loop.controller.streaming._backend = backend
+    for wish in ({}, {"stiffness": 0.0}, {"cartesian_stiffness": 0.0}):
+        assert "cannot give way" in rig.stream(**wish)
+    stiff = {"stiffness": 0.0, "cartesian_stiffness": 0.0}
+    assert "cannot give way" in rig.stream(Stream.JOINT_TORQUE, **stiff)
+    assert "cannot give way" in rig.stream(Stream.CARTESIAN, force_axes=1.0, **stiff)
+    assert rig.stream(**stiff) == ""
+    feed(rig, 500)
+    np.testing.assert_allclose(rig.commanded[-1], wave(rig, 490), atol=5e-3)
 
 
 def test_targets_of_another_session_are_ignored(stream: Rig) -> None:
