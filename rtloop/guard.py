@@ -17,6 +17,8 @@ LEAST_SHARE = 0.1
 APPROACH_M = 1e-5
 """By which a distance has to shrink to count as an approach."""
 PROBE_RAD = 0.02
+NEAR_M = 0.01
+"""Beyond the margin: where links slow down for each other, and what counts when a way out is looked for."""
 
 
 class Guard:
@@ -35,7 +37,8 @@ class Guard:
         self._margin_m = section.collision_margin_m
         self._zone_m = section.slow_down_m
         self._limits = limits
-        self._watched = self._pairs
+        self._watched: list[tuple[int, int]] = []
+        self._here, self._there, self._zones_m = np.zeros((3, 0))
         self._cycle = 0
         self.share = 1.0
         self.blocked = False
@@ -47,6 +50,9 @@ class Guard:
             touching: force control is on, so the tool may touch the surroundings: that is what it is for.
         """
         self._watched = [pair for pair in self._pairs if not (touching and self._is_tool_work(pair))]
+        self._here, self._there = np.zeros((2, len(self._watched)))
+        # The arm's own links are always near each other: they only slow down where it is tight.
+        self._zones_m = np.array([self._zone_m if self._has_world(p) else NEAR_M for p in self._watched])
         self._cycle = 0
         self.share = 1.0
         self.blocked = False
@@ -61,27 +67,33 @@ class Guard:
         stopping_s = (
             np.abs(velocity) / (2.0 * limits.max_acceleration) + limits.max_acceleration / limits.max_jerk
         )
-        here = self._distance_m(position)
-        there = self._distance_m(position + velocity * stopping_s)
+        here, there = self._here, self._there
+        self._find_distances(position, here)
+        self._find_distances(position + velocity * stopping_s, there)
         nearer = there < here - APPROACH_M
-        self.blocked = nearer and there < self._margin_m
-        share = (there - self._margin_m) / self._zone_m if nearer else 1.0
-        self.share = min(1.0, max(LEAST_SHARE, share))
+        room = np.where(nearer, there - self._margin_m, np.inf)
+        self.blocked = bool((room < 0.0).any())
+        self.share = min(1.0, max(LEAST_SHARE, float((room / self._zones_m).min(initial=1.0))))
 
     def leads_away(self, position: Array, heading: Array) -> bool:
         """Whether a joint step in this direction, shape (dof,), does not come nearer."""
         longest = float(np.abs(heading).max())
         step = heading * (PROBE_RAD / longest) if longest > PROBE_RAD else heading
-        return self._distance_m(position + step) >= self._distance_m(position) - APPROACH_M
+        self._find_distances(position, self._here)
+        self._find_distances(position + step, self._there)
+        near = self._here < self._margin_m + NEAR_M
+        return bool((self._there >= self._here - APPROACH_M)[near].all())
 
-    def _distance_m(self, joints: Array) -> float:
-        """The smallest distance, up to where it begins to matter."""
-        data, least = self._data, self._margin_m + self._zone_m
+    def _find_distances(self, joints: Array, out: Array) -> None:
+        """Of the pairs, up to where they begin to matter."""
+        data, mj, farthest = self._data, self._mj, self._margin_m + self._zone_m
         np.copyto(data.qpos, joints)
-        mujoco.mj_kinematics(self._mj, data)
-        for first, second in self._watched:
-            least = min(least, mujoco.mj_geomDistance(self._mj, data, first, second, least, None))
-        return least
+        mujoco.mj_kinematics(mj, data)
+        for index, (first, second) in enumerate(self._watched):
+            out[index] = mujoco.mj_geomDistance(mj, data, first, second, farthest, None)
+
+    def _has_world(self, pair: tuple[int, int]) -> bool:
+        return any(self._mj.body_weldid[self._mj.geom_bodyid[geom]] == 0 for geom in pair)
 
     def _is_tool_work(self, pair: tuple[int, int]) -> bool:
         bodies = {int(self._mj.body_weldid[self._mj.geom_bodyid[geom]]) for geom in pair}

@@ -37,8 +37,10 @@ ROWS = len(KINDS)
 PAST = 3
 PURSUED_VELOCITY = 0.99
 """Of the limit: Ruckig refuses to arrive at the limit itself."""
-PURSUIT_JERK = 0.6
-"""Of the limit, for a pursuit that goes along with the request: the rest is for the request's own."""
+PURSUIT_JERKS = (0.03, 0.1, 0.3, 0.6)
+PATIENCE_S = 0.2
+"""Shares of the jerk limit for a pursuit that goes along with the request: the first that is done in this
+time. The rest of the limit is for the request's own jerk."""
 
 
 class Safety:
@@ -90,6 +92,7 @@ class Safety:
         self._cramped = np.zeros(dof, bool)  # see `_foresee`
         self._caught: set[Intervention] = set()  # in this pursuit
         self.pursuing = False
+        self._gentlest = 0  # of PURSUIT_JERKS, for this pursuit
         self.use(limits)
 
     def use(self, limits: JointLimits, share: float = 1.0, catch_up: float = np.inf) -> None:
@@ -193,8 +196,12 @@ class Safety:
             clipped = target != request[0]
             if ahead is not Intervention.POSITION and not clipped.any() and self._pursue_along(request):
                 return True
-            most = PURSUED_VELOCITY * self._share * self._used.max_velocity
+            # No faster than can be on the way to the target: there is no going back for a run-up.
+            way = target - self._state()[0]
+            most = np.sqrt(self._used.max_acceleration * np.abs(way))
+            most = np.minimum(most, PURSUED_VELOCITY * self._share * self._used.max_velocity)
             np.clip(request[1], -most, most, out=velocity)
+            velocity[way * velocity < 0.0] = 0.0
             self._foresee()
             velocity[clipped | self._cramped] = 0.0
         self._pursuit.control_interface = ruckig.ControlInterface.Position
@@ -212,9 +219,9 @@ class Safety:
         """
         period_s, pursuit, output = self._period_s, self._pursuit, self._output
         most_velocity, most_acceleration = self._share * self._used.max_velocity, self._used.max_acceleration
-        position, velocity, acceleration = request
-        if (np.abs(velocity) >= most_velocity).any() or (np.abs(acceleration) >= most_acceleration).any():
-            return False
+        position = request[0]
+        velocity = np.clip(request[1], -0.9 * most_velocity, 0.9 * most_velocity)
+        acceleration = np.clip(request[2], -0.9 * most_acceleration, 0.9 * most_acceleration)
         before = position - period_s * (velocity - 0.5 * period_s * acceleration)
         off = self._state() - [before, velocity - period_s * acceleration, acceleration]
         zero = [0.0] * len(position)
@@ -225,12 +232,24 @@ class Safety:
         pursuit.min_velocity = np.maximum(-most_velocity - velocity, -self._catch_up).tolist()
         pursuit.max_acceleration = (most_acceleration - acceleration).tolist()
         pursuit.min_acceleration = (-most_acceleration - acceleration).tolist()
-        pursuit.max_jerk = (PURSUIT_JERK * self._used.max_jerk).tolist()
-        try:
-            self._generator.update(pursuit, output)
-        except (ruckig.RuckigError, ValueError):  # no profile from here within such limits
+        if not self.pursuing:
+            self._gentlest = 0
+        found = False
+        for index in range(self._gentlest, len(PURSUIT_JERKS)):
+            pursuit.max_jerk = (PURSUIT_JERKS[index] * self._used.max_jerk).tolist()
+            try:
+                self._generator.update(pursuit, output)
+            except (ruckig.RuckigError, ValueError):  # no profile from here within such limits
+                continue
+            found = True
+            # Never gentler than before: what brakes hard has to let go of the brake as hard.
+            self._gentlest = index
+            if output.trajectory.duration <= PATIENCE_S:
+                break
+        if not found:
             return False
-        np.add(request, [output.new_position, output.new_velocity, output.new_acceleration], out=self.command)
+        new = output.new_position, output.new_velocity, output.new_acceleration
+        np.add([position, velocity, acceleration], new, out=self.command)
         np.dot(self._distances, self._block, out=self._distance)
         if not self._distance.min() >= 0.0 or self._foresee() is not None:
             return False
@@ -296,7 +315,12 @@ class Safety:
         pursuit.current_position, pursuit.current_velocity, pursuit.current_acceleration = (
             self._state().tolist()
         )
-        self._generator.update(pursuit, output)
+        try:
+            self._generator.update(pursuit, output)
+        except ruckig.RuckigError:  # once in millions it finds no way to a target, but always one to rest
+            pursuit.control_interface = ruckig.ControlInterface.Velocity
+            pursuit.target_velocity = [0.0] * self._limits.dof
+            self._generator.update(pursuit, output)
         self.command[:] = output.new_position, output.new_velocity, output.new_acceleration
         self._let_through_pursuit()
 

@@ -30,8 +30,22 @@ HERMITE = np.array(
     ]
 )
 """Coefficients of the quintic on s in [0, 1] from its value and two derivatives at 0, then at 1."""
+HORIZON_S = 0.2
+"""So far ahead a quintic meets the stream, if that goes on as it does: the longer, the less jerk it takes to
+put right what a sender's noise has put wrong."""
+JERKS = (0.03, 0.1, 0.3, 1.0)
+PATIENCE_S = 0.25
+"""Shares of the jerk limit that a correction may take: the first that is done in this time."""
+GRACE_SHARE = 0.25
+GRACE_S = 0.002
+"""Of a period, and on top: so late a command may come without a trace in the motion."""
 ROUNDING = 1e-9
 """Of velocity and acceleration at the end of a brake profile: this is rest."""
+
+
+def grace_s(duration_s: float) -> float:
+    """How long a stream with this period is taken to go on without a command."""
+    return GRACE_SHARE * duration_s + GRACE_S
 
 
 class Quintics:
@@ -95,10 +109,12 @@ class Brake:
 
 
 class Quintic:
-    """Continuous to the acceleration, from where the reference is to the target as the stream passes it.
+    """Continuous to the acceleration, from where the reference is to where the stream will be.
 
-    Between two commands nothing holds it within the limits of acceleration and jerk. When no command
-    has come at the end of the period, it brakes.
+    A single target is met at the end of the period. A stream is met `HORIZON_S` ahead: one without noise is
+    on the way there through each of its targets. Between two commands nothing holds the reference within
+    the limits of acceleration and jerk. When no command has come at the end of the period, it goes on for a
+    grace period as the stream went, then it settles on the target as `Online` does.
     """
 
     def __init__(
@@ -106,21 +122,22 @@ class Quintic:
     ) -> None:
         self.reference = np.zeros((3, n))
         self._period_s = period_s
-        self._estimate = Estimate(max_velocity, max_acceleration, 0.0)
-        self._brake = Brake(period_s, max_acceleration, max_jerk)
-        self._braking = False
+        self._estimate = Estimate(max_velocity, max_acceleration, WINDOW_S)
+        self._bounds = np.stack([max_velocity, max_acceleration])
+        self._end = Online(n, period_s, max_velocity, max_acceleration, max_jerk)
+        self._ended = False
         self._quintics = Quintics()
         self._start = np.zeros(n)
         self._ends = np.zeros((6, n))
         self._scale = np.ones((6, 1))
         self._coefficients = np.zeros((6, n))
-        self._time_s = self._duration_s = 0.0
+        self._time_s = self._duration_s = self._horizon_s = 0.0
 
     def begin(self, state: Array) -> None:
         self.rebase(state, state[0])
         self._estimate.forget()
-        self._brake.begin(self.reference)
-        self._braking = True
+        self._end.begin(self.reference)
+        self._ended = True
 
     def rebase(self, state: Array, target: Array) -> None:
         self.reference[:] = state
@@ -132,27 +149,36 @@ class Quintic:
         estimate.update(target, velocity, duration_s)
         # From the start on, so that what does not move does not move by a rounding either.
         np.copyto(self._start, self.reference[0])
-        np.subtract(target, self._start, out=ends[3])
+        horizon_s = max(duration_s, HORIZON_S) if estimate.velocity.any() else duration_s
+        estimate.extrapolate(horizon_s - duration_s, ends[3:])
+        ends[3] -= self._start
         ends[0], ends[1], ends[2] = 0.0, self.reference[1], self.reference[2]
-        ends[4], ends[5] = estimate.velocity, estimate.acceleration
-        self._scale[1::3] = duration_s
-        self._scale[2::3] = duration_s * duration_s
+        self._scale[1::3] = horizon_s
+        self._scale[2::3] = horizon_s * horizon_s
         ends *= self._scale
         np.dot(HERMITE, ends, out=self._coefficients)
-        self._time_s, self._duration_s = 0.0, duration_s
-        self._braking = False
+        self._time_s, self._duration_s, self._horizon_s = 0.0, duration_s, horizon_s
+        self._ended = False
 
     def advance(self) -> None:
-        if not self._braking:
+        if not self._ended:
             self._time_s += self._period_s
-            if self._time_s <= self._duration_s + EARLY * self._period_s:
-                self._quintics.evaluate(self._coefficients, self._time_s, self._duration_s, self.reference)
+            beyond_s = self._time_s - self._duration_s
+            in_time = beyond_s <= grace_s(self._duration_s)
+            if in_time and self._time_s <= self._horizon_s + EARLY * self._period_s:
+                self._quintics.evaluate(self._coefficients, self._time_s, self._horizon_s, self.reference)
                 self.reference[0] += self._start
                 return
-            self._brake.begin(self.reference)
-            self._braking = True
-        if self._brake.advance(self.reference):
+            if in_time:
+                self._estimate.extrapolate(beyond_s, self.reference)
+                return
             self._estimate.forget()
+            # A wild stream may have led it far beyond the limits, from where it would take long to come back.
+            np.clip(self.reference[1:], -self._bounds, self._bounds, out=self.reference[1:])
+            self._end.settle(self.reference, self._estimate.target)
+            self._ended = True
+        self._end.advance()
+        np.copyto(self.reference, self._end.reference)
 
 
 class Online:
@@ -161,8 +187,8 @@ class Online:
     Up to the next command the target is taken to move as estimated, at a constant acceleration. In a frame
     that moves with it the problem is one from a state to rest, which Ruckig solves at once, and which
     lasts; a profile to a fixed place with a velocity there would run back to take a run-up whenever
-    it is late. When no command has come at the end of the period, the reference brakes and settles on the
-    target.
+    it is late. When no command has come at the end of the period and of a grace period, the reference
+    brakes and settles on the target.
     """
 
     def __init__(
@@ -177,7 +203,7 @@ class Online:
         self._problem = ruckig.InputParameter(n)
         # Time synchronisation would keep a joint busy that has nothing to catch up with.
         self._problem.synchronization = ruckig.Synchronization.No
-        self._problem.max_jerk = max_jerk.tolist()
+        self._max_jerk = max_jerk
         self._problem.target_position = [0.0] * n
         self._profile, self._candidate = ruckig.Trajectory(n), ruckig.Trajectory(n)
         # Speed that a relative acceleration of the frame can add before it is taken back, per unit of it.
@@ -197,6 +223,12 @@ class Online:
         self.reference[:] = state
         self._estimate.rebase(target)
 
+    def settle(self, state: Array, target: Array) -> None:
+        """From this state, shape (3, n), to rest at the target."""
+        self.rebase(state, target)
+        self._frame[0] = target
+        self._end()
+
     def aim(self, target: Array, velocity: Array | None, duration_s: float) -> None:
         duration_s = max(duration_s, self._period_s)
         estimate, frame = self._estimate, self._frame
@@ -210,10 +242,9 @@ class Online:
         self._plan(duration_s)
 
     def advance(self) -> None:
-        if not self._braking and not self._settling and self._time_s > self._due_s - EARLY * self._period_s:
-            self._frame[1:] = 0.0
-            self._settling = True
-            self._plan(0.0)
+        late_s = self._time_s - self._due_s + EARLY * self._period_s
+        if not self._braking and not self._settling and late_s > grace_s(self._due_s):
+            self._end()
         if self._braking:
             if self._brake.advance(self.reference):
                 self._estimate.forget()
@@ -227,6 +258,11 @@ class Online:
                 self.reference, self._frame
             )  # bit for bit, and without the rounding of the profile's end
             self._estimate.forget()
+
+    def _end(self) -> None:
+        self._frame[1:] = 0.0
+        self._settling = True
+        self._plan(0.0)
 
     def _place(self, time_s: float) -> None:
         """The frame in `_offset`, at a time in the profile."""
@@ -247,10 +283,12 @@ class Online:
         problem.max_velocity, problem.min_velocity = (room - velocity).tolist(), (-room - velocity).tolist()
         problem.max_acceleration = (self._max_acceleration - acceleration).tolist()
         problem.min_acceleration = (-self._max_acceleration - acceleration).tolist()
-        if not self._calculated():
-            self._start_brake()
-            return
-        self._profile, self._candidate = self._candidate, self._profile
+        for share in JERKS:
+            problem.max_jerk = (share * self._max_jerk).tolist()
+            if self._calculated() and (share == 1.0 or self._candidate.duration <= PATIENCE_S):
+                self._profile, self._candidate = self._candidate, self._profile
+                return
+        self._start_brake()
 
     def _calculated(self) -> bool:
         """Whether there is a candidate. Of numbers that are all but zero Ruckig makes none."""

@@ -48,6 +48,12 @@ class Estimate:
         self.velocity, self.acceleration = self._fit
         self._known = 0
 
+    @property
+    def target(self) -> Array:
+        """The newest one."""
+        newest: Array = self._targets[-1]
+        return newest
+
     def forget(self) -> None:
         """A new stream begins: its first target is one to rest at."""
         self._known = 0
@@ -69,3 +75,14 @@ class Estimate:
         if velocity is not None:
             self.velocity[:] = velocity
         np.clip(self._fit, -self._bounds, self._bounds, out=self._fit)
+
+    def extrapolate(self, ahead_s: float, out: Array) -> None:
+        """Where the stream is so long after its newest target, shape (3, n)."""
+        position, velocity, acceleration = out
+        np.copyto(acceleration, self.acceleration)
+        np.multiply(acceleration, ahead_s, out=velocity)
+        velocity += self.velocity
+        np.multiply(self.acceleration, -0.5 * ahead_s, out=position)
+        position += velocity
+        position *= ahead_s
+        position += self._targets[-1]

@@ -84,7 +84,7 @@ class Streaming:
         self.holding = self._blocked = self._slowed = self._live = False
         self.problem = self.not_finite = ""
         self._decimation = 1
-        self._cycle = self._silent_cycles = 0
+        self._cycle = self._silent_cycles = self._untaken_cycles = 0
         self._cancel_seen = self._starved = 0
         self.setpoint_seen = 0
         self.move_seen = 0
@@ -138,7 +138,9 @@ class Streaming:
             self.problem = "the client has ended the session"
         elif self._cycle % ALIVE_CYCLES == 0 and self._life is not None and self._life.poll(0):
             self.problem = "the streaming client has died"
-        if self._cycle % self._decimation == 0 and self.box.setpoint.changed():
+        self._untaken_cycles += 1
+        if self._untaken_cycles >= self._decimation and self.box.setpoint.changed():
+            self._untaken_cycles = 0
             self._take(self.box.setpoint.data)
         if self.box.chunk.changed():
             self._take_chunk(self.box.chunk.data, robot_time_s)
@@ -242,6 +244,7 @@ class Streaming:
         self.problem = self.not_finite = ""
         self._cycle = 0
         self._silent_cycles = 0
+        self._untaken_cycles = self._decimation  # the first target is taken at once
         self._live = self._slowed = False
         self._starved = 0
 

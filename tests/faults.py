@@ -57,6 +57,7 @@ class Record:
 
     def __init__(self, limits: JointLimits, period_s: float) -> None:
         self._limits, self._period_s = limits, period_s
+        self.turn = threading.Lock()  # for who adds in a thread
         self.cycles: list[int] = []
         self.modes: list[Mode] = []
         self.commanded: list[Array] = []
@@ -67,6 +68,7 @@ class Record:
         self._unwritten: list[bool] = []
         self._reason = b""
         self._writing_fails = False
+        self._beyond_rad = np.zeros(limits.dof)  # the position limits, where the arm was pushed
 
     def add(self, state: np.ndarray, start: int = 0, truth: Array | None = None) -> None:
         """A state, unless it is the last one again.
@@ -93,6 +95,10 @@ class Record:
 
     def violations(self) -> list[str]:
         """Every limit that was not kept, in words."""
+        with self.turn:
+            return self._find_violations()
+
+    def _find_violations(self) -> list[str]:
         commanded, measured = np.array(self.commanded), np.array(self.measured)
         cycles = np.array(self.cycles)
         taken_over = self._taken_over(commanded, measured)
@@ -105,6 +111,13 @@ class Record:
                 rows = np.concatenate([np.repeat(rows[:1], 3, axis=0), rows])  # from rest
             found += self._excesses(rows, int(cycles[begin]))
         return found + self._strays(commanded, measured, taken_over)
+
+    def forget(self, but: int = 3) -> None:
+        """All but the last rows, which the next differences need."""
+        rows = (self.cycles, self.modes, self.commanded, self.measured)
+        with self.turn:
+            for column in (*rows, self._sessions, self._starts, self._unwritten):
+                del column[: len(column) - but]
 
     def moved_rad(self, cycles: int) -> float:
         """How far any joint was commanded in so many last cycles."""
@@ -163,12 +176,11 @@ class Record:
         """Positions beyond the limits, but for an arm that was pushed there."""
         limits, found = self._limits, []
         beyond = np.maximum(commanded - limits.max_position, limits.min_position - commanded)
-        allowed = np.zeros(limits.dof)
         out = (beyond > POSITION_SLACK_RAD).any(axis=1) | taken_over
         for row in np.flatnonzero(out):
             if taken_over[row]:
-                allowed = np.maximum(beyond[row], 0.0)
-            elif not (beyond[row] <= allowed + POSITION_SLACK_RAD).all():
+                self._beyond_rad = np.maximum(beyond[row], 0.0)
+            elif not (beyond[row] <= self._beyond_rad + POSITION_SLACK_RAD).all():
                 found.append(f"cycle {self.cycles[row]}: {beyond[row].max():.5f} rad beyond a position limit")
         return found
 
@@ -296,7 +308,8 @@ def watched(robot: str, limits: JointLimits, period_s: float) -> Iterator[Record
                 state = memory.state.read()
                 if not record.cycles or int(state["cycle"]) != record.cycles[-1]:
                     start = int(memory.statistics.read()["started_ns"]) or start
-                record.add(state, start)
+                with record.turn:
+                    record.add(state, start)
             except (TornReadError, ValueError):  # spoilt: the next cycle mends it
                 continue
             time.sleep(2e-4)

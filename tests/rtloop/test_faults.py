@@ -237,6 +237,14 @@ def test_what_is_asked_for_in_a_spoilt_block_still_arrives(rig: WatchedRig, bloc
     assert rig.mode is (Mode.STOPPING if block == "session" else Mode.ESTOP)
 
 
+def test_what_robot_this_is_is_written_again(rig: WatchedRig) -> None:
+    rig.memory.info.salvage()
+    spoil(rig.memory, "info", np.random.default_rng(1))
+    assert not rig.memory.info.try_read()
+    rig.step(500)
+    assert rig.memory.info.try_read()
+
+
 def test_after_a_spoilt_state_the_next_rtloop_begins_with_an_estop(
     rig: WatchedRig, settings: Settings, robot: Robot
 ) -> None:
@@ -334,5 +342,3 @@ def test_a_flood_of_stops_is_one_stop(rig: WatchedRig, kind: str) -> None:
         task.step()
     assert not task.running
     require_recovery(rig, kind)
-
-

@@ -160,7 +160,7 @@ def test_the_last_pose_of_a_random_stream_is_met(kind: Interpolation) -> None:
         interpolator.aim(goal, None, 0.033)
         for _ in range(33):
             interpolator.advance()
-    if kind is Interpolation.RUCKIG:  # the goals are beyond its limits: it takes its time
+    if kind in SMOOTH:  # the goals are beyond their limits: they take their time
         for _ in range(4000):
             interpolator.advance()
     np.testing.assert_allclose(interpolator.pose[:3], goal[:3], atol=1e-10)
@@ -206,7 +206,7 @@ def test_a_smooth_stream_is_followed_across_the_changes_of_chart(kind: Interpola
     outputs = streamed(kind, swinging, 1 / rate_hz, 2 * rate_hz)
     outputs.check(jerk=310.0, angular_tolerance=2e-3)
     wanted = np.array([swinging(k * PERIOD_S) for k in range(2001)])
-    off = 0.01 if rate_hz == 10 else 0.001
+    off = 0.01 if rate_hz == 10 else 0.004
     assert np.abs(outputs.poses[:, :3] - wanted[:, :3]).max() < off
     assert (rotations(outputs.poses) * rotations(wanted).inv()).magnitude().max() < 2 * off
 
