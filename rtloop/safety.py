@@ -92,7 +92,6 @@ class Safety:
         self._cramped = np.zeros(dof, bool)  # see `_foresee`
         self._caught: set[Intervention] = set()  # in this pursuit
         self.pursuing = False
-        self._gentlest = 0  # of PURSUIT_JERKS, for this pursuit
         self.use(limits)
 
     def use(self, limits: JointLimits, share: float = 1.0, catch_up: float = np.inf) -> None:
@@ -232,21 +231,7 @@ class Safety:
         pursuit.min_velocity = np.maximum(-most_velocity - velocity, -self._catch_up).tolist()
         pursuit.max_acceleration = (most_acceleration - acceleration).tolist()
         pursuit.min_acceleration = (-most_acceleration - acceleration).tolist()
-        if not self.pursuing:
-            self._gentlest = 0
-        found = False
-        for index in range(self._gentlest, len(PURSUIT_JERKS)):
-            pursuit.max_jerk = (PURSUIT_JERKS[index] * self._used.max_jerk).tolist()
-            try:
-                self._generator.update(pursuit, output)
-            except (ruckig.RuckigError, ValueError):  # no profile from here within such limits
-                continue
-            found = True
-            # Never gentler than before: what brakes hard has to let go of the brake as hard.
-            self._gentlest = index
-            if output.trajectory.duration <= PATIENCE_S:
-                break
-        if not found:
+        if not self._pursued_gently(off[0], moving=bool(velocity.any())):
             return False
         new = output.new_position, output.new_velocity, output.new_acceleration
         np.add([position, velocity, acceleration], new, out=self.command)
@@ -255,6 +240,25 @@ class Safety:
             return False
         self._let_through_pursuit()
         return True
+
+    def _pursued_gently(self, off: Array, *, moving: bool) -> bool:
+        """Whether there is a way, in `_output`: the gentlest that is short enough; what stands still is not
+        overshot for that.
+        """
+        pursuit, output = self._pursuit, self._output
+        found = False
+        for share in PURSUIT_JERKS:
+            pursuit.max_jerk = (share * self._used.max_jerk).tolist()
+            try:
+                self._generator.update(pursuit, output)
+            except (ruckig.RuckigError, ValueError):  # none within such limits
+                continue
+            found = True
+            if output.trajectory.duration <= PATIENCE_S and (
+                moving or not _overshoots(off, output.trajectory)
+            ):
+                break
+        return found
 
     def _pursue_within(self, limits: JointLimits, share: float) -> None:
         self._pursuit.max_velocity = (limits.max_velocity * share).tolist()
@@ -328,3 +332,10 @@ class Safety:
         np.copyto(self._pursued, self.command)
         self.pursuing = True
         self._past[:] = self._block[1 : PAST + 1]
+
+
+def _overshoots(off: Array, way: ruckig.Trajectory) -> bool:
+    """Whether a way to zero goes beyond it, or farther off than its start."""
+    highest, lowest = np.maximum(off, 0.0) + ROUNDING, np.minimum(off, 0.0) - ROUNDING
+    bounds = zip(way.position_extrema, lowest, highest, strict=True)
+    return any(bound.min < low or bound.max > high for bound, low, high in bounds)
