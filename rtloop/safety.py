@@ -11,17 +11,15 @@ slows down before it gets there.
 from __future__ import annotations
 
 import numpy as np
-import ruckig
 
 from cobot.layout import Intervention
 from cobot.types import Array, JointLimits
+from rtloop.pursuit import Pursuit
 
 TOLERANCE = 0.01
 """Relative, on the rates: planners drive exactly at the limits, and the differences of four positions
 carry the rounding of numbers of the order of 1 rad, divided by the period cubed."""
 POSITION_TOLERANCE_RAD = 1e-5
-ROUNDING = 1e-9
-"""Of velocity and acceleration at the end of a brake profile: this is rest."""
 
 KINDS = (
     Intervention.POSITION,
@@ -35,12 +33,6 @@ KINDS = (
 command states."""
 ROWS = len(KINDS)
 PAST = 3
-PURSUED_VELOCITY = 0.99
-"""Of the limit: Ruckig refuses to arrive at the limit itself."""
-PURSUIT_JERKS = (0.03, 0.1, 0.3, 0.6)
-PATIENCE_S = 0.2
-"""Shares of the jerk limit for a pursuit that goes along with the request: the first that is done in this
-time. The rest of the limit is for the request's own jerk."""
 
 
 class Safety:
@@ -84,10 +76,7 @@ class Safety:
         self.intervened_ns = np.zeros(len(Intervention), np.int64)
         self.counted = 0
         self.now_ns = 0
-        self._generator = ruckig.Ruckig(dof, period_s)
-        self._pursuit = ruckig.InputParameter(dof)
-        self._pursuit.synchronization = ruckig.Synchronization.No
-        self._output = ruckig.OutputParameter(dof)
+        self._pursuit = Pursuit(dof, period_s)
         self._pursued = np.zeros((3, dof))  # where the pursuit is
         self._cramped = np.zeros(dof, bool)  # see `_foresee`
         self._caught: set[Intervention] = set()  # in this pursuit
@@ -160,14 +149,9 @@ class Safety:
         Returns:
             Whether it is at rest.
         """
-        self._pursuit.control_interface = ruckig.ControlInterface.Velocity
-        self._pursuit.target_velocity = [0.0] * self._limits.dof
-        self._pursue_within(self._limits, 1.0)
-        self._follow_pursuit()
-        if np.abs(self.command[1:]).max() > ROUNDING:
-            return False
-        self.command[1:] = 0.0
-        return True
+        at_rest = self._pursuit.brake(self._state(), self._limits)
+        self._let_through_pursuit()
+        return at_rest
 
     def count(self, kind: Intervention) -> None:
         """One more intervention."""
@@ -195,76 +179,22 @@ class Safety:
             clipped = target != request[0]
             if ahead is not Intervention.POSITION and not clipped.any() and self._pursue_along(request):
                 return True
-            # No faster than can be on the way to the target: there is no going back for a run-up.
-            way = target - self._state()[0]
-            most = np.sqrt(self._used.max_acceleration * np.abs(way))
-            most = np.minimum(most, PURSUED_VELOCITY * self._share * self._used.max_velocity)
-            np.clip(request[1], -most, most, out=velocity)
-            velocity[way * velocity < 0.0] = 0.0
             self._foresee()
-            velocity[clipped | self._cramped] = 0.0
-        self._pursuit.control_interface = ruckig.ControlInterface.Position
-        self._pursuit.target_position = target.tolist()
-        self._pursuit.target_velocity = velocity.tolist()
-        self._pursue_within(self._used, self._share)
-        self._follow_pursuit()
+            velocity = np.where(clipped | self._cramped, 0.0, request[1])
+        self._pursuit.approach(self._state(), target, velocity, self._used, self._share)
+        self._let_through_pursuit()
         return True
 
     def _pursue_along(self, request: Array) -> bool:
-        """Pursue a request that moves: bring the difference to it to zero, as it goes along.
-
-        Returns:
-            Whether that keeps the limits; if not, nothing has been let through.
-        """
-        period_s, pursuit, output = self._period_s, self._pursuit, self._output
-        most_velocity, most_acceleration = self._share * self._used.max_velocity, self._used.max_acceleration
-        position = request[0]
-        velocity = np.clip(request[1], -0.9 * most_velocity, 0.9 * most_velocity)
-        acceleration = np.clip(request[2], -0.9 * most_acceleration, 0.9 * most_acceleration)
-        before = position - period_s * (velocity - 0.5 * period_s * acceleration)
-        off = self._state() - [before, velocity - period_s * acceleration, acceleration]
-        zero = [0.0] * len(position)
-        pursuit.control_interface = ruckig.ControlInterface.Position
-        pursuit.current_position, pursuit.current_velocity, pursuit.current_acceleration = off.tolist()
-        pursuit.target_position = pursuit.target_velocity = zero
-        pursuit.max_velocity = np.minimum(most_velocity - velocity, self._catch_up).tolist()
-        pursuit.min_velocity = np.maximum(-most_velocity - velocity, -self._catch_up).tolist()
-        pursuit.max_acceleration = (most_acceleration - acceleration).tolist()
-        pursuit.min_acceleration = (-most_acceleration - acceleration).tolist()
-        if not self._pursued_gently(off[0], moving=bool(velocity.any())):
+        """Pursue a request that moves, if that keeps the limits; if not, nothing has been let through."""
+        if not self._pursuit.along(self._state(), request, self._used, self._share, self._catch_up):
             return False
-        new = output.new_position, output.new_velocity, output.new_acceleration
-        np.add([position, velocity, acceleration], new, out=self.command)
+        np.copyto(self.command, self._pursuit.ahead)
         np.dot(self._distances, self._block, out=self._distance)
         if not self._distance.min() >= 0.0 or self._foresee() is not None:
             return False
         self._let_through_pursuit()
         return True
-
-    def _pursued_gently(self, off: Array, *, moving: bool) -> bool:
-        """Whether there is a way, in `_output`: the gentlest that is short enough; what stands still is not
-        overshot for that.
-        """
-        pursuit, output = self._pursuit, self._output
-        found = False
-        for share in PURSUIT_JERKS:
-            pursuit.max_jerk = (share * self._used.max_jerk).tolist()
-            try:
-                self._generator.update(pursuit, output)
-            except (ruckig.RuckigError, ValueError):  # none within such limits
-                continue
-            found = True
-            if output.trajectory.duration <= PATIENCE_S and (
-                moving or not _overshoots(off, output.trajectory)
-            ):
-                break
-        return found
-
-    def _pursue_within(self, limits: JointLimits, share: float) -> None:
-        self._pursuit.max_velocity = (limits.max_velocity * share).tolist()
-        self._pursuit.max_acceleration = limits.max_acceleration.tolist()
-        self._pursuit.max_jerk = limits.max_jerk.tolist()
-        self._pursuit.min_velocity = self._pursuit.min_acceleration = None
 
     def _foresee(self) -> Intervention | None:
         """What the command would lead to, if not now: a joint that could come to rest only beyond its limit,
@@ -313,29 +243,8 @@ class Safety:
         state[1] += 0.5 * self._period_s * state[2]
         return state
 
-    def _follow_pursuit(self) -> None:
-        """One period on, from where the arm is."""
-        pursuit, output = self._pursuit, self._output
-        pursuit.current_position, pursuit.current_velocity, pursuit.current_acceleration = (
-            self._state().tolist()
-        )
-        try:
-            self._generator.update(pursuit, output)
-        except ruckig.RuckigError:  # once in millions it finds no way to a target, but always one to rest
-            pursuit.control_interface = ruckig.ControlInterface.Velocity
-            pursuit.target_velocity = [0.0] * self._limits.dof
-            self._generator.update(pursuit, output)
-        self.command[:] = output.new_position, output.new_velocity, output.new_acceleration
-        self._let_through_pursuit()
-
     def _let_through_pursuit(self) -> None:
+        np.copyto(self.command, self._pursuit.ahead)
         np.copyto(self._pursued, self.command)
         self.pursuing = True
         self._past[:] = self._block[1 : PAST + 1]
-
-
-def _overshoots(off: Array, way: ruckig.Trajectory) -> bool:
-    """Whether a way to zero goes beyond it, or farther off than its start."""
-    highest, lowest = np.maximum(off, 0.0) + ROUNDING, np.minimum(off, 0.0) - ROUNDING
-    bounds = zip(way.position_extrema, lowest, highest, strict=True)
-    return any(bound.min < low or bound.max > high for bound, low, high in bounds)
