@@ -1,4 +1,4 @@
-"""From where the arm is towards something else, a period at a time, within velocity, acceleration and jerk."""
+"""From where the arm is towards something else, a period at a time, within the limits."""
 
 from __future__ import annotations
 
@@ -46,7 +46,13 @@ class Pursuit:
         return True
 
     def approach(
-        self, state: Array, target: Array, velocity: Array, limits: JointLimits, share: float
+        self,
+        state: Array,
+        target: Array,
+        velocity: Array,
+        limits: JointLimits,
+        share: float,
+        bounds: tuple[Array, Array],
     ) -> None:
         """Towards a target, to arrive there with this velocity or a lower one.
 
@@ -54,6 +60,8 @@ class Pursuit:
 
         Args:
             share: of the velocity limits.
+            bounds: the lowest and the highest positions. Who can stop between them, towards a target
+                between them, will not leave them.
         """
         way = target - state[0]
         most = np.sqrt(limits.max_acceleration * np.abs(way))
@@ -66,6 +74,9 @@ class Pursuit:
         self._problem.target_velocity = arrival.tolist()
         try:
             self._update()
+            if arrival.any() and self._leaves(*bounds):  # a short run-up, for want of jerk
+                self._problem.target_velocity = self._zero
+                self._update()
         except ruckig.RuckigError:  # once in millions it finds no way to a target, but always one to rest
             self.brake(state, limits)
 
@@ -112,6 +123,11 @@ class Pursuit:
             if way.duration <= PATIENCE_S and (moving or not _overshoots(off, way)):
                 break
         return found
+
+    def _leaves(self, lowest: Array, highest: Array) -> bool:
+        """Whether the way leads beyond these positions."""
+        bounds = zip(self._output.trajectory.position_extrema, lowest, highest, strict=True)
+        return any(bound.min < low or bound.max > high for bound, low, high in bounds)
 
     def _start(self, state: Array, limits: JointLimits, share: float) -> None:
         problem = self._problem

@@ -33,6 +33,9 @@ KINDS = (
 command states."""
 ROWS = len(KINDS)
 PAST = 3
+CALM = 0.6
+"""Of the velocity limits. With an acceleration of no more than √(j v) the velocity can grow by v/2 until that
+is taken back, which leaves it below the limit."""
 
 
 class Safety:
@@ -79,6 +82,7 @@ class Safety:
         self._pursuit = Pursuit(dof, period_s)
         self._pursued = np.zeros((3, dof))  # where the pursuit is
         self._cramped = np.zeros(dof, bool)  # see `_foresee`
+        self._calm = np.zeros((2, 3, dof))
         self._caught: set[Intervention] = set()  # in this pursuit
         self.pursuing = False
         self.use(limits)
@@ -93,8 +97,6 @@ class Safety:
         self._used = limits
         self._share = share
         self._catch_up = catch_up
-        slack = 1.0 + 2.0 * TOLERANCE
-        self._longest_way = self._way(slack * limits.max_velocity, slack * limits.max_acceleration)
         self._largest_step = limits.max_jerk * self._period_s  # of the acceleration, from cycle to cycle
         velocity, acceleration = limits.max_velocity * share, limits.max_acceleration
         rates = (1.0 + TOLERANCE) * np.array(
@@ -103,6 +105,7 @@ class Safety:
         first = PAST + 3
         self._block[first + 1 : first + ROWS] = rates
         self._block[first + ROWS + 1 :] = -rates
+        self._find_calm()
 
     def slow_down(self, share: float) -> None:
         """Permit only a share of the velocities; who is faster is slowed down within the other limits."""
@@ -117,6 +120,7 @@ class Safety:
         reach = self._limits.including(position)
         self._lowest[:] = reach.min_position - POSITION_TOLERANCE_RAD
         self._highest[:] = reach.max_position + POSITION_TOLERANCE_RAD
+        self._find_calm()
         self.command[:] = 0.0
         self.position[:] = position
         self._past[:] = position
@@ -179,9 +183,9 @@ class Safety:
             clipped = target != request[0]
             if ahead is not Intervention.POSITION and not clipped.any() and self._pursue_along(request):
                 return True
-            self._foresee()
-            velocity = np.where(clipped | self._cramped, 0.0, request[1])
-        self._pursuit.approach(self._state(), target, velocity, self._used, self._share)
+            velocity = np.where(clipped | self._too_fast_at(target, request[1]), 0.0, request[1])
+        bounds = self._lowest, self._highest
+        self._pursuit.approach(self._state(), target, velocity, self._used, self._share, bounds)
         self._let_through_pursuit()
         return True
 
@@ -196,24 +200,42 @@ class Safety:
         self._let_through_pursuit()
         return True
 
+    def _find_calm(self) -> None:
+        """The positions, velocities and accelerations from which there is nothing to foresee."""
+        speed = CALM * self._share * self._used.max_velocity
+        acceleration = np.minimum(self._used.max_acceleration, np.sqrt(self._used.max_jerk * speed))
+        way = self._way(speed, acceleration)
+        self._calm[:] = (
+            [self._lowest + way, -speed, -acceleration],
+            [self._highest - way, speed, acceleration],
+        )
+
     def _foresee(self) -> Intervention | None:
         """What the command would lead to, if not now: a joint that could come to rest only beyond its limit,
         noted in `_cramped`, or one whose acceleration could not be taken back before its velocity limit.
         """
-        position, velocity, acceleration = self._differences @ self._block[1 : PAST + 1]
+        state = self._differences @ self._block[1 : PAST + 1]
         self._cramped[:] = False
+        if ((state >= self._calm[0]) & (state <= self._calm[1])).all():
+            return None
+        position, velocity, acceleration = state
         velocity += 0.5 * self._period_s * acceleration
         peak = np.abs(velocity + acceleration * np.abs(acceleration) / (2.0 * self._used.max_jerk))
         if (peak > (1.0 + 0.5 * TOLERANCE) * self._share * self._used.max_velocity).any():
             return Intervention.VELOCITY
-        room = np.minimum(self._highest - position, position - self._lowest)
-        if (room > self._longest_way).all():
-            return None
-        way = self._way(np.abs(velocity), np.abs(acceleration))
+        # The second difference is that of one cycle ago.
+        way = self._way(np.abs(velocity), np.abs(acceleration) + self._largest_step)
         up = (position + way > self._highest) & ((velocity > 0.0) | (acceleration > 0.0))
         down = (position - way < self._lowest) & ((velocity < 0.0) | (acceleration < 0.0))
         np.logical_or(up, down, out=self._cramped)
         return Intervention.POSITION if self._cramped.any() else None
+
+    def _too_fast_at(self, target: Array, velocity: Array) -> Array:
+        """Which joints could not stop before their limits any more if they passed a target so fast."""
+        way = self._way(np.abs(velocity), np.zeros(self._limits.dof))
+        reach = target + np.copysign(way, velocity)
+        found: Array = (reach > self._highest) | (reach < self._lowest)
+        return found
 
     def _way(self, speed: Array, acceleration: Array) -> Array:
         """How far a joint gets until it rests: a bound that is simple and never too short.

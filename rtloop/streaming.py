@@ -17,6 +17,7 @@ from rtloop.backends import Backend, Impedance, ImpedanceControlled, Measured
 from rtloop.cartesian import CartesianSource
 from rtloop.guard import Guard
 from rtloop.safety import Safety
+from rtloop.session_flaw import session_flaw
 from rtloop.sources import JointSource, Source, TorqueSource
 from rtloop.streambox import StreamBox
 
@@ -25,7 +26,6 @@ MODES = {
     Stream.CARTESIAN: Mode.CARTESIAN,
     Stream.JOINT_TORQUE: Mode.JOINT_TORQUE,
 }
-UNIT_TOLERANCE = 1e-2
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 DEFAULT_INTERVAL_S = 0.01
 """Between targets, before there have been two."""
@@ -112,7 +112,12 @@ class Streaming:
             "" or why not.
         """
         wish = self.box.session.data
-        refusal = self._refusal(wish, mode, stops) or self._watch(int(wish["pid"]))
+        refusal = ""
+        if mode is not Mode.HOLD:
+            refusal = f"the arm is in mode {mode.name}"
+        elif int(wish["stops"]) != stops:
+            refusal = "a stop was requested meanwhile"
+        refusal = refusal or session_flaw(wish, self._backend) or self._watch(int(wish["pid"]))
         if not refusal:
             self._begin(wish, command)
         self.box.answer(Ack.REJECTED if refusal else Ack.ACCEPTED, refusal)
@@ -158,47 +163,6 @@ class Streaming:
         """To be called when the safety layer has let this cycle's command through."""
         assert self._source is not None
         self._source.follow(self._safety.command)
-
-    def _refusal(self, wish: np.ndarray, mode: Mode, stops: int) -> str:
-        if mode is not Mode.HOLD:
-            return f"the arm is in mode {mode.name}"
-        if int(wish["stops"]) != stops:
-            return "a stop was requested meanwhile"
-        if int(wish["stream"]) not in list(Stream) or int(wish["interpolation"]) not in list(Interpolation):
-            return f"there is no stream {wish['stream']} with interpolation {wish['interpolation']}"
-        if not 1 <= wish["decimation"] <= 1000:
-            return f"decimation must be from 1 to 1000, got {wish['decimation']}"
-        if refusal := self._stiffness_refusal(wish):
-            return refusal
-        for name in ("damping_ratio", "cartesian_damping_ratio"):
-            if not ((wish[name] >= 0.3) & (wish[name] <= 1.0)).all():
-                return f"{name} must be from 0.3 to 1, got {wish[name].tolist()}"
-        for name in ("max_contact_torque", "max_contact_wrench"):
-            if not (wish[name] > 0.0).all():
-                return f"{name} must be above 0, got {wish[name].tolist()}"
-        turn = float(np.linalg.norm(wish["force_frame"][3:]))
-        if not (np.isfinite(wish["force_frame"]).all() and abs(turn - 1.0) < UNIT_TOLERANCE):
-            return f"force_frame must be a position and a unit quaternion, got {wish['force_frame'].tolist()}"
-        if not (wish["force_velocity"] > 0.0).all():
-            return f"force_velocity must be above 0, got {wish['force_velocity'].tolist()}"
-        return ""
-
-    def _stiffness_refusal(self, wish: np.ndarray) -> str:
-        backend = self._backend
-        if not isinstance(backend, ImpedanceControlled):
-            stiff = not wish["stiffness"].any() and not wish["cartesian_stiffness"].any()
-            force = wish["stream"] == Stream.JOINT_TORQUE or wish["force_axes"].any()
-            return (
-                "" if stiff and not force else "this robot's drives cannot give way: no stiffness, no force"
-            )
-        for name, nominal in (
-            ("stiffness", backend.nominal_stiffness),
-            ("cartesian_stiffness", backend.nominal_cartesian_stiffness),
-        ):
-            values = wish[name]
-            if not ((values > 0.0) & (values <= nominal)).all():
-                return f"{name} must be above 0 and at the most {nominal.tolist()}, got {values.tolist()}"
-        return ""
 
     def _watch(self, pid: int) -> str:
         """Have the kernel tell when the client's process ends; "" or why it cannot."""

@@ -259,7 +259,9 @@ class Task:
             pose = self._pose.copy()
             pose[:3] += share * np.array([-0.1, 0.08, -0.05])
             return {"pose": pose}
-        return {"joints": 4.0 * np.sin(2.0 * np.pi * time_s) * np.array([0.3, 0.2, 0.1, -0.2, 0.05, 0.05, 0.02])}
+        return {
+            "joints": 4.0 * np.sin(2.0 * np.pi * time_s) * np.array([0.3, 0.2, 0.1, -0.2, 0.05, 0.05, 0.02])
+        }
 
     @property
     def running(self) -> bool:
@@ -322,5 +324,3 @@ def watched(robot: str, limits: JointLimits, period_s: float) -> Iterator[Record
         ended.set()
         looker.join()
         memory.close()
-
-
