@@ -15,13 +15,13 @@ import time
 from collections import Counter
 
 import numpy as np
+from faults import BLOCKS, KINDS, Task, WatchedRig, spoil
 
 from cobot.config import Settings, load_settings
 from cobot.layout import Interpolation
 from cobot.quaternion import product
 from cobot.robot import Robot, load_robot
 from cobot.types import Array, Mode
-from faults import BLOCKS, KINDS, Task, WatchedRig, spoil
 from rtloop.modes import STREAMING
 
 LONGEST_TASK = 2500

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from math import cbrt, sqrt
 
+import mujoco
 import numpy as np
 
 from cobot.layout import Interpolation, Intervention
@@ -87,6 +88,7 @@ class CartesianSource:
         self._error = np.zeros(6)
         self._here = np.zeros(7)
         self._damping = DAMPING * np.eye(6)
+        self._square = np.zeros((6, 6))
         self._before = np.zeros(dof)
         self._pull = np.zeros((2, dof))
         self._force_pull = np.zeros((2, 6))
@@ -193,9 +195,8 @@ class CartesianSource:
         wanted = POSTURE_RATE_RAD_S * (self._posture - joints)
         np.clip(wanted, -POSTURE_VELOCITY_RAD_S, POSTURE_VELOCITY_RAD_S, out=wanted)
         pull = period_s * _filtered(self._pull, wanted, period_s / POSTURE_FILTER_S)
-        step = pull + jacobian.T @ np.linalg.solve(
-            jacobian @ jacobian.T + self._damping, error - jacobian @ pull
-        )
+        error -= jacobian @ pull
+        step = pull + jacobian.T @ self._solved(jacobian, error)
         excess = float((np.abs(step) / self._largest_step).max())
         if excess > 1.0:
             step /= excess
@@ -237,7 +238,15 @@ class CartesianSource:
 
     def _head_for(self, pose: Array) -> None:
         error, jacobian = self._distance_to(pose)
-        np.dot(jacobian.T, np.linalg.solve(jacobian @ jacobian.T + self._damping, error), out=self.heading)
+        np.dot(jacobian.T, self._solved(jacobian, error), out=self.heading)
+
+    def _solved(self, jacobian: Array, error: Array) -> Array:
+        """(J J' + damping)⁻¹ e, in place: MuJoCo's Cholesky takes a tenth of numpy's time on six rows."""
+        np.dot(jacobian, jacobian.T, out=self._square)
+        self._square += self._damping
+        mujoco.mju_cholFactor(self._square, 0.0)
+        mujoco.mju_cholSolve(error, self._square, error)
+        return error
 
 
 def _filtered(stages: Array, value: Array, share: float) -> Array:

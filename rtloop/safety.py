@@ -81,7 +81,6 @@ class Safety:
         self.now_ns = 0
         self._pursuit = Pursuit(dof, period_s)
         self._pursued = np.zeros((3, dof))  # where the pursuit is
-        self._cramped = np.zeros(dof, bool)  # see `_foresee`
         self._calm = np.zeros((2, 3, dof))
         self._caught: set[Intervention] = set()  # in this pursuit
         self.pursuing = False
@@ -204,7 +203,7 @@ class Safety:
         """The positions, velocities and accelerations from which there is nothing to foresee."""
         speed = CALM * self._share * self._used.max_velocity
         acceleration = np.minimum(self._used.max_acceleration, np.sqrt(self._used.max_jerk * speed))
-        way = self._way(speed, acceleration)
+        way = self._way(speed, acceleration + self._largest_step)
         self._calm[:] = (
             [self._lowest + way, -speed, -acceleration],
             [self._highest - way, speed, acceleration],
@@ -212,10 +211,9 @@ class Safety:
 
     def _foresee(self) -> Intervention | None:
         """What the command would lead to, if not now: a joint that could come to rest only beyond its limit,
-        noted in `_cramped`, or one whose acceleration could not be taken back before its velocity limit.
+        or one whose acceleration could not be taken back before its velocity limit.
         """
         state = self._differences @ self._block[1 : PAST + 1]
-        self._cramped[:] = False
         if ((state >= self._calm[0]) & (state <= self._calm[1])).all():
             return None
         position, velocity, acceleration = state
@@ -227,8 +225,7 @@ class Safety:
         way = self._way(np.abs(velocity), np.abs(acceleration) + self._largest_step)
         up = (position + way > self._highest) & ((velocity > 0.0) | (acceleration > 0.0))
         down = (position - way < self._lowest) & ((velocity < 0.0) | (acceleration < 0.0))
-        np.logical_or(up, down, out=self._cramped)
-        return Intervention.POSITION if self._cramped.any() else None
+        return Intervention.POSITION if (up | down).any() else None
 
     def _too_fast_at(self, target: Array, velocity: Array) -> Array:
         """Which joints could not stop before their limits any more if they passed a target so fast."""

@@ -13,12 +13,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from faults import BLOCKS, KINDS, Record, Task, WatchedRig, spoil
+from faults import BLOCKS, KINDS, Task, WatchedRig, spoil
 
+from benchmarks.soak import Soak
 from cobot import shm
 from cobot.config import Settings
 from cobot.errors import SharedMemoryError
-from cobot.layout import RING, Command, Intervention, Stream
+from cobot.layout import RING, Command, Intervention
 from cobot.robot import Robot
 from cobot.shm import RobotMemory
 from cobot.types import Array, Mode
@@ -342,3 +343,14 @@ def test_a_flood_of_stops_is_one_stop(rig: WatchedRig, kind: str) -> None:
         task.step()
     assert not task.running
     require_recovery(rig, kind)
+
+
+# Everything at once
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_twenty_seconds_of_everything_violate_no_limit(settings: Settings, robot: Robot, seed: int) -> None:
+    soak = Soak(settings, robot, seed)
+    soak.run(20_000)
+    assert soak.violations == [], f"seed {seed}"
+    soak.close()
