@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import pairwise
 
 import numpy as np
 from rig import Rig
@@ -104,7 +105,7 @@ class Record:
         gaps = np.diff(cycles, prepend=cycles[0] - 1) != 1
         begins = np.unique([0, *np.flatnonzero(taken_over | gaps), len(cycles)])
         found = self._not_at_rest(commanded, measured, taken_over)
-        for begin, end in zip(begins[:-1], begins[1:], strict=True):
+        for begin, end in pairwise(begins):
             rows = commanded[begin:end]
             if begin and taken_over[begin]:
                 rows = np.concatenate([np.repeat(rows[:1], 3, axis=0), rows])  # from rest
@@ -185,7 +186,7 @@ class Record:
 
 
 class WatchedRig(Rig):
-    """The simulated arm on the virtual clock; who asks and who looks has a mapping of the memory of its own."""
+    """The simulated arm on the virtual clock; who asks and who looks has a mapping of its own."""
 
     def __init__(self, settings: Settings, robot: Robot, memory: RobotMemory | None = None) -> None:
         super().__init__(settings, robot, simulated=True, memory=memory)
@@ -258,9 +259,8 @@ class Task:
             pose = self._pose.copy()
             pose[:3] += share * np.array([-0.1, 0.08, -0.05])
             return {"pose": pose}
-        return {
-            "joints": 4.0 * np.sin(2.0 * np.pi * time_s) * np.array([0.3, 0.2, 0.1, -0.2, 0.05, 0.05, 0.02])
-        }
+        torque = np.array([1.2, 0.8, 0.4, -0.8, 0.2, 0.2, 0.1])
+        return {"joints": np.sin(2.0 * np.pi * time_s) * torque}
 
     @property
     def running(self) -> bool:

@@ -1,4 +1,4 @@
-"""A backend that breaks on demand: `rt.backend: faulty_backend:FaultyBackend`, with this folder on PYTHONPATH."""
+"""`rt.backend: faulty_backend:FaultyBackend`, with this folder on PYTHONPATH: it breaks on demand."""
 
 from __future__ import annotations
 

@@ -170,6 +170,11 @@ class StreamService:
             UnavailableError: it does not answer.
         """
         check_session(wish, self.info)
+        last = self.session
+        if last is not None and self._link.state().session != last.number:
+            await asyncio.shield(
+                last.ended
+            )  # its client knows from rtloop that it has: a moment later, so do we
         caller = Caller(name, None, self._ownership.stops, math.inf, asyncio.Event())
         with contextlib.ExitStack() as stack:
             claim = stack.enter_context(self._ownership.claim(caller))

@@ -1,7 +1,7 @@
 """What the arm does when something breaks: the device, the memory, the client; stepped on the virtual clock.
 
-Oracle: `faults.Record`, which reads the state block as anybody can, and compares numpy's finite differences of
-what was commanded in consecutive cycles with joint_limits.yaml.
+Oracle: `faults.Record`, which reads the state block as anybody can, and compares numpy's finite differences
+of what was commanded in consecutive cycles with joint_limits.yaml.
 """
 
 from __future__ import annotations
@@ -14,16 +14,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from faults import BLOCKS, KINDS, Task, WatchedRig, spoil
+from rig import Rig
 
 from benchmarks.soak import Soak
 from cobot import shm
 from cobot.config import Settings
 from cobot.errors import SharedMemoryError
-from cobot.layout import RING, Command, Intervention
+from cobot.layout import RING, Command, Interpolation, Intervention
 from cobot.robot import Robot
 from cobot.shm import RobotMemory
 from cobot.types import Array, Mode
 from rtloop.backends.mujoco import MujocoBackend
+from rtloop.guard import Guard
 from rtloop.modes import STREAMING
 
 UNDER_WAY = 500
@@ -192,7 +194,7 @@ def test_the_clock_on_the_wall_may_jump(
 
 
 def test_memory_that_was_made_needs_no_more_room(rig: WatchedRig) -> None:
-    """A /dev/shm that is full later cannot hit a motion: each page is there (stat's blocks are of 512 bytes)."""
+    """Each page is there (stat's blocks are of 512 bytes): a /dev/shm that is full later hits no motion."""
     stat = rig.memory.path.stat()
     assert stat.st_blocks * 512 >= stat.st_size > 0
 
@@ -308,6 +310,35 @@ def test_whatever_a_client_streams_the_arm_keeps_its_limits(rig: WatchedRig, kin
         task.step(int(random.integers(1, 5)))
     task.end()
     assert rig.record.violations() == []
+
+
+@pytest.mark.parametrize("seed", [4, 10, 16, 20, 25, 36, 45, 56])
+def test_no_stream_leads_beyond_a_position_limit(
+    settings: Settings, robot: Robot, seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Swings and noise across the limits of joints that start near them."""
+    monkeypatch.setattr(Guard, "look", lambda *_: None)  # near its limits this arm is near itself too
+    random, limits = np.random.default_rng(seed), robot.limits
+    side, near = random.choice([-1, 1], 7), random.random(7) < 0.6
+    edge = np.where(side > 0, limits.max_position, limits.min_position)
+    home = np.array(robot.positions["home"].joints)
+    start = np.where(near, edge - side * random.uniform(0.0, 0.3, 7), home)
+    rig = Rig(settings, robot, start=start)
+    every = int(random.choice([1, 2, 5, 10, 20, 33, 100]))
+    assert rig.stream(interpolation=int(random.choice(list(Interpolation))), decimation=every) == ""
+    size, rate_hz = random.uniform(0.0, 0.5, 7), random.uniform(0.1, 1.5, 7)
+    noise = random.choice([0.0, 0.003, 0.02])
+    for cycle in range(3000):
+        if cycle % every == 0:
+            swing = size * np.sin(2.0 * np.pi * rate_hz * cycle * 1e-3)
+            rig.aim(joints=start + swing + random.normal(0.0, noise, 7))
+        rig.step()
+    positions = np.array(rig.commanded)
+    assert (positions <= limits.max_position + 1.1e-5).all()
+    assert (positions >= limits.min_position - 1.1e-5).all()
+    for share in rig.rates():
+        assert share.max() <= 1.011
+    rig.close()
 
 
 @pytest.mark.parametrize("kind", KINDS[1:])
