@@ -78,13 +78,24 @@ class RobotLink:
     def __init__(self, robot: str, stale_after_s: float) -> None:
         self.memory = RobotMemory.attach(robot, Role.SERVICE)
         self._stale_after_s = stale_after_s
-        self.memory.requests.salvage()
-        self.memory.head.salvage()
+        self._take_over()
         self._command_turn = asyncio.Lock()
         self._last_motion = 0
 
     def close(self) -> None:
         self.memory.close()
+
+    def _take_over(self) -> None:
+        """Count on from where the last service stopped; where that cannot be read, from what rtloop saw."""
+        memory = self.memory
+        seen = memory.state.data if memory.state.try_read() else None
+        for block, fields in (
+            (memory.requests, {"stops": "stops_seen", "estops": "estops_seen"}),
+            (memory.head, {"id": "command_seen"}),
+        ):
+            if not block.try_read() and seen is not None:
+                for name, counted in fields.items():
+                    block.data[name] = seen[counted]
 
     @contextlib.asynccontextmanager
     async def heartbeat(self) -> AsyncIterator[None]:

@@ -1,7 +1,7 @@
 """Streams that touch: the simulated arm presses, gives way and is pushed, on the virtual clock.
 
-Oracles: what the simulation has applied (its pushes, MuJoCo's contact force on the floor), Hooke's law, and for
-torques the equation of motion, integrated by scipy with the mass matrix of pinocchio.
+Oracles: what the simulation has applied (its pushes, MuJoCo's contact force on the floor), Hooke's law, and
+for torques the equation of motion, integrated by scipy with the mass matrix of pinocchio.
 """
 
 from __future__ import annotations
