@@ -1,4 +1,8 @@
-"""A streaming session: who may, what is streamed, and what ends it."""
+"""A streaming session: who may, what is streamed, and what ends it.
+
+A long module, because a session is one state; what has a state of its own (blocks, sources, guard) has a
+module of its own.
+"""
 
 from __future__ import annotations
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from types import TracebackType
 from typing import Generic, Self, TypeVar
@@ -24,7 +25,7 @@ POLL_S = 0.01
 State = TypeVar("State")
 
 
-class Control(Generic[State]):
+class Control(ABC, Generic[State]):
     """One session. Make it with a `Robot`; use it in a `with` block, or call `stop`.
 
     Whatever becomes of this process, rtloop brings the arm to rest: when targets stop coming, when the
@@ -53,13 +54,13 @@ class Control(Generic[State]):
     ) -> None:
         self.stop()
 
+    @abstractmethod
     def get_state(self) -> State:
         """The state as rtloop has measured it last, at most some milliseconds old.
 
         Raises:
             UnavailableError: rtloop does not answer.
         """
-        raise NotImplementedError
 
     def is_running(self) -> bool:
         """Whether targets are still followed."""
@@ -121,8 +122,8 @@ class Control(Generic[State]):
             )
 
 
-class JointControl(Control[JointState]):
-    """Streams joint positions."""
+class JointImpedanceControl(Control[JointState]):
+    """Streams joint positions, around which the joints give way like springs."""
 
     def get_state(self) -> JointState:
         return joint_state(self._transport.state())
@@ -176,10 +177,6 @@ class JointControl(Control[JointState]):
             self._transport.send_chunk(chunk)
 
 
-class JointImpedanceControl(JointControl):
-    """Streams joint positions, around which the joints give way like springs."""
-
-
 class JointTorqueControl(Control[JointState]):
     """Streams joint torques, on top of what gravity and motion take."""
 
@@ -190,7 +187,7 @@ class JointTorqueControl(Control[JointState]):
         """The torques from now on, N·m; those beyond the limits count as the limits.
 
         Raises:
-            InputError, MotionStopped: as `JointControl.set_target_joints`.
+            InputError, MotionStopped: as `JointImpedanceControl.set_target_joints`.
         """
         self._publish("number", joints=vector(torques, self._dof, name="torques"))
 

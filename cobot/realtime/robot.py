@@ -1,4 +1,7 @@
-"""The real-time client: one arm, its state, and the sessions in which it is streamed to."""
+"""The real-time client: one arm, its state, and the sessions in which it is streamed to.
+
+A long module, because its one class is the vocabulary of its users.
+"""
 
 from __future__ import annotations
 
