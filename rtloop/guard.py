@@ -39,6 +39,7 @@ class Guard:
         self._limits = limits
         self._watched: list[tuple[int, int]] = []
         self._here, self._there, self._zones_m = np.zeros((3, 0))
+        self._blocking = np.zeros(0, bool)
         self._cycle = 0
         self.share = 1.0
         self.blocked = False
@@ -51,6 +52,7 @@ class Guard:
         """
         self._watched = [pair for pair in self._pairs if not (touching and self._is_tool_work(pair))]
         self._here, self._there = np.zeros((2, len(self._watched)))
+        self._blocking = np.zeros(len(self._watched), bool)
         # The arm's own links are always near each other: they only slow down where it is tight.
         self._zones_m = np.array([self._zone_m if self._has_world(p) else NEAR_M for p in self._watched])
         self._cycle = 0
@@ -73,16 +75,20 @@ class Guard:
         nearer = there < here - APPROACH_M
         room = np.where(nearer, there - self._margin_m, np.inf)
         self.blocked = bool((room < 0.0).any())
+        if self.blocked:
+            np.less(room, 0.0, out=self._blocking)
         self.share = min(1.0, max(LEAST_SHARE, float((room / self._zones_m).min(initial=1.0))))
 
     def leads_away(self, position: Array, heading: Array) -> bool:
-        """Whether a joint step in this direction, shape (dof,), does not come nearer."""
+        """Whether a joint step in this direction, shape (dof,), comes no nearer to what has blocked the way,
+        nor to anything that is as near as that.
+        """
         longest = float(np.abs(heading).max())
         step = heading * (PROBE_RAD / longest) if longest > PROBE_RAD else heading
         self._find_distances(position, self._here)
         self._find_distances(position + step, self._there)
-        near = self._here < self._margin_m + NEAR_M
-        return bool((self._there >= self._here - APPROACH_M)[near].all())
+        matters = self._blocking | (self._here < self._margin_m + NEAR_M)
+        return bool((self._there >= self._here - APPROACH_M)[matters].all())
 
     def _find_distances(self, joints: Array, out: Array) -> None:
         """Of the pairs, up to where they begin to matter."""
