@@ -14,7 +14,13 @@ from cobot.types import Array, CartesianLimits, JointLimits
 from rtloop.backends import Measured
 from rtloop.pose_interpolation import MinJerkMove, PoseInterpolator
 from rtloop.pose_limiter import PoseLimiter
-from rtloop.stream_checks import cartesian_jump
+from rtloop.stream_checks import (
+    ANGULAR_VELOCITY,
+    LINEAR_VELOCITY,
+    SLACK_S,
+    cartesian_jump,
+    clamped_interval,
+)
 
 FORCE_RATE_RAD_S = 5.0
 """How fast an error of the force decays where nothing gives way but the arm's own springs; slower where the
@@ -122,13 +128,22 @@ class CartesianSource:
         if self.refusal:
             return Intervention.NOT_FINITE
         np.copyto(self._wrench, wrench)
-        self.refusal = cartesian_jump(pose, self._last, interval_s)
+        self.refusal = cartesian_jump(pose, self._last, interval_s, *self._fastest(interval_s))
         if self.refusal:
             return Intervention.JUMP
         np.copyto(self._last, pose)
         self._interpolator.aim(pose, twist, self._command_s)
         self._head_for(pose)
         return None
+
+    def _fastest(self, interval_s: float) -> tuple[float, float]:
+        """Of what the specification and the joints' own velocity limits let the TCP do, m/s and rad/s; the
+        latter with the slack that a sender's jitter is granted.
+        """
+        columns = np.abs(self._model.jacobian(self.reference[0])) @ self._limits.max_velocity
+        slack = 1.0 + SLACK_S / clamped_interval(interval_s)
+        linear, angular = np.linalg.norm(columns[:3]), np.linalg.norm(columns[3:])
+        return min(LINEAR_VELOCITY, float(linear) * slack), min(ANGULAR_VELOCITY, float(angular) * slack)
 
     def start_move(self, pose: Array, duration_s: float) -> Intervention | None:
         """Go to a pose by a minimum-jerk motion; one that is under way to the same pose goes on."""

@@ -56,13 +56,20 @@ class RealtimeClock:
 
 
 class FastClock:
-    """Robot time without waiting while the arm moves; at rest paced like the real clock, to save the core."""
+    """Robot time without waiting while the arm moves on a path; else, at rest and while somebody streams, in
+    step with the real clock.
+    """
 
     def __init__(self, period_s: float) -> None:
         self.overruns = 0
         self._period_s = period_s
+        self._real: RealtimeClock | None = None
 
     def wait(self, *, moving: bool) -> int:
-        if not moving:
-            time.sleep(self._period_s)
+        if moving:
+            self._real = None
+            return 0
+        if self._real is None:
+            self._real = RealtimeClock(self._period_s)
+        self._real.wait(moving=False)
         return 0

@@ -36,7 +36,7 @@ class Pursuit:
 
     def brake(self, state: Array, limits: JointLimits) -> bool:
         """Towards rest from a state, shape (3, dof), as fast as the limits permit; whether it is reached."""
-        self._start(state, limits, 1.0)
+        self._start(state, limits, limits.max_velocity)
         self._problem.control_interface = ruckig.ControlInterface.Velocity
         self._problem.target_velocity = self._zero
         self._update()
@@ -51,7 +51,7 @@ class Pursuit:
         target: Array,
         velocity: Array,
         limits: JointLimits,
-        share: float,
+        max_velocity: Array,
         bounds: tuple[Array, Array],
     ) -> None:
         """Towards a target, to arrive there with this velocity or a lower one.
@@ -59,16 +59,16 @@ class Pursuit:
         No faster than can be on the way: there is no going back for a run-up.
 
         Args:
-            share: of the velocity limits.
+            max_velocity: instead of that of the limits, rad/s.
             bounds: the lowest and the highest positions. Who can stop between them, towards a target
                 between them, will not leave them.
         """
         way = target - state[0]
         most = np.sqrt(limits.max_acceleration * np.abs(way))
-        most = np.minimum(most, TARGET_VELOCITY * share * limits.max_velocity)
+        most = np.minimum(most, TARGET_VELOCITY * max_velocity)
         arrival = np.clip(velocity, -most, most)
         arrival[way * arrival < 0.0] = 0.0
-        self._start(state, limits, share)
+        self._start(state, limits, max_velocity)
         self._problem.control_interface = ruckig.ControlInterface.Position
         self._problem.target_position = target.tolist()
         self._problem.target_velocity = arrival.tolist()
@@ -129,10 +129,10 @@ class Pursuit:
         bounds = zip(self._output.trajectory.position_extrema, lowest, highest, strict=True)
         return any(bound.min < low or bound.max > high for bound, low, high in bounds)
 
-    def _start(self, state: Array, limits: JointLimits, share: float) -> None:
+    def _start(self, state: Array, limits: JointLimits, max_velocity: Array) -> None:
         problem = self._problem
         problem.current_position, problem.current_velocity, problem.current_acceleration = state.tolist()
-        problem.max_velocity = (limits.max_velocity * share).tolist()
+        problem.max_velocity = max_velocity.tolist()
         problem.max_acceleration = limits.max_acceleration.tolist()
         problem.max_jerk = limits.max_jerk.tolist()
         problem.min_velocity = problem.min_acceleration = None

@@ -33,6 +33,9 @@ KINDS = (
 command states."""
 ROWS = len(KINDS)
 PAST = 3
+MEETING = 0.5
+"""Of what the jerk limits let the acceleration change by, for the step from a pursuit to the request: with
+all of it there would be none left for the request's next step."""
 CALM = 0.6
 """Of the velocity limits. With an acceleration of no more than √(j v) the velocity can grow by v/2 until that
 is taken back, which leaves it below the limit."""
@@ -184,7 +187,8 @@ class Safety:
                 return True
             velocity = np.where(clipped | self._too_fast_at(target, request[1]), 0.0, request[1])
         bounds = self._lowest, self._highest
-        self._pursuit.approach(self._state(), target, velocity, self._used, self._share, bounds)
+        most = np.minimum(self._share * self._used.max_velocity, np.abs(request[1]) + self._catch_up)
+        self._pursuit.approach(self._state(), target, velocity, self._used, most, bounds)
         self._let_through_pursuit()
         return True
 
@@ -249,7 +253,7 @@ class Safety:
         """Whether the pursuit has come so close that going over to the request keeps the jerk limits."""
         acceleration = self._differences[2] @ self._block[1 : PAST + 1]
         step = np.maximum(np.abs(acceleration - self._pursued[2]), np.abs(acceleration - self.acceleration))
-        return bool((step <= self._largest_step).all())
+        return bool((step <= MEETING * self._largest_step).all())
 
     def _state(self) -> Array:
         """What the arm really does, whatever was stated, shape (3, dof).

@@ -14,6 +14,8 @@ from rtloop.chunks import ChunkInterpolator
 from rtloop.interpolation import make_interpolator
 from rtloop.stream_checks import SLACK_S, is_finite, joint_jump
 
+LONGEST_CHUNK_S = 600.0
+
 
 class Source(Protocol):
     """Follows a stream of targets. Real-time safe.
@@ -116,6 +118,9 @@ class JointSource:
             self.refusal = "a streamed chunk is not finite"
             return Intervention.NOT_FINITE
         self._time_s = robot_time_s - self._period_s  # the reference is that of the cycle before
+        if count and times_s[-1] > robot_time_s + LONGEST_CHUNK_S:
+            self.refusal = f"the chunk ends in more than {LONGEST_CHUNK_S:g} s"
+            return Intervention.LATE
         self.refusal = self._chunk_jump(times_s, points)
         if self.refusal:
             return Intervention.JUMP

@@ -31,6 +31,8 @@ MODES = {
     Stream.JOINT_TORQUE: Mode.JOINT_TORQUE,
 }
 AXES = ("x", "y", "z", "rx", "ry", "rz")
+PERIODS_TO_TIMEOUT = 3
+"""A client that said it would send less often is not silent yet."""
 DEFAULT_INTERVAL_S = 0.01
 """Between targets, before there have been two."""
 ALIVE_CYCLES = 50
@@ -85,7 +87,7 @@ class Streaming:
         self._source: Source | None = None
         self.session = 0
         self.mode = Mode.HOLD
-        self.holding = self._blocked = self._slowed = self._live = False
+        self.holding = self._blocked = self._slowed = self._live = self._target_waits = False
         self.problem = self.not_finite = ""
         self._decimation = 1
         self._cycle = self._silent_cycles = self._untaken_cycles = 0
@@ -148,12 +150,11 @@ class Streaming:
         elif self._cycle % ALIVE_CYCLES == 0 and self._life is not None and self._life.poll(0):
             self.problem = "the streaming client has died"
         self._untaken_cycles += 1
-        if self._untaken_cycles >= self._decimation and self.box.setpoint.changed():
-            self._untaken_cycles = 0
-            self._take(self.box.setpoint.data)
+        self._read_setpoint()
         if self.box.chunk.changed():
             self._take_chunk(self.box.chunk.data, robot_time_s)
-        if self._live and self._silent_cycles > self._timeout_cycles:
+        patience_cycles = max(self._timeout_cycles, PERIODS_TO_TIMEOUT * self._decimation)
+        if self._live and self._silent_cycles > patience_cycles:
             self._live = False
             self._hold(Intervention.COMMAND_TIMEOUT)
         if not self.holding:
@@ -213,20 +214,29 @@ class Streaming:
         self._cycle = 0
         self._silent_cycles = 0
         self._untaken_cycles = self._decimation  # the first target is taken at once
-        self._live = self._slowed = False
+        self._live = self._slowed = self._target_waits = False
         self._starved = 0
 
+    def _read_setpoint(self) -> None:
+        """Whatever is new in what the client has written: moves at once, a target when it is time for one."""
+        box, source = self.box.setpoint, self._source
+        if box.changed():
+            self._target_waits = True
+            if isinstance(source, CartesianSource) and int(box.data["session"]) == self.session:
+                self._take_move(source, box.data)
+        if self._target_waits and box.readable and self._untaken_cycles >= self._decimation:
+            self._target_waits = False
+            self._take(box.data)
+
     def _take(self, setpoint: np.ndarray) -> None:
-        """Whatever is new in what the client has written."""
-        if int(setpoint["session"]) != self.session:
-            return
         source, number = self._source, int(setpoint["number"])
         assert source is not None
-        if isinstance(source, CartesianSource):
-            self._take_move(source, setpoint)
-        if number == self.setpoint_seen:
+        if int(setpoint["session"]) != self.session or number == self.setpoint_seen:
             return
-        interval_s = self._silent_cycles * self._period_s if self._live else DEFAULT_INTERVAL_S
+        self._untaken_cycles = 0
+        interval_s = max(DEFAULT_INTERVAL_S, self._decimation * self._period_s)
+        if self.setpoint_seen:
+            interval_s = self._silent_cycles * self._period_s
         self.setpoint_seen = number
         if self.move_running:
             return

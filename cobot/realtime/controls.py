@@ -70,7 +70,13 @@ class Control(ABC, Generic[State]):
             return False
 
     def trigger_estop(self) -> None:
-        """Bring the arm to rest and latch; see `Robot.clear_fault`. Takes no lock, from any thread."""
+        """Bring the arm to rest and latch; see `Robot.clear_fault`. Takes no lock, from any thread.
+
+        Raises:
+            MotionStopped: this control has been stopped: the arm is no longer its own to stop.
+        """
+        if self._ended:
+            raise MotionStopped("this control has been stopped; POST /stop stops what else moves the arm")
         self._transport.request_estop()
 
     def stop(self) -> None:
@@ -267,5 +273,6 @@ class CartesianMotionForceControl(Control[CartesianState]):
     def cancel_move(self) -> None:
         """End a `move_to_pose`: the arm comes to rest where it is, and waits for the next target."""
         with self._turn:
+            self._require_running(self._transport.state())
             self._setpoint["cancel"] = self._setpoint["move"]
             self._transport.send_setpoint(self._setpoint)

@@ -17,7 +17,7 @@ import numpy as np
 
 from cobot.client import Client
 from cobot.errors import ConflictError, InputError, NotReadyError, UnavailableError
-from cobot.layout import Stream
+from cobot.layout import Intervention, Stream
 from cobot.realtime import modes
 from cobot.realtime.controls import (
     CartesianMotionForceControl,
@@ -166,10 +166,10 @@ class Robot(SessionSettings):
             ConflictError: the arm moves, or is streamed to: stop it first.
             NotReadyError: see `enable`.
         """
+        state = self._state()
         if mode not in SWITCHES[self.mode()]:
             valid = ", ".join(sorted(other.name for other in SWITCHES[self.mode()]))
             raise InputError(f"mode {self.mode().name} does not go over to {mode!r}; valid are: {valid}")
-        state = self._state()
         self._require_ready(state)
         if LoopMode(int(state["mode"])) is not LoopMode.HOLD:
             raise ConflictError(f"the arm is in mode {LoopMode(int(state['mode'])).name}: stop it first")
@@ -217,6 +217,11 @@ class Robot(SessionSettings):
         if state is None:
             return Mode.UNKNOWN
         return STREAMING.get(LoopMode(int(state["mode"])), self._chosen)
+
+    def interventions(self) -> dict[str, int]:
+        """How often rtloop has stepped in, by kind: `jump` counts the targets that it refused."""
+        counts = self._state()["interventions"].tolist()
+        return {kind.name.lower(): count for kind, count in zip(Intervention, counts, strict=True)}
 
     def clock_s(self) -> float:
         """The robot's clock, for `set_chunk`: s."""

@@ -90,6 +90,7 @@ class MujocoBackend:
         self._transition_from = np.zeros(dof)
         self._transition_cycles = round(TRANSITION_S / settings.rt.period_s)
         self._transition_left = 0
+        self._changing = False  # the impedance, at the next command
         self._reported = Measured(dof)
         self._sensed = self._data.sensordata
         self._pushed = self._data.xfrc_applied[self._tcp_body]
@@ -136,18 +137,16 @@ class MujocoBackend:
             raise BackendError(self.drive_fault)
 
     def set_impedance(self, impedance: Impedance | None) -> None:
-        # The torque stays what it is: the difference of the springs goes into a term that fades. It does so
-        # even when an impedance is set in each cycle, only slower.
-        self._pull()
-        np.add.reduce(self._pulls, axis=0, out=self._transition_from)
-        np.add(self._transition_from, self._transition, out=self._transition_from)
+        # The torque stays what it is: the difference of the springs, and of what is commanded next, goes into
+        # a term that fades. It does so even when an impedance is set in each cycle, only slower.
+        if not self._changing:
+            self._pull()
+            np.add.reduce(self._pulls, axis=0, out=self._transition_from)
+            np.add(self._transition_from, self._transition, out=self._transition_from)
         self._impedance = impedance
         if impedance is not None:
             self._springs.use(impedance)
-        self._pull()
-        np.subtract(self._transition_from, self._pulls.sum(axis=0), out=self._transition_from)
-        np.copyto(self._transition, self._transition_from)
-        self._transition_left = self._transition_cycles
+        self._changing = True
 
     def read(self, measured: Measured) -> None:
         if self.fail_read or self.drive_fault:
@@ -163,6 +162,10 @@ class MujocoBackend:
         self._find_jacobian()
         np.copyto(self._command, command)
         self._pull()
+        if self._changing:
+            self._changing = False
+            np.subtract(self._transition_from, self._pulls.sum(axis=0), out=self._transition_from)
+            self._transition_left = self._transition_cycles
         mujoco.mj_mulM(self._model, self._data, self._inertia_term, command[2])
         if self._transition_left:
             self._transition_left -= 1

@@ -199,3 +199,30 @@ def test_the_elbow_goes_where_the_posture_wants_it_and_the_tcp_stays(rig: Rig) -
     assert np.abs(rig.commanded[-1] - wanted).max() < 0.2 * apart
     assert rig.counted() == {}
     require_limits(rig)
+
+
+def test_a_move_begins_at_once_however_rare_the_targets_are(rig: Rig) -> None:
+    assert rig.stream(Stream.CARTESIAN, decimation=1000) == ""
+    goal = tcp(rig, rig.home)
+    goal[1] += 0.1
+    rig.step(5)
+    rig.aim(move=1, move_pose=goal, move_duration_s=2.0)
+    rig.step(100)
+    assert rig.loop.controller.streaming.move_running
+    rig.aim(cancel=1)
+    rig.step(2)
+    assert not rig.loop.controller.streaming.move_running
+
+
+def test_no_stream_of_poses_moves_the_tcp_faster_than_its_limit(rig: Rig) -> None:
+    """A line at 0.4 m/s that leads the wrist close to a singularity, where the joints cannot follow."""
+    assert rig.stream(Stream.CARTESIAN, decimation=10) == ""
+    pose = tcp(rig, rig.home)
+    for cycle in range(2500):
+        if cycle % 10 == 0 and cycle < 1500:
+            pose[0] += 0.004 if cycle < 800 else -0.004
+            rig.aim(pose=pose)
+        rig.step()
+    speed = np.linalg.norm(np.diff(commanded_tcp(rig)[:, :3], axis=0), axis=1) / 1e-3
+    assert speed.max() <= 1.1 * rig.settings.streaming.linear_velocity
+    require_limits(rig)

@@ -35,12 +35,11 @@ def test_a_cycle_never_begins_before_its_deadline() -> None:
 
 
 def test_the_fast_clock_does_not_wait_while_the_arm_moves(monkeypatch: pytest.MonkeyPatch) -> None:
-    naps: list[float] = []
-    monkeypatch.setattr(time, "sleep", naps.append)
-    clock = FastClock(1e-3)
-    clock.wait(moving=True)
-    clock.wait(moving=False)
-    assert naps == [1e-3]
+    clock, waits = FastClock(1e-3), []
+    monkeypatch.setattr(RealtimeClock, "wait", lambda self, *, moving: waits.append(moving) or 0)
+    for moving in (True, True, False, False, True):
+        assert clock.wait(moving=moving) == 0
+    assert waits == [False, False], "in step with the real clock when it does not move on a path"
 
 
 def test_every_cycle_is_in_the_histograms(settings: Settings, robot: Robot) -> None:

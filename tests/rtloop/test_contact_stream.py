@@ -263,3 +263,24 @@ def test_no_torque_drives_a_joint_beyond_its_limits(simulated: Rig) -> None:
     position = np.array(rig.commanded)
     assert (position <= rig.limits.max_position + 1.1e-5).all()
     require_limits(rig)
+
+
+@pytest.mark.parametrize(("stream", "force"), [(Stream.JOINT_IMPEDANCE, 20.0), (Stream.CARTESIAN, 20.0)])
+def test_a_soft_arm_that_is_pushed_is_not_kicked_when_its_session_ends(
+    simulated: Rig, stream: Stream, force: float
+) -> None:
+    rig = simulated
+    soft = np.array([500.0] * 3 + [50.0] * 3)
+    assert rig.stream(stream, stiffness=np.full(7, 100.0), cartesian_stiffness=soft) == ""
+    rig.simulation.push[0] = force
+    rig.step(3000)
+    begin = rig.memory.state.data["tcp"][:3].copy()
+    rig.end_stream()
+    velocities = []
+    for _ in range(1000):
+        rig.step()
+        velocities.append(rig.memory.state.data["velocity"].copy())
+    assert rig.mode is Mode.HOLD
+    acceleration = np.diff(np.array(velocities), axis=0) / 1e-3
+    assert (np.abs(acceleration) <= 3.0 * rig.limits.max_acceleration).all()
+    assert np.linalg.norm(rig.memory.state.data["tcp"][:3] - begin) < 0.01

@@ -313,3 +313,40 @@ def test_each_stream_has_its_mode(rig: Rig, stream_kind: Stream) -> None:
     assert rig.stream(stream_kind) == ""
     assert rig.mode.name == stream_kind.name
     assert int(rig.memory.session.data["pid"]) == os.getpid()
+
+
+def test_after_one_catch_a_smooth_stream_is_let_go_at_once(rig: Rig) -> None:
+    assert rig.stream(interpolation=Interpolation.QUINTIC) == ""
+    pursued = 0
+    for cycle in range(3000):
+        if cycle % 10 == 0:
+            rig.aim(joints=rig.home + 0.001 + 0.15 * (1.0 - np.cos(1e-3 * cycle)))  # begins 1 mrad off
+        rig.step()
+        pursued += rig.loop.controller.safety.pursuing and cycle > 500
+    assert pursued == 0
+    assert sum(rig.counted().values()) <= 3
+    jerk = np.abs(np.diff(np.array(rig.commanded)[-2000:], 3, axis=0)) / 1e-9
+    assert jerk.max() < 2.0
+
+
+@pytest.mark.parametrize("rate_hz", [1.0, 1.5])
+def test_a_stream_may_be_as_slow_as_it_has_said(rig: Rig, rate_hz: float) -> None:
+    every = round(1000 / rate_hz)
+    assert rig.stream(decimation=every) == ""
+    for step in range(1, 5):
+        rig.aim(joints=rig.home + 0.03 * step)
+        rig.step(every)
+    rig.step(2 * every)
+    np.testing.assert_allclose(rig.commanded[-1], rig.home + 0.12, atol=1e-6)
+    assert "JUMP" not in rig.counted()
+    assert "COMMAND_TIMEOUT" not in rig.counted()
+
+
+def test_after_a_pause_the_next_target_is_measured_by_the_pause(stream: Rig) -> None:
+    feed(stream, 500)
+    stream.step(1500)
+    held = stream.commanded[-1]
+    stream.aim(joints=held + 0.06)  # more than in one period of 10 ms
+    stream.step(500)
+    assert "JUMP" not in stream.counted()
+    np.testing.assert_allclose(stream.commanded[-1], held + 0.06, atol=1e-6)
