@@ -27,6 +27,7 @@ import os
 import struct
 import time
 import zlib
+from collections import Counter, defaultdict
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
@@ -61,6 +62,9 @@ from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array
 
 FOLDER = Path("/dev/shm")
+_users: Counter[Path] = Counter()
+_closed: defaultdict[Path, list[int]] = defaultdict(list)
+"""Of this process: how many memories of a file are open, and the descriptors of those that no longer are."""
 
 
 class Role(IntEnum):
@@ -119,6 +123,8 @@ class RobotMemory:
         self.path = path
         self.role = role
         self._descriptor = descriptor
+        self._roles: set[Role] = set() if role is Role.READER else {role}
+        _users[path] += 1
         header = np.frombuffer(os.pread(descriptor, HEADER.itemsize, 0), HEADER)[0]
         self.dof = int(header["dof"])
         self.period_s = float(header["period_s"])
@@ -210,7 +216,7 @@ class RobotMemory:
                 _lock(descriptor, role, robot)
             return cls(path, descriptor, role)
         except (LayoutError, ConflictError):
-            os.close(descriptor)
+            _let_go(path, descriptor)
             raise
 
     def take(self, role: Role) -> None:
@@ -220,15 +226,21 @@ class RobotMemory:
             ConflictError: another process has it, with its pid.
         """
         _lock(self._descriptor, role, self.robot)
+        self._roles.add(role)
 
     def release(self, role: Role) -> None:
+        self._roles.discard(role)
         fcntl.fcntl(self._descriptor, fcntl.F_SETLK, _flock(fcntl.F_UNLCK, role))
 
     def close(self) -> None:
         """Let go of the lock. The mapping itself goes with the last array that looks into it."""
-        if self._descriptor >= 0:
-            os.close(self._descriptor)
-            self._descriptor = -1
+        if self._descriptor < 0:
+            return
+        for role in tuple(self._roles):
+            self.release(role)
+        _users[self.path] -= 1
+        _let_go(self.path, self._descriptor)
+        self._descriptor = -1
 
     def unlink(self) -> None:
         """Remove the file; who has it mapped keeps it until they let go."""
@@ -260,6 +272,16 @@ def text(field: np.ndarray) -> str:
 def encoded(message: str, size: int = np.dtype(TEXT).itemsize) -> bytes:
     """A message cut to fit a text field, never inside a character."""
     return message.encode()[:size].decode("utf-8", "ignore").encode()
+
+
+def _let_go(path: Path, descriptor: int) -> None:
+    """Close it, but not before all others of this process on the same file: with the first descriptor of a
+    file that a process closes, POSIX takes all its locks on it.
+    """
+    _closed[path].append(descriptor)
+    if not _users[path]:
+        for each in _closed.pop(path):
+            os.close(each)
 
 
 def _path(robot: str) -> Path:

@@ -243,3 +243,14 @@ def test_a_message_is_cut_between_characters(message: str, size: int) -> None:
     assert len(raw) <= size
     assert message.startswith(raw.decode("utf-8"))
     assert len(message.encode()) > size or raw == message.encode()
+
+
+def test_closing_one_of_two_memories_in_a_process_leaves_the_others_roles(robot: str) -> None:
+    supervisor = create(robot)
+    first, second = RobotMemory.attach(robot, Role.READER), RobotMemory.attach(robot, Role.READER)
+    first.take(Role.STREAM)
+    second.close()
+    other = subprocess.run([sys.executable, "-c", HOLDER, robot, "STREAM"], capture_output=True, text=True)
+    assert f"pid {os.getpid()} runs as its stream" in other.stderr
+    first.close()
+    supervisor.close()
