@@ -350,14 +350,12 @@ def test_setpoints_as_fast_as_a_computer_can_send_them_change_nothing(service: R
         with robot.start_joint_impedance_control(1000) as control:
             here = np.array(control.get_state().q)
             begin = time.monotonic()
-            sent = 0
-            while (passed := time.monotonic() - begin) < 2.0:
+            for _ in range(20_000):
+                passed = time.monotonic() - begin
                 try:
                     control.set_target_joints((here + 0.05 * (1.0 - np.cos(3.0 * passed))).tolist())
                 except MotionStopped as exc:
                     pytest.fail(str(exc))
-                sent += 1
-            assert sent > 10_000
     require_recovery(service, record)
 
 
