@@ -36,6 +36,9 @@ PAST = 3
 MEETING = 0.5
 """Of what the jerk limits let the acceleration change by, for the step from a pursuit to the request: with
 all of it there would be none left for the request's next step."""
+WAY_SHARE = 1.05
+WAY_RAD = 5e-5
+"""Of the way to rest, and on top: what is known of the acceleration is rounded, and a cycle old."""
 CALM = 0.6
 """Of the velocity limits. With an acceleration of no more than √(j v) the velocity can grow by v/2 until that
 is taken back, which leaves it below the limit."""
@@ -247,7 +250,7 @@ class Safety:
         jerk, most = self._used.max_jerk, self._used.max_acceleration
         peak = speed + 1.5 * self._period_s * acceleration + acceleration * acceleration / (2.0 * jerk)
         way: Array = peak * (acceleration / jerk + peak / (2.0 * most) + most / (2.0 * jerk))
-        return way
+        return WAY_SHARE * way + WAY_RAD
 
     def _meets(self) -> bool:
         """Whether the pursuit has come so close that going over to the request keeps the jerk limits."""
