@@ -11,10 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numpy as np
-
-from cobot.types import Array
-
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
@@ -76,34 +72,6 @@ def log(q: Sequence[float]) -> Vector:
 def between(start: Sequence[float], end: Sequence[float]) -> Vector:
     """The rotation vector that takes one orientation to the other, the shorter way, in the base frame."""
     return log(product(end, conjugate(start)))
-
-
-def rotation_matrix(q: Array) -> Array:
-    """The matrix, shape (3, 3), of a unit quaternion, shape (4,)."""
-    w, x, y, z = q.tolist()
-    return np.array(
-        [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-        ]
-    )
-
-
-def rotation_vector(matrix: Array, out: Array) -> None:
-    """The rotation vector, shape (3,), of a rotation matrix, shape (3, 3).
-
-    Each line is the quaternion times four of its components: the one with the largest is taken.
-    """
-    (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
-    lines = (
-        (1.0 + a + e + i, h - f, c - g, d - b),
-        (h - f, 1.0 + a - e - i, b + d, c + g),
-        (c - g, b + d, 1.0 - a + e - i, f + h),
-        (d - b, c + g, f + h, 1.0 - a - e + i),
-    )
-    squares = [lines[k][k] for k in range(4)]
-    out[:] = log(lines[squares.index(max(squares))])
 
 
 def angular_velocity(r: Sequence[float], rate: Sequence[float]) -> Vector:

@@ -23,6 +23,7 @@ from rtloop.guard import Guard
 from rtloop.safety import Safety
 from rtloop.session_flaw import session_flaw
 from rtloop.sources import JointSource, Source, TorqueSource
+from rtloop.stream_checks import DEFAULT_INTERVAL_S
 from rtloop.streambox import StreamBox
 
 MODES = {
@@ -33,8 +34,6 @@ MODES = {
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 PERIODS_TO_TIMEOUT = 3
 """A client that said it would send less often is not silent yet."""
-DEFAULT_INTERVAL_S = 0.01
-"""Between targets, before there have been two."""
 ALIVE_CYCLES = 50
 """So often it is asked whether the client's process still lives."""
 CATCH_UP_RAD_S = 0.05

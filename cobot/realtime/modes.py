@@ -34,6 +34,5 @@ SWITCHES: dict[Mode, frozenset[Mode]] = {
 """Any use may follow any other while the arm rests and no session is open; UNKNOWN, when the robot does not
 answer, is left for IDLE only, and never chosen."""
 
-REAL_TIME = frozenset({Mode.RT_JOINT_TORQUE, Mode.RT_JOINT_IMPEDANCE, Mode.RT_CARTESIAN_MOTION_FORCE})
 JOINT_STREAMS = frozenset({Mode.RT_JOINT_IMPEDANCE, Mode.NRT_JOINT_IMPEDANCE})
 CARTESIAN_STREAMS = frozenset({Mode.RT_CARTESIAN_MOTION_FORCE, Mode.NRT_CARTESIAN_MOTION_FORCE})
