@@ -136,7 +136,9 @@ class RobotModel:
     def mass_matrix(self, joints: Array) -> Array:
         """Joint-space inertia, shape (dof, dof), kg·m², the drives' inertia (armature) included."""
         self._data.qpos[:] = joints
-        mujoco.mj_fwdPosition(self.mj, self._data)
+        mujoco.mj_kinematics(self.mj, self._data)
+        mujoco.mj_comPos(self.mj, self._data)
+        mujoco.mj_crb(self.mj, self._data)
         full = np.zeros((self.dof, self.dof))
         mujoco.mj_fullM(self.mj, self._data, full)
         return full

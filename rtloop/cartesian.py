@@ -9,7 +9,7 @@ import numpy as np
 
 from cobot.layout import Interpolation, Intervention
 from cobot.model import RobotModel
-from cobot.quaternion import between, product, rotated
+from cobot.quaternion import between, cross, rotated
 from cobot.types import Array, CartesianLimits, JointLimits
 from rtloop.backends import Measured
 from rtloop.pose_interpolation import MinJerkMove, PoseInterpolator
@@ -87,7 +87,12 @@ class CartesianSource:
         self._force_gain = FORCE_RATE_RAD_S / np.repeat([stiffness[:3].max(), stiffness[3:].max()], 3)
         self._force_in_tcp = bool(wish["force_in_tcp"])
         self._force_origin = wish["force_frame"][:3].tolist()
-        self._force_turn = wish["force_frame"][3:].tolist()
+        self._force_turn = wish["force_frame"][3:].copy()
+        self._turn = np.zeros((3, 3))  # of the force frame in the base frame: its axes are the columns
+        mujoco.mju_quat2Mat(self._turn.ravel(), self._force_turn)
+        self._lever = (0.0, 0.0, 0.0)  # from the TCP to the force frame's origin
+        self._quaternion = np.zeros(4)
+        self._rows = np.zeros((2, 3))
         self._own_posture = not np.isfinite(wish["posture"]).all()
         self._posture = wish["posture"].copy()
         self._largest_step = VELOCITY_SHARE * limits.max_velocity * period_s
@@ -234,22 +239,25 @@ class CartesianSource:
 
     def _replace_by_force(self, error: Array, wrench: Array) -> None:
         """Along the force axes, a step in proportion to what is missing of the force."""
-        tcp = self._here[3:].tolist()
-        frame = product(tcp, self._force_turn) if self._force_in_tcp else self._force_turn
-        turn = np.array([rotated(frame, axis) for axis in np.eye(3).tolist()]).T
-        to_tcp = np.zeros((6, 6))  # from a twist in the force frame to that of the TCP in the base frame
-        to_tcp[:3, :3] = to_tcp[3:, 3:] = turn
-        if self._force_in_tcp:  # which may turn about another point than the TCP
-            x, y, z = rotated(tcp, self._force_origin)
-            to_tcp[:3, 3:] = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ turn
-        exerted = -(to_tcp.T @ wrench)
-        velocity = np.clip(
-            self._force_gain * (self._wrench - exerted), -self._force_velocity, self._force_velocity
+        turn, rows = self._turn, self._rows
+        if self._force_in_tcp:
+            mujoco.mju_mulQuat(self._quaternion, self._here[3:], self._force_turn)
+            mujoco.mju_quat2Mat(turn.ravel(), self._quaternion)
+            self._lever = rotated(self._here[3:].tolist(), self._force_origin)
+        np.copyto(rows, wrench.reshape(2, 3))
+        rows[1] -= cross(self._lever, rows[0].tolist())
+        missing = self._wrench + (rows @ turn).ravel()  # the TCP exerts the opposite of what it meets
+        velocity = np.minimum(
+            np.maximum(self._force_gain * missing, -self._force_velocity), self._force_velocity
         )
         smooth = _filtered(self._force_pull, velocity, self._period_s / FORCE_FILTER_S)
-        in_frame = np.linalg.solve(to_tcp, error)
-        in_frame[self._axes] = smooth[self._axes] * self._period_s
-        np.dot(to_tcp, in_frame, out=error)
+        np.copyto(rows, error.reshape(2, 3))
+        rows[0] -= cross(self._lever, rows[1].tolist())
+        in_frame = rows @ turn
+        np.multiply(smooth, self._period_s, out=in_frame.ravel(), where=self._axes)
+        np.dot(in_frame, turn.T, out=rows)
+        rows[0] += cross(self._lever, rows[1].tolist())
+        np.copyto(error, rows.ravel())
 
     def _head_for(self, pose: Array) -> None:
         error, jacobian = self._distance_to(pose)

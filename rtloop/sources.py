@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
+import mujoco
 import numpy as np
 
 from cobot.layout import CHUNK_POINTS, Interpolation, Intervention
@@ -193,7 +194,10 @@ class TorqueSource:
         limits, period_s = self._limits, self._period_s
         position, velocity, acceleration = self.reference
         torque = self._torque + measured.external_effort - self._damping * velocity
-        wanted = np.linalg.solve(self._model.mass_matrix(position), torque)
+        mass = self._model.mass_matrix(position)
+        mujoco.mju_cholFactor(mass, 0.0)
+        wanted = np.empty(len(torque))
+        mujoco.mju_cholSolve(wanted, mass, torque)
         # so that the acceleration can be back at zero when the velocity has reached its limit
         room = np.sqrt(
             2.0 * limits.max_jerk * np.maximum(limits.max_velocity - np.sign(wanted) * velocity, 0.0)

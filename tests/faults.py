@@ -203,8 +203,9 @@ class WatchedRig(Rig):
 
     def step(self, cycles: int = 1, late_ns: int = 0) -> None:
         for _ in range(cycles):
+            truth = self.simulation._data.qpos.copy()  # as the cycle finds it
             super().step(1, late_ns)
-            self.record.add(self.memory.state.read(), truth=self.simulation._data.qpos)
+            self.record.add(self.memory.state.read(), truth=truth)
 
     def answer(self, number: int, cycles: int = 3000) -> str:
         ack = self.memory.acks[number % RING]
