@@ -27,9 +27,7 @@ class PoseInterpolator:
     of the chart.
 
     Attributes:
-        pose, twist: of this cycle. The quaternion's sign does not jump.
-        acceleration: of this cycle, shape (6,), m/s² and rad/s². Of the angular part, terms are missing
-            that are of second order in the turn since the newest command.
+        pose: of this cycle. The quaternion's sign does not jump.
     """
 
     def __init__(
@@ -43,8 +41,7 @@ class PoseInterpolator:
         max_angular_acceleration: float,
         max_angular_jerk: float,
     ) -> None:
-        self.pose, self.twist, self.acceleration = np.zeros(7), np.zeros(6), np.zeros(6)
-        self.pose[3] = 1.0
+        self.pose = np.array([0.0, 0, 0, 1, 0, 0, 0])
         self._chart = make_interpolator(
             kind,
             6,
@@ -59,10 +56,10 @@ class PoseInterpolator:
 
     def begin(self, pose: Array, twist: Array = NO_TWIST, acceleration: Array = NO_TWIST) -> None:
         """Start here, forget all commands, and hold (what moves is brought to rest)."""
-        self.pose[:], self.twist[:], self.acceleration[:] = pose, twist, acceleration
+        self.pose[:] = pose
         self._last[:3] = pose[:3]
         self._origin = self._last_orientation = quaternion.normalised(pose[3:].tolist())
-        self._chart.begin(self._at_origin())
+        self._chart.begin(self._at_origin(twist, acceleration))
 
     def aim(self, pose: Array, twist: Array | None, duration_s: float) -> None:
         """A new command, to be reached `duration_s` from now: one command period.
@@ -70,9 +67,10 @@ class PoseInterpolator:
         Args:
             twist: at the pose, as the sender states it; None: estimated where it is needed.
         """
+        state = self._at_origin(self.twist, self.acceleration)
         self._origin = quaternion.normalised(self.pose[3:].tolist())
         self._last[3:] = quaternion.between(self._origin, self._last_orientation)
-        self._chart.rebase(self._at_origin(), self._last)
+        self._chart.rebase(state, self._last)
         orientation = pose[3:].tolist()
         turn = quaternion.between(self._origin, orientation)
         self._target[:3], self._target[3:] = pose[:3], turn
@@ -89,20 +87,31 @@ class PoseInterpolator:
         self._chart.advance()
         self._write()
 
-    def _at_origin(self) -> Array:
+    @property
+    def twist(self) -> Array:
+        """Of this cycle, shape (6,): m/s and rad/s."""
+        position, velocity, _ = self._chart.reference.tolist()
+        return np.array([*velocity[:3], *quaternion.angular_velocity(position[3:], velocity[3:])])
+
+    @property
+    def acceleration(self) -> Array:
+        """Of this cycle, shape (6,): m/s² and rad/s². Of the angular part, terms are missing that are of
+        second order in the turn since the newest command.
+        """
+        position, velocity, acceleration = self._chart.reference.tolist()
+        angular = quaternion.angular_acceleration(position[3:], velocity[3:], acceleration[3:])
+        return np.array([*acceleration[:3], *angular])
+
+    def _at_origin(self, twist: Array, acceleration: Array) -> Array:
         """Where the reference is, in a chart that begins there: its Jacobian is the identity."""
         state = self._state
         state[0, :3], state[0, 3:] = self.pose[:3], 0.0
-        state[1], state[2] = self.twist, self.acceleration
+        state[1], state[2] = twist, acceleration
         return state
 
     def _write(self) -> None:
-        position, velocity, acceleration = self._chart.reference.tolist()
-        turn, rate = position[3:], velocity[3:]
-        self.pose[:] = *position[:3], *quaternion.product(quaternion.exp(turn), self._origin)
-        self.twist[:] = *velocity[:3], *quaternion.angular_velocity(turn, rate)
-        angular = quaternion.angular_acceleration(turn, rate, acceleration[3:])
-        self.acceleration[:] = *acceleration[:3], *angular
+        position = self._chart.reference[0].tolist()
+        self.pose[:] = *position[:3], *quaternion.product(quaternion.exp(position[3:]), self._origin)
 
 
 class MinJerkMove:

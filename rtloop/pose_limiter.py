@@ -49,6 +49,7 @@ class PoseLimiter:
         self._rate = np.zeros(6)  # of the twist
         self._last = self.pose.copy()  # request
         self._own, self._own_rate = np.zeros((2, 6))  # velocity and its rate, of the requests
+        self._differing = 0  # cycles in which these may still be others than the twist and its rate
         self._generator = ruckig.Ruckig(6, period_s)
         self._problem, self._output = ruckig.InputParameter(6), ruckig.OutputParameter(6)
         self._problem.target_position = self._problem.target_velocity = [0.0] * 6
@@ -58,22 +59,28 @@ class PoseLimiter:
         self.pose[:] = self._last[:] = pose
         self.twist[:] = self._own[:] = twist
         self._rate[:] = self._own_rate[:] = 0.0
+        self._differing = 0
         self.limited = False
 
     def step(self, pose: Array) -> None:
         """One period on, towards this pose."""
         step = _way(self.pose, pose)
-        own = _way(self._last, pose) / self._period_s
-        own_rate = (own - self._own) / self._period_s
         velocity = step / self._period_s
         rate = (velocity - self.twist) / self._period_s
-        change = np.maximum(np.abs(rate - self._rate), np.abs(rate - own_rate)) / self._period_s
+        change = (rate - self._rate) / self._period_s
+        own, own_rate = velocity, rate  # of the requests, where the last ones have passed
+        if self._differing:
+            self._differing -= 1
+            own = _way(self._last, pose) / self._period_s
+            own_rate = (own - self._own) / self._period_s
+            change = np.maximum(np.abs(change), np.abs(rate - own_rate) / self._period_s)
         np.copyto(self._last, pose)
         np.copyto(self._own, own)
         np.copyto(self._own_rate, own_rate)
         norms = _norms(np.array([velocity, rate, change]))
         self.limited = not bool((norms <= (1.0 + TOLERANCE) * self._most + REST).all())
         if self.limited:
+            self._differing = 3
             jumped = np.repeat((_norms(np.array([own, own_rate])) > self._most[:2]).any(axis=0), 3)
             moving = np.where(jumped, 0.0, own), np.where(jumped, 0.0, own_rate)
             if not self._pursue(step, *moving) and not self._pursue(step, np.zeros(6), np.zeros(6)):
