@@ -1,0 +1,1 @@
+"""The DDS side of the service: what ROS 2 nodes talk to."""

@@ -1,0 +1,30 @@
+"""Errors of the wire layer; the layer above translates them.
+
+RtpsError
+├── MalformedError    a datagram is not what the protocol allows; counted, never leaves the package
+├── PayloadError      a sample is larger than the participant takes
+├── ClosedError       the participant, writer or reader was closed before
+└── NetworkError      no free port, no such interface
+"""
+
+from __future__ import annotations
+
+
+class RtpsError(Exception):
+    """Base of all errors of this package; the message is for people."""
+
+
+class MalformedError(RtpsError):
+    pass
+
+
+class PayloadError(RtpsError):
+    pass
+
+
+class ClosedError(RtpsError):
+    pass
+
+
+class NetworkError(RtpsError):
+    pass

@@ -1,0 +1,263 @@
+"""A DDS participant in pure Python: bytes on topics, as ROS 2 nodes speak them (RTPS 2.2 over UDP and IPv4).
+
+One thread serves the sockets and timers, another calls the callbacks; `Writer.write` sends from the thread
+that calls it. Callbacks may take their time without harm to the protocol, but all of one participant share
+one thread: what waits for long belongs elsewhere.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from ros2.rtps import submessages
+from ros2.rtps.announcements import LEASE_S, ParticipantAnnouncement
+from ros2.rtps.delivery import Delivery
+from ros2.rtps.discovery import PARTICIPANT_WRITER, Discovery
+from ros2.rtps.errors import ClosedError, MalformedError
+from ros2.rtps.inbound import Inbound
+from ros2.rtps.parameters import read_identity
+from ros2.rtps.reader import Reader, TopicReader
+from ros2.rtps.submessages import Kind, Submessage
+from ros2.rtps.types import (
+    PARTICIPANT_ENTITY,
+    UNKNOWN_ENTITY,
+    Guid,
+    Limits,
+    Qos,
+    RemoteEndpoint,
+    RemoteParticipant,
+    Sample,
+    Statistics,
+)
+from ros2.rtps.wire import Wire
+from ros2.rtps.writer import Writer
+from ros2.rtps.writer_proxy import Arrival
+
+_KEYLESS_WRITER, _KEYLESS_READER = 0x03, 0x04
+_DEFAULT_LIMITS = Limits()
+
+
+class Participant:
+    """One member of a DDS domain.
+
+    interfaces: names or IPv4 addresses of the interfaces to use and announce; None: all but loopback.
+    localhost_only: only this machine, as ROS_LOCALHOST_ONLY asks for.
+    name: the entity name that others may show.
+    user_data: ROS finds the enclave in it.
+    on_change: called on the delivery thread after `discovered()` or `participants()` has changed.
+    loss: a test's model of a bad network; called once per datagram in either direction, True drops it.
+
+    Errors: NetworkError when an interface or a free port is missing.
+    """
+
+    def __init__(
+        self,
+        domain_id: int = 0,
+        interfaces: Sequence[str] | None = None,
+        localhost_only: bool = False,
+        name: str = "",
+        user_data: bytes = b"enclave=/;",
+        *,
+        limits: Limits = _DEFAULT_LIMITS,
+        on_change: Callable[[], None] | None = None,
+        loss: Callable[[], bool] | None = None,
+    ) -> None:
+        self._wire = Wire(domain_id, interfaces, localhost_only, limits, loss)
+        self._lock = self._wire.lock
+        # 12 random bytes would do; ours begin with the vendor, as the specification suggests.
+        self._prefix = submessages.VENDOR.to_bytes(2, "big") + os.urandom(10)
+        self.guid = Guid(self._prefix + PARTICIPANT_ENTITY)
+        self._header = submessages.protocol_header(self._prefix)
+        self._inbound = Inbound(limits, self._wire.statistics)
+        self._delivery = Delivery(self._wire.statistics)
+        self._on_change = on_change
+        self._change_is_due = False
+        self._closed = False
+        self._entity_numbers = itertools.count(1)
+        announcement = ParticipantAnnouncement(
+            self.guid,
+            domain_id,
+            name,
+            user_data,
+            submessages.VENDOR,
+            LEASE_S,
+            tuple(self._wire.metatraffic),
+            tuple(self._wire.user),
+        )
+        self._discovery = Discovery(self._wire, self._inbound, announcement, self._changed)
+        self._delivery.start()
+        with self._lock:
+            self._wire.start(self._on_datagram)
+            self._discovery.start()
+
+    def create_writer(self, topic: str, type_name: str, qos: Qos, user_data: bytes = b"") -> Writer:
+        """A writer of a keyless topic, at once announced to all participants."""
+        with self._lock:
+            guid = self._new_guid(_KEYLESS_WRITER)
+            writer = Writer(
+                self._wire, self._header, guid, topic, type_name, qos, user_data, self._discovery.remove
+            )
+            self._discovery.add(writer)
+            return writer
+
+    def create_reader(
+        self,
+        topic: str,
+        type_name: str,
+        qos: Qos,
+        on_sample: Callable[[Sample], None],
+        user_data: bytes = b"",
+    ) -> TopicReader:
+        """A reader of a keyless topic; the delivery thread calls `on_sample`, in each writer's order."""
+        with self._lock:
+            guid = self._new_guid(_KEYLESS_READER)
+            reader = TopicReader(
+                self._wire, self._inbound, self._header, guid, topic, type_name, qos, user_data,
+                on_sample, self._delivery.put, self._discovery.remove,
+            )  # fmt: skip
+            self._discovery.add(reader)
+            return reader
+
+    def discovered(self) -> list[RemoteEndpoint]:
+        """The writers and readers of all other participants, whatever their topic."""
+        with self._lock:
+            return self._discovery.remotes
+
+    def participants(self) -> list[RemoteParticipant]:
+        """The other participants in the domain."""
+        with self._lock:
+            return self._discovery.participants
+
+    @property
+    def multicast(self) -> bool:
+        """Whether discovery can use multicast; without, it only asks the first few ports of this computer."""
+        return self._wire.has_multicast
+
+    @property
+    def statistics(self) -> Statistics:
+        """A copy of the counters."""
+        with self._lock:
+            return replace(self._wire.statistics)
+
+    def close(self) -> None:
+        """Tell all peers that this participant is gone, and end its threads; may be called twice."""
+        with self._lock:
+            if self._closed:
+                return
+            self._closed = True
+            self._discovery.leave()
+        self._wire.close()
+        self._delivery.close()
+
+    def _new_guid(self, kind: int) -> Guid:
+        if self._closed:
+            raise ClosedError("the participant was closed")
+        number = next(self._entity_numbers) & 0xFFFFFF
+        return Guid(self._prefix + number.to_bytes(3, "big") + bytes((kind,)))
+
+    def _changed(self) -> None:
+        """Many changes at once are told once."""
+        if self._on_change is not None and not self._change_is_due:
+            self._change_is_due = True
+            self._delivery.put(self._tell_change)
+
+    def _tell_change(self) -> None:
+        with self._lock:
+            self._change_is_due = False
+        if self._on_change is not None:
+            self._on_change()
+
+    # Datagrams; with the lock held
+
+    def _on_datagram(self, datagram: memoryview, heard_from: str) -> None:
+        try:
+            self._interpret(datagram, heard_from)
+        except MalformedError:
+            self._wire.statistics.malformed += 1
+
+    def _interpret(self, datagram: memoryview, heard_from: str) -> None:
+        """What a receiver keeps in mind from one submessage to the next is local here (RTPS 2.2, 8.3.4)."""
+        source, cursor = submessages.read_header(datagram)
+        if source.prefix == self._prefix:
+            return
+        self._discovery.heard(source.prefix)
+        for_us = True
+        time_s: float | None = None
+        for message in submessages.read_submessages(cursor):
+            if message.kind == Kind.INFO_DST:
+                destination = message.body.bytes(12)
+                for_us = destination == self._prefix or not any(destination)
+            elif message.kind == Kind.INFO_TS:
+                time_s = submessages.read_time(message)
+            elif message.kind == Kind.INFO_SRC:
+                source = submessages.read_source(message)
+            elif not for_us:
+                continue
+            elif message.kind in (Kind.DATA, Kind.DATA_FRAG):
+                self._on_data(message, source, time_s, heard_from)
+            elif message.kind in (Kind.ACKNACK, Kind.NACK_FRAG):
+                self._on_answer(message, source.prefix)
+            elif message.kind in (Kind.HEARTBEAT, Kind.HEARTBEAT_FRAG, Kind.GAP):
+                self._on_news(message, source.prefix)
+
+    def _on_data(
+        self, message: Submessage, source: submessages.Header, time_s: float | None, heard_from: str
+    ) -> None:
+        data = submessages.read_data(message)
+        if data.writer == PARTICIPANT_WRITER:
+            payload = None if data.payload is None else data.payload.tobytes()
+            self._discovery.on_participant(source.prefix, payload, data.inline, heard_from)
+            return
+        readers = self._readers(data.reader)
+        if not readers:
+            return
+        guid = source.prefix + data.writer
+        related = read_identity(data.inline, data.little) if data.inline else None
+        arrival = Arrival(None, data.inline, related, time_s, source.vendor)
+        if data.fragment is None:
+            arrival.payload = None if data.payload is None else data.payload.tobytes()
+            for reader in readers:
+                reader.on_data(guid, data.sequence, arrival)
+        elif data.payload is not None:
+            for reader in readers:
+                part = replace(arrival)
+                reader.on_fragment(guid, data.sequence, data.fragment, part, data.payload)
+
+    def _on_news(self, message: Submessage, prefix: bytes) -> None:
+        entity, writer = submessages.read_pair(message)
+        guid = prefix + writer
+        readers = self._readers(entity)
+        if message.kind == Kind.HEARTBEAT:
+            first, last, final = submessages.read_heartbeat(message)
+            for reader in readers:
+                reader.on_heartbeat(guid, first, last, final=final)
+        elif message.kind == Kind.GAP:
+            start, base, members = submessages.read_gap(message)
+            for reader in readers:
+                reader.on_gap(guid, start, base, members)
+        else:
+            sequence, _ = submessages.read_heartbeat_fragment(message)
+            for reader in readers:
+                reader.on_heartbeat_fragment(guid, sequence)
+
+    def _on_answer(self, message: Submessage, prefix: bytes) -> None:
+        reader, entity = submessages.read_pair(message)
+        self._discovery.acknowledged(prefix)
+        writer = self._discovery.writers.get(entity)
+        if writer is None:
+            return
+        if message.kind == Kind.ACKNACK:
+            base, missing, final = submessages.read_acknowledgement(message)
+            writer.on_acknowledgement(prefix + reader, base, missing, final=final)
+        else:
+            writer.on_fragments_wanted(prefix + reader, *submessages.read_fragments_wanted(message))
+
+    def _readers(self, entity: bytes) -> list[Reader]:
+        """The one that is meant, or all where a submessage names none."""
+        if entity == UNKNOWN_ENTITY:
+            return list(self._discovery.readers.values())
+        reader = self._discovery.readers.get(entity)
+        return [] if reader is None else [reader]

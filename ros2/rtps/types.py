@@ -1,0 +1,150 @@
+"""The words of the public interface: identities, quality of service, samples, limits and counters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Address = tuple[str, int]
+"""An IPv4 address and a UDP port."""
+
+PREFIX_BYTES = 12
+UNKNOWN_ENTITY = bytes(4)
+PARTICIPANT_ENTITY = bytes((0, 0, 1, 0xC1))
+_MIB = 1 << 20
+
+
+class Guid(bytes):
+    """16 bytes that name a participant, a writer or a reader: 12 of the participant, 4 of the entity."""
+
+    __slots__ = ()
+
+    @property
+    def prefix(self) -> bytes:
+        return self[:PREFIX_BYTES]
+
+    @property
+    def entity(self) -> bytes:
+        return self[PREFIX_BYTES:]
+
+    @property
+    def is_reader(self) -> bool:
+        """Whether the last byte says reader (RTPS 2.2, table 9.1)."""
+        return self[-1] & 0x3F in (0x04, 0x07)
+
+    def __repr__(self) -> str:
+        return f"Guid({self.prefix.hex()}|{self.entity.hex()})"
+
+
+@dataclass(frozen=True, slots=True)
+class SampleIdentity:
+    """One sample of one writer; in requests some clients put their reply reader's guid into `writer`."""
+
+    writer: Guid
+    sequence: int
+
+
+@dataclass(frozen=True, slots=True)
+class Qos:
+    """Quality of service of a writer or a reader.
+
+    depth: samples kept for late or slow readers; None keeps all that are not acknowledged (writer) or not
+        delivered (reader), within `Limits`. Of a remote endpoint it is not known and None.
+    """
+
+    reliable: bool = True
+    transient_local: bool = False
+    depth: int | None = 10
+
+    def __post_init__(self) -> None:
+        if self.depth is not None and self.depth < 1:
+            raise ValueError(f"depth of a Qos is {self.depth}, it must be at least 1 or None")
+
+    def satisfies(self, requested: Qos) -> bool:
+        """Whether a writer that offers this may be read by a reader that asks for `requested`."""
+        return self.reliable >= requested.reliable and self.transient_local >= requested.transient_local
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One received sample.
+
+    payload: the serialised bytes with their 4-byte encapsulation header.
+    related: the inline QoS `related_sample_identity`, if any.
+    source_time: seconds since 1970 by the writer's clock, if it said so.
+    vendor: who made the writer's DDS, such as 0x010F for Fast DDS and 0x0110 for Cyclone DDS.
+    """
+
+    payload: bytes
+    writer: Guid
+    sequence: int
+    related: SampleIdentity | None
+    source_time: float | None
+    vendor: int
+
+
+@dataclass(frozen=True, slots=True)
+class RemoteParticipant:
+    guid: Guid
+    name: str
+    user_data: bytes
+    vendor: int
+
+
+@dataclass(frozen=True, slots=True)
+class RemoteEndpoint:
+    """A writer or reader of another participant, as it announced itself."""
+
+    guid: Guid
+    kind: Literal["writer", "reader"]
+    topic: str
+    type_name: str
+    qos: Qos
+    user_data: bytes
+    participant: RemoteParticipant
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What a peer can make this participant keep or do; sizes in bytes.
+
+    payload: of one sample, sent or received.
+    history: what one writer keeps for its readers; the oldest samples go first.
+    history_samples: the same for the number of samples of a writer without depth.
+    buffered_per_writer: incomplete and out-of-order samples of one remote writer.
+    buffered: the same of all remote writers; who holds most loses what it holds.
+    undelivered: samples of one reader that wait for its callback.
+    window: how far ahead of the next one a sample may be to be kept.
+    """
+
+    payload: int = 16 * _MIB
+    history: int = 64 * _MIB
+    history_samples: int = 10_000
+    buffered_per_writer: int = 32 * _MIB
+    buffered: int = 128 * _MIB
+    undelivered: int = 64 * _MIB
+    window: int = 1024
+    participants: int = 128
+    endpoints: int = 10_000
+    endpoints_per_participant: int = 1_000
+
+
+@dataclass(slots=True)
+class Statistics:
+    """Counters since the start.
+
+    datagrams_dropped: by the loss model of a test.
+    malformed: datagrams that were not valid RTPS, from where they stopped being so.
+    refused: samples, fragments or announcements beyond `Limits`.
+    overrun: samples that left a history or a queue before they were acknowledged or delivered.
+    failed: errors in callbacks and in this package; each is in the log.
+    """
+
+    datagrams_received: int = 0
+    datagrams_sent: int = 0
+    datagrams_dropped: int = 0
+    send_errors: int = 0
+    malformed: int = 0
+    refused: int = 0
+    overrun: int = 0
+    failed: int = 0
