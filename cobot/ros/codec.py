@@ -1,0 +1,270 @@
+"""Fields of ROS messages in their three forms: JSON as in rosbridge v2, checked; what `rosbags` works with.
+
+In JSON a message is an object, a list is a list, uint8[] and char[] are base64 (lists are taken too), and a
+number that is none is null. Checked values are complete: every field is there, in range, and of its type.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import math
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+
+from cobot.errors import InputError
+from cobot.strict import shown, unknown_key
+
+HIDDEN = "structure_needs_at_least_one_member"
+"""The one field of an empty message, for the wire's sake."""
+OCTETS = frozenset({"uint8", "char"})
+INTEGERS = {
+    "byte": (0, 255),
+    "octet": (0, 255),
+    "char": (0, 255),
+    **{f"int{bits}": (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1) for bits in (8, 16, 32, 64)},
+    **{f"uint{bits}": (0, 2**bits - 1) for bits in (8, 16, 32, 64)},
+}
+TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
+ROS1_TIMES = {"secs": "sec", "nsecs": "nanosec"}
+"""roslibpy writes times with the names of ROS 1 only."""
+_DTYPES = {"bool": "bool", "byte": "uint8", "octet": "uint8", "char": "uint8"}
+_LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
+
+
+class Field(Protocol):
+    """One kind of field."""
+
+    def default(self) -> Any:
+        """What ROS puts there by itself."""
+        ...
+
+    def check(self, value: Any, path: str) -> Any:
+        """The value, complete.
+
+        Args:
+            path: where it stands, for the error.
+
+        Raises:
+            InputError: it does not fit.
+        """
+        ...
+
+    def to_native(self, value: Any) -> Any:
+        """Of a checked value."""
+        ...
+
+    def from_native(self, value: Any) -> Any:
+        """Back to a checked value."""
+        ...
+
+
+class Scalar:
+    """Number, text or truth; `bound` is a text's length in bytes, 0 for any."""
+
+    def __init__(self, name: str, bound: int = 0, default: Any = None) -> None:
+        self.name = name
+        self._bound = bound
+        self.check: Callable[[Any, str], Any]
+        match name:
+            case "bool":
+                self.check = _truth
+            case "string" | "wstring":
+                self.check = self._text
+            case "float32":
+                self.check = _single
+            case "float64":
+                self.check = _double
+            case _:
+                self.check = self._integer
+                self._low, self._high = INTEGERS[name]
+        self._default = _zero(name) if default is None else self.check(default, "default")
+
+    def default(self) -> Any:
+        return self._default
+
+    def to_native(self, value: Any) -> Any:
+        return value
+
+    def from_native(self, value: Any) -> Any:
+        return value
+
+    def _integer(self, value: Any, path: str) -> int:
+        if isinstance(value, float) and value.is_integer():
+            value = int(value)  # some languages have no other numbers
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise InputError(f"{path}: must be an integer, got {shown(value)}")
+        if not self._low <= value <= self._high:
+            raise InputError(f"{path}: {self.name} is from {self._low} to {self._high}, got {shown(value)}")
+        return int(value)  # of an enumeration
+
+    def _text(self, value: Any, path: str) -> str:
+        if not isinstance(value, str):
+            raise InputError(f"{path}: must be a text, got {shown(value)}")
+        if self._bound or not value.isascii():
+            try:
+                length = len(value.encode())
+            except UnicodeEncodeError as exc:
+                raise InputError(f"{path}: is no valid Unicode: {exc.reason}") from exc
+            if self._bound and length > self._bound:
+                raise InputError(f"{path}: has {length} bytes, the limit is {self._bound}")
+        return value
+
+
+class Many:
+    """A list of `size` items, or of up to `bound` (0: any number) when `size` is None."""
+
+    def __init__(self, item: Field, size: int | None, bound: int, default: Any = None) -> None:
+        self._item = item
+        self._size = size
+        self._bound = bound
+        self._floats = isinstance(item, Scalar) and item.name == "float64"
+        name = item.name if isinstance(item, Scalar) else "string"
+        self._dtype = None if name.endswith("string") else np.dtype(_DTYPES.get(name, name))
+        self._default = None if default is None else self.check(default, "default")
+
+    def default(self) -> list[Any]:
+        if self._default is not None:
+            return list(self._default)
+        return [self._item.default() for _ in range(self._size or 0)]
+
+    def check(self, value: Any, path: str) -> list[Any]:
+        if not isinstance(value, list):
+            raise InputError(f"{path}: must be a list, got {shown(value)}")
+        _check_length(len(value), self._size, self._bound, path)
+        if self._floats and set(map(type, value)) <= {float}:
+            return value
+        check = self._item.check
+        return [check(item, f"{path}[{index}]") for index, item in enumerate(value)]
+
+    def to_native(self, value: list[Any]) -> Any:
+        if self._dtype is not None:
+            return np.array(value, self._dtype)
+        return [self._item.to_native(item) for item in value]
+
+    def from_native(self, value: Any) -> list[Any]:
+        if self._dtype is not None:
+            return list(value.tolist())
+        return [self._item.from_native(item) for item in value]
+
+
+class Octets:
+    """uint8[] and char[]: base64."""
+
+    def __init__(self, size: int | None, bound: int) -> None:
+        self._size = size
+        self._bound = bound
+
+    def default(self) -> str:
+        return _base64(bytes(self._size or 0))
+
+    def check(self, value: Any, path: str) -> str:
+        if isinstance(value, list):
+            octet = Scalar("uint8")
+            content = bytes(octet.check(item, f"{path}[{index}]") for index, item in enumerate(value))
+        else:
+            try:
+                content = base64.b64decode(value, validate=True)
+            except (TypeError, ValueError, binascii.Error) as exc:
+                raise InputError(
+                    f"{path}: must be base64, or a list of integers from 0 to 255, got {shown(value)}"
+                ) from exc
+        _check_length(len(content), self._size, self._bound, path)
+        return _base64(content)
+
+    def to_native(self, value: str) -> Any:
+        return np.frombuffer(base64.b64decode(value), np.uint8)
+
+    def from_native(self, value: Any) -> str:
+        return _base64(value.tobytes())
+
+
+class Record:
+    """A message.
+
+    Args:
+        make: the native class.
+        fields: by name: the native attribute's name, and the field.
+    """
+
+    def __init__(self, name: str, make: Callable[..., Any], fields: dict[str, tuple[str, Field]]) -> None:
+        self.name = name
+        self._make = make
+        self.fields = fields
+
+    def default(self) -> dict[str, Any]:
+        return {name: item.default() for name, (_, item) in self.fields.items()}
+
+    def check(self, value: Any, path: str) -> dict[str, Any]:
+        if not isinstance(value, dict):
+            raise InputError(f"{path}{': ' if path else ''}must be an object, got {shown(value)}")
+        fields = self.fields
+        if self.name in TIMES and not value.keys().isdisjoint(ROS1_TIMES):
+            value = {ROS1_TIMES.get(name, name): item for name, item in value.items()}
+        if not value.keys() <= fields.keys():
+            name = next(str(key) for key in value if key not in fields)
+            raise InputError(f"{path}{': ' if path else ''}{unknown_key(name, list(fields))}")
+        below = f"{path}." if path else ""
+        return {
+            name: item.check(value[name], below + name) if name in value else item.default()
+            for name, (_, item) in fields.items()
+        }
+
+    def to_native(self, value: dict[str, Any]) -> Any:
+        fields = self.fields.items()
+        return self._make(**{native: item.to_native(value[name]) for name, (native, item) in fields})
+
+    def from_native(self, value: Any) -> dict[str, Any]:
+        fields = self.fields.items()
+        return {name: item.from_native(getattr(value, native)) for name, (native, item) in fields}
+
+
+def without_nan(value: Any) -> Any:
+    """The same for JSON, which has no numbers that are none: null in their place."""
+    if isinstance(value, dict):
+        return {name: without_nan(item) for name, item in value.items()}
+    if isinstance(value, list):
+        return [without_nan(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _zero(name: str) -> Any:
+    if name.endswith("string"):
+        return ""
+    return False if name == "bool" else 0.0 if name.startswith("float") else 0
+
+
+def _truth(value: Any, path: str) -> bool:
+    if not isinstance(value, bool):
+        raise InputError(f"{path}: must be true or false, got {shown(value)}")
+    return value
+
+
+def _double(value: Any, path: str) -> float:
+    if value is None:
+        return math.nan
+    if type(value) is int and abs(value) < 2**1023:
+        return float(value)
+    if type(value) is not float:
+        raise InputError(f"{path}: must be a number, got {shown(value)}")
+    return value
+
+
+def _single(value: Any, path: str) -> float:
+    number = _double(value, path)
+    if math.isfinite(number) and abs(number) > _LARGEST_FLOAT32:
+        raise InputError(f"{path}: float32 is up to {_LARGEST_FLOAT32:.7g}, got {shown(value)}")
+    return number
+
+
+def _check_length(length: int, size: int | None, bound: int, path: str) -> None:
+    if size is not None and length != size:
+        raise InputError(f"{path}: must have {size} items, got {length}")
+    if bound and length > bound:
+        raise InputError(f"{path}: must have no more than {bound} items, got {length}")
+
+
+def _base64(content: bytes) -> str:
+    return base64.b64encode(content).decode()

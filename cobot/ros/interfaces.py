@@ -1,0 +1,150 @@
+"""Texts of .msg, .srv and .action files, taken apart; and the standard ones that `rosbags` does not have."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from rosbags.interfaces import Nodetype
+from rosbags.typesys.base import TypesysError, create_field_desc
+from rosbags.typesys.msg import MSGParser
+
+from cobot.errors import InputError
+
+UUID = "unique_identifier_msgs/UUID goal_id\n"
+TIME = "builtin_interfaces/Time"
+_NAME = re.compile(r"([a-z][a-z0-9_]*)/(msg|srv|action)/([A-Za-z][A-Za-z0-9_]*)")
+_SEPARATOR = re.compile(r"^---[^\S\n]*$", re.MULTILINE)
+
+_TOLERANCE = "string name\nfloat64 position\nfloat64 velocity\nfloat64 acceleration\n"
+_MULTI_DOF = "".join(
+    f"trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_{part}\n"
+    for part in ("desired", "actual", "error")
+)
+STANDARD = {
+    "action_msgs/srv/CancelGoal": (
+        "action_msgs/GoalInfo goal_info\n---\n"
+        "int8 ERROR_NONE=0\nint8 ERROR_REJECTED=1\nint8 ERROR_UNKNOWN_GOAL_ID=2\n"
+        "int8 ERROR_GOAL_TERMINATED=3\nint8 return_code\naction_msgs/GoalInfo[] goals_canceling\n"
+    ),
+    "control_msgs/msg/JointTolerance": _TOLERANCE,
+    "control_msgs/msg/JointComponentTolerance": (
+        "uint16 X_AXIS=1\nuint16 Y_AXIS=2\nuint16 Z_AXIS=3\nuint16 TRANSLATION=4\nuint16 ROTATION=5\n"
+        "string joint_name\nuint16 component\nfloat64 position\nfloat64 velocity\nfloat64 acceleration\n"
+    ),
+    "control_msgs/action/FollowJointTrajectory": (
+        "trajectory_msgs/JointTrajectory trajectory\n"
+        "trajectory_msgs/MultiDOFJointTrajectory multi_dof_trajectory\n"
+        "JointTolerance[] path_tolerance\nJointComponentTolerance[] component_path_tolerance\n"
+        "JointTolerance[] goal_tolerance\nJointComponentTolerance[] component_goal_tolerance\n"
+        "builtin_interfaces/Duration goal_time_tolerance\n"
+        "---\n"
+        "int32 error_code\n"
+        "int32 SUCCESSFUL = 0\nint32 INVALID_GOAL = -1\nint32 INVALID_JOINTS = -2\n"
+        "int32 OLD_HEADER_TIMESTAMP = -3\nint32 PATH_TOLERANCE_VIOLATED = -4\n"
+        "int32 GOAL_TOLERANCE_VIOLATED = -5\nstring error_string\n"
+        "---\n"
+        "std_msgs/Header header\nstring[] joint_names\n"
+        "trajectory_msgs/JointTrajectoryPoint desired\ntrajectory_msgs/JointTrajectoryPoint actual\n"
+        "trajectory_msgs/JointTrajectoryPoint error\n"
+        "string[] multi_dof_joint_names\n" + _MULTI_DOF
+    ),
+    "lifecycle_msgs/srv/ChangeState": "lifecycle_msgs/Transition transition\n---\nbool success\n",
+    "lifecycle_msgs/srv/GetState": "---\nlifecycle_msgs/State current_state\n",
+    "lifecycle_msgs/srv/GetAvailableStates": "---\nlifecycle_msgs/State[] available_states\n",
+    "lifecycle_msgs/srv/GetAvailableTransitions": (
+        "---\nlifecycle_msgs/TransitionDescription[] available_transitions\n"
+    ),
+    "rcl_interfaces/srv/DescribeParameters": (
+        "string[] names\n---\nrcl_interfaces/ParameterDescriptor[] descriptors\n"
+    ),
+    "rcl_interfaces/srv/GetParameters": "string[] names\n---\nrcl_interfaces/ParameterValue[] values\n",
+    "rcl_interfaces/srv/GetParameterTypes": "string[] names\n---\nuint8[] types\n",
+    "rcl_interfaces/srv/ListParameters": (
+        "uint64 DEPTH_RECURSIVE=0\nstring[] prefixes\nuint64 depth\n"
+        "---\nrcl_interfaces/ListParametersResult result\n"
+    ),
+    "rcl_interfaces/srv/SetParameters": (
+        "rcl_interfaces/Parameter[] parameters\n---\nrcl_interfaces/SetParametersResult[] results\n"
+    ),
+    "rcl_interfaces/srv/SetParametersAtomically": (
+        "rcl_interfaces/Parameter[] parameters\n---\nrcl_interfaces/SetParametersResult result\n"
+    ),
+    "std_srvs/srv/Empty": "---\n",
+    "std_srvs/srv/SetBool": "bool data\n---\nbool success\nstring message\n",
+    "std_srvs/srv/Trigger": "---\nbool success\nstring message\n",
+}
+DEFAULTS: dict[str, dict[str, Any]] = {"geometry_msgs/msg/Quaternion": {"w": 1.0}}
+"""Of the standard messages, those with defaults other than zero."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parsed:
+    """One message: constants (name, type, value), fields (name, description as in rosbags), defaults."""
+
+    name: str
+    constants: list[tuple[str, Any, Any]]
+    fields: list[tuple[str, Any]]
+    defaults: dict[str, Any]
+
+
+def parsed(name: str, text: str) -> list[Parsed]:
+    """The messages that a definition stands for: of an action all those that ROS 2 makes of it.
+
+    Args:
+        name: pkg/msg/Name, pkg/srv/Name or pkg/action/Name.
+
+    Raises:
+        InputError: no such name, or no valid text.
+    """
+    match = _NAME.fullmatch(name)
+    if match is None:
+        raise InputError(f"{name!r} is no type such as std_msgs/msg/String")
+    parts = {
+        "msg": [""],
+        "srv": ["_Request", "_Response"],
+        "action": ["_Goal", "_Result", "_Feedback"],
+    }[match[2]]
+    texts = _SEPARATOR.split(text)
+    if len(texts) != len(parts):
+        raise InputError(
+            f"{name}: a .{match[2]} has {len(parts)} parts between lines of ---, got {len(texts)}"
+        )
+    pieces = {name + part: text for part, text in zip(parts, texts, strict=True)}
+    if match[2] == "action":
+        local = match[3]
+        pieces |= {
+            f"{name}_SendGoal_Request": f"{UUID}{local}_Goal goal\n",
+            f"{name}_SendGoal_Response": f"bool accepted\n{TIME} stamp\n",
+            f"{name}_GetResult_Request": UUID,
+            f"{name}_GetResult_Response": f"int8 status\n{local}_Result result\n",
+            f"{name}_FeedbackMessage": f"{UUID}{local}_Feedback feedback\n",
+        }
+    return [_message(piece, text, pieces) for piece, text in pieces.items()]
+
+
+def _message(name: str, text: str, own: Mapping[str, str]) -> Parsed:
+    try:
+        (message,) = MSGParser(f"MSG: {name}\n{text.strip()}\n").specification()
+    except (TypesysError, ValueError) as exc:
+        raise InputError(f"{name}: is no valid definition: {' '.join(str(exc).split())[:200]}") from exc
+    fields = [(item.name, _local(create_field_desc(item.typ), own)) for item in message.fields]
+    constants = [(item.name, item.typ.value, item.value) for item in message.constants]
+    return Parsed(
+        name, constants, fields, {item.name: item.value for item in message.fields if item.value is not None}
+    )
+
+
+def _local(description: Any, own: Mapping[str, str]) -> Any:
+    """rosbags looks for unqualified types beside a service or an action; they are the package's messages."""
+    kind, rest = description
+    if kind == Nodetype.NAME:
+        package, *_, last = rest.split("/")
+        beside = f"{package}/action/{last}"
+        return kind, beside if beside in own else f"{package}/msg/{last}"
+    if kind == Nodetype.BASE:
+        return description
+    item, size = rest
+    return kind, (_local(item, own), size)

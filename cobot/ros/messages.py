@@ -1,0 +1,191 @@
+"""ROS messages as dicts, and as CDR: the types of ROS 2 Humble and those of one's own."""
+
+from __future__ import annotations
+
+import base64
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any, cast
+
+from rosbags.interfaces import Nodetype
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.base import TypesysError, normalize_fieldname
+
+from cobot.errors import InputError
+from cobot.ros.codec import HIDDEN, OCTETS, Field, Many, Octets, Record, Scalar
+from cobot.ros.interfaces import DEFAULTS, STANDARD, parsed
+from cobot.strict import shown
+
+Message = dict[str, Any]
+_SHORT = re.compile(r"([a-z][a-z0-9_]*)/([A-Za-z][A-Za-z0-9_]*)")
+
+
+class Messages:
+    """The types, and what can be done with their messages. Not thread safe while types are added.
+
+    Args:
+        definitions: texts by type: `aubo_interfaces/srv/GetDof`, `aubo_interfaces/action/ServoMode`, ...
+
+    Attributes:
+        definitions: those that were given, not the standard ones.
+
+    Raises:
+        InputError: a text is not valid.
+    """
+
+    def __init__(self, definitions: Mapping[str, str] | None = None) -> None:
+        self._store = get_typestore(Stores.ROS2_HUMBLE)
+        self._defaults = dict(DEFAULTS)
+        self._records: dict[str, Record] = {}
+        self.definitions: dict[str, str] = {}
+        self._register(STANDARD)
+        self.add(definitions or {})
+
+    def add(self, definitions: Mapping[str, str]) -> None:
+        """More types.
+
+        Raises:
+            InputError: a text is not valid, names an unknown type, or differs from what is known by its name.
+        """
+        self._register(definitions)
+        self.definitions |= definitions
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._store.fielddefs
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._store.fielddefs)
+
+    def resolved(self, name: str, kind: str) -> str:
+        """The full name of a type that exists; `std_msgs/String` is taken for `std_msgs/msg/String`.
+
+        Args:
+            kind: msg, srv or action.
+
+        Raises:
+            InputError: it is not known.
+        """
+        short = _SHORT.fullmatch(name)
+        if short:
+            name = f"{short[1]}/{kind}/{short[2]}"
+        known = (
+            name in self if kind == "msg" else f"{name}_{'Goal' if kind == 'action' else 'Request'}" in self
+        )
+        if not known:
+            raise InputError(f"there is no type {shown(name)} here")
+        return name
+
+    def default(self, name: str) -> Message:
+        """The message of ROS's defaults."""
+        return self.record(name).default()
+
+    def checked(self, name: str, message: Any) -> Message:
+        """The message, complete: what is missing has ROS's default.
+
+        Raises:
+            InputError: what is wrong, and where.
+        """
+        try:
+            return self.record(name).check(message, "")
+        except InputError as exc:
+            raise InputError(f"{name}: {exc}") from exc
+
+    def to_cdr(self, name: str, message: Message) -> bytes:
+        """Little-endian CDR with its header of 4 bytes.
+
+        Raises:
+            InputError: see `checked`.
+        """
+        native = self.record(name).to_native(self.checked(name, message))
+        return bytes(self._store.serialize_cdr(native, name, little_endian=True))
+
+    def from_cdr(self, name: str, content: bytes) -> Message:
+        """The message in CDR of either byte order, checked.
+
+        Raises:
+            InputError: it cannot be read.
+        """
+        record = self.record(name)
+        try:
+            native = self._store.deserialize_cdr(content, name)
+        except (SerdeError, IndexError, ValueError, OverflowError) as exc:
+            raise InputError(f"{name}: is not readable as CDR: {exc}") from exc
+        return record.from_native(native)
+
+    def octets(self, value: str) -> bytes:
+        """What a checked uint8[] holds."""
+        return base64.b64decode(value)
+
+    def type_hash(self, name: str) -> str:
+        """RIHS01 of a message, as in ROS 2 from Iron on (REP 2016)."""
+        self.record(name)
+        return str(self._store.hash_rihs01(name))
+
+    def constants(self, name: str) -> list[tuple[str, str, Any]]:
+        """Name, type and value of each of a message's constants."""
+        self.record(name)
+        return list(cast(Any, self._store.fielddefs[name][0]))
+
+    def fields(self, name: str) -> list[tuple[str, str, int]]:
+        """Name, type and length of each field; the length is -1 for one value, 0 for any number."""
+        self.record(name)
+        made = []
+        for field, (kind, rest) in cast(Any, self._store.fielddefs[name][1]):
+            if field != HIDDEN:
+                item, size = rest if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else ((kind, rest), -1)
+                made.append((field, item[1] if item[0] == Nodetype.NAME else item[1][0], size))
+        return made
+
+    def record(self, name: str) -> Record:
+        """How a message is taken apart.
+
+        Raises:
+            InputError: there is no such type.
+        """
+        made = self._records.get(name)
+        if made is None:
+            definition = self._store.fielddefs.get(name)
+            if definition is None:
+                raise InputError(f"there is no type {shown(name)} here")
+            defaults = self._defaults.get(name, {})
+            fields = {
+                field: (normalize_fieldname(field), self._field(description, defaults.get(field)))
+                for field, description in definition[1]
+                if field != HIDDEN
+            }
+            made = self._records[name] = Record(name, self._store.types[name], fields)
+        return made
+
+    def _field(self, description: Any, default: Any) -> Field:
+        kind, rest = description
+        if kind == Nodetype.BASE:
+            return cast(Field, Scalar(rest[0], rest[1], default))
+        if kind == Nodetype.NAME:
+            return self.record(rest)
+        item, length = rest
+        size, bound = (length, 0) if kind == Nodetype.ARRAY else (None, length)
+        if item[0] == Nodetype.BASE and item[1][0] in OCTETS and default is None:
+            return Octets(size, bound)
+        return Many(self._field(item, None), size, bound, default)
+
+    def _register(self, definitions: Mapping[str, str]) -> None:
+        messages = [message for name, text in definitions.items() for message in parsed(name, text)]
+        new = {message.name: message for message in messages}
+        for message in messages:
+            for _, description in message.fields:
+                self._require_known(message.name, description, new)
+        types = {message.name: (message.constants, message.fields) for message in messages}
+        try:
+            if types:
+                self._store.register(cast(Any, types))
+        except TypesysError as exc:
+            raise InputError(str(exc)) from exc
+        self._defaults |= {message.name: message.defaults for message in messages if message.defaults}
+
+    def _require_known(self, name: str, description: Any, new: Mapping[str, Any]) -> None:
+        kind, rest = description
+        if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+            self._require_known(name, rest[0], new)
+        elif kind == Nodetype.NAME and rest not in new and rest not in self:
+            raise InputError(f"{name}: there is no type {shown(rest)} here")

@@ -1,0 +1,148 @@
+"""What a robot tells in ROS messages, for every transport: made of a state as rtloop publishes it."""
+
+from __future__ import annotations
+
+import json
+import time
+
+import mujoco
+import numpy as np
+
+from cobot.model import RobotModel
+from cobot.quaternion import conjugate, product, rotated
+from cobot.realtime.states import Values, cartesian_state
+from cobot.ros.messages import Message
+from cobot.ros.urdf import WORLD, link_name, urdf
+from cobot.shm import text
+from cobot.types import Array, Mode
+
+JOINT_STATES = "sensor_msgs/msg/JointState"
+POSE = "geometry_msgs/msg/PoseStamped"
+WRENCH = "geometry_msgs/msg/WrenchStamped"
+STRING = "std_msgs/msg/String"
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+
+
+class RobotMessages:
+    """Makes messages of one robot. `state` is a record of `cobot.layout.state_dtype`; SI units.
+
+    Frames are called as the model's bodies are, and the TCP as its site; the model's world is `world`.
+
+    Args:
+        base: the body that poses are given in.
+        tcp: the site at the tool's centre.
+        prefix: of the names of frames, "iiwa/" for example, where several robots share one tree.
+    """
+
+    def __init__(self, model: RobotModel, base: str, tcp: str, prefix: str = "") -> None:
+        self._model = model.mj
+        self._data = mujoco.MjData(model.mj)
+        self._limits = model.limits
+        self._names = list(model.limits.names)
+        self._prefix = prefix
+        self._base = prefix + base
+        self._tcp = prefix + tcp
+        self._tcp_site = model.tcp_site
+        self._moving = [body for body in range(1, model.mj.nbody) if model.mj.body_jntnum[body]]
+        self._fixed = [body for body in range(1, model.mj.nbody) if not model.mj.body_jntnum[body]]
+
+    def joint_state(self, state: np.ndarray) -> Message:
+        """sensor_msgs/msg/JointState: measured, rad, rad/s, N·m."""
+        return {
+            "header": _header(state, self._base),
+            "name": self._names,
+            "position": state["position"].tolist(),
+            "velocity": state["velocity"].tolist(),
+            "effort": state["effort"].tolist(),
+        }
+
+    def pose(self, state: np.ndarray) -> Message:
+        """geometry_msgs/msg/PoseStamped: the TCP in the base frame, measured."""
+        x, y, z, *turn = state["tcp"].tolist()
+        return {
+            "header": _header(state, self._base),
+            "pose": {"position": _xyz([x, y, z]), "orientation": _orientation(turn)},
+        }
+
+    def wrench(self, state: np.ndarray) -> Message:
+        """geometry_msgs/msg/WrenchStamped: what the surroundings exert at the TCP, in its frame."""
+        wrench = cartesian_state(state).ext_wrench_in_tcp
+        return {
+            "header": _header(state, self._tcp),
+            "wrench": {"force": _xyz(wrench[:3]), "torque": _xyz(wrench[3:])},
+        }
+
+    def status(self, state: np.ndarray) -> Message:
+        """std_msgs/msg/String: a JSON object with mode, settled, reason, session, motion_id and overruns."""
+        content = {name: int(state[name]) for name in ("session", "motion_id", "overruns")}
+        mode = Mode(int(state["mode"])).name
+        return {
+            "data": json.dumps(
+                {"mode": mode, "settled": bool(state["settled"]), "reason": text(state["reason"]), **content}
+            )
+        }
+
+    def transforms(self, state: np.ndarray) -> Message:
+        """tf2_msgs/msg/TFMessage for /tf: each link that a joint moves, in its parent."""
+        stamp = _header(state, "")["stamp"]
+        self._place(state["position"])
+        return {"transforms": [self._transform(body, stamp) for body in self._moving]}
+
+    def static_transforms(self) -> Message:
+        """tf2_msgs/msg/TFMessage for /tf_static: links that nothing moves, and the TCP."""
+        self._place(np.zeros(len(self._names)))
+        stamp = _stamp(time.time_ns())
+        made = [self._transform(body, stamp) for body in self._fixed]
+        holder = self._name(int(self._model.site_bodyid[self._tcp_site]))
+        if holder != self._tcp:  # of a URDF the TCP is a link
+            position = self._model.site_pos[self._tcp_site].tolist()
+            turn = self._model.site_quat[self._tcp_site].tolist()
+            made.append(_transform(holder, self._tcp, position, turn, stamp))
+        return {"transforms": made}
+
+    def description(self) -> Message:
+        """std_msgs/msg/String for /robot_description: a URDF."""
+        return {"data": urdf(self._model, self._limits, self._tcp_site)}
+
+    def _place(self, joints: Array) -> None:
+        self._data.qpos[:] = joints
+        mujoco.mj_kinematics(self._model, self._data)
+
+    def _transform(self, body: int, stamp: Message) -> Message:
+        parent = int(self._model.body_parentid[body])
+        back = conjugate(self._data.xquat[parent].tolist())
+        position = rotated(back, (self._data.xpos[body] - self._data.xpos[parent]).tolist())
+        turn = product(back, self._data.xquat[body].tolist())
+        return _transform(self._name(parent), self._name(body), list(position), list(turn), stamp)
+
+    def _name(self, body: int) -> str:
+        return WORLD if body == 0 else self._prefix + link_name(self._model, body)
+
+
+def _header(state: np.ndarray, frame: str) -> Message:
+    """With the moment of the measurement, on the clock of the wall."""
+    ago_ns = time.monotonic_ns() - int(state["measured_monotonic_ns"])
+    return {"stamp": _stamp(time.time_ns() - ago_ns), "frame_id": frame}
+
+
+def _stamp(time_ns: int) -> Message:
+    sec, nanosec = divmod(time_ns, 1_000_000_000)
+    return {"sec": sec, "nanosec": nanosec}
+
+
+def _xyz(values: Values) -> Message:
+    x, y, z = values
+    return {"x": x, "y": y, "z": z}
+
+
+def _orientation(turn: Values) -> Message:
+    w, x, y, z = turn
+    return {"x": x, "y": y, "z": z, "w": w}
+
+
+def _transform(parent: str, child: str, position: Values, turn: Values, stamp: Message) -> Message:
+    return {
+        "header": {"stamp": stamp, "frame_id": parent},
+        "child_frame_id": child,
+        "transform": {"translation": _xyz(position), "rotation": _orientation(turn)},
+    }

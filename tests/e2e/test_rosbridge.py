@@ -1,0 +1,280 @@
+"""rosbridge v2 over a real network, against a running simulation in real time.
+
+Oracles: roslibpy and, in a browser, npm's roslib, clients that others have written; what REST says about the
+same arm; a client made of `websockets` and `json` for what a well-behaved client does not do.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+from running import WAIT_S, Run, until
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import ClientConnection, connect
+
+SCRIPT = Path(__file__).parents[1] / "roslibpy_client.py"
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
+    """A `cobot run` in real time."""
+    started = Run(tmp_path_factory.mktemp("rosbridge"), clock="realtime")
+    try:
+        started.until(started.healthy)
+        yield started
+    finally:
+        started.end()
+
+
+@pytest.fixture
+def run(service: Run) -> Iterator[Run]:
+    """The service with its arm at home."""
+    httpx.post(f"{service.url}/stop", timeout=WAIT_S).raise_for_status()
+    home = httpx.post(f"{service.url}/robot/move/named", json={"name": "home", "speed": 1.0}, timeout=WAIT_S)
+    assert home.json()["success"], home.text
+    yield service
+    assert service.healthy()
+
+
+def address(run: Run) -> str:
+    return run.url.replace("http", "ws") + "/rosbridge"
+
+
+def roslibpy(run: Run, scenario: str) -> dict[str, Any]:
+    """What that scenario of tests/roslibpy_client.py has seen."""
+    result = subprocess.run(
+        [sys.executable, str(SCRIPT), address(run), run.name, scenario],
+        capture_output=True,
+        text=True,
+        timeout=2 * WAIT_S,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr[-4000:]
+    found: dict[str, Any] = json.loads(result.stdout)
+    return found
+
+
+class Client:
+    """A client of rosbridge that may do anything."""
+
+    def __init__(self, run: Run, **options: Any) -> None:
+        self._opened = connect(address(run), max_size=None, **options)
+        self.socket: ClientConnection
+
+    def __enter__(self) -> Client:
+        self.socket = self._opened.__enter__()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._opened.__exit__(None, None, None)
+
+    def send(self, op: str, **content: Any) -> None:
+        self.socket.send(json.dumps({"op": op, **content}))
+
+    def next(self, op: str) -> dict[str, Any]:
+        """The next message of this kind."""
+        while True:
+            message: dict[str, Any] = json.loads(self.socket.recv(WAIT_S))
+            if message["op"] == op:
+                return message
+
+    def call(self, name: str, args: Any = None) -> dict[str, Any]:
+        self.send("call_service", service=name, args=args)
+        return self.next("service_response")
+
+
+def test_roslibpy_gets_the_topics_of_the_robot(run: Run) -> None:
+    found = roslibpy(run, "count")
+    rest = httpx.get(f"{run.url}/robot/joint_states", timeout=WAIT_S).json()
+    newest = found["throttled"][-1]
+    assert newest["name"] == rest["name"]
+    np.testing.assert_allclose(newest["position"], rest["position"], atol=1e-3)
+    assert abs(newest["header"]["stamp"]["sec"] - time.time()) < 60.0
+    stamps = [
+        np.array(
+            [at["header"]["stamp"]["sec"] + 1e-9 * at["header"]["stamp"]["nanosec"] for at in found[name]]
+        )
+        for name in ("all", "throttled")
+    ]
+    assert all((np.diff(each) > 0.0).all() for each in stamps)
+    assert 0.005 < np.median(np.diff(stamps[0])) < 0.05
+    assert 0.08 < np.median(np.diff(stamps[1])) < 0.2
+    pose = httpx.get(f"{run.url}/robot/pose", timeout=WAIT_S).json()
+    where = found["tcp_pose"]["pose"]["position"]
+    np.testing.assert_allclose(
+        [where[axis] for axis in "xyz"], [pose["position"][axis] for axis in "xyz"], atol=1e-3
+    )
+    assert found["wrench"]["header"]["frame_id"] == "tcp"
+    assert json.loads(found["status"]["data"])["mode"] == "HOLD"
+    assert found["robot_description"]["data"].startswith("<?xml")
+    assert len(found["tf"]["transforms"]) == 7
+    assert found["tf_static"]["transforms"][-1]["child_frame_id"] == "tcp"
+
+
+def test_two_clients_of_roslibpy_share_a_topic_and_a_service(run: Run) -> None:
+    found = roslibpy(run, "chat")
+    assert found["heard"] == {"stamp": {"sec": 7, "nanosec": 8}, "frame_id": "base"}
+    assert found["answer"] == {"success": False, "message": "odd"}
+
+
+def test_roslibpy_calls_services_and_asks_rosapi(run: Run) -> None:
+    found = roslibpy(run, "ask")
+    assert found["RobotConfig/getDof"] == {"code": 0, "message": "", "result": 7}
+    pose = httpx.get(f"{run.url}/robot/pose", timeout=WAIT_S).json()["position"]
+    forward = found["RobotAlgorithm/forwardKinematics"]
+    assert forward["code"] == 0
+    flat = json.loads(forward["result"])[0] if isinstance(forward["result"], str) else forward["result"]
+    np.testing.assert_allclose(flat[:3], [pose[axis] for axis in "xyz"], atol=2e-3)
+    assert "there is no service" in found["RobotAlgorithm/nothing"]
+    assert f"/{run.name}/joint_cmd" in found["topics"]
+    assert found["type"] == "sensor_msgs/msg/JointState"
+    assert f"/{run.name}/RobotConfig/getDof" in found["services"]
+    assert f"/{run.name}/servo_mode" in found["actions"]["action_servers"]
+    assert found["nodes"] == ["/cobot"]
+    assert found["message"]["typedefs"][0]["fieldnames"] == [
+        "header",
+        "name",
+        "position",
+        "velocity",
+        "effort",
+    ]
+    assert found["request"]["typedefs"][0]["fieldtypes"] == ["bool"]
+
+
+def test_roslibpy_holds_a_servo_session_with_feedback_and_cancels_it(run: Run) -> None:
+    found = roslibpy(run, "serve")
+    assert found["last"]["points_accepted"] == 20
+    assert found["refused"]["status"] == 0
+    assert "under way" in found["refused"]["values"]
+    assert found["end"]["status"] == 5
+    assert found["end"]["values"]["points_accepted"] == 20
+    assert abs(run.joints()[0]) > 0.005  # it has moved
+
+
+def test_the_graph_for_gateways_follows_what_clients_do(run: Run) -> None:
+    with Client(run) as gateway, Client(run) as other:
+        gateway.send("cobot_gateway")
+        gateway.send("subscribe", topic="/cobot/graph", type="std_msgs/String")
+
+        def graph() -> dict[str, Any]:
+            return json.loads(gateway.next("publish")["msg"]["data"])
+
+        first = graph()
+        topics = {topic["name"]: topic for topic in first["topics"]}
+        assert topics[f"/{run.name}/joint_cmd"]["subscribers"] == 1
+        assert f"/{run.name}/joint_states" not in topics
+        services = {service["name"]: service["type"] for service in first["services"]}
+        assert services[f"/{run.name}/RobotConfig/getDof"] == "aubo_interfaces/srv/GetDof"
+        assert "int32 result" in first["definitions"]["aubo_interfaces/srv/GetDof"]
+        assert {"name": f"/{run.name}/servo_mode", "type": "aubo_interfaces/action/ServoMode"} in first[
+            "actions"
+        ]
+        gateway.send("advertise", topic="/mirrored", type="std_msgs/String")
+        other.send("subscribe", topic="/wanted", type="std_msgs/Bool")
+        seen = graph()
+        while "/wanted" not in {topic["name"] for topic in seen["topics"]}:
+            seen = graph()
+        assert "/mirrored" not in {topic["name"] for topic in seen["topics"]}
+
+
+def test_what_is_wrong_is_answered_and_the_connection_lives(run: Run) -> None:
+    with Client(run) as client:
+        for frame, sentence in (
+            ("{", "the message is not valid JSON"),
+            ("[1, 2]", "a message must be a JSON object"),
+            ('{"op": "fly"}', "there is no op 'fly'"),
+            ('{"op": "subscribe", "op": "publish"}', "the key 'op' stands twice"),
+            ("[" * 100_000, "nested too deeply"),
+            (b"\x00\x01", "CBOR is not supported"),
+            (" " * (4 * 2**20 + 1), "a message may have 4194304 characters, this one has 4194305"),
+        ):
+            client.socket.send(frame)
+            status = client.next("status")
+            assert status["level"] == "error"
+            assert sentence in status["msg"]
+        assert client.call("/rosapi/nodes")["values"] == {"nodes": ["/cobot"]}
+
+
+def test_a_large_message_arrives_and_one_beyond_all_bounds_closes(run: Run) -> None:
+    text = "x" * 3_000_000
+    with Client(run) as one, Client(run) as other:
+        other.send("subscribe", topic="/large", type="std_msgs/String")
+        other.call("/rosapi/nodes")
+        one.send("advertise", topic="/large", type="std_msgs/String")
+        one.send("publish", topic="/large", msg={"data": text})
+        assert other.next("publish")["msg"]["data"] == text
+        with pytest.raises(ConnectionClosed):  # 1009, if it is read while the rest is still being sent
+            ask_with(one, " " * (9 * 2**20))
+
+
+def ask_with(client: Client, text: str) -> None:
+    client.socket.send(text)
+    client.next("status")
+
+
+def test_a_flood_is_taken_and_others_are_served_meanwhile(run: Run) -> None:
+    with Client(run) as flooding, Client(run) as other:
+        for number in range(5000):
+            flooding.send("publish", topic="/nobody", msg={"data": number})
+        latencies = []
+        for _ in range(20):
+            begin_s = time.monotonic()
+            assert other.call(f"/{run.name}/RobotConfig/getDof")["values"]["result"] == 7
+            latencies.append(time.monotonic() - begin_s)
+        assert run.healthy()
+        flooding.send("set_level", level="none")
+        assert flooding.call("/rosapi/nodes")["result"]
+
+
+def test_who_does_not_read_costs_a_bounded_memory_and_is_told_why(run: Run) -> None:
+    app = run.child("app")
+    assert app is not None
+    with Client(run) as lazy, Client(run) as other:
+        other.send("advertise_service", service="/large", type="std_srvs/Trigger")
+        other.call("/rosapi/nodes")
+        before = app.memory_info().rss
+        for _ in range(60):
+            lazy.send("call_service", service="/large")
+        for _ in range(60):
+            asked = other.next("call_service")
+            values = {"message": "x" * 2**20}
+            other.send("service_response", service="/large", id=asked["id"], values=values, result=True)
+        assert other.call("/rosapi/nodes")["result"]
+        assert app.memory_info().rss - before < 150 * 2**20
+        with pytest.raises(ConnectionClosed, match=r"1013.*reads its answers too slowly"):
+            lazy.next("what never comes")
+
+
+def test_a_page_from_elsewhere_is_refused(run: Run) -> None:
+    with pytest.raises(InvalidStatus, match="422"):
+        Client(run, origin="http://elsewhere.example").__enter__()
+    with Client(run, origin=run.url) as own:
+        assert own.call("/rosapi/nodes")["result"]
+
+
+def test_there_are_only_so_many_clients(run: Run) -> None:
+    with contextlib.ExitStack() as stack:
+        for _ in range(31):
+            stack.enter_context(Client(run))
+        until(lambda: refused(run, stack))
+    until(lambda: not refused(run))
+
+
+def refused(run: Run, stack: contextlib.ExitStack | None = None) -> bool:
+    """Whether another client is; one that is not goes, or stays with the stack."""
+    with contextlib.ExitStack() as own:
+        try:
+            (stack or own).enter_context(Client(run))
+        except InvalidStatus as exc:
+            return exc.response.status_code == 503
+    return False
