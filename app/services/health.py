@@ -19,7 +19,11 @@ from cobot.layout import LAYOUT_VERSION, Intervention, Phase
 from cobot.shm import text
 from cobot.types import Mode
 
-VERSIONS = ("cobot", "mujoco-core", "ruckig", "numpy", "fastapi")
+VERSIONS = {
+    **{name: version(name) for name in ("cobot", "mujoco-core", "ruckig", "numpy", "fastapi")},
+    "python": platform.python_version(),
+    "layout": str(LAYOUT_VERSION),
+}
 KINDS = [kind.name.lower() for kind in Intervention]
 SHARES = {"p50_us": 0.5, "p99_us": 0.99, "p999_us": 0.999}
 
@@ -109,11 +113,7 @@ class HealthService:
             cycle_us,
             interventions,
             last_interventions_s,
-            {
-                **{name: version(name) for name in VERSIONS},
-                "python": platform.python_version(),
-                "layout": str(LAYOUT_VERSION),
-            },
+            VERSIONS,
         )
 
     def _session(self, state: RobotState) -> dict[str, object] | None:

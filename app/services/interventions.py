@@ -23,7 +23,8 @@ log = logging.getLogger("cobot.interventions")
 class InterventionLog:
     """Logs the first of each kind in each episode, with its time."""
 
-    def __init__(self) -> None:
+    def __init__(self, label: str = "") -> None:
+        self._label = label
         self._counts: list[int] = []
         self._last_ns = [0] * len(Intervention)
 
@@ -36,7 +37,8 @@ class InterventionLog:
             if moment_ns - self._last_ns[kind] > EPISODE_S * 1e9:
                 ago = timedelta(microseconds=(time.monotonic_ns() - moment_ns) // 1000)
                 when = (datetime.now().astimezone() - ago).isoformat(timespec="milliseconds")
-                log.warning("intervention %s at %s, %d so far", kind.name.lower(), when, count)
+                name = kind.name.lower()
+                log.warning("%sintervention %s at %s, %d so far", self._label, name, when, count)
             self._last_ns[kind] = moment_ns
         self._counts = state.interventions
 
@@ -52,7 +54,7 @@ async def reporting(link: RobotLink) -> AsyncIterator[None]:
 
 
 async def _report(link: RobotLink) -> None:
-    seen = InterventionLog()
+    seen = InterventionLog(link.label)
     while True:
         with contextlib.suppress(UnavailableError):
             seen.look(link.state())

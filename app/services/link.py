@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cobot.addresses import address
 from cobot.errors import ConflictError, ExecutionError, NotReadyError, TornReadError, UnavailableError
 from cobot.layout import RING, SLOTS, STATE_SCALARS, STATE_STRUCT, Ack, Command, MotionResult
 from cobot.shm import RobotMemory, Role, text
@@ -69,14 +70,18 @@ class RobotState:
 class RobotLink:
     """Reads the state, sends commands. Nothing in here waits on a lock.
 
+    Attributes:
+        label: what log lines about this robot begin with; "" if it is the only one.
+
     Raises (constructor):
         UnavailableError: there is no such robot.
         ConflictError: another service serves it.
         LayoutError: its shared memory is another version's.
     """
 
-    def __init__(self, robot: str, stale_after_s: float) -> None:
+    def __init__(self, robot: str, stale_after_s: float, label: str = "") -> None:
         self.memory = RobotMemory.attach(robot, Role.SERVICE)
+        self.label = label
         self._stale_after_s = stale_after_s
         self._take_over()
         self._command_turn = asyncio.Lock()
@@ -205,6 +210,11 @@ class RobotLink:
             raise UnavailableError(f"not measured for {state.measured_age_s:.1f} s: {state.reason}")
         return state
 
+    async def measured_record(self, timeout_s: float) -> np.ndarray:
+        """A copy of all that rtloop publishes, `cobot.layout.state_dtype`; raises as `measured_state`."""
+        await self.measured_state(timeout_s)
+        return self.memory.state.read().copy()
+
     async def ready_state(self, timeout_s: float) -> RobotState:
         """A fresh state in which motion is permitted.
 
@@ -214,9 +224,9 @@ class RobotLink:
         """
         state = await self.fresh_state(timeout_s)
         if state.mode in (Mode.ESTOP, Mode.FAULT):
+            reset = f"{address('', self.memory.robot)}/reset" if self.label else "/robot/reset"
             raise NotReadyError(
-                f"the robot is in mode {state.mode.name}: {state.reason}; "
-                "see to the cause, then POST /robot/reset"
+                f"the robot is in mode {state.mode.name}: {state.reason}; see to the cause, then POST {reset}"
             )
         return state
 
@@ -228,6 +238,11 @@ class RobotLink:
     def request_stop(self) -> None:
         """Have rtloop bring the arm to rest on its path. Takes effect in its next cycle."""
         self.memory.requests.data["stops"] += 1
+        self.memory.requests.publish()
+
+    def request_estop(self) -> None:
+        """The same, latched until a reset."""
+        self.memory.requests.data["estops"] += 1
         self.memory.requests.publish()
 
     async def start(self, trajectory: Trajectory, stops: int) -> int:
@@ -256,6 +271,16 @@ class RobotLink:
             await self._send(Command.START, slot=number, motion_id=motion_id, stops=stops)
         return motion_id
 
+    async def set_rate(self, rate: float) -> None:
+        """Go over to another path time per clock time, 0 (pause) to 1, of the motion that runs.
+
+        Raises:
+            ExecutionError: no motion is running.
+            UnavailableError: rtloop does not answer.
+        """
+        async with self._command_turn:
+            await self._send(Command.SET_RATE, stops=self.stops, value=rate)
+
     async def reset(self, timeout_s: float) -> None:
         """Leave ESTOP or FAULT.
 
@@ -280,6 +305,7 @@ class RobotLink:
         stops: int,
         slot: int = 0,
         motion_id: int = 0,
+        value: float = 0.0,
         timeout_s: float = ACKNOWLEDGE_S,
     ) -> None:
         """Have a command carried out, now or never: rtloop refuses one that a stop has overtaken."""
@@ -290,6 +316,7 @@ class RobotLink:
         command.data["slot"] = slot
         command.data["motion_id"] = motion_id
         command.data["stops"] = stops
+        command.data["value"] = value
         command.publish()
         self.memory.head.data["id"] = number
         self.memory.head.publish()

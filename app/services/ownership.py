@@ -10,9 +10,11 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from app.services.link import RobotLink
+from app.services.pace import MAX_PAUSE_S, Pace
 from cobot.errors import ConflictError, ExecutionError, MotionStopped, MotionTimeout
 
 Result = TypeVar("Result")
+LONGEST_WAIT_S = 3600.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +43,7 @@ class Claim:
     Attributes:
         name: see `Caller`.
         stops: the link's count of stops when the claim was made.
+        pace: of its motion.
         motion_id: once it runs.
         interruption: why it has to end early, once it has to; then `interrupted` is set.
         ended: set when it has.
@@ -48,6 +51,7 @@ class Claim:
 
     name: str
     stops: int
+    pace: Pace
     since_s: float = field(default_factory=time.monotonic)
     motion_id: int | None = None
     interruption: ExecutionError | None = None
@@ -90,6 +94,7 @@ class Ownership:
 
     Attributes:
         stops: how often POST /stop was called.
+        pace: of all motions.
     """
 
     def __init__(self, link: RobotLink) -> None:
@@ -97,6 +102,7 @@ class Ownership:
         self._claim: Claim | None = None
         self._sequence: tuple[str, str] | None = None  # name, token
         self.stops = 0
+        self.pace = Pace(link)
 
     @property
     def owner(self) -> str | None:
@@ -117,6 +123,7 @@ class Ownership:
 
     def release_sequence(self) -> None:
         self._sequence = None
+        self.pace.reset()
 
     def require_free(self, token: str | None) -> None:
         """See that a request with this token may move the arm.
@@ -140,7 +147,7 @@ class Ownership:
             ConflictError: somebody else owns it.
         """
         self.require_free(caller.token)
-        claim = Claim(caller.name, self._link.stops)
+        claim = Claim(caller.name, self._link.stops, self.pace)
         if self.stops != caller.stops:
             claim.interrupt(MotionStopped("a stop was requested while the request was being read"))
         self._claim = claim
@@ -153,6 +160,7 @@ class Ownership:
     def stop(self) -> Claim | None:
         """Interrupt the motion that is read, planned or runs; its claim, which will end, or None."""
         self.stops += 1
+        self.pace.reset()
         if self._claim is not None:
             self._claim.interrupt(MotionStopped("stopped by POST /stop"))
         return self._claim
@@ -160,13 +168,24 @@ class Ownership:
 
 @contextlib.contextmanager
 def watching(claim: Claim, caller: Caller) -> Iterator[None]:
-    """Interrupt the motion, or what comes before it, when its client goes away or its time is up."""
+    """Interrupt the motion, or what comes before it, when its client goes away or its time is up.
+
+    While motions are paused, the time does not go on.
+    """
+    before_s = claim.pace.paused_s
+    begun_s = time.monotonic()
+
+    def left_s() -> float:
+        paused_s = min(claim.pace.paused_s - before_s, MAX_PAUSE_S)
+        return begun_s + caller.timeout_s + paused_s - time.monotonic()
 
     async def watch() -> None:
-        try:
-            await asyncio.wait_for(caller.gone.wait(), caller.timeout_s)
+        while not caller.gone.is_set() and left_s() > 0.0:
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(caller.gone.wait(), min(max(left_s(), 0.01), LONGEST_WAIT_S))
+        if caller.gone.is_set():
             claim.interrupt(MotionStopped("the client went away"))
-        except TimeoutError:
+        else:
             done = "begun" if claim.motion_id is None else "arrived"
             claim.interrupt(MotionTimeout(f"not {done} within {caller.timeout_s:g} s"))
 

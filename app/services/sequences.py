@@ -29,11 +29,12 @@ class SequenceOrder:
     """What is to be run.
 
     Attributes:
-        config: the JSON document as uploaded; the runner validates it.
+        config: the JSON document or the Lua program as uploaded; the runner validates it.
         bag_path: below the recordings folder, "" for no recording.
         topics: comma separated, "" for all.
         joints_action, pose_action: taken for compatibility and written to the log; a REST service has
             no actions to choose from.
+        name: of the uploaded file, for messages; what is named *.lua is a Lua program.
     """
 
     config: bytes
@@ -43,6 +44,7 @@ class SequenceOrder:
     topics: str
     joints_action: str
     pose_action: str
+    name: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,6 +174,8 @@ class SequenceService:
     ) -> tuple[asyncio.subprocess.Process, asyncio.StreamReader]:
         """The runner, and the pipe on which it reports its progress."""
         arguments = ["run", "-", "--url", self._base_url]
+        if order.name:
+            arguments.append(f"--name={_printable(order.name)}")
         arguments += ["--motion-timeout", repr(self._motion_timeout_s)]
         arguments += ["--iterations", str(order.n_iterations)]
         arguments += ["--delay", repr(order.delay_between_iterations_s)]
@@ -255,6 +259,11 @@ class SequenceService:
 
     def _note(self, text: str) -> None:
         self._lines.append(f"{datetime.now().astimezone().isoformat(timespec='milliseconds')} {text}")
+
+
+def _printable(name: str) -> str:
+    """The last part of a file's name, in what a command line can have."""
+    return "".join(character for character in Path(name).name[-100:] if character.isprintable())
 
 
 def _unnamed_file(content: bytes) -> IO[bytes]:

@@ -36,6 +36,21 @@ class Stopped:
     duration_s: float
 
 
+def together(stops: dict[str, Stopped]) -> Stopped:
+    """The stops of several robots as one, with the position of the first; that of one robot as it is."""
+    first = next(iter(stops.values()))
+    if len(stops) == 1:
+        return first
+    return Stopped(
+        all(each.success for each in stops.values()),
+        "; ".join(f"{name}: {each.message}" for name, each in stops.items()),
+        [f"{name}: {item}" for name, each in stops.items() for item in each.stopped],
+        first.position,
+        all(each.at_rest for each in stops.values()),
+        max(each.duration_s for each in stops.values()),
+    )
+
+
 class StopService:
     """Takes no lock, waits for no queue, asks for no ownership."""
 

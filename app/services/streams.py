@@ -95,6 +95,12 @@ class Session:
             self.over = self.over or reason
             self._writer.end()
 
+    def finish(self, reason: str) -> None:
+        """The same for a servo session, after the points that wait already, or at the most a second."""
+        if not self.ended.done():
+            self.over = self.over or reason
+            self._writer.finish()
+
     def _require_next(self, sequence: int) -> None:
         if self.over:
             raise MotionStopped(f"the session is over: {self.over}")
@@ -191,7 +197,7 @@ class StreamService:
             self._tasks.add(task)
             task.add_done_callback(self._tasks.discard)
         self.session = session
-        log.info("session %d: %s", number, name)
+        log.info("%ssession %d: %s", self._link.label, number, name)
         return session
 
     def lose(self, session: Session) -> None:
@@ -226,7 +232,7 @@ class StreamService:
             self.session = None
             session.over = session.over or reason
             session.ended.set_result(reason)
-            log.info("session %d has ended: %s", session.number, reason)
+            log.info("%ssession %d has ended: %s", self._link.label, session.number, reason)
 
     async def _end(self, session: Session) -> str:
         """Why the session has ended, once it has."""

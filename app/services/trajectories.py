@@ -44,7 +44,10 @@ class Sent:
 class TrajectoryService:
     """Sends trajectories and keeps the log of what became of them."""
 
-    def __init__(self, ownership: Ownership, motion: MotionService, start_tolerance_rad: float) -> None:
+    def __init__(
+        self, ownership: Ownership, motion: MotionService, start_tolerance_rad: float, label: str = ""
+    ) -> None:
+        self._label = label
         self._ownership = ownership
         self._motion = motion
         self._start_tolerance_rad = start_tolerance_rad
@@ -114,4 +117,4 @@ class TrajectoryService:
 
     def _note(self, text: str) -> None:
         self._lines.append(f"{datetime.now().astimezone().isoformat(timespec='milliseconds')} {text}")
-        log.info(text)
+        log.info("%s%s", self._label, text)

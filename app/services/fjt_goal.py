@@ -1,0 +1,241 @@
+"""What a FollowJointTrajectory goal asks for, read from its message and checked.
+
+The rules are those of ros2_control's joint_trajectory_controller, but for what `docs/fjt.md` lists. All that
+can be wrong with the message itself is found here; whether it is a motion for this arm, the planner says.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, ClassVar
+
+import numpy as np
+
+from cobot.errors import ExecutionError, InputError
+from cobot.strict import shown
+from cobot.types import Array, JointLimits, Waypoint
+
+MOST_POINTS = 100_000
+LATE_START_S = 1.0
+"""A goal whose header.stamp has passed by no more begins at once."""
+EARLIEST_START_S = 600.0
+Message = dict[str, Any]
+
+
+class ErrorCode(IntEnum):
+    """As in control_msgs/action/FollowJointTrajectory; the last one is ours."""
+
+    SUCCESSFUL = 0
+    INVALID_GOAL = -1
+    INVALID_JOINTS = -2
+    OLD_HEADER_TIMESTAMP = -3
+    PATH_TOLERANCE_VIOLATED = -4
+    GOAL_TOLERANCE_VIOLATED = -5
+    INTERRUPTED = -100  # cancelled, preempted, stopped, e-stop, fault: none of the others says so
+
+
+class GoalError(InputError):
+    """The goal cannot be worked on."""
+
+    error_code: ClassVar = ErrorCode.INVALID_GOAL
+
+
+class JointsError(GoalError):
+    error_code = ErrorCode.INVALID_JOINTS
+
+
+class OldGoalError(GoalError):
+    error_code = ErrorCode.OLD_HEADER_TIMESTAMP
+
+
+class PathViolated(ExecutionError):
+    """The arm left the path further than path_tolerance allows."""
+
+    error_code: ClassVar = ErrorCode.PATH_TOLERANCE_VIOLATED
+
+
+class GoalViolated(ExecutionError):
+    """The arm is not in time where goal_tolerance and goal_time_tolerance want it."""
+
+    error_code: ClassVar = ErrorCode.GOAL_TOLERANCE_VIOLATED
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerance:
+    """How far each joint may be off, shape (dof,) each, rad and rad/s; infinite where nothing is said."""
+
+    position: Array
+    velocity: Array
+
+    def violation(self, position_error: Array, velocity_error: Array, names: tuple[str, ...]) -> str:
+        """A sentence about the joint that is off the furthest beyond it; "" if none is."""
+        for error, allowed, unit in (
+            (position_error, self.position, "rad"),
+            (velocity_error, self.velocity, "rad/s"),
+        ):
+            excess = np.abs(error) - allowed
+            joint = int(excess.argmax())
+            if excess[joint] > 0.0:
+                off, limit = abs(error[joint]), allowed[joint]
+                return f"{names[joint]} is off by {off:.4g} {unit}, {limit:.4g} are allowed"
+        return ""
+
+
+@dataclass(frozen=True, slots=True)
+class FjtGoal:
+    """A goal that makes sense.
+
+    Attributes:
+        points: in the robot's order of joints.
+        start_s: when to begin, as `time.time`; None for at once.
+        path, end: tolerances.
+        late_s: how much later than its last point says the arm may arrive, s; infinite for no matter.
+    """
+
+    points: list[Waypoint]
+    start_s: float | None
+    path: Tolerance
+    end: Tolerance
+    late_s: float
+
+
+def read_goal(goal: Message, limits: JointLimits, now_s: float) -> FjtGoal:
+    """The goal of a complete message (see `cobot.ros.messages`).
+
+    Args:
+        now_s: `time.time`.
+
+    Raises:
+        GoalError: what is wrong with it, and its code.
+    """
+    trajectory = goal["trajectory"]
+    order = _order(trajectory["joint_names"], limits.names)
+    for name in ("component_path_tolerance", "component_goal_tolerance"):
+        if goal[name]:
+            raise GoalError(f"{name}: this robot has joints only")
+    multi = goal["multi_dof_trajectory"]
+    if multi["points"] or multi["joint_names"]:
+        raise GoalError("multi_dof_trajectory: this robot has no joints of several degrees of freedom")
+    points = _points(trajectory["points"], order)
+    start_s = _start(trajectory["header"]["stamp"], points[-1].time_from_start_s, now_s)
+    late_s = _seconds(goal["goal_time_tolerance"])
+    return FjtGoal(
+        points,
+        start_s,
+        _tolerance(goal["path_tolerance"], limits.names, "path_tolerance"),
+        _tolerance(goal["goal_tolerance"], limits.names, "goal_tolerance"),
+        late_s if late_s > 0.0 else math.inf,
+    )
+
+
+def _order(given: list[str], names: tuple[str, ...]) -> list[int]:
+    """Where each of the robot's joints stands in the goal."""
+    if sorted(given) != sorted(names):
+        raise JointsError(f"joint_names must be {', '.join(names)} in any order, got {shown(given)}")
+    return [given.index(name) for name in names]
+
+
+def _points(messages: list[Message], order: list[int]) -> list[Waypoint]:
+    if not messages:
+        raise GoalError("the trajectory has no points; cancel the goal to stop")
+    if len(messages) > MOST_POINTS:
+        raise GoalError(f"the trajectory has {len(messages)} points, {MOST_POINTS} are allowed")
+    times = np.array([_seconds(message["time_from_start"]) for message in messages])
+    late = np.flatnonzero(np.diff(times) <= 0.0)
+    if len(late):
+        index = int(late[0]) + 1
+        raise GoalError(
+            f"points[{index}]: time_from_start must increase strictly, it is {times[index]:g} s after "
+            f"{times[index - 1]:g} s"
+        )
+    if times[0] < 0.0:
+        raise GoalError(f"points[0]: time_from_start is {times[0]:g} s, must not be negative")
+    for index, message in enumerate(messages):
+        if message["effort"]:
+            raise GoalError(f"points[{index}]: effort is not supported")
+    positions = _rows(messages, "positions", order)
+    if positions is None:
+        raise GoalError("points[0]: positions are missing; velocities alone are not supported")
+    velocities = _rows(messages, "velocities", order)
+    accelerations = _rows(messages, "accelerations", order)
+    if accelerations is not None and velocities is None:
+        raise GoalError("points[0]: accelerations need velocities beside them")
+    if velocities is not None and accelerations is None:
+        accelerations = hermite_accelerations(times, positions, velocities)
+    rows = [[None] * len(times) if row is None else row.tolist() for row in (velocities, accelerations)]
+    named = [f"points[{index}]" for index in range(len(times))]
+    return [
+        Waypoint(*values) for values in zip(positions.tolist(), times.tolist(), *rows, named, strict=True)
+    ]
+
+
+def _rows(messages: list[Message], name: str, order: list[int]) -> Array | None:
+    """One quantity of all points, shape (n, dof) in the robot's order; None where no point has it."""
+    rows = [message[name] for message in messages]
+    if not any(rows):
+        return None
+    for index, row in enumerate(rows):
+        if len(row) != len(order):
+            raise GoalError(f"points[{index}]: {name} must be {len(order)} numbers, got {len(row)}")
+    values = np.array(rows, dtype=np.float64)
+    if not np.isfinite(values).all():
+        index, joint = np.argwhere(~np.isfinite(values))[0]
+        raise GoalError(f"points[{index}]: {name}[{joint}] is no finite number")
+    return np.asarray(values[:, order])
+
+
+def hermite_accelerations(times_s: Array, positions: Array, velocities: Array) -> Array:
+    """Accelerations for points that have velocities: those of the cubics between them, shape (n, dof).
+
+    Where two cubics meet with different ones, the mean: a cubic Hermite spline with its jumps in
+    acceleration smoothed away. At both ends 0, where the motion rests.
+    """
+    accelerations = np.zeros_like(positions)
+    if len(times_s) > 2:
+        step = np.diff(times_s)[:, None]
+        slope = np.diff(positions, axis=0) / step
+        ends = (2.0 * velocities[:-1] + 4.0 * velocities[1:] - 6.0 * slope) / step
+        begins = (6.0 * slope - 4.0 * velocities[:-1] - 2.0 * velocities[1:]) / step
+        accelerations[1:-1] = 0.5 * (ends[:-1] + begins[1:])
+    return accelerations
+
+
+def _start(stamp: Message, duration_s: float, now_s: float) -> float | None:
+    start_s = _seconds(stamp)
+    if start_s == 0.0:
+        return None
+    if start_s < now_s - LATE_START_S:
+        end = "ended" if start_s + duration_s < now_s else "begun"
+        raise OldGoalError(f"header.stamp: the trajectory should have {end} {now_s - start_s:.3f} s ago")
+    if start_s > now_s + EARLIEST_START_S:
+        raise GoalError(
+            f"header.stamp is {start_s - now_s:.0f} s ahead, allowed are {EARLIEST_START_S:g} s: "
+            "do both clocks agree?"
+        )
+    return start_s
+
+
+def _tolerance(messages: list[Message], names: tuple[str, ...], field: str) -> Tolerance:
+    """0 stands for the default and -1 for none, which both are infinite here."""
+    made = Tolerance(np.full(len(names), math.inf), np.full(len(names), math.inf))
+    for index, message in enumerate(messages):
+        if message["name"] not in names:
+            raise JointsError(
+                f"{field}[{index}]: there is no joint {shown(message['name'])}; valid are: {', '.join(names)}"
+            )
+        joint = names.index(message["name"])
+        for row, name in ((made.position, "position"), (made.velocity, "velocity"), (None, "acceleration")):
+            value = message[name]
+            if not math.isfinite(value) or (value < 0.0 and value != -1.0):
+                raise GoalError(f"{field}[{index}]: {name} must be above 0, 0 or -1, got {value:g}")
+            if value > 0.0 and row is None:
+                raise GoalError(f"{field}[{index}]: accelerations are not measured, so none can be tolerated")
+            if value > 0.0 and row is not None:
+                row[joint] = value
+    return made
+
+
+def _seconds(time: Message) -> float:
+    return float(time["sec"] + 1e-9 * time["nanosec"])

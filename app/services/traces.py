@@ -1,0 +1,94 @@
+"""What programs, clients and the service itself want people to read: a bounded list of messages."""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from enum import StrEnum
+
+CAPACITY = 1000
+MAX_CHARACTERS = 10_000
+
+log = logging.getLogger("cobot.trace")
+
+
+class Level(StrEnum):
+    """How much it matters; the value is how messages name it."""
+
+    INFO = "info"
+    WARNING = "warning"
+    ERROR = "error"
+    FATAL = "fatal"
+
+
+_LOGGED = {
+    Level.INFO: logging.INFO,
+    Level.WARNING: logging.WARNING,
+    Level.ERROR: logging.ERROR,
+    Level.FATAL: logging.CRITICAL,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """One of them.
+
+    Attributes:
+        number: 1 for the first, one more for each.
+        kind: who shows it: text, alarm, popup or notify.
+        code: of an alarm, 0 for none.
+    """
+
+    number: int
+    time: datetime
+    kind: str
+    level: Level
+    code: int
+    title: str
+    text: str
+
+
+class Traces:
+    """Keeps the newest messages, writes each to the service's log and tells who listens."""
+
+    def __init__(self) -> None:
+        self._messages: deque[Message] = deque(maxlen=CAPACITY)
+        self._count = 0
+        self.listeners: list[Callable[[Message], None]] = []
+
+    def add(
+        self, kind: str, text: str, level: Level = Level.INFO, *, code: int = 0, title: str = ""
+    ) -> Message:
+        """Keep a message; what is longer than `MAX_CHARACTERS` is cut."""
+        self._count += 1
+        message = Message(
+            self._count,
+            datetime.now(UTC),
+            kind,
+            level,
+            code,
+            title[:MAX_CHARACTERS],
+            text[:MAX_CHARACTERS],
+        )
+        self._messages.append(message)
+        log.log(_LOGGED[level], "%s%s", f"{message.title}: " if message.title else "", message.text)
+        for listener in tuple(self.listeners):
+            listener(message)
+        return message
+
+    def warn(self, text: str) -> None:
+        """A message of the service itself about something that went wrong."""
+        self.add("text", text, Level.WARNING)
+
+    def newest(self, count: int, after: int = 0) -> list[Message]:
+        """The newest messages, the oldest of them first.
+
+        Args:
+            count: at the most.
+            after: only those with a larger number.
+        """
+        found = [message for message in self._messages if message.number > after]
+        return found[-count:] if count else []

@@ -1,0 +1,117 @@
+"""The one table of codes that vendor services answer with: 0 is success, all others are above 0.
+
+`docs/services.md` shows it; a test sees to it that both say the same and that no error is left out.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+from cobot import errors
+from cobot.errors import CobotError
+
+
+class Code(IntEnum):
+    """What became of a call."""
+
+    OK = 0
+    ERROR = 1
+    CONFIG = 2
+    INPUT = 10
+    LIMIT = 11
+    NOT_FOUND = 12
+    PLANNING = 20
+    UNREACHABLE = 21
+    COLLISION = 22
+    PLANNING_TIMEOUT = 23
+    EXECUTION = 30
+    STOPPED = 31
+    MOTION_TIMEOUT = 32
+    CONFLICT = 40
+    UNAVAILABLE = 50
+    NOT_READY = 51
+    SHARED_MEMORY = 52
+    LAYOUT = 53
+    TORN_READ = 54
+    NOT_SUPPORTED = 60
+    DEVICE = 61
+    DEVICE_TIMEOUT = 62
+    PAYLOAD = 70
+    MEDIA_TYPE = 71
+
+
+MEANINGS: dict[Code, str] = {
+    Code.OK: "done, or for a motion: accepted and planned",
+    Code.ERROR: "an error in cobot itself; its log has the details",
+    Code.CONFIG: "a file of the configuration, or a program's, is missing, unreadable or contradicts itself",
+    Code.INPUT: "an argument cannot be honoured as it is written; nothing has happened",
+    Code.LIMIT: "an argument lies beyond a limit",
+    Code.NOT_FOUND: "what the arguments name does not exist: a signal, a frame, a handle, a file",
+    Code.PLANNING: "no motion could be planned; nothing has moved",
+    Code.UNREACHABLE: "no joint position puts the TCP there",
+    Code.COLLISION: "the motion would touch the robot itself or its surroundings",
+    Code.PLANNING_TIMEOUT: "the planner did not finish in its time",
+    Code.EXECUTION: "something was started and did not end well",
+    Code.STOPPED: "somebody or something stopped it",
+    Code.MOTION_TIMEOUT: "it did not arrive in its time",
+    Code.CONFLICT: "somebody else owns the motion, or the present state does not permit this call",
+    Code.UNAVAILABLE: "a process, a file in shared memory or a device does not answer",
+    Code.NOT_READY: "the robot answers but is in a mode that permits no motion",
+    Code.SHARED_MEMORY: "shared memory is not what this program expects",
+    Code.LAYOUT: "shared memory of another version or another robot",
+    Code.TORN_READ: "no consistent copy of the state could be read",
+    Code.NOT_SUPPORTED: "this product cannot honour the call; the message says why",
+    Code.DEVICE: "a device, a port or a peer refused or broke off",
+    Code.DEVICE_TIMEOUT: "a device, a port or a peer did not answer in the time given",
+    Code.PAYLOAD: "the request is larger than the service takes",
+    Code.MEDIA_TYPE: "the request is of another type than the service takes",
+}
+
+OF_ERROR: dict[type[CobotError], Code] = {
+    CobotError: Code.ERROR,
+    errors.ConfigError: Code.CONFIG,
+    errors.InputError: Code.INPUT,
+    errors.LimitError: Code.LIMIT,
+    errors.NotFoundError: Code.NOT_FOUND,
+    errors.PlanningError: Code.PLANNING,
+    errors.UnreachableError: Code.UNREACHABLE,
+    errors.CollisionError: Code.COLLISION,
+    errors.PlanningTimeout: Code.PLANNING_TIMEOUT,
+    errors.ExecutionError: Code.EXECUTION,
+    errors.NotFoundError: Code.NOT_FOUND,
+    errors.MotionStopped: Code.STOPPED,
+    errors.MotionTimeout: Code.MOTION_TIMEOUT,
+    errors.ConflictError: Code.CONFLICT,
+    errors.PayloadError: Code.PAYLOAD,
+    errors.MediaTypeError: Code.MEDIA_TYPE,
+    errors.UnavailableError: Code.UNAVAILABLE,
+    errors.NotReadyError: Code.NOT_READY,
+    errors.SharedMemoryError: Code.SHARED_MEMORY,
+    errors.LayoutError: Code.LAYOUT,
+    errors.TornReadError: Code.TORN_READ,
+}
+
+
+class ServiceError(CobotError):
+    """A refusal with a code of its own, for what the error tree has no class for.
+
+    Args:
+        number: never `Code.OK`.
+        text: one sentence: what, where, the value and the limit.
+    """
+
+    def __init__(self, number: Code, text: str) -> None:
+        super().__init__(text)
+        self.number = number
+
+
+def not_supported(text: str) -> ServiceError:
+    """To raise when this product cannot honour a call; `text` says why, and what does it instead."""
+    return ServiceError(Code.NOT_SUPPORTED, text)
+
+
+def code_of(error: CobotError) -> Code:
+    """The code of an error, by the most specific class in its ancestry."""
+    if isinstance(error, ServiceError):
+        return error.number
+    return next(OF_ERROR[kind] for kind in type(error).__mro__ if kind in OF_ERROR)

@@ -1,0 +1,111 @@
+"""The fields of vendor services: their types in Python, ROS and JSON, and the check of what comes in."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import math
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from cobot.errors import InputError
+from cobot.strict import shown, without_repetition
+
+Json = Annotated[Any, "json"]
+Int64 = Annotated[int, "int64"]
+
+ROS_TYPES: dict[Any, str] = {
+    bool: "bool",
+    int: "int32",
+    Int64: "int64",
+    float: "float64",
+    str: "string",
+    Json: "json",
+    list[bool]: "bool[]",
+    list[int]: "int32[]",
+    list[float]: "float64[]",
+    list[str]: "string[]",
+    None: "int32",
+}
+"""By annotation. json is a string on the wire, see `Field.ros_type`."""
+EMPTY: dict[str, Any] = {"bool": False, "int32": 0, "int64": 0, "float64": 0.0, "string": "", "json": ""}
+"""What ROS takes a field for that nobody has set; of lists the empty one."""
+LARGEST = {"int32": 2**31 - 1, "int64": 2**63 - 1}
+REQUIRED: Any = inspect.Parameter.empty
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """A field of a request, or the result.
+
+    Attributes:
+        kind: one of the values of `ROS_TYPES`.
+        doc: with the unit.
+        default: what the function's signature says, or `REQUIRED`.
+    """
+
+    name: str
+    kind: str
+    doc: str
+    default: Any = REQUIRED
+
+    @property
+    def ros_type(self) -> str:
+        """As in a .srv file."""
+        return "string" if self.kind == "json" else self.kind
+
+    @property
+    def empty(self) -> Any:
+        """ROS's default value."""
+        return [] if self.kind.endswith("[]") else EMPTY[self.kind]
+
+
+def argument(field: Field, arguments: dict[str, Any]) -> Any:
+    """What the function gets for a field: checked, and its default where ROS's default value came.
+
+    Raises:
+        InputError: naming the field, what is wrong, and what is valid.
+    """
+    value = arguments.get(field.name, field.empty)
+    checked = _list(field, value) if field.kind.endswith("[]") else _scalar(field.kind, field.name, value)
+    if field.default is not REQUIRED and checked == field.empty:
+        return list(field.default) if isinstance(field.default, list | tuple) else field.default
+    if field.kind == "json":
+        return _parsed(field.name, str(checked))
+    return checked
+
+
+def _list(field: Field, value: Any) -> list[Any]:
+    if not isinstance(value, list | tuple):
+        raise InputError(f"{field.name}: must be a list, got {shown(value)}")
+    kind = field.kind.removesuffix("[]")
+    return [_scalar(kind, f"{field.name}[{index}]", item) for index, item in enumerate(value)]
+
+
+def _scalar(kind: str, place: str, value: Any) -> Any:
+    match kind, value:
+        case "bool", bool():
+            return value
+        case "int32" | "int64", int() if not isinstance(value, bool):
+            if not -LARGEST[kind] - 1 <= value <= LARGEST[kind]:
+                raise InputError(f"{place}: does not fit into an {kind}, got {shown(value)}")
+            return value
+        case "float64", int() | float() if not isinstance(value, bool):
+            try:
+                number = float(value)
+            except OverflowError:
+                number = math.inf
+            if not math.isfinite(number):
+                raise InputError(f"{place}: must be finite, got {shown(value)}")
+            return number
+        case "string" | "json", str():
+            return value
+    words = {"bool": "true or false", "float64": "a number", "string": "a string", "json": "a string of JSON"}
+    raise InputError(f"{place}: must be {words.get(kind, 'an integer')}, got {shown(value)}")
+
+
+def _parsed(name: str, text: str) -> Any:
+    try:
+        return json.loads(text, object_pairs_hook=without_repetition)
+    except (ValueError, RecursionError) as exc:
+        raise InputError(f"{name}: is not valid JSON: {exc}") from exc

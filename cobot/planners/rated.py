@@ -1,0 +1,120 @@
+"""Motions whose velocity and acceleration are given in units, not as shares of the limits.
+
+A motion that is told how fast it may be keeps the robot's limits too: the lower one counts, joint by joint.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from cobot.errors import InputError
+from cobot.model import RobotModel
+from cobot.planners import MotionRequest, plan
+from cobot.robot import Robot
+from cobot.trajectory import Trajectory
+from cobot.types import Array, CartesianLimits, JointLimits, PlannerName, Pose, Scaling
+
+NO_TOOL = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+ROUNDING = 1e-6
+"""By how much less than the shortest time a duration may be, as a share."""
+
+
+@dataclass(frozen=True, slots=True)
+class Envelope:
+    """What holds for all motions: the limits, which may be tighter than the robot's, and the tool.
+
+    Attributes:
+        tool: x, y, z in m, then w, x, y, z: the tool's tip in the frame of the model's TCP.
+    """
+
+    limits: JointLimits
+    cartesian: CartesianLimits
+    tool: tuple[float, ...] = NO_TOOL
+
+
+@dataclass(frozen=True, slots=True)
+class RatedMove:
+    """A motion from rest to rest. Picklable.
+
+    Attributes:
+        start: shape (dof,), rad.
+        goal: for ptp joint angles, shape (dof,), rad; for lin and circ a pose of the tool's tip in the base
+            frame.
+        velocity, acceleration: for ptp of the fastest joint, rad/s and rad/s²; for lin and circ of the tool's
+            tip, m/s and m/s², which turns in proportion.
+        via: shape (3,), m: a point on the arc, for circ.
+        duration_s: if above 0, how long the motion takes; velocity and acceleration do not count then.
+    """
+
+    start: Array
+    goal: Array | Pose
+    planner: PlannerName
+    velocity: float
+    acceleration: float
+    envelope: Envelope
+    via: Array | None = None
+    duration_s: float = 0.0
+
+
+def plan_rated(robot: Robot, move: RatedMove) -> Trajectory | None:
+    """The validated motion, or None when the arm is already there.
+
+    Raises:
+        InputError: a velocity or an acceleration that is not above 0, a duration that is too short, with the
+            shortest possible one; and what `plan` raises.
+        PlanningError: see `plan`.
+    """
+    joint_space = move.planner is PlannerName.PTP
+    timed = move.duration_s > 0.0
+    if not timed:
+        for name, value in (("v", move.velocity), ("a", move.acceleration)):
+            if value <= 0.0:
+                raise InputError(f"{name} must be above 0, got {value:g}")
+    joint_rates = (move.velocity, move.acceleration) if joint_space and not timed else (np.inf, np.inf)
+    tcp_rates = (np.inf, np.inf) if joint_space or timed else (move.velocity, move.acceleration)
+    slower = replace(
+        with_envelope(robot, move.envelope),
+        limits=slowed_joints(move.envelope.limits, *joint_rates),
+        cartesian_limits=slowed_tcp(move.envelope.cartesian, *tcp_rates),
+    )
+    trajectory = plan(slower, MotionRequest(move.start, move.goal, move.planner, Scaling(1.0), move.via))
+    if trajectory is None or not timed:
+        return trajectory
+    factor = move.duration_s / trajectory.duration_s
+    if factor < 1.0 - ROUNDING:
+        raise InputError(
+            f"duration is {move.duration_s:g} s, the shortest possible is {trajectory.duration_s:.4g} s"
+        )
+    return trajectory.stretched(max(factor, 1.0))
+
+
+def with_envelope(robot: Robot, envelope: Envelope) -> Robot:
+    """The robot with this tool and these limits."""
+    model = _with_tool(robot.model, envelope.tool)
+    return replace(robot, model=model, limits=envelope.limits, cartesian_limits=envelope.cartesian)
+
+
+def slowed_joints(limits: JointLimits, velocity: float, acceleration: float) -> JointLimits:
+    """No joint faster than `velocity`, rad/s; the jerk in proportion to the acceleration, rad/s²."""
+    share = np.minimum(1.0, acceleration / limits.max_acceleration)
+    return replace(
+        limits,
+        max_velocity=np.minimum(limits.max_velocity, velocity),
+        max_acceleration=limits.max_acceleration * share,
+        max_jerk=limits.max_jerk * share,
+    )
+
+
+def slowed_tcp(limits: CartesianLimits, velocity: float, acceleration: float) -> CartesianLimits:
+    """The TCP no faster than `velocity`, m/s; jerk and the rates of turning in proportion."""
+    faster = min(1.0, velocity / limits.max_linear_velocity)
+    harder = min(1.0, acceleration / limits.max_linear_acceleration)
+    return limits.scaled(faster, harder, harder)
+
+
+@lru_cache(maxsize=8)
+def _with_tool(model: RobotModel, tool: tuple[float, ...]) -> RobotModel:
+    return model.with_tool(np.array(tool)) if tool != NO_TOOL else model

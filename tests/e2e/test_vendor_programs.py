@@ -1,0 +1,291 @@
+"""Programs, robots that move together, and faults, through vendor services over HTTP.
+
+Oracles: where the arms are as GET /robot/joint_states shows it, numpy for the straight line between two
+postures, and the process table (psutil). The clock is that of the wall: on the fast one nothing could be
+caught under way.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import psutil
+import pytest
+from running import WAIT_S, Run, unique_name, until
+
+HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
+AWAY = [0.4, 0.1, 0.0, -1.4, 0.0, 1.4, 0.2]
+LUA = "for n = 1, 3 do print('turn', n) end\n"
+
+
+class Pair(Run):
+    """A `cobot run` of two robots and a folder of programs."""
+
+    def __init__(self, folder: Path) -> None:
+        self.left, self.right = unique_name(), unique_name()
+        self.programs = folder / "programs"
+        self.programs.mkdir()
+        self.config = folder / f"{self.left}.yaml"
+        self.config.write_text(
+            "logs: logs\nsequences: {recordings: recordings, programs: programs}\nweb: {port: 0}\n"
+            "rt: {trajectory_capacity: 20000}\nplanning: {workers: 1}\n"
+            f"robots: [{{name: {self.left}}}, {{name: {self.right}}}]\n",
+            encoding="utf-8",
+        )
+        self.lines: list[str] = []
+        self.start()
+
+    def all_healthy(self) -> bool:
+        robots = (self.health() or {"robots": {}})["robots"]
+        assert isinstance(robots, dict)
+        return len(robots) == 2 and all(each["status"] == "ok" for each in robots.values())
+
+
+class Arm:
+    """One robot over HTTP."""
+
+    def __init__(self, client: httpx.Client, name: str) -> None:
+        self.name = name
+        self._client = client
+
+    def answer(self, method: str, **fields: Any) -> dict[str, Any]:
+        response = self._client.post(f"/{self.name}/{method}", json=fields)
+        assert response.status_code == 200, response.text
+        found: dict[str, Any] = response.json()
+        return found
+
+    def ask(self, method: str, **fields: Any) -> Any:
+        found = self.answer(method, **fields)
+        assert found["code"] == 0, f"{method}: {found}"
+        return found["result"]
+
+    def fails(self, method: str, code: int, **fields: Any) -> str:
+        found = self.answer(method, **fields)
+        assert found["code"] == code, f"{method}: {found}"
+        return str(found["message"])
+
+    @property
+    def state(self) -> str:
+        return str(self.ask("RuntimeMachine/getRuntimeState"))
+
+    @property
+    def joints(self) -> np.ndarray:
+        return self._get()["position"]
+
+    @property
+    def speed(self) -> float:
+        return float(np.abs(self._get()["velocity"]).max())
+
+    def _get(self) -> dict[str, np.ndarray]:
+        response = self._client.get(f"/robots/{self.name}/joint_states")
+        response.raise_for_status()
+        return {name: np.array(response.json()[name]) for name in ("position", "velocity")}
+
+    def home(self) -> None:
+        self._client.post(f"/robots/{self.name}/stop").raise_for_status()
+        self._client.post(f"/robots/{self.name}/reset").raise_for_status()
+        there = self._client.post(f"/robots/{self.name}/move/named", json={"name": "home", "speed": 1.0})
+        assert there.json()["success"], there.text
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Pair]:
+    started = Pair(tmp_path_factory.mktemp("pair"))
+    try:
+        started.until(started.all_healthy)
+        yield started
+    finally:
+        started.end()
+
+
+@pytest.fixture
+def arms(pair: Pair) -> Iterator[tuple[Arm, Arm]]:
+    """Both at home."""
+    with httpx.Client(base_url=pair.url, timeout=WAIT_S) as client:
+        found = Arm(client, pair.left), Arm(client, pair.right)
+        for arm in found:
+            arm.home()
+        yield found
+
+
+def write(pair: Pair, name: str, *targets: list[float], speed: float = 0.3) -> None:
+    content = {"waypoints": [{"joints": joints, "speed": speed} for joints in targets]}
+    (pair.programs / name).write_text(json.dumps(content), encoding="utf-8")
+
+
+def test_a_program_is_loaded_run_paused_resumed_and_ends_where_it_should(
+    pair: Pair, arms: tuple[Arm, Arm]
+) -> None:
+    arm, other = arms
+    write(pair, "there.json", AWAY)
+    assert "there.json" in arm.ask("RuntimeMachine/getPrograms")
+    arm.ask("RuntimeMachine/loadProgram", program="there.json")
+    assert arm.ask("RuntimeMachine/getLoadedProgram") == "there.json"
+    assert arm.state == "Stopped"
+    arm.ask("RuntimeMachine/runProgram")
+    assert arm.ask("RuntimeMachine/getStatus") == "Running"
+    assert other.state == "Stopped"
+    until(lambda: arm.speed > 0.1)
+    arm.ask("RuntimeMachine/pause")
+    assert arm.state == "Paused"
+    until(lambda: arm.speed < 1e-3)
+    here = arm.joints
+    way = np.array(AWAY) - HOME
+    share = (here - HOME) @ way / (way @ way)
+    assert 0.0 < share < 0.99
+    np.testing.assert_allclose(here, np.array(HOME) + share * way, atol=2e-3)
+    for _ in range(20):
+        np.testing.assert_allclose(arm.joints, here, atol=2e-3)
+    arm.ask("RuntimeMachine/resume")
+    until(lambda: arm.state == "Stopped")
+    assert arm.ask("RuntimeMachine/getReturnCode") == 0
+    np.testing.assert_allclose(arm.joints, AWAY, atol=2e-3)
+    np.testing.assert_allclose(other.joints, HOME, atol=2e-3)
+    assert any("arrived" in line for line in arm.ask("RuntimeMachine/getProgramLogs", number=10))
+
+
+def test_a_stop_ends_a_paused_program_and_its_process(pair: Pair, arms: tuple[Arm, Arm]) -> None:
+    arm, _ = arms
+    write(pair, "long.json", AWAY, HOME, AWAY, HOME, speed=0.1)
+    arm.ask("RuntimeMachine/loadProgram", program="long.json")
+    arm.ask("RuntimeMachine/start")
+    until(lambda: arm.speed > 0.02)
+    service = pair.child("app")
+    assert service is not None
+    runners = [p for p in service.children(recursive=True) if "sequences" in p.cmdline()]
+    assert len(runners) == 1
+    arm.ask("RuntimeMachine/pause")
+    assert arm.state == "Paused"
+    arm.fails("RuntimeMachine/runProgram", 40)
+    arm.fails("RuntimeMachine/loadProgram", 40, program="long.json")
+    arm.ask("RuntimeMachine/abort")
+    assert arm.state == "Stopped"
+    assert not psutil.pid_exists(runners[0].pid)
+    assert arm.ask("RuntimeMachine/getReturnCode") != 0
+    here = arm.joints
+    for _ in range(20):
+        np.testing.assert_allclose(arm.joints, here, atol=2e-3)
+    arm.ask("RuntimeMachine/stop")  # nothing runs: that is no error
+    arm.fails("RuntimeMachine/pause", 40)
+    arm.fails("RuntimeMachine/resume", 40)
+
+
+def test_a_lua_program_runs_too(pair: Pair, arms: tuple[Arm, Arm]) -> None:
+    arm, _ = arms
+    (pair.programs / "hello.lua").write_text(LUA, encoding="utf-8")
+    arm.ask("RuntimeMachine/loadProgram", program="hello.lua")
+    arm.ask("RuntimeMachine/runProgram")
+    until(lambda: arm.state == "Stopped")
+    lines = arm.ask("RuntimeMachine/getProgramLogs", number=50)
+    assert arm.ask("RuntimeMachine/getReturnCode") == 0, lines
+    assert any("turn" in line and "3" in line for line in lines)
+
+
+def test_a_program_with_a_mistake_or_outside_of_the_folder_is_not_loaded(
+    pair: Pair, arms: tuple[Arm, Arm]
+) -> None:
+    arm, _ = arms
+    (pair.programs / "wrong.json").write_text('{"waypoints": [{"joints": "no"}]}', encoding="utf-8")
+    (pair.programs / "wrong.lua").write_text("for for", encoding="utf-8")
+    (pair.programs / "link.json").symlink_to(pair.config)
+    (pair.programs.parent / "outside.json").write_text("{}", encoding="utf-8")
+    assert "waypoints[0].joints" in arm.fails("RuntimeMachine/loadProgram", 10, program="wrong.json")
+    assert "wrong.lua" in arm.fails("RuntimeMachine/loadProgram", 10, program="wrong.lua")
+    for name in ("../outside.json", str(pair.programs.parent / "outside.json"), "link.json", "", "a\0b.json"):
+        arm.fails("RuntimeMachine/loadProgram", 10, program=name)
+    arm.fails("RuntimeMachine/loadProgram", 12, program="nothing.json")
+    arm.fails("RuntimeMachine/loadProgram", 10, program=f"{pair.config.name}")
+
+
+def test_a_protective_stop_by_a_watchdog_holds_until_it_is_unlocked(arms: tuple[Arm, Arm]) -> None:
+    arm, other = arms
+    arm.ask("RegisterControl/setWatchDog", key="plc", timeout=0.05, action=3)
+    until(lambda: arm.ask("RobotManage/getRobotControlMode") == "ESTOP")
+    assert arm.ask("RobotManage/getOperationalMode") == "Disabled"
+    assert "e-stop requested" in arm.fails("RobotManage/poweron", 51)
+    assert other.ask("RobotManage/getRobotControlMode") == "HOLD"
+    messages = json.loads(arm.ask("Trace/peek", num=10))
+    assert "watchdog plc: not written in time; action: protective_stop" in [m["text"] for m in messages]
+    arm.ask("RegisterControl/setWatchDog", key="plc", timeout=0.0, action=0)
+    arm.ask("RobotManage/setUnlockProtectiveStop")
+    for method in ("poweron", "startup", "releaseRobotBrake"):
+        arm.ask(f"RobotManage/{method}")
+    assert arm.ask("RobotManage/getOperationalMode") == "Automatic"
+    assert arm.ask("RobotManage/isSimulationEnabled")
+
+
+def done(arm: Arm, goal: list[float]) -> float:
+    """The share of its way from home that it has behind it."""
+    return float(np.linalg.norm(arm.joints - HOME) / np.linalg.norm(np.array(goal) - HOME))
+
+
+def test_a_group_of_two_robots_begins_and_ends_together(arms: tuple[Arm, Arm]) -> None:
+    left, right = arms
+    near = (np.array(HOME) + 0.25 * (np.array(AWAY) - HOME)).tolist()
+    left.ask("SyncMove/axisGroupAdd", name="both", robots=[left.name, right.name])
+    assert right.ask("SyncMove/axisGroupGetAxisNum", name="both") == 14
+    left.ask("SyncMove/axisGroupMoveJoint", name="both", q=AWAY + near, a=1.0, v=0.3)
+    shares = []
+    while max(left.speed, right.speed) > 1e-3 or len(shares) < 20:
+        shares.append((done(left, AWAY), done(right, near), done(left, AWAY)))
+    left.ask("SyncMove/syncMoveWait")
+    np.testing.assert_allclose(left.joints, AWAY, atol=2e-3)
+    np.testing.assert_allclose(right.joints, near, atol=2e-3)
+    # However long a reading takes, the right arm is where the left one was before or is after it.
+    assert all(before - 0.15 < share < after + 0.15 for before, share, after in shares)
+    assert any(0.2 < share < 0.8 for _, share, _ in shares)
+    left.ask("SyncMove/axisGroupDelete", name="both")
+    left.fails("SyncMove/axisGroupMoveJoint", 12, name="both", q=AWAY + near)
+
+
+def test_when_one_of_a_group_stops_the_other_one_stops_too(arms: tuple[Arm, Arm]) -> None:
+    left, right = arms
+    left.ask("SyncMove/axisGroupAdd", name="stopped", robots=[left.name, right.name])
+    left.ask("SyncMove/axisGroupMoveJoint", name="stopped", q=AWAY + AWAY, a=0.5, v=0.1)
+    until(lambda: right.speed > 0.02)
+    left.fails("SyncMove/axisGroupMoveJoint", 40, name="stopped", q=HOME + HOME)
+    left.ask("RuntimeMachine/stop")
+    until(lambda: right.speed < 1e-3)
+    right.ask("SyncMove/syncMoveWait")
+    assert np.linalg.norm(right.joints - AWAY) > 0.05
+    left.ask("SyncMove/axisGroupDelete", name="stopped")
+
+
+def test_segments_start_when_all_robots_have_their_part(arms: tuple[Arm, Arm]) -> None:
+    left, right = arms
+    both = [left.name, right.name]
+    left.fails("SyncMove/syncMoveSegment", 40, segment=1, q=AWAY)
+    left.ask("SyncMove/syncMoveOn", syncident=7, taskset=both)
+    right.ask("SyncMove/syncMoveOn", syncident=7, taskset=both)
+    assert right.ask("SyncMove/isSyncMoveOn")
+    assert left.ask("SyncMove/syncMoveSegment", segment=1, q=AWAY, v=1.0, a=2.0) is False
+    left.fails("SyncMove/syncMoveSegment", 40, segment=1, q=AWAY)
+    assert "segment 1 waits for" in left.fails("SyncMove/syncMoveOff", 40, syncident=7)
+    np.testing.assert_allclose(left.joints, HOME, atol=2e-3)
+    assert right.ask("SyncMove/syncMoveSegment", segment=1, q=AWAY, v=1.0, a=2.0) is True
+    assert right.ask("SyncMove/syncMoveSegment", segment=2, q=HOME, v=1.0, a=2.0) is False
+    assert left.ask("SyncMove/syncMoveSegment", segment=2, q=AWAY, v=1.0, a=2.0) is True
+    right.ask("SyncMove/syncMoveWait")
+    np.testing.assert_allclose(left.joints, AWAY, atol=2e-3)
+    np.testing.assert_allclose(right.joints, HOME, atol=2e-3)
+    left.ask("SyncMove/syncMoveOff", syncident=7)
+    assert not right.ask("SyncMove/isSyncMoveOn")
+
+
+def test_what_cannot_move_together_is_refused_and_nothing_moves(arms: tuple[Arm, Arm]) -> None:
+    left, right = arms
+    both = [left.name, right.name]
+    left.ask("SyncMove/axisGroupAdd", name="g", robots=both)
+    left.fails("SyncMove/axisGroupAdd", 40, name="g", robots=both)
+    left.fails("SyncMove/axisGroupAdd", 10, name="h", robots=[left.name, left.name])
+    assert "there are:" in left.fails("SyncMove/axisGroupAdd", 10, name="h", robots=["nobody"])
+    assert "q must have 14 angles" in left.fails("SyncMove/axisGroupMoveJoint", 10, name="g", q=AWAY)
+    left.fails("SyncMove/axisGroupMoveJoint", 11, name="g", q=[*AWAY, 9.0, *AWAY[1:]])
+    left.fails("SyncMove/syncMoveOff", 12, syncident=99)
+    np.testing.assert_allclose(left.joints, HOME, atol=2e-3)
+    left.ask("SyncMove/axisGroupDelete", name="g")

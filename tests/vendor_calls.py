@@ -1,0 +1,59 @@
+"""Vendor services called by their names, as transports do, on a robot of which only a part is there."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Coroutine
+from types import SimpleNamespace
+from typing import Any
+
+from running import WAIT_S
+
+from app.services.equipment import Equipment
+from app.vendor.classes import REGISTRY
+from app.vendor.codes import Code
+from app.vendor.registry import Answer, call
+
+
+class Caller:
+    """Calls services of one class; keyword arguments are the fields of the request."""
+
+    def __init__(self, robot: Any, robot_class: str) -> None:
+        self._robot = robot
+        self._class = robot_class
+        assert any(key[0] == robot_class for key in REGISTRY)
+
+    async def answer(self, method: str, /, **fields: Any) -> Answer:
+        return await call(self._robot, self._class, method, fields)
+
+    async def __call__(self, method: str, /, **fields: Any) -> Any:
+        """The result of a call that succeeds."""
+        answer = await self.answer(method, **fields)
+        assert answer.code == Code.OK, f"{method}: {answer}"
+        return answer.result
+
+    async def fails(self, method: str, code: Code, /, **fields: Any) -> str:
+        """The message of a call that fails with this code."""
+        answer = await self.answer(method, **fields)
+        assert answer.code == code, f"{method}: {answer}"
+        assert answer.message
+        return answer.message
+
+
+def equipped(**parts: Any) -> Any:
+    """A robot with equipment and no arm."""
+    equipment = Equipment(*(parts.pop(name, None) for name in ("link", "stopping", "pace")), simulated=True)
+    return SimpleNamespace(equipment=equipment, **parts)
+
+
+async def eventually(condition: Callable[[], Any]) -> Any:
+    """What the condition gave when it first held, in the running loop."""
+    async with asyncio.timeout(WAIT_S):
+        while not (value := condition()):
+            await asyncio.sleep(0.005)
+    return value
+
+
+def run(work: Coroutine[Any, Any, None]) -> None:
+    """In a loop of its own, within a generous time."""
+    asyncio.run(asyncio.wait_for(work, 3 * WAIT_S))
