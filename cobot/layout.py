@@ -11,11 +11,13 @@ from enum import IntEnum
 import numpy as np
 
 MAGIC = b"COBOTRT\0"
-LAYOUT_VERSION = 3
+LAYOUT_VERSION = 4
 RING = 32
 SLOTS = 2
 HISTOGRAM_BUCKETS = 1024
 CHUNK_POINTS = 64
+POINTS = 1024
+"""Servo points that may wait for rtloop."""
 TEXT = "S200"
 
 
@@ -87,6 +89,19 @@ class Interpolation(IntEnum):
     RUCKIG = 3  # re-planned in every cycle, jerk-limited
 
 
+class ServoMode(IntEnum):
+    """What rtloop makes of the points of a servo session, as the manual numbers it."""
+
+    NONE = 0  # no servo session
+    REPLANNED = 1  # to the newest point at once, jerk-limited
+    DIRECT = 2  # the newest point is the reference
+    BUFFERED = 3  # one point after the other, each in its time
+    BUFFERED_1MS = 4  # one point per millisecond
+    THROUGH = 5  # planned through all points
+    REPLANNED_FORCE = 6  # as 1, with force control along the force axes
+    THROUGH_FORCE = 7  # as 5, with force control along the force axes
+
+
 STATE_SCALARS = (
     ("cycle", "u8"),  # since rtloop's start
     ("robot_time_s", "f8"),  # the robot's clock: cycles times the period
@@ -107,6 +122,11 @@ STATE_SCALARS = (
     ("move_seen", "u8"),  # the number of its `move_to_pose` taken last
     ("move_running", "u8"),
     ("chunk_seen", "u8"),
+    ("point_seen", "u8"),  # the number of the servo point read last
+    ("points_taken", "u8"),  # of the session: those that the reference has gone for
+    ("points_dropped", "u8"),  # and those that it could not: jumps, unreadable ones
+    ("points_buffered", "u8"),  # and those that are still ahead
+    ("underruns", "u8"),  # how often the reference had to wait for a point
     ("overruns", "u8"),
     ("torn_reads", "u8"),
     ("monotonic_ns", "i8"),  # CLOCK_MONOTONIC at publication
@@ -209,7 +229,7 @@ def session_dtype(dof: int) -> np.dtype:
     return np.dtype(
         [
             ("number", "u8"),  # of the session: a new one for each
-            ("open", "u8"),  # 1 while it is wanted
+            ("open", "u8"),  # 1 while it is wanted; 2: a servo session's points, and no more
             ("pid", "u8"),  # its writer: when that is gone, so is the session
             ("stops", "u8"),  # stops that rtloop had seen when the client asked: a later one refuses it
             ("stream", "u8"),
@@ -226,6 +246,8 @@ def session_dtype(dof: int) -> np.dtype:
             ("force_in_tcp", "u8"),  # the force frame is given in the TCP's frame, not in the base frame
             ("force_frame", "f8", (7,)),
             ("posture", *joints),  # of the null space, rad; NaN for none
+            ("servo_mode", "u8"),  # 0: targets come in the setpoint; else they are points in the queue
+            ("watchdog_s", "f8"),  # of a servo session: without a point for so long, it ends
         ]
     )
 
@@ -266,5 +288,20 @@ def chunk_dtype(dof: int) -> np.dtype:
     )
 
 
+def point_dtype(dof: int) -> np.dtype:
+    """A servo point, in a queue of `POINTS` places."""
+    return np.dtype(
+        [
+            ("number", "u8"),  # in its session, from 1 on
+            ("time_s", "f8"),  # how long the way to it is meant to take
+            ("lookahead_s", "f8"),  # of `rtloop.servo_law`; 0 for none
+            ("gain", "f8"),  # 1/s²
+            ("joints", "f8", (dof,)),  # rad
+        ]
+    )
+
+
+POINT_HEAD = np.dtype([("session", "u8"), ("number", "u8")])
+"""The newest point's number."""
 SESSION_ACK = np.dtype([("session", "u8"), ("result", "u8"), ("message", TEXT)])
 STREAM_REQUESTS = np.dtype([("estops", "u8")])

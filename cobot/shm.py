@@ -14,6 +14,8 @@ A file in /dev/shm, made by the supervisor, mapped by rtloop and by the service:
     info        rtloop writes, at its start: what robot this is
     session_ack rtloop writes: its answer to a session
     session, setpoint, chunk, stream_requests   the streaming client writes
+    point_head, points  the streaming client writes: a ring of servo points; what rtloop has not read is
+                not overwritten
 
 Every block has one writer (`cobot.seqlock`), and byte-range locks on the file make sure of it: they
 vanish with their process, however it ends, and name its pid to whom they refuse.
@@ -43,6 +45,8 @@ from cobot.layout import (
     HEARTBEAT,
     LAYOUT_VERSION,
     MAGIC,
+    POINT_HEAD,
+    POINTS,
     REQUESTS,
     RING,
     SESSION_ACK,
@@ -53,6 +57,7 @@ from cobot.layout import (
     TEXT,
     chunk_dtype,
     info_dtype,
+    point_dtype,
     session_dtype,
     setpoint_dtype,
     state_dtype,
@@ -151,6 +156,9 @@ class RobotMemory:
         self.stream_requests = self._block(STREAM_REQUESTS, "requests of the stream")
         self.setpoint = self._block(setpoint_dtype(self.dof), "setpoint")
         self.chunk = self._block(chunk_dtype(self.dof), "chunk")
+        self.point_head = self._block(POINT_HEAD, "point head")
+        point = point_dtype(self.dof)
+        self.points = [self._block(point, "servo point") for _ in range(POINTS)]
 
     @classmethod
     def create(cls, robot: str, dof: int, period_s: float, capacity: int, url: str = "") -> RobotMemory:
@@ -295,6 +303,7 @@ def _file_size(dof: int, capacity: int) -> int:
         sum(Block.size(dtype(dof)) for dtype in dtypes)
         + Block.size(STATISTICS)
         + RING * (Block.size(ACK) + Block.size(COMMAND) + 128)
+        + POINTS * (Block.size(point_dtype(dof)) + 64)
     )
     return 8 * _PAGE + _aligned(blocks) + SLOTS * _aligned(slot)
 

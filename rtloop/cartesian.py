@@ -212,9 +212,7 @@ class CartesianSource:
         error, jacobian = self._distance_to(self._limiter.pose)
         if self._force_control:
             self._replace_by_force(error, measured.wrench)
-        wanted = POSTURE_RATE_RAD_S * (self._posture - joints)
-        np.clip(wanted, -POSTURE_VELOCITY_RAD_S, POSTURE_VELOCITY_RAD_S, out=wanted)
-        pull = period_s * _filtered(self._pull, wanted, period_s / POSTURE_FILTER_S)
+        pull = self._pull_at_posture(joints)
         error -= jacobian @ pull
         step = pull + jacobian.T @ self._solved(jacobian, error)
         excess = float((np.abs(step) / self._largest_step).max())
@@ -228,6 +226,12 @@ class CartesianSource:
         np.copyto(self._before, step)
         np.copyto(self.reference[1], step)
         np.copyto(joints, target)
+
+    def _pull_at_posture(self, joints: Array) -> Array:
+        """The joint step that the null space may have, rad."""
+        wanted = POSTURE_RATE_RAD_S * (self._posture - joints)
+        np.clip(wanted, -POSTURE_VELOCITY_RAD_S, POSTURE_VELOCITY_RAD_S, out=wanted)
+        return self._period_s * _filtered(self._pull, wanted, self._period_s / POSTURE_FILTER_S)
 
     def _distance_to(self, pose: Array) -> tuple[Array, Array]:
         """From where the reference puts the TCP, in the base frame: m, rad; and the Jacobian there."""

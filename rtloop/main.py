@@ -11,7 +11,7 @@ from types import FrameType
 
 import numpy as np
 
-from cobot.config import RtSection, load_settings
+from cobot.config import RtSection, Settings, load_settings
 from cobot.errors import CobotError
 from cobot.robot import Robot, load_robot
 from cobot.shm import RobotMemory, Role, encoded
@@ -27,23 +27,23 @@ def main() -> int:
     """Run until SIGTERM or SIGINT; the exit status: 0, or 2 when it could not start."""
     parser = argparse.ArgumentParser(prog="python -m rtloop", description=__doc__)
     parser.add_argument("--config", type=Path, help="settings file; without it the shipped one")
+    parser.add_argument("--robot", help="one of those in `robots`; without it the default one")
     parser.add_argument("--clock", choices=("realtime", "fast"), help="instead of rt.clock")
     parser.add_argument("--check", action="store_true", help="only see whether the backend can be made")
     arguments = parser.parse_args()
     try:
         if arguments.check:
-            settings = load_settings(arguments.config)
+            settings = load_settings(arguments.config).of(arguments.robot)
             make_backend(settings, load_robot(settings).limits)
         else:
-            _run(arguments.config, arguments.clock)
+            _run(load_settings(arguments.config).of(arguments.robot), arguments.clock)
     except (CobotError, BackendError) as exc:
         print(exc, flush=True)
         return 2
     return 0
 
 
-def _run(config: Path | None, clock_name: str | None) -> None:
-    settings = load_settings(config)
+def _run(settings: Settings, clock_name: str | None) -> None:
     rt = settings.rt
     clock_name = clock_name or rt.clock
     ending: list[str] = []

@@ -87,8 +87,9 @@ class StatePublisher:
             streaming.move_seen,
             streaming.move_running,
             streaming.chunk_seen,
+            *streaming.point_counts,
             self._clock.overruns,
-            mailbox.torn_reads + streaming.box.torn_reads,
+            mailbox.torn_reads + streaming.torn_reads,
             time.monotonic_ns(),
             measured_ns,
         )

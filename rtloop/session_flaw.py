@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cobot.layout import Interpolation, Stream
+from cobot.layout import Interpolation, ServoMode, Stream
+from cobot.servo import LONGEST_WATCHDOG_S
 from rtloop.backends import Backend, ImpedanceControlled
 
 UNIT_TOLERANCE = 1e-2
@@ -16,6 +17,8 @@ def session_flaw(wish: np.ndarray, backend: Backend) -> str:
         return f"there is no stream {wish['stream']} with interpolation {wish['interpolation']}"
     if not 1 <= wish["decimation"] <= 1000:
         return f"decimation must be from 1 to 1000, got {wish['decimation']}"
+    if refusal := _servo_flaw(wish):
+        return refusal
     if refusal := _stiffness_flaw(wish, backend):
         return refusal
     for name in ("damping_ratio", "cartesian_damping_ratio"):
@@ -29,6 +32,18 @@ def session_flaw(wish: np.ndarray, backend: Backend) -> str:
         return f"force_frame must be a position and a unit quaternion, got {wish['force_frame'].tolist()}"
     if not (wish["force_velocity"] > 0.0).all():
         return f"force_velocity must be above 0, got {wish['force_velocity'].tolist()}"
+    return ""
+
+
+def _servo_flaw(wish: np.ndarray) -> str:
+    servo, stream = int(wish["servo_mode"]), int(wish["stream"])
+    if servo == ServoMode.NONE:
+        return ""
+    force = servo in (ServoMode.REPLANNED_FORCE, ServoMode.THROUGH_FORCE)
+    if servo not in list(ServoMode) or stream != (Stream.CARTESIAN if force else Stream.JOINT_IMPEDANCE):
+        return f"there is no servo mode {servo} of stream {stream}"
+    if not 0.0 < wish["watchdog_s"] <= LONGEST_WATCHDOG_S:
+        return f"watchdog_s must be above 0 and at the most {LONGEST_WATCHDOG_S:g}, got {wish['watchdog_s']}"
     return ""
 
 

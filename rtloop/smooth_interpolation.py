@@ -223,6 +223,10 @@ class Online:
         self.reference[:] = state
         self._estimate.rebase(target)
 
+    def forget(self) -> None:
+        """What comes next is no part of the stream so far."""
+        self._estimate.forget()
+
     def settle(self, state: Array, target: Array) -> None:
         """From this state, shape (3, n), to rest at the target."""
         self.rebase(state, target)

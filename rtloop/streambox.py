@@ -74,7 +74,12 @@ class StreamBox:
     def wants(self, number: int) -> bool:
         """Whether the client still wants this session, as far as one can read."""
         data = self.session.data
-        return not self.session.readable or bool(data["open"] == 1 and data["number"] == number)
+        return not self.session.readable or bool(data["open"] in (1, 2) and data["number"] == number)
+
+    @property
+    def finishes(self) -> bool:
+        """Whether the session is to end when its points do."""
+        return self.session.readable and int(self.session.data["open"]) == 2
 
     def estop_requested(self) -> bool:
         """Whether an e-stop was requested since the last call."""

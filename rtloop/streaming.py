@@ -13,14 +13,18 @@ from dataclasses import replace
 import numpy as np
 
 from cobot.config import StreamingSection
-from cobot.layout import Ack, Interpolation, Intervention, Stream
+from cobot.layout import Ack, Interpolation, Intervention, ServoMode, Stream
 from cobot.model import RobotModel
 from cobot.shm import RobotMemory
 from cobot.types import Array, CartesianLimits, JointLimits, Mode
 from rtloop.backends import Backend, Impedance, ImpedanceControlled, Measured
 from rtloop.cartesian import CartesianSource
+from rtloop.force_servo import ForceServo
 from rtloop.guard import Guard
+from rtloop.point_queue import PointQueue
 from rtloop.safety import Safety
+from rtloop.servo import make_servo
+from rtloop.servo_points import ServoSource
 from rtloop.session_flaw import session_flaw
 from rtloop.sources import JointSource, Source, TorqueSource
 from rtloop.stream_checks import DEFAULT_INTERVAL_S
@@ -38,6 +42,8 @@ ALIVE_CYCLES = 50
 """So often it is asked whether the client's process still lives."""
 CATCH_UP_RAD_S = 0.05
 """A pose that was limited to the TCP's velocity has to be followed at that velocity, and little more."""
+FINISH_S = 1.0
+"""So long a servo session that is to end goes on with the points that it has."""
 TORQUE_FREQUENCY_RAD_S = 12.0
 """Of the springs that follow a torque-controlled reference: well below what the estimate of external torques
 can follow, or the two would swing against each other."""
@@ -64,6 +70,9 @@ class Streaming:
         period_s: float,
     ) -> None:
         self.box = StreamBox(memory)
+        self._points = PointQueue(memory)
+        self._servo: ServoSource | None = None
+        self._watchdog_cycles = self._finishing_cycles = self._dropped = 0
         self._model = model
         self._limits = model.limits
         self._backend = backend
@@ -104,6 +113,19 @@ class Streaming:
     def move_running(self) -> bool:
         """Whether a `move_to_pose` is under way."""
         return isinstance(self._source, CartesianSource) and self._source.move_running
+
+    @property
+    def point_counts(self) -> tuple[int, int, int, int, int]:
+        """Of the last servo session: points read, taken, dropped, still ahead; and underruns."""
+        servo, queue = self._servo, self._points
+        if servo is None:
+            return (0, 0, 0, 0, 0)
+        ahead = queue.waiting + servo.buffered if self.session else 0
+        return queue.seen, servo.taken, servo.dropped + queue.lost, ahead, servo.underruns
+
+    @property
+    def torn_reads(self) -> int:
+        return self.box.torn_reads + self._points.torn_reads
 
     def open(self, command: Array, mode: Mode, stops: int) -> str:
         """Answer the client that asks: begin the session in which it streams.
@@ -148,6 +170,9 @@ class Streaming:
             self.problem = "the client has ended the session"
         elif self._cycle % ALIVE_CYCLES == 0 and self._life is not None and self._life.poll(0):
             self.problem = "the streaming client has died"
+        if self._servo is not None:
+            self._serve(self._servo, measured)
+            return
         self._untaken_cycles += 1
         self._read_setpoint()
         if self.box.chunk.changed():
@@ -162,6 +187,34 @@ class Streaming:
             self._watch_chunks(source)
         self._watch_contact(measured)
         self._watch_surroundings()
+
+    def _serve(self, servo: ServoSource, measured: Measured) -> None:
+        """Follow the points of a servo session: what would hold a stream ends it."""
+        if self._points.poll():
+            self._silent_cycles = 0
+        elif self._silent_cycles > self._watchdog_cycles and not (self.problem or self.box.finishes):
+            self._safety.count(Intervention.COMMAND_TIMEOUT)
+            self.problem = f"servo watchdog: no point for {self._watchdog_cycles * self._period_s:g} s"
+        setpoint = self.box.setpoint
+        news = setpoint.changed() and int(setpoint.data["session"]) == self.session
+        if news and isinstance(servo, ForceServo):
+            servo.press(setpoint.data["wrench"])
+        if self.box.finishes:
+            self._finishing_cycles += 1
+            done = not (self._points.waiting or servo.buffered or servo.reference[1:].any())
+            if done or self._finishing_cycles * self._period_s > FINISH_S:
+                self.problem = self.problem or "the client has ended the session"
+        if servo.fetch(self._points) is Intervention.NOT_FINITE:
+            self._safety.count(Intervention.NOT_FINITE)
+            self.not_finite = servo.refusal
+        if servo.dropped != self._dropped:
+            self._dropped = servo.dropped
+            self._safety.count(Intervention.JUMP)
+        servo.advance(measured)
+        self._watch_contact(measured)
+        self._watch_surroundings()
+        if self.holding:
+            self.problem = self.problem or "the points lead the arm into itself or its surroundings"
 
     def follow(self) -> None:
         """To be called when the safety layer has let this cycle's command through."""
@@ -183,9 +236,22 @@ class Streaming:
         self._decimation = int(wish["decimation"])
         command_s = self._decimation * self._period_s
         # Poses have limits of their own, torques have none but the robot's.
-        limits = self._stream_limits if stream is Stream.JOINT_IMPEDANCE else self._limits
+        joints = stream is Stream.JOINT_IMPEDANCE or int(wish["servo_mode"]) != ServoMode.NONE
+        limits = self._stream_limits if joints else self._limits
         impedance = Impedance(False, wish["stiffness"].copy(), wish["damping_ratio"].copy())
+        servo = ServoMode(int(wish["servo_mode"]))
+        points = make_servo(servo, self._stream_limits, self._limits.max_velocity, self._period_s)
+        self._servo = points
         match stream:
+            case Stream.JOINT_IMPEDANCE if points is not None:
+                self._source = points
+            case Stream.CARTESIAN if points is not None:
+                self._servo = self._source = ForceServo(
+                    points, self._model, limits, self._tcp_limits, self._period_s, wish
+                )
+                impedance = Impedance(
+                    True, wish["cartesian_stiffness"].copy(), wish["cartesian_damping_ratio"].copy()
+                )
             case Stream.JOINT_IMPEDANCE:
                 self._source = JointSource(kind, limits, self._limits.max_velocity, self._period_s, command_s)
             case Stream.CARTESIAN:
@@ -203,7 +269,7 @@ class Streaming:
             self._backend.set_impedance(impedance)
         self._largest_contact[:] = *wish["max_contact_torque"], *wish["max_contact_wrench"]
         self._guard.begin(touching=bool(wish["force_axes"].any()))
-        self._safety.use(limits, catch_up=CATCH_UP_RAD_S if stream is Stream.CARTESIAN else np.inf)
+        self._safety.use(limits, catch_up=np.inf if joints else CATCH_UP_RAD_S)
         self._source.begin(command)
         self.mode = MODES[stream]
         self.session = int(wish["number"])
@@ -214,7 +280,10 @@ class Streaming:
         self._silent_cycles = 0
         self._untaken_cycles = self._decimation  # the first target is taken at once
         self._live = self._slowed = self._target_waits = False
-        self._starved = 0
+        self._starved = self._dropped = self._finishing_cycles = 0
+        self._points.begin(self.session)
+        if self._servo is not None:
+            self._watchdog_cycles = round(float(wish["watchdog_s"]) / self._period_s)
 
     def _read_setpoint(self) -> None:
         """Whatever is new in what the client has written: moves at once, a target when it is time for one."""

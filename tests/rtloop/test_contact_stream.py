@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import mujoco
 import numpy as np
 import pytest
 from rig import Rig
@@ -63,17 +62,8 @@ def press(rig: Rig, cycles: int, wrench: Array, pose: Array) -> Array:
             rig.aim(pose=pose, wrench=wrench)
         rig.step()
         if cycle >= cycles - 500:
-            forces.append(floor_force(rig))
+            forces.append(rig.floor_force())
     return np.array(forces)
-
-
-def floor_force(rig: Rig) -> float:
-    model, data = rig.simulation._model, rig.simulation._data
-    total, one = 0.0, np.zeros(6)
-    for index in range(data.ncon):
-        mujoco.mj_contactForce(model, data, index, one)
-        total += one[0]
-    return total
 
 
 @pytest.mark.parametrize(
@@ -109,7 +99,7 @@ def test_it_slides_along_the_floor_while_it_presses(above_floor: Rig) -> None:
             pose[1] += 0.0005  # 50 mm/s
             rig.aim(pose=pose, wrench=wrench)
         rig.step()
-        forces.append(floor_force(rig))
+        forces.append(rig.floor_force())
     assert tcp(rig, rig.commanded[-1])[1] == pytest.approx(pose[1], abs=2e-3)
     mean = np.convolve(forces[500:], np.full(100, 0.01), "valid")  # MuJoCo's contact itself flickers
     assert np.abs(mean - 10.0).max() < 2.0

@@ -1,0 +1,97 @@
+"""The fields of a servo message: read from JSON, or refused with a reason and a sentence."""
+
+from __future__ import annotations
+
+import json
+from enum import StrEnum
+from math import isfinite
+from typing import Any
+
+LONGEST_TEXT = 65536
+LARGEST_INTEGER = 2**63 - 1
+
+
+class Refusal(StrEnum):
+    """Why a message was dropped; the values stand in the feedback."""
+
+    MALFORMED = "malformed"  # no JSON object, or too long
+    TYPE = "type"  # an unknown `type`
+    COMMAND = "command"  # an unknown `command`
+    MODE = "mode"  # a mode that does not exist
+    VALUE = "value"  # a field of the wrong kind, not finite, or out of its range
+    NOT_ACTIVE = "not_active"  # a point without a session
+    NO_POINT_ID = "no_point_id"
+    POINT_ID = "point_id"  # not above that of the last accepted point
+    SESSION_ID = "session_id"  # another one than the session is locked to
+    POINT_TYPE = "point_type"
+    DIMENSION = "dimension"  # of the position
+    LIMIT = "limit"  # a joint beyond its position limits
+    INVERSE_KINEMATICS = "inverse_kinematics"  # none that continues the motion
+    OVERRUN = "overrun"  # the buffer is full
+    REJECTED = "rejected"  # the session could not begin: somebody else moves the arm, e-stop, ...
+
+
+class BrokenRule(Exception):
+    """A message is refused: the reason and a sentence."""
+
+    def __init__(self, kind: Refusal, sentence: str) -> None:
+        super().__init__(sentence)
+        self.kind = kind
+
+
+def parsed(text: str) -> dict[str, Any]:
+    """The fields of a JSON object."""
+    if len(text) > LONGEST_TEXT:
+        raise BrokenRule(
+            Refusal.MALFORMED, f"a message has {LONGEST_TEXT} characters at the most, got {len(text)}"
+        )
+    try:
+        fields = json.loads(text)
+    except (ValueError, RecursionError) as exc:  # ValueError: an integer of thousands of digits too
+        raise BrokenRule(Refusal.MALFORMED, f"a message must be JSON: {str(exc)[:100]}") from None
+    if not isinstance(fields, dict):
+        raise BrokenRule(Refusal.MALFORMED, f"a message must be a JSON object, got {shown(fields)}")
+    return fields
+
+
+def integer(fields: dict[str, Any], name: str, kind: Refusal) -> int | None:
+    """A field; None if it is not there. 1.0 is an integer, true is none."""
+    value = fields.get(name)
+    if value is None:
+        return None
+    if isinstance(value, float) and value.is_integer():
+        value = int(value)
+    if type(value) is not int or abs(value) > LARGEST_INTEGER:
+        raise BrokenRule(kind, f"{name} must be an integer of 64 bits, got {shown(value)}")
+    return value
+
+
+def number(fields: dict[str, Any], name: str, default: float) -> float:
+    """A field; the default if it is not there."""
+    value = fields.get(name)
+    return default if value is None else as_number(value, name)
+
+
+def as_number(value: object, name: str) -> float:
+    """A finite number; true is none."""
+    if type(value) is float and isfinite(value):
+        return value
+    if type(value) is int and abs(value) <= LARGEST_INTEGER:
+        return float(value)
+    raise BrokenRule(Refusal.VALUE, f"{name} must be made of finite numbers, got {shown(value)}")
+
+
+def within(value: float, longest: float, name: str) -> float:
+    """The same, if it is no longer, s."""
+    if value > longest:
+        raise BrokenRule(Refusal.VALUE, f"{name} must be at the most {longest:g} s, got {value:g}")
+    return value
+
+
+def shown(value: object) -> str:
+    """A value for people, however large it is."""
+    if isinstance(value, list | dict):
+        return f"{'a list' if isinstance(value, list) else 'an object'} of {len(value)}"
+    if isinstance(value, int) and abs(value) > LARGEST_INTEGER:
+        return "a huge integer"
+    return repr(value)[:60]
