@@ -15,32 +15,64 @@ from typing import Annotated, Any, TypeVar, cast
 from fastapi import Depends, HTTPException, Request, Response
 from fastapi.routing import APIRoute
 from pydantic import BaseModel, ValidationError
+from starlette.requests import HTTPConnection
 
 from app.errors import status_of
 from app.services import Services
 from app.services.ownership import Caller
 from cobot.config import Endpoint
-from cobot.errors import CobotError, InputError, MediaTypeError
-from cobot.strict import sentences, unknown_key, without_repetition
+from cobot.errors import CobotError, InputError, MediaTypeError, NotFoundError
+from cobot.strict import sentences, shown, unknown_key, without_repetition
 
 STOPS = "cobot.stops"
 LARGE_BYTES = 65536
 Result = TypeVar("Result")
 
 
+def robots_of(connection: HTTPConnection) -> dict[str, Services]:
+    """The services of each robot by its name, those of the default robot first."""
+    return cast(dict[str, Services], connection.app.state.robots)
+
+
+def services_of(connection: HTTPConnection) -> Services:
+    """Those of the robot that the path names, of the default one if it names none.
+
+    Raises:
+        NotFoundError: there is no such robot; lists the names.
+    """
+    name = connection.scope["path_params"].get("robot")
+    if name is None:
+        return cast(Services, connection.app.state.services)
+    robots = robots_of(connection)
+    if name not in robots:
+        raise NotFoundError(f"there is no robot {shown(name)}; valid are: {', '.join(robots)}")
+    return robots[name]
+
+
+def addressed(connection: HTTPConnection) -> dict[str, Services]:
+    """The one robot that the path names, or all if it names none.
+
+    Raises:
+        NotFoundError: see `services_of`.
+    """
+    name = connection.path_params.get("robot")
+    return robots_of(connection) if name is None else {name: services_of(connection)}
+
+
 class Call:
-    """A request to an endpoint."""
+    """A request to an endpoint; raises as `services_of` does.
+
+    Attributes:
+        services: of the robot that it is about.
+    """
 
     def __init__(self, request: Request) -> None:
         self._request = request
-
-    @property
-    def services(self) -> Services:
-        return cast(Services, self._request.app.state.services)
+        self.services = services_of(request)
 
     @property
     def name(self) -> str:
-        """As in api_endpoints.yaml: "POST /stop"."""
+        """As in api_endpoints.yaml: "POST /stop"; for a robot by name "POST /robots/{robot}/stop"."""
         return f"{self._request.method} {self._request.scope['route'].path}"
 
     @property
@@ -60,7 +92,8 @@ class Call:
 
     def caller(self, gone: asyncio.Event) -> Caller:
         """Who asks, for a motion."""
-        return Caller(self.name, self.token, self.stops, self.timeout_s, gone)
+        name = self.name.replace("{robot}", self._request.path_params.get("robot", ""))
+        return Caller(name, self.token, self.stops, self.timeout_s, gone)
 
 
 async def gone(request: Request) -> AsyncIterator[asyncio.Event]:
@@ -95,7 +128,7 @@ class _CobotRequest(Request):
             call = Call(self)
             async with self.app.state.large_body:
                 call.services.ownership.require_free(call.token)
-                return await asyncio.to_thread(_without_collection, _validated, body, model)
+                return await asyncio.to_thread(without_collection, _validated, body, model)
         except CobotError as exc:
             raise HTTPException(status_of(exc)) from exc  # FastAPI lets no other class through
 
@@ -130,7 +163,7 @@ def decoded(text: bytes | str, name: str) -> Any:
         raise InputError(f"{name}: nested too deeply") from exc
 
 
-def _without_collection(function: Callable[..., Result], *arguments: Any) -> Result:
+def without_collection(function: Callable[..., Result], *arguments: Any) -> Result:
     """Call it without garbage collection, which would walk through all that it makes, again and again."""
     gc.disable()
     try:
@@ -148,7 +181,7 @@ class CobotRoute(APIRoute):
         handler = super().get_route_handler()
 
         async def handle(request: Request) -> Response:
-            request.scope[STOPS] = request.app.state.services.ownership.stops
+            request.scope[STOPS] = services_of(request).ownership.stops
             return await handler(_CobotRequest(request.scope, request.receive))
 
         return handle

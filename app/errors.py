@@ -22,6 +22,7 @@ log = logging.getLogger("cobot.service")
 
 STATUS: dict[type[CobotError], int] = {
     errors.InputError: 422,
+    errors.NotFoundError: 404,
     errors.PlanningError: 422,
     errors.ExecutionError: 409,
     errors.ConflictError: 409,
@@ -42,6 +43,7 @@ class ErrorAnswer(BaseModel):
 
 
 DESCRIPTIONS = {
+    404: "There is no such robot: the detail lists those that there are.",
     409: "Somebody else owns the motion, or it was stopped before it began: the detail says who or why.",
     413: "The body is larger than `web.max_body_bytes` (uploads) or `web.max_json_bytes`.",
     415: "The Content-Type is another one than this endpoint takes.",
@@ -93,7 +95,7 @@ def _http_exception(request: Request, exc: Exception) -> JSONResponse:
         case 400:  # FastAPI: a body that could not even be taken apart
             return _answer(422, f"the body cannot be read: {exc.detail}", errors.InputError.code)
         case 404:
-            return _answer(404, f"there is no {path}; /docs lists what there is", "not_found")
+            return _answer(404, f"there is no {path}; /docs lists what there is", errors.NotFoundError.code)
         case 405:
             allowed = (exc.headers or {}).get("Allow", "")
             detail = f"{request.method} is not possible on {path}; allowed: {allowed}"

@@ -17,21 +17,35 @@ from starlette.routing import BaseRoute
 
 from app import errors
 from app.body_limit import BodyLimit
+from app.hub.serving import serving
 from app.openapi import with_limits
 from app.routers import common, sequences, trajectory
 from app.routers import robot as robot_router
+from app.routers import robots as robots_router
+from app.routers import rosbridge as rosbridge_router
 from app.routers import stream as stream_router
 from app.services import Services
+from app.services.equipment import Equipment
+from app.services.fjt import FollowJointTrajectory
+from app.services.force import ForceService
 from app.services.health import HealthService
 from app.services.interventions import reporting
 from app.services.link import RobotLink
 from app.services.motion import LATEST_ANSWER_S, MotionService
+from app.services.motion_queue import MotionQueue
 from app.services.ownership import Ownership
+from app.services.pace import MAX_PAUSE_S
 from app.services.planning import PlanningService
+from app.services.programs import ProgramService
+from app.services.robot_settings import RobotSettings
 from app.services.sequences import SequenceService
+from app.services.servo import ServoService
 from app.services.stopping import StopService
 from app.services.streams import StreamService
+from app.services.sync import SyncService
 from app.services.trajectories import TrajectoryService
+from app.vendor import http as vendor_http
+from cobot.addresses import address
 from cobot.config import Endpoint, Settings, load_endpoints
 from cobot.robot import Robot, load_robot
 
@@ -56,23 +70,29 @@ def create_app(settings: Settings, config: Path | None, base_url: str) -> FastAP
         ConfigError: the configuration is wrong.
     """
     endpoints = load_endpoints(settings.web.endpoints)
-    robot = load_robot(settings)
+    robots = {name: load_robot(each) for name, each in settings.each.items()}
 
     @contextlib.asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        link = RobotLink(settings.robot.name, settings.web.stale_after_s)
-        planning = PlanningService(config, settings.planning.workers)
-        warming = asyncio.create_task(planning.warm_up())
-        async with link.heartbeat(), reporting(link):
-            app.state.services = _services(settings, endpoints, robot, link, planning, base_url)
+        sync = SyncService()
+        async with contextlib.AsyncExitStack() as stack:
+            app.state.robots = {
+                name: await stack.enter_async_context(
+                    _serving(each, endpoints, robots[name], config, base_url, len(robots), sync)
+                )
+                for name, each in settings.each.items()
+            }
+            app.state.services = app.state.robots[settings.robot.name]
+            sync.robots.update(app.state.robots)
+            stack.callback(sync.close)
+            app.state.hub = await stack.enter_async_context(
+                serving(app.state.robots, {name: each.robot.tcp for name, each in settings.each.items()})
+            )
             gc.collect()
             gc.freeze()
             yield
-            await app.state.services.stopping.stop(timeout_s=3.0)
-            app.state.services.streams.close()
-        warming.cancel()
-        planning.close()
-        link.close()
+            stops = [each.stopping.stop(timeout_s=3.0) for each in app.state.robots.values()]
+            await asyncio.gather(*stops)
 
     app: FastAPI = FastAPIOffline(
         title="cobot",
@@ -81,16 +101,23 @@ def create_app(settings: Settings, config: Path | None, base_url: str) -> FastAP
         lifespan=lifespan,
         swagger_ui_parameters=SWAGGER,
     )
-    app.state.endpoints = endpoints
+    app.state.endpoints = endpoints | {
+        robots_router.twin_name(name): each for name, each in endpoints.items()
+    }
     app.state.large_body = asyncio.Lock()
+    app.state.rosbridge_connections = 0
     app.state.stop_on_disconnect = settings.web.stop_on_disconnect
     app.add_middleware(
         BodyLimit, limit_bytes=settings.web.max_body_bytes, json_limit_bytes=settings.web.max_json_bytes
     )
     errors.install(app)
-    app.openapi = with_limits(app.openapi, robot.limits)  # type: ignore[method-assign]
+    limits = {name: robot.limits for name, robot in robots.items()}
+    app.openapi = with_limits(app.openapi, limits)  # type: ignore[method-assign]
+    if endpoints[f"POST {vendor_http.PATH}"].enabled:
+        app.openapi = vendor_http.with_services(app.openapi, list(robots))  # type: ignore[method-assign]
     # Routes are matched one after the other: those that are polled come first, the documentation's last. Not
-    # by include_router, for the nesting it keeps is matched in each request too.
+    # by include_router, for the nesting it keeps is matched in each request too. Those of these routers are
+    # there a second time, below the name of any robot.
     routers = (
         robot_router.router,
         trajectory.router,
@@ -98,9 +125,10 @@ def create_app(settings: Settings, config: Path | None, base_url: str) -> FastAP
         common.router,
         stream_router.router,
     )
-    app.router.routes[:0] = [
-        route for router in routers for route in router.routes if _enabled(route, endpoints)
-    ]
+    plain = [route for router in routers for route in router.routes if _enabled(route, endpoints)]
+    more = (robots_router.router, vendor_http.router, rosbridge_router.router)
+    named = [route for router in more for route in router.routes if _enabled(route, endpoints)]
+    app.router.routes[:0] = [*plain, *robots_router.twins(plain, list(robots)), *named]
     for route in app.routes:
         if isinstance(route, APIRoute):
             route.operation_id = route.name  # what generated clients call their methods
@@ -121,6 +149,34 @@ def _enabled(route: BaseRoute, endpoints: dict[str, Endpoint]) -> bool:
     return endpoints[f"{method} {route.path}"].enabled
 
 
+@contextlib.asynccontextmanager
+async def _serving(
+    settings: Settings,
+    endpoints: dict[str, Endpoint],
+    robot: Robot,
+    config: Path | None,
+    base_url: str,
+    robots: int,
+    sync: SyncService,
+) -> AsyncIterator[Services]:
+    """One robot's services, for as long as the context lasts."""
+    label = f"{robot.name}: " if robots > 1 else ""
+    link = RobotLink(robot.name, settings.web.stale_after_s, label)
+    planning = PlanningService(config, settings.planning.workers, robot.name)
+    warming = asyncio.create_task(planning.warm_up())
+    async with link.heartbeat(), reporting(link):
+        url = address(base_url, robot.name) if robots > 1 else base_url
+        services = _services(settings, endpoints, robot, link, planning, url, sync)
+        yield services
+        services.servo.close()
+        services.force.close()
+        services.equipment.close()
+        services.streams.close()
+    warming.cancel()
+    planning.close()
+    link.close()
+
+
 def _services(
     settings: Settings,
     endpoints: dict[str, Endpoint],
@@ -128,20 +184,37 @@ def _services(
     link: RobotLink,
     planning: PlanningService,
     base_url: str,
+    sync: SyncService,
 ) -> Services:
     ownership = Ownership(link)
     motion = MotionService(robot, link, ownership, planning, settings.planning)
     slowest_s = max(end.timeout_s for name, end in endpoints.items() if name.startswith("POST /robot/move/"))
-    sequence = SequenceService(ownership, link, settings.sequences, base_url, slowest_s + LATEST_ANSWER_S)
+    latest_s = slowest_s + LATEST_ANSWER_S + MAX_PAUSE_S
+    sequence = SequenceService(ownership, link, settings.sequences, base_url, latest_s)
     streams = StreamService(link, ownership, motion, settings.streaming.command_timeout_s)
+    stopping = StopService(link, ownership, sequence)
+    equipment = Equipment(link, stopping, ownership.pace, simulated=settings.rt.backend == "mujoco")
+    vendor_settings = RobotSettings(robot)
+    force = ForceService(robot, link, streams, stopping, equipment.traces.warn)
+    servo = ServoService(robot, link, streams, force, vendor_settings)
+    tolerance_rad = settings.planning.start_tolerance_rad
     return Services(
         robot,
         link,
         ownership,
         motion,
-        TrajectoryService(ownership, motion, settings.planning.start_tolerance_rad),
+        TrajectoryService(ownership, motion, tolerance_rad, link.label),
         sequence,
-        StopService(link, ownership, sequence),
+        stopping,
         HealthService(settings.robot.name, link, ownership, sequence, streams, settings.web.stale_after_s),
         streams,
+        equipment,
+        force,
+        ProgramService(settings.sequences.programs, ownership, sequence, stopping),
+        sync,
+        planning,
+        vendor_settings,
+        MotionQueue(link, ownership, motion, planning, vendor_settings),
+        servo,
+        FollowJointTrajectory(robot, link, ownership, motion, servo, settings.ros, tolerance_rad),
     )

@@ -321,8 +321,8 @@ class StopAnswer(BaseModel):
     duration_s: float
 
 
-class HealthAnswer(BaseModel):
-    """How the product is; `degraded` comes with `problems`."""
+class RobotHealth(BaseModel):
+    """How a robot is; `degraded` comes with `problems`."""
 
     status: Literal["ok", "degraded"]
     problems: list[str]
@@ -331,6 +331,11 @@ class HealthAnswer(BaseModel):
     service: dict[str, Any]
     sequence: dict[str, Any]
     session: dict[str, Any] | None = Field(description="The streaming session: number, client, mode.")
+
+
+class HealthAnswer(RobotHealth):
+    """How the product is."""
+
     cycle_us: dict[str, dict[str, float]] = Field(
         description="Wake-up lateness and compute time of the cycle's phases, µs."
     )
@@ -339,3 +344,14 @@ class HealthAnswer(BaseModel):
         description="Seconds since the last one of each kind; null: there was none."
     )
     versions: dict[str, str]
+    robots: dict[str, RobotHealth] = Field(description="Of each robot that was asked for, by its name.")
+
+
+class RobotAnswer(BaseModel):
+    """A robot that is served."""
+
+    name: str
+    default: bool = Field(description="The endpoints without the name of a robot are about this one.")
+    path: str = Field(description="What its own endpoints begin with.")
+    base_frame: str
+    joint_names: list[str]

@@ -13,8 +13,10 @@ from typing import cast
 
 import uvicorn
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+from websockets.http11 import Request
 
 from app.main import create_app
+from app.routers import rosbridge
 from cobot.config import load_settings
 from cobot.errors import CobotError
 from cobot.realtime.wire import MAX_FRAME_BYTES
@@ -29,6 +31,11 @@ UNSENT_BYTES = 4096
 
 class StreamProtocol(WebSocketsSansIOProtocol):
     """Buffers next to nothing for a client that reads slowly: what is sent shall be new."""
+
+    def handle_connect(self, event: Request) -> None:
+        if event.path.partition("?")[0] == rosbridge.PATH:
+            self.conn.max_message_size = rosbridge.MAX_FRAME_BYTES
+        super().handle_connect(event)
 
     def connection_made(self, transport: BaseTransport) -> None:
         super().connection_made(transport)

@@ -40,7 +40,7 @@ def commands(repetitions: int, slices: int) -> Iterator[Row]:
             near += _session(run.memory.name.removeprefix("cobot-"), memory, count, random)
             far += _session(run.url, memory, count, random)
             with stopped(run):
-                near_floor += _echoed(count, random)
+                near_floor += echoed(count, random)
                 far_floor += _round_trips(bare_url, count, random)
     yield row(
         "target in shared memory to the first commanded position that it changes",
@@ -71,11 +71,11 @@ def _session(robot_or_url: str, memory: RobotMemory, count: int, random: np.rand
                 home[0] += STEP_RAD if number % 2 else -STEP_RAD
                 begun_ns = time.monotonic_ns()
                 control.set_target_joints(home)
-                delays.append((_changed_ns(memory, before) - begun_ns) / 1e6)
+                delays.append((changed_ns(memory, before) - begun_ns) / 1e6)
     return delays
 
 
-def _changed_ns(memory: RobotMemory, before: float) -> int:
+def changed_ns(memory: RobotMemory, before: float) -> int:
     """When the first state was published that commands another position; a missed one counts as late."""
     deadline_s = time.monotonic() + LONGEST_S
     while time.monotonic() < deadline_s:
@@ -86,7 +86,7 @@ def _changed_ns(memory: RobotMemory, before: float) -> int:
     raise UnavailableError(f"no target has changed the command within {LONGEST_S:g} s")
 
 
-def _echoed(count: int, random: np.random.Generator) -> list[float]:
+def echoed(count: int, random: np.random.Generator) -> list[float]:
     delays: list[float] = []
     with tempfile.NamedTemporaryFile(dir=FOLDER, prefix="bench-echo-") as file:
         question, answer = bare_echo.mapped(file.name)

@@ -37,34 +37,42 @@ def check(settings: Settings, config: Path | None, out: TextIO) -> bool:
         "endpoints", lambda: f"{len(load_endpoints(settings.web.endpoints))} in {settings.web.endpoints}"
     )
     report.item("address", lambda: _address(settings.web))
-    report.item("core", lambda: _core(settings.rt.cpu))
     report.item("logs", lambda: _log(settings))
     report.item("recordings", lambda: _folder(settings.sequences.recordings))
+    for name, each in settings.each.items():
+        if settings.robots:
+            report.about = f"{name}: "
+        _check_robot(report, each, config)
+    return report.good
+
+
+def _check_robot(report: _Report, settings: Settings, config: Path | None) -> None:
     robots: list[Robot] = []
 
     def load() -> str:
         robots.append(load_robot(settings))
         return f"{robots[0].limits.dof} joints, {settings.robot.model}, limits {settings.web.joint_limits}"
 
+    report.item("core", lambda: _core(settings.rt.cpu))
     report.item("robot", load)
     for robot in robots:
-        report.item("backend", lambda: _backend(settings.rt.backend, config))
+        report.item("backend", lambda: _backend(settings, config))
         for name in robot.positions:
             report.item(f"position {name}", partial(_position, robot, name, settings))
-    return report.good
 
 
 class _Report:
     def __init__(self, out: TextIO) -> None:
         self.good = True
+        self.about = ""
         self._out = out
 
     def item(self, name: str, examine: Callable[[], str]) -> None:
         try:
-            print(f"ok      {name}: {examine()}", file=self._out)
+            print(f"ok      {self.about}{name}: {examine()}", file=self._out)
         except CobotError as exc:
             self.good = False
-            print(f"FAILED  {name}: {exc}", file=self._out)
+            print(f"FAILED  {self.about}{name}: {exc}", file=self._out)
 
 
 def _address(web: WebSection) -> str:
@@ -104,14 +112,15 @@ def _log(settings: Settings) -> str:
         raise ConfigError(f"{settings.log_file}: cannot be written to: {exc.strerror}") from exc
 
 
-def _backend(name: str, config: Path | None) -> str:
+def _backend(settings: Settings, config: Path | None) -> str:
     """Whether the real-time process, as `cobot run` would start it, can make it."""
-    command = [*RUN_MODULE, "rtloop", "--check", *(["--config", str(config)] if config else [])]
+    command = [*RUN_MODULE, "rtloop", "--check", "--robot", settings.robot.name]
+    command += ["--config", str(config)] if config else []
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         said = (done.stdout + done.stderr).strip().splitlines()
         raise ConfigError(said[-1] if said else f"rtloop ends with status {done.returncode}")
-    return name
+    return settings.rt.backend
 
 
 def _position(robot: Robot, name: str, settings: Settings) -> str:

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
+from cobot.addresses import address
 from cobot.check import check
+from cobot.client import DEFAULT_URL
 from cobot.config import Settings, load_settings
 from cobot.errors import CobotError
+from cobot.process import RUN_MODULE
 from cobot.supervisor import Supervisor
 
 DESCRIPTION = """\
@@ -18,6 +22,7 @@ A robot arm behind a REST service.
 
   cobot run      start the simulated (or real) robot and the service, and watch over both
   cobot check    validate the whole configuration, without starting anything
+  cobot lua      run a Lua program at a running service, see docs/lua.md
 
 The first run needs no configuration: open http://localhost:8007/docs and move the arm."""
 
@@ -31,6 +36,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if chosen.command is None:
         parser.print_help()
         return EXIT_USAGE
+    if chosen.command == "lua":
+        return _lua(chosen)
     try:
         settings = load_settings(chosen.config)
         if chosen.command == "check":
@@ -68,10 +75,21 @@ def _parser() -> argparse.ArgumentParser:
         choices=["realtime", "fast"],
         help="instead of rt.clock; fast simulates motions as fast as the machine can",
     )
+    lua = commands.add_parser("lua", help="run a Lua program at a running service")
+    lua.add_argument("file", type=Path, metavar="FILE", help="- for standard input")
+    lua.add_argument("--url", metavar="URL", default=DEFAULT_URL, help="of the service (%(default)s)")
+    lua.add_argument("--robot", metavar="NAME", help="the robot to move, instead of the default one")
     commands.add_parser(
         "check", parents=[config], help="validate files, folders, model, limits, named positions"
     )
     return parser
+
+
+def _lua(chosen: argparse.Namespace) -> int:
+    """Become the runner: it is a client like any other, and this library knows nothing of it."""
+    url = address(chosen.url, chosen.robot) if chosen.robot else chosen.url
+    command = [*RUN_MODULE, "sequences", "run", "--lua", "--url", url, "--", str(chosen.file)]
+    os.execv(command[0], command)
 
 
 def _port(argument: str) -> int:
@@ -84,5 +102,9 @@ def _overridden(settings: Settings, chosen: argparse.Namespace) -> Settings:
     web = {key: getattr(chosen, key) for key in ("host", "port") if getattr(chosen, key) is not None}
     rt = {"clock": chosen.clock} if chosen.clock else {}
     return settings.model_copy(
-        update={"web": settings.web.model_copy(update=web), "rt": settings.rt.model_copy(update=rt)}
+        update={
+            "web": settings.web.model_copy(update=web),
+            "rt": settings.rt.model_copy(update=rt),
+            "robots": tuple(_overridden(each, chosen) for each in settings.robots),
+        }
     )

@@ -17,6 +17,7 @@ from typing import Any
 import httpx
 
 from cobot import errors
+from cobot.addresses import address, path_at
 from cobot.errors import CobotError, ExecutionError, InputError, UnavailableError
 
 DEFAULT_URL = "http://localhost:8007"
@@ -26,9 +27,11 @@ Json = dict[str, Any]
 
 
 def _family(kind: type[CobotError]) -> Iterable[type[CobotError]]:
+    """Those of `cobot.errors`; what other modules derive from them has no code of its own."""
     yield kind
     for child in kind.__subclasses__():
-        yield from _family(child)
+        if child.__module__ == errors.__name__:
+            yield from _family(child)
 
 
 ERRORS: Mapping[str, type[CobotError]] = {kind.code: kind for kind in _family(errors.CobotError)}
@@ -39,6 +42,8 @@ class Client:
     """One robot's service.
 
     Args:
+        url: of the service, for its default robot, or of one of its robots: http://HOST:PORT/robots/NAME.
+        robot: the name of another robot than the default one.
         timeout_s: for everything that answers at once.
         motion_timeout_s: for motions, which answer on arrival; above the service's own timeouts.
         token: that of a sequence, for the sequence's own motions.
@@ -52,11 +57,14 @@ class Client:
         self,
         url: str = DEFAULT_URL,
         *,
+        robot: str | None = None,
         timeout_s: float = 10.0,
         motion_timeout_s: float = MOTION_TIMEOUT_S,
         token: str | None = None,
         transport: httpx.BaseTransport | None = None,
     ) -> None:
+        if robot is not None:
+            url = address(url, robot)
         headers = {"X-Motion-Token": token} if token else {}
         try:
             # trust_env: a robot's motions do not go through the proxy that the environment has for the web.
@@ -161,8 +169,16 @@ class Client:
         """What the runner has printed, the newest line last."""
         return list(self._json("GET", "/sequences/logs", params={"n": n})["lines"])
 
+    def call_service(self, robot: str, robot_class: str, method: str, arguments: Mapping[str, Any]) -> Json:
+        """Call a vendor service of the robot by its name; `code` (0 is success), `message`, `result`."""
+        url = self._http.base_url.copy_with(path=f"/{robot}/{robot_class}/{method}")  # of the service itself
+        return self._json("POST", str(url), json=dict(arguments), timeout=self._motion_timeout_s)
+
     def stop(self) -> Json:
-        """End the sequence, the planning and the motion; the answer says whether the arm is at rest."""
+        """End the sequence, the planning and the motion; the answer says whether the arm is at rest.
+
+        Without the name of a robot, those of all robots.
+        """
         return self._json("POST", "/stop", timeout=15.0)
 
     def reset(self) -> Json:
@@ -182,13 +198,19 @@ class Client:
     def _json(self, method: str, path: str, **request: Any) -> Json:
         answer = self._request(method, path, **request)
         if not isinstance(answer, dict):
-            raise UnavailableError(f"{method} {self._http.base_url.join(path)}: no answer of cobot's")
+            raise UnavailableError(f"{method} {self._url(path)}: no answer of cobot's")
         return answer
 
+    def _url(self, path: str) -> str:
+        if "://" in path:
+            return path
+        base = str(self._http.base_url).rstrip("/")
+        return base + path_at(base, path)
+
     def _request(self, method: str, path: str, **request: Any) -> Any:
-        url = self._http.base_url.join(path)
+        url = self._url(path)
         try:
-            response = self._http.request(method, path, **request)
+            response = self._http.request(method, url, **request)
         except httpx.HTTPError as exc:
             raise UnavailableError(f"{method} {url}: {str(exc) or type(exc).__name__}") from exc
         except (TypeError, ValueError) as exc:  # JSON has no NaN, no infinity and no objects of ours

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-import yaml
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo
 
 from cobot.errors import ConfigError
-from cobot.strict import StrictModel, sentence, unknown_key
+from cobot.strict import StrictModel, sentence, shown, unknown_key
+from cobot.yaml_file import read_mapping
 
 Model = TypeVar("Model", bound=BaseModel)
 
 DEFAULT_SETTINGS = "pkg://config/cobot-setting.yaml"
 
+SECTIONS_OF_A_ROBOT = ("rt", "streaming", "planning")
+"""Whole sections that an entry in `robots` may change."""
 LEAST_STOP_S = 4.0
 """A stop may take some 2.5 s, see rtloop."""
 ENDPOINTS = (
@@ -34,7 +37,10 @@ ENDPOINTS = (
     "GET /sequences/logs",
     "POST /stop",
     "GET /health",
+    "GET /robots",
     "WS /robot/stream",
+    "WS /rosbridge",
+    "POST /{robot}/{Class}/{method}",
 )
 
 
@@ -152,12 +158,35 @@ class WebSection(Section):
 
 class SequencesSection(Section):
     recordings: Location
+    programs: Location
     log_lines: Annotated[int, Field(ge=10, le=1_000_000)]
     stop_timeout_s: Annotated[float, Field(gt=0.0, le=1.5)]
 
 
+class RosSection(Section):
+    enabled: bool
+    domain_id: Annotated[int, Field(ge=0, le=232)]
+    localhost_only: bool
+    interfaces: list[str]
+    gid_bytes: Literal[16, 24]
+    joint_states_rate_hz: Annotated[float, Field(ge=1.0, le=1000.0)]
+    pose_rate_hz: Annotated[float, Field(ge=1.0, le=1000.0)]
+    tf_rate_hz: Annotated[float, Field(ge=1.0, le=1000.0)]
+    status_rate_hz: Annotated[float, Field(ge=1.0, le=1000.0)]
+    debug: bool
+    enable_fjt_action: bool
+    fjt_mode: Annotated[int, Field(ge=0, le=7)]
+    fjt_time: Annotated[float, Field(ge=0.0, le=10.0)]
+    fjt_send_period: Annotated[float, Field(ge=0.0, le=1.0)]
+
+
 class Settings(Section):
-    """`cobot-setting.yaml`."""
+    """`cobot-setting.yaml`, as it is for one robot.
+
+    Attributes:
+        robots: of all robots, each as if it were the only one, where the file has a list `robots`; the first
+            is the default robot, whose settings the other attributes are.
+    """
 
     robot: RobotSection
     rt: RtSection
@@ -165,11 +194,30 @@ class Settings(Section):
     planning: PlanningSection
     web: WebSection
     sequences: SequencesSection
+    ros: RosSection
     logs: Location
+    robots: tuple[Settings, ...] = ()
 
     @property
     def log_file(self) -> Path:
         return self.logs / f"{self.robot.name}.log"
+
+    @property
+    def each(self) -> dict[str, Settings]:
+        """The settings of each robot by its name, those of the default robot first."""
+        return {settings.robot.name: settings for settings in self.robots or (self,)}
+
+    def of(self, robot: str | None) -> Settings:
+        """Those of one robot, of the default one for None.
+
+        Raises:
+            ConfigError: there is no such robot; lists the valid names.
+        """
+        if robot is None:
+            return self
+        if robot not in self.each:
+            raise ConfigError(f"there is no robot {robot!r}; valid are: {', '.join(self.each)}")
+        return self.each[robot]
 
 
 class Endpoint(Section):
@@ -184,16 +232,55 @@ class _EndpointsFile(Section):
 def load_settings(path: Path | None = None) -> Settings:
     """Read the settings; None reads those that ship with cobot.
 
-    A file of your own needs only the keys that differ from the shipped ones.
+    A file of your own needs only the keys that differ from the shipped ones. Its list `robots`, if it has
+    one, holds what each of several robots has otherwise than the rest of the file says.
 
     Raises:
         ConfigError: naming the file, the key, the value and what is valid.
     """
     shipped = resolve(DEFAULT_SETTINGS, Path())
-    if path is None:
-        return _parse(Settings, shipped, _read_mapping(shipped))
-    path = path.resolve()
-    return _parse(Settings, path, _merged(_read_mapping(shipped), _read_mapping(path)))
+    content = read_mapping(shipped)
+    path = shipped if path is None else path.resolve()
+    if path != shipped:
+        content = _merged(content, read_mapping(path))
+    if "robots" not in content:
+        return _parse(Settings, path, content)
+    each = [
+        _parse(Settings, path, _merged(content, changes), place=f"robots[{index}]: ")
+        for index, changes in enumerate(_changes_of_each(path, content.pop("robots")))
+    ]
+    names = [settings.robot.name for settings in each]
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            first = names.index(name)
+            raise ConfigError(
+                f"{path}: robots[{index}]: the name {name!r} is that of robots[{first}] already"
+            )
+    return each[0].model_copy(update={"robots": tuple(each)})
+
+
+def _changes_of_each(path: Path, entries: Any) -> Iterator[dict[str, Any]]:
+    """Of each entry in `robots`: what it changes in the settings as a whole."""
+    if not isinstance(entries, list) or not entries:
+        raise ConfigError(f"{path}: robots: must be a list of one robot or more, got {shown(entries)}")
+    valid = [*RobotSection.model_fields, "backend", "joint_limits", *SECTIONS_OF_A_ROBOT]
+    for index, entry in enumerate(entries):
+        place = f"{path}: robots[{index}]"
+        if not isinstance(entry, dict) or "name" not in entry:
+            raise ConfigError(f"{place}: must be a mapping with a name, got {shown(entry)}")
+        for key in entry:
+            if key not in valid:
+                raise ConfigError(f"{place}: {unknown_key(str(key), valid)}")
+        changes = {key: entry[key] for key in SECTIONS_OF_A_ROBOT if key in entry}
+        changes["robot"] = {key: entry[key] for key in RobotSection.model_fields if key in entry}
+        if "backend" in entry:
+            rt = changes.get("rt", {})
+            if not isinstance(rt, dict) or "backend" in rt:
+                raise ConfigError(f"{place}: backend: stands beside rt: {shown(rt)}")
+            changes["rt"] = {**rt, "backend": entry["backend"]}
+        if "joint_limits" in entry:
+            changes["web"] = {"joint_limits": entry["joint_limits"]}
+        yield changes
 
 
 def load_endpoints(path: Path) -> dict[str, Endpoint]:
@@ -202,7 +289,7 @@ def load_endpoints(path: Path) -> dict[str, Endpoint]:
     Raises:
         ConfigError: as above, or an endpoint is missing or unknown, or there would be no stop.
     """
-    endpoints = _parse(_EndpointsFile, path, _read_mapping(path)).endpoints
+    endpoints = _parse(_EndpointsFile, path, read_mapping(path)).endpoints
     for name in endpoints:
         if name not in ENDPOINTS:
             raise ConfigError(f"{path}: endpoints: {unknown_key(name, list(ENDPOINTS))}")
@@ -218,44 +305,6 @@ def load_endpoints(path: Path) -> dict[str, Endpoint]:
     return endpoints
 
 
-def read_yaml(path: Path) -> Any:
-    """A YAML file's content; a key that stands twice in a mapping is an error.
-
-    Raises:
-        ConfigError: missing, unreadable or malformed.
-    """
-    try:
-        return yaml.load(path.read_text(encoding="utf-8"), _UniqueKeyLoader)
-    except FileNotFoundError as exc:
-        raise ConfigError(f"{path}: no such file") from exc
-    except (OSError, UnicodeDecodeError) as exc:
-        raise ConfigError(f"{path}: cannot be read: {exc}") from exc
-    except (yaml.YAMLError, RecursionError, ValueError, TypeError) as exc:  # no such date, a list as a key
-        raise ConfigError(f"{path}: not valid YAML: {' '.join(str(exc).split())}") from exc
-
-
-class _UniqueKeyLoader(yaml.SafeLoader):
-    """YAML lets a second key win silently; a robot's limits must not depend on that."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen = set()
-        for key_node, _ in node.value:
-            key = str(key_node.value)
-            if key in seen:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"{key!r} stands twice", key_node.start_mark
-                )
-            seen.add(key)
-        return super().construct_mapping(node, deep)
-
-
-def _read_mapping(path: Path) -> dict[str, Any]:
-    content = read_yaml(path)
-    if not isinstance(content, dict):
-        raise ConfigError(f"{path}: must hold a mapping, got {type(content).__name__}")
-    return content
-
-
 def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
     merged = dict(base)
     for key, value in changes.items():
@@ -264,8 +313,8 @@ def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
     return merged
 
 
-def _parse(kind: type[Model], path: Path, content: dict[str, Any]) -> Model:
+def _parse(kind: type[Model], path: Path, content: dict[str, Any], place: str = "") -> Model:
     try:
         return kind.model_validate(content, context={"folder": path.parent})
     except ValidationError as exc:
-        raise ConfigError(f"{path}: " + "; ".join(map(sentence, exc.errors()))) from exc
+        raise ConfigError(f"{path}: {place}" + "; ".join(map(sentence, exc.errors()))) from exc

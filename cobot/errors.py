@@ -3,7 +3,8 @@
 CobotError
 ├── ConfigError          a file of the configuration is missing, unreadable or contradicts itself
 ├── InputError           a request cannot be honoured as it is written; nothing has moved
-│   └── LimitError       a value lies beyond a limit of joint_limits.yaml
+│   ├── LimitError       a value lies beyond a limit of joint_limits.yaml
+│   └── NotFoundError    what it names does not exist
 ├── PlanningError        no motion could be planned; nothing has moved
 │   ├── UnreachableError     no joint position puts the TCP there
 │   ├── CollisionError       the motion would touch the robot itself or its surroundings
@@ -44,6 +45,10 @@ class InputError(CobotError):
 
 class LimitError(InputError):
     code = "limit"
+
+
+class NotFoundError(InputError):
+    code = "not_found"
 
 
 class PlanningError(CobotError):

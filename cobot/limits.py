@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from cobot.config import read_yaml
 from cobot.errors import ConfigError, LimitError
 from cobot.types import Array, JointLimits, vector
+from cobot.yaml_file import read_yaml
 
 _RATES = ("velocity", "acceleration", "jerk", "effort")
 _KEYS = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from pathlib import Path
 
 import mujoco
@@ -85,6 +86,21 @@ class RobotModel:
             mujoco.mju_mat2Quat(out[3:], (turn @ self._data.site_xmat[flange].reshape(3, 3)).ravel())
         return out
 
+    def with_tool(self, tool: Array) -> RobotModel:
+        """The same arm with its TCP elsewhere.
+
+        Args:
+            tool: shape (7,), x, y, z (m) and w, x, y, z: the new TCP in the frame of this one.
+        """
+        mj, site = copy.copy(self.mj), self._tcp
+        position, turn = np.empty(3), np.empty(4)
+        mujoco.mju_rotVecQuat(position, np.asarray(tool[:3]), mj.site_quat[site])
+        mujoco.mju_mulQuat(turn, mj.site_quat[site], np.asarray(tool[3:]))
+        mj.site_pos[site] += position
+        mj.site_quat[site] = turn
+        mj.site_sameframe[site] = 0  # or MuJoCo would take the site for its body's frame
+        return RobotModel(mj, self.limits, mj.body(self._base).name, mj.site(site).name)
+
     @property
     def dof(self) -> int:
         return self.limits.dof
@@ -145,11 +161,22 @@ class RobotModel:
 
     def gravity_torques(self, joints: Array) -> Array:
         """What the drives need to hold the arm still, shape (dof,), N·m."""
+        return self.bias_torques(joints, np.zeros(self.dof))
+
+    def bias_torques(self, joints: Array, velocity: Array) -> Array:
+        """What the drives need to move on without acceleration, shape (dof,), N·m: gravity, Coriolis and
+        centrifugal forces, without friction.
+        """
         self._data.qpos[:] = joints
-        self._data.qvel[:] = 0.0
+        self._data.qvel[:] = velocity
         mujoco.mj_fwdPosition(self.mj, self._data)
         mujoco.mj_fwdVelocity(self.mj, self._data)
         return np.array(self._data.qfrc_bias)
+
+    @property
+    def gravity(self) -> Array:
+        """The acceleration of free fall, shape (3,), m/s², in the base frame."""
+        return np.asarray(self._base_rotation.T @ self.mj.opt.gravity)
 
     def _solve(self, joints: Array) -> tuple[Array, Array]:
         data = self._data

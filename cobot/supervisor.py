@@ -17,12 +17,14 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from logging.handlers import RotatingFileHandler
 from pathlib import Path
 from types import FrameType
 
+from cobot.addresses import address
 from cobot.config import Settings
 from cobot.errors import ConfigError, TornReadError, UnavailableError
 from cobot.process import RUN_MODULE
@@ -66,11 +68,15 @@ class Child:
         self.reader = threading.Thread(target=self._forward, args=(self.process,), daemon=True)
         self.reader.start()
 
+    def ask_to_end(self) -> None:
+        if self.process is not None:
+            self.process.terminate()
+
     def end(self, timeout_s: float) -> None:
         """Ask the process to end, and make it end."""
         if self.process is None:
             return
-        self.process.terminate()
+        self.ask_to_end()
         try:
             self.process.wait(timeout_s)
         except subprocess.TimeoutExpired:
@@ -90,7 +96,7 @@ class Child:
 
 
 class Supervisor:
-    """Runs one robot until it is told to stop."""
+    """Runs the robots until it is told to stop: a process for each, and one service for all."""
 
     def __init__(self, settings: Settings, config: Path | None) -> None:
         self._settings = settings
@@ -108,44 +114,63 @@ class Supervisor:
         Raises:
             CobotError: nothing could be started.
         """
-        settings = self._settings
-        robot = load_robot(settings)
         log_file = self._open_log()
-        listener = self._listen() if settings.web.enabled else None
+        listener = self._listen() if self._settings.web.enabled else None
         url = _url(listener) if listener is not None else ""
-        memory = RobotMemory.create(
-            settings.robot.name, robot.limits.dof, settings.rt.period_s, settings.rt.trajectory_capacity, url
-        )
-        children: list[Child] = []
-        try:
-            self._catch_signals()
-            rtloop = Child("rtloop", [*RUN_MODULE, "rtloop", *self._config, "--clock", settings.rt.clock])
-            children.append(rtloop)
-            rtloop.start()
-            self._await_rtloop(rtloop, memory)
+        rtloops: list[Child] = []
+        service: list[Child] = []
+        with ExitStack() as stack:
             if listener is not None:
-                children.append(self._service(listener))
-                children[-1].start()
-            self._announce(memory, log_file)
-            while not self._stopping.is_set():
-                for child in children:
-                    self._revive(child)
-                self._sleep(0.1)
-        finally:
-            log.info("stopping: the arm first")
-            for child in children:  # rtloop, which brings the arm to rest, before the service
-                child.end(STOP_TIMEOUT_S)
-            memory.unlink()
-            memory.close()
-            if listener is not None:
-                listener.close()
+                stack.callback(listener.close)
+            memories = {name: self._memory(name, url, stack) for name in self._settings.each}
+            try:
+                self._catch_signals()
+                for name in memories:
+                    rtloops.append(self._rtloop(name))
+                    rtloops[-1].start()
+                self._await_first(rtloops, list(memories.values()))
+                if listener is not None:
+                    service.append(self._service(listener))
+                    service[-1].start()
+                if self._settings.ros.enabled:
+                    service.append(self._ros2(url))
+                    service[-1].start()
+                self._announce(url, memories, log_file)
+                while not self._stopping.is_set():
+                    for child in (*rtloops, *service):
+                        self._revive(child)
+                    self._sleep(0.1)
+            finally:
+                log.info("stopping: the arm first")
+                for child in rtloops:  # all arms come to rest at the same time
+                    child.ask_to_end()
+                for child in (*rtloops, *service):
+                    child.end(STOP_TIMEOUT_S)
         log.info("stopped")
         return 0
+
+    def _memory(self, name: str, url: str, stack: ExitStack) -> RobotMemory:
+        """A robot's shared memory, which goes with the stack."""
+        settings = self._settings.of(name)
+        own_url = address(url, name) if url and self._settings.robots else url
+        dof = load_robot(settings).limits.dof
+        memory = RobotMemory.create(name, dof, settings.rt.period_s, settings.rt.trajectory_capacity, own_url)
+        stack.callback(memory.close)
+        stack.callback(memory.unlink)
+        return memory
+
+    def _rtloop(self, robot: str) -> Child:
+        name = f"rtloop {robot}" if self._settings.robots else "rtloop"
+        clock = self._settings.of(robot).rt.clock
+        return Child(name, [*RUN_MODULE, "rtloop", *self._config, "--robot", robot, "--clock", clock])
 
     def _service(self, listener: socket.socket) -> Child:
         host, port = listener.getsockname()[:2]
         listening = ["--host", host, "--port", str(port), "--fd", str(listener.fileno())]
         return Child("service", [*RUN_MODULE, "app", *self._config, *listening], (listener.fileno(),))
+
+    def _ros2(self, url: str) -> Child:
+        return Child("ros2", [*RUN_MODULE, "ros2", *self._config, *(("--url", url) if url else ())])
 
     def _open_log(self) -> Path:
         folder = self._settings.logs
@@ -196,16 +221,33 @@ class Supervisor:
             if selector.select(seconds):
                 self._wake_read.recv(4096)
 
-    def _await_rtloop(self, rtloop: Child, memory: RobotMemory) -> None:
+    def _await_first(self, rtloops: list[Child], memories: list[RobotMemory]) -> None:
+        """Wait for the robots' cycles to begin. One that does not is tried again later, like one that dies.
+
+        Raises:
+            UnavailableError: not a single one has begun.
+        """
+        failed: list[UnavailableError] = []
         deadline_s = time.monotonic() + READY_TIMEOUT_S
+        for rtloop, memory in zip(rtloops, memories, strict=True):
+            try:
+                self._await_rtloop(rtloop, memory, deadline_s)
+            except UnavailableError as exc:
+                failed.append(exc)
+        if len(failed) == len(rtloops):
+            raise failed[0]
+        for error in failed:
+            log.error("%s", error)
+
+    def _await_rtloop(self, rtloop: Child, memory: RobotMemory, deadline_s: float) -> None:
         while int(memory.state.sequence) == 0 and not self._stopping.is_set():
             assert rtloop.process is not None
             if rtloop.process.poll() is not None:
                 raise UnavailableError(
-                    f"rtloop ended with status {rtloop.process.returncode} at its start, see above"
+                    f"{rtloop.name} ended with status {rtloop.process.returncode} at its start, see above"
                 )
             if time.monotonic() > deadline_s:
-                raise UnavailableError(f"rtloop did not begin its cycle within {READY_TIMEOUT_S:.0f} s")
+                raise UnavailableError(f"{rtloop.name} did not begin its cycle in {READY_TIMEOUT_S:.0f} s")
             self._sleep(0.02)
 
     def _revive(self, child: Child) -> None:
@@ -230,13 +272,14 @@ class Supervisor:
         elif now_s >= child.restart_at_s:
             child.start()
 
-    def _announce(self, memory: RobotMemory, log_file: Path) -> None:
-        settings = self._settings
+    def _announce(self, url: str, memories: dict[str, RobotMemory], log_file: Path) -> None:
         log.info("cobot %s (pid %d)", version("cobot"), os.getpid())
-        log.info("  address    %s", f"{memory.url}/docs" if memory.url else "none: web.enabled is false")
-        log.info("  robot      %s, %d joints", settings.robot.name, memory.dof)
-        log.info("  backend    %s, clock %s", settings.rt.backend, settings.rt.clock)
-        log.info("  real time  %s", _permissions(memory))
+        log.info("  address    %s", f"{url}/docs" if url else "none: web.enabled is false")
+        for name, memory in memories.items():
+            rt = self._settings.of(name).rt
+            log.info("  robot      %s, %d joints", name, memory.dof)
+            log.info("  backend    %s, clock %s", rt.backend, rt.clock)
+            log.info("  real time  %s", _permissions(memory))
         log.info("  logs       %s", log_file)
         log.info("  Ctrl-C stops: the arm first, then the service")
 

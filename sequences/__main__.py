@@ -1,4 +1,4 @@
-"""`python -m sequences`: run, check, or describe sequence files."""
+"""`python -m sequences`: run or check sequence files and Lua programs, or describe sequence files."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from pathlib import Path
 from cobot.client import DEFAULT_URL, MOTION_TIMEOUT_S
 from cobot.errors import InputError
 from cobot.process import Niceness, be, die_with_parent
+from sequences.lua_sandbox import Limits, require_lua
 from sequences.runner import ReturnCode, Run, run
-from sequences.schema import read_sequence, schema_text
+from sequences.schema import read_file, read_sequence, schema_text
 
 TOKEN_VARIABLE = "COBOT_MOTION_TOKEN"
 RETURN_CODES = (
@@ -26,8 +27,16 @@ def main() -> int:
     """The exit status."""
     parser = argparse.ArgumentParser(prog="python -m sequences", description=__doc__, epilog=RETURN_CODES)
     commands = parser.add_subparsers(dest="command", required=True)
-    runner = commands.add_parser("run", help="run a sequence file", epilog=RETURN_CODES)
+    runner = commands.add_parser("run", help="run a sequence file or a Lua program", epilog=RETURN_CODES)
     runner.add_argument("file", type=Path, help="- for standard input")
+    runner.add_argument("--lua", action="store_true", help="it is a Lua program, as one named *.lua is")
+    runner.add_argument("--memory", type=_count, default=64, help="of a Lua program, MiB (%(default)s)")
+    runner.add_argument(
+        "--instructions",
+        type=_instructions,
+        default=Limits().instructions,
+        help="that a Lua program may execute without waiting for anything, 0 for any number (%(default)s)",
+    )
     runner.add_argument("--url", default=DEFAULT_URL, help="of the service (%(default)s)")
     runner.add_argument("--iterations", type=_count, default=1, help="how often (%(default)s)")
     runner.add_argument("--delay", type=_seconds, default=0.0, help="between iterations, s (%(default)s)")
@@ -40,7 +49,8 @@ def main() -> int:
     runner.add_argument("--bag", type=Path, help="record to this rosbag2, which must not exist")
     runner.add_argument("--topics", default="", help="to record, comma separated; all without it")
     runner.add_argument("--progress-fd", type=int, help=argparse.SUPPRESS)
-    checker = commands.add_parser("check", help="validate a sequence file")
+    runner.add_argument("--name", help=argparse.SUPPRESS)  # of the file that comes as standard input
+    checker = commands.add_parser("check", help="validate a sequence file, or the syntax of a Lua program")
     checker.add_argument("file", type=Path)
     commands.add_parser("schema", help="print the JSON schema of sequence files")
     arguments = parser.parse_args()
@@ -59,6 +69,10 @@ def _count(argument: str) -> int:
     raise argparse.ArgumentTypeError(f"{argument!r} is no number from 1 up")
 
 
+def _instructions(argument: str) -> int:
+    return 0 if argument == "0" else _count(argument)
+
+
 def _seconds(argument: str) -> float:
     value = float(argument)
     if math.isfinite(value) and value >= 0.0:
@@ -70,9 +84,13 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.progress_fd is not None:  # the service has started it, and it ends with the service
         die_with_parent(signal.SIGTERM)
         be(Niceness.ORDINARY)
-    return run(
+    name = arguments.name or arguments.file.name
+    lua = arguments.lua or name.endswith(".lua")
+    status = run(
         Run(
             arguments.file,
+            name,
+            Limits(arguments.memory << 20, arguments.instructions) if lua else None,
             arguments.url,
             arguments.iterations,
             arguments.delay,
@@ -83,10 +101,17 @@ def _run(arguments: argparse.Namespace) -> int:
             arguments.progress_fd,
         )
     )
+    if lua:  # a program that is stuck inside a function of Lua's own still has its thread
+        sys.stdout.flush()
+        os._exit(status)
+    return status
 
 
 def _check(file: Path) -> int:
     try:
+        if file.suffix == ".lua":
+            require_lua(read_file(file), file.name)
+            return ReturnCode.DONE
         sequence = read_sequence(file)
     except InputError as exc:
         print(f"{file}: {exc}", file=sys.stderr)

@@ -7,16 +7,20 @@ import os
 import signal
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from enum import IntEnum
+from functools import partial
 from pathlib import Path
 from types import FrameType
 
 from cobot.client import Client
 from cobot.errors import CobotError, InputError, UnavailableError
+from sequences.lua_program import Program
+from sequences.lua_sandbox import Limits, run_apart
 from sequences.recorder import Recorder, parse_topics
-from sequences.schema import AnyTarget, JointTarget, NamedTarget, Sequence, read_sequence
+from sequences.schema import AnyTarget, JointTarget, NamedTarget, Sequence, read_file, read_sequence
 
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
@@ -43,11 +47,15 @@ class Run:
     """What to do.
 
     Attributes:
+        name: of the file, for messages.
+        lua: None for a sequence file; the limits of a Lua program.
         token: of the service's, so that it knows the sequence's own requests; None when started by hand.
         progress: descriptor to which each step is reported as a line of JSON, None for nowhere.
     """
 
     file: Path
+    name: str
+    lua: Limits | None
     url: str
     iterations: int
     delay_s: float
@@ -64,14 +72,18 @@ def run(order: Run) -> int:
         signal.signal(number, _end)
     recorder: Recorder | None = None
     try:
-        sequence = read_sequence(order.file)
+        source = read_file(order.file) if order.lua else b""
+        sequence = None if order.lua else read_sequence(order.file)
         topics = parse_topics(order.topics)
         if order.bag is not None:
             recorder = Recorder(order.bag, topics, order.url)
             recorder.start()
             log(f"recording {', '.join(topics)} to {order.bag}")
         with Client(order.url, motion_timeout_s=order.motion_timeout_s, token=order.token) as client:
-            _iterate(order, sequence, client, recorder)
+            if sequence is None:
+                _iterate_program(order, source, client, recorder)
+            else:
+                _iterate(order, sequence, client, recorder)
     except Ended as exc:
         log(f"ended by {exc}")
         return 128 + exc.number
@@ -113,10 +125,7 @@ def _iterate(order: Run, sequence: Sequence, client: Client, recorder: Recorder 
     steps: list[tuple[int, AnyTarget]] = list(enumerate(sequence.waypoints, start=1))
     if sequence.home is not None:
         steps.insert(0, (0, sequence.home))
-    for iteration in range(1, order.iterations + 1):
-        if iteration > 1:
-            log(f"waiting {order.delay_s:g} s")
-            time.sleep(order.delay_s)
+    for iteration in _iterations(order):
         for waypoint, target in steps:
             place = {
                 "iteration": iteration,
@@ -125,6 +134,28 @@ def _iterate(order: Run, sequence: Sequence, client: Client, recorder: Recorder 
                 "n_waypoints": len(sequence.waypoints),
             }
             _step(order, client, recorder, place, target)
+
+
+def _iterations(order: Run) -> Iterator[int]:
+    for iteration in range(1, order.iterations + 1):
+        if iteration > 1:
+            log(f"waiting {order.delay_s:g} s")
+            time.sleep(order.delay_s)
+        yield iteration
+
+
+def _iterate_program(order: Run, source: bytes, client: Client, recorder: Recorder | None) -> None:
+    assert order.lua is not None
+    for iteration in _iterations(order):
+        place = {"iteration": iteration, "n_iterations": order.iterations, "waypoint": 0, "n_waypoints": 0}
+        _report(order.progress, place)
+
+        def moved(event: dict[str, object], place: dict[str, int] = place) -> None:
+            if recorder is not None:
+                recorder.event({**event, **place})
+
+        program = Program(client, order.url, order.lua, log, moved)
+        run_apart(partial(program.run, source, order.name), program.watch)
 
 
 def _step(

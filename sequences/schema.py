@@ -85,16 +85,28 @@ class Sequence(StrictModel):
     waypoints: list[AnyTarget] = Field(min_length=1, max_length=100_000)
 
 
+def read_file(path: Path) -> bytes:
+    """The bytes of a file; "-" is standard input.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    try:
+        return sys.stdin.buffer.read() if str(path) == "-" else path.read_bytes()
+    except OSError as exc:
+        raise InputError(f"cannot be read: {exc}") from exc
+
+
 def read_sequence(path: Path) -> Sequence:
     """Read and validate a sequence file; "-" is standard input.
 
     Raises:
         InputError: naming each place, what stands there and what is valid.
     """
+    raw = read_file(path)
     try:
-        raw = sys.stdin.buffer.read() if str(path) == "-" else path.read_bytes()
         content = json.loads(raw.decode("utf-8-sig"), object_pairs_hook=without_repetition)
-    except (OSError, UnicodeDecodeError) as exc:
+    except UnicodeDecodeError as exc:
         raise InputError(f"cannot be read: {exc}") from exc
     except ValueError as exc:  # JSONDecodeError, and Python's refusal of integers without end
         raise InputError(f"not valid JSON: {exc}") from exc

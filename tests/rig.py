@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 
+import mujoco
 import numpy as np
 from running import unique_name
 
@@ -200,6 +201,15 @@ class Rig:
         """A stop, or an e-stop."""
         self.memory.requests.data[what] += 1
         self.memory.requests.publish()
+
+    def floor_force(self) -> float:
+        """What presses on anything in the simulation, as MuJoCo computes it, N."""
+        model, data = self.simulation._model, self.simulation._data
+        total, one = 0.0, np.zeros(6)
+        for index in range(data.ncon):
+            mujoco.mj_contactForce(model, data, index, one)
+            total += one[0]
+        return total
 
     def rates(self) -> tuple[Array, Array, Array]:
         """Velocity, acceleration and jerk of all that was commanded, as shares of the limits, (n, dof)."""

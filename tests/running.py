@@ -39,14 +39,17 @@ def until(condition: Callable[[], Any], what: Callable[[], str] = str) -> Any:
 class Run:
     """One `cobot run` with a robot name, a port and folders of its own."""
 
-    def __init__(self, folder: Path, clock: str = "fast") -> None:
+    def __init__(self, folder: Path, clock: str = "fast", ros_domain: int | None = None) -> None:
+        """With a ROS domain it is on ROS 2 too, which takes the start a second."""
         self.name = robot = unique_name()
         self.memory = Path("/dev/shm") / f"cobot-{robot}"
         self.config = folder / f"{robot}.yaml"
         self.config.write_text(
-            f"robot: {{name: {robot}}}\nlogs: logs\nsequences: {{recordings: recordings}}\n"
+            f"robot: {{name: {robot}}}\nlogs: logs\n"
+            "sequences: {recordings: recordings, programs: programs}\n"
             f"rt: {{trajectory_capacity: 200000, clock: {clock}}}\n"
-            "web: {port: 0}\nplanning: {workers: 1}\n",
+            "web: {port: 0}\nplanning: {workers: 1}\n"
+            f"ros: {{enabled: {str(ros_domain is not None).lower()}, domain_id: {ros_domain or 0}}}\n",
             encoding="utf-8",
         )
         self.lines: list[str] = []

@@ -13,9 +13,9 @@ from websockets.sync.client import ClientConnection, connect
 class StreamClient:
     """One connection; states that come in between are skipped when an answer is waited for."""
 
-    def __init__(self, url: str, **options: Any) -> None:
+    def __init__(self, url: str, path: str = "/robot/stream", **options: Any) -> None:
         self.socket: ClientConnection = connect(
-            f"ws{url.removeprefix('http')}/robot/stream",
+            f"ws{url.removeprefix('http')}{path}",
             proxy=None,
             compression=None,
             close_timeout=0.5,

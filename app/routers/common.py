@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import asdict
 
 from fastapi import APIRouter, Request
 
-from app.dependencies import Call
+from app.dependencies import Call, addressed
 from app.schemas import HealthAnswer, StopAnswer
+from app.services.stopping import together
 
 router = APIRouter(tags=["common"])
 
@@ -16,15 +18,23 @@ router = APIRouter(tags=["common"])
 async def stop(request: Request) -> StopAnswer:
     """End the sequence, the planning and the motion: the arm comes to rest on its path.
 
+    Without the name of a robot it stops all of them, and tells of all of them.
+
     Takes no body, asks for no ownership, and may be repeated. It is no emergency stop: it neither
     removes power nor replaces the robot's own safety system.
     """
     call = Call(request)
-    return StopAnswer.model_validate(asdict(await call.services.stopping.stop(call.timeout_s)))
+    robots = addressed(request)
+    stopped = await asyncio.gather(*(each.stopping.stop(call.timeout_s) for each in robots.values()))
+    return StopAnswer.model_validate(asdict(together(dict(zip(robots, stopped, strict=True)))))
 
 
 @router.get("/health")
 async def health(request: Request) -> HealthAnswer:
-    """Processes, cycle times, interventions of the safety layer, versions."""
-    call = Call(request)
-    return HealthAnswer.model_validate(asdict(call.services.health.health()))
+    """Processes, cycle times, interventions of the safety layer, versions.
+
+    Without the name of a robot, `robots` tells how each of them is; all else is of the default robot.
+    """
+    robots = {name: asdict(services.health.health()) for name, services in addressed(request).items()}
+    first = next(iter(robots.values()))
+    return HealthAnswer.model_validate({**first, "robots": robots})

@@ -1,4 +1,4 @@
-"""Sequences of motions, run by a process of their own."""
+"""Sequences of motions, and Lua programs, run by a process of their own."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ Text = Annotated[str, Form(max_length=1000, pattern=r"^[^\x00]*$")]  # no comman
 @router.post("/start", responses=responses(409, 413, 415, 422, 503), dependencies=[Depends(form_body)])
 async def start_sequence(
     request: Request,
-    config: Annotated[UploadFile, File(description="The sequence, JSON; see docs/api.md for its schema.")],
+    config: Annotated[
+        UploadFile, File(description="JSON, see docs/api.md; *.lua: a program, see docs/lua.md.")
+    ],
     n_iterations: Annotated[int, Form(ge=1, le=1_000_000)] = 3,
     delay_between_iterations: Annotated[float, Form(ge=0.0, le=86400.0, allow_inf_nan=False)] = 5.0,
     bag_path: Text = "",
@@ -27,7 +29,7 @@ async def start_sequence(
     joints_action: Text = "cobot/move_to_joints",
     pose_action: Text = "cobot/move_to_pose",
 ) -> StartedAnswer:
-    """Start a sequence; answers when its process runs. Only one at a time."""
+    """Start a sequence or a Lua program; answers when its process runs. Only one at a time."""
     call = Call(request)
     order = SequenceOrder(
         await config.read(),
@@ -37,6 +39,7 @@ async def start_sequence(
         topics,
         joints_action,
         pose_action,
+        name=config.filename or "",
     )
     status = await call.services.sequences.start(order, call.stops)
     assert status.sequence_id is not None

@@ -5,16 +5,15 @@ from __future__ import annotations
 import asyncio
 import json
 from collections import deque
-from typing import Any, cast
+from typing import Any
 from urllib.parse import urlsplit
 
 import numpy as np
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 from fastapi.responses import JSONResponse
 
-from app.dependencies import decoded
+from app.dependencies import decoded, services_of
 from app.errors import status_of
-from app.services import Services
 from app.services.streams import Session, StreamService
 from app.services.ticker import Ticker
 from app.stream_frames import (
@@ -43,10 +42,10 @@ router = APIRouter()
 @router.websocket(wire.PATH)
 async def stream(socket: WebSocket) -> None:
     """See docs/api.md."""
-    services = cast(Services, socket.app.state.services)
     timeout_s = float(socket.app.state.endpoints[f"WS {wire.PATH}"].timeout_s)
     try:
-        _require_own_page(socket)
+        services = services_of(socket)
+        require_own_page(socket)
         with services.streams.connection():
             await Connection(socket, services.streams, timeout_s).serve()
     except CobotError as exc:  # before it was accepted
@@ -207,7 +206,7 @@ class Connection:
 
     async def _open(self, wish: np.ndarray) -> None:
         client = self._socket.client
-        name = f"WS {wire.PATH}" + (f" from {client.host}:{client.port}" if client else "")
+        name = f"WS {self._socket.url.path}" + (f" from {client.host}:{client.port}" if client else "")
         session = self._session = await self._streams.open(wish, name, self._timeout_s)
         self._answer("session", number=session.number)
         session.ended.add_done_callback(
@@ -215,7 +214,7 @@ class Connection:
         )
 
 
-def _require_own_page(socket: WebSocket) -> None:
+def require_own_page(socket: WebSocket) -> None:
     """Browsers let any page that somebody looks at open a WebSocket to anywhere; this service's own may.
 
     Raises:

@@ -13,6 +13,7 @@ import numpy as np
 from websockets.exceptions import InvalidStatus, WebSocketException
 from websockets.sync.client import ClientConnection, connect
 
+from cobot.addresses import path_at
 from cobot.client import ERRORS
 from cobot.errors import CobotError, InputError, LayoutError, UnavailableError
 from cobot.layout import LAYOUT_VERSION, info_dtype
@@ -34,7 +35,7 @@ class WebSocketTransport:
     Targets are not answered: an error in one is raised by the next call that sends one.
 
     Args:
-        url: of the robot's service: http://HOST:PORT.
+        url: of the robot's service: http://HOST:PORT, or http://HOST:PORT/robots/NAME for one of several.
 
     Raises:
         UnavailableError: nobody answers there, or rtloop does not.
@@ -175,7 +176,7 @@ def _open(url: str) -> ClientConnection:
     try:
         # proxy: a robot's motions do not go through the one that the environment has for the web.
         return connect(
-            "ws" + url.removeprefix("http") + PATH,
+            "ws" + url.removeprefix("http") + path_at(url, PATH),
             proxy=None,
             compression=None,  # it costs more time than floats of ours get shorter
             open_timeout=CONNECT_S,

@@ -55,7 +55,8 @@ class Robot(SessionSettings):
     Every method has a name in snake_case; those that a libpyflexiv script calls have that name too.
 
     Args:
-        serial_number: the robot's name (`robot.name` in its settings), or http://HOST:PORT.
+        serial_number: the robot's name (`robot.name` in its settings), or http://HOST:PORT, for one of
+            several http://HOST:PORT/robots/NAME.
         network_whitelist: accepted; the operating system chooses the way.
         connect_retries: how often to try again when there is no such robot yet.
         retry_interval_sec: between tries.

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 
 import numpy as np
 
-from cobot.layout import Ack
+from cobot.layout import POINTS, Ack
 from cobot.shm import RobotMemory, Role, text
 
 
@@ -66,6 +67,50 @@ class StreamWriter:
         self._memory.session.data["open"] = 0
         self._memory.session.publish()
 
+    def finish(self) -> None:
+        """Have a servo session end after the points that it has, or soon."""
+        self._memory.session.data["open"] = 2
+        self._memory.session.publish()
+
     def release(self) -> None:
         """Let somebody else stream."""
         self._memory.release(Role.STREAM)
+
+
+class PointWriter:
+    """Puts the points of servo sessions into the ring. Waits for nothing.
+
+    Args:
+        memory: of a process that has `Role.STREAM` while it writes.
+    """
+
+    def __init__(self, memory: RobotMemory) -> None:
+        self._memory = memory
+        self._session = self._seen = self.number = 0
+
+    def begin(self, session: int) -> None:
+        """Points are of this session from now on; a state shows it already."""
+        self._session, self._seen, self.number = session, 0, 0
+
+    def put(self, joints: Sequence[float], time_s: float, lookahead_s: float, gain: float) -> bool:
+        """One more point, rad and s; False if rtloop has not read enough yet to make room for it."""
+        if self.number - self._seen >= POINTS:
+            self._look()
+            if self.number - self._seen >= POINTS:
+                return False
+        memory, number = self._memory, self.number + 1
+        block = memory.points[number % POINTS]
+        point = block.data
+        point["number"], point["time_s"] = number, time_s
+        point["lookahead_s"], point["gain"], point["joints"] = lookahead_s, gain, joints
+        block.publish()
+        memory.point_head.data["session"], memory.point_head.data["number"] = self._session, number
+        memory.point_head.publish()
+        self.number = number
+        return True
+
+    def _look(self) -> None:
+        """How far rtloop has read."""
+        state = self._memory.state
+        if state.try_read() and int(state.data["session"]) == self._session:
+            self._seen = int(state.data["point_seen"])

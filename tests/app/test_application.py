@@ -48,7 +48,20 @@ def without(settings: Settings, folder: Path, *endpoints: str) -> FastAPI:
 def test_the_schema_has_exactly_the_configured_endpoints(schema: dict[str, Any]) -> None:
     configured = yaml.safe_load((CONFIG / "api_endpoints.yaml").read_text(encoding="utf-8"))["endpoints"]
     found = {f"{method.upper()} {path}" for path, methods in schema["paths"].items() for method in methods}
-    assert found == {name for name in configured if not name.startswith("WS ")}  # OpenAPI knows no WebSockets
+    plain = {name for name in found if "{robot}" not in name}
+    # OpenAPI knows no WebSockets, and each vendor service has a path of its own
+    assert plain == {name for name in configured if not name.startswith("WS ") and "{" not in name}
+
+
+def test_every_endpoint_but_the_list_of_robots_is_there_for_a_robot_by_name(schema: dict[str, Any]) -> None:
+    plain = [path for path in schema["paths"] if not path.startswith("/robots")]
+    named = {path for path in schema["paths"] if path.startswith("/robots/{robot}/")}
+    assert named == {f"/robots/{{robot}}{re.sub('^/robot/', '/', path)}" for path in plain if "{" not in path}
+    for path in named:
+        for operation in schema["paths"][path].values():
+            (name,) = [each for each in operation["parameters"] if each["in"] == "path"]
+            assert name["schema"]["enum"] == ["iiwa"]
+            assert "404" in operation["responses"]
 
 
 def test_the_limits_of_the_file_stand_in_the_schema(schema: dict[str, Any]) -> None:
@@ -72,14 +85,17 @@ def test_an_endpoint_that_is_switched_off_is_not_there(settings: Settings, tmp_p
     app = without(settings, tmp_path, "POST /robot/move/pose", "GET /trajectory/logs")
     assert "/robot/move/pose" not in app.openapi()["paths"]
     assert "/robot/move/joints" in app.openapi()["paths"]
-    answer = ask(app, "POST", "/robot/move/pose")
-    assert (answer.status_code, answer.json()["code"]) == (404, "not_found")
+    assert "/robots/{robot}/move/pose" not in app.openapi()["paths"]
+    for path in ("/robot/move/pose", "/robots/iiwa/move/pose"):
+        answer = ask(app, "POST", path)
+        assert (answer.status_code, answer.json()["code"]) == (404, "not_found")
 
 
 def test_a_schema_of_nothing_but_the_stop_is_a_schema(settings: Settings, tmp_path: Path) -> None:
     everything = yaml.safe_load((CONFIG / "api_endpoints.yaml").read_text(encoding="utf-8"))["endpoints"]
     everything.pop("POST /stop")
-    assert list(without(settings, tmp_path, *everything).openapi()["paths"]) == ["/stop"]
+    paths = list(without(settings, tmp_path, *everything).openapi()["paths"])
+    assert paths == ["/stop", "/robots/{robot}/stop"]
 
 
 def test_the_documentation_needs_nobody_else(settings: Settings) -> None:

@@ -10,6 +10,7 @@ import pytest
 from second_opinion import LIMITS, MJCF, SRDF
 
 from cobot.cli import main
+from cobot.config import ENDPOINTS
 
 IN_THE_FLOOR = (0.0, 1.9, 0.0, -0.2, 0.0, 0.0, 0.0)
 
@@ -42,10 +43,10 @@ def test_the_shipped_configuration_is_good(capsys: pytest.CaptureFixture[str]) -
     assert all(line.startswith("ok ") for line in lines)
     items = [line.removeprefix("ok").strip() for line in lines]
     assert [item.partition(":")[0] for item in items] == [
-        *("endpoints", "address", "core", "logs", "recordings", "robot", "backend"),
+        *("endpoints", "address", "logs", "recordings", "core", "robot", "backend"),
         *("position home", "position work", "position transport"),
     ]
-    assert "endpoints: 16 in" in lines[0]
+    assert f"endpoints: {len(ENDPOINTS)} in" in lines[0]
     assert "address: 127.0.0.1 port 8007" in lines[1]
     assert "robot: 7 joints" in lines[5]
     assert re.search(r"position home: .* TCP at x 0\.400 y -?0\.000 z 0\.654 m in base_link", lines[7])
@@ -170,6 +171,18 @@ def test_files_beside_the_settings_are_found_from_there(
     text = f"robot: {{model: {MJCF.name}, srdf: {SRDF.name}}}\nweb: {{joint_limits: {LIMITS.name}}}\n"
     assert main(config(tmp_path, text)) == 0
     assert str(tmp_path / MJCF.name) in capsys.readouterr().out
+
+
+def test_each_of_several_robots_is_checked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = "robots: [{name: a}, {name: b, start_position: nowhere}, {name: c, backend: 'no.such:Arm'}]"
+    assert main(config(tmp_path, text)) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert "ok      a: backend: mujoco" in lines
+    assert sum(line.startswith("ok      a: position ") for line in lines) == 3
+    failed = [line for line in lines if line.startswith("FAILED")]
+    assert len(failed) == 2
+    assert failed[0].startswith("FAILED  b: robot: robot.start_position: 'nowhere' is not in")
+    assert failed[1].startswith("FAILED  c: backend: rt.backend: cannot load 'no.such:Arm'")
 
 
 def test_help_names_both_commands_and_the_page_to_open(capsys: pytest.CaptureFixture[str]) -> None:

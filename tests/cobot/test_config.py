@@ -87,6 +87,93 @@ def test_a_mistake_is_named_with_its_place_and_what_is_valid(
     assert sentence in str(caught.value)
 
 
+SEVERAL = """
+rt: {clock: fast, backend: mujoco}
+robots:
+  - {name: left}
+  - name: right
+    start_position: work
+    backend: package.module:Arm
+    joint_limits: slow.yaml
+    model: arm.xml
+    rt: {cpu: 1}
+    planning: {workers: 1}
+    streaming: {linear_velocity: 0.1}
+"""
+
+
+def test_each_of_several_robots_has_all_settings_and_only_its_own_differ(tmp_path: Path) -> None:
+    settings = load_settings(write(tmp_path, SEVERAL))
+    assert list(settings.each) == ["left", "right"]
+    left, right = settings.each.values()
+    assert settings.of(None).robot == settings.robot == left.robot
+    assert (left.rt.clock, left.rt.backend, left.rt.cpu) == ("fast", "mujoco", None)
+    assert (right.rt.clock, right.rt.backend, right.rt.cpu) == ("fast", "package.module:Arm", 1)
+    assert (left.robot.start_position, right.robot.start_position) == ("home", "work")
+    assert (right.robot.model, right.web.joint_limits) == (tmp_path / "arm.xml", tmp_path / "slow.yaml")
+    assert (left.planning.workers, right.planning.workers) == (2, 1)
+    assert (left.streaming.linear_velocity, right.streaming.linear_velocity) == (0.5, 0.1)
+    assert left.web.model_copy(update={"joint_limits": right.web.joint_limits}) == right.web
+    assert settings.of("right") is right
+    with pytest.raises(ConfigError, match="there is no robot 'middle'; valid are: left, right"):
+        settings.of("middle")
+
+
+def test_a_robot_section_alone_is_one_robot(tmp_path: Path) -> None:
+    settings = load_settings(write(tmp_path, "robot: {name: arm}"))
+    assert list(settings.each) == ["arm"]
+    assert settings.of("arm") is settings
+
+
+def test_the_robot_section_says_what_is_the_same_for_all(tmp_path: Path) -> None:
+    text = "robot: {name: unused, tcp: tool}\nrobots: [{name: a}, {name: b, tcp: tcp}]"
+    assert {name: each.robot.tcp for name, each in load_settings(write(tmp_path, text)).each.items()} == {
+        "a": "tool",
+        "b": "tcp",
+    }
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("robots: []", "robots: must be a list of one robot or more, got []"),
+        ("robots:", "robots: must be a list of one robot or more, got None"),
+        ("robots: {name: a}", "robots: must be a list of one robot or more, got {"),
+        ("robots: [a, b]", "robots[0]: must be a mapping with a name, got 'a'"),
+        ("robots: [{name: a}, {model: x.xml}]", "robots[1]: must be a mapping with a name, got {"),
+        (
+            "robots: [{name: a}, {name: b}, {name: a}]",
+            "robots[2]: the name 'a' is that of robots[0] already",
+        ),
+        (
+            "robots: [{name: a, modle: x.xml}]",
+            "robots[0]: unknown key 'modle' (did you mean 'model'?); valid are: name, model, srdf, group,",
+        ),
+        ("robots: [{name: a, web: {port: 1}}]", "robots[0]: unknown key 'web'"),
+        ("robots: [{name: a, 7: x}]", "robots[0]: unknown key '7'"),
+        ("robots: [{name: a}, {name: ../b}]", "robots[1]: robot.name: "),
+        ("robots: [{name: 7}]", "robots[0]: robot.name: input should be a valid string, got 7"),
+        ("robots: [{name: a, rt: {cup: 1}}]", "robots[0]: rt: unknown key 'cup' (did you mean 'cpu'?)"),
+        ("robots: [{name: a, rt: 5}]", "robots[0]: rt: "),
+        (
+            "robots: [{name: a, backend: x, rt: {backend: y}}]",
+            "robots[0]: backend: stands beside rt: {'backend': 'y'}",
+        ),
+        ("robots: [{name: a, joint_limits: 7}]", "robots[0]: web.joint_limits: must be a path, got 7"),
+        ("robots: [{name: a, name: b}]", "'name' stands twice"),
+        ("robtos: [{name: a}]", "unknown key 'robtos' (did you mean 'robots'?)"),
+    ],
+)
+def test_a_mistake_in_the_list_of_robots_is_named_with_its_place(
+    tmp_path: Path, text: str, sentence: str
+) -> None:
+    path = write(tmp_path, text)
+    with pytest.raises(ConfigError) as caught:
+        load_settings(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert sentence in str(caught.value)
+
+
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"nowhere\.yaml: no such file"):
         load_settings(tmp_path / "nowhere.yaml")

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from running import unique_name
 
 from cobot.errors import ConflictError, InputError, LayoutError, SharedMemoryError, UnavailableError
-from cobot.layout import LAYOUT_VERSION, RING
+from cobot.layout import LAYOUT_VERSION, POINTS, RING
 from cobot.seqlock import Block
 from cobot.shm import RobotMemory, Role, encoded
 from cobot.trajectory import from_hermite
@@ -106,10 +106,10 @@ def test_no_two_blocks_share_a_cache_line(robot: str) -> None:
     """libpyflexiv's suite CacheLineAlign; 64 bytes on every computer that this runs on."""
     memory = create(robot)
     blocks = [value for value in vars(memory).values() if isinstance(value, Block)]
-    blocks += [*memory.acks, *memory.commands]
+    blocks += [*memory.acks, *memory.commands, *memory.points]
     whole = np.frombuffer(memory._map, np.uint8).ctypes.data
     offsets = [np.frombuffer(block._head, np.uint8).ctypes.data - whole for block in blocks]
-    assert len(blocks) == 2 * RING + 11
+    assert len(blocks) == 2 * RING + 12 + POINTS
     assert all(offset % 64 == 0 for offset in offsets)
     assert len(set(offsets)) == len(offsets)
 

@@ -21,19 +21,34 @@ CHECKS = (
 )
 
 
-def test_schemathesis_finds_no_server_error_and_no_undocumented_answer(shared: Run, tmp_path: Path) -> None:
+VENDOR_SERVICES = r"^/\{robot\}/"
+WAITING = ("Serial", "Socket")
+"""Classes whose reads wait for their time to be up."""
+
+
+def fuzzed(service: Run, folder: Path, *options: str) -> None:
     result = subprocess.run(
         [
-            *(sys.executable, "-m", "schemathesis.cli", "run", f"{shared.url}/openapi.json"),
-            *("--checks", ",".join(CHECKS)),
-            *("--phases", "examples,coverage,fuzzing", "--max-examples", "25", "--seed", "8007"),
-            *("--request-timeout", "30", "--no-color", "--workers", "2"),
+            *(sys.executable, "-m", "schemathesis.cli", "run", f"{service.url}/openapi.json"),
+            *("--checks", ",".join(CHECKS), "--seed", "8007", "--request-timeout", "30", "--no-color"),
+            *options,
         ],
         capture_output=True,
         text=True,
         timeout=280,
         check=False,
-        cwd=tmp_path,  # where it leaves what it has found
+        cwd=folder,  # where it leaves what it has found
     )
     assert result.returncode == 0, result.stdout[-6000:] + result.stderr[-2000:]
     assert re.search(r"\d+ passed", result.stdout)
+
+
+def test_schemathesis_finds_no_server_error_and_no_undocumented_answer(shared: Run, tmp_path: Path) -> None:
+    phases = ("--phases", "examples,coverage,fuzzing", "--max-examples", "25", "--workers", "2")
+    fuzzed(shared, tmp_path, *phases, "--exclude-path-regex", VENDOR_SERVICES)
+
+
+def test_schemathesis_finds_none_in_the_vendor_services_either(run: Run, tmp_path: Path) -> None:
+    tags = [word for tag in WAITING for word in ("--exclude-tag", tag)]
+    phases = ("--phases", "examples,fuzzing", "--max-examples", "3")
+    fuzzed(run, tmp_path, *phases, "--include-path-regex", VENDOR_SERVICES, *tags)

@@ -1,0 +1,230 @@
+"""ROS 2 over DDS: what a node on Fast DDS, the library under rmw_fastrtps, gets from a running cobot."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import random
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import psutil
+import rtps_peer
+from node_rig import own_domain
+from ros_peer import Client, Peer, until
+from running import Run
+
+from app.vendor.interfaces import interface_definitions
+from benchmarks.service import reader
+from benchmarks.table import Row, percentiles, row
+from cobot.ros.messages import Messages
+from ros2.names import ENCLAVE
+from ros2.rtps import Participant, Qos
+
+JOINT_STATES = "sensor_msgs/msg/JointState"
+BYTES = 292
+"""Of a JointState of seven joints."""
+POINT_PERIOD_S = 0.002
+SWING_RAD = 0.01
+LOSSES = (0.1, 0.3)
+
+
+class Ros:
+    """A running cobot on a domain of its own, and a node on Fast DDS beside it."""
+
+    def __init__(self, run: Run, domain: int, peer: Peer) -> None:
+        self.run, self.domain, self.peer = run, domain, peer
+
+    def client(self, method: str, type_: str) -> Client:
+        return self.peer.client(f"/{self.run.name}/{method}", type_).until_ready()
+
+    def call(self, method: str, **request: Any) -> Any:
+        """What a vendor service answers, over HTTP."""
+        answer = httpx.post(f"{self.run.url}/{self.run.name}/{method}", json=request, timeout=60.0).json()
+        if answer["code"]:
+            raise RuntimeError(f"{method}: {answer['message']}")
+        return answer["result"]
+
+
+@contextmanager
+def ros() -> Iterator[Ros]:
+    with own_domain() as domain, tempfile.TemporaryDirectory(prefix="cobot-bench-") as folder:
+        run = Run(Path(folder), "realtime", ros_domain=domain)
+        try:
+            run.until(run.healthy)
+            with Peer(domain, Messages(interface_definitions())) as peer:
+                yield Ros(run, domain, peer)
+        finally:
+            run.end()
+
+
+def dds(seconds: float, calls: int, points: int) -> Iterator[Row]:
+    """Joint states, services, servo points, a long trajectory, and lost packets."""
+    with ros() as running:
+        for rate_hz in (200, 1000):
+            yield from _joint_states(running, rate_hz, seconds)
+        yield _round_trips(running, calls)
+        yield _points(running, points)
+        yield _long_trajectory(running)
+    for share in LOSSES:
+        yield _losses(share, points // 50)
+
+
+def _joint_states(running: Ros, rate_hz: int, seconds: float) -> Iterator[Row]:
+    """How old a measurement is when it arrives; between two Fast DDS nodes: how long a message takes."""
+    value = {"type": 3, "double_value": float(rate_hz)}
+    parameter = {"name": "joint_states_rate_hz", "value": value}
+    setter = running.peer.client("/cobot/set_parameters", "rcl_interfaces/srv/SetParameters").until_ready()
+    setter.call({"parameters": [parameter]})
+    states = running.peer.subscription(f"/{running.run.name}/joint_states", JOINT_STATES, depth=1000)
+    states.until_matched()
+    process = running.run.child("ros2")
+    assert process is not None
+    used, begun_s = process.cpu_times(), time.monotonic()
+    time.sleep(seconds)
+    took_s = time.monotonic() - begun_s
+    spent = process.cpu_times()
+    ages_ms = 1e3 * np.array(states.ages_s())
+    states.close()
+    core = 100.0 * (spent.user + spent.system - used.user - used.system) / took_s
+    with rtps_peer.running(running.domain) as sender, rtps_peer.running(running.domain) as receiver:
+        floor = rtps_peer.delays_s(sender, receiver, int(rate_hz * seconds), BYTES, 1.0 / rate_hz)
+    yield row(
+        f"joint_states at {rate_hz} Hz to a Fast DDS node: age on arrival; {len(ages_ms) / took_s:.0f} Hz, "
+        f"{core:.1f} % of a core",
+        "ms",
+        percentiles(ages_ms),
+        "Fast DDS to Fast DDS, a message of that size",
+        tuple(1e3 * delay for delay in floor),
+        columns=("p50", "p99", "largest"),
+    )
+
+
+def _round_trips(running: Ros, calls: int) -> Row:
+    client = running.client("RobotConfig/getDof", "aubo_interfaces/srv/GetDof")
+    url = f"{running.run.url}/{running.run.name}/RobotConfig/getDof"
+    over_dds, over_http = [], []
+    with httpx.Client() as http:
+        for _ in range(calls):
+            for kind, ask in ((over_dds, client.call), (over_http, lambda: http.post(url, json={}))):
+                begun_ns = time.monotonic_ns()
+                ask()
+                kind.append((time.monotonic_ns() - begun_ns) / 1e6)
+    return row(
+        "service getDof over DDS, there and back", "ms", percentiles(over_dds), "HTTP", percentiles(over_http)
+    )
+
+
+def _points(running: Ros, count: int) -> Row:
+    """A servo session of so many points at 500 Hz: how many of them the arm was moved for."""
+    name = running.run.name
+    publisher = running.peer.publisher(f"/{name}/joint_cmd", "std_msgs/msg/String", depth=1000)
+    publisher.until_matched()
+    home = np.array(running.call("RobotState/getJointPositions"))
+
+    def say(**message: Any) -> None:
+        publisher.publish({"data": json.dumps(message)})
+
+    say(type="servo_control", command="set_mode", mode=3, watchdog_timeout=2.0, send_period=POINT_PERIOD_S)
+    until(lambda: running.call("MotionControl/isServoModeEnabled"), "the session has not begun")
+    begun_s = time.monotonic()
+    for number in range(1, count + 1):
+        phase = 2.0 * np.pi * 0.5 * number * POINT_PERIOD_S
+        position = home + SWING_RAD * np.sin(phase) * (1.0 - np.exp(-0.1 * phase))
+        say(
+            type="servo_point", session_id=1, point_id=number, point_type="joint",
+            position=position.round(6).tolist(), time=POINT_PERIOD_S, lookahead_time=0.1, gain=200,
+        )  # fmt: skip
+        time.sleep(max(0.0, begun_s + number * POINT_PERIOD_S - time.monotonic()))
+    until(lambda: json.loads(running.call("MotionControl/getServoFeedback"))["buffered"] == 0, "points wait")
+    feedback = json.loads(running.call("MotionControl/getServoFeedback"))
+    say(type="servo_control", command="stop")
+    until(lambda: not running.call("MotionControl/isServoModeEnabled"), "the session has not ended")
+    taken, refused = feedback["points_taken"], feedback["points_refused"]
+    return row(
+        f"servo points of {count} sent at 500 Hz over DDS: {feedback['underruns']} underruns",
+        "",
+        (count - taken, feedback["points_received"], refused),
+        "sent",
+        (1, count, 1),
+        columns=("lost", "received", "refused"),
+        ratio_of="received",
+        aim="0 lost",
+    )
+
+
+def _long_trajectory(running: Ros, points: int = 5000) -> Row:
+    """A goal of so many points, from sending it to its acceptance; the same over rosbridge would be JSON."""
+    type_ = "control_msgs/action/FollowJointTrajectory"
+    goal = running.client("follow_joint_trajectory/_action/send_goal", f"{type_}_SendGoal")
+    cancel = running.client("follow_joint_trajectory/_action/cancel_goal", "action_msgs/srv/CancelGoal")
+    state = reader(running.run).state.read()
+    start = np.array(state["commanded_position"])
+    names = [f"joint_{index}" for index in range(1, len(start) + 1)]
+    took_ms, plain_ms = [], []
+    trajectory = {"joint_names": names, "points": []}
+    for index in range(points):
+        time_s = 0.01 * (index + 1)
+        position = start + SWING_RAD * (1.0 - np.cos(0.5 * time_s))
+        seconds, nanoseconds = divmod(round(time_s * 1e9), 10**9)
+        trajectory["points"].append(
+            {"positions": position.tolist(), "time_from_start": {"sec": seconds, "nanosec": nanoseconds}}
+        )
+    for attempt in itertools.count(1):
+        identity = {"uuid": list(attempt.to_bytes(16, "big"))}
+        request = {"goal_id": identity, "goal": {"trajectory": trajectory}}
+        begun_ns = time.monotonic_ns()
+        answer = goal.begin(request)
+        plain_ms.append((time.monotonic_ns() - begun_ns) / 1e6)
+        accepted = answer(60.0)["accepted"]
+        took_ms.append((time.monotonic_ns() - begun_ns) / 1e6 - plain_ms[-1])
+        if not accepted:
+            raise RuntimeError("the goal was refused")
+        cancel.call({"goal_info": {"goal_id": identity}})
+        until(lambda: running.call("RobotState/isSteady"), "the arm moves on")
+        if attempt == 5:
+            break
+    return row(
+        f"FollowJointTrajectory with {points} points, sent to accepted",
+        "ms",
+        percentiles(took_ms),
+        "its serialisation by the client",
+        percentiles(plain_ms),
+    )
+
+
+def _losses(share: float, count: int) -> Row:
+    """Messages of ours to Fast DDS while this share of all packets, both ways, is lost on our side."""
+    dice = random.Random(5)
+    turn = threading.Lock()
+
+    def lost() -> bool:
+        with turn:
+            return dice.random() < share
+
+    delays = {}
+    for name, loss in (("lossy", lost), ("whole", None)):
+        with own_domain() as domain, rtps_peer.running(domain) as peer:
+            ours = Participant(domain, localhost_only=True, user_data=ENCLAVE, loss=loss)
+            try:
+                delays[name], got = rtps_peer.received(ours, peer, Qos(depth=None), count, BYTES, 0.005)
+            finally:
+                ours.close()
+        if name == "lossy":
+            arrived = got
+    return row(
+        f"{count} messages at 200 Hz, {share:.0%} of all packets lost: {count - arrived} lost",
+        "ms",
+        tuple(1e3 * delay for delay in delays["lossy"]),
+        "no packet lost",
+        tuple(1e3 * delay for delay in delays["whole"]),
+        columns=("p50", "p99", "largest"),
+        aim="0 lost",
+    )

@@ -1,0 +1,30 @@
+"""Where a robot is found at the service: by its name, or, without one, the default robot.
+
+What the plain paths are for the default robot, those below /robots/NAME are for any:
+
+    /robot/pose         /robots/NAME/pose
+    /trajectory/send    /robots/NAME/trajectory/send
+    /stop               /robots/NAME/stop, of this robot alone
+"""
+
+from __future__ import annotations
+
+from urllib.parse import quote, urlsplit
+
+ROBOTS = "/robots"
+_PLAIN = "/robot"
+
+
+def address(url: str, robot: str) -> str:
+    """The address of one robot at the service at `url`."""
+    return f"{url.rstrip('/')}{ROBOTS}/{quote(robot, safe='')}"
+
+
+def path_below(plain: str) -> str:
+    """What follows the name of a robot, of a plain path as in api_endpoints.yaml."""
+    return plain.removeprefix(_PLAIN) if plain.startswith(f"{_PLAIN}/") else plain
+
+
+def path_at(url: str, plain: str) -> str:
+    """What follows an address, of a plain path: whether the address is that of a robot or of the service."""
+    return path_below(plain) if f"{ROBOTS}/" in urlsplit(url).path else plain

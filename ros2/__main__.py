@@ -1,0 +1,15 @@
+"""`python -m ros2`: the robots on ROS 2, as `cobot run` starts it."""
+
+from __future__ import annotations
+
+import signal
+import sys
+
+from cobot.process import Niceness, be, die_with_parent
+
+if __name__ == "__main__":
+    die_with_parent(signal.SIGTERM)
+    be(Niceness.PROMPT)
+    from ros2.process import main  # takes a second, in which the supervisor might die unnoticed
+
+    sys.exit(main())

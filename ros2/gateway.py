@@ -1,0 +1,180 @@
+"""Mirrors the hub of the web service to DDS: its services, its actions and its topics, both ways.
+
+What there is comes from the service's topic /cobot/graph, so nothing here knows any of it by name. A service
+of the hub becomes a ROS service, a topic that somebody publishes there is published here, and one that
+somebody listens to there is subscribed here. No message comes back to where it came from: the service sends a
+gateway nothing that it has published itself, and a participant does not hear itself. Actions are services and
+topics.
+
+While the service is away everything stays, and calls answer that it is.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Awaitable, Callable
+from typing import Any, TypeVar
+
+from cobot.errors import CobotError
+from ros2.inbox import Losses
+from ros2.node import Message, Node, Publisher, Service, Subscription
+from ros2.rosbridge import Rosbridge
+
+GRAPH = "/cobot/graph"
+STATUS_OF_ACTIONS = "/_action/status"
+"""Ends the topics that ROS wants latched: who looks later sees the goals as they are."""
+DEPTH = 1000
+CODE_ERROR, CODE_UNAVAILABLE = 1, 50
+"""As in app.vendor.codes."""
+GOAL_ABORTED, CANCEL_REJECTED = 6, 1
+
+Made = TypeVar("Made", Service, Publisher, Subscription)
+
+log = logging.getLogger("cobot.ros2")
+
+
+class Gateway:
+    """Mirrors while `run` runs.
+
+    Args:
+        url: of the service.
+        own: topics that this process publishes itself.
+    """
+
+    def __init__(self, node: Node, url: str, own: set[str]) -> None:
+        self._node = node
+        self._own = own
+        self._services: dict[str, Service] = {}
+        self._out: dict[str, Publisher] = {}
+        self._in: dict[str, Subscription] = {}
+        self.link = Rosbridge(url, self._greet, self._take)
+
+    async def run(self) -> None:
+        await self.link.run()
+
+    def publish(self, topic: str, type_: str, message: Message) -> bool:
+        """Publish on the hub; whether the service is there."""
+        self.link.send({"op": "advertise", "topic": topic, "type": type_})
+        return self.link.send({"op": "publish", "topic": topic, "msg": message})
+
+    def close(self) -> None:
+        for service in self._services.values():
+            service.close()
+        for publisher in self._out.values():
+            publisher.close()
+        for subscription in self._in.values():
+            subscription.close()
+
+    def _greet(self) -> None:
+        """A new connection knows nothing of the one before."""
+        self.link.send({"op": "cobot_gateway"})
+        self.link.send({"op": "subscribe", "topic": GRAPH, "type": "std_msgs/msg/String"})
+        for publisher in self._out.values():
+            self._subscribe(publisher)
+        for subscription in self._in.values():
+            self._advertise(subscription)
+
+    def _take(self, topic: str, message: Message) -> None:
+        if topic == GRAPH:
+            self._mirror(json.loads(message["data"]))
+        elif topic in self._out:
+            try:
+                self._out[topic].publish(message)
+            except CobotError as exc:
+                log.warning("a message on %s cannot be passed on: %s", topic, exc)
+
+    def _mirror(self, graph: dict[str, Any]) -> None:
+        """Have exactly what the hub has."""
+        messages = self._node.messages
+        new = {name: text for name, text in graph["definitions"].items() if name not in messages.definitions}
+        if new:
+            messages.add(new)
+        topics = [topic for topic in graph["topics"] if topic["name"] not in self._own]
+        published = {topic["name"]: topic["type"] for topic in topics if topic["publishers"]}
+        heard = {topic["name"]: topic["type"] for topic in topics if topic["subscribers"]}
+        services = {service["name"]: service["type"] for service in graph["services"]}
+        self._settle(self._services, services, self._offer, lambda gone: None)
+        self._settle(self._out, published, self._publish, self._unsubscribe)
+        self._settle(self._in, heard, self._listen, self._unadvertise)
+
+    def _settle(
+        self,
+        have: dict[str, Made],
+        wanted: dict[str, str],
+        make: Callable[[str, str], Made],
+        leave: Callable[[Made], None],
+    ) -> None:
+        for name in [name for name, made in have.items() if wanted.get(name) != made.type]:
+            gone = have.pop(name)
+            leave(gone)
+            gone.close()
+        for name, type_ in wanted.items():
+            if name not in have:
+                try:
+                    have[name] = make(name, type_)
+                except CobotError as exc:
+                    log.warning("%s cannot be had over ROS 2: %s", name, exc)
+
+    def _offer(self, name: str, type_: str) -> Service:
+        return self._node.service(name, type_, self._caller(name, type_))
+
+    def _publish(self, name: str, type_: str) -> Publisher:
+        made = self._node.publisher(name, type_, depth=DEPTH, latched=name.endswith(STATUS_OF_ACTIONS))
+        self._subscribe(made)
+        return made
+
+    def _listen(self, name: str, type_: str) -> Subscription:
+        losses = Losses(f"what came on {name} while the service was away or too slow")
+
+        def forward(message: Message) -> None:
+            if not self.link.send({"op": "publish", "topic": name, "msg": message}):
+                losses.add()
+
+        made = self._node.subscription(name, type_, forward)
+        self._advertise(made)
+        return made
+
+    def _subscribe(self, publisher: Publisher) -> None:
+        about = {"topic": publisher.topic, "type": publisher.type}
+        self.link.send({"op": "subscribe", **about, "queue_length": DEPTH})
+
+    def _unsubscribe(self, publisher: Publisher) -> None:
+        self.link.send({"op": "unsubscribe", "topic": publisher.topic})
+
+    def _advertise(self, subscription: Subscription) -> None:
+        self.link.send({"op": "advertise", "topic": subscription.topic, "type": subscription.type})
+
+    def _unadvertise(self, subscription: Subscription) -> None:
+        self.link.send({"op": "unadvertise", "topic": subscription.topic})
+
+    def _caller(self, name: str, type_: str) -> Callable[[Message], Awaitable[Message]]:
+        async def call(request: Message) -> Message:
+            try:
+                return await self.link.call(name, request)
+            except CobotError as exc:
+                log.warning("%s: %s", name, exc)
+                code = CODE_UNAVAILABLE if exc.code == "unavailable" else CODE_ERROR
+                return refusal(self._node.messages.default(f"{type_}_Response"), code, str(exc))
+
+        return call
+
+
+def refusal(response: Message, code: int, text: str) -> Message:
+    """A response that says no, in the words that its type has; ROS itself has none.
+
+    Args:
+        response: the defaults of the type: a goal is not accepted by default, for example.
+        code: of a vendor service.
+    """
+    if "code" in response and "message" in response:
+        response |= {"code": code, "message": text}
+        if type(response.get("result")) is int:
+            response["result"] = code
+    elif "status" in response and "result" in response:
+        response["status"] = GOAL_ABORTED
+    elif "return_code" in response:
+        response["return_code"] = CANCEL_REJECTED
+    elif "success" in response and "message" in response:
+        response["message"] = text
+    return response

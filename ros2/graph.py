@@ -1,0 +1,101 @@
+"""What `ros2 node list` and `ros2 node info` read: which endpoints belong to which node.
+
+Each participant tells it in one transient-local sample of rmw_dds_common/msg/ParticipantEntitiesInfo on the
+topic ros_discovery_info. A gid is char[24] in Humble and char[16] from Iron on, so both cannot be served at
+once: the setting `ros.gid_bytes` chooses.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import struct
+from collections.abc import Iterable, Sequence
+
+from ros2.names import NodeName
+from ros2.rtps import Guid, Participant, Qos
+
+TOPIC = "ros_discovery_info"
+TYPE = "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_"
+DELAY_S = 0.02
+"""What changes within this time is told at once."""
+
+
+class Graph:
+    """Tells others the endpoints of one node.
+
+    Args:
+        gid_bytes: 24 for Humble, 16 for Iron and later.
+    """
+
+    def __init__(
+        self, participant: Participant, node: NodeName, gid_bytes: int, loop: asyncio.AbstractEventLoop
+    ) -> None:
+        self._participant = participant
+        self._node = node
+        self._gid_bytes = gid_bytes
+        self._loop = loop
+        self._readers: dict[Guid, None] = {}
+        self._writers: dict[Guid, None] = {}
+        self._telling: asyncio.TimerHandle | None = None
+        self._writer = participant.create_writer(
+            TOPIC, TYPE, Qos(reliable=True, transient_local=True, depth=1)
+        )
+        self._change()
+
+    def add(self, *endpoints: Guid) -> None:
+        for guid in endpoints:
+            (self._readers if guid.is_reader else self._writers)[guid] = None
+        self._change()
+
+    def remove(self, *endpoints: Guid) -> None:
+        for guid in endpoints:
+            self._readers.pop(guid, None)
+            self._writers.pop(guid, None)
+        self._change()
+
+    def close(self) -> None:
+        if self._telling is not None:
+            self._telling.cancel()
+
+    def _change(self) -> None:
+        if self._telling is None:
+            self._telling = self._loop.call_later(DELAY_S, self._tell)
+
+    def _tell(self) -> None:
+        self._telling = None
+        self._writer.write(
+            entities(self._participant.guid, self._node, self._readers, self._writers, self._gid_bytes)
+        )
+
+
+def entities(
+    participant: Guid, node: NodeName, readers: Iterable[Guid], writers: Iterable[Guid], gid_bytes: int
+) -> bytes:
+    """ParticipantEntitiesInfo with one node, as CDR."""
+    out = bytearray(_gid(participant, gid_bytes))
+    _number(out, 1)
+    _text(out, node.namespace)
+    _text(out, node.name)
+    for guids in (list(readers), list(writers)):
+        _gids(out, guids, gid_bytes)
+    return b"\0\1\0\0" + bytes(out)
+
+
+def _gid(guid: Guid, size: int) -> bytes:
+    return bytes(guid) + bytes(size - len(guid))
+
+
+def _gids(out: bytearray, guids: Sequence[Guid], size: int) -> None:
+    _number(out, len(guids))
+    for guid in guids:
+        out += _gid(guid, size)
+
+
+def _text(out: bytearray, text: str) -> None:
+    encoded = text.encode() + b"\0"
+    _number(out, len(encoded))
+    out += encoded
+
+
+def _number(out: bytearray, value: int) -> None:
+    out += bytes(-len(out) % 4) + struct.pack("<I", value)

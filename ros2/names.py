@@ -1,0 +1,44 @@
+"""How ROS 2 writes its names in DDS, and what it hides in endpoints (as rmw_fastrtps_shared_cpp does)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+ENCLAVE = b"enclave=/;"
+"""User data of a participant."""
+
+
+def topic_name(topic: str) -> str:
+    """rt/iiwa/joint_states of /iiwa/joint_states."""
+    return f"rt{topic}"
+
+
+def request_name(service: str) -> str:
+    return f"rq{service}Request"
+
+
+def reply_name(service: str) -> str:
+    return f"rr{service}Reply"
+
+
+def type_name(type_: str) -> str:
+    """std_msgs::msg::dds_::String_ of std_msgs/msg/String."""
+    package, kind, last = type_.split("/")
+    return f"{package}::{kind}::dds_::{last}_"
+
+
+def type_hash(rihs: str) -> bytes:
+    """User data of a topic's endpoint, for ROS 2 from Iron on; Humble does not look at it."""
+    return f"typehash={rihs};".encode()
+
+
+@dataclass(frozen=True, slots=True)
+class NodeName:
+    """A node: `name` is "cobot", `namespace` is "/" or "/iiwa"."""
+
+    name: str
+    namespace: str = "/"
+
+    @property
+    def full(self) -> str:
+        return f"{self.namespace.rstrip('/')}/{self.name}"

@@ -1,0 +1,118 @@
+"""From the command line to a node that ROS 2 sees."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import gc
+import logging
+import re
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+import uvloop
+
+from cobot.config import Settings, load_settings
+from cobot.errors import CobotError
+from cobot.ros.messages import Messages
+from cobot.ros.robot_messages import STRING, TRANSFORMS
+from ros2.gateway import Gateway
+from ros2.names import ENCLAVE, NodeName
+from ros2.node import Node
+from ros2.options import options
+from ros2.parameters import Parameters
+from ros2.rosout import RosoutHandler
+from ros2.rtps import NetworkError, Participant
+from ros2.telemetry import Telemetry
+
+NODE = NodeName("cobot")
+ROS_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+log = logging.getLogger("cobot.ros2")
+
+
+def main() -> int:
+    """Serve until SIGTERM; the exit status: 0, or 2 when it could not start."""
+    parser = argparse.ArgumentParser(prog="python -m ros2", description=__doc__)
+    parser.add_argument("--config", type=Path, help="settings file; without it the shipped one")
+    parser.add_argument(
+        "--url", default="", help="of the web service; without it only the robots' states are told"
+    )
+    arguments = parser.parse_args()
+    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s", stream=sys.stdout)
+    logging.getLogger("websockets").setLevel(logging.WARNING)
+    try:
+        uvloop.run(_serve(load_settings(arguments.config), arguments.url))
+    except (CobotError, NetworkError) as exc:
+        print(exc, flush=True)
+        return 2
+    return 0
+
+
+async def _serve(settings: Settings, url: str) -> None:
+    loop = asyncio.get_running_loop()
+    ended = asyncio.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, ended.set)
+    ros = settings.ros
+    participant = Participant(
+        ros.domain_id,
+        ros.interfaces or None,
+        localhost_only=ros.localhost_only,
+        name=NODE.full,
+        user_data=ENCLAVE,
+    )
+    node = Node(participant, NODE, Messages(), ros.gid_bytes, loop)
+    rosout = RosoutHandler(node)
+    log.addHandler(rosout)
+    log.setLevel(logging.DEBUG if ros.debug else logging.INFO)
+    try:
+        robots = _robots(node, settings)
+        own = {"/tf", "/tf_static", "/robot_description"}.union(*(robot.topics for robot in robots))
+        gateway = Gateway(node, url, own) if url else None
+        Parameters(node, options(settings, robots, gateway))
+        _announce(settings, participant)
+        gc.collect()
+        gc.freeze()
+        work: list[asyncio.Task[Any]] = [asyncio.create_task(ended.wait())]
+        if gateway is not None:
+            work.append(asyncio.create_task(gateway.run()))
+        done, _ = await asyncio.wait(work, return_when=asyncio.FIRST_COMPLETED)
+        for task in done:
+            task.result()  # the gateway never ends by itself: raises what ended it
+        for robot in robots:
+            robot.close()
+    finally:
+        log.removeHandler(rosout)
+        node.close()
+        participant.close()
+
+
+def _robots(node: Node, settings: Settings) -> list[Telemetry]:
+    """Their topics, begun; and those that they share."""
+    transforms = node.publisher("/tf", TRANSFORMS, depth=100)
+    prefixes = {name: f"{name}/" if len(settings.each) > 1 else "" for name in settings.each}
+    robots = [Telemetry(node, each, prefixes[name], transforms) for name, each in settings.each.items()]
+    static = node.publisher("/tf_static", TRANSFORMS, latched=True)
+    static.publish({"transforms": [each for robot in robots for each in robot.static_transforms]})
+    node.publisher("/robot_description", STRING, latched=True).publish_cdr(robots[0].description)
+    for robot in robots:
+        robot.start()
+    return robots
+
+
+def _announce(settings: Settings, participant: Participant) -> None:
+    ros = settings.ros
+    where = (
+        "this computer only" if ros.localhost_only else "all networks: whoever reaches them moves the robot"
+    )
+    log.info("ROS 2 on domain %d, %s, as node %s", ros.domain_id, where, NODE.full)
+    if not participant.multicast:
+        log.warning("there is no multicast: only the first participants on this computer find each other")
+    for name in settings.each:
+        if not ROS_NAME.fullmatch(name):
+            log.warning(
+                "the robot's name %r is no name in ROS: its tools will refuse the topics below it", name
+            )

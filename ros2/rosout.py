@@ -1,0 +1,35 @@
+"""The log of this process on /rosout, for `ros2 topic echo /rosout` and rqt_console."""
+
+from __future__ import annotations
+
+import logging
+
+from ros2.node import Node
+
+TYPE = "rcl_interfaces/msg/Log"
+_SECOND_NS = 1_000_000_000
+
+
+class RosoutHandler(logging.Handler):
+    """Publishes records. Its levels are those of ROS: 10, 20, 30, 40, 50."""
+
+    def __init__(self, node: Node) -> None:
+        super().__init__()
+        self._name = node.name.full.strip("/").replace("/", ".")
+        self._publisher = node.publisher("/rosout", TYPE, depth=1000)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        sec, nanosec = divmod(int(record.created * _SECOND_NS), _SECOND_NS)
+        message = {
+            "stamp": {"sec": sec, "nanosec": nanosec},
+            "level": record.levelno // 10 * 10,
+            "name": self._name,
+            "msg": record.getMessage(),
+            "file": record.filename,
+            "function": record.funcName or "",
+            "line": record.lineno,
+        }
+        try:
+            self._publisher.publish(message)
+        except Exception:  # noqa: BLE001  what logging does with handlers that fail
+            self.handleError(record)

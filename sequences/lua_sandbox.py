@@ -1,0 +1,216 @@
+"""Where a Lua program runs: plain Lua 5.3 without a way out, within limits, and ended when told to.
+
+The program sees values, tables and Lua functions; `sandbox.lua` says which, and how nothing that catches
+errors catches the end. A program inside one long function of Lua's own (a hostile string pattern) runs no
+instructions and so does not notice: who ends it must not wait for it for ever.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lupa.lua53 import LuaError, LuaRuntime
+
+from cobot.errors import CobotError, InputError
+
+PRELUDE = Path(__file__).with_name("sandbox.lua")
+INTERVAL = 100_000
+"""Instructions between two looks at the limits: about a millisecond."""
+END_S = 0.3
+"""How long a program that was told to end is waited for: it sees it within milliseconds, if at all."""
+HOST_ERROR = "the runner has failed: {}; this is a mistake of cobot's"
+
+Function = Callable[..., Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What a program may use.
+
+    Attributes:
+        memory_bytes: of Lua's heap.
+        instructions: between two calls that wait (sleep, motion, topic); 0 for any number.
+    """
+
+    memory_bytes: int = 64 << 20
+    instructions: int = 2_000_000_000
+
+
+class Stopping(Exception):
+    """The program has been told to end; passes through all that it calls."""
+
+
+class Watch:
+    """When a program has to end, and what it waits for meanwhile.
+
+    Attributes:
+        reason: why it has to end; "" while it may go on.
+        told: whether because it was told to, not because of a limit.
+    """
+
+    def __init__(self, instructions: int) -> None:
+        self.reason = ""
+        self.told = False
+        self._limit = instructions
+        self._count = 0
+        self._changed = threading.Condition()
+
+    def end(self, reason: str) -> None:
+        """Have the program end, whatever it does."""
+        self.told, self.reason = True, reason
+        self.wake()
+
+    def wake(self) -> None:
+        """Something has happened that `wait` may wait for."""
+        with self._changed:
+            self._changed.notify_all()
+
+    def wait(self, ready: Callable[[], bool], timeout_s: float | None = None) -> bool:
+        """Whether `ready` came true within the time.
+
+        Raises:
+            Stopping: the program has to end.
+        """
+        self._count = 0
+        with self._changed:
+            self._changed.wait_for(lambda: self.reason or ready(), timeout_s)
+        if self.reason:
+            raise Stopping(self.reason)
+        return ready()
+
+    def sleep(self, seconds: float) -> None:
+        """Wait for so long."""
+        deadline_s = time.monotonic() + seconds
+        self.wait(lambda: time.monotonic() >= deadline_s, min(seconds, threading.TIMEOUT_MAX))
+
+    def poll(self, instructions: int) -> tuple[bytes, bool] | None:
+        """Count instructions; None, or why the program has to end and whether the place matters."""
+        if self.reason:
+            return self.reason.encode(), False
+        self._count += instructions
+        if self._limit and self._count > self._limit:
+            self.reason = f"more than {self._limit} instructions without waiting for anything; see sleep"
+            return self.reason.encode(), True
+        return None
+
+
+class Sandbox:
+    """A Lua runtime for one run of one program.
+
+    Attributes:
+        failure: the newest error of ours that was reported to the program, None for none.
+    """
+
+    def __init__(self, functions: Mapping[str, Function], watch: Watch, limits: Limits) -> None:
+        self.failure: CobotError | None = None
+        self._watch = watch
+        self._lua = LuaRuntime(
+            encoding=None,  # strings are bytes: messages are binary
+            unpack_returned_tuples=True,
+            register_eval=False,
+            register_builtins=False,
+            attribute_filter=_nothing,
+            overflow_handler=float,
+            max_memory=limits.memory_bytes,
+        )
+        host = {name.encode(): self._protected(function) for name, function in functions.items()}
+        prelude = self._lua.compile(PRELUDE.read_bytes(), name=b"=cobot", mode=b"t")
+        self._run = prelude(self._lua.table_from(host), watch.poll, INTERVAL)
+
+    def run(self, source: bytes, name: str) -> None:
+        """Run a program to its end.
+
+        Args:
+            name: of the file, for messages.
+
+        Raises:
+            Stopping: it was told to end.
+            InputError: it is no Lua, or it failed, with the line.
+            CobotError: one of ours that the program did not catch.
+        """
+        try:
+            ended = self._run(source, b"@" + name.encode())
+        except LuaError as exc:  # no memory even for the end
+            raise InputError(f"{name}: {exc}") from exc
+        if ended is True:
+            return
+        if self._watch.told:
+            raise Stopping(self._watch.reason)
+        message = ended[1].decode("utf-8", "replace")
+        if self.failure is not None and message.endswith(str(self.failure)):
+            raise type(self.failure)(message) from self.failure
+        raise InputError(message)
+
+    def table(self, items: Mapping[Any, Any] | list[Any]) -> Any:
+        """A Lua table."""
+        return self._lua.table_from(items)
+
+    def _protected(self, function: Function) -> Function:
+        """What the prelude calls: no exception, which is an object of Python's, gets through."""
+
+        def call(*arguments: Any) -> tuple[Any, ...]:
+            try:
+                results = function(*arguments)
+            except Stopping as exc:
+                return False, str(exc).encode(), True
+            except CobotError as exc:
+                self.failure = exc
+                return False, str(exc).encode()
+            except Exception as exc:  # noqa: BLE001 - reported, as all that goes wrong in here
+                return False, HOST_ERROR.format(repr(exc)).encode()
+            return (True, *results) if isinstance(results, tuple) else (True, results)
+
+        return call
+
+
+def _nothing(_object: object, name: object, _setting: bool) -> object:
+    raise AttributeError(f"no access to {name!r}")
+
+
+def require_lua(source: bytes, name: str) -> None:
+    """See that a program is Lua, without running it.
+
+    Raises:
+        InputError: it is not, with the line.
+    """
+    try:
+        LuaRuntime(encoding=None).compile(source, name=b"@" + name.encode(), mode=b"t")
+    except LuaError as exc:
+        raise InputError(str(exc)) from exc
+
+
+def run_apart(work: Callable[[], None], watch: Watch) -> None:
+    """Do it in a thread of its own, so that a signal gets through whatever a program does.
+
+    A handler's exception ends the program and is raised; one that does not listen is left behind.
+
+    Raises:
+        CobotError: what `work` raises.
+    """
+    problems: list[Exception] = []
+    done = threading.Event()
+
+    def do() -> None:
+        try:
+            work()
+        except Stopping:
+            pass
+        except Exception as exc:  # noqa: BLE001 - raised below
+            problems.append(exc)
+        finally:
+            done.set()
+
+    threading.Thread(target=do, name="lua", daemon=True).start()
+    try:
+        done.wait()
+    except BaseException:
+        watch.end("the program was told to end")
+        done.wait(END_S)
+        raise
+    if problems:
+        raise problems[0]

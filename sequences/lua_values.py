@@ -1,0 +1,108 @@
+"""What crosses between Lua and Python: atoms, strings as UTF-8, tables as lists and dictionaries."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import islice
+from typing import Any
+
+from lupa.lua53 import lua_type
+
+from cobot.errors import InputError
+
+DEEPEST = 16
+MOST_ITEMS = 1_000_000
+
+
+def text(value: object, name: str) -> str:
+    """A Lua string that is text.
+
+    Raises:
+        InputError: something else, or no UTF-8.
+    """
+    if not isinstance(value, bytes):
+        raise InputError(f"{name} must be a string, got {kind(value)}")
+    try:
+        return value.decode("utf-8")
+    except UnicodeDecodeError as exc:
+        raise InputError(f"{name} is no UTF-8 text: {exc.reason} at byte {exc.start + 1}") from exc
+
+
+def number(value: object, name: str, low: float = -math.inf, high: float = math.inf) -> float:
+    """A finite Lua number within [low, high].
+
+    Raises:
+        InputError: something else.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"{name} must be a number, got {kind(value)}")
+    if not math.isfinite(value) or not low <= value <= high:
+        raise InputError(f"{name} is {value:g}, allowed are finite numbers from {low:g} to {high:g}")
+    return float(value)
+
+
+def numbers(value: object, name: str, count: int | None = None) -> list[float]:
+    """A Lua table that is a list of finite numbers.
+
+    Raises:
+        InputError: something else, or another count of them.
+    """
+    items = plain(value, name)
+    if not isinstance(items, list) or (count is not None and len(items) != count):
+        much = "numbers" if count is None else f"{count} numbers"
+        raise InputError(f"{name} must be a table of {much}, got {kind(value)}")
+    return [number(item, f"{name}[{index}]") for index, item in enumerate(items, start=1)]
+
+
+def plain(value: Any, name: str) -> Any:
+    """A value as JSON knows it. A table with keys 1 to n is a list, one with texts as keys a dictionary.
+
+    Raises:
+        InputError: a function, a table with other keys, or one without end.
+    """
+    return _plain(value, name, DEEPEST, [MOST_ITEMS])
+
+
+def _plain(value: Any, name: str, depth: int, room: list[int]) -> Any:
+    if value is None or isinstance(value, bool | int | float):
+        return value
+    if isinstance(value, bytes):
+        return text(value, name)
+    if lua_type(value) != "table":
+        raise InputError(f"{name} must be data, got {kind(value)}")
+    if depth == 0:
+        raise InputError(f"{name} is nested more than {DEEPEST} deep")
+    items = dict(islice(value.items(), room[0] + 1))
+    room[0] -= len(items)
+    if room[0] < 0:
+        raise InputError(f"{name} has more than {MOST_ITEMS} items")
+    if all(isinstance(key, bytes) for key in items) and items:
+        return {text(key, name): _plain(item, name, depth - 1, room) for key, item in items.items()}
+    if set(items) != set(range(1, len(items) + 1)):
+        raise InputError(f"{name} must have either the keys 1, 2, 3 ... or texts as keys")
+    return [_plain(items[index], name, depth - 1, room) for index in range(1, len(items) + 1)]
+
+
+def lua(value: Any, table: Callable[[Any], Any]) -> Any:
+    """JSON for Lua; `table` makes a table of a list or a dictionary."""
+    if isinstance(value, str):
+        return value.encode("utf-8", "surrogatepass")
+    if isinstance(value, dict):
+        return table({key.encode(): lua(item, table) for key, item in value.items()})
+    if isinstance(value, list):
+        return table([lua(item, table) for item in value])
+    return value
+
+
+def kind(value: object) -> str:
+    """What Lua calls it."""
+    if value is None:
+        return "nil"
+    if isinstance(value, bytes | str):
+        return "a string"
+    if isinstance(value, list | dict):
+        return "a table"
+    if isinstance(value, bool):
+        return "a boolean"
+    return "a number" if isinstance(value, int | float) else f"a {lua_type(value) or type(value).__name__}"

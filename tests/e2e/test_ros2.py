@@ -1,0 +1,281 @@
+"""A running cobot on ROS 2, used by what nobody here wrote: Fast DDS (under rmw_fastrtps), Cyclone DDS, the
+client of the section 8.0 of the manual and, where it is installed, rclpy. Second oracle: the same over HTTP.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+from cyclone_peer import JointState, String, cyclone_participant, cyclone_reader, cyclone_writer
+from manual_script import has_ros, run_script, script
+from node_rig import own_domain
+from ros_peer import Client, Peer, until
+from running import WAIT_S, Run
+
+from app.vendor.codes import Code
+from app.vendor.interfaces import interface_definitions
+from cobot.robot import Robot
+from cobot.ros.messages import Messages
+
+STRING = "std_msgs/msg/String"
+JOINT_STATES = "sensor_msgs/msg/JointState"
+HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
+PERIOD = ("--period", "0.02", "--time", "0.02")
+
+needs_manual = pytest.mark.skipif(script() is None, reason="the manual is not here")
+
+
+class Ros:
+    """A running cobot and a node on Fast DDS beside it."""
+
+    def __init__(self, run: Run, domain: int, peer: Peer) -> None:
+        self.run = run
+        self.domain = domain
+        self.peer = peer
+
+    def client(self, method: str) -> Client:
+        """Of a vendor service, by Class/method."""
+        name = method.split("/")[1]
+        type_ = f"aubo_interfaces/srv/{name[0].upper()}{name[1:]}"
+        return self.peer.client(f"/{self.run.name}/{method}", type_).until_ready()
+
+    def call(self, method: str, **request: Any) -> Any:
+        answer = self.client(method).call(request)
+        assert answer["code"] == 0, answer
+        return answer["result"]
+
+    def home(self) -> None:
+        self.move(HOME)
+
+    def move(self, joints: list[float]) -> None:
+        with httpx.Client(base_url=self.run.url, timeout=WAIT_S) as http:
+            http.post("/stop").raise_for_status()
+            moved = http.post("/robot/move/joints", json={"joints": joints, "speed": 1.0})
+            assert moved.json()["success"], moved.text
+
+    def topic(self, name: str) -> str:
+        return f"/{self.run.name}/{name}"
+
+    def script(self, folder: Path, *arguments: str) -> None:
+        """Run the manual's client to its end, which must be a good one."""
+        ended = run_script(folder, self.domain, self.run.name, *arguments, shim=True)
+        assert ended.returncode == 0, f"{ended.stderr[-3000:]}\n{self.run.output[-2000:]}"
+
+
+@pytest.fixture(scope="module")
+def ros(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ros]:
+    with own_domain() as domain:
+        run = Run(tmp_path_factory.mktemp("ros"), clock="realtime", ros_domain=domain)
+        try:
+            run.until(run.healthy)
+            with Peer(domain, Messages(interface_definitions())) as peer:
+                yield Ros(run, domain, peer)
+        finally:
+            run.end()
+
+
+@needs_manual
+@pytest.mark.parametrize("mode", range(1, 8))
+def test_the_manual_s_client_moves_the_arm_to_zero_in_every_servo_mode(
+    ros: Ros, mode: int, tmp_path: Path
+) -> None:
+    ros.move([0.4, -0.3, 0.2, -0.4, 0.1, 0.3, -0.2])  # from home it takes four times as long
+    ros.script(tmp_path, "--mode", "current", "--servo-mode", str(mode), *PERIOD)
+    until(lambda: np.abs(ros.run.joints()).max() < 0.01, f"the arm is at {ros.run.joints()}, not at zero")
+
+
+@needs_manual
+def test_the_manual_s_client_plays_joints_of_a_csv_file(ros: Ros, tmp_path: Path) -> None:
+    ros.home()
+    points = np.linspace(np.array(HOME) + 0.2, np.array(HOME) - 0.2, 60)
+    path = tmp_path / "joints.csv"
+    path.write_text("\n".join(",".join(map(str, point)) for point in points), encoding="utf-8")
+    ros.script(
+        tmp_path, "--mode", "csv", "--traj", str(path), "--point-type", "joint", "--servo-mode", "3", *PERIOD
+    )
+    until(lambda: np.abs(ros.run.joints() - points[-1]).max() < 0.01, "the arm is not at the last point")
+
+
+@needs_manual
+def test_the_manual_s_client_plays_poses_of_a_csv_file(ros: Ros, robot: Robot, tmp_path: Path) -> None:
+    ros.home()
+    start = ros.call("RobotState/getTcpPose")
+    poses = [[start[0] - 0.002 * step, start[1] + 0.002 * step, *start[2:]] for step in range(50)]
+    path = tmp_path / "poses.csv"
+    path.write_text("\n".join(",".join(map(str, pose)) for pose in poses), encoding="utf-8")
+    arguments = ("--mode", "csv", "--traj", str(path), "--point-type", "cartesian", "--servo-mode", "4")
+    ros.script(tmp_path, *arguments, *PERIOD)
+
+    def off() -> float:
+        reached = robot.model.forward(np.array(ros.run.joints())).position
+        return float(np.abs(reached - poses[-1][:3]).max())
+
+    until(lambda: off() < 0.002, "the TCP is not at the last pose")
+
+
+@needs_manual
+@pytest.mark.skipif(not has_ros(), reason="there is no rclpy here")
+def test_the_manual_s_client_ends_well_under_rclpy(ros: Ros, tmp_path: Path) -> None:
+    ros.home()
+    arguments = ("--mode", "current", "--servo-mode", "4", *PERIOD)
+    ended = run_script(tmp_path, ros.domain, ros.run.name, *arguments, shim=False)
+    assert ended.returncode == 0, ended.stderr
+
+
+def test_services_answer_as_over_http(ros: Ros) -> None:
+    ros.home()
+    for method in (
+        "RobotConfig/getDof",
+        "RobotConfig/getName",
+        "MotionControl/getExecId",
+        "RobotState/isSteady",
+    ):
+        http = httpx.post(f"{ros.run.url}/{ros.run.name}/{method}", json={}, timeout=WAIT_S).json()
+        assert ros.client(method).call() == http
+    joints = ros.call("RobotState/getJointPositions")
+    assert np.abs(np.array(joints) - HOME).max() < 1e-3
+    solved = json.loads(
+        ros.call("RobotAlgorithm/inverseKinematics", qnear=joints, pose=ros.call("RobotState/getTcpPose"))
+    )
+    assert np.abs(np.array(solved[0]) - joints).max() < 1e-3
+    assert solved[1] == 0
+    wrong = ros.client("MotionControl/moveJoint").call({"q": [9.0] * 7, "a": 0.5, "v": 0.5})
+    assert wrong["code"] == Code.LIMIT
+    assert wrong["message"]
+
+
+def test_joint_states_come_at_their_rate_with_the_time_of_their_measurement(ros: Ros) -> None:
+    heard = ros.peer.subscription(ros.topic("joint_states"), JOINT_STATES, depth=1000)
+    heard.until_matched()
+    messages = [heard.get() for _ in range(200)]
+    stamps = [
+        1_000_000_000 * each["header"]["stamp"]["sec"] + each["header"]["stamp"]["nanosec"]
+        for each in messages
+    ]
+    assert all(later > earlier for earlier, later in itertools.pairwise(stamps))
+    assert abs(time.time_ns() - stamps[-1]) < 5e9
+    assert messages[0]["name"] == [f"joint{number}" for number in range(1, 8)]
+    assert {len(messages[0][key]) for key in ("position", "velocity", "effort")} == {7}
+    over_http = httpx.get(f"{ros.run.url}/robot/joint_states").json()
+    assert messages[-1]["position"] == pytest.approx(over_http["position"], abs=1e-3)
+
+
+def test_frames_and_the_description_are_there_for_who_comes_late(ros: Ros, robot: Robot) -> None:
+    peer = ros.peer
+    for topic in ("/robot_description", ros.topic("robot_description")):
+        assert "<robot" in peer.subscription(topic, STRING, latched=True).get()["data"]
+    static = peer.subscription("/tf_static", "tf2_msgs/msg/TFMessage", latched=True).get()["transforms"]
+    assert {each["child_frame_id"] for each in static} == {"base_link", "tcp"}
+    moving = peer.subscription("/tf", "tf2_msgs/msg/TFMessage").get()["transforms"]
+    assert {each["child_frame_id"] for each in moving} == {f"link{number}" for number in range(1, 8)}
+    pose = peer.subscription(ros.topic("tcp_pose"), "geometry_msgs/msg/PoseStamped").get()
+    expected = robot.model.forward(np.array(ros.run.joints())).position
+    assert list(pose["pose"]["position"].values()) == pytest.approx(expected.tolist(), abs=1e-3)
+    wrench = peer.subscription(ros.topic("wrench"), "geometry_msgs/msg/WrenchStamped").get()
+    assert wrench["header"]["frame_id"] == "tcp"
+    status = json.loads(peer.subscription(ros.topic("status"), STRING).get()["data"])
+    assert status["mode"] == "HOLD"
+
+
+def test_cyclone_dds_reads_states_and_moves_the_arm(ros: Ros) -> None:
+    ros.home()
+    goal = np.array(HOME) + 0.1
+    with cyclone_participant(ros.domain) as participant:
+        states = cyclone_reader(participant, f"rt{ros.topic('joint_states')}", JointState)
+        commands = cyclone_writer(participant, f"rt{ros.topic('joint_cmd')}", String)
+        until(lambda: commands.get_matched_subscriptions() and states.get_matched_publications(), "no cobot")
+        control = {"type": "servo_control", "command": "set_mode", "mode": 1, "watchdog_timeout": 2.0}
+        commands.write(String(json.dumps(control)))
+        point = {"type": "servo_point", "session_id": 5, "point_type": "joint", "position": goal.tolist()}
+
+        def arrived() -> bool:
+            point["point_id"] = point.get("point_id", 0) + 1
+            commands.write(String(json.dumps(point)))
+            return any(np.abs(np.array(state.position) - goal).max() < 0.005 for state in states.take(N=100))
+
+        until(arrived, "the arm does not arrive")
+        commands.write(String(json.dumps({"type": "servo_control", "command": "stop"})))
+
+
+def test_a_servo_session_is_held_by_its_action(ros: Ros) -> None:
+    ros.home()
+    below, type_ = ros.topic("servo_mode/_action"), "aubo_interfaces/action/ServoMode"
+    feedback = ros.peer.subscription(f"{below}/feedback", f"{type_}_FeedbackMessage")
+    feedback.until_matched()
+    send = ros.peer.client(f"{below}/send_goal", f"{type_}_SendGoal").until_ready()
+    result = ros.peer.client(f"{below}/get_result", f"{type_}_GetResult").until_ready()
+    cancel = ros.peer.client(f"{below}/cancel_goal", "action_msgs/srv/CancelGoal").until_ready()
+    commands = ros.peer.publisher(ros.topic("joint_cmd"), STRING, depth=100)
+    commands.until_matched()
+    goal_id = {"uuid": list(os.urandom(16))}
+    assert send.call({"goal_id": goal_id, "goal": {"mode": 3, "watchdog_timeout": 5.0, "send_period": 0.02}})[
+        "accepted"
+    ]
+    ended = result.begin({"goal_id": goal_id})
+    for number in range(1, 21):
+        point = {"type": "servo_point", "session_id": 1, "point_id": number, "position": HOME, "time": 0.02}
+        commands.publish({"data": json.dumps(point)})
+    told = feedback.until(lambda message: message["feedback"]["points_accepted"] == 20)
+    assert told["feedback"]["point_id"] == 20
+    assert len(cancel.call({"goal_info": {"goal_id": goal_id}})["goals_canceling"]) == 1
+    answer = ended(WAIT_S)
+    assert (answer["status"], answer["result"]["code"]) == (5, 0)
+    assert (answer["result"]["points_accepted"], answer["result"]["points_refused"]) == (20, 0)
+
+
+def restarted(ros: Ros, module: str, act: Callable[[], Any]) -> None:
+    """Kill a process, do something, and wait until there is another."""
+    child = ros.run.until(lambda: ros.run.child(module))
+    os.kill(child.pid, signal.SIGKILL)
+    act()
+    ros.run.until(lambda: ros.run.restarted(module, child.pid))
+
+
+def test_calls_are_answered_while_the_service_is_dead_and_again_after_it(ros: Ros) -> None:
+    get_dof = ros.client("RobotConfig/getDof")
+    assert get_dof.call()["result"] == 7
+    restarted(ros, "app", lambda: until(lambda: get_dof.call()["code"] == Code.UNAVAILABLE, "no refusal"))
+    until(lambda: get_dof.call()["code"] == Code.OK, "the service does not come back")
+
+
+def test_the_client_finds_a_restarted_ros_process(ros: Ros) -> None:
+    get_dof = ros.client("RobotConfig/getDof")
+    states = ros.peer.subscription(ros.topic("joint_states"), JOINT_STATES)
+    states.until_matched()
+    restarted(ros, "ros2", lambda: None)
+    until(
+        lambda: get_dof.matches() == (2, 2), "the new process is not found"
+    )  # the dead one is not missed yet
+    assert get_dof.call()["result"] == 7
+    until(lambda: get_dof.matches() == (1, 1), "the dead process is still there")
+    assert get_dof.call()["result"] == 7
+    states.drain()
+    states.get()
+
+
+def test_states_fall_silent_with_the_robot_and_the_status_says_why(ros: Ros) -> None:
+    states = ros.peer.subscription(ros.topic("joint_states"), JOINT_STATES, depth=1000)
+    status = ros.peer.subscription(ros.topic("status"), STRING)
+    states.until_matched()
+    status.until_matched()
+    child = ros.run.until(lambda: ros.run.child("rtloop"))
+    os.kill(child.pid, signal.SIGSTOP)
+    told = status.until(lambda message: json.loads(message["data"])["mode"] == "UNAVAILABLE")
+    states.drain()
+    assert "rtloop has published nothing for" in json.loads(told["data"])["reason"]
+    for _ in range(3):
+        status.get()
+    assert states.drain() == []
+    os.kill(child.pid, signal.SIGCONT)
+    states.get()
+    status.until(lambda message: json.loads(message["data"])["mode"] != "UNAVAILABLE")

@@ -1,0 +1,326 @@
+"""Two robots under one `cobot run`: each moves, stops, breaks and is restarted by itself.
+
+Oracles: the process table (psutil), where the arms are as HTTP shows it, and httpx and websockets as clients.
+The clock is that of the wall: with the fast one, nothing could be under way at the same time.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import httpx
+import psutil
+import pytest
+from running import WAIT_S, Run, unique_name
+from streaming_client import StreamClient
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from cobot import Robot
+from cobot.client import Client
+
+HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
+AWAY = [0.4, 0.1, 0.0, -1.4, 0.0, 1.4, 0.2]
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+class Pair(Run):
+    """A `cobot run` of two robots, the first of which is the default one."""
+
+    def __init__(self, folder: Path, second: str = "") -> None:
+        self.left, self.right = unique_name(), unique_name()
+        self.config = folder / f"{self.left}.yaml"
+        self.config.write_text(
+            "logs: logs\nsequences: {recordings: recordings}\nweb: {port: 0}\n"
+            "rt: {trajectory_capacity: 20000}\nplanning: {workers: 1}\n"
+            f"robots: [{{name: {self.left}}}, {{name: {self.right}{second}}}]\n",
+            encoding="utf-8",
+        )
+        self.lines: list[str] = []
+        self.start()
+
+    def at(self, robot: str) -> str:
+        return f"{self.url}/robots/{robot}"
+
+    def rtloop(self, robot: str) -> psutil.Process | None:
+        for process in psutil.Process(self.process.pid).children():
+            try:
+                command = process.cmdline()
+                if command[1:4] == ["-P", "-m", "rtloop"] and command[command.index("--robot") + 1] == robot:
+                    return process
+            except (psutil.NoSuchProcess, psutil.ZombieProcess):
+                continue
+        return None
+
+    def all_healthy(self) -> bool:
+        robots = (self.health() or {"robots": {}})["robots"]
+        assert isinstance(robots, dict)
+        return len(robots) == 2 and all(each["status"] == "ok" for each in robots.values())
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Pair]:
+    started = Pair(tmp_path_factory.mktemp("pair"))
+    try:
+        started.until(started.all_healthy)
+        yield started
+    finally:
+        started.end()
+
+
+@pytest.fixture
+def http(pair: Pair) -> Iterator[httpx.Client]:
+    """Both arms at home."""
+    pair.until(pair.all_healthy)
+    with httpx.Client(base_url=pair.url, timeout=WAIT_S) as client, ThreadPoolExecutor() as threads:
+        client.post("/stop").raise_for_status()
+        both = [pair.left, pair.right]
+        for answer in threads.map(lambda name: move(client, name, HOME, speed=1.0), both):
+            assert answer.json()["success"], answer.text
+        yield client
+
+
+def move(client: httpx.Client, robot: str, joints: list[float], speed: float = 0.5) -> httpx.Response:
+    return client.post(f"/robots/{robot}/move/joints", json={"joints": joints, "speed": speed})
+
+
+def send(client: httpx.Client, robot: str, seconds: float, joints: list[float] = AWAY) -> int:
+    """Have it move for so long; the motion's number."""
+    body = {"points": [{"positions": joints, "time_from_start": seconds}]}
+    answer = client.post(f"/robots/{robot}/trajectory/send", json=body)
+    assert answer.status_code == 200, answer.text
+    return int(answer.json()["motion_id"])
+
+
+def robot_health(client: httpx.Client, robot: str) -> dict[str, Any]:
+    answer = client.get(f"/robots/{robot}/health").json()
+    return {**answer, **answer["robot"]}
+
+
+def moving(client: httpx.Client, robot: str) -> bool:
+    return bool(robot_health(client, robot)["mode"] == "TRAJECTORY")
+
+
+def arrived(client: httpx.Client, robot: str, motion: int) -> bool:
+    lines = client.get(f"/robots/{robot}/trajectory/logs").json()["lines"]
+    ended = [line for line in lines if f"motion {motion}: " in line and "accepted" not in line]
+    assert not ended or ended[-1].endswith("arrived and settled"), ended
+    return bool(ended)
+
+
+def joints(client: httpx.Client, robot: str) -> list[float]:
+    answer = client.get(f"/robots/{robot}/joint_states")
+    answer.raise_for_status()
+    return list(answer.json()["position"])
+
+
+def test_both_are_listed_and_the_first_is_the_default_one(pair: Pair, http: httpx.Client) -> None:
+    assert [(each["name"], each["default"]) for each in http.get("/robots").json()] == [
+        (pair.left, True),
+        (pair.right, False),
+    ]
+    health = http.get("/health").json()
+    assert list(health["robots"]) == [pair.left, pair.right]
+    assert health["robot"]["name"] == pair.left
+    assert http.get("/robot/positions").content == http.get(f"/robots/{pair.left}/positions").content
+
+
+def test_both_move_at_the_same_time_and_each_where_it_was_sent(pair: Pair, http: httpx.Client) -> None:
+    left = send(http, pair.left, 3.0)
+    right = send(http, pair.right, 3.0, [-value for value in AWAY[:3]] + HOME[3:])
+    assert moving(http, pair.left)
+    assert moving(http, pair.right)
+    pair.until(lambda: arrived(http, pair.left, left) and arrived(http, pair.right, right))
+    assert joints(http, pair.left) == pytest.approx(AWAY, abs=2e-3)
+    assert joints(http, pair.right) == pytest.approx([-0.4, -0.1, 0.0, *HOME[3:]], abs=2e-3)
+    assert http.get("/robot/joint_states").json()["position"] == pytest.approx(AWAY, abs=2e-3)
+
+
+def test_one_plans_and_moves_while_the_other_is_owned_by_somebody(pair: Pair, http: httpx.Client) -> None:
+    send(http, pair.left, 20.0)
+    refused = http.post("/robot/move/named", json={"name": "home"})
+    assert refused.status_code == 409
+    assert move(http, pair.right, AWAY).json()["success"]
+    assert moving(http, pair.left)
+
+
+def test_a_stop_with_a_name_stops_one_and_without_a_name_both(pair: Pair, http: httpx.Client) -> None:
+    left = send(http, pair.left, 6.0)
+    send(http, pair.right, 60.0)
+    stopped = http.post(f"/robots/{pair.right}/stop").json()
+    assert stopped["success"]
+    assert len(stopped["stopped"]) == 1
+    assert moving(http, pair.left)
+    pair.until(lambda: arrived(http, pair.left, left))
+    send(http, pair.left, 60.0, HOME)
+    send(http, pair.right, 60.0, HOME)
+    both = http.post("/stop").json()
+    assert both["success"]
+    assert [item.partition(": ")[0] for item in both["stopped"]] == [pair.left, pair.right]
+    assert not moving(http, pair.left)
+    assert not moving(http, pair.right)
+
+
+def test_an_emergency_stop_of_one_leaves_the_motion_of_the_other_alone(
+    pair: Pair, http: httpx.Client
+) -> None:
+    left = send(http, pair.left, 4.0)
+    with StreamClient(pair.url, path=f"/robots/{pair.right}/stream") as client:
+        assert client.hello["robot"] == pair.right
+        client.session()
+        client.send("estop")
+        pair.until(lambda: robot_health(http, pair.right)["mode"] == "ESTOP")
+    assert moving(http, pair.left)
+    health = http.get("/health").json()
+    assert health["status"] == "ok"
+    assert {name: each["status"] for name, each in health["robots"].items()} == {
+        pair.left: "ok",
+        pair.right: "degraded",
+    }
+    refused = move(http, pair.right, AWAY).json()
+    assert refused["code"] == "not_ready"
+    assert refused["detail"].endswith(f"then POST /robots/{pair.right}/reset")
+    pair.until(lambda: arrived(http, pair.left, left))
+    assert http.post(f"/robots/{pair.right}/reset").json()["success"]
+    assert move(http, pair.right, AWAY).json()["success"]
+
+
+def test_a_killed_rtloop_leaves_the_motion_of_the_other_alone(pair: Pair, http: httpx.Client) -> None:
+    left_process, old = pair.rtloop(pair.left), pair.rtloop(pair.right)
+    assert left_process is not None
+    assert old is not None
+    left = send(http, pair.left, 8.0)
+    send(http, pair.right, 60.0)
+    before = robot_health(http, pair.left)["interventions"]
+    old.kill()
+    pair.until(lambda: (new := pair.rtloop(pair.right)) is not None and new.pid != old.pid)
+    pair.until(pair.all_healthy)
+    assert moving(http, pair.left), "restarting takes less than the eight seconds of its motion"
+    pair.until(lambda: arrived(http, pair.left, left))
+    assert joints(http, pair.left) == pytest.approx(AWAY, abs=2e-3)
+    health = robot_health(http, pair.left)
+    kinds = {kind for kind, count in health["interventions"].items() if count != before[kind]}
+    assert kinds <= {"overrun"}, "nothing of the other robot's is caught here"
+    assert health["rtloop"]["pid"] == left_process.pid
+    assert f"rtloop {pair.right} (pid {old.pid}) ended: SIGKILL" in pair.output
+    assert move(http, pair.right, HOME).json()["success"]
+
+
+def test_a_paused_rtloop_of_one_keeps_nobody_waiting_for_the_other(pair: Pair, http: httpx.Client) -> None:
+    process = pair.rtloop(pair.right)
+    assert process is not None
+    process.suspend()
+    try:
+        pair.until(lambda: http.get(f"/robots/{pair.right}/joint_states").status_code == 503)
+        left = send(http, pair.left, 1.0)
+        pair.until(lambda: arrived(http, pair.left, left))
+        both = http.post("/stop").json()
+        assert not both["success"]
+        assert f"{pair.left}: nothing was running; the arm is at rest" in both["message"]
+        assert http.post(f"/robots/{pair.left}/stop").json()["success"]
+    finally:
+        process.resume()
+    pair.until(pair.all_healthy)
+
+
+def test_a_sequence_moves_the_robot_at_whose_address_it_was_started(pair: Pair, http: httpx.Client) -> None:
+    sequence = {"waypoints": [{"joints": AWAY, "speed": 0.8}]}
+    started = http.post(
+        f"/robots/{pair.right}/sequences/start",
+        files={"config": ("s.json", json.dumps(sequence), "application/json")},
+        data={"n_iterations": "1"},
+    )
+    assert started.status_code == 200, started.text
+
+    def status() -> dict[str, Any]:
+        return dict(http.get(f"/robots/{pair.right}/sequences/status").json())
+
+    pair.until(lambda: status()["status"] == "finished")
+    logs = http.get(f"/robots/{pair.right}/sequences/logs").json()["lines"]
+    assert status()["returncode"] == 0, logs
+    assert joints(http, pair.right) == pytest.approx(AWAY, abs=2e-3)
+    assert joints(http, pair.left) == pytest.approx(HOME, abs=2e-3)
+    assert http.get("/sequences/status").json()["status"] == "idle"
+
+
+def test_an_unknown_name_is_refused_and_the_valid_ones_are_listed(pair: Pair, http: httpx.Client) -> None:
+    valid = f"there is no robot 'nobody'; valid are: {pair.left}, {pair.right}"
+    answer = move(http, "nobody", HOME)
+    assert (answer.status_code, answer.json()) == (404, {"detail": valid, "code": "not_found"})
+    with pytest.raises(InvalidStatus) as caught:
+        connect(f"ws{pair.url.removeprefix('http')}/robots/nobody/stream", proxy=None)
+    assert caught.value.response.status_code == 404
+    assert json.loads(caught.value.response.body) == {"detail": valid, "code": "not_found"}
+
+
+def test_the_python_clients_reach_either_robot(pair: Pair, http: httpx.Client) -> None:
+    with Client(pair.url, robot=pair.right) as client:
+        client.move_joints(AWAY, speed=0.8)
+        assert client.joint_states()["position"] == pytest.approx(AWAY, abs=2e-3)
+    for address in (pair.at(pair.right), pair.right):  # over the network, and on this computer
+        with Robot(address, connect_retries=0) as robot:
+            assert robot.states().q == pytest.approx(AWAY, abs=2e-3)
+    with Robot(pair.url, connect_retries=0) as robot:
+        assert robot.states().q == pytest.approx(HOME, abs=2e-3)
+
+
+def test_stopping_a_robot_of_python_leaves_the_other_alone(pair: Pair, http: httpx.Client) -> None:
+    left = send(http, pair.left, 4.0)
+    with Robot(pair.right, connect_retries=0) as robot:
+        robot.stop()
+    pair.until(lambda: arrived(http, pair.left, left))
+
+
+def test_the_example_moves_both(pair: Pair, http: httpx.Client) -> None:
+    ended = subprocess.run(
+        [sys.executable, str(EXAMPLES / "two_robots.py")],
+        env={**os.environ, "COBOT_URL": pair.url},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+
+
+def test_what_they_log_says_whose_it_is(pair: Pair, http: httpx.Client) -> None:
+    right = send(http, pair.right, 2.0)
+    pair.until(lambda: f"{pair.right}: motion {right}: arrived and settled" in pair.output)
+
+
+def test_a_robot_that_cannot_start_does_not_keep_the_other_from_starting(tmp_path: Path) -> None:
+    run = Pair(tmp_path, second=", backend: 'no.such:Arm'")
+    try:
+        run.until(lambda: (run.health() or {"status": ""})["status"] == "ok")
+        with httpx.Client(base_url=run.url, timeout=WAIT_S) as client:
+            answer = client.post("/robot/move/joints", json={"joints": AWAY, "speed": 1.0})
+            assert answer.json().get("success"), answer.text + run.output
+            assert client.get(f"/robots/{run.right}/joint_states").status_code == 503
+            assert robot_health(client, run.right)["problems"] == ["rtloop has not started yet"]
+        assert f"rtloop {run.right}: rt.backend: cannot load 'no.such:Arm'" in run.output
+    finally:
+        run.end()
+    for name in (run.left, run.right):
+        assert not (Path("/dev/shm") / f"cobot-{name}").exists()
+
+
+def test_a_start_of_two_robots_is_refused_while_one_of_them_runs(pair: Pair, tmp_path: Path) -> None:
+    other = tmp_path / "other.yaml"
+    free = unique_name()
+    other.write_text(
+        f"logs: logs\nweb: {{port: 0}}\nrobots: [{{name: {free}}}, {{name: {pair.right}}}]\n",
+        encoding="utf-8",
+    )
+    command = [sys.executable, "-m", "cobot", "run", "--config", str(other)]
+    second = subprocess.run(command, capture_output=True, text=True, timeout=WAIT_S, check=False)
+    assert second.returncode == 1
+    assert f"pid {pair.process.pid} runs as its supervisor" in second.stderr
+    assert not (Path("/dev/shm") / f"cobot-{free}").exists()
+    assert pair.all_healthy()

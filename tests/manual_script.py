@@ -1,0 +1,56 @@
+"""The client of the manual's section 8.0, as it stands there; it is not part of this repository."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from importlib.util import find_spec
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+FIRST, LAST = "8.0 完整脚本", "8.1 脚本主流程说明"
+SHIM = ROOT / "tests" / "ros2" / "rclpy_shim"
+
+
+def script() -> str | None:
+    """Its text, if the manual is here."""
+    for path in sorted((ROOT.parent / "shared" / "spec").glob("*.txt")):
+        text = path.read_text(encoding="utf-8")
+        if FIRST in text:
+            return text.split(FIRST, 1)[1].split(LAST, 1)[0].strip() + "\n"
+    return None
+
+
+def run_script(folder: Path, domain: int, *arguments: str, shim: bool) -> subprocess.CompletedProcess[str]:
+    """Run it in a process of its own, not on a terminal.
+
+    Args:
+        shim: with our `rclpy` on Fast DDS, where there is no ROS.
+    """
+    path = folder / "client.py"
+    text = script()
+    assert text is not None
+    path.write_text(text, encoding="utf-8")
+    paths = [str(SHIM), str(ROOT / "tests"), str(ROOT)] if shim else []
+    environment = {
+        **os.environ,
+        "ROS_DOMAIN_ID": str(domain),
+        "ROS_LOCALHOST_ONLY": "1",
+        "PYTHONPATH": os.pathsep.join([*paths, *filter(None, [os.environ.get("PYTHONPATH")])]),
+    }
+    command = [sys.executable, str(path), *arguments]
+    return subprocess.run(
+        command,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=200.0,
+        check=False,
+    )
+
+
+def has_ros() -> bool:
+    """Whether rclpy and the built interfaces are here."""
+    return find_spec("rclpy") is not None and find_spec("aubo_interfaces") is not None

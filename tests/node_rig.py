@@ -1,0 +1,91 @@
+"""A node of ours in the test's process, its event loop in a thread; and a domain that no other test uses."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import fcntl
+import os
+import tempfile
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, TypeVar
+
+from cobot.ros.messages import Messages
+from ros2.names import ENCLAVE, NodeName
+from ros2.node import Node
+from ros2.rtps import Participant
+
+Value = TypeVar("Value")
+DOMAINS = range(100, 200)
+NAME = NodeName("cobot")
+
+DEFINITIONS = {
+    "aubo_interfaces/srv/GetDof": "---\nint32 code\nstring message\nint32 result\n",
+    "aubo_interfaces/srv/MoveJoint": (
+        "float64[] q\nfloat64 a\nfloat64 v\nfloat64 blend_radius\nfloat64 duration\n"
+        "---\nint32 code\nstring message\nint32 result\n"
+    ),
+    "aubo_interfaces/action/Count": "int32 until\n---\nint32 reached\n---\nint32 now\n",
+}
+
+
+@contextlib.contextmanager
+def own_domain() -> Iterator[int]:
+    """A ROS domain of this test's own, on this computer."""
+    folder = Path(tempfile.gettempdir()) / f"cobot-peers-{os.getuid()}"
+    folder.mkdir(exist_ok=True)
+    start = os.getpid() % len(DOMAINS)
+    for offset in range(len(DOMAINS)):
+        domain = DOMAINS[(start + offset) % len(DOMAINS)]
+        with (folder / f"domain-{domain}").open("w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            yield domain
+            return
+    raise AssertionError("no domain is free")
+
+
+class NodeRig:
+    """A node on localhost."""
+
+    def __init__(self, domain: int, gid_bytes: int = 24) -> None:
+        self.domain = domain
+        self.messages = Messages(DEFINITIONS)
+        self.loop = asyncio.new_event_loop()
+        self._thread = threading.Thread(target=self.loop.run_forever, daemon=True)
+        self._thread.start()
+        self.participant = Participant(domain, localhost_only=True, name=NAME.full, user_data=ENCLAVE)
+        self.node: Node = self.do(lambda: Node(self.participant, NAME, self.messages, gid_bytes, self.loop))
+
+    def do(self, action: Callable[[], Value]) -> Value:
+        """Call something in the event loop; what it gave."""
+
+        async def call() -> Value:
+            return action()
+
+        return asyncio.run_coroutine_threadsafe(call(), self.loop).result(30.0)
+
+    def close(self) -> None:
+        self.do(self.node.close)
+        self.participant.close()
+
+        async def cancel_all() -> None:
+            others = asyncio.all_tasks() - {asyncio.current_task()}
+            for task in others:
+                task.cancel()
+            await asyncio.gather(*others, return_exceptions=True)
+
+        asyncio.run_coroutine_threadsafe(cancel_all(), self.loop).result(30.0)
+        self.loop.call_soon_threadsafe(self.loop.stop)
+        self._thread.join(10.0)
+        self.loop.close()
+
+    def __enter__(self) -> NodeRig:
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self.close()

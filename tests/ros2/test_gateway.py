@@ -1,0 +1,285 @@
+"""The gateway between the hub of a real web server and a ROS 2 node on Fast DDS, which is the oracle."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+import threading
+from collections.abc import AsyncIterator, Callable, Iterator
+from typing import Any
+
+import pytest
+import uvicorn
+from fastapi import FastAPI
+from node_rig import DEFINITIONS, NodeRig, own_domain
+from ros_peer import Peer, until
+
+from app.hub.actions import GoalHandle, GoalStatus, Rejected
+from app.hub.hub import Hub, Message
+from app.routers import rosbridge
+from app.vendor.codes import Code
+from cobot.ros.messages import Messages
+from ros2 import gateway as gateway_module
+from ros2.gateway import Gateway
+
+GET_DOF = "aubo_interfaces/srv/GetDof"
+MOVE_JOINT = "aubo_interfaces/srv/MoveJoint"
+COUNT = "aubo_interfaces/action/Count"
+STRING = "std_msgs/msg/String"
+BELOW = "/iiwa/count/_action"
+GOAL_ID = {"uuid": "AQIDBAUGBwgJCgsMDQ4PEA=="}
+
+
+class Counting:
+    """An action that counts until it is told to go on, or cancelled."""
+
+    name, type_, definition = "/iiwa/count", COUNT, ""
+
+    def __init__(self) -> None:
+        self.go_on = asyncio.Event()
+
+    async def execute(self, goal: Message, handle: GoalHandle) -> Message:
+        if goal["until"] < 0:
+            raise Rejected("nobody counts backwards")
+        handle.accept()
+        reached = 0
+        while reached < goal["until"] or not self.go_on.is_set():
+            if handle.cancel_requested.is_set():
+                handle.status = GoalStatus.CANCELED
+                return {"reached": reached}
+            reached += 1
+            handle.feedback({"now": reached})
+            await asyncio.sleep(0.01)
+        handle.status = GoalStatus.SUCCEEDED
+        return {"reached": reached}
+
+
+class Service:
+    """A web server with the real hub and the real rosbridge, and a few things on it."""
+
+    def __init__(self, port: int = 0) -> None:
+        self.commands: list[str] = []
+        self.heard: list[str] = []
+        self.hub: Hub
+        self.counting: Counting
+        self.loop: asyncio.AbstractEventLoop
+        listener = socket.socket()
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind(("127.0.0.1", port))
+        self.port = listener.getsockname()[1]
+        app = FastAPI(lifespan=self._lifespan)
+        app.include_router(rosbridge.router)
+        config = uvicorn.Config(
+            app, log_config=None, ws="websockets-sansio", ws_max_size=1 << 26, timeout_graceful_shutdown=1
+        )
+        self.server = uvicorn.Server(config)
+        self._thread = threading.Thread(target=self.server.run, args=([listener],), daemon=True)
+        self._thread.start()
+        until(lambda: self.server.started, "the server does not start")
+
+    def close(self) -> None:
+        self.server.should_exit = True
+        self._thread.join(20.0)
+
+    def do(self, action: Callable[[], Any]) -> Any:
+        async def call() -> Any:
+            return action()
+
+        return asyncio.run_coroutine_threadsafe(call(), self.loop).result(20.0)
+
+    @contextlib.asynccontextmanager
+    async def _lifespan(self, app: FastAPI) -> AsyncIterator[None]:
+        self.loop = asyncio.get_running_loop()
+        self.hub = app.state.hub = Hub(Messages(DEFINITIONS))
+        app.state.large_body = asyncio.Lock()
+        app.state.rosbridge_connections = 0
+        self.hub.add_service("/iiwa/RobotConfig/getDof", GET_DOF, self._get_dof, owner=self)
+        self.hub.add_service("/iiwa/MotionControl/moveJoint", MOVE_JOINT, self._move, owner=self)
+        self.hub.add_service("/iiwa/slow", GET_DOF, self._never, owner=self)
+        self.counting = Counting()
+        self.hub.add_action(self.counting)
+        self.hub.subscribe("/iiwa/joint_cmd", STRING, lambda m: self.commands.append(m["data"]), owner=self)
+        self.hub.subscribe("/both", STRING, lambda m: self.heard.append(m["data"]), owner=self)
+        self.both = self.hub.advertise("/both", STRING, owner=self)
+        yield
+        await self.hub.close()
+
+    async def _get_dof(self, request: Message) -> Message:
+        return {"code": 0, "message": "", "result": 7}
+
+    async def _move(self, request: Message) -> Message:
+        return {"code": 0, "message": str(request["q"]), "result": 0}
+
+    async def _never(self, request: Message) -> Message:
+        await asyncio.Event().wait()
+        raise AssertionError
+
+
+class Bench:
+    """All of it: the service, the gateway, and the foreign node."""
+
+    def __init__(self, domain: int) -> None:
+        self.service: Service | None = Service()
+        self.port = self.service.port
+        self.rig = NodeRig(domain)
+        url = f"http://127.0.0.1:{self.port}"
+        self.gateway = self.rig.do(lambda: Gateway(self.rig.node, url, {"/iiwa/status"}))
+        self.running = asyncio.run_coroutine_threadsafe(self.gateway.run(), self.rig.loop)
+        self.peer = Peer(domain, Messages(DEFINITIONS))
+
+    def get_dof(self) -> Any:
+        return self.peer.client("/iiwa/RobotConfig/getDof", GET_DOF).until_ready()
+
+    def stop_service(self) -> None:
+        assert self.service is not None
+        self.service.close()
+        self.service = None
+
+    def start_service(self) -> Service:
+        self.service = Service(self.port)
+        return self.service
+
+    def close(self) -> None:
+        self.peer.close()
+        self.running.cancel()
+        self.rig.close()
+        if self.service is not None:
+            self.service.close()
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    with own_domain() as domain:
+        made = Bench(domain)
+        yield made
+        made.close()
+
+
+def test_the_codes_are_those_of_the_services() -> None:
+    assert gateway_module.CODE_ERROR == Code.ERROR
+    assert gateway_module.CODE_UNAVAILABLE == Code.UNAVAILABLE
+
+
+def test_a_service_of_the_hub_is_one_of_ros(bench: Bench) -> None:
+    assert bench.get_dof().call() == {"code": 0, "message": "", "result": 7}
+    move = bench.peer.client("/iiwa/MotionControl/moveJoint", MOVE_JOINT).until_ready()
+    for number in range(50):
+        assert move.call({"q": [0.1 * number] * 7, "a": 0.3})["message"] == str([0.1 * number] * 7)
+
+
+def test_no_point_of_joint_cmd_is_lost_or_overtaken(bench: Bench) -> None:
+    publisher = bench.peer.publisher("/iiwa/joint_cmd", STRING, depth=5000)
+    publisher.until_matched()
+    points = [f'{{"type":"servo_point","point_id":{number}}}' for number in range(3000)]
+    for point in points:
+        publisher.publish({"data": point})
+    service = bench.service
+    assert service is not None
+    until(lambda: len(service.commands) >= len(points), "not all points arrived")
+    assert service.commands == points
+
+
+def test_a_topic_goes_both_ways_and_nothing_comes_back(bench: Bench) -> None:
+    service = bench.service
+    assert service is not None
+    outside = bench.peer.subscription("/both", STRING)
+    publisher = bench.peer.publisher("/both", STRING)
+    outside.until_matched(2)  # of the gateway, and of the peer itself
+    publisher.until_matched(2)
+    publisher.publish({"data": "from ros"})
+    until(lambda: "from ros" in service.heard, "nothing arrived at the hub")
+    service.do(lambda: service.both.publish({"data": "from the hub"}))
+    assert [outside.get()["data"] for _ in range(2)] == ["from ros", "from the hub"]
+    publisher.publish({"data": "last"})
+    until(lambda: "last" in service.heard, "nothing arrived at the hub")
+    assert service.heard == ["from ros", "from the hub", "last"]  # each once
+    assert outside.get()["data"] == "last"
+
+
+def test_topics_services_and_types_come_and_go_with_the_hub(bench: Bench) -> None:
+    service = bench.service
+    assert service is not None
+    hub = service.hub
+    bench.get_dof()
+
+    def add() -> Any:
+        hub.messages.add({"demo_msgs/msg/Pair": "int32 left\nint32 right\n"})
+        return hub.advertise("/demo/pair", "demo_msgs/msg/Pair", owner=service)
+
+    publisher = service.do(add)
+    bench.peer.messages.add({"demo_msgs/msg/Pair": "int32 left\nint32 right\n"})
+    heard = bench.peer.subscription("/demo/pair", "demo_msgs/msg/Pair")
+    heard.until_matched()
+    service.do(lambda: publisher.publish({"left": 1, "right": 2}))
+    assert heard.get() == {"left": 1, "right": 2}
+    made = service.do(lambda: hub.services["/iiwa/slow"])
+    service.do(publisher.close)
+    service.do(lambda: hub.remove_service(made))
+    until(lambda: not any("slow" in found[1] for found in bench.peer.found), "the service is still there")
+    until(lambda: ("w", "rt/demo/pair") not in {f[:2] for f in bench.peer.found}, "the topic is still there")
+
+
+def test_own_topics_are_not_mirrored(bench: Bench) -> None:
+    service = bench.service
+    assert service is not None
+    service.do(lambda: service.hub.advertise("/iiwa/status", STRING, owner=service))
+    service.do(lambda: service.hub.advertise("/demo/after", STRING, owner=service))
+    until(lambda: ("w", "rt/demo/after") in {found[:2] for found in bench.peer.found}, "not mirrored")
+    assert ("w", "rt/iiwa/status") not in {found[:2] for found in bench.peer.found}
+
+
+def test_an_action_is_followed_to_its_result(bench: Bench) -> None:
+    service = bench.service
+    assert service is not None
+    heard = bench.peer.subscription(f"{BELOW}/feedback", f"{COUNT}_FeedbackMessage")
+    heard.until_matched()
+    send = bench.peer.client(f"{BELOW}/send_goal", f"{COUNT}_SendGoal").until_ready()
+    result = bench.peer.client(f"{BELOW}/get_result", f"{COUNT}_GetResult").until_ready()
+    assert not send.call({"goal_id": GOAL_ID, "goal": {"until": -1}})["accepted"]
+    assert send.call({"goal_id": GOAL_ID, "goal": {"until": 3}})["accepted"]
+    waiting = result.begin({"goal_id": GOAL_ID})
+    assert [heard.get()["feedback"]["now"] for _ in range(3)] == [1, 2, 3]
+    late = bench.peer.subscription(f"{BELOW}/status", "action_msgs/msg/GoalStatusArray", latched=True)
+    assert late.until(lambda m: m["status_list"])["status_list"][0]["status"] == GoalStatus.EXECUTING
+    service.do(service.counting.go_on.set)
+    got = waiting(30.0)
+    assert got["status"] == GoalStatus.SUCCEEDED
+    assert got["result"]["reached"] >= 3
+    late.until(lambda m: m["status_list"][0]["status"] == GoalStatus.SUCCEEDED)
+
+
+def test_a_goal_is_cancelled(bench: Bench) -> None:
+    send = bench.peer.client(f"{BELOW}/send_goal", f"{COUNT}_SendGoal").until_ready()
+    result = bench.peer.client(f"{BELOW}/get_result", f"{COUNT}_GetResult").until_ready()
+    cancel = bench.peer.client(f"{BELOW}/cancel_goal", "action_msgs/srv/CancelGoal").until_ready()
+    assert send.call({"goal_id": GOAL_ID, "goal": {"until": 5}})["accepted"]
+    waiting = result.begin({"goal_id": GOAL_ID})
+    answer = cancel.call({"goal_info": {"goal_id": GOAL_ID}})
+    assert [each["goal_id"] for each in answer["goals_canceling"]] == [GOAL_ID]
+    assert waiting(30.0)["status"] == GoalStatus.CANCELED
+
+
+def test_calls_are_answered_while_the_service_is_away_and_after_it(bench: Bench) -> None:
+    get_dof = bench.get_dof()
+    slow = bench.peer.client("/iiwa/slow", GET_DOF).until_ready()
+    send = bench.peer.client(f"{BELOW}/send_goal", f"{COUNT}_SendGoal").until_ready()
+    result = bench.peer.client(f"{BELOW}/get_result", f"{COUNT}_GetResult").until_ready()
+    cancel = bench.peer.client(f"{BELOW}/cancel_goal", "action_msgs/srv/CancelGoal").until_ready()
+    assert send.call({"goal_id": GOAL_ID, "goal": {"until": 5}})["accepted"]
+    waiting, pending = slow.begin({}), result.begin({"goal_id": GOAL_ID})
+    bench.stop_service()
+    lost = waiting(30.0)
+    assert (lost["code"], lost["result"]) == (Code.UNAVAILABLE, Code.UNAVAILABLE)
+    assert "connection" in lost["message"]
+    assert pending(30.0)["status"] == GoalStatus.ABORTED
+    away = get_dof.call()
+    assert away["code"] == Code.UNAVAILABLE
+    assert "away" in away["message"]
+    assert not send.call({"goal_id": GOAL_ID, "goal": {"until": 5}})["accepted"]
+    assert cancel.call({"goal_info": {"goal_id": GOAL_ID}})["return_code"] == gateway_module.CANCEL_REJECTED
+    service = bench.start_service()
+    until(lambda: get_dof.call()["code"] == Code.OK, "the service does not come back")
+    publisher = bench.peer.publisher("/both", STRING)
+    publisher.until_matched()
+    until(lambda: publisher.publish({"data": "again"}) or service.heard, "topics do not come back")
