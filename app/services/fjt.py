@@ -15,9 +15,7 @@ import logging
 import math
 import time
 from collections.abc import AsyncIterator
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import replace
 
 from app.hub.actions import GoalHandle, GoalStatus, Rejected
 from app.services.fjt_goal import (
@@ -30,6 +28,7 @@ from app.services.fjt_goal import (
     read_goal,
 )
 from app.services.fjt_progress import Progress, on_path
+from app.services.fjt_run import ARRIVAL_S, FEEDBACK_S, SEND_PERIOD_S, FjtSettings, Run, stream
 from app.services.link import RobotLink, RobotState
 from app.services.motion import MotionService
 from app.services.ownership import Caller, Claim, Ownership
@@ -43,76 +42,12 @@ from cobot.robot import Robot
 from cobot.trajectory import Trajectory
 
 WATCH_S = 0.01
-FEEDBACK_EVERY = 5
-"""Feedback at 20 Hz, the default of joint_trajectory_controller; tolerances at 100 Hz."""
+"""Tolerances are judged so often."""
+FEEDBACK_EVERY = round(FEEDBACK_S / WATCH_S)
 READY_S = 1.0
 PLAN_S = 30.0
-SEND_PERIOD_S = 0.01
-WATCHDOG_S = 0.5
-CYCLE_S = 0.001
-"""Of the points of servo mode 4, which are sent together once in a period."""
-ARRIVAL_S = 5.0
-"""How long a servo session is waited for that has got its last point, unless the goal says otherwise."""
-FINISHED = (0.005, 0.02)
-"""rad and rad/s: how near a servo session has to come to the end, where goal_tolerance says nothing."""
 
 log = logging.getLogger("cobot.fjt")
-
-
-@dataclass(frozen=True, slots=True)
-class FjtSettings:
-    """How goals are executed: the settings' file, and what `fjt_control` has changed since.
-
-    Attributes:
-        mode: NONE for a planned motion.
-        time_s: of each servo point, 0 for the period.
-        period_s: between servo points.
-    """
-
-    enabled: bool
-    mode: ServoMode
-    time_s: float
-    period_s: float
-
-
-class _Run:
-    """A goal from its acceptance to its end.
-
-    Attributes:
-        cause: why it has to end early, if it has to.
-        ended: set when the arm rests, or moves for somebody else.
-    """
-
-    def __init__(self) -> None:
-        self.cause: ExecutionError | None = None
-        self.ended = asyncio.Event()
-        self._interrupted = asyncio.Event()
-        self._claim: Claim | None = None
-
-    def interrupt(self, cause: ExecutionError) -> None:
-        """End it; the first cause counts."""
-        if self.cause is None:
-            self.cause = cause
-            self._interrupted.set()
-            if self._claim is not None:
-                self._claim.interrupt(cause)
-
-    def own(self, claim: Claim) -> None:
-        """From now on an interruption is the claim's too."""
-        self._claim = claim
-        if self.cause is not None:
-            claim.interrupt(self.cause)
-
-    def proceed(self) -> None:
-        """Raise why it has to end, if it has to."""
-        if self.cause is not None:
-            raise self.cause
-
-    async def sleep(self, seconds: float) -> None:
-        """Shorter, and with its cause raised, when it has to end."""
-        with contextlib.suppress(TimeoutError):
-            await asyncio.wait_for(self._interrupted.wait(), max(seconds, 0.0))
-        self.proceed()
 
 
 class FollowJointTrajectory:
@@ -139,7 +74,7 @@ class FollowJointTrajectory:
         self._servo = servo
         self._configured = settings
         self._start_tolerance_rad = start_tolerance_rad
-        self._newest: _Run | None = None
+        self._newest: Run | None = None
 
     @property
     def settings(self) -> FjtSettings:
@@ -174,9 +109,9 @@ class FollowJointTrajectory:
         return {"error_code": int(ErrorCode.SUCCESSFUL), "error_string": ""}
 
     @contextlib.asynccontextmanager
-    async def _turn(self, handle: GoalHandle) -> AsyncIterator[_Run]:
+    async def _turn(self, handle: GoalHandle) -> AsyncIterator[Run]:
         """Be the newest goal: the one before ends first, and a cancel or a newer one ends this one."""
-        run, before = _Run(), self._newest
+        run, before = Run(), self._newest
         self._newest = run
 
         async def cancelled() -> None:
@@ -196,7 +131,7 @@ class FollowJointTrajectory:
                 self._newest = None
 
     async def _work(
-        self, run: _Run, goal: FjtGoal, settings: FjtSettings, stops: int, handle: GoalHandle
+        self, run: Run, goal: FjtGoal, settings: FjtSettings, stops: int, handle: GoalHandle
     ) -> None:
         caller = Caller(self.name, None, stops, math.inf, asyncio.Event())
         with self._ownership.claim(caller) as claim:
@@ -209,7 +144,7 @@ class FollowJointTrajectory:
             if settings.mode is ServoMode.NONE:
                 await self._follow(claim, goal, trajectory, handle)
                 return
-        await self._stream(run, goal, trajectory, settings, handle)
+        await stream(self._servo, self._link, self._limits.names, run, goal, trajectory, settings, handle)
 
     async def _planned(self, claim: Claim, goal: FjtGoal, state: RobotState, *, streamed: bool) -> Trajectory:
         """The motion through all points, slowed down where the limits need it and the goal permits it."""
@@ -271,7 +206,7 @@ class FollowJointTrajectory:
                         handle.feedback(progress.feedback(self._limits.names))
                     elapsed_s = time.monotonic() - begun_s - (claim.pace.paused_s - paused_s)
                     if elapsed_s > latest_s and self._under_way(goal, trajectory, state):
-                        claim.interrupt(GoalViolated(self._late(goal)))
+                        claim.interrupt(GoalViolated(goal.late))
             await asyncio.sleep(WATCH_S)
 
     async def _arrived(self, claim: Claim, goal: FjtGoal, trajectory: Trajectory) -> None:
@@ -287,51 +222,6 @@ class FollowJointTrajectory:
             claim.proceed()
             await asyncio.sleep(WATCH_S)
 
-    async def _stream(
-        self, run: _Run, goal: FjtGoal, trajectory: Trajectory, settings: FjtSettings, handle: GoalHandle
-    ) -> None:
-        """Have it executed by a servo session, point by point."""
-        servo, period_s = self._servo, settings.period_s
-        spacing_s = CYCLE_S if settings.mode is ServoMode.BUFFERED_1MS else period_s
-        await servo.begin(settings.mode, max(WATCHDOG_S, 5.0 * period_s), period_s)
-        session = servo.session
-        begun_s = time.monotonic()
-        latest_s = trajectory.duration_s + min(goal.late_s, ARRIVAL_S)
-        told = 0
-        try:
-            for number in itertools.count(1):
-                if not servo.holds(session):
-                    raise MotionStopped(f"the servo session has ended: {servo.reason}")
-                until_s = number * period_s
-                times_s = [until_s - spacing_s * n for n in reversed(range(round(period_s / spacing_s)))]
-                for point in trajectory.sample(times_s).tolist():
-                    await servo.point(point, time_s=settings.time_s or spacing_s)
-                await run.sleep(begun_s + until_s - time.monotonic())
-                elapsed_s = time.monotonic() - begun_s
-                rate = float(elapsed_s < trajectory.duration_s)
-                progress = on_path(
-                    trajectory, min(elapsed_s, trajectory.duration_s), rate, self._link.state()
-                )
-                if violation := progress.path_violation(goal, self._limits.names):
-                    raise PathViolated(f"{violation} by path_tolerance")
-                if elapsed_s >= told * WATCH_S * FEEDBACK_EVERY:
-                    told = int(elapsed_s / (WATCH_S * FEEDBACK_EVERY)) + 1
-                    handle.feedback(progress.feedback(self._limits.names))
-                if rate == 0.0 and self._finished(goal, progress):
-                    return
-                if elapsed_s > latest_s:
-                    raise GoalViolated(self._late(goal))
-        finally:
-            if servo.holds(session):
-                await servo.end(str(run.cause or "follow_joint_trajectory is done"))
-
-    def _finished(self, goal: FjtGoal, progress: Progress) -> bool:
-        wanted = zip((goal.end.position, goal.end.velocity), FINISHED, strict=True)
-        return all(
-            bool((np.abs(error) <= np.where(np.isinf(allowed), default, allowed)).all())
-            for error, (allowed, default) in zip(progress.error, wanted, strict=True)
-        )
-
     def _judge(self, claim: Claim, goal: FjtGoal, progress: Progress) -> None:
         if claim.interruption is None and (violation := progress.path_violation(goal, self._limits.names)):
             claim.interrupt(PathViolated(f"{violation} by path_tolerance"))
@@ -345,10 +235,6 @@ class FollowJointTrajectory:
     def _latest_s(self, goal: FjtGoal, trajectory: Trajectory) -> float:
         """After the beginning, when the arm has to be there."""
         return max(goal.points[-1].time_from_start_s + goal.late_s, trajectory.duration_s + WATCH_S)
-
-    def _late(self, goal: FjtGoal) -> str:
-        allowed = "" if math.isinf(goal.late_s) else f" and goal_time_tolerance ({goal.late_s:g} s)"
-        return f"not arrived within the trajectory's time ({goal.points[-1].time_from_start_s:g} s){allowed}"
 
     def _failed(self, handle: GoalHandle, error: CobotError) -> Message:
         cancelled = handle.cancel_requested.is_set() and isinstance(error, MotionStopped)

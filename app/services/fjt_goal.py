@@ -100,6 +100,12 @@ class FjtGoal:
     end: Tolerance
     late_s: float
 
+    @property
+    def late(self) -> str:
+        """What is said of an arm that is not there in time."""
+        allowed = "" if math.isinf(self.late_s) else f" and goal_time_tolerance ({self.late_s:g} s)"
+        return f"not arrived within the trajectory's time ({self.points[-1].time_from_start_s:g} s){allowed}"
+
 
 def read_goal(goal: Message, limits: JointLimits, now_s: float) -> FjtGoal:
     """The goal of a complete message (see `cobot.ros.messages`).

@@ -70,6 +70,7 @@ def test_who_comes_late_gets_the_last_message_of_a_latched_topic(rig: NodeRig, p
     assert peer.subscription("/robot_description", STRING, latched=True).get() == {"data": "last"}
     plain = peer.subscription("/robot_description", STRING)
     plain.until_matched()
+    until(lambda: publisher.readers == 2, "the second reader is not found")
     publisher.publish({"data": "new"})
     assert plain.get() == {"data": "new"}
 
