@@ -1,16 +1,10 @@
--- The ROS 2 side in one page: say something on a topic, wait a second for an answer on another one.
+-- Tells ROS 2 where the arm is, and asks it for a name to greet.
 --     cobot lua examples/hello.lua
--- From the other end, with any ROS 2 node or rosbridge client, publish a std_msgs/msg/String on /demo/from_ros.
-local ros_bind = require("ros_bind")
+-- Meanwhile, from any ROS 2 node or rosbridge client: publish a std_msgs/msg/String on /demo/name.
+local ros = require("ros_bind")
+local names = ros.ros_subscriber_factory("/demo/name", "std_msgs/msg/String")
+local joint4 = ros.ros_publisher_factory("/demo/joint4", "std_msgs/msg/Float64")
 
-local pub = ros_bind.ros_publisher_factory("/demo/from_lua", "std_msgs/msg/String")
-local sub = ros_bind.ros_subscriber_factory("/demo/from_ros", "std_msgs/msg/String")
-
-pub:write("hello from lua")
-
-local ok, msg = sub:read_timeout(1000)
-if ok then
-  textmsg("recv:", msg)
-else
-  textmsg("timeout")
-end
+joint4:write(get_joint_positions()[4]) -- rad
+local came, name = names:read_timeout(2000) -- ms
+textmsg("hello", came and name or "nobody")

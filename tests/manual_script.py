@@ -1,4 +1,4 @@
-"""The client of the manual's section 8.0, as it stands there; it is not part of this repository."""
+"""The programs that the manual shows, as they stand there; they are not part of this repository."""
 
 from __future__ import annotations
 
@@ -10,15 +10,25 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 FIRST, LAST = "8.0 完整脚本", "8.1 脚本主流程说明"
+LUA_FIRST, LUA_LAST = "最小示例如下:", "4. Topic 模块"
 SHIM = ROOT / "tests" / "ros2" / "rclpy_shim"
 
 
 def script() -> str | None:
-    """Its text, if the manual is here."""
+    """The client of section 8.0, if the manual is here."""
+    return _between(FIRST, LAST)
+
+
+def lua_example() -> str | None:
+    """The example of chapter 3, if the manual is here."""
+    return _between(LUA_FIRST, LUA_LAST)
+
+
+def _between(first: str, last: str) -> str | None:
     for path in sorted((ROOT.parent / "shared" / "spec").glob("*.txt")):
         text = path.read_text(encoding="utf-8")
-        if FIRST in text:
-            return text.split(FIRST, 1)[1].split(LAST, 1)[0].strip() + "\n"
+        if first in text:
+            return text.split(first, 1)[1].split(last, 1)[0].strip() + "\n"
     return None
 
 

@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
 
+from ros_peer import until
+
 from cobot.ros.messages import Messages
 from ros2.names import ENCLAVE, NodeName
 from ros2.node import Node
@@ -69,6 +71,13 @@ class NodeRig:
 
         return asyncio.run_coroutine_threadsafe(call(), self.loop).result(30.0)
 
+    def until_known(self, topic: str) -> None:
+        """Until the participant has found a foreign reader of a topic, by its name in DDS."""
+        until(
+            lambda: any(end.topic == topic and end.kind == "reader" for end in self.participant.discovered()),
+            f"nobody reads {topic}",
+        )
+
     def close(self) -> None:
         self.do(self.node.close)
         self.participant.close()
@@ -78,6 +87,8 @@ class NodeRig:
             for task in others:
                 task.cancel()
             await asyncio.gather(*others, return_exceptions=True)
+            for _ in range(3):  # transports close a turn of the loop later
+                await asyncio.sleep(0)
 
         asyncio.run_coroutine_threadsafe(cancel_all(), self.loop).result(30.0)
         self.loop.call_soon_threadsafe(self.loop.stop)

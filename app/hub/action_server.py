@@ -92,13 +92,12 @@ class ActionServer:
         """Have a goal worked on; returns when it was accepted.
 
         Args:
-            arguments: of the goal; what is missing is ROS's default.
+            arguments: of the goal, complete and checked.
             on_feedback: called with each feedback, quickly.
 
         Raises:
             CobotError: it is refused, with the reason.
         """
-        arguments = self._messages.checked(f"{self.action.type_}_Goal", arguments)
         self._forget()
         if goal_id in self._goals:
             raise Rejected(f"goal {goal_id.hex} of {self.action.name} was sent already")

@@ -150,7 +150,9 @@ class Hub(Topics):
         Raises:
             InputError: no such action, a wrong goal, or it is refused (`Rejected`).
         """
-        goal = await self.action(name).begin(_uuid(goal_id), arguments, on_feedback)
+        server = self.action(name)
+        checked = self.messages.checked(f"{server.action.type_}_Goal", arguments)
+        goal = await server.begin(_uuid(goal_id), checked, on_feedback)
         await goal.ended.wait()
         return goal.status, goal.result
 

@@ -142,8 +142,7 @@ class Bench:
 
     def close(self) -> None:
         self.peer.close()
-        self.running.cancel()
-        self.rig.close()
+        self.rig.close()  # ends the gateway too
         if self.service is not None:
             self.service.close()
 
@@ -186,6 +185,7 @@ def test_a_topic_goes_both_ways_and_nothing_comes_back(bench: Bench) -> None:
     outside = bench.peer.subscription("/both", STRING)
     publisher = bench.peer.publisher("/both", STRING)
     outside.until_matched(2)  # of the gateway, and of the peer itself
+    bench.rig.until_known("rt/both")
     publisher.until_matched(2)
     publisher.publish({"data": "from ros"})
     until(lambda: "from ros" in service.heard, "nothing arrived at the hub")
@@ -211,6 +211,7 @@ def test_topics_services_and_types_come_and_go_with_the_hub(bench: Bench) -> Non
     bench.peer.messages.add({"demo_msgs/msg/Pair": "int32 left\nint32 right\n"})
     heard = bench.peer.subscription("/demo/pair", "demo_msgs/msg/Pair")
     heard.until_matched()
+    bench.rig.until_known("rt/demo/pair")
     service.do(lambda: publisher.publish({"left": 1, "right": 2}))
     assert heard.get() == {"left": 1, "right": 2}
     made = service.do(lambda: hub.services["/iiwa/slow"])
@@ -234,6 +235,7 @@ def test_an_action_is_followed_to_its_result(bench: Bench) -> None:
     assert service is not None
     heard = bench.peer.subscription(f"{BELOW}/feedback", f"{COUNT}_FeedbackMessage")
     heard.until_matched()
+    bench.rig.until_known(f"rt{BELOW}/feedback")
     send = bench.peer.client(f"{BELOW}/send_goal", f"{COUNT}_SendGoal").until_ready()
     result = bench.peer.client(f"{BELOW}/get_result", f"{COUNT}_GetResult").until_ready()
     assert not send.call({"goal_id": GOAL_ID, "goal": {"until": -1}})["accepted"]

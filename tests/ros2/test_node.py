@@ -172,6 +172,7 @@ def test_an_action_is_three_services_and_two_topics(rig: NodeRig, peer: Peer) ->
     rig.do(lambda: rig.node.service(f"{below}/cancel_goal", "action_msgs/srv/CancelGoal", cancel))
     heard = peer.subscription(f"{below}/feedback", f"{count}_FeedbackMessage")
     heard.until_matched()
+    rig.until_known(f"rt{below}/feedback")
     goal_id = {"uuid": "AQIDBAUGBwgJCgsMDQ4PEA=="}
     send = peer.client(f"{below}/send_goal", f"{count}_SendGoal").until_ready()
     assert send.call({"goal_id": goal_id, "goal": {"until": 9}})["accepted"]

@@ -46,7 +46,8 @@ class Sent:
 class Tool:
     """What `ros2 param` calls."""
 
-    def __init__(self, peer: Peer, sent: Sent) -> None:
+    def __init__(self, rig: NodeRig, peer: Peer, sent: Sent) -> None:
+        self.rig = rig
         self.peer = peer
         self.sent = sent
 
@@ -79,7 +80,7 @@ def tool(settings: Settings) -> Iterator[Tool]:
     sent: Any = Sent()
     with own_domain() as domain, NodeRig(domain) as rig, Peer(domain, rig.messages) as peer:
         rig.do(lambda: Parameters(rig.node, options(settings, [], sent)))
-        yield Tool(peer, sent)
+        yield Tool(rig, peer, sent)
 
 
 def test_all_options_of_the_manual_are_parameters(tool: Tool) -> None:
@@ -147,6 +148,7 @@ def test_the_action_s_options_reach_the_robot_as_fjt_control_and_are_told(
 ) -> None:
     events = tool.peer.subscription("/parameter_events", "rcl_interfaces/msg/ParameterEvent")
     events.until_matched()
+    tool.rig.until_known("rt/parameter_events")
     tool.sent.messages.clear()
     results = tool.set(enable_fjt_action=True, fjt_mode=5, fjt_time=0.02, fjt_send_period=0.004)
     assert [each["successful"] for each in results] == [True] * 4
