@@ -1,20 +1,19 @@
-"""`ros2/peer.cpp` from Python: a DDS peer on Fast DDS, the library under rmw_fastrtps, and free domains."""
+"""`ros2/peer.cpp` from Python: a DDS peer on Fast DDS, the library under rmw_fastrtps."""
 
 from __future__ import annotations
 
-import fcntl
 import json
-import os
 import queue
 import struct
 import subprocess
-import tempfile
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from peers import built
 
 SOURCE = Path(__file__).parent / "ros2" / "peer.cpp"
 HEAD = struct.Struct("<4xId")
@@ -39,9 +38,13 @@ def number_of(payload: bytes) -> int:
 class Peer:
     """`peer.cpp` as a process."""
 
-    def __init__(self, binary: Path, domain: int) -> None:
+    def __init__(self, domain: int) -> None:
         self._process = subprocess.Popen(
-            [str(binary), str(domain)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
+            [str(built(SOURCE)), str(domain)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            bufsize=1,
         )
         self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
         threading.Thread(target=self._collect, daemon=True).start()
@@ -100,14 +103,10 @@ class Peer:
 
 
 @contextmanager
-def own_domain() -> Iterator[int]:
-    """A domain in 100..199 that no other test on this computer uses meanwhile."""
-    folder = Path(tempfile.gettempdir()) / f"cobot-peers-{os.getuid()}"
-    folder.mkdir(exist_ok=True)
-    for offset in range(100):
-        domain = 100 + (os.getpid() + offset) % 100
-        with (folder / f"domain-{domain}").open("w") as lock, suppress(BlockingIOError):
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            yield domain
-            return
-    raise AssertionError("all domains from 100 to 199 are in use")
+def running(domain: int) -> Iterator[Peer]:
+    """A peer until the context ends."""
+    peer = Peer(domain)
+    try:
+        yield peer
+    finally:
+        peer.kill()

@@ -36,7 +36,7 @@ from cobot.types import JointLimits
 from cobot.types import Mode as LoopMode
 from rtloop.modes import STREAMING
 
-TESTS = Path(__file__).parents[1]
+BACKENDS = Path(__file__).parents[1] / "backends"
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 GOALS = [[0.8, 0.3, -0.3, -1.2, 0.3, 1.2, 0.5], HOME]
 BUSY = {LoopMode.TRAJECTORY, *STREAMING}
@@ -93,7 +93,7 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
     faults.write_text("{}", encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("COBOT_FAULTS", str(faults))
-        patch.setenv("PYTHONPATH", str(TESTS))
+        patch.setenv("PYTHONPATH", str(BACKENDS))
         started = FaultyRun(folder, clock="realtime")
         try:
             started.until(started.healthy)

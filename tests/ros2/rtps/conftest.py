@@ -2,28 +2,14 @@
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
-from rtps_peer import SOURCE, Peer, own_domain
+from peers import own_domain
+from rtps_peer import Peer
 
 from ros2.rtps import Participant
-
-
-@pytest.fixture(scope="session")
-def peer_binary(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    if shutil.which("g++") is None:
-        pytest.skip("needs g++ to build the Fast DDS peer (apt-get install g++)")
-    if not Path("/usr/include/fastdds").is_dir():
-        pytest.skip("needs the headers of Fast DDS (apt-get install libfastrtps-dev)")
-    binary = tmp_path_factory.mktemp("peer") / "peer"
-    command = ["g++", "-std=c++17", "-O0", "-o", str(binary), str(SOURCE), "-lfastrtps", "-lfastcdr"]
-    subprocess.run(command, check=True)
-    return binary
 
 
 @pytest.fixture
@@ -33,11 +19,11 @@ def domain() -> Iterator[int]:
 
 
 @pytest.fixture
-def start_peer(peer_binary: Path, domain: int) -> Iterator[Callable[[], Peer]]:
+def start_peer(domain: int) -> Iterator[Callable[[], Peer]]:
     peers: list[Peer] = []
 
     def start() -> Peer:
-        peers.append(Peer(peer_binary, domain))
+        peers.append(Peer(domain))
         return peers[-1]
 
     yield start
