@@ -10,7 +10,19 @@ import os
 import platform
 from collections.abc import Callable, Iterator
 
-from benchmarks import cycle, latency, modes, planning, servo, smoothness, stopping, torn, virtual_clock, web
+from benchmarks import (
+    cycle,
+    dds,
+    latency,
+    modes,
+    planning,
+    servo,
+    smoothness,
+    stopping,
+    torn,
+    virtual_clock,
+    web,
+)
 from benchmarks.table import HEADER, Row
 
 BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
@@ -19,6 +31,7 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "wake_up": lambda quick: cycle.wake_up(2 if quick else 13, 5.0 if quick else 12.0),
     "latency": lambda quick: latency.commands(400 if quick else 3000, 2 if quick else 10),
     "servo": lambda quick: servo.servo(100 if quick else 1000, 5.0 if quick else 12.0),
+    "dds": lambda quick: dds.dds(*(5.0, 200, 2000) if quick else (30.0, 2000, 100_000)),
     "torn_reads": lambda quick: torn.torn_reads(100_000 if quick else 10_000_000),
     "stops": lambda quick: stopping.stops(4 if quick else 40),
     "smoothness": lambda quick: smoothness.smoothness(6.0 if quick else 30.0),

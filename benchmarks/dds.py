@@ -8,16 +8,15 @@ import random
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import httpx
 import numpy as np
-import psutil
 import rtps_peer
-from node_rig import own_domain
+from peers import own_domain
 from ros_peer import Client, Peer, until
 from running import Run
 
@@ -34,6 +33,7 @@ BYTES = 292
 POINT_PERIOD_S = 0.002
 SWING_RAD = 0.01
 LOSSES = (0.1, 0.3)
+PATIENCE_S = 20.0
 
 
 class Ros:
@@ -88,23 +88,28 @@ def _joint_states(running: Ros, rate_hz: int, seconds: float) -> Iterator[Row]:
     process = running.run.child("ros2")
     assert process is not None
     used, begun_s = process.cpu_times(), time.monotonic()
+    states.drain()
     time.sleep(seconds)
     took_s = time.monotonic() - begun_s
     spent = process.cpu_times()
-    ages_ms = 1e3 * np.array(states.ages_s())
-    states.close()
+    ages_ms = [(came_ns - _stamp_ns(message)) / 1e6 for came_ns, message in states.arrivals()]
     core = 100.0 * (spent.user + spent.system - used.user - used.system) / took_s
     with rtps_peer.running(running.domain) as sender, rtps_peer.running(running.domain) as receiver:
-        floor = rtps_peer.delays_s(sender, receiver, int(rate_hz * seconds), BYTES, 1.0 / rate_hz)
+        floor = _between_peers(sender, receiver, int(rate_hz * seconds), 1.0 / rate_hz)
     yield row(
         f"joint_states at {rate_hz} Hz to a Fast DDS node: age on arrival; {len(ages_ms) / took_s:.0f} Hz, "
         f"{core:.1f} % of a core",
         "ms",
-        percentiles(ages_ms),
+        (*percentiles(ages_ms)[:2], max(ages_ms)),
         "Fast DDS to Fast DDS, a message of that size",
-        tuple(1e3 * delay for delay in floor),
+        floor,
         columns=("p50", "p99", "largest"),
     )
+
+
+def _stamp_ns(message: dict[str, Any]) -> int:
+    stamp = message["header"]["stamp"]
+    return int(stamp["sec"]) * 10**9 + int(stamp["nanosec"])
 
 
 def _round_trips(running: Ros, calls: int) -> Row:
@@ -146,7 +151,10 @@ def _points(running: Ros, count: int) -> Row:
     until(lambda: json.loads(running.call("MotionControl/getServoFeedback"))["buffered"] == 0, "points wait")
     feedback = json.loads(running.call("MotionControl/getServoFeedback"))
     say(type="servo_control", command="stop")
-    until(lambda: not running.call("MotionControl/isServoModeEnabled"), "the session has not ended")
+    until(
+        lambda: json.loads(running.call("MotionControl/getServoFeedback"))["state"] == "idle",
+        "the session has not ended",
+    )
     taken, refused = feedback["points_taken"], feedback["points_refused"]
     return row(
         f"servo points of {count} sent at 500 Hz over DDS: {feedback['underruns']} underruns",
@@ -167,7 +175,7 @@ def _long_trajectory(running: Ros, points: int = 5000) -> Row:
     cancel = running.client("follow_joint_trajectory/_action/cancel_goal", "action_msgs/srv/CancelGoal")
     state = reader(running.run).state.read()
     start = np.array(state["commanded_position"])
-    names = [f"joint_{index}" for index in range(1, len(start) + 1)]
+    names = [f"joint{index}" for index in range(1, len(start) + 1)]
     took_ms, plain_ms = [], []
     trajectory = {"joint_names": names, "points": []}
     for index in range(points):
@@ -209,22 +217,57 @@ def _losses(share: float, count: int) -> Row:
         with turn:
             return dice.random() < share
 
-    delays = {}
-    for name, loss in (("lossy", lost), ("whole", None)):
-        with own_domain() as domain, rtps_peer.running(domain) as peer:
-            ours = Participant(domain, localhost_only=True, user_data=ENCLAVE, loss=loss)
-            try:
-                delays[name], got = rtps_peer.received(ours, peer, Qos(depth=None), count, BYTES, 0.005)
-            finally:
-                ours.close()
-        if name == "lossy":
-            arrived = got
+    lossy, whole = (_to_peer(count, 0.005, loss) for loss in (lost, None))
     return row(
-        f"{count} messages at 200 Hz, {share:.0%} of all packets lost: {count - arrived} lost",
+        f"{count} messages at 200 Hz to Fast DDS, {share:.0%} of all packets lost: "
+        f"{count - lossy['count']} messages lost",
         "ms",
-        tuple(1e3 * delay for delay in delays["lossy"]),
+        _delays_ms(lossy),
         "no packet lost",
-        tuple(1e3 * delay for delay in delays["whole"]),
+        _delays_ms(whole),
         columns=("p50", "p99", "largest"),
         aim="0 lost",
     )
+
+
+def _to_peer(count: int, period_s: float, loss: Callable[[], bool] | None) -> dict[str, Any]:
+    """What a Fast DDS reader has got of so many messages of ours."""
+    with own_domain() as domain, rtps_peer.running(domain) as peer:
+        ours = Participant(domain, localhost_only=True, user_data=ENCLAVE, loss=loss)
+        try:
+            writer = ours.create_writer("ours", "Type", Qos(depth=None))
+            peer.reader("ours")
+            peer.wait("ours")
+            until(lambda: writer.matched, "the peer is not found")
+            begun_s = time.monotonic()
+            for number in range(1, count + 1):
+                writer.write(rtps_peer.numbered(number, BYTES))
+                time.sleep(max(0.0, begun_s + number * period_s - time.monotonic()))
+            return _settled(peer, "ours", count)
+        finally:
+            ours.close()
+
+
+def _between_peers(
+    sender: rtps_peer.Peer, receiver: rtps_peer.Peer, count: int, period_s: float
+) -> tuple[float, ...]:
+    receiver.reader("theirs")
+    sender.writer("theirs")
+    sender.wait("theirs")
+    receiver.wait("theirs")
+    sender.write("theirs", count, BYTES, round(1e6 * period_s))
+    return _delays_ms(_settled(receiver, "theirs", count))
+
+
+def _settled(peer: rtps_peer.Peer, topic: str, count: int) -> dict[str, Any]:
+    """Its report when all have come, or after some seconds."""
+    report = peer.report(topic)
+    deadline_s = time.monotonic() + PATIENCE_S
+    while report["count"] < count and time.monotonic() < deadline_s:
+        time.sleep(0.1)
+        report = peer.report(topic)
+    return report
+
+
+def _delays_ms(report: dict[str, Any]) -> tuple[float, ...]:
+    return tuple(1e3 * report[name] for name in ("p50_s", "p99_s", "max_s"))

@@ -11,6 +11,7 @@ While the service is away everything stays, and calls answer that it is.
 
 from __future__ import annotations
 
+import gc
 import json
 import logging
 from collections.abc import Awaitable, Callable
@@ -94,9 +95,14 @@ class Gateway:
         published = {topic["name"]: topic["type"] for topic in topics if topic["publishers"]}
         heard = {topic["name"]: topic["type"] for topic in topics if topic["subscribers"]}
         services = {service["name"]: service["type"] for service in graph["services"]}
-        self._settle(self._services, services, self._offer, lambda gone: None)
-        self._settle(self._out, published, self._publish, self._unsubscribe)
+        # In this order: a client that has found a service has found joint_cmd, and may publish there at once.
         self._settle(self._in, heard, self._listen, self._unadvertise)
+        self._settle(self._out, published, self._publish, self._unsubscribe)
+        more = not services.keys() <= self._services.keys()
+        self._settle(self._services, services, self._offer, lambda gone: None)
+        if more:  # they stay: the collector would take 0.1 s to look at them all, again and again
+            gc.collect()
+            gc.freeze()
 
     def _settle(
         self,

@@ -1,15 +1,10 @@
-"""A node of ours in the test's process, its event loop in a thread; and a domain that no other test uses."""
+"""A node of ours in the test's process, its event loop in a thread."""
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import fcntl
-import os
-import tempfile
 import threading
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 from ros_peer import until
@@ -20,7 +15,6 @@ from ros2.node import Node
 from ros2.rtps import Participant
 
 Value = TypeVar("Value")
-DOMAINS = range(100, 200)
 NAME = NodeName("cobot")
 
 DEFINITIONS = {
@@ -31,24 +25,6 @@ DEFINITIONS = {
     ),
     "aubo_interfaces/action/Count": "int32 until\n---\nint32 reached\n---\nint32 now\n",
 }
-
-
-@contextlib.contextmanager
-def own_domain() -> Iterator[int]:
-    """A ROS domain of this test's own, on this computer."""
-    folder = Path(tempfile.gettempdir()) / f"cobot-peers-{os.getuid()}"
-    folder.mkdir(exist_ok=True)
-    start = os.getpid() % len(DOMAINS)
-    for offset in range(len(DOMAINS)):
-        domain = DOMAINS[(start + offset) % len(DOMAINS)]
-        with (folder / f"domain-{domain}").open("w") as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                continue
-            yield domain
-            return
-    raise AssertionError("no domain is free")
 
 
 class NodeRig:

@@ -3,43 +3,22 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
-import hashlib
 import itertools
-import os
 import queue
 import subprocess
-import tempfile
 import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from peers import built
+
 from cobot.ros.messages import Messages
 
 SOURCE = Path(__file__).parent / "ros2" / "ros_peer.cpp"
 WAIT_S = 30.0
-
-
-def build() -> Path:
-    """The compiled peer; compiled anew when its source has changed.
-
-    Raises:
-        subprocess.CalledProcessError: the compiler refuses.
-    """
-    source = SOURCE.read_bytes()
-    folder = Path(tempfile.gettempdir()) / f"cobot-peers-{os.getuid()}"
-    folder.mkdir(exist_ok=True)
-    made = folder / f"ros_peer-{hashlib.sha256(source).hexdigest()[:16]}"
-    with (folder / "lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        if not made.exists():
-            partial = made.with_suffix(".partial")
-            command = ["g++", "-std=c++17", "-O1", "-o", str(partial), str(SOURCE), "-lfastrtps", "-lfastcdr"]
-            subprocess.run(command, check=True)
-            partial.rename(made)
-    return made
+Arrival = tuple[int, bytes]
 
 
 def dds_type(name: str) -> str:
@@ -59,7 +38,7 @@ class Peer:
     def __init__(self, domain: int, messages: Messages) -> None:
         self.messages = messages
         self.found: set[tuple[str, str, str]] = set()
-        self._samples: dict[str, queue.Queue[bytes]] = {}
+        self._samples: dict[str, queue.Queue[Arrival]] = {}
         self._replies: dict[str, queue.Queue[bytes]] = {}
         self._matched: queue.Queue[tuple[int, int]] = queue.Queue()
         self._numbers = itertools.count()
@@ -67,7 +46,11 @@ class Peer:
         self._writing = threading.Lock()
         self.failures: list[str] = []
         self.process = subprocess.Popen(
-            [str(build()), str(domain)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
+            [str(built(SOURCE)), str(domain)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            bufsize=1,
         )
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
@@ -153,7 +136,7 @@ class Peer:
             case "ready":
                 self._ready.set()
             case "sample":
-                self._samples[words[0]].put(bytes.fromhex(words[1]))
+                self._samples[words[0]].put((int(words[1]), bytes.fromhex(words[2])))
             case "reply":
                 self.expect(words[1]).put(bytes.fromhex(words[2]))
             case "matched":
@@ -182,7 +165,7 @@ class Publisher:
 class Subscription:
     """Collects messages."""
 
-    def __init__(self, peer: Peer, number: str, type_: str, samples: queue.Queue[bytes]) -> None:
+    def __init__(self, peer: Peer, number: str, type_: str, samples: queue.Queue[Arrival]) -> None:
         self._peer, self._number, self._type, self._samples = peer, number, type_, samples
 
     def get(self, timeout_s: float = WAIT_S) -> dict[str, Any]:
@@ -191,11 +174,20 @@ class Subscription:
         Raises:
             queue.Empty: none comes.
         """
-        return self._peer.messages.from_cdr(self._type, self._samples.get(timeout=timeout_s))
+        return self.arrival(timeout_s)[1]
+
+    def arrival(self, timeout_s: float = WAIT_S) -> tuple[int, dict[str, Any]]:
+        """The next message, and when it came: ns on the wall clock."""
+        came_ns, content = self._samples.get(timeout=timeout_s)
+        return came_ns, self._peer.messages.from_cdr(self._type, content)
 
     def drain(self) -> list[dict[str, Any]]:
         """All that have come."""
-        return [self.get(0.0) for _ in range(self._samples.qsize())]
+        return [message for _, message in self.arrivals()]
+
+    def arrivals(self) -> list[tuple[int, dict[str, Any]]]:
+        """All that have come, with their times."""
+        return [self.arrival(0.0) for _ in range(self._samples.qsize())]
 
     def until(self, condition: Callable[[dict[str, Any]], Any]) -> dict[str, Any]:
         """The first message from now on that is as wanted."""

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from cyclone_peer import JointState, String, cyclone_participant, cyclone_reader, cyclone_writer
 from manual_script import has_ros, run_script, script
-from node_rig import own_domain
+from peers import own_domain
 from ros_peer import Client, Peer, until
 from running import WAIT_S, Run
 
@@ -30,7 +30,8 @@ from cobot.ros.messages import Messages
 STRING = "std_msgs/msg/String"
 JOINT_STATES = "sensor_msgs/msg/JointState"
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
-PERIOD = ("--period", "0.02", "--time", "0.02")
+PERIOD = ("--period", "0.02", "--time", "0.02", "--watchdog", "5")
+"""With time enough for a machine that does other things too."""
 
 needs_manual = pytest.mark.skipif(script() is None, reason="the manual is not here")
 
@@ -63,6 +64,10 @@ class Ros:
             moved = http.post("/robot/move/joints", json={"joints": joints, "speed": 1.0})
             assert moved.json()["success"], moved.text
 
+    def until_at(self, joints: list[float]) -> None:
+        how = f"{self.run.health()}\n{self.run.output[-2000:]}"
+        until(lambda: np.abs(np.subtract(self.run.joints(), joints)).max() < 0.01, f"not at {joints}: {how}")
+
     def topic(self, name: str) -> str:
         return f"/{self.run.name}/{name}"
 
@@ -91,7 +96,7 @@ def test_the_manual_s_client_moves_the_arm_to_zero_in_every_servo_mode(
 ) -> None:
     ros.move([0.4, -0.3, 0.2, -0.4, 0.1, 0.3, -0.2])  # from home it takes four times as long
     ros.script(tmp_path, "--mode", "current", "--servo-mode", str(mode), *PERIOD)
-    until(lambda: np.abs(ros.run.joints()).max() < 0.01, f"the arm is at {ros.run.joints()}, not at zero")
+    ros.until_at([0.0] * 7)
 
 
 @needs_manual
@@ -103,7 +108,7 @@ def test_the_manual_s_client_plays_joints_of_a_csv_file(ros: Ros, tmp_path: Path
     ros.script(
         tmp_path, "--mode", "csv", "--traj", str(path), "--point-type", "joint", "--servo-mode", "3", *PERIOD
     )
-    until(lambda: np.abs(ros.run.joints() - points[-1]).max() < 0.01, "the arm is not at the last point")
+    ros.until_at(points[-1].tolist())
 
 
 @needs_manual
@@ -231,6 +236,56 @@ def test_a_servo_session_is_held_by_its_action(ros: Ros) -> None:
     answer = ended(WAIT_S)
     assert (answer["status"], answer["result"]["code"]) == (5, 0)
     assert (answer["result"]["points_accepted"], answer["result"]["points_refused"]) == (20, 0)
+
+
+FJT = "control_msgs/action/FollowJointTrajectory"
+
+
+def trajectory(positions: np.ndarray, times_s: np.ndarray) -> dict[str, Any]:
+    """A goal of FollowJointTrajectory."""
+    points = [
+        {"positions": list(point), "time_from_start": {"sec": int(at), "nanosec": int(at % 1 * 1e9)}}
+        for point, at in zip(positions.tolist(), times_s.tolist(), strict=True)
+    ]
+    names = [f"joint{number}" for number in range(1, 8)]
+    return {"trajectory": {"joint_names": names, "points": points}}
+
+
+def test_a_trajectory_is_followed_with_feedback_to_its_goal(ros: Ros) -> None:
+    ros.home()
+    below = ros.topic("follow_joint_trajectory/_action")
+    feedback = ros.peer.subscription(f"{below}/feedback", f"{FJT}_FeedbackMessage", depth=1000)
+    feedback.until_matched()
+    send = ros.peer.client(f"{below}/send_goal", f"{FJT}_SendGoal").until_ready()
+    result = ros.peer.client(f"{below}/get_result", f"{FJT}_GetResult").until_ready()
+    # 5000 points: larger than a datagram, and than what is decoded in the event loop.
+    times_s = np.linspace(0.001, 5.0, 5000)
+    share = (1.0 - np.cos(np.pi * times_s / 5.0)) / 2.0
+    positions = np.array(HOME) + 0.3 * share[:, None]
+    goal_id = {"uuid": list(os.urandom(16))}
+    assert send.call({"goal_id": goal_id, "goal": trajectory(positions, times_s)})["accepted"], (
+        ros.run.output[-2000:]
+    )
+    told = feedback.get()["feedback"]
+    assert told["joint_names"] == [f"joint{number}" for number in range(1, 8)]
+    answer = result.call({"goal_id": goal_id})
+    assert (answer["status"], answer["result"]["error_code"]) == (4, 0), answer
+    assert np.abs(np.array(ros.run.joints()) - positions[-1]).max() < 0.01
+
+
+def test_a_trajectory_that_is_cancelled_comes_to_rest_on_its_path(ros: Ros) -> None:
+    ros.home()
+    below = ros.topic("follow_joint_trajectory/_action")
+    send = ros.peer.client(f"{below}/send_goal", f"{FJT}_SendGoal").until_ready()
+    result = ros.peer.client(f"{below}/get_result", f"{FJT}_GetResult").until_ready()
+    cancel = ros.peer.client(f"{below}/cancel_goal", "action_msgs/srv/CancelGoal").until_ready()
+    goal_id = {"uuid": list(os.urandom(16))}
+    goal = trajectory(np.array([HOME]) + 0.5, np.array([10.0]))
+    assert send.call({"goal_id": goal_id, "goal": goal})["accepted"]
+    until(lambda: np.abs(ros.run.joints() - np.array(HOME)).max() > 0.01, "the arm does not move")
+    assert len(cancel.call({"goal_info": {"goal_id": goal_id}})["goals_canceling"]) == 1
+    assert result.call({"goal_id": goal_id})["status"] == 5
+    assert np.ptp(np.array(ros.run.joints()) - HOME) < 0.01  # all joints have gone the same way
 
 
 def restarted(ros: Ros, module: str, act: Callable[[], Any]) -> None:

@@ -5,7 +5,7 @@
 //   write ID HEX | call ID TAG HEX                    CDR with its header of 4 bytes
 //   matched ID                                        answers "matched ID WRITERS READERS"
 //
-// What comes in is printed: "sample ID HEX", "reply ID TAG HEX", and "found|lost w|r TOPIC TYPE" for each
+// What comes in is printed: "sample ID NS HEX" with the wall clock's time, "reply ID TAG HEX", and "found|lost w|r TOPIC TYPE" for each
 // endpoint of others.
 #include <fastdds/dds/domain/DomainParticipant.hpp>
 #include <fastdds/dds/domain/DomainParticipantFactory.hpp>
@@ -23,6 +23,7 @@
 #include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
 #include <fastdds/rtps/writer/WriterDiscoveryInfo.h>
 
+#include <chrono>
 #include <cstdio>
 #include <cstring>
 #include <iostream>
@@ -87,6 +88,10 @@ Bytes bytes_of(const std::string& text) {
   return bytes;
 }
 
+long now_ns() {
+  return std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count();
+}
+
 void say(const std::string& line) {
   std::cout << line << "\n" << std::flush;
 }
@@ -105,7 +110,7 @@ struct Endpoint : DataReaderListener {
       if (!info.valid_data) continue;
       std::lock_guard<std::mutex> mine(turn);
       if (!client) {
-        say("sample " + id + " " + hex(bytes));
+        say("sample " + id + " " + std::to_string(now_ns()) + " " + hex(bytes));
         continue;
       }
       const auto& related = info.related_sample_identity;  // rmw_fastrtps drops any other reply

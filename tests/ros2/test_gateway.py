@@ -12,7 +12,8 @@ from typing import Any
 import pytest
 import uvicorn
 from fastapi import FastAPI
-from node_rig import DEFINITIONS, NodeRig, own_domain
+from node_rig import DEFINITIONS, NodeRig
+from peers import own_domain
 from ros_peer import Peer, until
 
 from app.hub.actions import GoalHandle, GoalStatus, Rejected

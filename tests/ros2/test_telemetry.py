@@ -7,7 +7,8 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from node_rig import NodeRig, own_domain
+from node_rig import NodeRig
+from peers import own_domain
 from rosbags.typesys import Stores, get_typestore
 from running import unique_name
 
