@@ -15,7 +15,7 @@ setup: $(VENV)/.run-stamp ## make the virtual environment that `make run` uses
 setup-dev: $(VENV)/.dev-stamp ## add what the tests and benchmarks need
 
 test: setup-dev lint ## lint, types, import contract, unit, property and end-to-end tests
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile
 
 lint: setup-dev
 	$(BIN)/ruff check .

@@ -1,9 +1,10 @@
 """`python -m benchmarks.soak`: everything that can happen to an arm, at random; no limit may be violated.
 
-The real cycle on the virtual clock: planned motions and streams of all kinds, rates and interpolations, each
-brought to its end by something else: a stop, an e-stop, a client that is killed, falls silent, jumps or
-streams what is no number, a push at the tool, a device or a memory that breaks. What was commanded is read
-from the state block in every cycle and compared with joint_limits.yaml.
+The real cycle on the virtual clock: planned motions, streams of all kinds, rates and interpolations, and
+servo sessions of all modes whose points come in bursts, with gaps and with wrong times, each brought to its
+end by something else: a stop, an e-stop, a client that is killed, falls silent, jumps or streams what is no
+number, a push at the tool, a device or a memory that breaks. What was commanded is read from the state block
+in every cycle and compared with joint_limits.yaml.
 """
 
 from __future__ import annotations
@@ -15,10 +16,10 @@ import time
 from collections import Counter
 
 import numpy as np
-from faults import BLOCKS, KINDS, Task, WatchedRig, spoil
+from faults import BLOCKS, FORCE_MODES, KINDS, Task, WatchedRig, spoil
 
 from cobot.config import Settings, load_settings
-from cobot.layout import Interpolation
+from cobot.layout import Interpolation, ServoMode
 from cobot.quaternion import product
 from cobot.robot import Robot, load_robot
 from cobot.types import Array, Mode
@@ -26,8 +27,9 @@ from rtloop.modes import STREAMING
 
 LONGEST_TASK = 2500
 """Cycles, and as many more to come to rest."""
-WAYS = ("smooth", "fast", "steps", "noise")
+WAYS = ("smooth", "fast", "steps", "noise", "far")
 PUSH_N, PUSH_NM = 60.0, 6.0
+SENDERS = ("punctual", "bursts", "gaps", "wrong times")
 
 
 class Wanderer(Task):
@@ -38,16 +40,39 @@ class Wanderer(Task):
         self.way_of_it = str(random.choice(WAYS))
         self._sizes = random.uniform(-1.0, 1.0, 7)
         self._rates_hz = random.uniform(0.1, 0.6, 7) * (4.0 if self.way_of_it == "fast" else 1.0)
+        self._sender = str(random.choice(SENDERS))
+        self._law = (0.0, 0.0) if random.random() < 0.5 else tuple(random.uniform([0.03, 100], [0.2, 2000]))
+        self._held: list[Array] = []
         super().__init__(rig, kind, int(random.choice([1, 2, 5, 10, 20, 33, 100])), **wishes)
 
+    def send(self, target: dict[str, Array]) -> None:
+        if self.kind != "servo":
+            super().send(target)
+            return
+        random, time_s = self._random, self.interval * self._period_s
+        self._held.append(target["joints"])
+        if self._sender in ("bursts", "gaps") and random.random() < 0.9:
+            return
+        if self._sender == "gaps":
+            del self._held[:-1]
+        if self._sender == "wrong times":
+            time_s = float(random.choice([0.0, -1.0, 1e-4, time_s, 3.0 * time_s, 1e300]))
+        for joints in self._held:
+            self._points.put(joints.tolist(), time_s, *self._law)
+        self._held.clear()
+
     def target(self) -> dict[str, Array]:
-        time_s = self._cycle * self.rig.settings.rt.period_s
-        swing = 0.5 * self._sizes * (1.0 - np.cos(2.0 * np.pi * self._rates_hz * time_s))
+        time_s = self._cycle * self._period_s
+        swing = (
+            (3.0 if self.way_of_it == "far" else 0.5)
+            * self._sizes
+            * (1.0 - np.cos(2.0 * np.pi * self._rates_hz * time_s))
+        )
         if self.way_of_it == "steps":
             swing = np.round(swing, 1)
         if self.way_of_it == "noise":
             swing = swing + self._random.normal(0.0, 0.02, 7)
-        if self.kind == "joint":
+        if self.kind in ("joint", "servo"):
             return {"joints": self._origin + 0.6 * swing}
         if self.kind == "torque":
             return {"joints": 6.0 * swing}
@@ -99,11 +124,15 @@ class Soak:
         self.counts[kind] += 1
         self.counts[f"ended by {how}"] += 1
         wishes: dict[str, object] = {} if kind == "motion" else self._wishes()
+        if kind == "servo":
+            wishes |= self._servo_wishes()
         client = None
         if how == "kill" and kind != "motion":
             client = subprocess.Popen(["sleep", "600"])
             wishes["pid"] = client.pid
         task = Wanderer(rig, kind, random, **wishes)
+        if kind == "servo":  # what the force modes shall exert
+            rig.aim()
         task.step(int(random.integers(1, LONGEST_TASK)))
         if client is not None:
             client.kill()
@@ -120,6 +149,16 @@ class Soak:
             wishes["damping_ratio"] = random.uniform(0.3, 1.0)
         if random.random() < 0.3:
             wishes["max_contact_wrench"] = 40.0
+        return wishes
+
+    def _servo_wishes(self) -> dict[str, object]:
+        random, mode = self._random, ServoMode(int(self._random.integers(1, len(ServoMode))))
+        self.counts[f"servo mode {mode}"] += 1
+        wishes: dict[str, object] = {"servo_mode": mode, "watchdog_s": random.choice([0.1, 0.5, 5.0])}
+        if mode in FORCE_MODES:
+            wishes["force_axes"] = random.integers(0, 2, 6).astype(float)
+            wishes["force_velocity"] = [0.1] * 3 + [0.5] * 3
+            self.rig.memory.setpoint.data["wrench"] = random.uniform(-1.0, 1.0, 6) * ([20.0] * 3 + [2.0] * 3)
         return wishes
 
     def _recover(self, task: Task) -> None:
@@ -167,7 +206,8 @@ class Soak:
         wild = task.target()
         for value in wild.values():
             value[:3] += self._random.normal(0.0, 0.3, 3)
-        self.rig.aim(**wild)
+        task.send(wild)
+        self.rig.step(task.interval)  # or the next one replaces it before it is taken
         task.step(300)
 
     def _end_by_no_number(self, task: Task) -> None:
@@ -176,7 +216,8 @@ class Soak:
         wild = task.target()
         for value in wild.values():
             value[self._random.integers(7)] = self._random.choice([np.nan, np.inf, -np.inf])
-        self.rig.aim(**wild)
+        task.send(wild)
+        self.rig.step(task.interval)
         task.step(100)
 
     def _end_by_push(self, task: Task) -> None:

@@ -7,8 +7,17 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, ValidationInfo
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+)
 
+from cobot.addresses import ROBOTS
 from cobot.errors import ConfigError
 from cobot.strict import StrictModel, sentence, shown, unknown_key
 from cobot.yaml_file import read_mapping
@@ -88,8 +97,14 @@ class Section(StrictModel):
     model_config = ConfigDict(frozen=True)
 
 
+def _not_a_path(name: str) -> str:
+    if f"/{name}" == ROBOTS:
+        raise ValueError(f"{name!r} is taken: {ROBOTS}/NAME/... are the endpoints of any robot")
+    return name
+
+
 class RobotSection(Section):
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,48}$")]
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,48}$"), AfterValidator(_not_a_path)]
     model: Location
     srdf: Location
     group: str

@@ -86,6 +86,7 @@ class ServoRules:
     Attributes:
         active: whether points are taken.
         mode, send_period_s, watchdog_s: of the session, or of the last one.
+        owner: who alone sends the points of this session, "" for anybody.
         session_id: the one that the session is locked to; None before its first point that states one.
         point_id: of the last accepted point.
         received, accepted: points since the session began.
@@ -106,12 +107,13 @@ class ServoRules:
         self.session_id: int | None = None
         self.point_id: int | None = None
         self.active = False
+        self.owner = ""
         self.mode = ServoMode.NONE
         self.watchdog_s, self.send_period_s = DEFAULT_WATCHDOG_S, control_period_s
 
-    def begin(self, request: SetMode) -> None:
+    def begin(self, request: SetMode, owner: str = "") -> None:
         """A session begins: points are taken, counted from zero."""
-        self.active = True
+        self.active, self.owner = True, owner
         self.mode, self.watchdog_s, self.send_period_s = (
             request.mode,
             request.watchdog_s,
@@ -168,15 +170,25 @@ class ServoRules:
         return SetMode(ServoMode(mode), watchdog_s, self._period(send_period_s, "send_period"))
 
     def point(
-        self, position: Sequence[float], *, cartesian: bool, time_s: float, lookahead_s: float, gain: float
+        self,
+        position: Sequence[float],
+        *,
+        cartesian: bool,
+        time_s: float,
+        lookahead_s: float,
+        gain: float,
+        owner: str = "",
     ) -> Point:
         """A point in numbers, without session and number: 0 is the default everywhere.
+
+        Args:
+            owner: who sends it, if the session is for him alone.
 
         Raises:
             BrokenRule: there is no session, or it makes no sense.
         """
         self.received += 1
-        self._require_active()
+        self._require_active(owner)
         values = self._position(list(position), cartesian=cartesian)
         return Point(None, None, cartesian, values, *self._timing(time_s, lookahead_s, gain))
 
@@ -252,9 +264,12 @@ class ServoRules:
         )
         return Point(session_id, point_id, cartesian, position, *timing)
 
-    def _require_active(self) -> None:
+    def _require_active(self, owner: str = "") -> None:
         if not self.active:
             raise BrokenRule(Refusal.NOT_ACTIVE, "there is no servo session: begin one with set_mode")
+        if owner != self.owner:
+            whose = self.owner or "somebody else"
+            raise BrokenRule(Refusal.SESSION_ID, f"the servo session takes points of {whose} only")
 
     def _position(self, position: object, *, cartesian: bool) -> tuple[float, ...]:
         size = POSE_SIZE if cartesian else len(self._bounds)

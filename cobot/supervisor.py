@@ -1,4 +1,4 @@
-"""`cobot run`: starts rtloop and the service, restarts what dies, and leaves nothing behind.
+"""`cobot run`: starts rtloop, the service and ros2, restarts what dies, and leaves nothing behind.
 
 A dead process is ordinary: it is started again after a pause that doubles up to `MAX_BACKOFF_S`.
 The supervisor owns the shared memory and the listening socket, so that both outlive their users: a

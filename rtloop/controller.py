@@ -213,7 +213,8 @@ class Controller:
         if stop:
             self.stop("stop requested")
         silence_s = self.mailbox.service_silence_s(now_ns)
-        if self.mode is Mode.TRAJECTORY and silence_s > self._rt.service_timeout_s:
+        needed = self.mode is Mode.TRAJECTORY or (self.mode in STREAMING and self.streaming.from_service)
+        if needed and silence_s > self._rt.service_timeout_s:
             self.safety.count(Intervention.SERVICE_TIMEOUT)
             self.stop(f"the service has been silent for {silence_s:.1f} s")
 

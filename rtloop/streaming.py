@@ -115,6 +115,13 @@ class Streaming:
         return isinstance(self._source, CartesianSource) and self._source.move_running
 
     @property
+    def from_service(self) -> bool:
+        """Whether it is a servo session, whose points wait here: they come from the service, and nobody else
+        can end it.
+        """
+        return self.session != 0 and self._servo is not None
+
+    @property
     def point_counts(self) -> tuple[int, int, int, int, int]:
         """Of the last servo session: points read, taken, dropped, still ahead; and underruns."""
         servo, queue = self._servo, self._points

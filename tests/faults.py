@@ -13,9 +13,10 @@ from rig import Rig
 
 from cobot.config import Settings
 from cobot.errors import TornReadError
-from cobot.layout import RING, Ack, Command, Stream
+from cobot.layout import RING, Ack, Command, ServoMode, Stream
 from cobot.planners.ptp import plan_ptp
 from cobot.planners.request import MotionRequest
+from cobot.realtime.writer import PointWriter
 from cobot.robot import Robot
 from cobot.seqlock import Block
 from cobot.shm import RobotMemory, Role, text
@@ -28,7 +29,8 @@ POSITION_SLACK_RAD = 1.1e-5
 REST_RAD_S = 1e-3
 """What is commanded may be no faster when the arm is taken over."""
 NEAR_RAD = 1e-3
-KINDS = ("motion", "joint", "cartesian", "torque")
+KINDS = ("motion", "joint", "cartesian", "torque", "servo")
+FORCE_MODES = (ServoMode.REPLANNED_FORCE, ServoMode.THROUGH_FORCE)
 MOVE = np.array([0.4, 0.2, -0.3, 0.3, 0.2, -0.3, 0.4])
 BLOCKS = (
     "state",
@@ -45,6 +47,8 @@ BLOCKS = (
     "setpoint",
     "chunk",
     "stream_requests",
+    "point_head",
+    "points",
 )
 
 
@@ -222,10 +226,11 @@ class WatchedRig(Rig):
 
 
 class Task:
-    """Something that the arm does: a planned motion, or one of the streams."""
+    """Something that the arm does: a planned motion, one of the streams, or a servo session."""
 
     def __init__(self, rig: Rig, kind: str, interval: int = 10, **wishes: object) -> None:
-        self.rig, self.kind, self._interval = rig, kind, interval
+        self.rig, self.kind, self.interval = rig, kind, interval
+        self._period_s = rig.settings.rt.period_s
         self._cycle = 0
         self._pose = np.zeros(7)
         self._origin = rig.loop.controller.safety.position.copy()
@@ -237,24 +242,37 @@ class Task:
                 "joint": Stream.JOINT_IMPEDANCE,
                 "cartesian": Stream.CARTESIAN,
                 "torque": Stream.JOINT_TORQUE,
-            }
-            refusal = rig.stream(stream[kind], **{"decimation": interval, **wishes})
+                "servo": Stream.JOINT_IMPEDANCE,
+            }[kind]
+            if kind == "servo":
+                wishes = {"servo_mode": ServoMode.THROUGH, "watchdog_s": 0.5, **wishes}
+                stream = Stream.CARTESIAN if wishes["servo_mode"] in FORCE_MODES else stream
+            refusal = rig.stream(stream, **{"decimation": interval, **wishes})
             rig.robot.model.forward_into(self._origin, self._pose)
+            self._points = PointWriter(rig.memory)
+            self._points.begin(int(rig.memory.session.data["number"]))
         assert refusal == "", refusal
 
     def step(self, cycles: int = 1) -> None:
         """Go on with it."""
         for _ in range(cycles):
-            if self.kind != "motion" and self._cycle % self._interval == 0:
-                self.rig.aim(**self.target())
+            if self.kind != "motion" and self._cycle % self.interval == 0:
+                self.send(self.target())
             self._cycle += 1
             self.rig.step()
 
+    def send(self, target: dict[str, Array]) -> None:
+        """Stream a target."""
+        if self.kind == "servo":
+            self._points.put(target["joints"].tolist(), self.interval * self._period_s, 0.0, 0.0)
+        else:
+            self.rig.aim(**target)
+
     def target(self) -> dict[str, Array]:
         """From rest, and back after two seconds."""
-        time_s = self._cycle * self.rig.settings.rt.period_s
+        time_s = self._cycle * self._period_s
         share = (1.0 - np.cos(np.pi * time_s)) / 2.0
-        if self.kind == "joint":
+        if self.kind in ("joint", "servo"):
             return {"joints": self._origin + 0.6 * share * self._way()}
         if self.kind == "cartesian":
             pose = self._pose.copy()

@@ -170,6 +170,7 @@ class Rig:
         session["force_axes"], session["force_velocity"] = 0.0, 1.0
         session["force_frame"] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
         session["posture"] = np.nan
+        session["servo_mode"] = 0
         for name, value in wishes.items():
             session[name] = value
         self.memory.session.publish()

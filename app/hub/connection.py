@@ -20,7 +20,7 @@ from app.hub import operations as op
 from app.hub.fragments import Assembly
 from app.hub.hub import Hub
 from app.hub.offers import Offers
-from app.hub.outbox import Outbox
+from app.hub.outbox import MAX_WISHES, Outbox
 from app.hub.topics import Publisher
 from cobot.errors import CobotError, ConflictError, InputError, UnavailableError
 from cobot.ros.messages import Message
@@ -28,6 +28,8 @@ from cobot.strict import shown
 
 MAX_MESSAGE = 4 * 2**20
 """Characters."""
+MAX_OBJECTS = 30_000
+"""Of a message: each may become a hundred times as large, with all that ROS's defaults fill in."""
 MAX_PENDING = 1024
 """Calls and goals of one client that are under way."""
 MAX_ENDS = 1024
@@ -55,15 +57,30 @@ class Connection:
         self._goals: dict[op.Id, tuple[str, str]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
 
+    def prepared(self, content: Any) -> Any:
+        """For `take`: a decoded message, of which what grows with its size is done. For another thread."""
+        try:
+            asked = op.operation(content)
+            type_ = self._type_of(asked)
+            if type_ is None:
+                return asked
+            name = next(each for each in ("msg", "args", "values") if hasattr(asked, each))
+            value = getattr(asked, name)
+            if name == "args":
+                value = self._arguments(value, type_)
+            return asked.model_copy(update={name: self._hub.messages.examined(type_, value)})
+        except (CobotError, RuntimeError):
+            return content  # a mistake, which `take` will find as well; or the hub has changed meanwhile
+
     def take(self, content: Any) -> str | None:
-        """A decoded message. What is wrong with it is told to the client.
+        """A decoded message, or what `prepared` made of it. What is wrong with it is told to the client.
 
         Returns:
             A message that this one has completed, to be decoded and taken as well.
         """
-        message_id = content.get("id") if isinstance(content, dict) else None
+        message_id = content.get("id") if isinstance(content, dict) else getattr(content, "id", None)
         try:
-            asked = op.operation(content)
+            asked = content if isinstance(content, op.Operation) else op.operation(content)
             if isinstance(asked, op.Fragment):
                 return self._fragments.add(asked)
             self._carry_out(asked)
@@ -101,7 +118,7 @@ class Connection:
                 self._offers.take_response(asked)
             case op.Subscribe():
                 _require_plain(asked.compression)
-                if len(self.outbox.feeds) >= MAX_ENDS:
+                if asked.topic not in self.outbox.feeds and len(self.outbox.feeds) >= MAX_ENDS:
                     raise ConflictError(f"a client may subscribe {MAX_ENDS} topics")
                 self.outbox.subscribe(self._hub, asked, self)
             case op.Unsubscribe():
@@ -151,6 +168,8 @@ class Connection:
             self._publishers[topic] = publisher, {advertise_id}
         elif self._hub.messages.resolved(type_, "msg") != known[0].type:
             raise InputError(f"{topic} is of type {known[0].type}, not {type_}")
+        elif advertise_id not in known[1] and len(known[1]) >= MAX_WISHES:
+            raise ConflictError(f"a client may advertise one topic {MAX_WISHES} times")
         else:
             known[1].add(advertise_id)
 
@@ -235,10 +254,28 @@ class Connection:
             raise InputError(f"no goal {shown(asked.id)} of {asked.action} is under way")
         self._hub.cancel(*known)
 
+    def _type_of(self, asked: op.Operation) -> str | None:
+        """Of what an operation brings along; None if it needs none."""
+        hub = self._hub
+        match asked:
+            case op.Publish():
+                return hub.type_of(asked.topic)
+            case op.CallService():
+                return f"{hub.service(asked.service).type}_Request"
+            case op.ServiceResponse():
+                return f"{hub.service(asked.service).type}_Response" if asked.result else None
+            case op.SendActionGoal():
+                return f"{hub.action(asked.action).action.type_}_Goal"
+            case op.ActionFeedback():
+                return f"{hub.action(asked.action).action.type_}_Feedback"
+            case op.ActionResult():
+                return f"{hub.action(asked.action).action.type_}_Result" if asked.result else None
+        return None
+
     def _arguments(self, arguments: Message | list[Any] | None, type_: str) -> Message:
         """Clients may leave the names out."""
         if not isinstance(arguments, list):
-            return arguments or {}
+            return {} if arguments is None else arguments
         names = list(self._hub.messages.record(type_).fields)
         if len(arguments) > len(names):
             raise InputError(f"{type_} has {len(names)} fields, got {len(arguments)} values")

@@ -11,12 +11,16 @@ from cobot.errors import InputError
 
 MAX_INCOMPLETE = 8
 """Messages of one client; with another one the oldest is forgotten."""
+PIECE = 100
+"""What a piece is counted for beside its characters."""
 
 
 @dataclass(slots=True)
 class _Incomplete:
     total: int
     pieces: dict[int, str] = field(default_factory=dict)
+    held: int = 0
+    """Characters, and something for each piece."""
 
 
 class Assembly:
@@ -42,20 +46,19 @@ class Assembly:
             raise InputError(
                 f"fragment {fragment.num} of {fragment.total} does not fit a message of {known.total}"
             )
+        replaced = known.pieces.get(fragment.num)
+        known.held += len(fragment.data) + (PIECE if replaced is None else -len(replaced))
         known.pieces[fragment.num] = fragment.data
         if len(known.pieces) == known.total:
             del self._incomplete[fragment.id]
             return "".join(known.pieces[number] for number in range(known.total))
-        if self._held() > self._limit:
+        if sum(each.held for each in self._incomplete.values()) > self._limit:
             del self._incomplete[fragment.id]
             raise InputError(f"incomplete messages hold more than {self._limit} characters")
         if len(self._incomplete) > MAX_INCOMPLETE:
             del self._incomplete[next(iter(self._incomplete))]
             raise InputError(f"more than {MAX_INCOMPLETE} messages are incomplete: the oldest is forgotten")
         return None
-
-    def _held(self) -> int:
-        return sum(len(piece) + 100 for known in self._incomplete.values() for piece in known.pieces.values())
 
 
 def in_pieces(text: str, size: int | None, name: str) -> Iterator[str]:

@@ -13,7 +13,7 @@ from app.hub.fragments import in_pieces
 from app.hub.hub import Hub
 from app.hub.operations import MAX_QUEUE, Id, Subscribe
 from app.hub.topics import Subscription
-from cobot.errors import InputError
+from cobot.errors import ConflictError, InputError
 from cobot.ros.codec import without_nan
 from cobot.ros.messages import Message
 
@@ -21,6 +21,8 @@ MAX_BYTES = 32 * 2**20
 """Of answers that wait; a client that lets more pile up is disconnected."""
 MAX_OPTIONAL = 256
 """Messages after which feedback and status are left out."""
+MAX_WISHES = 100
+"""Of one client for one topic, told apart by their ids."""
 QUEUE = 100
 """Of a topic, when the client says nothing or 0."""
 
@@ -48,6 +50,8 @@ class Feed:
         self._subscription: Subscription = hub.subscribe(wish.topic, wish.type, self._take, owner=owner)
 
     def add(self, wish: Subscribe) -> None:
+        if wish.id not in self._wishes and len(self._wishes) >= MAX_WISHES:
+            raise ConflictError(f"a client may subscribe {MAX_WISHES} times to one topic")
         self._wishes[wish.id] = wish
         self._settle()
 
@@ -158,6 +162,7 @@ class Outbox:
 
         Raises:
             InputError: see `Hub.subscribe`.
+            ConflictError: there are too many for this topic.
         """
         feed = self.feeds.get(wish.topic)
         if feed is None:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import asyncio
-from typing import cast
+from typing import Any, cast
 
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 from fastapi.responses import JSONResponse
 
 from app.dependencies import LARGE_BYTES, decoded, without_collection
 from app.errors import status_of
-from app.hub.connection import MAX_MESSAGE, Connection
+from app.hub.connection import MAX_MESSAGE, MAX_OBJECTS, Connection
 from app.hub.hub import Hub
 from app.routers.stream import require_own_page
 from cobot.errors import CobotError, InputError, PayloadError, UnavailableError
@@ -76,16 +76,22 @@ async def _receive(socket: WebSocket, connection: Connection, large: asyncio.Loc
                     raise PayloadError(
                         f"a message may have {MAX_MESSAGE} characters, this one has {len(text)}"
                     )
+                if (objects := text.count("{")) > MAX_OBJECTS:
+                    raise PayloadError(f"a message may have {MAX_OBJECTS} objects, this one has {objects}")
                 if len(text) <= LARGE_BYTES:
                     content = decoded(text, "the message")
                 else:
                     async with large:
-                        content = await asyncio.to_thread(without_collection, decoded, text, "the message")
+                        content = await asyncio.to_thread(without_collection, _prepared, connection, text)
             except CobotError as exc:
                 connection.complain(exc)
                 break
             text = connection.take(content)
         await asyncio.sleep(0)  # who floods this connection shall not keep the others waiting
+
+
+def _prepared(connection: Connection, text: str) -> Any:
+    return connection.prepared(decoded(text, "the message"))
 
 
 async def _send(socket: WebSocket, connection: Connection) -> None:

@@ -67,7 +67,7 @@ class Channel:
             async with self._writing:
                 await self._write(data)
 
-        await self._within(timeout_s, send, f"{len(data)} bytes were not sent")
+        await self._within(timeout_s, send, f"not all of {len(data)} bytes were sent")
 
     async def read_some(self, timeout_s: float) -> bytes:
         """What has come; waits for the first byte."""

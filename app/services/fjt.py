@@ -14,8 +14,10 @@ import itertools
 import logging
 import math
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from app.hub.actions import GoalHandle, GoalStatus, Rejected
 from app.services.fjt_goal import (
@@ -40,11 +42,14 @@ from cobot.limits import check_positions
 from cobot.planners import WaypointRequest
 from cobot.robot import Robot
 from cobot.trajectory import Trajectory
+from cobot.types import Array
 
 WATCH_S = 0.01
 """Tolerances are judged so often."""
 FEEDBACK_EVERY = round(FEEDBACK_S / WATCH_S)
 READY_S = 1.0
+THERE_S = 0.5
+"""For the way to a goal where the arm is already, but for the tolerance of the start."""
 PLAN_S = 30.0
 
 log = logging.getLogger("cobot.fjt")
@@ -139,17 +144,21 @@ class FollowJointTrajectory:
             state = await self._motion.ready()
             trajectory = await self._planned(claim, goal, state, streamed=settings.mode != ServoMode.NONE)
             if goal.start_s is not None:
-                await run.sleep(goal.start_s - time.time())
+                await claim.unless_interrupted(run.sleep(goal.start_s - time.time()))
             run.proceed()
             if settings.mode is ServoMode.NONE:
                 await self._follow(claim, goal, trajectory, handle)
                 return
-        await stream(self._servo, self._link, self._limits.names, run, goal, trajectory, settings, handle)
+        names, stops = self._limits.names, claim.stops
+        await stream(self._servo, self._link, names, run, goal, trajectory, settings, handle, stops)
 
     async def _planned(self, claim: Claim, goal: FjtGoal, state: RobotState, *, streamed: bool) -> Trajectory:
         """The motion through all points, slowed down where the limits need it and the goal permits it."""
-        start = state.commanded_position
-        request = WaypointRequest(start, goal.points, self._start_tolerance_rad, check_limits=not streamed)
+        start, points = state.commanded_position, goal.points
+        if points[-1].time_from_start_s == 0.0:
+            self._require_there(start, points[0].positions)
+            points = [replace(points[0], time_from_start_s=THERE_S)]
+        request = WaypointRequest(start, points, self._start_tolerance_rad, check_limits=not streamed)
         try:
             trajectory = await self._motion.plan(claim, request, PLAN_S)
         except LimitError as exc:
@@ -170,6 +179,16 @@ class FollowJointTrajectory:
         for extreme in trajectory.extrema():  # what a session's points have to keep, before the first is sent
             check_positions(self._limits.including(start), extreme, "the trajectory's angle")
         return trajectory
+
+    def _require_there(self, start: Array, position: Sequence[float]) -> None:
+        """See that a single point at time 0 is where the arm is: MoveIt's plan when it is there already."""
+        off = np.abs(np.asarray(position) - start)
+        if off.max() > self._start_tolerance_rad:
+            name = self._limits.names[int(off.argmax())]
+            raise GoalError(
+                f"points[0]: the only point is at time 0, but {name} is {off.max():.4f} rad away from it, "
+                f"allowed are {self._start_tolerance_rad:g} rad"
+            )
 
     async def _follow(self, claim: Claim, goal: FjtGoal, trajectory: Trajectory, handle: GoalHandle) -> None:
         """Have it executed as one motion."""

@@ -170,6 +170,10 @@ def _points(messages: list[Message], order: list[int]) -> list[Waypoint]:
         raise GoalError("points[0]: accelerations need velocities beside them")
     if velocities is not None and accelerations is None:
         accelerations = hermite_accelerations(times, positions, velocities)
+    if accelerations is not None:  # at rest; MoveIt states what its motions begin and end with
+        accelerations[-1] = 0.0
+        if times[0] == 0.0:
+            accelerations[0] = 0.0
     rows = [[None] * len(times) if row is None else row.tolist() for row in (velocities, accelerations)]
     named = [f"points[{index}]" for index in range(len(times))]
     return [

@@ -24,6 +24,7 @@ FEEDBACK_S = 0.05
 """20 Hz, the default of joint_trajectory_controller."""
 SEND_PERIOD_S = 0.01
 WATCHDOG_S = 0.5
+OWNER = "follow_joint_trajectory"
 CYCLE_S = 0.001
 """Of the points of servo mode 4, which are sent together once in a period."""
 ARRIVAL_S = 5.0
@@ -97,8 +98,12 @@ async def stream(
     trajectory: Trajectory,
     settings: FjtSettings,
     handle: GoalHandle,
+    stops: int,
 ) -> None:
     """Have a goal's trajectory executed by a servo session, point by point; returns when the arm is there.
+
+    Args:
+        stops: `RobotLink.stops` when the arm was claimed for it.
 
     Raises:
         PathViolated, GoalViolated: see there.
@@ -107,8 +112,8 @@ async def stream(
     """
     period_s = settings.period_s
     spacing_s = min(CYCLE_S, period_s) if settings.mode is ServoMode.BUFFERED_1MS else period_s
-    await servo.begin(settings.mode, max(WATCHDOG_S, 5.0 * period_s), period_s)
-    session = servo.session
+    watchdog_s = max(WATCHDOG_S, 5.0 * period_s)
+    session = await servo.begin(settings.mode, watchdog_s, period_s, stops=stops, owner=OWNER)
     begun_s = time.monotonic()
     latest_s = trajectory.duration_s + min(goal.late_s, ARRIVAL_S)
     told = 0
@@ -119,7 +124,7 @@ async def stream(
             until_s = number * period_s
             times_s = [until_s - spacing_s * n for n in reversed(range(round(period_s / spacing_s)))]
             for point in trajectory.sample(times_s).tolist():
-                await servo.point(point, time_s=settings.time_s or spacing_s)
+                await servo.point(point, time_s=settings.time_s or spacing_s, owner=OWNER)
             await run.sleep(begun_s + until_s - time.monotonic())
             elapsed_s = time.monotonic() - begun_s
             rate = float(elapsed_s < trajectory.duration_s)

@@ -282,7 +282,7 @@ class RobotLink:
             await self._send(Command.SET_RATE, stops=self.stops, value=rate)
 
     async def reset(self, timeout_s: float) -> None:
-        """Leave ESTOP or FAULT.
+        """Leave ESTOP or FAULT. What was asked for before, and waits for something, moves nothing any more.
 
         Raises:
             ConflictError: the arm moves, so there is nothing to reset.
@@ -292,6 +292,8 @@ class RobotLink:
         state = await self.fresh_state(timeout_s)
         if state.mode in (Mode.TRAJECTORY, Mode.STOPPING):
             raise ConflictError(f"motion {state.motion_id} is {state.mode.name}: there is nothing to reset")
+        if state.mode in (Mode.ESTOP, Mode.FAULT):
+            self.request_stop()
         async with self._command_turn:
             try:
                 await self._send(Command.RESET, stops=self.stops, timeout_s=timeout_s)

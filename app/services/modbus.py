@@ -29,6 +29,8 @@ UNITS = (0, 255)
 ADDRESS = REGISTER = 65_535
 
 log = logging.getLogger("cobot.modbus")
+logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
+"""It writes each frame of a device that errs, ten times a second; the signals' problems say enough."""
 
 
 class Kind(IntEnum):
@@ -119,7 +121,7 @@ class Device:
         try:
             if await self._client.connect():
                 return True
-        except (OSError, ModbusException) as exc:
+        except (OSError, ModbusException, UnicodeError) as exc:  # a host name of strange letters
             problem = str(exc)
         for signal in self.signals:
             signal.problem = f"{self} is not connected: {problem}"
@@ -175,6 +177,8 @@ def _outcome(signal: Signal, answer: ModbusPDU, written: int | None) -> str:
     if written is not None:
         return ""
     values = answer.bits if signal.kind in (Kind.DIGITAL_INPUT, Kind.DIGITAL_OUTPUT) else answer.registers
+    if not values:  # pymodbus takes the answer to another question too
+        return f"unit {signal.unit} has answered something else than was asked"
     signal.value = int(values[0])
     return ""
 

@@ -46,6 +46,7 @@ class ProgramService:
         self._sequences = sequences
         self._stopping = stopping
         self._underway: RunState | None = None
+        self._checking = asyncio.Lock()
         self.loaded = ""
 
     @property
@@ -80,7 +81,8 @@ class ProgramService:
         if self.running:
             raise ConflictError(f"a program is running ({self.loaded or 'a sequence'}); stop it first")
         path = self._path(name)
-        await _check(path)
+        async with self._checking:  # each check is a process
+            await _check(path)
         self.loaded = name
 
     async def run(self, stops: int) -> None:

@@ -69,6 +69,11 @@ def _checked(index: int) -> int:
     return index
 
 
+def _require_name(name: str) -> None:
+    if not 1 <= len(name) <= MAX_NAME:
+        raise InputError(f"a name has from 1 to {MAX_NAME} characters, got {shown(name)}")
+
+
 @dataclass(slots=True)
 class Watchdog:
     """A timer that somebody has to keep from running out, by writing the variable of its name.
@@ -103,8 +108,7 @@ class Variables:
         Raises:
             InputError: the name or the value is too long, or there are too many.
         """
-        if not 1 <= len(name) <= MAX_NAME:
-            raise InputError(f"a name has from 1 to {MAX_NAME} characters, got {shown(name)}")
+        _require_name(name)
         if isinstance(value, str) and len(value) > MAX_STRING:
             raise LimitError(f"a variable holds up to {MAX_STRING} characters, got {len(value)}")
         if name not in self._values and len(self._values) >= MAX_VARIABLES:
@@ -148,8 +152,10 @@ class Variables:
         """Have the action done when the variable is not written for so long; 0 s ends that.
 
         Raises:
+            InputError: the name is too long.
             LimitError: the time is out of bounds, or there are too many.
         """
+        _require_name(name)
         shortest, longest = WATCHDOG_S
         if timeout_s and not shortest <= timeout_s <= longest:
             raise LimitError(f"a watchdog's timeout is from {shortest} to {longest:g} s, got {timeout_s:g}")

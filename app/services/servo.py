@@ -120,12 +120,25 @@ class ServoService:
                 with contextlib.suppress(BrokenRule):
                     self._take(message)
 
-    async def begin(self, mode: int, watchdog_s: float = 0.0, send_period_s: float = 0.0) -> None:
+    async def begin(
+        self,
+        mode: int,
+        watchdog_s: float = 0.0,
+        send_period_s: float = 0.0,
+        *,
+        stops: int | None = None,
+        owner: str = "",
+    ) -> int:
         """Begin a session, after the one before has ended at rest; mode 0 only ends that.
 
         Args:
             watchdog_s: without a point for so long, the session ends; 0 for 0.5 s.
             send_period_s: how often points come; 0 for the control period.
+            stops: `RobotLink.stops` when the session was asked for, if that was not now.
+            owner: who alone sends its points; "" for anybody.
+
+        Returns:
+            what `holds` asks for.
 
         Raises:
             InputError: no such mode, or a time out of range.
@@ -138,8 +151,11 @@ class ServoService:
             raise InputError(str(exc)) from None
         if request.mode is ServoMode.NONE:
             await self.end()
-            return
-        await asyncio.shield(self._request(request))
+            return self._generation
+        task = self._request(request, stops, owner)
+        number = self._generation
+        await asyncio.shield(task)
+        return number
 
     async def end(self, reason: str = "ended by its owner") -> None:
         """End the session; returns when the arm rests."""
@@ -158,8 +174,12 @@ class ServoService:
         time_s: float = 0.0,
         lookahead_s: float = 0.0,
         gain: float = 0.0,
+        owner: str = "",
     ) -> None:
         """A point of the session: joints in rad, or [x, y, z, rx, ry, rz]; 0 is the default for the rest.
+
+        Args:
+            owner: see `begin`.
 
         Raises:
             ConflictError: there is no session, or the buffer is full.
@@ -167,7 +187,7 @@ class ServoService:
         """
         try:
             point = self.rules.point(
-                position, cartesian=cartesian, time_s=time_s, lookahead_s=lookahead_s, gain=gain
+                position, cartesian=cartesian, time_s=time_s, lookahead_s=lookahead_s, gain=gain, owner=owner
             )
         except BrokenRule as exc:
             self.rules.refuse(exc.kind, str(exc))
@@ -222,15 +242,16 @@ class ServoService:
         """The session that was asked for last, once it has begun; not one that comes to its end."""
         return self._session if self._belongs_to == self._generation else None
 
-    def _request(self, request: SetMode) -> asyncio.Task[None]:
+    def _request(self, request: SetMode, stops: int | None = None, owner: str = "") -> asyncio.Task[None]:
         """Leave the session, and begin another unless that is mode 0."""
         before, session = self._task, self._session
         ends = request.mode is ServoMode.NONE
         self._leave("ended by mode 0" if ends else "another session was asked for")
         if not ends:
-            self.rules.begin(request)
+            self.rules.begin(request, owner)
             self.reason = ""
-        work = self._open(request, self._generation, before, session)
+        stops = self._link.stops if stops is None else stops
+        work = self._open(request, self._generation, stops, before, session)
         self._task = asyncio.create_task(work, name="servo session")
         self._task.add_done_callback(_seen)
         return self._task
@@ -248,7 +269,12 @@ class ServoService:
             self._session.finish(reason)
 
     async def _open(
-        self, request: SetMode, generation: int, before: asyncio.Task[None] | None, last: Session | None
+        self,
+        request: SetMode,
+        generation: int,
+        stops: int,
+        before: asyncio.Task[None] | None,
+        last: Session | None,
     ) -> None:
         if before is not None:
             await asyncio.wait({before})
@@ -258,7 +284,7 @@ class ServoService:
         if request.mode is ServoMode.NONE or generation != self._generation:
             return
         try:
-            session = await self._begun(request)
+            session = await self._begun(request, stops)
         except CobotError as exc:
             if generation == self._generation:
                 self._fail(str(exc))
@@ -276,27 +302,23 @@ class ServoService:
         while self._waiting:
             self._pass_on(*self._waiting.popleft())
 
-    async def _begun(self, request: SetMode) -> Session:
-        """Ask rtloop; somebody who is about to let go of the arm is waited for."""
+    async def _begun(self, request: SetMode, stops: int) -> Session:
+        """Ask rtloop, which refuses what a stop has overtaken; who is about to let go is waited for."""
         deadline_s = time.monotonic() + PATIENCE_S
-        stops = self._link.stops
         if request.mode in FORCE_MODES:
             await self._force.lend()
         try:
             while True:
                 self._last = None
                 try:
-                    return await self._streams.open(self._wish(request), NAME, OPEN_TIMEOUT_S)
+                    return await self._streams.open(self._wish(request), NAME, OPEN_TIMEOUT_S, stops)
                 except ConflictError:
                     if time.monotonic() > deadline_s:
                         raise
                 await asyncio.sleep(RETRY_S)
-                if self._link.stops != stops:
-                    raise ConflictError("a stop was requested meanwhile")
         except CobotError:
-            if request.mode in FORCE_MODES:
-                with contextlib.suppress(CobotError):
-                    await self._force.take_back()
+            with contextlib.suppress(CobotError):
+                await self._force.take_back()
             raise
 
     def _wish(self, request: SetMode) -> np.ndarray:
@@ -330,7 +352,7 @@ class ServoService:
             self.rules.end()
             self.reason = reason
         log.info("%sservo mode %d has ended: %s", self._link.label, mode, reason)
-        if mode in FORCE_MODES and self._task is not None and self._task.done():
+        if not self.rules.active:  # nobody has asked for another session
             with contextlib.suppress(CobotError):
                 await self._force.take_back()
 

@@ -79,8 +79,7 @@ class ServoModeAction:
             raise Rejected("mode must be from 1 to 7: cancel the goal to leave a mode")
         if servo.active:
             raise Rejected("a servo session is under way: end it first")
-        await servo.begin(goal["mode"], goal["watchdog_timeout"], goal["send_period"])
-        number = servo.session
+        number = await servo.begin(goal["mode"], goal["watchdog_timeout"], goal["send_period"])
         handle.accept()
         while servo.holds(number):
             handle.feedback(self._feedback())

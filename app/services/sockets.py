@@ -39,6 +39,7 @@ class Sockets(Channels):
             raise ServiceError(Code.DEVICE, f"{where}: {exc}") from exc
 
         async def write(data: bytes) -> None:
+            await writer.drain()  # what was left of an earlier call has to go first, or it would pile up
             writer.write(data)
             await writer.drain()
 

@@ -160,13 +160,14 @@ class StreamService:
         fresh = newest != publication and block.try_read()
         return (newest, block.data) if fresh else (publication, None)
 
-    async def open(self, wish: np.ndarray, name: str, timeout_s: float) -> Session:
+    async def open(self, wish: np.ndarray, name: str, timeout_s: float, stops: int | None = None) -> Session:
         """Begin a session.
 
         Args:
             wish: `cobot.layout.session_dtype`.
             name: of the client, for people.
             timeout_s: for rtloop's answer.
+            stops: `RobotLink.stops` when the session was asked for, if that was not now.
 
         Raises:
             InputError: it makes no sense.
@@ -185,7 +186,7 @@ class StreamService:
         with contextlib.ExitStack() as stack:
             claim = stack.enter_context(self._ownership.claim(caller))
             await self._motion.ready()
-            number = self._writer.begin(wish, claim.stops)
+            number = self._writer.begin(wish, claim.stops if stops is None else stops)
             stack.callback(self._writer.release)
             with contextlib.ExitStack() as undo:
                 undo.callback(self._writer.end)

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 NAME = "a synchronous motion"
 PLANNING_TIMEOUT_S = 10.0
 MAX_GROUPS = 100
+MAX_WAITING = 1000
 MAX_NAME = 200
 
 log = logging.getLogger("cobot.sync")
@@ -34,11 +35,16 @@ log = logging.getLogger("cobot.sync")
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """Where a robot goes, rad, and how fast its fastest joint may be: rad/s, rad/s²."""
+    """Where a robot goes, rad, and how fast its fastest joint may be: rad/s, rad/s².
+
+    Attributes:
+        stops: `RobotLink.stops` of this robot when it was asked for: a later stop is for it too.
+    """
 
     joints: Array
     velocity: float
     acceleration: float
+    stops: int
 
 
 @dataclass(slots=True)
@@ -152,13 +158,16 @@ class SyncService:
 
         Raises:
             ConflictError: the robot is in no synchronous motion, or has its part already.
-            InputError, LimitError: see `targets`.
+            InputError, LimitError: see `targets`; or too many segments wait.
+            MotionStopped: a robot was stopped since its part came, or the synchronous motion was ended.
             CobotError: what `move` raises.
         """
         sync = next((each for each in self._syncs.values() if robot in each.robots), None)
         if sync is None:
             raise ConflictError(f"{robot} is in no synchronous motion; syncMoveOn begins one")
         (target,) = self.targets((robot,), joints, a, v).values()
+        if segment not in sync.waiting and len(sync.waiting) >= MAX_WAITING:
+            raise LimitError(f"{MAX_WAITING} segments wait for a robot already")
         waiting = sync.waiting.setdefault(segment, {})
         if robot in waiting:
             raise ConflictError(f"{robot} has its part of segment {segment} already")
@@ -168,6 +177,8 @@ class SyncService:
         del sync.waiting[segment]
         async with sync.turn:
             await self.wait(sync.robots)
+            if sync not in self._syncs.values():
+                raise MotionStopped(f"the synchronous motion was ended before segment {segment} began")
             await self.move(waiting)
         return True
 
@@ -185,6 +196,9 @@ class SyncService:
             PlanningError: a robot finds no way; none has moved.
             ExecutionError: one was refused or stopped; all are brought to rest.
         """
+        for name, target in targets.items():
+            if self.robots[name].link.stops != target.stops:
+                raise MotionStopped(f"{name} was stopped after its part of the motion was asked for")
         with contextlib.ExitStack() as stack:
             claims = {
                 name: stack.enter_context(self.robots[name].ownership.claim(self._caller(name)))
@@ -194,9 +208,12 @@ class SyncService:
                 *(self._plan(name, targets[name], claim) for name, claim in claims.items())
             )
             ways = {name: way for name, way in zip(targets, planned, strict=True) if way is not None}
-            longest_s = max((way.duration_s for way in ways.values()), default=0.0)
+            while paused := [claim for claim in claims.values() if claim.pace.paused]:  # nobody goes ahead
+                await paused[0].unless_interrupted(paused[0].pace.opened.wait())
+            takes_s = {name: way.duration_s / claims[name].pace.fraction for name, way in ways.items()}
+            longest_s = max(takes_s.values(), default=0.0)
             starts = [
-                self.robots[name].motion.start(claims[name], way.stretched(longest_s / way.duration_s))
+                self.robots[name].motion.start(claims[name], way.stretched(longest_s / takes_s[name]))
                 for name, way in ways.items()
             ]
             moving = {name: claims[name] for name in ways}
@@ -231,7 +248,7 @@ class SyncService:
 
     def _target(self, name: str, joints: Array, a: float, v: float) -> Target:
         check_positions(self.robots[name].robot.limits, joints)
-        return Target(joints, v, a)
+        return Target(joints, v, a, self.robots[name].link.stops)
 
     def _caller(self, name: str) -> Caller:
         return Caller(NAME, None, self.robots[name].ownership.stops, math.inf, asyncio.Event())

@@ -32,6 +32,8 @@ EMPTY: dict[str, Any] = {"bool": False, "int32": 0, "int64": 0, "float64": 0.0, 
 """What ROS takes a field for that nobody has set; of lists the empty one."""
 LARGEST = {"int32": 2**31 - 1, "int64": 2**63 - 1}
 REQUIRED: Any = inspect.Parameter.empty
+MAX_ITEMS = 65_536
+"""Of a list: each item is looked at on the event loop, for which a motion may wait only so long."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +80,8 @@ def argument(field: Field, arguments: dict[str, Any]) -> Any:
 def _list(field: Field, value: Any) -> list[Any]:
     if not isinstance(value, list | tuple):
         raise InputError(f"{field.name}: must be a list, got {shown(value)}")
+    if len(value) > MAX_ITEMS:
+        raise InputError(f"{field.name}: may have up to {MAX_ITEMS} items, got {len(value)}")
     kind = field.kind.removesuffix("[]")
     return [_scalar(kind, f"{field.name}[{index}]", item) for index, item in enumerate(value)]
 
@@ -99,9 +103,19 @@ def _scalar(kind: str, place: str, value: Any) -> Any:
                 raise InputError(f"{place}: must be finite, got {shown(value)}")
             return number
         case "string" | "json", str():
+            if not value.isascii():
+                _require_unicode(place, value)
             return value
     words = {"bool": "true or false", "float64": "a number", "string": "a string", "json": "a string of JSON"}
     raise InputError(f"{place}: must be {words.get(kind, 'an integer')}, got {shown(value)}")
+
+
+def _require_unicode(place: str, text: str) -> None:
+    """JSON may name halves of a character, which no answer could bring back."""
+    try:
+        text.encode()
+    except UnicodeEncodeError as exc:
+        raise InputError(f"{place}: is no valid Unicode: {exc.reason}") from exc
 
 
 def _parsed(name: str, text: str) -> Any:

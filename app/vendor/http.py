@@ -99,7 +99,9 @@ def with_services(openapi: Callable[[], dict[str, Any]], robots: list[str]) -> C
     def described() -> dict[str, Any]:
         schema = openapi()  # the same one each time, with what others may have changed in it
         schema["paths"] |= {path: {"post": dict(operation)} for path, operation in operations.items()}
-        schema["tags"] = [{"name": name, "description": text} for name, text in CLASSES.items()]
+        tags = (tag for path in schema["paths"].values() for each in path.values() for tag in each["tags"])
+        plain = [{"name": tag} for tag in dict.fromkeys(tags) if tag not in CLASSES]  # Swagger's order
+        schema["tags"] = plain + [{"name": name, "description": text} for name, text in CLASSES.items()]
         return schema
 
     return described

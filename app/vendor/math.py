@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,14 +11,17 @@ from scipy.spatial.transform import Rotation
 from app.services.robot_settings import compose, inverted
 from app.vendor.poses import as_list, numbers_of, pose_of
 from app.vendor.registry import service
-from cobot.errors import InputError
+from cobot.errors import InputError, LimitError
 from cobot.frames import angle_between, rotation
+from cobot.strict import shown
 from cobot.types import Array, Pose
 
 if TYPE_CHECKING:
     from app.services import Services
 
-LEAST_NORM = 1e-9
+LENGTHS = (1e-9, 1e9)
+"""Of a quaternion that is normalized then."""
+MAX_ALPHA = 1000.0
 
 
 @service("Math")
@@ -114,11 +118,13 @@ def interpolate_pose(robot: Services, p1: list[float], p2: list[float], alpha: f
     Args:
         p1: [x, y, z, rx, ry, rz], m and rad.
         p2: the same.
-        alpha: 0 is p1, 1 is p2; others go on beyond.
+        alpha: 0 is p1, 1 is p2; others go on beyond, from -1000 to 1000.
 
     Returns:
         [x, y, z, rx, ry, rz], m and rad.
     """
+    if abs(alpha) > MAX_ALPHA:
+        raise LimitError(f"alpha is from {-MAX_ALPHA:g} to {MAX_ALPHA:g}, got {alpha:g}")
     first, second = pose_of(p1, "p1"), pose_of(p2, "p2")
     turn = rotation(second.quaternion) * rotation(first.quaternion).inv()
     quaternion = (Rotation.from_rotvec(alpha * turn.as_rotvec()) * rotation(first.quaternion)).as_quat(
@@ -143,7 +149,7 @@ def rpy_to_quaternion(robot: Services, rpy: list[float]) -> list[float]:
 
 @service("Math")
 def quaternion_to_rpy(robot: Services, quat: list[float]) -> list[float]:
-    """A quaternion of any length but 0 as roll, pitch and yaw about the fixed axes x, y, z.
+    """A quaternion, of length 1 or not, as roll, pitch and yaw about the fixed axes x, y, z.
 
     Args:
         quat: [w, x, y, z].
@@ -151,8 +157,9 @@ def quaternion_to_rpy(robot: Services, quat: list[float]) -> list[float]:
     Returns:
         [rx, ry, rz], rad, ry from −π/2 to π/2; where it is one of them, rx is 0.
     """
-    if len(quat) != 4 or np.linalg.norm(quat) < LEAST_NORM:
-        raise InputError(f"quat must be [w, x, y, z] and not zero, got {quat}")
+    least, most = LENGTHS
+    if len(quat) != 4 or not least <= math.hypot(*quat) <= most:
+        raise InputError(f"quat must be [w, x, y, z], {least:g} to {most:g} long, got {shown(quat)}")
     return numbers_of(Pose(np.zeros(3), np.array(quat)))[3:]
 
 

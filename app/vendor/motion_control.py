@@ -41,7 +41,7 @@ async def move_joint(
         v: rad/s, of the fastest joint; a joint with a lower limit keeps that.
         blend_radius: m, how far from q the TCP may be while the arm goes on into the next move, if that
             comes within 0.25 s; 0 stops at q.
-        duration: s; above 0 it takes exactly so long, and a and v do not count.
+        duration: s, up to a day; above 0 it takes exactly so long, and a and v do not count.
     """
     limits = robot.settings.envelope.limits
     if len(q) != limits.dof:
@@ -68,7 +68,7 @@ async def move_line(
         a: m/s², of the tool's tip; limits that are lower are kept.
         v: m/s, of the tool's tip; limits that are lower are kept.
         blend_radius: m, as of moveJoint.
-        duration: s; above 0 it takes exactly so long, and a and v do not count.
+        duration: s, up to a day; above 0 it takes exactly so long, and a and v do not count.
     """
     await _add(robot, origin, "moveLine", PlannerName.LIN, pose_of(pose), a, v, blend_radius, duration)
 
@@ -92,7 +92,7 @@ async def move_circle(
         a: m/s², of the tool's tip; limits that are lower are kept.
         v: m/s, of the tool's tip; limits that are lower are kept.
         blend_radius: m, as of moveJoint.
-        duration: s; above 0 it takes exactly so long, and a and v do not count.
+        duration: s, up to a day; above 0 it takes exactly so long, and a and v do not count.
     """
     via, goal = pose_of(via_pose, "via_pose").position, pose_of(end_pose, "end_pose")
     await _add(robot, origin, "moveCircle", PlannerName.CIRC, goal, a, v, blend_radius, duration, via)

@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from cobot.errors import InputError
+from cobot.errors import InputError, LimitError
 from cobot.model import RobotModel
 from cobot.planners import MotionRequest, plan
 from cobot.robot import Robot
@@ -18,6 +18,7 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array, CartesianLimits, JointLimits, PlannerName, Pose, Scaling
 
 NO_TOOL = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+MAX_DURATION_S = 86_400.0
 ROUNDING = 1e-6
 """By how much less than the shortest time a duration may be, as a share."""
 
@@ -65,10 +66,13 @@ def plan_rated(robot: Robot, move: RatedMove) -> Trajectory | None:
     Raises:
         InputError: a velocity or an acceleration that is not above 0, a duration that is too short, with the
             shortest possible one; and what `plan` raises.
+        LimitError: a duration beyond `MAX_DURATION_S`.
         PlanningError: see `plan`.
     """
     joint_space = move.planner is PlannerName.PTP
     timed = move.duration_s > 0.0
+    if move.duration_s > MAX_DURATION_S:
+        raise LimitError(f"duration is {move.duration_s:g} s, possible is up to {MAX_DURATION_S:g} s")
     if not timed:
         for name, value in (("v", move.velocity), ("a", move.acceleration)):
             if value <= 0.0:

@@ -13,7 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.base import TypesysError, normalize_fieldname
 
 from cobot.errors import InputError
-from cobot.ros.codec import HIDDEN, OCTETS, Field, Many, Octets, Record, Scalar
+from cobot.ros.codec import HIDDEN, OCTETS, Examined, Field, Many, Octets, Record, Scalar
 from cobot.ros.interfaces import DEFAULTS, STANDARD, parsed
 from cobot.strict import shown
 
@@ -90,6 +90,14 @@ class Messages:
             return self.record(name).check(message, "")
         except InputError as exc:
             raise InputError(f"{name}: {exc}") from exc
+
+    def examined(self, name: str, message: Any) -> Examined:
+        """The message, for `checked` in the event loop: that of a large one takes seconds in another thread.
+
+        Raises:
+            InputError: there is no such type. What is wrong with the message, `checked` raises.
+        """
+        return Examined(self.record(name), message)
 
     def to_cdr(self, name: str, message: Message) -> bytes:
         """Little-endian CDR with its header of 4 bytes.

@@ -8,6 +8,7 @@ behaviour of ros2_control's joint_trajectory_controller as its documentation sta
 from __future__ import annotations
 
 import asyncio
+import json
 import math
 import re
 import time
@@ -32,7 +33,7 @@ from app.services.robot_settings import RobotSettings
 from app.services.servo import ServoService
 from app.services.streams import StreamService
 from cobot.config import Settings
-from cobot.errors import ConflictError, NotReadyError
+from cobot.errors import ConflictError, InputError, NotReadyError
 from cobot.layout import ServoMode
 from cobot.planners import WaypointRequest, plan_waypoints
 from cobot.robot import Robot
@@ -233,6 +234,17 @@ def test_positions_and_velocities_of_a_smooth_curve_give_that_curve(robot: Robot
     np.testing.assert_allclose(made.sample(inside), expected(inside), atol=1e-10)
 
 
+def test_accelerations_at_both_ends_are_those_of_an_arm_at_rest(robot: Robot) -> None:
+    """MoveIt's TimeOptimalTrajectoryGeneration begins and ends with the largest ones (moveit2 issue 3014)."""
+    rows = [
+        point(HERE, 0.0, HERE, [0.5] * 7),
+        point(THERE, 1.0, THERE, THERE),
+        point(HERE, 2.0, HERE, [-1.0] * 7),
+    ]
+    points = read(goal(rows), robot.limits).points
+    assert [each.accelerations for each in points] == [HERE, THERE, HERE]
+
+
 def test_positions_alone_give_the_clamped_spline(robot: Robot) -> None:
     times, curve = path(robot, 7)
     rows = zip(curve(times), times, strict=True)
@@ -275,7 +287,8 @@ class Stand:
         info = self.streams.info
         info["stiffness"], info["cartesian_stiffness"] = 500.0, [3000.0] * 3 + [200.0] * 3
         info["min_position"], info["max_position"] = rig.limits.min_position, rig.limits.max_position
-        self.force = SimpleNamespace(settings=None)  # no mode with force control in here
+        # No mode with force control in here.
+        self.force = SimpleNamespace(settings=None, take_back=lambda: asyncio.sleep(0))
         self.servo = ServoService(robot, self.link, self.streams, self.force, RobotSettings(robot))  # type: ignore[arg-type]
         ros = settings.ros.model_copy(update={"enable_fjt_action": True})
         self.action = FollowJointTrajectory(
@@ -395,7 +408,7 @@ def test_a_goal_that_makes_no_sense_ends_with_its_code_and_leaves_the_running_on
     [
         ([(0.3, 0.0), (0.4, 1.0)], r"points\[0\]: starts with joint"),
         ([(9.0, 100.0)], r"points\[0\]: angle of joint1"),
-        ([(0.0, 0.0)], "time_from_start above 0"),
+        ([(0.3, 0.0)], "the only point is at time 0"),
     ],
 )
 def test_a_goal_that_is_no_motion_for_the_arm_is_aborted(stand: Stand, points: Any, words: str) -> None:
@@ -407,6 +420,24 @@ def test_a_goal_that_is_no_motion_for_the_arm_is_aborted(stand: Stand, points: A
         assert re.search(words, result["error_string"]), result
         assert handle.status is GoalStatus.ABORTED
         np.testing.assert_array_equal(stand.rig.commanded[-1], stand.rig.home)
+
+    asyncio.run(live())
+
+
+@pytest.mark.parametrize("mode", [0, 1])
+def test_a_single_point_at_time_0_is_where_the_arm_is_or_no_goal(stand: Stand, mode: int) -> None:
+    """What MoveIt sends when the arm starts at its goal (moveit issue 2052)."""
+
+    async def live() -> None:
+        stand.servo.rules.fjt = FjtControl(mode=ServoMode(mode))
+        result = await stand.send(stand.to(0.002, 0.0), Handle())
+        assert result["error_code"] == 0, result
+        np.testing.assert_allclose(stand.rig.commanded[-1], stand.rig.home + 0.002, atol=0.005)
+        await stand.until_free()
+        result = await stand.send(stand.to(0.3, 0.0), Handle())
+        assert result["error_code"] == ErrorCode.INVALID_GOAL
+        assert "the only point is at time 0, but joint" in result["error_string"]
+        assert max(share.max() for share in stand.rig.rates()) <= 1.0 + 1e-6
 
     asyncio.run(live())
 
@@ -562,6 +593,37 @@ def test_a_stamp_ahead_is_waited_for_and_can_be_cancelled(stand: Stand) -> None:
     asyncio.run(live())
 
 
+@pytest.mark.parametrize("mode", [0, 1, 5])
+@pytest.mark.parametrize("how", ["stop", "estop"])
+def test_a_stop_ends_a_goal_that_waits_for_its_stamp(stand: Stand, how: str, mode: int) -> None:
+    async def live() -> None:
+        await stand.send(stand.to(0.02, 0.5), Handle())  # now the planner's process is there
+        at, stand.servo.rules.fjt = stand.rig.commanded[-1], FjtControl(mode=ServoMode(mode))
+        handle = Handle()
+        soon = stand.to(0.2, stamp=time.time() + 1.5)
+        task = asyncio.create_task(stand.action.execute(soon, handle))  # type: ignore[arg-type]
+        for _ in range(100):  # until it is planned
+            stand.rig.step()
+            await asyncio.sleep(0.005)
+        if how == "stop":
+            stand.link.request_stop()
+            stand.ownership.stop()
+            await asyncio.sleep(0.01)
+            assert stand.ownership.owner is None  # at once, not when the stamp comes
+        else:
+            stand.link.request_estop()
+            stand.rig.step(50)
+            reset = asyncio.create_task(stand.link.reset(1.0))
+            await stand.step_until(reset)
+            reset.result()
+        await stand.step_until(task)
+        assert task.result()["error_code"] == ErrorCode.INTERRUPTED
+        assert "stop" in task.result()["error_string"]
+        np.testing.assert_array_equal(stand.rig.commanded[-1], at)
+
+    asyncio.run(live())
+
+
 def test_who_has_nothing_to_do_with_the_goal_refuses_it(stand: Stand) -> None:
     async def live() -> None:
         handle = Handle()
@@ -617,6 +679,26 @@ def test_a_cancelled_servo_session_comes_to_rest(stand: Stand) -> None:
         await stand.until_free()
         assert 0.0 < np.abs(stand.rig.commanded[-1] - stand.rig.home).max() < 0.4
         assert max(share.max() for share in stand.rig.rates()) <= 1.0 + 1e-6
+
+    asyncio.run(live())
+
+
+def test_nobody_else_puts_points_into_the_servo_session_of_a_goal(stand: Stand) -> None:
+    async def live() -> None:
+        stand.servo.rules.fjt = FjtControl(mode=ServoMode.REPLANNED)
+        handle = Handle()
+        task = asyncio.create_task(stand.action.execute(stand.to(0.05, 1.0), handle))  # type: ignore[arg-type]
+        while not handle.told:
+            stand.rig.step(5)
+            await asyncio.sleep(0.0005)
+        foreign = (stand.rig.home - 0.5).tolist()
+        stand.servo.receive(json.dumps({"point_id": 1, "position": foreign}))
+        with pytest.raises(InputError, match="points of follow_joint_trajectory only"):
+            await stand.servo.point(foreign)
+        assert stand.servo.feedback()["refused"] == {"session_id": 2}
+        await stand.step_until(task)
+        assert task.result()["error_code"] == 0
+        assert (np.array(stand.rig.commanded) >= stand.rig.home - 1e-3).all()
 
     asyncio.run(live())
 

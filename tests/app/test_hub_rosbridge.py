@@ -23,7 +23,7 @@ from app.hub.connection import Connection
 from app.hub.hub import GRAPH_TOPIC, Hub
 from app.hub.operations import OPERATIONS
 from app.hub.rosapi import add_rosapi
-from cobot.errors import ExecutionError
+from cobot.errors import ExecutionError, InputError
 from cobot.ros.messages import Messages
 
 STRING = "std_msgs/msg/String"
@@ -407,6 +407,63 @@ def test_a_client_offers_an_action_to_another() -> None:
         one.ask("unadvertise_action", action="/act")
         await asyncio.sleep(0.01)
         assert "/act" not in hub.actions
+
+    live(test)
+
+
+@pytest.mark.parametrize("kind", ["taken", "prepared"])
+def test_what_another_thread_has_looked_at_is_not_looked_at_again(kind: str) -> None:
+    async def test(hub: Hub, client: Client, other: Client) -> None:
+        hub.add_action(Waiting())
+        client.ask("advertise", topic="/j", type="sensor_msgs/msg/JointState")
+        other.ask("subscribe", topic="/j")
+        client.ask("advertise_service", service="/set", type="std_srvs/srv/SetBool")
+
+        async def told(who: Client, op: str, **content: Any) -> dict[str, Any]:
+            message = {"op": op, "id": "7", **content}
+            who.take(await asyncio.to_thread(who.prepared, message) if kind == "prepared" else message)
+            return await (other if op == "publish" and "name" in content["msg"] else who).next()
+
+        message = await told(client, "publish", topic="/j", msg={"name": ["a"], "position": [1, None]})
+        assert (message["msg"]["name"], message["msg"]["position"]) == (["a"], [1.0, None])
+        message = await told(client, "publish", topic="/j", msg={"position": [1, "x"]})
+        assert (message["id"], message["msg"]) == (
+            "7",
+            "sensor_msgs/msg/JointState: position[1]: must be a number, got 'x'",
+        )
+        message = await told(other, "call_service", service="/set", args={"data": 3})
+        assert (message["result"], message["id"]) == (False, "7")
+        assert message["values"] == "std_srvs/srv/SetBool_Request: data: must be true or false, got 3"
+        message = await told(other, "call_service", service="/set", args=[1, 2])
+        assert message["values"] == "std_srvs/srv/SetBool_Request has 1 fields, got 2 values"
+        message = await told(other, "call_service", service="/nowhere", args={})
+        assert "there is no service '/nowhere'" in message["values"]
+        message = await told(other, "send_action_goal", action="/wait", args={"good": "no"})
+        assert message["values"].endswith("good: must be true or false, got 'no'")
+        message = await told(other, "send_action_goal", action="/wait", args={})
+        assert message["values"] == "the goal is not good"
+        assert "there is no op 'jump'" in (await told(other, "jump"))["msg"]
+
+    live(test)
+
+
+def test_what_is_examined_is_taken_as_it_is() -> None:
+    messages = Messages()
+    goal = messages.examined("std_srvs/srv/SetBool_Request", {"data": True})
+    assert messages.checked("std_srvs/srv/SetBool_Request", goal) is goal
+    with pytest.raises(InputError, match="unknown key 'data'"):
+        messages.checked("std_srvs/srv/Trigger_Response", goal)
+
+
+def test_one_topic_is_subscribed_and_advertised_only_so_often() -> None:
+    async def test(hub: Hub, client: Client, other: Client) -> None:
+        for op in ("subscribe", "advertise"):
+            for number in range(outbox.MAX_WISHES):
+                client.ask(op, topic="/t", type=STRING, id=str(number))
+            client.ask(op, topic="/t", type=STRING, id="0")  # said again
+            assert not errors(client)
+            client.ask(op, topic="/t", type=STRING, id="more")
+            assert "one topic" in errors(client)[0]
 
     live(test)
 

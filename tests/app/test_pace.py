@@ -20,7 +20,7 @@ from app.services.motion import MotionService
 from app.services.ownership import Caller, Claim, Ownership, watching
 from app.services.planning import PlanningService
 from cobot.config import Settings
-from cobot.errors import ConflictError, LimitError, MotionStopped, MotionTimeout
+from cobot.errors import ConflictError, ExecutionError, LimitError, MotionStopped, MotionTimeout
 from cobot.layout import MotionResult
 from cobot.planners import MotionRequest, plan
 from cobot.robot import Robot
@@ -131,6 +131,25 @@ def test_a_stop_ends_a_pause_and_what_was_paused(bench: Bench, begun: bool) -> N
                 await bench.during(going)
         assert not pace.paused
         assert rig.mode is Mode.HOLD
+
+    asyncio.run(check())
+
+
+def test_what_waited_in_a_pause_does_not_begin_after_an_estop_and_its_reset(bench: Bench) -> None:
+    async def check() -> None:
+        rig, pace = bench.rig, bench.ownership.pace
+        await bench.during(pace.pause())
+        with bench.claim() as claim:
+            going = asyncio.create_task(bench.go(claim))
+            await bench.during(asyncio.sleep(0.01))
+            bench.link.request_estop()
+            rig.step(20)
+            await bench.during(bench.link.reset(1.0))
+            await bench.during(pace.resume())
+            with pytest.raises(ExecutionError, match="a stop was requested meanwhile"):
+                await bench.during(going)
+        assert rig.mode is Mode.HOLD
+        np.testing.assert_allclose(rig.commanded[-1], rig.home)
 
     asyncio.run(check())
 

@@ -42,7 +42,7 @@ class Bench:
     """A service beside a cycle that goes on while something is awaited, one cycle per turn of the loop."""
 
     def __init__(self, rig: Rig, robot: Robot, settings: Settings, link: RobotLink) -> None:
-        self.rig = rig
+        self.rig, self.link = rig, link
         self.ownership = Ownership(link)
         self.planning = PlanningService(None, 1)
         motion = MotionService(robot, link, self.ownership, self.planning, settings.planning)
@@ -259,6 +259,58 @@ def test_set_mode_in_a_session_begins_another_one_and_its_points_wait_for_it(run
         await bench.cycles(2000)
         np.testing.assert_allclose(bench.rig.commanded[-1], bench.rig.home + 0.01, atol=1e-6)
         assert bench.servo.feedback()["session_id"] == 3
+
+    run(test)
+
+
+def test_a_stop_before_the_next_session_has_begun_is_for_that_too(run: Run) -> None:
+    async def test(bench: Bench) -> None:
+        bench.set_mode(1)
+        await bench.active()
+        bench.point(bench.rig.home + 0.3)
+        await bench.cycles(200)
+        bench.set_mode(5)
+        bench.point(bench.rig.home + 0.3)
+        await bench.cycles(10)
+        assert bench.rig.loop.controller.moving  # the first one comes to rest
+        stopped = asyncio.ensure_future(bench.stopping.stop(3.0))
+        await bench.until(stopped.done)
+        at = bench.rig.commanded[-1]
+        await bench.cycles(500)
+        assert (bench.rig.mode, bench.servo.active) == (Mode.HOLD, False)
+        assert "a stop was requested meanwhile" in bench.servo.reason
+        np.testing.assert_array_equal(bench.rig.commanded[-1], at)
+
+    run(test)
+
+
+def test_force_control_goes_on_after_a_session_that_followed_one_of_mode_6(run: Run) -> None:
+    async def test(bench: Bench) -> None:
+        await bench.done(bench.force.enable())
+        bench.set_mode(6)
+        await bench.active()
+        bench.set_mode(5)
+        await bench.active()
+        assert bench.rig.mode is Mode.JOINT_IMPEDANCE
+        bench.set_mode(0)
+        await bench.until(lambda: bench.rig.mode is Mode.CARTESIAN)
+        await bench.done(bench.force.disable())
+
+    run(test)
+
+
+def test_force_control_is_not_enabled_any_more_after_an_estop_of_its_session_and_a_reset(run: Run) -> None:
+    async def test(bench: Bench) -> None:
+        await bench.done(bench.force.enable())
+        bench.set_mode(6)
+        await bench.active()
+        bench.link.request_estop()
+        await bench.until(lambda: bench.servo.feedback()["state"] == "idle")
+        await bench.done(bench.link.reset(1.0))
+        await bench.until(lambda: not bench.force.settings.enabled)
+        assert bench.force.reason == "a stop was requested"
+        await bench.cycles(300)
+        assert bench.rig.mode is Mode.HOLD
 
     run(test)
 

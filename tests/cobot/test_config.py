@@ -152,6 +152,7 @@ def test_the_robot_section_says_what_is_the_same_for_all(tmp_path: Path) -> None
         ("robots: [{name: a, web: {port: 1}}]", "robots[0]: unknown key 'web'"),
         ("robots: [{name: a, 7: x}]", "robots[0]: unknown key '7'"),
         ("robots: [{name: a}, {name: ../b}]", "robots[1]: robot.name: "),
+        ("robots: [{name: robots}]", "robots[0]: robot.name: 'robots' is taken: /robots/NAME/... are"),
         ("robots: [{name: 7}]", "robots[0]: robot.name: input should be a valid string, got 7"),
         ("robots: [{name: a, rt: {cup: 1}}]", "robots[0]: rt: unknown key 'cup' (did you mean 'cpu'?)"),
         ("robots: [{name: a, rt: 5}]", "robots[0]: rt: "),

@@ -509,6 +509,21 @@ def test_a_session_that_is_to_finish_goes_on_to_its_last_point(rig: Rig, mode: S
     require_limits(rig)
 
 
+@pytest.mark.parametrize("mode", [ServoMode.BUFFERED, ServoMode.THROUGH, ServoMode.REPLANNED_FORCE])
+def test_a_service_that_hangs_moves_the_arm_no_further_than_its_heartbeat(rig: Rig, mode: ServoMode) -> None:
+    reference = wave(rig)
+    writer = begin(rig, mode, watchdog_s=60.0)
+    for number in range(1000):
+        assert writer.put(reference(number * 0.01), 0.01, 0.0, 0.0)
+    rig.step(500)
+    assert rig.loop.controller.streaming.session
+    rig.beat(ahead_s=-0.1 - rig.settings.rt.service_timeout_s)
+    rig.run(1000)
+    assert (rig.mode, rig.counted()["SERVICE_TIMEOUT"]) == (Mode.HOLD, 1)
+    assert "the service has been silent for" in rig.reason
+    require_limits(rig)
+
+
 def test_a_session_that_is_to_finish_does_so_within_a_second(rig: Rig) -> None:
     writer = begin(rig, ServoMode.BUFFERED)
     for number in range(1000):

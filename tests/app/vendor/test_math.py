@@ -6,7 +6,7 @@ Oracle: scipy's Rotation and homogeneous matrices of numpy.
 from __future__ import annotations
 
 import asyncio
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -124,5 +124,13 @@ def test_where_roll_and_yaw_are_not_unique_the_orientation_still_is(pitch: float
 def test_wrong_numbers_of_numbers_are_refused() -> None:
     assert "p2 must be [x, y, z, rx, ry, rz], got 2" in refusal("poseAdd", p1=POSES[0], p2=[1.0, 2.0])
     assert "rpy must have 3 numbers, got 4" in refusal("rpyToQuaternion", rpy=[0.0] * 4)
-    assert "quat must be [w, x, y, z] and not zero" in refusal("quaternionToRpy", quat=[0.0] * 4)
+    assert "quat must be [w, x, y, z], 1e-09 to 1e+09 long" in refusal("quaternionToRpy", quat=[0.0] * 4)
+    assert "quat must be [w, x, y, z], 1e-09 to 1e+09 long" in refusal("quaternionToRpy", quat=[1e200] * 4)
     assert "quat must be" in refusal("quaternionToRpy", quat=[1.0])
+
+
+def test_alpha_has_bounds() -> None:
+    answer = asyncio.run(
+        call(cast(Any, None), "Math", "interpolatePose", {"p1": [0] * 6, "p2": [1] * 6, "alpha": 1e300})
+    )
+    assert (answer.code, answer.message) == (Code.LIMIT, "alpha is from -1000 to 1000, got 1e+300")

@@ -9,7 +9,7 @@ import asyncio
 import socket
 import subprocess
 import sys
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
 from typing import Any
 
@@ -181,6 +181,46 @@ def test_a_device_that_never_answers_is_told_and_holds_up_no_other(server: Serve
             for writer in connections:
                 writer.close()
                 await writer.wait_closed()
+
+    run(check())
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda asked: asked[:2] + b"\0\0\0\3" + asked[6:8] + b"\0",  # no values
+        lambda asked: asked[:2] + b"\0\0\0\4" + asked[6:7] + b"\1\1\1",  # coils instead of a register
+    ],
+)
+def test_a_device_that_answers_something_else_is_told_and_asked_again(
+    wrong: Callable[[bytes], bytes],
+) -> None:
+    async def check() -> None:
+        def right(asked: bytes) -> bytes:
+            return asked[:2] + b"\0\0\0\5" + asked[6:8] + b"\2\0\7"
+
+        answers = iter([wrong])
+
+        async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            while asked := await reader.read(1000):
+                writer.write(next(answers, right)(asked))
+            writer.close()
+
+        device = await asyncio.start_server(answer, "127.0.0.1", 0)
+        port = device.sockets[0].getsockname()[1]
+        async with device, asking() as (ask, modbus):
+            await add(ask, f"127.0.0.1:{port}", "odd", 2, 0)
+            await eventually(lambda: "something else" in modbus.signal("odd").problem)
+            await eventually(lambda: modbus.signal("odd").value == 7 and not modbus.signal("odd").problem)
+
+    run(check())
+
+
+def test_a_host_name_that_cannot_be_one_is_the_signal_s_problem() -> None:
+    async def check() -> None:
+        async with asking() as (ask, modbus):
+            await add(ask, "a..b", "nowhere", 2, 0)
+            await eventually(lambda: "a..b:502 is not connected" in modbus.signal("nowhere").problem)
 
     run(check())
 

@@ -165,5 +165,7 @@ def test_a_wrong_watchdog_is_refused() -> None:
         )
         for timeout in (0.001, -1.0, 1e5):
             await ask.fails("setWatchDog", Code.LIMIT, key="a", timeout=timeout, action=0)
+        for name in ("", "x" * 201):
+            await ask.fails("setWatchDog", Code.INPUT, key=name, timeout=1.0, action=0)
 
     run(check())

@@ -94,6 +94,8 @@ def test_a_call_gets_what_the_request_says_and_answers_with_code_zero() -> None:
         ({"size": float("nan")}, "size: must be finite, got nan"),
         ({"size": 10**400}, "size: must be finite"),
         ({"text": 3}, "text: must be a string, got 3"),
+        ({"text": "half \ud800"}, "text: is no valid Unicode: surrogates not allowed"),
+        ({"items": [0.0] * 65_537}, "items: may have up to 65536 items, got 65537"),
         ({"items": 1.0}, "items: must be a list, got 1.0"),
         ({"items": [0.0, float("inf")]}, "items[1]: must be finite, got inf"),
         ({"items": [[0.0]]}, "items[0]: must be a number"),

@@ -149,6 +149,28 @@ def test_a_line_without_an_end_is_dropped_and_does_not_fill_the_memory(server: S
     run(check())
 
 
+def test_what_a_server_does_not_take_fails_and_does_not_pile_up(
+    server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def check() -> None:
+        monkeypatch.setattr("app.services.channels.Channel.send.__defaults__", (0.1,))
+        ask, equipment = await connected(server)
+        piece, sent = "x" * 4_000_000, 0
+        while (answer := await ask.answer("socketSendString", value=piece)).code == Code.OK:
+            sent += 1
+            assert sent < 50
+        assert "not all of 4000000 bytes were sent within" in answer.message
+        for _ in range(3):
+            await ask.fails("socketSendString", Code.DEVICE_TIMEOUT, value=piece)
+        begun = (sent + 1) * len(piece)  # and nothing of the later ones
+        assert await asyncio.to_thread(server.receive, begun) == b"x" * begun
+        await ask("socketSendString", value="!")
+        assert await asyncio.to_thread(server.receive, 1) == b"!"
+        await apart(equipment)
+
+    run(check())
+
+
 def test_a_server_that_hangs_up_is_an_error_and_no_wait(server: Server) -> None:
     async def check() -> None:
         ask, equipment = await connected(server)
