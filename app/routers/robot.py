@@ -112,9 +112,9 @@ async def move_pose(body: MovePose, request: Request, gone: Gone) -> MoveAnswer:
 
 @router.post("/reset", responses=responses(409, 503))
 async def reset(request: Request) -> ResetAnswer:
-    """Leave an e-stop or a fault, once its cause is gone. Nothing moves."""
+    """Leave an e-stop or a fault, once its cause is gone. Nothing moves; a sequence that was running ends."""
     call = Call(request)
-    await call.services.link.reset(call.timeout_s)
+    await call.services.stopping.reset(call.timeout_s)
     return ResetAnswer(success=True, message="the robot is ready to move")
 
 

@@ -11,9 +11,11 @@ from app.services.link import POLL_S, RESTING, RobotLink, RobotState
 from app.services.ownership import Ownership
 from app.services.sequences import SequenceService
 from cobot.errors import CobotError, UnavailableError
+from cobot.types import Mode
 
 END_TIMEOUT_S = 2.0
 """How long a motion is waited for that has come to rest and has only to notice."""
+LATCHED = (Mode.ESTOP, Mode.FAULT)
 UNMEASURED_S = 0.25
 """Without a measurement for so long, nobody can say that the arm is at rest."""
 
@@ -84,6 +86,17 @@ class StopService:
             at_rest,
             time.monotonic() - begun_s,
         )
+
+    async def reset(self, timeout_s: float) -> None:
+        """Leave ESTOP or FAULT. What was under way or waits for something moves nothing any more: a sequence
+        or program that has slept through it ends.
+
+        Raises:
+            ConflictError, NotReadyError, UnavailableError: see `RobotLink.reset`.
+        """
+        if self._link.state().mode in LATCHED:
+            await self._sequences.stop()
+        await self._link.reset(timeout_s)
 
     def _orphan(self) -> str | None:
         """What moves the arm without a claim: a local client, or the motion of a service that has died."""

@@ -53,7 +53,7 @@ async def lock_robot_brake(robot: Services) -> None:
 @service(CLASS)
 async def set_unlock_protective_stop(robot: Services) -> None:
     """Leave an e-stop, a protective stop or a fault, once its cause is gone. Nothing moves."""
-    await robot.link.reset(RESET_TIMEOUT_S)
+    await robot.stopping.reset(RESET_TIMEOUT_S)
 
 
 @service(CLASS)
