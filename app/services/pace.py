@@ -21,6 +21,7 @@ class Pace:
     Attributes:
         opened: set while motions may begin.
         fraction: of full speed.
+        others: the paces of the robots that move together with this one, which pause and go on with it.
     """
 
     def __init__(self, link: RobotLink) -> None:
@@ -30,6 +31,7 @@ class Pace:
         self.opened = asyncio.Event()
         self.opened.set()
         self.fraction = 1.0
+        self.others: tuple[Pace, ...] = ()
 
     @property
     def paused(self) -> bool:
@@ -44,9 +46,12 @@ class Pace:
         """Go along the path faster or slower: the motion that runs, and all that follow.
 
         Raises:
+            ConflictError: it moves together with other robots.
             LimitError: out of bounds.
             UnavailableError: rtloop does not answer.
         """
+        if self.others:
+            raise ConflictError("a synchronous motion keeps the speed that it has begun with")
         least, most = FRACTIONS
         if not least <= fraction <= most:
             raise LimitError(f"the fraction of the speed is from {least} to {most:g}, got {fraction:g}")
@@ -54,13 +59,18 @@ class Pace:
         await self._apply()
 
     async def pause(self) -> None:
-        """Bring the arm to rest on its path and let nothing begin; returns when it rests.
+        """Bring the arm to rest on its path, and those that move with it, and let nothing begin.
+
+        Returns when they rest.
 
         Raises:
             ConflictError: it follows a stream, which has no path.
             UnavailableError: rtloop does not answer.
             ExecutionError: it does not come to rest.
         """
+        await asyncio.gather(*(pace._pause() for pace in (self, *self.others)))
+
+    async def _pause(self) -> None:
         if self._link.state().session:
             raise ConflictError("a stream has no path to pause on; end it, or POST /stop")
         if not self.paused:
@@ -79,8 +89,10 @@ class Pace:
         Raises:
             UnavailableError: rtloop does not answer.
         """
-        self.reset()
-        await self._apply()
+        paces = (self, *self.others)
+        for pace in paces:
+            pace.reset()
+        await asyncio.gather(*(pace._apply() for pace in paces))
 
     def reset(self) -> None:
         """There is nothing left that was paused."""

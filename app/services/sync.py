@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import logging
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,7 @@ import numpy as np
 
 from app.services.frames import Frames
 from app.services.ownership import Caller, Claim
+from app.services.pace import Pace
 from app.vendor.codes import Code, ServiceError
 from cobot.errors import CobotError, ConflictError, InputError, LimitError, MotionStopped
 from cobot.limits import check_positions
@@ -217,6 +219,7 @@ class SyncService:
                 for name, way in ways.items()
             ]
             moving = {name: claims[name] for name in ways}
+            stack.enter_context(_in_step([claim.pace for claim in moving.values()]))
             begun = await asyncio.gather(*starts, return_exceptions=True)
             failed = next((each for each in begun if isinstance(each, BaseException)), None)
             if failed is not None:
@@ -279,6 +282,18 @@ class SyncService:
 
         with belongings:
             await asyncio.gather(*(arrive(name, claim) for name, claim in claims.items()))
+
+
+@contextlib.contextmanager
+def _in_step(paces: list[Pace]) -> Iterator[None]:
+    """None of them pauses alone while the context lasts."""
+    for pace in paces:
+        pace.others = tuple(other for other in paces if other is not pace)
+    try:
+        yield
+    finally:
+        for pace in paces:
+            pace.others = ()
 
 
 def _stop(claims: dict[str, Claim], cause: BaseException) -> None:

@@ -182,3 +182,24 @@ def test_a_robot_at_half_its_speed_has_the_other_one_take_twice_as_long(pair: Pa
         assert abs(left - right) < 150  # cycles; twice the way alone would be some 1000
 
     asyncio.run(live())
+
+
+def test_a_pause_of_one_during_the_motion_is_one_of_both(pair: Pair) -> None:
+    async def live() -> None:
+        pace = pair.sync.robots[LEFT].ownership.pace
+        targets = pair.sync.targets((LEFT, RIGHT), pair.away + pair.away, 1.0, 0.3)
+        await pair.done(pair.sync.move(targets))
+        await pair.until(lambda: pair.moved(RIGHT))
+        with pytest.raises(ConflictError, match="keeps the speed"):
+            await pace.set_fraction(0.5)
+        await pair.done(pace.pause())
+        at = [rig.commanded[-1].copy() for rig in pair.rigs.values()]
+        await pair.done(asyncio.sleep(0.2))
+        np.testing.assert_array_equal([rig.commanded[-1] for rig in pair.rigs.values()], at)
+        assert np.abs(at[1] - np.array(pair.away)).max() > 0.05  # on its way
+        await pair.done(pace.resume())
+        await pair.done(pair.sync.wait((LEFT, RIGHT)))
+        for rig in pair.rigs.values():
+            np.testing.assert_allclose(rig.commanded[-1], pair.away, atol=1e-6)
+
+    asyncio.run(live())
