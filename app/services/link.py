@@ -1,4 +1,7 @@
-"""The service's end of the robot's shared memory."""
+"""The service's end of the robot's shared memory.
+
+A long module, because only one may send commands: every one of them, and its acknowledgement, is here.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Servo sessions: points that clients send one by one, followed in one of seven modes.
 
 `cobot.servo` has the protocol's rules, rtloop the modes; this is what lies between: who owns the arm,
-sessions that begin and end, inverse kinematics, the queue of points.
+sessions that begin and end, inverse kinematics, the queue of points. A long module, because a session that
+ends while the next one begins is one state.
 """
 
 from __future__ import annotations

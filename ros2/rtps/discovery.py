@@ -1,7 +1,8 @@
 """Finding participants and their endpoints, and matching those that fit (RTPS 2.2, 8.5).
 
 Participants announce themselves by multicast and, to those they have heard from, by unicast; endpoints are
-announced over reliable built-in topics between every two participants.
+announced over reliable built-in topics between every two participants. A long module, because what a peer is
+and what it may cost are decided in one place.
 """
 
 from __future__ import annotations
