@@ -114,6 +114,7 @@ class Buffered(PointReader):
         self._line = np.zeros((3, limits.dof))
         self._start, self._way = np.zeros((2, limits.dof))
         self._elapsed_s = self._waited_s = 0.0
+        self._since_s = 0.0  # since the last point that was no jump
         self._playing = False
 
     def begin(self, command: Array) -> None:
@@ -125,11 +126,12 @@ class Buffered(PointReader):
         self._way[:] = 0.0
         self._law.begin(command)
         self._time_s = self._fixed_s or self._period_s
-        self._elapsed_s = self._waited_s = 0.0
+        self._elapsed_s = self._waited_s = self._since_s = 0.0
         self._playing = False
 
     def fetch(self, queue: PointQueue) -> Intervention | None:
         """The point whose time this cycle is in."""
+        self._since_s += self._period_s
         if self._waits or not (self._playing or self._may_begin(queue)):
             return None
         self._elapsed_s += self._period_s
@@ -146,13 +148,15 @@ class Buffered(PointReader):
             self._elapsed_s -= self._time_s
             if not self._read(point):
                 return Intervention.NOT_FINITE
+            stated_s = self._time_s
             if self._fixed_s is not None:
                 self._time_s = self._fixed_s
             np.copyto(self._start, self._last)
-            if self._jumps(self._time_s):  # its time passes without it
+            if self._jumps(max(stated_s, self._since_s)):  # its time passes without it
                 self._way[:] = 0.0
                 self._line[1:] = 0.0
                 continue
+            self._since_s = 0.0
             np.subtract(self._last, self._start, out=self._way)
             np.divide(self._way, self._time_s, out=self._line[2])
             self._line[2] -= self._line[1]

@@ -257,9 +257,9 @@ def test_who_does_not_read_costs_a_bounded_memory_and_is_told_why(run: Run) -> N
         other.send("advertise_service", service="/large", type="std_srvs/Trigger")
         other.call("/rosapi/nodes")
         before = app.memory_info().rss
-        for _ in range(60):
+        for _ in range(120):
             lazy.send("call_service", service="/large")
-        for _ in range(60):
+        for _ in range(120):
             asked = other.next("call_service")
             values = {"message": "x" * 2**20}
             other.send("service_response", service="/large", id=asked["id"], values=values, result=True)

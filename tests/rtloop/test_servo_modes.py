@@ -304,6 +304,22 @@ def test_a_jump_in_a_pass_through_mode_is_dropped_and_counted(rig: Rig, mode: Se
     require_limits(rig)
 
 
+@pytest.mark.parametrize("mode", [ServoMode.BUFFERED, ServoMode.BUFFERED_1MS])
+def test_a_slow_stream_is_no_series_of_jumps_and_goes_on_after_one(rig: Rig, mode: ServoMode) -> None:
+    """50 Hz, as in the manual's examples of mode 4: the steps are large for a millisecond, not for 20."""
+    writer = begin(rig, mode, 5.0)
+    target = rig.home.copy()
+    for number in range(60):
+        target[6] += 0.025
+        outlier = target + (0.5 if number == 20 else 0.0)
+        assert writer.put(outlier, 0.02, 0.0, 0.0)
+        rig.step(20)
+    rig.step(1000)
+    assert counts(rig)["points_dropped"] == 1
+    np.testing.assert_allclose(rig.commanded[-1], target, atol=1e-6)
+    require_limits(rig)
+
+
 def test_mode_1_goes_to_a_single_point_far_away_at_the_limits_and_without_overshoot(rig: Rig) -> None:
     writer = begin(rig, ServoMode.REPLANNED, 10.0)
     assert writer.put(rig.home + 0.3, 0.02, 0.0, 0.0)
