@@ -28,6 +28,8 @@ from cobot.realtime.writer import StreamWriter
 from cobot.types import Mode
 
 MAX_CONNECTIONS = 32
+STATE_TRIES = 3
+"""Of a state that rtloop may be writing just now."""
 
 log = logging.getLogger("cobot.streams")
 
@@ -156,9 +158,13 @@ class StreamService:
     def state_since(self, publication: int) -> tuple[int, np.ndarray | None]:
         """The newest publication's number, and its state if it is a newer one: valid until the next call."""
         block = self._link.memory.state
-        newest = block.sequence
-        fresh = newest != publication and block.try_read()
-        return (newest, block.data) if fresh else (publication, None)
+        for _ in range(STATE_TRIES):
+            newest = block.sequence
+            if newest == publication:
+                break
+            if block.try_read() and block.sequence == newest:  # or it is a later one, which would come twice
+                return newest, block.data
+        return publication, None
 
     async def open(self, wish: np.ndarray, name: str, timeout_s: float, stops: int | None = None) -> Session:
         """Begin a session.
