@@ -177,7 +177,8 @@ def test_an_emergency_stop_of_one_leaves_the_motion_of_the_other_alone(
         client.session()
         client.send("estop")
         pair.until(lambda: robot_health(http, pair.right)["mode"] == "ESTOP")
-        pair.until(lambda: robot_health(http, pair.right)["session"] is None)  # until it rests, it owns the arm
+        # until it rests, the session owns the arm
+        pair.until(lambda: robot_health(http, pair.right)["session"] is None)
     assert moving(http, pair.left)
     health = http.get("/health").json()
     assert health["status"] == "ok"
