@@ -38,7 +38,7 @@ class Controller:
     Attributes:
         mode, reason: the mode, and why it is ESTOP or FAULT, or why the last stop was made.
         motion_id, motion_result: the running motion or the last one.
-        settled: at rest at the commanded position, as measured.
+        settled: at rest, as measured: at the commanded position, or anywhere in FAULT and in a session.
         stale: whether what is measured has stopped changing although the arm is moved; the loop sets it.
         deceleration_ns: when the last stop began to slow the arm down, set from the cycle's `now_ns`.
     """
@@ -84,7 +84,6 @@ class Controller:
         self._desired[0] = position
         self.safety.reset(position)
         self._following = self._braking = self._misread = False
-        self._still_cycles = 0
         self._off = 0.0
 
     def let_go(self, position: Array) -> None:
@@ -374,11 +373,12 @@ class Controller:
     def _settle(self, measured: Measured, *, fresh: bool) -> None:
         """Count how long the arm has been still, and end a motion or a stream that has ended."""
         rt = self._rt
+        anywhere = self.streaming.session or self.mode is Mode.FAULT  # it yields, or heeds no command
         still = (
             fresh
             and not self._following
             and not self.safety.pursuing
-            and (self.streaming.session or np.abs(self._error).max() <= rt.settle_position_rad)
+            and (anywhere or np.abs(self._error).max() <= rt.settle_position_rad)
             and np.abs(measured.velocity).max() <= rt.settle_velocity_rad_s
         )
         self._still_cycles = self._still_cycles + 1 if still else 0

@@ -157,6 +157,7 @@ class MujocoBackend:
 
     def write(self, command: Array) -> None:
         if self.fail_write:
+            self._velocity[:] = 0.0  # a robot that is told nothing puts its brakes on
             raise BackendError(self.fail_write)
         mujoco.mj_step1(self._model, self._data)
         self._find_jacobian()

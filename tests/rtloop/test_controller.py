@@ -183,6 +183,17 @@ def test_an_arm_that_is_pushed_off_its_path_is_a_fault_that_names_the_joint(rig:
     within_limits(rig)
 
 
+def test_an_arm_that_is_still_after_a_fault_is_at_rest_wherever_it_is(rig: Rig) -> None:
+    """Who stops it waits for that; it will not come back to where it was commanded."""
+    under_way(rig)
+    rig.loopback.offset[4] = 1.1 * rig.settings.rt.tracking_error_rad
+    rig.step()
+    assert not rig.memory.state.read()["settled"]
+    rig.run()
+    rig.step(50)
+    assert rig.memory.state.read()["settled"]
+
+
 def test_after_a_fault_the_arm_is_held_where_it_is_now(rig: Rig) -> None:
     rig.loopback.offset[4] = 0.5  # pushed while the drives gave way
     rig.step(5)
