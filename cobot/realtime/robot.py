@@ -247,7 +247,8 @@ class Robot(SessionSettings):
 
         Args:
             name: "PLAN-Home" or "home" for a named position, or the path of a sequence file (*.json).
-            options: of the motion or the sequence, see docs/api.md: speed, ...
+            options: of the motion or the sequence, see docs/api.md: speed, ...; a sequence runs once if they
+                do not say how often.
 
         Raises:
             ConflictError: the mode is not NRT_PLAN_EXECUTION, or somebody else moves the arm.
@@ -256,7 +257,7 @@ class Robot(SessionSettings):
         self._require_mode(Mode.NRT_PLAN_EXECUTION)
         if name.endswith(".json"):
             with self._client() as client:
-                client.start_sequence(Path(name), **options)
+                client.start_sequence(Path(name), **{"n_iterations": 1, **options})
             return
         position = name.removeprefix("PLAN-")
         with self._client() as client:

@@ -37,6 +37,8 @@ class StreamWriter:
         memory = self._memory
         memory.take(Role.STREAM)
         number = int(memory.session.salvage()["number"]) + 1
+        if number == int(memory.session_ack.salvage()["session"]):
+            number += 1  # the block was spoilt, and this one has been answered before
         wish["number"], wish["open"], wish["pid"], wish["stops"] = number, 1, os.getpid(), stops
         memory.stream_requests.salvage()
         memory.session.data[...] = wish

@@ -21,6 +21,7 @@ from cobot import shm
 from cobot.config import Settings
 from cobot.errors import SharedMemoryError
 from cobot.layout import RING, Command, Interpolation, Intervention
+from cobot.realtime.writer import StreamWriter
 from cobot.robot import Robot
 from cobot.shm import RobotMemory
 from cobot.types import Array, Mode
@@ -133,9 +134,9 @@ def test_an_arm_that_takes_no_commands_is_not_pulled_to_where_it_should_have_bee
     task = Task(rig, kind)
     task.step(UNDER_WAY)
     rig.simulation.fail_write = "no answer"
-    rig.simulation._data.qvel[:] = 0.0  # its drives have stopped it
     there = rig.simulation._data.qpos.copy()
     rig.step(1000)
+    assert rig.memory.state.read()["settled"]
     rig.simulation.fail_write = ""
     rig.step(100)
     np.testing.assert_allclose(rig.simulation._data.qpos, there, atol=5e-3)
@@ -238,6 +239,18 @@ def test_what_is_asked_for_in_a_spoilt_block_still_arrives(rig: WatchedRig, bloc
         getattr(rig.memory, block).publish()
     rig.step()
     assert rig.mode is (Mode.STOPPING if block == "session" else Mode.ESTOP)
+
+
+def test_a_session_is_answered_although_the_count_of_sessions_was_lost(rig: WatchedRig) -> None:
+    assert rig.stream() == ""
+    wish = rig.memory.session.data.copy()
+    rig.end_stream()
+    rig.run()
+    rig.memory.session._shared[:] = bytes(len(rig.memory.session._shared))
+    writer = StreamWriter(rig.memory)
+    number = writer.begin(wish, rig.loop.controller.mailbox.stops)
+    rig.step()
+    assert writer.answer(number) == ""
 
 
 def test_what_robot_this_is_is_written_again(rig: WatchedRig) -> None:
