@@ -1,9 +1,13 @@
-"""The settings files, read strictly: an unknown key is an error that lists the valid ones."""
+"""The settings files, read strictly: an unknown key is an error that lists the valid ones.
+
+Long, as it is the reference of all that can be set.
+"""
 
 from __future__ import annotations
 
 import importlib.util
 from collections.abc import Iterator
+from ipaddress import IPv4Address
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -89,6 +93,14 @@ Location = Annotated[Path, BeforeValidator(_in_folder)]
 
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 Rate = Annotated[float, Field(ge=1e-3, le=1e4)]
+
+
+def _an_ipv4_address(value: str) -> str:
+    try:
+        IPv4Address(value)
+    except ValueError as exc:
+        raise ValueError(f"{shown(value)} is no IPv4 address, such as 192.168.0.20") from exc
+    return value
 
 
 class Section(StrictModel):
@@ -183,6 +195,7 @@ class RosSection(Section):
     domain_id: Annotated[int, Field(ge=0, le=232)]
     localhost_only: bool
     interfaces: list[str]
+    peers: list[Annotated[str, AfterValidator(_an_ipv4_address)]]
     gid_bytes: Literal[16, 24]
     joint_states_rate_hz: Annotated[float, Field(ge=1.0, le=1000.0)]
     pose_rate_hz: Annotated[float, Field(ge=1.0, le=1000.0)]

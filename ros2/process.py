@@ -61,6 +61,7 @@ async def _serve(settings: Settings, url: str) -> None:
         ros.domain_id,
         ros.interfaces or None,
         localhost_only=ros.localhost_only,
+        peers=ros.peers,
         name=NODE.full,
         user_data=ENCLAVE,
     )
@@ -110,7 +111,9 @@ def _announce(settings: Settings, participant: Participant) -> None:
     )
     log.info("ROS 2 on domain %d, %s, as node %s", ros.domain_id, where, NODE.full)
     if not participant.multicast:
-        log.warning("there is no multicast: only the first participants on this computer find each other")
+        log.warning(
+            "there is no multicast: found are the first participants on this computer and on ros.peers"
+        )
     for name in settings.each:
         if not ROS_NAME.fullmatch(name):
             log.warning(

@@ -32,7 +32,9 @@ def _between(first: str, last: str) -> str | None:
     return None
 
 
-def run_script(folder: Path, domain: int, *arguments: str, shim: bool) -> subprocess.CompletedProcess[str]:
+def run_script(
+    folder: Path, domain: int, *arguments: str, shim: bool, localhost_only: bool = True
+) -> subprocess.CompletedProcess[str]:
     """Run it in a process of its own, not on a terminal.
 
     Args:
@@ -46,7 +48,7 @@ def run_script(folder: Path, domain: int, *arguments: str, shim: bool) -> subpro
     environment = {
         **os.environ,
         "ROS_DOMAIN_ID": str(domain),
-        "ROS_LOCALHOST_ONLY": "1",
+        "ROS_LOCALHOST_ONLY": str(int(localhost_only)),
         "PYTHONPATH": os.pathsep.join([*paths, *filter(None, [os.environ.get("PYTHONPATH")])]),
     }
     command = [sys.executable, str(path), *arguments]

@@ -42,8 +42,8 @@ class ParticipantAnnouncement:
     user_data: bytes
     vendor: int
     lease_s: float
-    metatraffic: tuple[Address, ...]
-    user: tuple[Address, ...]
+    metatraffic: tuple[Address, ...] = ()
+    user: tuple[Address, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +54,8 @@ class EndpointAnnouncement:
     topic: str
     type_name: str
     qos: Qos
-    user_data: bytes
-    addresses: tuple[Address, ...]
+    user_data: bytes = b""
+    addresses: tuple[Address, ...] = ()
 
 
 def _common() -> bytes:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 from ros2.rtps import submessages
@@ -101,16 +101,17 @@ class Discovery:
         self.writers: dict[bytes, Writer] = {}
         self.readers: dict[bytes, Reader] = {}
 
+        def builtin(entity: bytes) -> EndpointAnnouncement:
+            return EndpointAnnouncement(Guid(self._prefix + entity), "", "", _BUILTIN_QOS)
+
         def writer(entity: bytes) -> Writer:
-            guid = Guid(self._prefix + entity)
-            made = self.writers[entity] = Writer(wire, self._header, guid, "", "", _BUILTIN_QOS)
+            made = self.writers[entity] = Writer(wire, builtin(entity))
             return made
 
         def reader(
             entity: bytes, on_announcement: Callable[[bytes, bytes, Parameters | None], None]
         ) -> Reader:
-            guid = Guid(self._prefix + entity)
-            made = BuiltinReader(wire, inbound, self._header, guid, _BUILTIN_QOS, on_announcement)
+            made = BuiltinReader(wire, inbound, builtin(entity), on_announcement)
             self.readers[entity] = made
             return made
 
@@ -147,10 +148,7 @@ class Discovery:
             self.writers[entity] = endpoint
         else:
             self.readers[entity] = endpoint
-        announcement = EndpointAnnouncement(
-            endpoint.guid, endpoint.topic, endpoint.type_name, endpoint.qos, endpoint.user_data, ()
-        )
-        self._announcer(endpoint).write_keyed(pack_endpoint(announcement), endpoint.guid)
+        self._announcer(endpoint).write_keyed(pack_endpoint(endpoint.announcement), endpoint.guid)
         for peer in self._peers.values():
             for remote in peer.endpoints.values():
                 self._match(endpoint, remote)
@@ -178,6 +176,7 @@ class Discovery:
     # Participants
 
     def _announce_repeatedly(self) -> None:
+        self._wire.look_around()
         self._wire.multicast(self._participant_datagram())
         for peer in self._peers.values():
             self._wire.send(self._participant_datagram(), peer.metatraffic)
@@ -186,7 +185,9 @@ class Discovery:
         self._wire.later(_ANNOUNCE_FIRST_S if first else _ANNOUNCE_S, self._announce_repeatedly)
 
     def _participant_datagram(self) -> bytes:
-        payload = pack_participant(self._announcement)
+        wire = self._wire
+        told = replace(self._announcement, metatraffic=tuple(wire.metatraffic), user=tuple(wire.user))
+        payload = pack_participant(told)
         body = submessages.data(UNKNOWN_ENTITY, PARTICIPANT_WRITER, 1, b"", payload, key=False)
         return self._header + submessages.info_time(time.time()) + body
 

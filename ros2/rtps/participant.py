@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from ros2.rtps import submessages
-from ros2.rtps.announcements import LEASE_S, ParticipantAnnouncement
+from ros2.rtps.announcements import LEASE_S, EndpointAnnouncement, ParticipantAnnouncement
 from ros2.rtps.delivery import Delivery
 from ros2.rtps.discovery import PARTICIPANT_WRITER, Discovery
 from ros2.rtps.errors import ClosedError, MalformedError
@@ -43,8 +43,10 @@ _DEFAULT_LIMITS = Limits()
 class Participant:
     """One member of a DDS domain.
 
-    interfaces: names or IPv4 addresses of the interfaces to use and announce; None: all but loopback.
+    interfaces: names or IPv4 addresses of the interfaces to use and announce; None: all but loopback, also
+        those that come up later.
     localhost_only: only this machine, as ROS_LOCALHOST_ONLY asks for.
+    peers: IPv4 addresses of computers that multicast does not reach; their first participants are told.
     name: the entity name that others may show.
     user_data: ROS finds the enclave in it.
     on_change: called on the delivery thread after `discovered()` or `participants()` has changed.
@@ -58,6 +60,7 @@ class Participant:
         domain_id: int = 0,
         interfaces: Sequence[str] | None = None,
         localhost_only: bool = False,
+        peers: Sequence[str] = (),
         name: str = "",
         user_data: bytes = b"enclave=/;",
         *,
@@ -65,12 +68,11 @@ class Participant:
         on_change: Callable[[], None] | None = None,
         loss: Callable[[], bool] | None = None,
     ) -> None:
-        self._wire = Wire(domain_id, interfaces, localhost_only, limits, loss)
+        self._wire = Wire(domain_id, interfaces, localhost_only, peers, limits, loss)
         self._lock = self._wire.lock
         # 12 random bytes would do; ours begin with the vendor, as the specification suggests.
         self._prefix = submessages.VENDOR.to_bytes(2, "big") + os.urandom(10)
         self.guid = Guid(self._prefix + PARTICIPANT_ENTITY)
-        self._header = submessages.protocol_header(self._prefix)
         self._inbound = Inbound(limits, self._wire.statistics)
         self._delivery = Delivery(self._wire.statistics)
         self._on_change = on_change
@@ -84,8 +86,6 @@ class Participant:
             user_data,
             submessages.VENDOR,
             LEASE_S,
-            tuple(self._wire.metatraffic),
-            tuple(self._wire.user),
         )
         self._discovery = Discovery(self._wire, self._inbound, announcement, self._changed)
         self._delivery.start()
@@ -97,9 +97,8 @@ class Participant:
         """A writer of a keyless topic, at once announced to all participants."""
         with self._lock:
             guid = self._new_guid(_KEYLESS_WRITER)
-            writer = Writer(
-                self._wire, self._header, guid, topic, type_name, qos, user_data, self._discovery.remove
-            )
+            announcement = EndpointAnnouncement(guid, topic, type_name, qos, user_data)
+            writer = Writer(self._wire, announcement, self._discovery.remove)
             self._discovery.add(writer)
             return writer
 
@@ -114,10 +113,10 @@ class Participant:
         """A reader of a keyless topic; the delivery thread calls `on_sample`, in each writer's order."""
         with self._lock:
             guid = self._new_guid(_KEYLESS_READER)
+            announcement = EndpointAnnouncement(guid, topic, type_name, qos, user_data)
             reader = TopicReader(
-                self._wire, self._inbound, self._header, guid, topic, type_name, qos, user_data,
-                on_sample, self._delivery.put, self._discovery.remove,
-            )  # fmt: skip
+                self._wire, self._inbound, announcement, on_sample, self._delivery.put, self._discovery.remove
+            )
             self._discovery.add(reader)
             return reader
 
@@ -133,7 +132,7 @@ class Participant:
 
     @property
     def multicast(self) -> bool:
-        """Whether discovery can use multicast; without, it only asks the first few ports of this computer."""
+        """Whether discovery can use multicast; without, only the first ones here and on the peers find it."""
         return self._wire.has_multicast
 
     @property

@@ -11,6 +11,8 @@ from collections import deque
 from collections.abc import Callable
 from functools import partial
 
+from ros2.rtps.announcements import EndpointAnnouncement
+from ros2.rtps.endpoint import Endpoint
 from ros2.rtps.errors import RtpsError
 from ros2.rtps.inbound import Inbound
 from ros2.rtps.parameters import Parameters, disposes
@@ -27,35 +29,12 @@ _FRAGMENTS_QUIET_S = 0.02  # ask for fragments when none has come for this long
 _INTRODUCE_S = 0.1
 
 
-class Reader:
+class Reader(Endpoint[WriterProxy]):
     """Made by `Participant.create_reader`; every public method may be called from any thread."""
 
-    def __init__(
-        self,
-        wire: Wire,
-        inbound: Inbound,
-        header: bytes,
-        guid: Guid,
-        topic: str,
-        type_name: str,
-        qos: Qos,
-        user_data: bytes = b"",
-    ) -> None:
-        self.guid = guid
-        self.topic = topic
-        self.type_name = type_name
-        self.qos = qos
-        self.user_data = user_data
-        self._wire = wire
+    def __init__(self, wire: Wire, inbound: Inbound, announcement: EndpointAnnouncement) -> None:
+        super().__init__(wire, announcement)
         self._inbound = inbound
-        self._header = header
-        self._proxies: dict[bytes, WriterProxy] = {}
-        self._closed = False
-
-    @property
-    def matched(self) -> tuple[Guid, ...]:
-        with self._wire.lock:
-            return tuple(Guid(guid) for guid in self._proxies)
 
     def close(self) -> None:
         with self._wire.lock:
@@ -223,17 +202,12 @@ class TopicReader(Reader):
         self,
         wire: Wire,
         inbound: Inbound,
-        header: bytes,
-        guid: Guid,
-        topic: str,
-        type_name: str,
-        qos: Qos,
-        user_data: bytes,
+        announcement: EndpointAnnouncement,
         on_sample: Callable[[Sample], None],
         deliver: Callable[[Callable[[], None]], None],
         on_close: Callable[[TopicReader], None],
     ) -> None:
-        super().__init__(wire, inbound, header, guid, topic, type_name, qos, user_data)
+        super().__init__(wire, inbound, announcement)
         self._on_sample = on_sample
         self._deliver = deliver
         self._on_close = on_close
@@ -296,12 +270,10 @@ class BuiltinReader(Reader):
         self,
         wire: Wire,
         inbound: Inbound,
-        header: bytes,
-        guid: Guid,
-        qos: Qos,
+        announcement: EndpointAnnouncement,
         on_announcement: Callable[[bytes, bytes, Parameters | None], None],
     ) -> None:
-        super().__init__(wire, inbound, header, guid, "", "", qos)
+        super().__init__(wire, inbound, announcement)
         self._on_announcement = on_announcement
 
     def _take(self, proxy: WriterProxy, sequence: int, arrival: Arrival) -> None:

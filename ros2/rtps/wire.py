@@ -5,6 +5,7 @@ Everything in this package that changes state does so while it holds `Wire.lock`
 
 from __future__ import annotations
 
+import errno
 import heapq
 import itertools
 import logging
@@ -32,6 +33,7 @@ _PORTS_WITHOUT_MULTICAST = 10
 class Wire:
     """UDP of one participant.
 
+    peers: addresses of computers that multicast does not reach.
     loss: a test's model of a bad network; called once per datagram in either direction, True drops it.
     """
 
@@ -40,13 +42,16 @@ class Wire:
         domain_id: int,
         interfaces: Sequence[str] | None,
         localhost_only: bool,
+        peers: Sequence[str],
         limits: Limits,
         loss: Callable[[], bool] | None,
     ) -> None:
         self.lock = threading.RLock()
         self.limits = limits
         self.statistics = Statistics()
-        self.interfaces = local_interfaces((LOOPBACK,) if localhost_only else interfaces)
+        self._wanted = (LOOPBACK,) if localhost_only else interfaces
+        self.interfaces = local_interfaces(self._wanted)
+        self._peers = tuple(peers)
         self._ports = Ports(domain_id)
         self._loss = loss
         self._timers: list[tuple[float, int, Callable[[], None]]] = []
@@ -67,9 +72,12 @@ class Wire:
             return made
 
         self.participant_id, unicast = _bind_pair(udp, listen, self._ports)
-        multicast = udp()
-        self.has_multicast = _join(multicast, self._ports.discovery, self.interfaces)
-        for receiver in (*unicast, multicast):
+        self._multicast = udp()
+        self._multicast.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        self._multicast.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+        self._multicast.bind((DISCOVERY_GROUP, self._ports.discovery))
+        self.has_multicast = _join(self._multicast, self.interfaces)
+        for receiver in (*unicast, self._multicast):
             _enlarge(receiver)
             self._selector.register(receiver, selectors.EVENT_READ)
         self._wake_in, self._wake_out = (opened.enter_context(end) for end in socket.socketpair())
@@ -93,6 +101,12 @@ class Wire:
         port = self._ports.user(self.participant_id)
         return [(str(interface.ip), port) for interface in self.interfaces]
 
+    def look_around(self) -> None:
+        """Use the networks that have come up, and no longer those that are gone."""
+        with suppress(NetworkError):  # what there was may come back
+            self.interfaces = local_interfaces(self._wanted)
+        self.has_multicast = _join(self._multicast, self.interfaces)
+
     def start(self, on_datagram: Callable[[memoryview, str], None]) -> None:
         """on_datagram(view, sender's IPv4 address): called with the lock held; must not keep the view."""
         self._on_datagram = on_datagram
@@ -110,10 +124,10 @@ class Wire:
             self.statistics.datagrams_sent += 1
 
     def multicast(self, datagram: bytes) -> None:
-        """To the discovery group on every interface; without multicast to the first ports of this one."""
-        if not self.has_multicast:
+        """To the discovery group on every interface, and to the first ports of those it does not reach."""
+        for address in self._peers if self.has_multicast else (LOOPBACK, *self._peers):
             for number in range(_PORTS_WITHOUT_MULTICAST):
-                self.send(datagram, (LOOPBACK, self._ports.metatraffic(number)))
+                self.send(datagram, (address, self._ports.metatraffic(number)))
         for interface in self.interfaces:
             with suppress(OSError):  # an interface that is down now may be up the next time
                 self._sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, interface.ip.packed)
@@ -205,16 +219,16 @@ def _bind_pair(
     raise NetworkError(f"all {MOST_PARTICIPANTS} participant ports of domain {ports.domain_id} are taken")
 
 
-def _join(receiver: socket.socket, port: int, interfaces: Sequence[IPv4Interface]) -> bool:
-    """Listen to the discovery group; whether any interface has multicast."""
-    receiver.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    receiver.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
-    receiver.bind((DISCOVERY_GROUP, port))
+def _join(receiver: socket.socket, interfaces: Sequence[IPv4Interface]) -> bool:
+    """Listen to the discovery group on each that has multicast; whether any has."""
     group = socket.inet_aton(DISCOVERY_GROUP)
     joined = False
     for interface in interfaces:
-        with suppress(OSError):
+        try:
             receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group + interface.ip.packed)
+        except OSError as exc:
+            joined = joined or exc.errno == errno.EADDRINUSE  # it listens there already
+        else:
             joined = True
     return joined
 

@@ -13,6 +13,8 @@ from collections.abc import Callable
 from functools import partial
 
 from ros2.rtps import submessages
+from ros2.rtps.announcements import EndpointAnnouncement
+from ros2.rtps.endpoint import Endpoint
 from ros2.rtps.errors import ClosedError, PayloadError
 from ros2.rtps.history import Change, History
 from ros2.rtps.parameters import related_identity
@@ -31,39 +33,21 @@ _BETWEEN_BURSTS_S = 0.001
 _HELD_S = 10.0
 
 
-class Writer:
+class Writer(Endpoint[ReaderProxy]):
     """Made by `Participant.create_writer`; every public method may be called from any thread."""
 
     def __init__(
         self,
         wire: Wire,
-        header: bytes,
-        guid: Guid,
-        topic: str,
-        type_name: str,
-        qos: Qos,
-        user_data: bytes = b"",
+        announcement: EndpointAnnouncement,
         on_close: Callable[[Writer], None] | None = None,
     ) -> None:
-        self.guid = guid
-        self.topic = topic
-        self.type_name = type_name
-        self.qos = qos
-        self.user_data = user_data
-        self._wire = wire
-        self._header = header
-        self._entity = guid.entity
+        super().__init__(wire, announcement)
+        self._entity = self.guid.entity
         self._on_close = on_close
-        self._closed = False
-        self._history = History(qos.depth, wire.limits)
+        self._history = History(self.qos.depth, wire.limits)
         self._last = 0
-        self._proxies: dict[bytes, ReaderProxy] = {}
         self._timer_s = float("inf")
-
-    @property
-    def matched(self) -> tuple[Guid, ...]:
-        with self._wire.lock:
-            return tuple(Guid(guid) for guid in self._proxies)
 
     def write(self, payload: bytes, related: SampleIdentity | None = None, only: Guid | None = None) -> int:
         """Send one sample and return its sequence number; does not wait for anybody.

@@ -149,7 +149,9 @@ public:
         qos.user_data().assign(enclave.begin(), enclave.end());
         qos.name("peer");
         auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
-        udp->interfaceWhiteList.push_back("127.0.0.1");
+        const char* localhost_only = std::getenv("ROS_LOCALHOST_ONLY");
+        if (localhost_only == nullptr || std::string(localhost_only) != "0")
+            udp->interfaceWhiteList.push_back("127.0.0.1");
         qos.transport().use_builtin_transports = false;
         qos.transport().user_transports.push_back(udp);
         participant_ = fast::DomainParticipantFactory::get_instance()->create_participant(domain, qos);

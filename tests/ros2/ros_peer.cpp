@@ -152,7 +152,9 @@ struct Peer {
     qos.name("/");
     qos.transport().use_builtin_transports = false;
     auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
-    udp->interfaceWhiteList.push_back("127.0.0.1");  // ROS_LOCALHOST_ONLY=1
+    const char* localhost_only = std::getenv("ROS_LOCALHOST_ONLY");
+    if (localhost_only == nullptr || std::string(localhost_only) != "0")
+      udp->interfaceWhiteList.push_back("127.0.0.1");
     qos.transport().user_transports.push_back(udp);
     participant = DomainParticipantFactory::get_instance()->create_participant(
         domain, qos, &discovery, StatusMask::none());
