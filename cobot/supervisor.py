@@ -3,7 +3,7 @@
 A dead process is ordinary: it is started again after a pause that doubles up to `MAX_BACKOFF_S`.
 The supervisor owns the shared memory and the listening socket, so that both outlive their users: a
 restarted rtloop finds where the arm was, and clients that connect while the service restarts wait
-instead of being refused.
+instead of being refused. Long, for starting, watching and ending them are one account of who is alive.
 """
 
 from __future__ import annotations
@@ -128,13 +128,13 @@ class Supervisor:
                 for name in memories:
                     rtloops.append(self._rtloop(name))
                     rtloops[-1].start()
-                self._await_first(rtloops, list(memories.values()))
                 if listener is not None:
                     service.append(self._service(listener))
                     service[-1].start()
                 if self._settings.ros.enabled:
                     service.append(self._ros2(url))
                     service[-1].start()
+                self._await_first(rtloops, list(memories.values()))  # the others take longer
                 self._announce(url, memories, log_file)
                 while not self._stopping.is_set():
                     for child in (*rtloops, *service):
