@@ -1,6 +1,6 @@
 """What stands in the shared memory of a robot: records, and the words for what is in them.
 
-`cobot.shm` maps them; who changes one raises `LAYOUT_VERSION`.
+`cobot.shm` maps them; who changes one raises `LAYOUT_VERSION`. Long, so that one file shows all of it.
 """
 
 from __future__ import annotations

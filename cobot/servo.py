@@ -2,6 +2,7 @@
 
 The rules are those of chapter 7 of the manual. A message that breaks one changes nothing, is counted by its
 reason, and the newest such sentence is kept: no message raises anything, and nothing in here moves an arm.
+Long, for it is one table of rules.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """References that are continuous to the acceleration: what they are made of, and the two kinds.
 
-Coordinates, units and methods are those of `rtloop.interpolation.Interpolator`.
+Coordinates, units and methods are those of `rtloop.interpolation.Interpolator`. Long, for a
+stream that ends is brought to rest by both in the same way.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Motions of several robots that begin and end together, and the frames that they share."""
+"""Motions of several robots that begin and end together, and the frames that they share.
+
+Long, for planning them, starting them and watching them have one list of who takes part.
+"""
 
 from __future__ import annotations
 
