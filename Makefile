@@ -15,8 +15,8 @@ setup: $(VENV)/.run-stamp ## make the virtual environment that `make run` uses
 setup-dev: $(VENV)/.dev-stamp ## add what the tests and benchmarks need
 
 test: setup-dev lint ## lint, types, import contract, unit, property and end-to-end tests
-	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --ignore tests/e2e
-	$(BIN)/python -m pytest tests/e2e
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --ignore tests/e2e/realtime
+	$(BIN)/python -m pytest tests/e2e/realtime
 
 lint: setup-dev
 	$(BIN)/ruff check .

@@ -9,15 +9,17 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import httpx
 import psutil
 
 WAIT_S = 60.0
 _numbers = itertools.count()
+R = TypeVar("R", bound="Run")
 
 
 def unique_name() -> str:
@@ -39,8 +41,13 @@ def until(condition: Callable[[], Any], what: Callable[[], str] = str) -> Any:
 class Run:
     """One `cobot run` with a robot name, a port and folders of its own."""
 
-    def __init__(self, folder: Path, clock: str = "fast", ros_domain: int | None = None) -> None:
-        """With a ROS domain it is on ROS 2 too, which takes the start a second."""
+    def __init__(
+        self, folder: Path, clock: str = "fast", ros_domain: int | None = None, ros_elsewhere: bool = False
+    ) -> None:
+        """With a ROS domain it is on ROS 2 too, which takes the start a second.
+
+        ros_elsewhere: also for other computers.
+        """
         self.name = robot = unique_name()
         self.memory = Path("/dev/shm") / f"cobot-{robot}"
         self.config = folder / f"{robot}.yaml"
@@ -49,7 +56,8 @@ class Run:
             "sequences: {recordings: recordings, programs: programs}\n"
             f"rt: {{trajectory_capacity: 200000, clock: {clock}}}\n"
             "web: {port: 0}\nplanning: {workers: 1}\n"
-            f"ros: {{enabled: {str(ros_domain is not None).lower()}, domain_id: {ros_domain or 0}}}\n",
+            f"ros: {{enabled: {str(ros_domain is not None).lower()}, domain_id: {ros_domain or 0}, "
+            f"localhost_only: {str(not ros_elsewhere).lower()}}}\n",
             encoding="utf-8",
         )
         self.lines: list[str] = []
@@ -117,7 +125,48 @@ class Run:
         response.raise_for_status()
         return response.json()["position"]
 
+    def go_home(self) -> None:
+        """Also from a motion; it ends what else moves the arm."""
+        httpx.post(f"{self.url}/stop", timeout=WAIT_S).raise_for_status()
+        named = {"name": "home", "speed": 1.0}
+        home = httpx.post(f"{self.url}/robot/move/named", json=named, timeout=WAIT_S)
+        assert home.json()["success"], home.text
+
     def end(self) -> None:
         if self.process.poll() is None:
             self.process.terminate()
             self.process.wait(WAIT_S)
+
+
+class Pair(Run):
+    """A `cobot run` of two robots in real time, the first of which is the default one."""
+
+    def __init__(self, folder: Path, second: str = "") -> None:
+        """second: more about the second robot, as YAML that begins with a comma."""
+        self.left, self.right = unique_name(), unique_name()
+        self.programs = folder / "programs"
+        self.programs.mkdir()
+        self.config = folder / f"{self.left}.yaml"
+        self.config.write_text(
+            "logs: logs\nsequences: {recordings: recordings, programs: programs}\nweb: {port: 0}\n"
+            "rt: {trajectory_capacity: 20000}\nplanning: {workers: 1}\n"
+            f"robots: [{{name: {self.left}}}, {{name: {self.right}{second}}}]\nros: {{enabled: false}}\n",
+            encoding="utf-8",
+        )
+        self.lines: list[str] = []
+        self.start()
+
+    def healthy(self) -> bool:
+        robots = (self.health() or {"robots": {}})["robots"]
+        assert isinstance(robots, dict)
+        return len(robots) == 2 and all(each["status"] == "ok" for each in robots.values())
+
+
+@contextmanager
+def answering(run: R) -> Iterator[R]:
+    """The run once it is healthy; it ends with the block."""
+    try:
+        run.until(run.healthy)
+        yield run
+    finally:
+        run.end()

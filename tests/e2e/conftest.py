@@ -7,34 +7,39 @@ from pathlib import Path
 
 import httpx
 import pytest
-from running import WAIT_S, Run
+from running import WAIT_S, Pair, Run, answering
 
 
 @pytest.fixture
 def run(tmp_path: Path) -> Iterator[Run]:
     """A started `cobot run` that answers."""
-    yield from _running(Run(tmp_path))
+    with answering(Run(tmp_path)) as started:
+        yield started
 
 
 @pytest.fixture(scope="session")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
     """A `cobot run` that many tests use; they leave it able to move."""
-    yield from _running(Run(tmp_path_factory.mktemp("shared")))
+    with answering(Run(tmp_path_factory.mktemp("shared"))) as started:
+        yield started
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
+    """One in real time, for what has to happen in the middle of a motion, or streams."""
+    with answering(Run(tmp_path_factory.mktemp("service"), clock="realtime")) as started:
+        yield started
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Pair]:
+    with answering(Pair(tmp_path_factory.mktemp("pair"))) as started:
+        yield started
 
 
 @pytest.fixture
 def http(shared: Run) -> Iterator[httpx.Client]:
     """The shared service, its arm at home."""
+    shared.go_home()
     with httpx.Client(base_url=shared.url, timeout=WAIT_S) as client:
-        client.post("/stop").raise_for_status()
-        home = client.post("/robot/move/named", json={"name": "home", "speed": 1.0})
-        assert home.json()["success"], home.text
         yield client
-
-
-def _running(started: Run) -> Iterator[Run]:
-    try:
-        started.until(started.healthy)
-        yield started
-    finally:
-        started.end()

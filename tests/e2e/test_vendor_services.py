@@ -77,21 +77,10 @@ def robot(shared: Run, http: httpx.Client) -> Iterator[Robot]:
     yield from settled(Robot(shared, http))
 
 
-@pytest.fixture(scope="module")
-def slow_run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
-    """In real time, for what is done in the middle of a motion."""
-    started = Run(tmp_path_factory.mktemp("slow"), clock="realtime")
-    try:
-        started.until(started.healthy)
-        yield started
-    finally:
-        started.end()
-
-
 @pytest.fixture
-def slow(slow_run: Run) -> Iterator[Robot]:
-    with httpx.Client(base_url=slow_run.url, timeout=WAIT_S) as client:
-        robot = Robot(slow_run, client)
+def slow(service: Run) -> Iterator[Robot]:
+    with httpx.Client(base_url=service.url, timeout=WAIT_S) as client:
+        robot = Robot(service, client)
         client.post("/stop").raise_for_status()
         yield from settled(robot)
 

@@ -22,26 +22,13 @@ from running import WAIT_S, Run, until
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-SCRIPT = Path(__file__).parents[1] / "roslibpy_client.py"
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
-    """A `cobot run` in real time."""
-    started = Run(tmp_path_factory.mktemp("rosbridge"), clock="realtime")
-    try:
-        started.until(started.healthy)
-        yield started
-    finally:
-        started.end()
+SCRIPT = Path(__file__).parents[2] / "roslibpy_client.py"
 
 
 @pytest.fixture
 def run(service: Run) -> Iterator[Run]:
     """The service with its arm at home."""
-    httpx.post(f"{service.url}/stop", timeout=WAIT_S).raise_for_status()
-    home = httpx.post(f"{service.url}/robot/move/named", json={"name": "home", "speed": 1.0}, timeout=WAIT_S)
-    assert home.json()["success"], home.text
+    service.go_home()
     yield service
     assert service.healthy()
 

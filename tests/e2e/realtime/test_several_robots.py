@@ -18,7 +18,7 @@ from typing import Any
 import httpx
 import psutil
 import pytest
-from running import WAIT_S, Run, unique_name
+from running import WAIT_S, Pair, unique_name
 from streaming_client import StreamClient
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
@@ -28,57 +28,24 @@ from cobot.client import Client
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 AWAY = [0.4, 0.1, 0.0, -1.4, 0.0, 1.4, 0.2]
-EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLES = Path(__file__).parents[3] / "examples"
 
 
-class Pair(Run):
-    """A `cobot run` of two robots, the first of which is the default one."""
-
-    def __init__(self, folder: Path, second: str = "") -> None:
-        self.left, self.right = unique_name(), unique_name()
-        self.config = folder / f"{self.left}.yaml"
-        self.config.write_text(
-            "logs: logs\nsequences: {recordings: recordings}\nweb: {port: 0}\n"
-            "rt: {trajectory_capacity: 20000}\nplanning: {workers: 1}\n"
-            f"robots: [{{name: {self.left}}}, {{name: {self.right}{second}}}]\n",
-            encoding="utf-8",
-        )
-        self.lines: list[str] = []
-        self.start()
-
-    def at(self, robot: str) -> str:
-        return f"{self.url}/robots/{robot}"
-
-    def rtloop(self, robot: str) -> psutil.Process | None:
-        for process in psutil.Process(self.process.pid).children():
-            try:
-                command = process.cmdline()
-                if command[1:4] == ["-P", "-m", "rtloop"] and command[command.index("--robot") + 1] == robot:
-                    return process
-            except (psutil.NoSuchProcess, psutil.ZombieProcess):
-                continue
-        return None
-
-    def all_healthy(self) -> bool:
-        robots = (self.health() or {"robots": {}})["robots"]
-        assert isinstance(robots, dict)
-        return len(robots) == 2 and all(each["status"] == "ok" for each in robots.values())
-
-
-@pytest.fixture(scope="module")
-def pair(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Pair]:
-    started = Pair(tmp_path_factory.mktemp("pair"))
-    try:
-        started.until(started.all_healthy)
-        yield started
-    finally:
-        started.end()
+def rtloop(pair: Pair, robot: str) -> psutil.Process | None:
+    for process in psutil.Process(pair.process.pid).children():
+        try:
+            command = process.cmdline()
+            if command[1:4] == ["-P", "-m", "rtloop"] and command[command.index("--robot") + 1] == robot:
+                return process
+        except (psutil.NoSuchProcess, psutil.ZombieProcess):
+            continue
+    return None
 
 
 @pytest.fixture
 def http(pair: Pair) -> Iterator[httpx.Client]:
     """Both arms at home."""
-    pair.until(pair.all_healthy)
+    pair.until(pair.healthy)
     with httpx.Client(base_url=pair.url, timeout=WAIT_S) as client, ThreadPoolExecutor() as threads:
         client.post("/stop").raise_for_status()
         both = [pair.left, pair.right]
@@ -195,15 +162,15 @@ def test_an_emergency_stop_of_one_leaves_the_motion_of_the_other_alone(
 
 
 def test_a_killed_rtloop_leaves_the_motion_of_the_other_alone(pair: Pair, http: httpx.Client) -> None:
-    left_process, old = pair.rtloop(pair.left), pair.rtloop(pair.right)
+    left_process, old = rtloop(pair, pair.left), rtloop(pair, pair.right)
     assert left_process is not None
     assert old is not None
     left = send(http, pair.left, 8.0)
     send(http, pair.right, 60.0)
     before = robot_health(http, pair.left)["interventions"]
     old.kill()
-    pair.until(lambda: (new := pair.rtloop(pair.right)) is not None and new.pid != old.pid)
-    pair.until(pair.all_healthy)
+    pair.until(lambda: (new := rtloop(pair, pair.right)) is not None and new.pid != old.pid)
+    pair.until(pair.healthy)
     assert moving(http, pair.left), "restarting takes less than the eight seconds of its motion"
     pair.until(lambda: arrived(http, pair.left, left))
     assert joints(http, pair.left) == pytest.approx(AWAY, abs=2e-3)
@@ -216,7 +183,7 @@ def test_a_killed_rtloop_leaves_the_motion_of_the_other_alone(pair: Pair, http: 
 
 
 def test_a_paused_rtloop_of_one_keeps_nobody_waiting_for_the_other(pair: Pair, http: httpx.Client) -> None:
-    process = pair.rtloop(pair.right)
+    process = rtloop(pair, pair.right)
     assert process is not None
     process.suspend()
     try:
@@ -229,7 +196,7 @@ def test_a_paused_rtloop_of_one_keeps_nobody_waiting_for_the_other(pair: Pair, h
         assert http.post(f"/robots/{pair.left}/stop").json()["success"]
     finally:
         process.resume()
-    pair.until(pair.all_healthy)
+    pair.until(pair.healthy)
 
 
 def test_a_sequence_moves_the_robot_at_whose_address_it_was_started(pair: Pair, http: httpx.Client) -> None:
@@ -266,7 +233,7 @@ def test_the_python_clients_reach_either_robot(pair: Pair, http: httpx.Client) -
     with Client(pair.url, robot=pair.right) as client:
         client.move_joints(AWAY, speed=0.8)
         assert client.joint_states()["position"] == pytest.approx(AWAY, abs=2e-3)
-    for address in (pair.at(pair.right), pair.right):  # over the network, and on this computer
+    for address in (f"{pair.url}/robots/{pair.right}", pair.right):  # over the network, and on this computer
         with Robot(address, connect_retries=0) as robot:
             assert robot.states().q == pytest.approx(AWAY, abs=2e-3)
     with Robot(pair.url, connect_retries=0) as robot:
@@ -325,4 +292,4 @@ def test_a_start_of_two_robots_is_refused_while_one_of_them_runs(pair: Pair, tmp
     assert second.returncode == 1
     assert f"pid {pair.process.pid} runs as its supervisor" in second.stderr
     assert not (Path("/dev/shm") / f"cobot-{free}").exists()
-    assert pair.all_healthy()
+    assert pair.healthy()

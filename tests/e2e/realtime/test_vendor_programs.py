@@ -9,41 +9,17 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import httpx
 import numpy as np
 import psutil
 import pytest
-from running import WAIT_S, Run, unique_name, until
+from running import WAIT_S, Pair, until
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 AWAY = [0.4, 0.1, 0.0, -1.4, 0.0, 1.4, 0.2]
 LUA = "for n = 1, 3 do print('turn', n) end\n"
-
-
-class Pair(Run):
-    """A `cobot run` of two robots and a folder of programs."""
-
-    def __init__(self, folder: Path) -> None:
-        self.left, self.right = unique_name(), unique_name()
-        self.programs = folder / "programs"
-        self.programs.mkdir()
-        self.config = folder / f"{self.left}.yaml"
-        self.config.write_text(
-            "logs: logs\nsequences: {recordings: recordings, programs: programs}\nweb: {port: 0}\n"
-            "rt: {trajectory_capacity: 20000}\nplanning: {workers: 1}\n"
-            f"robots: [{{name: {self.left}}}, {{name: {self.right}}}]\n",
-            encoding="utf-8",
-        )
-        self.lines: list[str] = []
-        self.start()
-
-    def all_healthy(self) -> bool:
-        robots = (self.health() or {"robots": {}})["robots"]
-        assert isinstance(robots, dict)
-        return len(robots) == 2 and all(each["status"] == "ok" for each in robots.values())
 
 
 class Arm:
@@ -91,16 +67,6 @@ class Arm:
         self._client.post(f"/robots/{self.name}/reset").raise_for_status()
         there = self._client.post(f"/robots/{self.name}/move/named", json={"name": "home", "speed": 1.0})
         assert there.json()["success"], there.text
-
-
-@pytest.fixture(scope="module")
-def pair(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Pair]:
-    started = Pair(tmp_path_factory.mktemp("pair"))
-    try:
-        started.until(started.all_healthy)
-        yield started
-    finally:
-        started.end()
 
 
 @pytest.fixture

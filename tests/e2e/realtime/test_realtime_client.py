@@ -33,24 +33,11 @@ from cobot.realtime import SWITCHES, RobotStates
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 
 
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
-    started = Run(tmp_path_factory.mktemp("realtime"), clock="realtime")
-    try:
-        started.until(started.healthy)
-        yield started
-    finally:
-        started.end()
-
-
 @pytest.fixture
 def robot(service: Run) -> Iterator[Robot]:
     """Connected, IDLE, its arm at home."""
-    with httpx.Client(base_url=service.url, timeout=WAIT_S) as client:
-        client.post("/robot/reset")
-        client.post("/stop").raise_for_status()
-        home = client.post("/robot/move/named", json={"name": "home", "speed": 1.0})
-        assert home.json()["success"], home.text
+    httpx.post(f"{service.url}/robot/reset", timeout=WAIT_S)
+    service.go_home()
     with Robot(service.name, verbose=False) as connected:
         yield connected
 
@@ -210,6 +197,8 @@ def test_a_plan_may_be_a_sequence(robot: Robot, service: Run, tmp_path: Path) ->
     robot.SwitchMode(Mode.NRT_PLAN_EXECUTION)
     robot.ExecutePlan(str(file))
     until(lambda: httpx.get(f"{service.url}/sequences/status").json()["status"] == "finished")
+    log = "\n".join(httpx.get(f"{service.url}/sequences/logs").json()["lines"])
+    assert "iteration 1/1, waypoint 1/1: arrived" in log
 
 
 def test_primitives_move_the_joints_and_the_tcp(robot: Robot) -> None:

@@ -31,27 +31,14 @@ from cobot import Mode, Robot
 from cobot.layout import chunk_dtype, session_dtype, setpoint_dtype, state_dtype
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
-CONFIG = Path(__file__).parents[2] / "config"
+CONFIG = Path(__file__).parents[3] / "config"
 LIMITS = yaml.safe_load((CONFIG / "joint_limits.yaml").read_text(encoding="utf-8"))["joint_limits"]
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
-    """A `cobot run` in real time: who streams is as fast as the clock on the wall."""
-    started = Run(tmp_path_factory.mktemp("stream"), clock="realtime")
-    try:
-        started.until(started.healthy)
-        yield started
-    finally:
-        started.end()
 
 
 @pytest.fixture
 def run(service: Run) -> Iterator[Run]:
     """The service with nobody else at it, its arm at home."""
-    httpx.post(f"{service.url}/stop", timeout=WAIT_S).raise_for_status()
-    home = post(service, "/robot/move/named", name="home", speed=1.0)
-    assert home.json()["success"], home.text
+    service.go_home()
     yield service
     until(lambda: health(service)["session"] is None)
 
@@ -254,7 +241,7 @@ FRAMES = (
 
 
 @settings(
-    max_examples=150,
+    max_examples=60,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
@@ -425,7 +412,7 @@ for step in range(100000):
 
 
 def test_a_killed_clients_arm_comes_to_rest_within_its_limits(client: StreamClient, run: Run) -> None:
-    tests = str(Path(__file__).parents[1])
+    tests = str(Path(__file__).parents[2])
     script = KILLED.format(tests=tests, url=run.url, home=HOME)
     client.send("subscribe", rate_hz=1000, format="binary")
     with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as other:

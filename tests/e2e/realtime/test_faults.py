@@ -25,7 +25,7 @@ import numpy as np
 import psutil
 import pytest
 from faults import BLOCKS, Record, spoil, watched
-from running import WAIT_S, Run
+from running import WAIT_S, Run, answering
 
 from cobot import Mode, Robot
 from cobot import robot as robots
@@ -36,7 +36,7 @@ from cobot.types import JointLimits
 from cobot.types import Mode as LoopMode
 from rtloop.modes import STREAMING
 
-BACKENDS = Path(__file__).parents[1] / "backends"
+BACKENDS = Path(__file__).parents[2] / "backends"
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 GOALS = [[0.8, 0.3, -0.3, -1.2, 0.3, 1.2, 0.5], HOME]
 BUSY = {LoopMode.TRAJECTORY, *STREAMING}
@@ -94,12 +94,8 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("COBOT_FAULTS", str(faults))
         patch.setenv("PYTHONPATH", str(BACKENDS))
-        started = FaultyRun(folder, clock="realtime")
-        try:
-            started.until(started.healthy)
+        with answering(FaultyRun(folder, clock="realtime")) as started:
             yield started
-        finally:
-            started.end()
 
 
 @pytest.fixture
@@ -167,7 +163,8 @@ class Streaming:
             text=True,
         )
         assert self.process.stdout is not None
-        assert self.process.stdout.readline() == "streaming\n"
+        if self.process.stdout.readline() != "streaming\n":
+            pytest.fail(self.process.communicate()[1])
         time.sleep(0.5)
 
     def end(self) -> None:
@@ -187,11 +184,11 @@ def doing(run: Run, task: str) -> Iterator[Any]:
         made.end()
 
 
-def require_recovery(run: Run, record: Record) -> None:
-    """The arm can be moved and streamed to as before; no limit was violated at any time."""
+def require_recovery(run: Run, record: Record, *tasks: str) -> None:
+    """The arm can do the task as before; no limit was violated at any time."""
     run.until(lambda: robot_health(run).get("mode") in ("HOLD", "ESTOP", "FAULT"))
     run.until(lambda: reset(run) and run.healthy())
-    for task in TASKS:
+    for task in tasks:
         before = len(record.modes)
         with doing(run, task):
             pass
@@ -231,7 +228,7 @@ def test_a_process_that_is_killed_comes_back_and_the_arm_is_unharmed(
         if which == "rtloop" and task == "stream":
             _, error = done.process.communicate(timeout=WAIT_S)
             assert "MotionStopped" in error or "UnavailableError" in error
-    require_recovery(service, record)
+    require_recovery(service, record, task)
 
 
 def test_a_client_that_is_killed_leaves_an_arm_at_rest(service: Run, record: Record) -> None:
@@ -239,7 +236,7 @@ def test_a_client_that_is_killed_leaves_an_arm_at_rest(service: Run, record: Rec
         stream.process.kill()
         service.until(lambda: robot_health(service)["mode"] == "HOLD")
         assert robot_health(service)["reason"] == "the streaming client has died"
-    require_recovery(service, record)
+    require_recovery(service, record, *TASKS)
 
 
 @pytest.mark.parametrize("pause_s", [0.2, 2.0])
@@ -262,12 +259,12 @@ def test_a_process_that_is_paused_does_not_harm_the_arm(
         elif which == "client" and pause_s > 1.0:
             interventions = service.health()["interventions"]  # type: ignore[index]
             assert interventions["command_timeout"] >= 1  # type: ignore[index]
-    require_recovery(service, record)
+    require_recovery(service, record, task)
 
 
 @pytest.mark.parametrize("task", TASKS)
 def test_a_writer_gone_wild_does_not_harm_the_arm(service: Run, record: Record, task: str) -> None:
-    random = np.random.default_rng(5)
+    random = np.random.default_rng(list(TASKS).index(task))
     memory = RobotMemory.attach(name(service), Role.READER)
     with doing(service, task):
         for block in BLOCKS:
@@ -275,7 +272,7 @@ def test_a_writer_gone_wild_does_not_harm_the_arm(service: Run, record: Record, 
                 spoil(memory, block, random)
                 time.sleep(0.01)
     memory.close()
-    require_recovery(service, record)
+    require_recovery(service, record, task)
 
 
 def test_a_service_that_dies_with_its_blocks_spoilt_comes_back(service: Run, record: Record) -> None:
@@ -288,7 +285,7 @@ def test_a_service_that_dies_with_its_blocks_spoilt_comes_back(service: Run, rec
         old.kill()
         service.until(lambda: service.restarted("app", old.pid) and service.healthy())
     memory.close()
-    require_recovery(service, record)
+    require_recovery(service, record, *TASKS)
 
 
 def test_an_rtloop_that_dies_with_its_state_spoilt_comes_back_with_an_estop(
@@ -305,7 +302,7 @@ def test_an_rtloop_that_dies_with_its_state_spoilt_comes_back_with_an_estop(
         assert robot_health(service)["mode"] == "ESTOP"
     memory.close()
     record.forget(0)  # nobody knows where the arm was
-    require_recovery(service, record)
+    require_recovery(service, record, *TASKS)
 
 
 @pytest.mark.parametrize("task", TASKS)
@@ -336,12 +333,14 @@ def test_a_device_that_fails_is_reported_and_may_be_used_again(
             service.until(lambda: robot_health(service).get("mode") == "FAULT")
             problems = service.health()["problems"]  # type: ignore[index]
             assert reason in str(problems)
+            stopped = httpx.post(f"{service.url}/stop", timeout=WAIT_S).json()
+            assert stopped["at_rest"] == bool({"fail_write", "jump"} & fault.keys()), "if it can be measured"
             if task == "stream":
                 _, error = done.process.communicate(timeout=WAIT_S)
                 assert reason in error or "UnavailableError" in error
     finally:
         device(**good, jump=[0.0] * 7)
-    require_recovery(service, record)
+    require_recovery(service, record, task)
 
 
 def test_setpoints_as_fast_as_a_computer_can_send_them_change_nothing(service: Run, record: Record) -> None:
@@ -356,7 +355,7 @@ def test_setpoints_as_fast_as_a_computer_can_send_them_change_nothing(service: R
                     control.set_target_joints((here + 0.05 * (1.0 - np.cos(3.0 * passed))).tolist())
                 except MotionStopped as exc:
                     pytest.fail(str(exc))
-    require_recovery(service, record)
+    require_recovery(service, record, *TASKS)
 
 
 def test_a_wild_clock_on_the_wall_changes_nothing(
@@ -364,14 +363,12 @@ def test_a_wild_clock_on_the_wall_changes_nothing(
 ) -> None:
     (tmp_path / "sitecustomize.py").write_text(WILD_CLOCK, encoding="utf-8")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    run = Run(tmp_path, clock="realtime")
-    try:
-        run.until(run.healthy)
-        with watched(name(run), limits, 0.001) as record:
-            require_recovery(run, record)
-        assert not {reason for reason in record.reasons if "silent" in reason or "late" in reason}
-    finally:
-        run.end()
+    with (
+        answering(Run(tmp_path, clock="realtime")) as run,
+        watched(name(run), limits, 0.001) as record,
+    ):
+        require_recovery(run, record, *TASKS)
+    assert not {reason for reason in record.reasons if "silent" in reason or "late" in reason}
 
 
 def test_a_start_without_room_for_the_memory_says_so_and_leaves_nothing(tmp_path: Path) -> None:

@@ -12,9 +12,9 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from running import Run
+from running import Run, answering
 
-SPEC = Path(__file__).parents[3] / "shared/spec/002_c6979c3efec4c83c.txt"
+SPEC = Path(__file__).parents[4] / "shared/spec/002_c6979c3efec4c83c.txt"
 HEADINGS = (
     "Joint Impedance Control",
     "Cartesian Motion+Force Control",
@@ -32,9 +32,7 @@ def test_the_three_scripts_run_with_the_import_line_changed(tmp_path: Path) -> N
         for heading, following in pairwise(HEADINGS)
     )
     math, home = LEFT_TO_THE_READER
-    run = Run(tmp_path, clock="realtime")
-    try:
-        run.until(run.healthy)
+    with answering(Run(tmp_path, clock="realtime")) as run:
         first = first.replace("from flexiv_rt import", "from cobot import").replace(
             "Rizon4s-XXXXXX", run.name
         )
@@ -44,5 +42,3 @@ def test_the_three_scripts_run_with_the_import_line_changed(tmp_path: Path) -> N
         assert done.returncode == 0, done.stderr
         assert run.healthy()
         assert "FAULT" not in run.output
-    finally:
-        run.end()
