@@ -78,6 +78,7 @@ class CartesianSource:
         self._limiter = PoseLimiter(period_s, within)
         self._move: MinJerkMove | None = None
         self._goal = np.zeros(7)
+        self._target = np.zeros(7)
         self._last = np.zeros(7)
         self._wrench = np.zeros(6)
         self._axes = wish["force_axes"] > 0.0
@@ -98,6 +99,7 @@ class CartesianSource:
         self._largest_step = VELOCITY_SHARE * limits.max_velocity * period_s
         self._error = np.zeros(6)
         self._here = np.zeros(7)
+        self._jacobian = np.zeros((6, dof))  # where the reference was a cycle ago
         self._damping = DAMPING * np.eye(6)
         self._square = np.zeros((6, 6))
         self._before = np.zeros(dof)
@@ -105,8 +107,14 @@ class CartesianSource:
         self._force_pull = np.zeros((2, 6))
         self._commanded = np.zeros(dof)
         self.reference = np.zeros((3, dof))
-        self.heading = np.zeros(dof)
         self.refusal = ""
+
+    @property
+    def heading(self) -> Array:
+        """Computed when it is asked for: only a stream that was held because of a collision needs it."""
+        error, jacobian = self._distance_to(self._target)
+        step: Array = jacobian.T @ self._solved(jacobian, error)
+        return step
 
     @property
     def move_running(self) -> bool:
@@ -121,7 +129,8 @@ class CartesianSource:
             np.copyto(self._posture, command[0])
             self._own_posture = False
         self._model.forward_into(command[0], self._last)
-        twist = self._model.jacobian(command[0]) @ command[1]
+        self._jacobian[:] = self._model.jacobian(command[0])
+        twist = self._jacobian @ command[1]
         self._interpolator.begin(self._last, twist)
         self._limiter.begin(self._last, twist)
         self._move = None
@@ -137,15 +146,15 @@ class CartesianSource:
         if self.refusal:
             return Intervention.JUMP
         np.copyto(self._last, pose)
+        np.copyto(self._target, pose)
         self._interpolator.aim(pose, twist, self._command_s)
-        self._head_for(pose)
         return None
 
     def _fastest(self, interval_s: float) -> tuple[float, float]:
         """Of what the specification and the joints' own velocity limits let the TCP do, m/s and rad/s; the
         latter with the slack that a sender's jitter is granted.
         """
-        columns = np.abs(self._model.jacobian(self.reference[0])) @ self._limits.max_velocity
+        columns = np.abs(self._jacobian) @ self._limits.max_velocity
         slack = 1.0 + SLACK_S / clamped_interval(interval_s)
         linear, angular = np.linalg.norm(columns[:3]), np.linalg.norm(columns[3:])
         return min(LINEAR_VELOCITY, float(linear) * slack), min(ANGULAR_VELOCITY, float(angular) * slack)
@@ -158,8 +167,8 @@ class CartesianSource:
         if self._move is None or not np.array_equal(pose, self._goal):
             np.copyto(self._goal, pose)
             duration_s = max(duration_s, self._shortest_move_s(pose))
+            np.copyto(self._target, pose)
             self._move = MinJerkMove(self._limiter.pose, pose, duration_s, self._period_s)
-            self._head_for(pose)
         return None
 
     def cancel_move(self) -> None:
@@ -210,6 +219,7 @@ class CartesianSource:
         """
         joints, period_s = self.reference[0], self._period_s
         error, jacobian = self._distance_to(self._limiter.pose)
+        np.copyto(self._jacobian, jacobian)
         if self._force_control:
             self._replace_by_force(error, measured.wrench)
         pull = self._pull_at_posture(joints)
@@ -262,10 +272,6 @@ class CartesianSource:
         np.dot(in_frame, turn.T, out=rows)
         rows[0] += cross(self._lever, rows[1].tolist())
         np.copyto(error, rows.ravel())
-
-    def _head_for(self, pose: Array) -> None:
-        error, jacobian = self._distance_to(pose)
-        np.dot(jacobian.T, self._solved(jacobian, error), out=self.heading)
 
     def _solved(self, jacobian: Array, error: Array) -> Array:
         """(J J' + damping)⁻¹ e, in place: MuJoCo's Cholesky takes a tenth of numpy's time on six rows."""

@@ -62,15 +62,17 @@ class Guard:
     def look(self, command: Array) -> None:
         """See where the command leads, shape (3, dof)."""
         self._cycle += 1
-        if self._cycle % LOOK_CYCLES:
-            return
+        phase = self._cycle % LOOK_CYCLES
         position, velocity = command[0], command[1]
+        here, there = self._here, self._there
+        if phase == LOOK_CYCLES // 2:  # half of the work, so that no cycle has all of it
+            self._find_distances(position, here)
+        if phase:
+            return
         limits = self._limits
         stopping_s = (
             np.abs(velocity) / (2.0 * limits.max_acceleration) + limits.max_acceleration / limits.max_jerk
         )
-        here, there = self._here, self._there
-        self._find_distances(position, here)
         self._find_distances(position + velocity * stopping_s, there)
         nearer = there < here - APPROACH_M
         room = np.where(nearer, there - self._margin_m, np.inf)

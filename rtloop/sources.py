@@ -28,10 +28,12 @@ class Source(Protocol):
     """
 
     refusal: str
-    heading: Array
 
     @property
     def reference(self) -> Array: ...
+
+    @property
+    def heading(self) -> Array: ...
 
     def begin(self, command: Array) -> None:
         """Go on from what is commanded, shape (3, dof)."""
