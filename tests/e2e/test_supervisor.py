@@ -22,10 +22,11 @@ def gone(processes: list[psutil.Process]) -> bool:
     return not any(process.is_running() and process.status() != psutil.STATUS_ZOMBIE for process in processes)
 
 
-def test_the_start_says_what_matters(run: Run) -> None:
+def test_the_start_says_what_matters(shared: Run) -> None:
+    shared.until(lambda: "Ctrl-C" in shared.output)
     for word in ("address", "robot", "backend", "clock fast", "SCHED_FIFO", "locked memory", "logs"):
-        assert word in run.output
-    assert str(run.config.parent / "logs") in run.output
+        assert word in shared.output
+    assert str(shared.config.parent / "logs") in shared.output
 
 
 def test_sigterm_ends_everything_and_leaves_nothing_behind(run: Run) -> None:
@@ -58,11 +59,11 @@ def test_sigterm_during_a_motion_brings_the_arm_to_rest_first(run: Run) -> None:
     assert not run.memory.exists()
 
 
-def test_a_second_start_is_refused_with_the_pid_of_the_first(run: Run) -> None:
-    second = subprocess.run(run.command(), capture_output=True, text=True, timeout=WAIT_S, check=False)
+def test_a_second_start_is_refused_with_the_pid_of_the_first(shared: Run) -> None:
+    second = subprocess.run(shared.command(), capture_output=True, text=True, timeout=WAIT_S, check=False)
     assert second.returncode == 1
-    assert f"pid {run.process.pid} runs as its supervisor" in second.stderr
-    assert run.healthy()
+    assert f"pid {shared.process.pid} runs as its supervisor" in second.stderr
+    assert shared.healthy()
 
 
 def test_a_killed_rtloop_is_restarted_where_the_arm_was(run: Run) -> None:
@@ -164,9 +165,9 @@ def test_what_lies_in_the_current_folder_is_not_taken_for_cobot(tmp_path: Path) 
     assert "ok      backend: mujoco" in done.stdout
 
 
-def test_a_port_in_use_is_named(run: Run, tmp_path: Path) -> None:
-    port = run.url.rsplit(":", 1)[1]
-    command = [*run.command(), "--port", port]
+def test_a_port_in_use_is_named(shared: Run, tmp_path: Path) -> None:
+    port = shared.url.rsplit(":", 1)[1]
+    command = [*shared.command(), "--port", port]
     second = subprocess.run(command, capture_output=True, text=True, timeout=WAIT_S, check=False)
     assert second.returncode == 1
     assert f"cannot listen on 127.0.0.1 port {port}: Address already in use" in second.stderr
