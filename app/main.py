@@ -60,7 +60,7 @@ SWAGGER = {
 
 
 def create_app(settings: Settings, config: Path | None, base_url: str) -> FastAPI:
-    """The application.
+    """The application. Long, as it is the list of its parts, in the order in which they need each other.
 
     Args:
         config: the settings' file, for the planning processes.

@@ -24,7 +24,7 @@ log = logging.getLogger("cobot.ros2")
 
 
 def options(settings: Settings, robots: list[Telemetry], gateway: Gateway | None) -> list[Parameter]:
-    """All parameters, with what they do when they are set."""
+    """All parameters, with what they do when they are set. Long, as it is their table."""
     ros = settings.ros
 
     async def set_debug(value: bool) -> None:
