@@ -103,6 +103,12 @@ def _an_ipv4_address(value: str) -> str:
     return value
 
 
+def _for_other_computers(value: list[str], info: ValidationInfo) -> list[str]:
+    if value and info.data.get("localhost_only"):
+        raise ValueError(f"{shown(value)} cannot be reached: set ros.localhost_only to false")
+    return value
+
+
 class Section(StrictModel):
     """Base of all sections."""
 
@@ -195,7 +201,9 @@ class RosSection(Section):
     domain_id: Annotated[int, Field(ge=0, le=232)]
     localhost_only: bool
     interfaces: list[str]
-    peers: list[Annotated[str, AfterValidator(_an_ipv4_address)]]
+    peers: Annotated[
+        list[Annotated[str, AfterValidator(_an_ipv4_address)]], AfterValidator(_for_other_computers)
+    ]
     gid_bytes: Literal[16, 24]
     joint_states_rate_hz: Annotated[float, Field(ge=1.0, le=1000.0)]
     pose_rate_hz: Annotated[float, Field(ge=1.0, le=1000.0)]

@@ -78,7 +78,6 @@ class CartesianSource:
         self._limiter = PoseLimiter(period_s, within)
         self._move: MinJerkMove | None = None
         self._goal = np.zeros(7)
-        self._target = np.zeros(7)
         self._last = np.zeros(7)
         self._wrench = np.zeros(6)
         self._axes = wish["force_axes"] > 0.0
@@ -112,7 +111,7 @@ class CartesianSource:
     @property
     def heading(self) -> Array:
         """Computed when it is asked for: only a stream that was held because of a collision needs it."""
-        error, jacobian = self._distance_to(self._target)
+        error, jacobian = self._distance_to(self._last if self._move is None else self._goal)
         step: Array = jacobian.T @ self._solved(jacobian, error)
         return step
 
@@ -146,7 +145,6 @@ class CartesianSource:
         if self.refusal:
             return Intervention.JUMP
         np.copyto(self._last, pose)
-        np.copyto(self._target, pose)
         self._interpolator.aim(pose, twist, self._command_s)
         return None
 
@@ -167,7 +165,6 @@ class CartesianSource:
         if self._move is None or not np.array_equal(pose, self._goal):
             np.copyto(self._goal, pose)
             duration_s = max(duration_s, self._shortest_move_s(pose))
-            np.copyto(self._target, pose)
             self._move = MinJerkMove(self._limiter.pose, pose, duration_s, self._period_s)
         return None
 

@@ -63,12 +63,12 @@ class Guard:
         """See where the command leads, shape (3, dof)."""
         self._cycle += 1
         phase = self._cycle % LOOK_CYCLES
-        position, velocity = command[0], command[1]
-        here, there = self._here, self._there
         if phase == LOOK_CYCLES // 2:  # half of the work, so that no cycle has all of it
-            self._find_distances(position, here)
+            self._find_distances(command[0], self._here)
         if phase:
             return
+        position, velocity = command[0], command[1]
+        here, there = self._here, self._there
         limits = self._limits
         stopping_s = (
             np.abs(velocity) / (2.0 * limits.max_acceleration) + limits.max_acceleration / limits.max_jerk

@@ -159,5 +159,5 @@ def _require_start(first: Array, start: Array, limits: JointLimits, tolerance_ra
     raise InputError(
         f"{label}: starts with {limits.names[joint]} at {first[joint]:.4f} rad, but it is at "
         f"{start[joint]:.4f} rad: {off[joint]:.4f} rad apart, allowed are {tolerance_rad:g} rad; "
-        "go there first (POST /trajectory/send does with move_to_start)"
+        "go there first; POST /trajectory/send does it by itself with move_to_start"
     )

@@ -11,6 +11,11 @@ from cobot.layout import POINTS, Ack
 from cobot.shm import RobotMemory, Role, text
 
 
+def _after(number: int) -> int:
+    """The next number of a session: 64 bits, and never 0, which is none."""
+    return number % (2**64 - 1) + 1
+
+
 class StreamWriter:
     """Writes for one session after the other. Waits for nothing.
 
@@ -36,9 +41,9 @@ class StreamWriter:
         """
         memory = self._memory
         memory.take(Role.STREAM)
-        number = int(memory.session.salvage()["number"]) + 1
+        number = _after(int(memory.session.salvage()["number"]))
         if number == int(memory.session_ack.salvage()["session"]):
-            number += 1  # the block was spoilt, and this one has been answered before
+            number = _after(number)  # the block was spoilt, and this one has been answered before
         wish["number"], wish["open"], wish["pid"], wish["stops"] = number, 1, os.getpid(), stops
         memory.stream_requests.salvage()
         memory.session.data[...] = wish

@@ -69,6 +69,8 @@ web:
         ("logs: ~nosuchuser/x", "~nosuchuser/x: "),
         ('logs: "a\\0b"', "logs: must be a path"),
         ("web: {host: ''}", "web.host: "),
+        ("ros: {peers: [robot-pc]}", "ros.peers[0]: 'robot-pc' is no IPv4 address, such as 192.168.0.20"),
+        ("ros: {peers: [10.0.0.2]}", "ros.peers: ['10.0.0.2'] cannot be reached: set ros.localhost_only to"),
         ("rt: {service_timeout_s: 0.001}", "rt.service_timeout_s: "),
         ("rt: {settle_time_s: 100.0}", "rt.settle_time_s: "),
         ("rt: {tracking_error_rad: 1.0e-12}", "rt.tracking_error_rad: "),

@@ -404,7 +404,7 @@ NAMES = (
 messages = st.dictionaries(st.sampled_from(NAMES), json_values, max_size=len(NAMES)).map(json.dumps)
 
 
-@settings(max_examples=400, deadline=None, derandomize=True)
+@settings(max_examples=1000, deadline=None, derandomize=True)
 @given(st.lists(messages | st.text(max_size=40) | json_values.map(json.dumps), max_size=8))
 def test_garbage_is_refused_and_counted_and_nothing_is_raised(texts: list[str]) -> None:
     rules = ServoRules(LOW, HIGH, PERIOD_S)

@@ -241,12 +241,13 @@ def test_what_is_asked_for_in_a_spoilt_block_still_arrives(rig: WatchedRig, bloc
     assert rig.mode is (Mode.STOPPING if block == "session" else Mode.ESTOP)
 
 
-def test_a_session_is_answered_although_the_count_of_sessions_was_lost(rig: WatchedRig) -> None:
+@pytest.mark.parametrize("left", [0x00, 0xFF])
+def test_a_session_is_answered_although_the_count_of_sessions_was_lost(rig: WatchedRig, left: int) -> None:
     assert rig.stream() == ""
     wish = rig.memory.session.data.copy()
     rig.end_stream()
     rig.run()
-    rig.memory.session._shared[:] = bytes(len(rig.memory.session._shared))
+    rig.memory.session._shared[:] = bytes([left]) * len(rig.memory.session._shared)
     writer = StreamWriter(rig.memory)
     number = writer.begin(wish, rig.loop.controller.mailbox.stops)
     rig.step()

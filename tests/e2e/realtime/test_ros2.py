@@ -325,6 +325,8 @@ def test_the_client_finds_a_restarted_ros_process(ros: Ros) -> None:
     # The dead one is not missed yet.
     until(lambda: get_dof.matches() == (2, 2), "the new process is not found")
     assert get_dof.call()["result"] == 7
+    until(lambda: get_dof.matches() == (1, 1), "the dead process is still there")
+    assert get_dof.call()["result"] == 7
     states.drain()
     states.get()
 
