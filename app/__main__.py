@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 
-from cobot.process import Niceness, be, die_with_parent
+from cobot.launch.process import Niceness, be, die_with_parent
 
 if __name__ == "__main__":
     die_with_parent(signal.SIGTERM)

@@ -15,39 +15,39 @@ from fastapi.routing import APIRoute, APIWebSocketRoute
 from fastapi_offline import FastAPIOffline
 from starlette.routing import BaseRoute
 
-from app import errors
-from app.body_limit import BodyLimit
-from app.hub.serving import serving
-from app.openapi import with_limits
-from app.routers import common, sequences, trajectory
-from app.routers import robot as robot_router
-from app.routers import robots as robots_router
-from app.routers import rosbridge as rosbridge_router
-from app.routers import stream as stream_router
-from app.services import Services
-from app.services.equipment import Equipment
-from app.services.fjt import FollowJointTrajectory
-from app.services.force import ForceService
-from app.services.health import HealthService
-from app.services.interventions import reporting
-from app.services.link import RobotLink
-from app.services.motion import LATEST_ANSWER_S, MotionService
-from app.services.motion_queue import MotionQueue
-from app.services.ownership import Ownership
-from app.services.pace import MAX_PAUSE_S
-from app.services.planning import PlanningService
-from app.services.programs import ProgramService
-from app.services.robot_settings import RobotSettings
-from app.services.sequences import SequenceService
-from app.services.servo import ServoService
-from app.services.stopping import StopService
-from app.services.streams import StreamService
-from app.services.sync import SyncService
-from app.services.trajectories import TrajectoryService
-from app.vendor import http as vendor_http
+from app.actions.fjt import FollowJointTrajectory
+from app.api import errors
+from app.api.body_limit import BodyLimit
+from app.api.openapi import with_limits
+from app.api.routers import common, sequences, trajectory
+from app.api.routers import robot as robot_router
+from app.api.routers import robots as robots_router
+from app.api.routers import stream as stream_router
+from app.aubo import http as vendor_http
+from app.offers.robots_on_graph import serving
+from app.robot_services import Services
+from app.rosbridge import router as rosbridge_router
+from app.services.devices.equipment import Equipment
+from app.services.motion.execution import LATEST_ANSWER_S, MotionService
+from app.services.motion.ownership import Ownership
+from app.services.motion.planning import PlanningService
+from app.services.motion.queue import MotionQueue
+from app.services.motion.speed_override import MAX_PAUSE_S
+from app.services.motion.stopping import StopService
+from app.services.motion.synchronous import SyncService
+from app.services.motion.tool_and_limits import RobotSettings
+from app.services.motion.trajectories import TrajectoryService
+from app.services.programs.programs import ProgramService
+from app.services.programs.sequences import SequenceService
+from app.services.state.health import HealthService
+from app.services.state.interventions import reporting
+from app.services.state.link import RobotLink
+from app.services.streaming.force import ForceService
+from app.services.streaming.servo import ServoService
+from app.services.streaming.sessions import StreamService
 from cobot.addresses import address
 from cobot.config import Endpoint, Settings, load_endpoints
-from cobot.robot import Robot, load_robot
+from cobot.robot.description import Robot, load_robot
 
 DESCRIPTION = """Moves a robot arm. Motions answer when the arm has arrived and settled: look at `success`.
 Lengths in m, angles in rad. **This is no safety system and there is no authentication.**"""

@@ -16,10 +16,10 @@ from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIO
 from websockets.http11 import Request
 
 from app.main import create_app
-from app.routers import rosbridge
+from app.rosbridge import router as rosbridge
+from cobot.client.wire import MAX_FRAME_BYTES
 from cobot.config import load_settings
 from cobot.errors import CobotError
-from cobot.realtime.wire import MAX_FRAME_BYTES
 
 ANY_ADDRESS = {"0.0.0.0": "127.0.0.1", "::": "::1"}
 SHUTDOWN_S = 4

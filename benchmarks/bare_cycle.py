@@ -15,7 +15,7 @@ import numpy as np
 import ruckig
 
 from cobot.config import load_settings
-from cobot.robot import load_robot
+from cobot.robot.description import load_robot
 from rtloop.clock import RealtimeClock
 from rtloop.realtime import freeze_garbage, prepare
 

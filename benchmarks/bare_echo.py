@@ -15,7 +15,7 @@ import time
 import numpy as np
 
 from cobot.config import load_settings
-from cobot.seqlock import Block
+from cobot.ipc.seqlock import Block
 from rtloop.clock import RealtimeClock
 from rtloop.realtime import freeze_garbage, prepare
 

@@ -18,7 +18,7 @@ from benchmarks.table import Row, percentiles, row
 from cobot.client import Client
 from cobot.config import load_settings
 from cobot.errors import CobotError
-from cobot.layout import HISTOGRAM_BUCKETS, Phase
+from cobot.ipc.layout import HISTOGRAM_BUCKETS, Phase
 
 WARM_UP_S = 1.5
 CYCLICTEST = ("cyclictest", "--quiet", "--mlockall", "--interval=1000", "--threads=1")

@@ -20,7 +20,7 @@ from peers import own_domain
 from ros_peer import Client, Peer, until
 from running import Run
 
-from app.vendor.interfaces import interface_definitions
+from app.aubo.interfaces import interface_definitions
 from benchmarks.service import reader
 from benchmarks.table import Row, percentiles, row
 from cobot.ros.messages import Messages

@@ -16,11 +16,11 @@ from benchmarks.service import from_histogram, histograms, reader, service
 from benchmarks.table import Row, percentiles, row
 from cobot import Mode, Robot
 from cobot.client import Client
+from cobot.client.controls import Control
 from cobot.config import load_settings
 from cobot.errors import CobotError, ExecutionError
-from cobot.layout import HISTOGRAM_BUCKETS, Phase
-from cobot.realtime.controls import Control
-from cobot.robot import load_robot
+from cobot.ipc.layout import HISTOGRAM_BUCKETS, Phase
+from cobot.robot.description import load_robot
 from cobot.types import Mode as LoopMode
 
 RATE_HZ = 100

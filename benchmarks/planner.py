@@ -8,9 +8,9 @@ import numpy as np
 
 from cobot.config import load_settings
 from cobot.errors import CobotError
+from cobot.launch.process import Niceness, be
 from cobot.planners import MotionRequest, plan
-from cobot.process import Niceness, be
-from cobot.robot import load_robot
+from cobot.robot.description import load_robot
 from cobot.types import PlannerName, Scaling
 
 if __name__ == "__main__":

@@ -15,10 +15,10 @@ from benchmarks.table import Row, percentiles, row
 from cobot.client import Client
 from cobot.config import load_settings
 from cobot.errors import CobotError
-from cobot.frames import abc_from_quaternion
+from cobot.ipc.shm import RobotMemory
 from cobot.planners import MotionRequest, plan
-from cobot.robot import Robot, load_robot
-from cobot.shm import RobotMemory
+from cobot.robot.description import Robot, load_robot
+from cobot.robot.frames import abc_from_quaternion
 from cobot.types import Array, PlannerName, Pose, Scaling
 
 Result = TypeVar("Result")

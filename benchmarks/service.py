@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from running import Run
 
-from cobot.shm import RobotMemory, Role
+from cobot.ipc.shm import RobotMemory, Role
 
 
 @contextlib.contextmanager

@@ -13,10 +13,10 @@ from benchmarks.service import reader, service
 from benchmarks.table import Row, percentiles, row
 from benchmarks.virtual import MOVED, eased, rig
 from cobot.errors import UnavailableError
-from cobot.layout import Interpolation, ServoMode, Stream
-from cobot.realtime.records import nominal_session
-from cobot.realtime.writer import PointWriter, StreamWriter
-from cobot.shm import RobotMemory
+from cobot.ipc.layout import Interpolation, ServoMode, Stream
+from cobot.ipc.session_rules import nominal_session
+from cobot.ipc.shm import RobotMemory
+from cobot.ipc.stream_writer import PointWriter, StreamWriter
 from cobot.types import Array
 
 FORCE_MODES = (ServoMode.REPLANNED_FORCE, ServoMode.THROUGH_FORCE)

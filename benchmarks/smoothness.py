@@ -9,9 +9,9 @@ from rig import Rig
 
 from benchmarks.table import Row, row
 from benchmarks.virtual import MOVED, eased, rig
-from cobot.layout import Interpolation
+from cobot.ipc.layout import Interpolation
 from cobot.types import Array
-from rtloop.interpolation import Linear
+from rtloop.generators.interpolation import Linear
 
 RATES_HZ = (10, 30, 100)
 JITTER_S = 1e-3

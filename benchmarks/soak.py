@@ -19,9 +19,9 @@ import numpy as np
 from faults import BLOCKS, FORCE_MODES, KINDS, Task, WatchedRig, spoil
 
 from cobot.config import Settings, load_settings
-from cobot.layout import Interpolation, ServoMode
-from cobot.quaternion import product
-from cobot.robot import Robot, load_robot
+from cobot.ipc.layout import Interpolation, ServoMode
+from cobot.robot.description import Robot, load_robot
+from cobot.robot.quaternion import product
 from cobot.types import Array, Mode
 from rtloop.modes import STREAMING
 

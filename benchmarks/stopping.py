@@ -10,7 +10,7 @@ from rig import Rig
 
 from benchmarks.table import Row, row
 from benchmarks.virtual import MOVED, eased, rig
-from cobot.layout import Interpolation
+from cobot.ipc.layout import Interpolation
 from cobot.planners import MotionRequest, plan
 from cobot.types import Array, JointLimits, PlannerName, Scaling
 

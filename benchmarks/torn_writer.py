@@ -11,8 +11,8 @@ import sys
 
 import numpy as np
 
-from cobot.layout import state_dtype
-from cobot.seqlock import Block
+from cobot.ipc.layout import state_dtype
+from cobot.ipc.seqlock import Block
 
 RECORD = np.dtype([("words", "u8", (state_dtype(7).itemsize // 8,))])
 

@@ -9,7 +9,7 @@ import numpy as np
 from rig import Rig
 
 from cobot.config import load_settings
-from cobot.robot import load_robot
+from cobot.robot.description import load_robot
 from cobot.types import Array
 
 MOVED = np.array([1.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0])

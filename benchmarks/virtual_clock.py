@@ -11,9 +11,9 @@ import numpy as np
 from benchmarks.table import Row, row
 from benchmarks.virtual import MOVED, eased, rig
 from cobot.config import load_settings
-from cobot.layout import Interpolation
+from cobot.ipc.layout import Interpolation
 from cobot.planners import MotionRequest, plan
-from cobot.robot import load_robot
+from cobot.robot.description import load_robot
 from cobot.types import PlannerName, Scaling
 from rtloop.loop import ControlLoop
 

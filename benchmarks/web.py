@@ -14,8 +14,8 @@ from benchmarks.service import background, reader, service
 from benchmarks.table import Row, percentiles, row
 from cobot.client import Client
 from cobot.errors import CobotError
-from cobot.process import Niceness, be
-from cobot.shm import RobotMemory
+from cobot.ipc.shm import RobotMemory
+from cobot.launch.process import Niceness, be
 
 CLIENTS = 16
 POLLERS = 20

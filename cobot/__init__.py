@@ -6,7 +6,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from cobot.realtime import CoordType, Mode, Robot
+    from cobot.client import CoordType, Mode, Robot
 
 __all__ = ["CoordType", "Mode", "Robot"]
 
@@ -14,5 +14,5 @@ __all__ = ["CoordType", "Mode", "Robot"]
 def __getattr__(name: str) -> Any:
     """Made when it is asked for: rtloop, which imports from here too, has no use for it."""
     if name in __all__:
-        return getattr(import_module("cobot.realtime"), name)
+        return getattr(import_module("cobot.client"), name)
     raise AttributeError(f"module 'cobot' has no attribute {name!r}")

@@ -1,5 +1,5 @@
 """`python -m cobot` is `cobot`."""
 
-from cobot.cli import main
+from cobot.launch.cli import main
 
 raise SystemExit(main())

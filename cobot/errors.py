@@ -21,7 +21,7 @@ CobotError
     ├── LayoutError          another layout version, another robot, or not ours at all
     └── TornReadError        no consistent copy could be read in the bounded number of tries
 
-`app.errors` holds the one mapping of these classes to HTTP statuses.
+`app.api.errors` holds the one mapping of these classes to HTTP statuses.
 """
 
 from __future__ import annotations

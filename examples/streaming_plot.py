@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cobot import Mode, Robot
-from cobot.shm import RobotMemory, Role
+from cobot.ipc.shm import RobotMemory, Role
 
 JOINT = 0
 AHEAD_S = 0.5  # how far into its future a policy plans that sends chunks

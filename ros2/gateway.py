@@ -27,7 +27,7 @@ STATUS_OF_ACTIONS = "/_action/status"
 """Ends the topics that ROS wants latched: who looks later sees the goals as they are."""
 DEPTH = 1000
 CODE_ERROR, CODE_UNAVAILABLE = 1, 50
-"""As in app.vendor.codes."""
+"""As in app.aubo.codes."""
 GOAL_ABORTED, CANCEL_REJECTED = 6, 1
 
 Made = TypeVar("Made", Service, Publisher, Subscription)

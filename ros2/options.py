@@ -10,7 +10,7 @@ from typing import Any
 from cobot.config import Settings
 from cobot.errors import UnavailableError
 from cobot.ros.robot_messages import STRING
-from cobot.servo import LONGEST_PERIOD_S, LONGEST_TIME_S
+from cobot.servo.protocol import LONGEST_PERIOD_S, LONGEST_TIME_S
 from ros2.gateway import Gateway
 from ros2.parameters import Parameter, Value
 from ros2.rosbridge import AWAY

@@ -19,9 +19,9 @@ import numpy as np
 
 from cobot.config import Settings
 from cobot.errors import CobotError, TornReadError
-from cobot.robot import load_robot
+from cobot.ipc.shm import RobotMemory, Role
+from cobot.robot.description import load_robot
 from cobot.ros.robot_messages import JOINT_STATES, POSE, STRING, TRANSFORMS, WRENCH, RobotMessages
-from cobot.shm import RobotMemory, Role
 from ros2.node import Node, Publisher
 
 IDLE_S = 0.02
@@ -50,7 +50,7 @@ class JointStates:
         self._at = [len(template) - self._joints.size - step * place for place in (2, 1, 0)]
 
     def cdr(self, state: np.ndarray, stamp_ns: int) -> bytes:
-        """Of a record of `cobot.layout.state_dtype`: rad, rad/s, N·m."""
+        """Of a record of `cobot.ipc.layout.state_dtype`: rad, rad/s, N·m."""
         _STAMP.pack_into(self._bytes, _STAMP_AT, *divmod(stamp_ns, _SECOND_NS))
         for at, name in zip(self._at, ("position", "velocity", "effort"), strict=True):
             self._joints.pack_into(self._bytes, at, *state[name].tolist())

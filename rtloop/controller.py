@@ -12,17 +12,17 @@ from math import sqrt
 import numpy as np
 
 from cobot.config import Settings
-from cobot.layout import Ack, Command, Intervention, MotionResult
-from cobot.model import RobotModel
-from cobot.shm import RobotMemory, text
+from cobot.ipc.layout import Ack, Command, Intervention, MotionResult
+from cobot.ipc.shm import RobotMemory, text
+from cobot.robot.model import RobotModel
 from cobot.types import Array, Mode
 from rtloop.backends import Backend, BackendError, Measured
-from rtloop.mailbox import Mailbox
+from rtloop.inboxes.commands import Mailbox
 from rtloop.modes import STREAMING, TRANSITIONS
-from rtloop.path import Path, RefusedError, load
-from rtloop.path_clock import PathClock
-from rtloop.safety import Safety
-from rtloop.streaming import Streaming
+from rtloop.planned.path import Path, RefusedError, load
+from rtloop.planned.path_clock import PathClock
+from rtloop.safety.limiter import Safety
+from rtloop.streaming.session import Streaming
 
 START_TOLERANCE_RAD = 1e-3
 """How far a motion may start from the commanded position: planning rounds, the safety layer smooths."""

@@ -8,10 +8,10 @@ from math import isfinite
 import numpy as np
 
 from cobot.config import Settings
-from cobot.layout import MotionResult, Phase
-from cobot.model import RobotModel
-from cobot.seqlock import Block
-from cobot.shm import RobotMemory, encoded
+from cobot.ipc.layout import MotionResult, Phase
+from cobot.ipc.seqlock import Block
+from cobot.ipc.shm import RobotMemory, encoded
+from cobot.robot.model import RobotModel
 from cobot.types import Array, Mode
 from rtloop.backends import Backend, BackendError, Measured
 from rtloop.clock import Clock

@@ -13,8 +13,8 @@ import numpy as np
 
 from cobot.config import RtSection, Settings, load_settings
 from cobot.errors import CobotError
-from cobot.robot import Robot, load_robot
-from cobot.shm import RobotMemory, Role, encoded
+from cobot.ipc.shm import RobotMemory, Role, encoded
+from cobot.robot.description import Robot, load_robot
 from rtloop.backends import Backend, BackendError, ImpedanceControlled, make_backend
 from rtloop.clock import FastClock, RealtimeClock
 from rtloop.loop import ControlLoop

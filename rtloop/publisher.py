@@ -6,9 +6,9 @@ import time
 
 import numpy as np
 
-from cobot.layout import HISTOGRAM_BUCKETS, STATE_STRUCT, Phase
-from cobot.model import RobotModel
-from cobot.shm import RobotMemory, encoded
+from cobot.ipc.layout import HISTOGRAM_BUCKETS, STATE_STRUCT, Phase
+from cobot.ipc.shm import RobotMemory, encoded
+from cobot.robot.model import RobotModel
 from cobot.types import Array
 from rtloop.backends import JOINT_ROWS, Measured
 from rtloop.clock import Clock

@@ -9,9 +9,9 @@ import signal
 import sys
 from pathlib import Path
 
-from cobot.client import DEFAULT_URL, MOTION_TIMEOUT_S
+from cobot.client.rest import DEFAULT_URL, MOTION_TIMEOUT_S
 from cobot.errors import InputError
-from cobot.process import Niceness, be, die_with_parent
+from cobot.launch.process import Niceness, be, die_with_parent
 from sequences.lua_sandbox import Limits, require_lua
 from sequences.runner import ReturnCode, Run, run
 from sequences.schema import read_file, read_sequence, schema_text

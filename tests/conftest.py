@@ -8,7 +8,7 @@ import pytest
 from rig import Rig
 
 from cobot.config import Settings, load_settings
-from cobot.robot import Robot, load_robot
+from cobot.robot.description import Robot, load_robot
 
 
 @pytest.fixture(scope="session")

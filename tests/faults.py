@@ -13,13 +13,13 @@ from rig import Rig
 
 from cobot.config import Settings
 from cobot.errors import TornReadError
-from cobot.layout import RING, Ack, Command, ServoMode, Stream
+from cobot.ipc.layout import RING, Ack, Command, ServoMode, Stream
+from cobot.ipc.seqlock import Block
+from cobot.ipc.shm import RobotMemory, Role, text
+from cobot.ipc.stream_writer import PointWriter
 from cobot.planners.ptp import plan_ptp
 from cobot.planners.request import MotionRequest
-from cobot.realtime.writer import PointWriter
-from cobot.robot import Robot
-from cobot.seqlock import Block
-from cobot.shm import RobotMemory, Role, text
+from cobot.robot.description import Robot
 from cobot.types import Array, JointLimits, Mode, PlannerName, Scaling
 from rtloop.modes import STREAMING
 

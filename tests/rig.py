@@ -10,9 +10,9 @@ import numpy as np
 from running import unique_name
 
 from cobot.config import Settings
-from cobot.layout import RING, Ack, Command, Interpolation, Intervention, MotionResult, Stream
-from cobot.robot import Robot
-from cobot.shm import RobotMemory, text
+from cobot.ipc.layout import RING, Ack, Command, Interpolation, Intervention, MotionResult, Stream
+from cobot.ipc.shm import RobotMemory, text
+from cobot.robot.description import Robot
 from cobot.trajectory import Trajectory
 from cobot.types import Array, Mode
 from rtloop.backends import Backend, BackendError, Impedance, Measured

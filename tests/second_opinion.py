@@ -16,9 +16,9 @@ import numpy as np
 import pinocchio
 from scipy.spatial.transform import Rotation
 
-from cobot.collision import CollisionChecker
-from cobot.model import RobotModel
-from cobot.robot import Robot
+from cobot.robot.collision import CollisionChecker
+from cobot.robot.description import Robot
+from cobot.robot.model import RobotModel
 from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
 

@@ -9,10 +9,10 @@ from typing import Any
 
 from running import WAIT_S
 
-from app.services.equipment import Equipment
-from app.vendor.classes import REGISTRY
-from app.vendor.codes import Code
-from app.vendor.registry import Answer, call
+from app.aubo.classes import REGISTRY
+from app.aubo.codes import Code
+from app.aubo.registry import Answer, call
+from app.services.devices.equipment import Equipment
 
 
 class Caller:

@@ -8,15 +8,15 @@ from __future__ import annotations
 import numpy as np
 
 from cobot.errors import InputError, LimitError, PlanningError
-from cobot.kinematics import inverse
-from cobot.limits import check_positions
 from cobot.planners.chomp import plan_chomp
 from cobot.planners.circ import plan_circ
 from cobot.planners.lin import plan_lin
 from cobot.planners.ptp import plan_ptp
 from cobot.planners.request import MotionRequest, is_there, validate
 from cobot.planners.waypoints import WaypointRequest, plan_waypoints
-from cobot.robot import Robot
+from cobot.robot.description import Robot
+from cobot.robot.inverse_kinematics import inverse
+from cobot.robot.limits import check_positions
 from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName, Pose
 

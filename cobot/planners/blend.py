@@ -14,9 +14,9 @@ from math import comb
 import numpy as np
 
 from cobot.errors import CollisionError, LimitError
-from cobot.feasibility import check_limits
 from cobot.planners.rated import Envelope, with_envelope
-from cobot.robot import Robot
+from cobot.robot.description import Robot
+from cobot.robot.feasibility import check_limits
 from cobot.trajectory import ORDER, Trajectory
 from cobot.types import PLANNED_JERK, Array, JointLimits
 

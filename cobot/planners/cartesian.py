@@ -10,11 +10,11 @@ from scipy.interpolate import BSpline, make_interp_spline
 from scipy.spatial.transform import Rotation
 
 from cobot.errors import PlanningError, UnreachableError
-from cobot.frames import angle_between, rotation
-from cobot.kinematics import solve_near
 from cobot.planners.request import MotionRequest
 from cobot.planners.time_law import PathRates, TimeLaw, joint_rates, traverse
-from cobot.robot import Robot
+from cobot.robot.description import Robot
+from cobot.robot.frames import angle_between, rotation
+from cobot.robot.inverse_kinematics import solve_near
 from cobot.trajectory import Trajectory
 from cobot.types import Array, CartesianLimits, JointLimits, Pose
 

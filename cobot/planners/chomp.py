@@ -12,11 +12,11 @@ import time
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from cobot.collision import Proximity
 from cobot.errors import PlanningError, PlanningTimeout
 from cobot.planners.request import MotionRequest
 from cobot.planners.spline import smooth_motion
-from cobot.robot import Robot
+from cobot.robot.collision import Proximity
+from cobot.robot.description import Robot
 from cobot.trajectory import Trajectory
 from cobot.types import Array
 

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from cobot.errors import InputError, PlanningError
 from cobot.planners.cartesian import TcpPath, follow, turn_between, turned
 from cobot.planners.request import MotionRequest
-from cobot.robot import Robot
+from cobot.robot.description import Robot
 from cobot.trajectory import Trajectory
 from cobot.types import Array, Pose
 

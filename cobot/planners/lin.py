@@ -7,7 +7,7 @@ import numpy as np
 from cobot.errors import InputError
 from cobot.planners.cartesian import TcpPath, follow, turn_between, turned
 from cobot.planners.request import MotionRequest
-from cobot.robot import Robot
+from cobot.robot.description import Robot
 from cobot.trajectory import Trajectory
 from cobot.types import Pose
 

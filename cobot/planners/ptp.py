@@ -7,7 +7,7 @@ import ruckig
 
 from cobot.planners.profile import fastest_profile
 from cobot.planners.request import MotionRequest
-from cobot.robot import Robot
+from cobot.robot.description import Robot
 from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array
 

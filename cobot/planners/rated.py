@@ -11,9 +11,9 @@ from functools import lru_cache
 import numpy as np
 
 from cobot.errors import InputError, LimitError
-from cobot.model import RobotModel
 from cobot.planners import MotionRequest, plan
-from cobot.robot import Robot
+from cobot.robot.description import Robot
+from cobot.robot.model import RobotModel
 from cobot.trajectory import Trajectory
 from cobot.types import Array, CartesianLimits, JointLimits, PlannerName, Pose, Scaling
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cobot.feasibility import check_limits
-from cobot.robot import Robot
+from cobot.robot.description import Robot
+from cobot.robot.feasibility import check_limits
 from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits, PlannerName, Pose, Scaling
 

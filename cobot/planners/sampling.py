@@ -8,7 +8,7 @@ from ompl import base, geometric, util
 from cobot.errors import PlanningError, PlanningTimeout
 from cobot.planners.request import MotionRequest
 from cobot.planners.spline import smooth_motion
-from cobot.robot import Robot
+from cobot.robot.description import Robot
 from cobot.trajectory import Trajectory
 from cobot.types import Array
 

@@ -7,7 +7,7 @@ from scipy.interpolate import BSpline
 
 from cobot.errors import CollisionError
 from cobot.planners.time_law import timed
-from cobot.robot import Robot
+from cobot.robot.description import Robot
 from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
 

@@ -8,8 +8,8 @@ import numpy as np
 import ruckig
 from scipy.interpolate import BSpline
 
-from cobot.feasibility import stretch_to_limits
 from cobot.planners.profile import fastest_profile
+from cobot.robot.feasibility import stretch_to_limits
 from cobot.trajectory import Trajectory, from_hermite
 from cobot.types import Array, JointLimits
 

@@ -9,11 +9,11 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cobot.errors import InputError
-from cobot.feasibility import stretch_to_limits
-from cobot.limits import check_positions
 from cobot.planners.ptp import plan_ptp
 from cobot.planners.request import MotionRequest, is_there, validate
-from cobot.robot import Robot
+from cobot.robot.description import Robot
+from cobot.robot.feasibility import stretch_to_limits
+from cobot.robot.limits import check_positions
 from cobot.trajectory import Trajectory, from_hermite
 from cobot.types import Array, JointLimits, PlannerName, Scaling, Waypoint
 

@@ -8,12 +8,12 @@ import time
 import mujoco
 import numpy as np
 
-from cobot.model import RobotModel
-from cobot.quaternion import conjugate, product, rotated
-from cobot.realtime.states import Values, cartesian_state
+from cobot.client.states import Values, cartesian_state
+from cobot.ipc.shm import text
+from cobot.robot.model import RobotModel
+from cobot.robot.quaternion import conjugate, product, rotated
 from cobot.ros.messages import Message
 from cobot.ros.urdf import WORLD, link_name, urdf
-from cobot.shm import text
 from cobot.types import Array, Mode
 
 JOINT_STATES = "sensor_msgs/msg/JointState"
@@ -24,7 +24,7 @@ TRANSFORMS = "tf2_msgs/msg/TFMessage"
 
 
 class RobotMessages:
-    """Makes messages of one robot. `state` is a record of `cobot.layout.state_dtype`; SI units.
+    """Makes messages of one robot. `state` is a record of `cobot.ipc.layout.state_dtype`; SI units.
 
     Frames are called as the model's bodies are, and the TCP as its site; the model's world is `world`.
 

@@ -11,7 +11,7 @@ from xml.etree.ElementTree import Element, SubElement
 import mujoco
 import numpy as np
 
-from cobot.frames import abc_from_quaternion, rotation
+from cobot.robot.frames import abc_from_quaternion, rotation
 from cobot.types import Array, JointLimits
 
 WORLD = "world"

@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 
 from cobot.config import Settings
-from cobot.model import RobotModel
+from cobot.robot.model import RobotModel
 from cobot.types import Array, JointLimits
 from rtloop.backends import BackendError, Impedance, Measured
 from rtloop.backends.observer import Observer

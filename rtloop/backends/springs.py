@@ -19,7 +19,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from cobot.model import RobotModel
+from cobot.robot.model import RobotModel
 from cobot.types import Array
 from rtloop.backends import Impedance
 

@@ -17,7 +17,7 @@ from running import WAIT_S, Run, until
 from scipy.spatial.transform import Rotation
 from second_opinion import second_robot
 
-from app.vendor.codes import Code
+from app.aubo.codes import Code
 
 IDLE = -1
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]

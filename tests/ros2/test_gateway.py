@@ -16,10 +16,10 @@ from node_rig import DEFINITIONS, NodeRig
 from peers import own_domain
 from ros_peer import Peer, until
 
-from app.hub.actions import GoalHandle, GoalStatus, Rejected
-from app.hub.hub import Hub, Message
-from app.routers import rosbridge
-from app.vendor.codes import Code
+from app.aubo.codes import Code
+from app.graph.actions import GoalHandle, GoalStatus, Rejected
+from app.graph.graph import Hub, Message
+from app.rosbridge import router as rosbridge
 from cobot.ros.messages import Messages
 from ros2 import gateway as gateway_module
 from ros2.gateway import Gateway

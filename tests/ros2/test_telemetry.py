@@ -13,11 +13,11 @@ from rosbags.typesys import Stores, get_typestore
 from running import unique_name
 
 from cobot.config import Settings
-from cobot.layout import state_dtype
-from cobot.robot import Robot
+from cobot.ipc.layout import state_dtype
+from cobot.ipc.shm import RobotMemory
+from cobot.robot.description import Robot
 from cobot.ros.messages import Messages
 from cobot.ros.robot_messages import JOINT_STATES, RobotMessages
-from cobot.shm import RobotMemory
 from ros2.telemetry import JointStates, Telemetry
 
 

@@ -12,8 +12,8 @@ import pytest
 from rig import Rig
 
 from cobot.config import Settings
-from cobot.layout import HISTOGRAM_BUCKETS, Phase
-from cobot.robot import Robot
+from cobot.ipc.layout import HISTOGRAM_BUCKETS, Phase
+from cobot.robot.description import Robot
 from rtloop.clock import FastClock, RealtimeClock
 from rtloop.publisher import STATISTICS_CYCLES
 

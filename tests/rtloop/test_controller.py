@@ -10,10 +10,10 @@ import pytest
 from rig import Rig
 
 from cobot.config import Settings
-from cobot.layout import RING, Command, Intervention, MotionResult
+from cobot.ipc.layout import RING, Command, Intervention, MotionResult
 from cobot.planners.ptp import plan_ptp
 from cobot.planners.request import MotionRequest
-from cobot.robot import Robot
+from cobot.robot.description import Robot
 from cobot.trajectory import Trajectory, from_hermite
 from cobot.types import Mode, PlannerName, Scaling
 from rtloop.modes import TRANSITIONS

@@ -17,17 +17,17 @@ from faults import BLOCKS, KINDS, Task, WatchedRig, spoil
 from rig import Rig
 
 from benchmarks.soak import Soak
-from cobot import shm
 from cobot.config import Settings
 from cobot.errors import SharedMemoryError
-from cobot.layout import RING, Command, Interpolation, Intervention
-from cobot.realtime.writer import StreamWriter
-from cobot.robot import Robot
-from cobot.shm import RobotMemory
+from cobot.ipc import shm
+from cobot.ipc.layout import RING, Command, Interpolation, Intervention
+from cobot.ipc.shm import RobotMemory
+from cobot.ipc.stream_writer import StreamWriter
+from cobot.robot.description import Robot
 from cobot.types import Array, Mode
 from rtloop.backends.mujoco import MujocoBackend
-from rtloop.guard import Guard
 from rtloop.modes import STREAMING
+from rtloop.streaming.collision_monitor import Guard
 
 UNDER_WAY = 500
 BOTH = KINDS[:2]

@@ -28,10 +28,10 @@ from faults import BLOCKS, Record, spoil, watched
 from running import WAIT_S, Run, answering
 
 from cobot import Mode, Robot
-from cobot import robot as robots
 from cobot.config import load_settings
 from cobot.errors import MotionStopped
-from cobot.shm import RobotMemory, Role
+from cobot.ipc.shm import RobotMemory, Role
+from cobot.robot import description as robots
 from cobot.types import JointLimits
 from cobot.types import Mode as LoopMode
 from rtloop.modes import STREAMING

@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from second_opinion import second_robot
 
 from cobot import CoordType, Mode, Robot
+from cobot.client import SWITCHES, RobotStates
 from cobot.errors import (
     ConflictError,
     ExecutionError,
@@ -28,7 +29,6 @@ from cobot.errors import (
     NotReadyError,
     UnavailableError,
 )
-from cobot.realtime import SWITCHES, RobotStates
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 

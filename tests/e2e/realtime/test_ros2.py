@@ -23,9 +23,9 @@ from peers import own_domain
 from ros_peer import Client, Peer, until
 from running import WAIT_S, Run, answering
 
-from app.vendor.codes import Code
-from app.vendor.interfaces import interface_definitions
-from cobot.robot import Robot
+from app.aubo.codes import Code
+from app.aubo.interfaces import interface_definitions
+from cobot.robot.description import Robot
 from cobot.ros.messages import Messages
 
 STRING = "std_msgs/msg/String"

@@ -28,7 +28,7 @@ from streaming_client import StreamClient
 from websockets.exceptions import ConnectionClosed, ConnectionClosedError, InvalidStatus
 
 from cobot import Mode, Robot
-from cobot.layout import chunk_dtype, session_dtype, setpoint_dtype, state_dtype
+from cobot.ipc.layout import chunk_dtype, session_dtype, setpoint_dtype, state_dtype
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 CONFIG = Path(__file__).parents[3] / "config"

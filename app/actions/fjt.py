@@ -1,0 +1,258 @@
+"""The action /{robot}/follow_joint_trajectory (control_msgs/action/FollowJointTrajectory).
+
+A goal becomes one planned motion, checked as a whole before it starts and then rtloop's alone; or, with an
+`fjt_mode` from 1 to 7, a servo session that is fed from the same polynomials. Goals that cannot be worked on
+are accepted and aborted with a code and a sentence, because a refusal has no room for either; what is refused
+is what has nothing to do with the goal: the action is switched off, somebody else moves the arm, an e-stop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import itertools
+import logging
+import math
+import time
+from collections.abc import AsyncIterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from app.actions.fjt_goal import ErrorCode, FjtGoal, GoalError, GoalViolated, Message, PathViolated, read_goal
+from app.actions.fjt_progress import Progress, on_path
+from app.actions.fjt_run import ARRIVAL_S, FEEDBACK_S, SEND_PERIOD_S, FjtSettings, Run, stream
+from app.graph.actions import GoalHandle, GoalStatus, Rejected
+from app.services.motion.execution import MotionService
+from app.services.motion.ownership import Caller, Claim, Ownership
+from app.services.state.link import RobotLink, RobotState
+from app.services.streaming.servo import ServoService
+from cobot.config import RosSection
+from cobot.errors import CobotError, ExecutionError, InputError, LimitError, MotionStopped, PlanningError
+from cobot.ipc.layout import MotionResult, ServoMode
+from cobot.planners import WaypointRequest
+from cobot.robot.description import Robot
+from cobot.robot.limits import check_positions
+from cobot.trajectory import Trajectory
+from cobot.types import Array
+
+WATCH_S = 0.01
+"""Tolerances are judged so often."""
+FEEDBACK_EVERY = round(FEEDBACK_S / WATCH_S)
+READY_S = 1.0
+THERE_S = 0.5
+"""For the way to a goal where the arm is already, but for the tolerance of the start."""
+PLAN_S = 30.0
+
+log = logging.getLogger("cobot.fjt")
+
+
+class FollowJointTrajectory:
+    """See `app.graph.actions.Action`."""
+
+    type_ = "control_msgs/action/FollowJointTrajectory"
+    definition = ""
+
+    def __init__(
+        self,
+        robot: Robot,
+        link: RobotLink,
+        ownership: Ownership,
+        motion: MotionService,
+        servo: ServoService,
+        settings: RosSection,
+        start_tolerance_rad: float,
+    ) -> None:
+        self.name = f"/{robot.name}/follow_joint_trajectory"
+        self._limits = robot.limits
+        self._link = link
+        self._ownership = ownership
+        self._motion = motion
+        self._servo = servo
+        self._configured = settings
+        self._start_tolerance_rad = start_tolerance_rad
+        self._newest: Run | None = None
+
+    @property
+    def settings(self) -> FjtSettings:
+        """As they are now."""
+        file, said = self._configured, self._servo.rules.fjt
+        return FjtSettings(
+            file.enable_fjt_action if said.enable is None else said.enable,
+            ServoMode(file.fjt_mode) if said.mode is None else said.mode,
+            file.fjt_time if said.time_s is None else said.time_s,
+            (file.fjt_send_period if said.send_period_s is None else said.send_period_s) or SEND_PERIOD_S,
+        )
+
+    async def execute(self, goal: Message, handle: GoalHandle) -> Message:
+        settings, stops = self.settings, self._ownership.stops
+        if not settings.enabled:
+            raise Rejected(f"{self.name} is switched off; see ros.enable_fjt_action, or fjt_control")
+        if self._newest is None:
+            self._ownership.require_free(None)
+        await self._link.ready_state(READY_S)
+        try:
+            wanted = await asyncio.to_thread(read_goal, goal, self._limits, time.time())
+        except GoalError as exc:  # whatever runs goes on
+            handle.accept()
+            return self._failed(handle, exc)
+        handle.accept()
+        async with self._turn(handle) as run:
+            try:
+                await self._work(run, wanted, settings, stops, handle)
+            except CobotError as exc:
+                return self._failed(handle, exc)
+        handle.status = GoalStatus.SUCCEEDED
+        return {"error_code": int(ErrorCode.SUCCESSFUL), "error_string": ""}
+
+    @contextlib.asynccontextmanager
+    async def _turn(self, handle: GoalHandle) -> AsyncIterator[Run]:
+        """Be the newest goal: the one before ends first, and a cancel or a newer one ends this one."""
+        run, before = Run(), self._newest
+        self._newest = run
+
+        async def cancelled() -> None:
+            await handle.cancel_requested.wait()
+            run.interrupt(MotionStopped("the goal was cancelled"))
+
+        watcher = asyncio.create_task(cancelled())
+        try:
+            if before is not None:
+                before.interrupt(MotionStopped("preempted by a newer goal"))
+                await before.ended.wait()
+            yield run
+        finally:
+            watcher.cancel()
+            run.ended.set()
+            if self._newest is run:
+                self._newest = None
+
+    async def _work(
+        self, run: Run, goal: FjtGoal, settings: FjtSettings, stops: int, handle: GoalHandle
+    ) -> None:
+        caller = Caller(self.name, None, stops, math.inf, asyncio.Event())
+        with self._ownership.claim(caller) as claim:
+            run.own(claim)
+            state = await self._motion.ready()
+            trajectory = await self._planned(claim, goal, state, streamed=settings.mode != ServoMode.NONE)
+            if goal.start_s is not None:
+                await claim.unless_interrupted(run.sleep(goal.start_s - time.time()))
+            run.proceed()
+            if settings.mode is ServoMode.NONE:
+                await self._follow(claim, goal, trajectory, handle)
+                return
+        names, stops = self._limits.names, claim.stops
+        await stream(self._servo, self._link, names, run, goal, trajectory, settings, handle, stops)
+
+    async def _planned(self, claim: Claim, goal: FjtGoal, state: RobotState, *, streamed: bool) -> Trajectory:
+        """The motion through all points, slowed down where the limits need it and the goal permits it."""
+        start, points = state.commanded_position, goal.points
+        if points[-1].time_from_start_s == 0.0:
+            self._require_there(start, points[0].positions)
+            points = [replace(points[0], time_from_start_s=THERE_S)]
+        request = WaypointRequest(start, points, self._start_tolerance_rad, check_limits=not streamed)
+        try:
+            trajectory = await self._motion.plan(claim, request, PLAN_S)
+        except LimitError as exc:
+            slower = await self._motion.plan(claim, replace(request, retime=True), PLAN_S)
+            assert slower is not None  # plan_waypoints always has one
+            wanted_s = goal.points[-1].time_from_start_s
+            if slower.duration_s > wanted_s + goal.late_s:
+                raise
+            log.warning(
+                "%s: slowed down from %.3f s to %.3f s, because %s",
+                self.name,
+                wanted_s,
+                slower.duration_s,
+                exc,
+            )
+            return slower
+        assert trajectory is not None
+        for extreme in trajectory.extrema():  # what a session's points have to keep, before the first is sent
+            check_positions(self._limits.including(start), extreme, "the trajectory's angle")
+        return trajectory
+
+    def _require_there(self, start: Array, position: Sequence[float]) -> None:
+        """See that a single point at time 0 is where the arm is: MoveIt's plan when it is there already."""
+        off = np.abs(np.asarray(position) - start)
+        if off.max() > self._start_tolerance_rad:
+            name = self._limits.names[int(off.argmax())]
+            raise GoalError(
+                f"points[0]: the only point is at time 0, but {name} is {off.max():.4f} rad away from it, "
+                f"allowed are {self._start_tolerance_rad:g} rad"
+            )
+
+    async def _follow(self, claim: Claim, goal: FjtGoal, trajectory: Trajectory, handle: GoalHandle) -> None:
+        """Have it executed as one motion."""
+        await self._motion.start(claim, trajectory)
+        log.info("%s: motion %s, %d points", self.name, claim.motion_id, len(goal.points))
+        watcher = asyncio.create_task(self._watch(claim, goal, trajectory, handle))
+        try:
+            await self._motion.arrival(claim)
+        except ExecutionError as exc:
+            cause = claim.interruption
+            if cause is None and self._link.state().motion_result is MotionResult.FAILED:
+                raise GoalViolated(str(exc)) from exc
+            if cause is not None and not isinstance(exc, type(cause)):  # what came of it, as "not settled"
+                raise type(cause)(f"{cause}; {exc}") from exc
+            raise
+        finally:
+            watcher.cancel()
+        state = self._link.state()
+        handle.feedback(on_path(trajectory, trajectory.duration_s, 0.0, state).feedback(self._limits.names))
+        await self._arrived(claim, goal, trajectory)
+
+    async def _watch(self, claim: Claim, goal: FjtGoal, trajectory: Trajectory, handle: GoalHandle) -> None:
+        """Tell the client, and end the motion where it leaves the tolerances."""
+        begun_s, paused_s = time.monotonic(), claim.pace.paused_s
+        latest_s = self._latest_s(goal, trajectory)
+        for turn in itertools.count():
+            with contextlib.suppress(CobotError):
+                state = self._link.state()
+                if state.motion_id == claim.motion_id:
+                    rate = float(self._link.memory.state.data["path_rate"])
+                    progress = on_path(trajectory, state.path_time_s, rate, state)
+                    self._judge(claim, goal, progress)
+                    if turn % FEEDBACK_EVERY == 0:
+                        handle.feedback(progress.feedback(self._limits.names))
+                    elapsed_s = time.monotonic() - begun_s - (claim.pace.paused_s - paused_s)
+                    if elapsed_s > latest_s and self._under_way(goal, trajectory, state):
+                        claim.interrupt(GoalViolated(goal.late))
+            await asyncio.sleep(WATCH_S)
+
+    async def _arrived(self, claim: Claim, goal: FjtGoal, trajectory: Trajectory) -> None:
+        """Wait for goal_tolerance where it is tighter than what counts as arrived."""
+        deadline_s = time.monotonic() + min(goal.late_s, ARRIVAL_S)
+        while True:
+            state = self._link.state()
+            off = goal.end.violation(trajectory.end - state.position, -state.velocity, self._limits.names)
+            if not off:
+                return
+            if time.monotonic() > deadline_s:
+                raise GoalViolated(f"at the end {off} by goal_tolerance")
+            claim.proceed()
+            await asyncio.sleep(WATCH_S)
+
+    def _judge(self, claim: Claim, goal: FjtGoal, progress: Progress) -> None:
+        if claim.interruption is None and (violation := progress.path_violation(goal, self._limits.names)):
+            claim.interrupt(PathViolated(f"{violation} by path_tolerance"))
+
+    def _under_way(self, goal: FjtGoal, trajectory: Trajectory, state: RobotState) -> bool:
+        """Whether the arm is not where the goal wants it yet; what it then takes to settle does not count."""
+        if state.path_time_s < trajectory.duration_s:
+            return True
+        return bool(goal.end.violation(trajectory.end - state.position, -state.velocity, self._limits.names))
+
+    def _latest_s(self, goal: FjtGoal, trajectory: Trajectory) -> float:
+        """After the beginning, when the arm has to be there."""
+        return max(goal.points[-1].time_from_start_s + goal.late_s, trajectory.duration_s + WATCH_S)
+
+    def _failed(self, handle: GoalHandle, error: CobotError) -> Message:
+        cancelled = handle.cancel_requested.is_set() and isinstance(error, MotionStopped)
+        handle.status = GoalStatus.CANCELED if cancelled else GoalStatus.ABORTED
+        code = getattr(error, "error_code", None)
+        if code is None:
+            wrong = isinstance(error, InputError | PlanningError)
+            code = ErrorCode.INVALID_GOAL if wrong else ErrorCode.INTERRUPTED
+        log.warning("%s: %s: %s", self.name, code.name, error)
+        return {"error_code": int(code), "error_string": str(error)}

@@ -1,0 +1,58 @@
+"""What an executed FollowJointTrajectory goal is compared with, and what its client is told."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+from app.actions.fjt_goal import FjtGoal, Message
+from app.services.state.link import RobotState
+from cobot.trajectory import Trajectory
+from cobot.types import Array
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How the arm stands to its trajectory at one moment: rad, rad/s, rad/s², shape (dof,) each."""
+
+    time_s: float
+    desired: tuple[Array, Array, Array]
+    actual: tuple[Array, Array]
+
+    @property
+    def error(self) -> tuple[Array, Array]:
+        """desired − actual, as joint_trajectory_controller has it."""
+        return self.desired[0] - self.actual[0], self.desired[1] - self.actual[1]
+
+    def path_violation(self, goal: FjtGoal, names: tuple[str, ...]) -> str:
+        """See `Tolerance.violation`."""
+        return goal.path.violation(*self.error, names)
+
+    def feedback(self, names: tuple[str, ...]) -> Message:
+        """control_msgs/action/FollowJointTrajectory_Feedback; ROS's defaults are left out."""
+        stamp = time.time_ns()
+        sec, nanosec = divmod(stamp, 1_000_000_000)
+        return {
+            "header": {"stamp": {"sec": sec, "nanosec": nanosec}},
+            "joint_names": list(names),
+            "desired": self._point(*self.desired),
+            "actual": self._point(*self.actual),
+            "error": self._point(*self.error),
+        }
+
+    def _point(self, position: Array, velocity: Array, acceleration: Array | None = None) -> Message:
+        sec, nanosec = divmod(round(self.time_s * 1e9), 1_000_000_000)
+        point: Message = {
+            "positions": position.tolist(),
+            "velocities": velocity.tolist(),
+            "time_from_start": {"sec": sec, "nanosec": nanosec},
+        }
+        if acceleration is not None:
+            point["accelerations"] = acceleration.tolist()
+        return point
+
+
+def on_path(trajectory: Trajectory, time_s: float, rate: float, state: RobotState) -> Progress:
+    """At a time of the trajectory, of which `rate` goes by per second of the clock."""
+    desired = [trajectory.sample([time_s], order)[0] * rate**order for order in range(3)]
+    return Progress(time_s, (desired[0], desired[1], desired[2]), (state.position, state.velocity))

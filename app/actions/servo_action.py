@@ -1,0 +1,113 @@
+"""The action /{robot}/servo_mode: a servo session with somebody who looks after it.
+
+The points come through /{robot}/joint_cmd or the servo services all the same. The goal is refused when the
+session cannot begin; feedback comes as long as it lasts. A cancel ends it, and so do a servo_control stop,
+mode 0, another session and whatever ends sessions: the watchdog, a stop, an e-stop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from typing import Any
+
+from app.graph.actions import GoalHandle, GoalStatus, Rejected
+from app.services.streaming.servo import ServoService
+from cobot.ipc.layout import ServoMode
+
+FEEDBACK_S = 0.05
+DEFINITION = """\
+# Hold a servo session open. Points are sent to joint_cmd meanwhile.
+int32 mode                # 1 to 7, see docs/servo.md
+float64 watchdog_timeout  # s, without a point for so long the session ends; 0: 0.5 s
+float64 send_period       # s, how often points come; 0: the control period
+---
+int32 code                # 0: cancelled or stopped as asked for; 1: ended by something else
+string message            # why it has ended
+int64 points_received
+int64 points_accepted
+int64 points_refused
+int64 points_taken        # that the arm was moved for
+int64 underruns
+string refused            # a JSON object: how many points were refused, by reason
+---
+int32 mode
+bool active
+string state              # opening, active, closing, idle
+int64 session_id          # the one that the session is locked to, 0 for none yet
+int64 point_id            # of the last accepted point
+int64 points_received
+int64 points_accepted
+int64 points_refused
+int64 points_taken
+int64 jumps               # accepted points that the arm could not follow
+int64 buffered            # accepted points that are still ahead
+int64 underruns
+int64 overruns
+string last_refusal
+"""
+RESULT = ("points_received", "points_accepted", "points_refused", "points_taken", "underruns")
+FEEDBACK = (
+    "mode",
+    "active",
+    "state",
+    "session_id",
+    "point_id",
+    *RESULT[:4],
+    "jumps",
+    "buffered",
+    "underruns",
+    "overruns",
+    "last_refusal",
+)
+ENDED_AS_ASKED, ENDED_OTHERWISE = 0, 1
+
+
+class ServoModeAction:
+    """See `app.graph.actions.Action`."""
+
+    type_ = "aubo_interfaces/action/ServoMode"
+    definition = DEFINITION
+
+    def __init__(self, robot: str, servo: ServoService) -> None:
+        self.name = f"/{robot}/servo_mode"
+        self._servo = servo
+
+    async def execute(self, goal: dict[str, Any], handle: GoalHandle) -> dict[str, Any]:
+        servo = self._servo
+        if goal["mode"] == ServoMode.NONE:
+            raise Rejected("mode must be from 1 to 7: cancel the goal to leave a mode")
+        if servo.active:
+            raise Rejected("a servo session is under way: end it first")
+        number = await servo.begin(goal["mode"], goal["watchdog_timeout"], goal["send_period"])
+        handle.accept()
+        while servo.holds(number):
+            handle.feedback(self._feedback())
+            try:
+                await asyncio.wait_for(handle.cancel_requested.wait(), FEEDBACK_S)
+                break
+            except TimeoutError:
+                continue
+        cancelled = handle.cancel_requested.is_set() and servo.holds(number)
+        if cancelled:
+            await servo.end("the goal was cancelled")
+        return self._result(handle, cancelled=cancelled, replaced=servo.session != number)
+
+    def _result(self, handle: GoalHandle, *, cancelled: bool, replaced: bool) -> dict[str, Any]:
+        """`replaced`: by who has asked for another session, or for none."""
+        values = self._servo.feedback()
+        as_asked = cancelled or replaced
+        if cancelled:
+            handle.status = GoalStatus.CANCELED
+        else:
+            handle.status = GoalStatus.SUCCEEDED if as_asked else GoalStatus.ABORTED
+        return {
+            "code": ENDED_AS_ASKED if as_asked else ENDED_OTHERWISE,
+            "message": values["reason"],
+            "refused": json.dumps(values["refused"]),
+            **{name: values[name] for name in RESULT},
+        }
+
+    def _feedback(self) -> dict[str, Any]:
+        values = self._servo.feedback()
+        return {name: values[name] for name in FEEDBACK}

@@ -1,0 +1,208 @@
+"""What routers ask for.
+
+Dependencies are `async`: FastAPI would run plain functions in threads, at several times the cost of an
+answer. `Call` is none at all, because each one costs a tenth of what a state costs to serve.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import json
+from collections.abc import AsyncIterator, Callable, Coroutine
+from typing import Annotated, Any, TypeVar, cast
+
+from fastapi import Depends, HTTPException, Request, Response
+from fastapi.routing import APIRoute
+from pydantic import BaseModel, ValidationError
+from starlette.requests import HTTPConnection
+
+from app.api.errors import status_of
+from app.robot_services import Services
+from app.services.motion.ownership import Caller
+from cobot.config import Endpoint
+from cobot.errors import CobotError, InputError, MediaTypeError, NotFoundError
+from cobot.strict import sentences, shown, unknown_key, without_repetition
+
+STOPS = "cobot.stops"
+LARGE_BYTES = 65536
+Result = TypeVar("Result")
+
+
+def robots_of(connection: HTTPConnection) -> dict[str, Services]:
+    """The services of each robot by its name, those of the default robot first."""
+    return cast(dict[str, Services], connection.app.state.robots)
+
+
+def services_of(connection: HTTPConnection) -> Services:
+    """Those of the robot that the path names, of the default one if it names none.
+
+    Raises:
+        NotFoundError: there is no such robot; lists the names.
+    """
+    name = connection.scope["path_params"].get("robot")
+    if name is None:
+        return cast(Services, connection.app.state.services)
+    robots = robots_of(connection)
+    if name not in robots:
+        raise NotFoundError(f"there is no robot {shown(name)}; valid are: {', '.join(robots)}")
+    return robots[name]
+
+
+def addressed(connection: HTTPConnection) -> dict[str, Services]:
+    """The one robot that the path names, or all if it names none.
+
+    Raises:
+        NotFoundError: see `services_of`.
+    """
+    name = connection.path_params.get("robot")
+    return robots_of(connection) if name is None else {name: services_of(connection)}
+
+
+class Call:
+    """A request to an endpoint; raises as `services_of` does.
+
+    Attributes:
+        services: of the robot that it is about.
+    """
+
+    def __init__(self, request: Request) -> None:
+        self._request = request
+        self.services = services_of(request)
+
+    @property
+    def name(self) -> str:
+        """As in api_endpoints.yaml: "POST /stop"; for a robot by name "POST /robots/{robot}/stop"."""
+        return f"{self._request.method} {self._request.scope['route'].path}"
+
+    @property
+    def timeout_s(self) -> float:
+        """The time that api_endpoints.yaml grants this endpoint."""
+        return cast(dict[str, Endpoint], self._request.app.state.endpoints)[self.name].timeout_s
+
+    @property
+    def stops(self) -> int:
+        """`Ownership.stops` when this request came in."""
+        return cast(int, self._request.scope[STOPS])
+
+    @property
+    def token(self) -> str | None:
+        """Of the sequence on whose behalf the arm shall move, if any."""
+        return self._request.headers.get("X-Motion-Token")
+
+    def caller(self, gone: asyncio.Event) -> Caller:
+        """Who asks, for a motion."""
+        name = self.name.replace("{robot}", self._request.path_params.get("robot", ""))
+        return Caller(name, self.token, self.stops, self.timeout_s, gone)
+
+
+async def gone(request: Request) -> AsyncIterator[asyncio.Event]:
+    """An event that is set when the client goes away, if the settings want to know."""
+    event = asyncio.Event()
+
+    async def watch() -> None:
+        while (await request.receive())["type"] != "http.disconnect":
+            pass
+        event.set()
+
+    if not request.app.state.stop_on_disconnect:
+        yield event
+        return
+    watcher = asyncio.create_task(watch())
+    try:
+        yield event
+    finally:
+        watcher.cancel()
+
+
+class _CobotRequest(Request):
+    async def json(self) -> Any:
+        body = await self.body()
+        (param,) = self.scope["route"].dependant.body_params
+        model: type[BaseModel] = param.field_info.annotation
+        try:
+            if len(body) <= LARGE_BYTES:
+                return _validated(body, model)
+            # To take a large one apart may hold the interpreter for a tenth of a second. That must not add
+            # up, nor cost the service its heartbeat while somebody's motion depends on it.
+            call = Call(self)
+            async with self.app.state.large_body:
+                call.services.ownership.require_free(call.token)
+                return await asyncio.to_thread(without_collection, _validated, body, model)
+        except CobotError as exc:
+            raise HTTPException(status_of(exc)) from exc  # FastAPI lets no other class through
+
+
+def _validated(body: bytes, model: type[BaseModel]) -> BaseModel:
+    """The body as an instance, which FastAPI then takes as it is.
+
+    Raises:
+        InputError: naming what is wrong and where.
+    """
+    try:
+        return model.model_validate(decoded(body, "the body"))
+    except ValidationError as exc:
+        raise InputError(sentences(exc.errors())) from exc
+
+
+def decoded(text: bytes | str, name: str) -> Any:
+    """JSON, in which no key stands twice in one object.
+
+    Raises:
+        InputError: naming it, and what is wrong where.
+    """
+    try:
+        return json.loads(text, object_pairs_hook=without_repetition)
+    except json.JSONDecodeError as exc:
+        raise InputError(f"{name} is not valid JSON: {exc.msg} at character {exc.pos}") from exc
+    except UnicodeDecodeError as exc:
+        raise InputError(f"{name} cannot be read as {exc.encoding}: {exc.reason}") from exc
+    except ValueError as exc:
+        raise InputError(f"{name}: {exc}") from exc
+    except RecursionError as exc:
+        raise InputError(f"{name}: nested too deeply") from exc
+
+
+def without_collection(function: Callable[..., Result], *arguments: Any) -> Result:
+    """Call it without garbage collection, which would walk through all that it makes, again and again."""
+    gc.disable()
+    try:
+        return function(*arguments)
+    finally:
+        gc.enable()
+
+
+class CobotRoute(APIRoute):
+    """Notes the count of stops before the body is read, takes the body apart strictly, and lets nobody
+    else wait for a large one.
+    """
+
+    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
+        handler = super().get_route_handler()
+
+        async def handle(request: Request) -> Response:
+            request.scope[STOPS] = services_of(request).ownership.stops
+            return await handler(_CobotRequest(request.scope, request.receive))
+
+        return handle
+
+
+def _require_type(request: Request, expected: str) -> None:
+    found = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    if found != expected:
+        raise MediaTypeError(f"Content-Type must be {expected}, got {found or 'none'}")
+
+
+async def json_body(request: Request) -> None:
+    _require_type(request, "application/json")
+
+
+async def form_body(request: Request) -> None:
+    _require_type(request, "multipart/form-data")
+    valid = [field.alias for field in request.scope["route"].dependant.body_params]
+    for name in await request.form():
+        if name not in valid:
+            raise InputError(unknown_key(name, valid))
+
+
+Gone = Annotated[asyncio.Event, Depends(gone)]

@@ -1,0 +1,75 @@
+"""The robot's own numbers, and sentences, in the OpenAPI schema."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import zip_longest
+from typing import Any
+
+from cobot.addresses import ROBOTS
+from cobot.types import JointLimits
+
+JOINT_FIELDS = (("MoveJoints", "joints"), ("TrajectoryPoint", "positions"))
+
+
+def with_limits(
+    openapi: Callable[[], dict[str, Any]], robots: dict[str, JointLimits]
+) -> Callable[[], dict[str, Any]]:
+    """A schema function that knows how many joints there are and how far each may go.
+
+    For documentation and generated clients: requests are checked by `cobot.robot.limits`, whose sentences
+    name the joint. Of robots that differ, the schema permits what one of them can do.
+
+    Args:
+        robots: each robot's limits by its name.
+    """
+    each = {name: _table(limits) for name, limits in robots.items()}
+    texts = {
+        name: ", ".join(f"{joint} {low:g} to {high:g}" for joint, low, high in table)
+        for name, table in each.items()
+    }
+    differ = len(set(texts.values())) > 1
+    text = (
+        "; ".join(f"{name}: {text}" for name, text in texts.items()) if differ else next(iter(texts.values()))
+    )
+    items = [
+        {
+            "type": "number",
+            "title": rows[0][0],
+            "minimum": min(r[1] for r in rows),
+            "maximum": max(r[2] for r in rows),
+        }
+        for rows in map(_present, zip_longest(*each.values()))
+    ]
+
+    def described() -> dict[str, Any]:
+        schema = openapi()
+        models = schema.get("components", {}).get("schemas", {})
+        for model, field in JOINT_FIELDS:
+            if model in models:  # the endpoint may be switched off
+                models[model]["properties"][field] |= {
+                    "description": f"rad: {text}",
+                    "minItems": min(map(len, each.values())),
+                    "maxItems": max(map(len, each.values())),
+                    "prefixItems": items,
+                }
+        for path, operations in schema["paths"].items():
+            for endpoint in operations.values():
+                summary = endpoint["description"].partition("\n")[0]  # says more than the path again
+                endpoint["summary"] = f"{summary} Of any robot." if path.startswith(f"{ROBOTS}/") else summary
+        return schema
+
+    return described
+
+
+Row = tuple[str, float, float]
+
+
+def _table(limits: JointLimits) -> list[Row]:
+    """Of each joint: name, least and greatest position, rad."""
+    return list(zip(limits.names, limits.min_position.tolist(), limits.max_position.tolist(), strict=True))
+
+
+def _present(rows: tuple[Row | None, ...]) -> list[Row]:
+    """Of the robots that have so many joints."""
+    return [row for row in rows if row is not None]

@@ -1,0 +1,40 @@
+"""What concerns everything: stop, and health."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import asdict
+
+from fastapi import APIRouter, Request
+
+from app.api.dependencies import Call, addressed
+from app.api.schemas import HealthAnswer, StopAnswer
+from app.services.motion.stopping import together
+
+router = APIRouter(tags=["common"])
+
+
+@router.post("/stop")
+async def stop(request: Request) -> StopAnswer:
+    """End the sequence, the planning and the motion: the arm comes to rest on its path.
+
+    Without the name of a robot it stops all of them, and tells of all of them.
+
+    Takes no body, asks for no ownership, and may be repeated. It is no emergency stop: it neither
+    removes power nor replaces the robot's own safety system.
+    """
+    call = Call(request)
+    robots = addressed(request)
+    stopped = await asyncio.gather(*(each.stopping.stop(call.timeout_s) for each in robots.values()))
+    return StopAnswer.model_validate(asdict(together(dict(zip(robots, stopped, strict=True)))))
+
+
+@router.get("/health")
+async def health(request: Request) -> HealthAnswer:
+    """Processes, cycle times, interventions of the safety layer, versions.
+
+    Without the name of a robot, `robots` tells how each of them is; all else is of the default robot.
+    """
+    robots = {name: asdict(services.health.health()) for name, services in addressed(request).items()}
+    first = next(iter(robots.values()))
+    return HealthAnswer.model_validate({**first, "robots": robots})

@@ -1,0 +1,61 @@
+"""Sequences of motions, and Lua programs, run by a process of their own."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, File, Form, Query, Request, UploadFile
+
+from app.api.dependencies import Call, CobotRoute, form_body
+from app.api.errors import responses
+from app.api.schemas import LogAnswer, LogQuery, SequenceStatusAnswer, StartedAnswer
+from app.services.programs.sequences import SequenceOrder
+
+router = APIRouter(prefix="/sequences", tags=["sequences"], route_class=CobotRoute)
+Text = Annotated[str, Form(max_length=1000, pattern=r"^[^\x00]*$")]  # no command line can have a NUL
+
+
+@router.post("/start", responses=responses(409, 413, 415, 422, 503), dependencies=[Depends(form_body)])
+async def start_sequence(
+    request: Request,
+    config: Annotated[
+        UploadFile, File(description="JSON, see docs/api.md; *.lua: a program, see docs/lua.md.")
+    ],
+    n_iterations: Annotated[int, Form(ge=1, le=1_000_000)] = 3,
+    delay_between_iterations: Annotated[float, Form(ge=0.0, le=86400.0, allow_inf_nan=False)] = 5.0,
+    bag_path: Text = "",
+    topics: Text = "",
+    joints_action: Text = "cobot/move_to_joints",
+    pose_action: Text = "cobot/move_to_pose",
+) -> StartedAnswer:
+    """Start a sequence or a Lua program; answers when its process runs. Only one at a time."""
+    call = Call(request)
+    order = SequenceOrder(
+        await config.read(),
+        n_iterations,
+        delay_between_iterations,
+        bag_path,
+        topics,
+        joints_action,
+        pose_action,
+        name=config.filename or "",
+    )
+    status = await call.services.sequences.start(order, call.stops)
+    assert status.sequence_id is not None
+    assert status.pid is not None
+    return StartedAnswer(sequence_id=status.sequence_id, pid=status.pid)
+
+
+@router.get("/status")
+async def sequence_status(request: Request) -> SequenceStatusAnswer:
+    """How the newest sequence stands."""
+    call = Call(request)
+    return SequenceStatusAnswer.model_validate(asdict(call.services.sequences.status))
+
+
+@router.get("/logs", responses=responses(422))
+async def sequence_logs(query: Annotated[LogQuery, Query()], request: Request) -> LogAnswer:
+    """What runners have printed; it stays when they have ended."""
+    call = Call(request)
+    return LogAnswer(lines=call.services.sequences.lines(query.n))

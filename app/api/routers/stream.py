@@ -1,0 +1,227 @@
+"""The WebSocket of remote clients: states out, targets in."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections import deque
+from typing import Any
+from urllib.parse import urlsplit
+
+import numpy as np
+from fastapi import APIRouter, WebSocket, WebSocketDisconnect
+from fastapi.responses import JSONResponse
+
+from app.api.dependencies import decoded, services_of
+from app.api.errors import status_of
+from app.api.stream_frames import (
+    Chunk,
+    End,
+    Estop,
+    Frame,
+    OpenSession,
+    Subscribe,
+    TextFrame,
+    hello_frame,
+    read_frame,
+    state_frame,
+)
+from app.services.state.ticker import Ticker
+from app.services.streaming.sessions import Session, StreamService
+from cobot.client import wire
+from cobot.client.wire import Kind
+from cobot.errors import CobotError, InputError
+from cobot.ipc.layout import LAYOUT_VERSION, Stream
+
+MAX_ANSWERS = 64
+"""That wait for a client which does not read; then the oldest is dropped."""
+
+router = APIRouter()
+
+
+@router.websocket(wire.PATH)
+async def stream(socket: WebSocket) -> None:
+    """See docs/api.md."""
+    timeout_s = float(socket.app.state.endpoints[f"WS {wire.PATH}"].timeout_s)
+    try:
+        services = services_of(socket)
+        require_own_page(socket)
+        with services.streams.connection():
+            await Connection(socket, services.streams, timeout_s).serve()
+    except CobotError as exc:  # before it was accepted
+        answer = JSONResponse({"detail": str(exc), "code": exc.code}, status_of(exc))
+        await socket.send_denial_response(answer)
+
+
+class Connection:
+    """One client. What it sends is taken at once; it is sent the newest state, whatever it has missed."""
+
+    def __init__(self, socket: WebSocket, streams: StreamService, timeout_s: float) -> None:
+        self._socket = socket
+        self._streams = streams
+        self._timeout_s = timeout_s
+        self._session: Session | None = None
+        self._answers: deque[str] = deque(maxlen=MAX_ANSWERS)
+        self._wake = asyncio.Event()
+        self._ticker: Ticker | None = None
+        self._due = self._sequence = self._publication = 0
+        self._binary = False
+        self._place: dict[str, Any] = {}
+
+    async def serve(self) -> None:
+        """Until the client goes."""
+        streams = self._streams
+        await self._socket.accept()
+        hello = hello_frame(
+            streams.info,
+            robot=streams.robot,
+            dof=len(streams.info["joint_names"]),
+            layout=LAYOUT_VERSION,
+            period_s=streams.period_s,
+            command_timeout_s=streams.command_timeout_s,
+        )
+        self._say(hello)
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                sender = tasks.create_task(self._send())
+                await self._receive()
+                sender.cancel()
+        finally:
+            if self._ticker is not None:
+                self._ticker.close()
+            if self._session is not None:
+                streams.lose(self._session)
+
+    async def _receive(self) -> None:
+        while (message := await self._socket.receive())["type"] == "websocket.receive":
+            self._place = {"about": None, "sequence": None}
+            try:
+                text = message.get("text")
+                if text is not None:
+                    await self._take_text(text)
+                else:
+                    await self._take_binary(message["bytes"])
+            except CobotError as exc:
+                self._answer("error", code=exc.code, detail=str(exc), **self._place)
+            await asyncio.sleep(0)  # who floods this connection shall not keep the others waiting
+
+    async def _send(self) -> None:
+        """Answers first; the state is read when it can be sent."""
+        socket = self._socket
+        try:
+            while True:
+                await self._wake.wait()
+                self._wake.clear()
+                while self._answers:
+                    await socket.send_text(self._answers.popleft())
+                state = self._newest()
+                if state is None:
+                    continue
+                if self._binary:
+                    await socket.send_bytes(wire.packed(Kind.STATE, self._sequence, state))
+                else:
+                    await socket.send_text(state_frame(state, self._sequence))
+        except WebSocketDisconnect:
+            return
+
+    def _newest(self) -> np.ndarray | None:
+        """The state, if one is due and there is a new one."""
+        if not self._due:
+            return None
+        self._publication, state = self._streams.state_since(self._publication)
+        if state is not None:
+            self._sequence += self._due
+        self._due = 0
+        return state
+
+    def _tick(self, times: int) -> None:
+        self._due += times
+        self._wake.set()
+
+    def _say(self, text: str) -> None:
+        self._answers.append(text)
+        self._wake.set()
+
+    def _answer(self, kind: str, **content: object) -> None:
+        self._say(json.dumps({"type": kind, **content}))
+
+    async def _take_text(self, text: str) -> None:
+        content = decoded(text, "the frame")
+        if not isinstance(content, dict):
+            raise InputError("the frame must be a JSON object")
+        kind, sequence = content.get("type"), content.get("sequence")
+        self._place["about"] = kind if isinstance(kind, str) else None
+        self._place["sequence"] = sequence if isinstance(sequence, int) else None
+        await self._take_frame(content)
+
+    async def _take_frame(self, content: Frame) -> None:
+        session = self._session
+        frame: TextFrame = read_frame(content, Stream.JOINT_IMPEDANCE if session is None else session.stream)
+        match frame:
+            case Subscribe():
+                self._subscribe(frame)
+            case OpenSession():
+                await self._open(frame.record(self._streams.info))
+            case Estop():
+                self._required.estop()
+            case End():
+                self._required.end()
+            case Chunk():
+                record = frame.record(len(self._streams.info["joint_names"]))
+                self._required.take_chunk(frame.sequence, record)
+            case _:
+                setpoint = self._required.setpoint.copy()
+                frame.fill(setpoint)
+                self._required.take_setpoint(frame.sequence, setpoint)
+
+    async def _take_binary(self, frame: bytes) -> None:
+        kind, sequence = wire.header(frame)
+        self._place |= {"about": kind.name.lower(), "sequence": sequence}
+        record = wire.record(frame, len(self._streams.info["joint_names"]))
+        match kind:
+            case Kind.SESSION:
+                await self._open(record)
+            case Kind.SETPOINT:
+                self._required.take_setpoint(sequence, record)
+            case Kind.CHUNK:
+                self._required.take_chunk(sequence, record)
+            case Kind.ESTOP:
+                self._required.estop()
+            case Kind.END:
+                self._required.end()
+            case Kind.STATE:
+                raise InputError("states come from the service")
+
+    @property
+    def _required(self) -> Session:
+        if self._session is None:
+            raise InputError("there is no session: begin one with a frame of type session")
+        return self._session
+
+    def _subscribe(self, frame: Subscribe) -> None:
+        if self._ticker is not None:
+            self._ticker.close()
+        self._binary = frame.format == "binary"
+        self._ticker = Ticker(frame.rate_hz, self._tick)
+
+    async def _open(self, wish: np.ndarray) -> None:
+        client = self._socket.client
+        name = f"WS {self._socket.url.path}" + (f" from {client.host}:{client.port}" if client else "")
+        session = self._session = await self._streams.open(wish, name, self._timeout_s)
+        self._answer("session", number=session.number)
+        session.ended.add_done_callback(
+            lambda ended: self._answer("session_ended", number=session.number, reason=ended.result())
+        )
+
+
+def require_own_page(socket: WebSocket) -> None:
+    """Browsers let any page that somebody looks at open a WebSocket to anywhere; this service's own may.
+
+    Raises:
+        InputError: another page asks.
+    """
+    origin = socket.headers.get("origin")
+    if origin is not None and urlsplit(origin).netloc != socket.headers.get("host"):
+        raise InputError(
+            f"a page of {origin} may not move the robot: only one that comes from this service may"
+        )

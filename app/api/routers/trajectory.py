@@ -1,0 +1,59 @@
+"""Timed joint trajectories."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, File, Query, Request, UploadFile
+
+from app.api.dependencies import Call, CobotRoute, Gone, form_body, json_body
+from app.api.errors import responses
+from app.api.schemas import CsvQuery, LogAnswer, LogQuery, SendTrajectory, SentAnswer
+from app.services.motion.csv_points import read_points
+from app.services.motion.trajectories import Options, Sent
+from cobot.types import Waypoint
+
+router = APIRouter(prefix="/trajectory", tags=["trajectory"], route_class=CobotRoute)
+SEND_RESPONSES = responses(409, 413, 415, 422, 503)
+
+
+@router.post("/send", responses=SEND_RESPONSES, dependencies=[Depends(json_body)])
+async def send_trajectory(body: SendTrajectory, request: Request, gone: Gone) -> SentAnswer:
+    """Run a trajectory through timed points; answers when it has begun."""
+    call = Call(request)
+    options = Options(body.validate_limits, body.retime, body.move_to_start)
+
+    def read() -> list[Waypoint]:
+        return [
+            Waypoint(p.positions, p.time_from_start, p.velocities, p.accelerations, f"points[{index}]")
+            for index, p in enumerate(body.points)
+        ]
+
+    return _answer(await call.services.trajectories.send(read, options, call.caller(gone)))
+
+
+@router.post("/send_csv", responses=SEND_RESPONSES, dependencies=[Depends(form_body)])
+async def send_csv(
+    file: Annotated[UploadFile, File(description="Header joint1 ... joint7, t; angles in rad, times in s.")],
+    query: Annotated[CsvQuery, Query()],
+    request: Request,
+    gone: Gone,
+) -> SentAnswer:
+    """Run a trajectory from a CSV file; answers when it has begun."""
+    call = Call(request)
+    dof = call.services.robot.limits.dof
+    options = Options(query.validate_limits, query.retime, query.move_to_start)
+    read = partial(read_points, file.file, query.separator, dof)
+    return _answer(await call.services.trajectories.send(read, options, call.caller(gone)))
+
+
+@router.get("/logs", responses=responses(422))
+async def trajectory_logs(query: Annotated[LogQuery, Query()], request: Request) -> LogAnswer:
+    """What became of trajectories: accepted, arrived, stopped, refused, and why."""
+    call = Call(request)
+    return LogAnswer(lines=call.services.trajectories.lines(query.n))
+
+
+def _answer(sent: Sent) -> SentAnswer:
+    return SentAnswer(motion_id=sent.motion_id, duration_s=sent.duration_s, points=sent.points)

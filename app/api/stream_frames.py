@@ -1,0 +1,223 @@
+"""Text frames of the WebSocket /robot/stream: JSON, read strictly, as `cobot.ipc.layout` records and back."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from app.api.schemas import Finite
+from cobot.errors import InputError
+from cobot.ipc.layout import CHUNK_POINTS, Interpolation, Intervention, Stream, chunk_dtype
+from cobot.ipc.session_rules import MOVE_S, nominal_session
+from cobot.ipc.shm import text
+from cobot.strict import StrictModel, sentences, shown
+from cobot.types import Mode, vector
+
+Numbers = Annotated[list[Finite], Field(max_length=64)]
+Sequence = Annotated[int, Field(ge=1, lt=2**63)]
+Frame = dict[str, Any]
+
+
+class Subscribe(StrictModel):
+    type: Literal["subscribe"]
+    rate_hz: float = Field(100.0, ge=1.0, le=1000.0)
+    format: Literal["json", "binary"] = "json"
+
+
+class OpenSession(StrictModel):
+    type: Literal["session"]
+    stream: Literal["joint_impedance", "cartesian", "joint_torque"] = "joint_impedance"
+    inner_control_hz: float = Field(1000.0, ge=1.0, le=1000.0)
+    interpolation: Literal["none", "linear", "quintic", "ruckig"] = "linear"
+    stiffness: Numbers | None = None
+    damping_ratio: Numbers | None = None
+    cartesian_stiffness: Numbers | None = None
+    cartesian_damping_ratio: Numbers | None = None
+    max_contact_torque: Numbers | None = None
+    max_contact_wrench: Numbers | None = None
+    force_axes: Annotated[list[bool], Field(max_length=6)] | None = None
+    force_velocity: Numbers | None = None
+    force_frame: Numbers | None = None
+    force_in_tcp: bool = False
+    posture: Numbers | None = None
+
+    def record(self, info: np.ndarray) -> np.ndarray:
+        """The session that is wished for; what is not said is nominal."""
+        wish = nominal_session(info)
+        wish["stream"] = Stream[self.stream.upper()]
+        wish["interpolation"] = Interpolation[self.interpolation.upper()]
+        wish["decimation"] = round(1000.0 / self.inner_control_hz)
+        wish["force_in_tcp"] = self.force_in_tcp
+        for name in VECTORS:
+            _set(wish, name, getattr(self, name), name)
+        return wish
+
+
+VECTORS = [name for name, field in OpenSession.model_fields.items() if field.default is None]
+
+
+class JointTarget(StrictModel):
+    type: Literal["target"]
+    sequence: Sequence
+    joints: Numbers
+    velocities: Numbers | None = None
+
+    def fill(self, setpoint: np.ndarray) -> None:
+        _set(setpoint, "joints", self.joints, "joints")
+        _set(setpoint, "joint_velocity", self.velocities, "velocities")
+        setpoint["feed_forward"] = self.velocities is not None
+        setpoint["number"] = self.sequence
+
+
+class PoseTarget(StrictModel):
+    type: Literal["target"]
+    sequence: Sequence
+    pose: Numbers
+    wrench: Numbers = [0.0] * 6
+    velocity: Numbers | None = None
+
+    def fill(self, setpoint: np.ndarray) -> None:
+        _set(setpoint, "pose", self.pose, "pose")
+        _set(setpoint, "wrench", self.wrench, "wrench")
+        _set(setpoint, "twist", self.velocity, "velocity")
+        setpoint["feed_forward"] = self.velocity is not None
+        setpoint["number"] = self.sequence
+
+
+class TorqueTarget(StrictModel):
+    type: Literal["target"]
+    sequence: Sequence
+    torques: Numbers
+
+    def fill(self, setpoint: np.ndarray) -> None:
+        _set(setpoint, "joints", self.torques, "torques")
+        setpoint["number"] = self.sequence
+
+
+TARGETS: dict[Stream, type[JointTarget] | type[PoseTarget] | type[TorqueTarget]] = {
+    Stream.JOINT_IMPEDANCE: JointTarget,
+    Stream.CARTESIAN: PoseTarget,
+    Stream.JOINT_TORQUE: TorqueTarget,
+}
+
+
+class Move(StrictModel):
+    type: Literal["move"]
+    sequence: Sequence
+    pose: Numbers
+    duration_s: float = Field(3.0, ge=MOVE_S[0], le=MOVE_S[1])
+
+    def fill(self, setpoint: np.ndarray) -> None:
+        _set(setpoint, "move_pose", self.pose, "pose")
+        setpoint["move_duration_s"] = self.duration_s
+        setpoint["move"] = self.sequence
+
+
+class Cancel(StrictModel):
+    type: Literal["cancel"]
+    sequence: Sequence
+
+    def fill(self, setpoint: np.ndarray) -> None:
+        setpoint["cancel"] = setpoint["move"]
+
+
+class Chunk(StrictModel):
+    type: Literal["chunk"]
+    sequence: Sequence
+    times_s: Numbers
+    points: Annotated[list[Numbers], Field(max_length=CHUNK_POINTS)]
+
+    def record(self, dof: int) -> np.ndarray:
+        chunk = np.zeros((), chunk_dtype(dof))
+        chunk["number"], chunk["count"] = self.sequence, len(self.points)
+        chunk["times_s"][: len(self.points)] = vector(self.times_s, len(self.points), name="times_s")
+        for index, point in enumerate(self.points):
+            chunk["points"][index, :dof] = vector(point, dof, name=f"points[{index}]")
+        return chunk
+
+
+class Estop(StrictModel):
+    type: Literal["estop"]
+
+
+class End(StrictModel):
+    type: Literal["end"]
+
+
+TextFrame = (
+    Subscribe | OpenSession | JointTarget | PoseTarget | TorqueTarget | Move | Cancel | Chunk | Estop | End
+)
+MODELS: dict[str, type[TextFrame]] = {
+    "subscribe": Subscribe,
+    "session": OpenSession,
+    "move": Move,
+    "cancel": Cancel,
+    "chunk": Chunk,
+    "estop": Estop,
+    "end": End,
+}
+
+
+def read_frame(content: Frame, stream: Stream) -> TextFrame:
+    """A decoded frame, checked.
+
+    Args:
+        stream: of the session, for the keys of a target.
+
+    Raises:
+        InputError: naming what is wrong, and what is valid.
+    """
+    kind = content.get("type")
+    model = TARGETS[stream] if kind == "target" else MODELS.get(kind) if isinstance(kind, str) else None
+    if model is None:
+        valid = ", ".join([*MODELS, "target"])
+        raise InputError(f"there is no frame of type {shown(kind)}; valid are: {valid}")
+    try:
+        return model.model_validate(content)
+    except ValidationError as exc:
+        raise InputError(sentences(exc.errors())) from exc
+
+
+def state_frame(state: np.ndarray, sequence: int) -> str:
+    """The state as JSON; what is no number is null there."""
+    content: Frame = {"type": "state", "sequence": sequence}
+    content |= {name: state[name].tolist() for name in state.dtype.names or ()}
+    content["mode"] = Mode(content["mode"]).name
+    content["reason"] = text(state["reason"])
+    for name in ("interventions", "intervened_ns"):
+        content[name] = dict(zip(KINDS, content[name], strict=True))
+    try:
+        return json.dumps(content, allow_nan=False)
+    except ValueError:
+        return json.dumps({name: _without_nan(value) for name, value in content.items()})
+
+
+KINDS = [kind.name.lower() for kind in Intervention]
+
+
+def hello_frame(info: np.ndarray, **more: object) -> str:
+    """What a client is told first: the robot's information, and more."""
+    content = {name: _plain(info[name].tolist()) for name in info.dtype.names or ()}
+    return json.dumps({"type": "hello", **more, **content})
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_plain(each) for each in value]
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
+
+
+def _without_nan(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_without_nan(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _set(record: np.ndarray, field: str, values: list[float] | list[bool] | None, name: str) -> None:
+    """Put a list, if there is one, into a field of as many numbers."""
+    if values is not None:
+        record[field] = vector(values, len(record[field]), name=name)

@@ -1,0 +1,211 @@
+"""What can be sent to and read from a device, the same for sockets and serial ports."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import struct
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from app.aubo.codes import Code, ServiceError
+from app.aubo.registry import camel_case, service
+from app.services.devices.channels import TIMEOUT_S, Channel
+from cobot.errors import InputError
+from cobot.strict import shown
+
+if TYPE_CHECKING:
+    from app.robot_services import Services
+
+INTEGER = struct.Struct(">i")
+BYTE = 255
+MAX_NUMBERS = 1000
+
+
+async def send_string(channel: Channel, value: str) -> None:
+    """Send text, UTF-8, and nothing after it.
+
+    Args:
+        value: the text.
+    """
+    await channel.send(value.encode())
+
+
+async def send_line(channel: Channel, value: str) -> None:
+    """Send text, UTF-8, and a line feed.
+
+    Args:
+        value: the text.
+    """
+    await channel.send(value.encode() + b"\n")
+
+
+async def send_int(channel: Channel, value: int) -> None:
+    """Send an integer as four bytes, the highest first.
+
+    Args:
+        value: the integer.
+    """
+    await channel.send(INTEGER.pack(value))
+
+
+async def send_byte(channel: Channel, value: int) -> None:
+    """Send one byte.
+
+    Args:
+        value: from 0 to 255.
+    """
+    await channel.send(_bytes([value]))
+
+
+async def send_all_string(channel: Channel, value: list[int]) -> None:
+    """Send bytes, zeros too.
+
+    Args:
+        value: from 0 to 255 each.
+    """
+    await channel.send(_bytes(value))
+
+
+async def read_string(
+    channel: Channel, prefix: str = "", suffix: str = "", timeout: float = TIMEOUT_S
+) -> str:
+    """Read text: what stands between a prefix and a suffix, without the two; without a suffix what has come.
+
+    Args:
+        prefix: what comes before it is dropped; empty for none.
+        suffix: what ends the text; empty to take what is there, once something is.
+        timeout: s, up to 60; 0 for 2 s.
+
+    Returns:
+        the text; bytes that are not UTF-8 become U+FFFD.
+    """
+    return _text(await channel.read_between(prefix.encode(), suffix.encode(), timeout))
+
+
+async def read_line(channel: Channel, timeout: float = TIMEOUT_S) -> str:
+    """Read a line.
+
+    Args:
+        timeout: s, up to 60; 0 for 2 s.
+
+    Returns:
+        the line without its line feed and the carriage return before it.
+    """
+    return _text(await channel.read_line(timeout))
+
+
+async def read_byte(channel: Channel, timeout: float = TIMEOUT_S) -> int:
+    """Read one byte.
+
+    Args:
+        timeout: s, up to 60; 0 for 2 s.
+
+    Returns:
+        from 0 to 255.
+    """
+    return (await channel.read_exactly(1, timeout))[0]
+
+
+async def read_byte_list(channel: Channel, number: int, timeout: float = TIMEOUT_S) -> list[int]:
+    """Read so many bytes; what has come stays when they are not all there in time.
+
+    Args:
+        number: from 1 to 65536.
+        timeout: s, up to 60; 0 for 2 s.
+
+    Returns:
+        from 0 to 255 each.
+    """
+    return list(await channel.read_exactly(number, timeout))
+
+
+async def read_binary_integer(channel: Channel, number: int, timeout: float = TIMEOUT_S) -> list[int]:
+    """Read so many integers of four bytes, the highest first.
+
+    Args:
+        number: from 1 to 1000.
+        timeout: s, up to 60; 0 for 2 s.
+
+    Returns:
+        the integers.
+    """
+    _require_count(number)
+    data = await channel.read_exactly(number * INTEGER.size, timeout)
+    return [value for (value,) in INTEGER.iter_unpack(data)]
+
+
+async def read_ascii_float(channel: Channel, number: int, timeout: float = TIMEOUT_S) -> list[float]:
+    """Read so many numbers that come as text in parentheses, as "(1.5, -2, 3e2)".
+
+    Args:
+        number: from 1 to 1000.
+        timeout: s, up to 60; 0 for 2 s.
+
+    Returns:
+        the numbers.
+    """
+    _require_count(number)
+    text = _text(await channel.read_between(b"(", b")", timeout))
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError as exc:
+        raise ServiceError(Code.DEVICE, f"{channel.name}: {shown(text)} is no list of numbers") from exc
+    if len(values) != number:
+        raise ServiceError(Code.DEVICE, f"{channel.name}: {number} numbers were due, {len(values)} came")
+    return values
+
+
+def register(
+    robot_class: str,
+    prefix: str,
+    default: str,
+    channel: Callable[[Services, str], Channel],
+    functions: tuple[Callable[..., Any], ...],
+) -> None:
+    """Make these functions services of a class; each gets a last field that names the open device.
+
+    Args:
+        prefix: of the methods and of that field: "socket".
+        default: the field's default.
+        channel: finds the device.
+    """
+    field = f"{prefix}_name"
+    for function in functions:
+        service(robot_class, name=camel_case(f"{prefix}_{function.__name__}"))(
+            _for_robot(function, field, default, channel)
+        )
+
+
+def _for_robot(
+    function: Callable[..., Any], field: str, default: str, channel: Callable[[Services, str], Channel]
+) -> Callable[..., Any]:
+    async def call(robot: Services, **fields: Any) -> Any:
+        return await function(channel(robot, fields.pop(field)), **fields)
+
+    own = inspect.signature(function)
+    kind = inspect.Parameter.KEYWORD_ONLY
+    robot = inspect.Parameter("robot", inspect.Parameter.POSITIONAL_ONLY)
+    fields = [parameter.replace(kind=kind) for parameter in list(own.parameters.values())[1:]]
+    name = inspect.Parameter(field, kind, default=default, annotation="str")
+    call.__signature__ = own.replace(parameters=[robot, *fields, name])  # type: ignore[attr-defined]
+    doc = inspect.getdoc(function) or ""
+    described = f"    {field}: of the one that was opened; empty for {default}.\n"
+    call.__doc__ = re.sub(r"(Args:\n(?:    .*\n?)*)", rf"\1{described}", doc + "\n")
+    return call
+
+
+def _bytes(values: list[int]) -> bytes:
+    for value in values:
+        if not 0 <= value <= BYTE:
+            raise InputError(f"a byte is from 0 to {BYTE}, got {value}")
+    return bytes(values)
+
+
+def _text(data: bytes) -> str:
+    return data.decode("utf-8", "replace")
+
+
+def _require_count(number: int) -> None:
+    if not 1 <= number <= MAX_NUMBERS:
+        raise InputError(f"number must be from 1 to {MAX_NUMBERS}, got {number}")

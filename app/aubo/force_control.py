@@ -1,0 +1,188 @@
+"""ForceControl: the TCP exerts a force along some axes and keeps its pose along the others."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from app.aubo.codes import not_supported
+from app.aubo.registry import Json, service
+from app.services.motion.frames import transform
+from cobot.errors import InputError
+
+if TYPE_CHECKING:
+    from app.robot_services import Services
+
+CLASS = "ForceControl"
+
+
+class TaskFrame(IntEnum):
+    """What the force frame is fixed to; the numbers are the interface's."""
+
+    NONE = 0
+    POINT_FORCE = 1
+    FRAME_FORCE = 2
+    MOTION_FORCE = 3
+    TOOL_FORCE = 4
+
+
+@service(CLASS)
+async def fc_enable(robot: Services) -> None:
+    """Begin force control with what setTargetForce, setDynamicModel and fcSetSensorLimits have set.
+
+    The arm holds its pose along the axes that are not force controlled. It is a streaming session, so planned
+    motions have to wait for fcDisable; a servo session of mode 6 or 7 that begins later takes it over. A stop
+    ends it.
+    """
+    await robot.force.enable()
+
+
+@service(CLASS)
+async def fc_disable(robot: Services) -> None:
+    """End force control; answers when the arm rests."""
+    await robot.force.disable()
+
+
+@service(CLASS)
+def is_fc_enabled(robot: Services) -> bool:
+    """Whether force control is on.
+
+    Returns:
+        false too when a stop, a limit or a threshold has ended it.
+    """
+    return robot.force.settings.enabled
+
+
+@service(CLASS)
+def get_fc_end_reason(robot: Services) -> str:
+    """Why force control has ended by itself.
+
+    Returns:
+        a sentence; empty when it has not since fcEnable.
+    """
+    return robot.force.reason
+
+
+@service(CLASS)
+def set_target_force(
+    robot: Services,
+    feature: list[float],
+    compliance: list[bool],
+    wrench: list[float],
+    limits: list[float],
+    frame_type: int = TaskFrame.FRAME_FORCE,
+) -> None:
+    """Along which axes the TCP exerts which force. While force control is on, only the wrench may change.
+
+    Args:
+        feature: the force frame [x, y, z, rx, ry, rz], m and rad; empty for the frame that it is given in.
+        compliance: for x, y, z, rx, ry, rz whether the force counts, not the pose.
+        wrench: what the TCP does to its surroundings in the force frame, N and N·m, 6 values.
+        limits: the fastest that force control moves, m/s and rad/s, 6 values; 0 or empty for 0.1 and 0.5.
+        frame_type: 2 the force frame is given in the base frame, 4 in the TCP's; 0 for 2. 1 and 3 are not
+            supported.
+    """
+    if frame_type not in list(TaskFrame):
+        valid = ", ".join(f"{each} {each.name.lower()}" for each in TaskFrame)
+        raise InputError(f"there is no frame_type {frame_type}; valid are: {valid}")
+    if frame_type in (TaskFrame.POINT_FORCE, TaskFrame.MOTION_FORCE):
+        raise not_supported(
+            f"frame_type {frame_type}: no force frame turns with a point or a motion here; use 2 or 4"
+        )
+    position, turn = transform(feature or [0.0] * 6, "feature").as_components()
+    frame = np.concatenate([position, turn.as_quat(scalar_first=True)])
+    robot.force.set_target(compliance, wrench, limits, frame, in_tcp=frame_type == TaskFrame.TOOL_FORCE)
+
+
+@service(CLASS)
+def set_dynamic_model(robot: Services, m: list[float], d: list[float], k: list[float]) -> None:
+    """How the TCP gives way along the axes that keep their pose, like a damped spring. Not while it is on.
+
+    Args:
+        m: empty or zeros: the inertia is the arm's own; another one is not supported.
+        d: damping ratios, from 0.3 to 1, 6 values; 0 or empty for 0.7.
+        k: stiffness, N/m and N·m/rad, 6 values, up to the nominal one; 0 or empty for that.
+    """
+    if any(m):
+        raise not_supported(f"m must be empty or zeros: the arm's own inertia counts, got {m}")
+    robot.force.set_impedance(d, k)
+
+
+@service(CLASS)
+def get_dynamic_model(robot: Services) -> Json:
+    """What setDynamicModel has set.
+
+    Returns:
+        {"m": zeros, "d": damping ratios, "k": N/m and N·m/rad}, 6 values each; k is null for the nominal one.
+    """
+    settings = robot.force.settings
+    return {"m": [0.0] * 6, "d": settings.damping_ratio, "k": settings.stiffness}
+
+
+@service(CLASS)
+def get_target_force(robot: Services) -> list[float]:
+    """The wrench that setTargetForce has set.
+
+    Returns:
+        N and N·m, 6 values, in the force frame.
+    """
+    return list(robot.force.settings.wrench)
+
+
+@service(CLASS)
+def get_external_wrench(robot: Services) -> list[float]:
+    """What the surroundings do to the TCP, as estimated from the joints' torques.
+
+    Returns:
+        N and N·m, 6 values, in the base frame.
+    """
+    wrench: list[float] = robot.force.external_wrench().tolist()
+    return wrench
+
+
+@service(CLASS)
+def fc_set_sensor_thresholds(robot: Services, thresholds: list[float]) -> None:
+    """Beyond which external wrench the arm is stopped and force control ends. Counts at once.
+
+    The service looks every 10 ms while force control is on, in servo sessions too.
+
+    Args:
+        thresholds: N and N·m at the TCP, along and about each axis of the base frame, 6 values; 0 for none.
+    """
+    robot.force.set_thresholds(thresholds)
+
+
+@service(CLASS)
+def get_fc_sensor_thresholds(robot: Services) -> list[float]:
+    """What fcSetSensorThresholds has set.
+
+    Returns:
+        N and N·m, 6 values; 0 for none.
+    """
+    return _finite(robot.force.settings.thresholds)
+
+
+@service(CLASS)
+def fc_set_sensor_limits(robot: Services, limits: list[float]) -> None:
+    """Beyond which external wrench the real-time process ends force control, at once. Not while it is on.
+
+    Args:
+        limits: N and N·m at the TCP, along and about each axis of the base frame, 6 values; 0 for none.
+    """
+    robot.force.set_limits(limits)
+
+
+@service(CLASS)
+def get_fc_sensor_limits(robot: Services) -> list[float]:
+    """What fcSetSensorLimits has set.
+
+    Returns:
+        N and N·m, 6 values; 0 for none.
+    """
+    return _finite(robot.force.settings.limits)
+
+
+def _finite(bounds: tuple[float, ...]) -> list[float]:
+    return [bound if np.isfinite(bound) else 0.0 for bound in bounds]

@@ -1,0 +1,160 @@
+"""Vendor services over HTTP: one route for all, whose documentation has a path for each.
+
+Two hundred routes would be tried one after the other in each request. The service's own check of what comes
+in, `registry.bind`, is the same for every transport.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
+
+from fastapi import APIRouter, Request
+from fastapi.responses import JSONResponse
+from fastapi.routing import APIRoute
+from starlette.routing import Match
+from starlette.types import Scope
+
+from app.api.dependencies import LARGE_BYTES, decoded, json_body, services_of
+from app.api.errors import responses
+from app.aubo.classes import CLASSES, REGISTRY
+from app.aubo.fields import REQUIRED, Field
+from app.aubo.registry import Origin, Service, bind, run, unknown_service
+from cobot.errors import NotFoundError
+
+PATH = "/{robot}/{Class}/{method}"
+STATUSES = (404, 413, 415, 422)
+JSON_TYPES: dict[str, dict[str, Any]] = {
+    "bool": {"type": "boolean"},
+    "int32": {"type": "integer", "format": "int32", "minimum": -(2**31), "maximum": 2**31 - 1},
+    "int64": {"type": "integer", "format": "int64"},
+    "float64": {"type": "number", "format": "double"},
+    "string": {"type": "string"},
+    "json": {"type": "string", "contentMediaType": "application/json"},
+}
+HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
+POSE = [0.4, 0.0, 0.5, 0.0, 3.1, 0.0]
+VIA, END = [0.45, 0.1, 0.55, 0.0, 3.1, 0.0], [0.4, 0.2, 0.55, 0.0, 3.1, 0.0]
+AHEAD, TURN, STILL = [0.0, 0.0, 0.1, 0.0, 0.0, 0.0], [0.1, 0.2, 0.3], [0.0] * len(HOME)
+EXAMPLES: dict[str, Any] = {
+    **dict.fromkeys(("q", "qnear"), HOME),
+    **dict.fromkeys(("qd", "qdd", "torques"), STILL),
+    **dict.fromkeys(("pose", "p1", "pose_from"), POSE),
+    **dict.fromkeys(("p2", "end_pose"), END),
+    "via_pose": VIA,
+    **dict.fromkeys(("pose_from_to", "offset"), AHEAD),
+    **dict.fromkeys(("rpy", "rotv"), TURN),
+    "quat": [1.0, 0.0, 0.0, 0.0],
+}
+"""What Swagger fills in for fields of these names; for others the default, or ROS's."""
+
+
+class _VendorRoute(APIRoute):
+    def matches(self, scope: Scope) -> tuple[Match, Scope]:
+        """Only paths whose second part is a class: all others are somebody else's, or not there at all."""
+        parts = scope["path"].split("/")
+        return super().matches(scope) if len(parts) == 4 and parts[2] in CLASSES else (Match.NONE, {})
+
+
+router = APIRouter(route_class=_VendorRoute)
+
+
+@router.post(PATH, include_in_schema=False)
+async def vendor_service(request: Request) -> JSONResponse:
+    """Any service of the registry."""
+    services = services_of(request)
+    stops = services.ownership.stops
+    robot_class, method = request.path_params["Class"], request.path_params["method"]
+    found = REGISTRY.get((robot_class, method))
+    if found is None:
+        raise NotFoundError(unknown_service(robot_class, method))
+    bound = bind(found, await _content(request))
+    origin = Origin(f"POST {request.url.path}", stops, request.headers.get("X-Motion-Token"))
+    return JSONResponse(asdict(await run(services, found, bound, origin)))
+
+
+async def _content(request: Request) -> Any:
+    """The body; none is as good as an empty object."""
+    body = await request.body()
+    if not body:
+        return {}
+    await json_body(request)
+    if len(body) <= LARGE_BYTES:
+        return decoded(body, "the body")
+    async with request.app.state.large_body:  # not on the event loop, and one after the other
+        return await asyncio.to_thread(decoded, body, "the body")
+
+
+def with_services(openapi: Callable[[], dict[str, Any]], robots: list[str]) -> Callable[[], dict[str, Any]]:
+    """A schema function that documents each service, grouped by class."""
+    robot = {"name": "robot", "in": "path", "required": True, "schema": {"type": "string", "enum": robots}}
+    order = list(CLASSES)
+    services = sorted(REGISTRY.values(), key=lambda found: order.index(found.robot_class))
+    operations = {
+        f"/{{robot}}/{found.robot_class}/{found.method}": _operation(found, robot) for found in services
+    }
+
+    def described() -> dict[str, Any]:
+        schema = openapi()  # the same one each time, with what others may have changed in it
+        schema["paths"] |= {path: {"post": dict(operation)} for path, operation in operations.items()}
+        tags = (tag for path in schema["paths"].values() for each in path.values() for tag in each["tags"])
+        plain = [{"name": tag} for tag in dict.fromkeys(tags) if tag not in CLASSES]  # Swagger's order
+        schema["tags"] = plain + [{"name": name, "description": text} for name, text in CLASSES.items()]
+        return schema
+
+    return described
+
+
+def _operation(found: Service, robot: dict[str, Any]) -> dict[str, Any]:
+    fields = {field.name: _schema(field) for field in found.parameters}
+    needed = [field.name for field in found.parameters if field.default is REQUIRED]
+    body: dict[str, Any] = {"type": "object", "properties": fields, "additionalProperties": False}
+    if needed:
+        body["required"] = needed
+    body["examples"] = [{field.name: _example(field) for field in found.parameters}]
+    answer = {
+        "type": "object",
+        "properties": {
+            "code": {"type": "integer", "description": "0 is success, see docs/services.md"},
+            "message": {"type": "string", "description": "What went wrong; empty on success."},
+            "result": _schema(found.result),
+        },
+        "required": ["code", "message", "result"],
+    }
+    errors = {
+        str(status): {
+            "description": each.get("description", "There is no such robot, class or method."),
+            "content": {"application/json": {"schema": {"$ref": "#/components/schemas/ErrorAnswer"}}},
+        }
+        for status, each in responses(*STATUSES).items()
+    }
+    return {
+        "tags": [found.robot_class],
+        "operationId": f"{found.robot_class}_{found.method}",
+        "summary": f"{found.method}: {found.doc.partition('. ')[0].rstrip('.')}.",
+        "description": found.doc,
+        "parameters": [robot],
+        "requestBody": {"required": bool(needed), "content": {"application/json": {"schema": body}}},
+        "responses": {
+            "200": {
+                "description": "Called: `code` says what became of it.",
+                "content": {"application/json": {"schema": answer}},
+            },
+            **errors,
+        },
+    }
+
+
+def _schema(field: Field) -> dict[str, Any]:
+    kind: dict[str, Any] = JSON_TYPES[field.kind.removesuffix("[]")]
+    schema = {"type": "array", "items": kind} if field.kind.endswith("[]") else kind
+    default = {} if field.default is REQUIRED or field.kind == "json" else {"default": field.default}
+    return {**schema, "description": field.doc, **default}
+
+
+def _example(field: Field) -> Any:
+    if field.name in EXAMPLES and field.kind == "float64[]":
+        return EXAMPLES[field.name]
+    return field.empty if field.default is REQUIRED or field.kind == "json" else field.default

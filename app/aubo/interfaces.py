@@ -1,0 +1,110 @@
+"""The ROS interfaces of the vendor services and actions: texts, and the package that a ROS user builds.
+
+`python -m app.aubo.interfaces` writes the package folder anew from the registry.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import textwrap
+from collections.abc import Mapping
+from pathlib import Path
+
+from app.actions.servo_action import ServoModeAction
+from app.aubo.classes import REGISTRY
+from app.aubo.fields import REQUIRED, Field
+from app.aubo.registry import Service
+
+PACKAGE = "aubo_interfaces"
+FOLDER = Path(__file__).parents[2] / "ros2_interfaces" / PACKAGE
+WIDTH = 110
+ACTIONS = {"ServoMode": ServoModeAction.definition}
+"""Texts of the vendor's own actions, by name."""
+
+PACKAGE_XML = """<?xml version="1.0"?>
+<package format="3">
+  <name>{package}</name>
+  <version>0.1.0</version>
+  <description>Services and actions of a robot served by cobot. Generated from its registry.</description>
+  <maintainer email="cobot@localhost">cobot</maintainer>
+  <license>Apache-2.0</license>
+  <buildtool_depend>ament_cmake</buildtool_depend>
+  <build_depend>rosidl_default_generators</build_depend>
+  <exec_depend>rosidl_default_runtime</exec_depend>
+  <member_of_group>rosidl_interface_packages</member_of_group>
+  <export>
+    <build_type>ament_cmake</build_type>
+  </export>
+</package>
+"""
+CMAKE_LISTS = """cmake_minimum_required(VERSION 3.8)
+project({package})
+
+find_package(ament_cmake REQUIRED)
+find_package(rosidl_default_generators REQUIRED)
+
+rosidl_generate_interfaces(${{PROJECT_NAME}}
+{files}
+)
+
+ament_export_dependencies(rosidl_default_runtime)
+ament_package()
+"""
+
+
+def interface_definitions() -> dict[str, str]:
+    """The text of each interface by its type: `aubo_interfaces/srv/GetDof`, `.../action/ServoMode`."""
+    by_type: dict[str, list[Service]] = {}
+    for found in REGISTRY.values():
+        by_type.setdefault(found.type_name, []).append(found)
+    services = {f"{PACKAGE}/srv/{name}": _srv(by_type[name]) for name in sorted(by_type)}
+    return services | {f"{PACKAGE}/action/{name}": ACTIONS[name] for name in sorted(ACTIONS)}
+
+
+def package_files() -> dict[str, str]:
+    """The content of each file of the package, by its path in the package's folder."""
+    texts = {}
+    for name, text in interface_definitions().items():
+        _, kind, short = name.split("/")
+        texts[f"{kind}/{short}.{kind}"] = text
+    listed = "\n".join(f'  "{path}"' for path in texts)
+    return {
+        "package.xml": PACKAGE_XML.format(package=PACKAGE),
+        "CMakeLists.txt": CMAKE_LISTS.format(package=PACKAGE, files=listed),
+        **texts,
+    }
+
+
+def write_package(folder: Path, files: Mapping[str, str]) -> None:
+    """Write the files, and nothing else, into a folder."""
+    shutil.rmtree(folder, ignore_errors=True)
+    for path, text in files.items():
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_text(text, encoding="utf-8")
+
+
+def _srv(services: list[Service]) -> str:
+    """One text for all services that share a type."""
+    first = services[0]
+    lines: list[str] = []
+    for found in services:
+        lines += _comment(f"/ROBOT/{found.robot_class}/{found.method}: {found.doc}")
+    lines += [line for field in first.parameters for line in _lines(field)]
+    lines += ["---", *_comment("0 is success"), "int32 code", *_comment("what went wrong"), "string message"]
+    return "\n".join([*lines, *_lines(first.result)]) + "\n"
+
+
+def _lines(field: Field) -> list[str]:
+    defaulted = field.default not in (REQUIRED, None, field.empty)
+    note = f" {json.dumps(field.empty)} stands for {json.dumps(field.default)}." if defaulted else ""
+    return [*_comment(field.doc + note), f"{field.ros_type} {field.name}"]
+
+
+def _comment(text: str) -> list[str]:
+    return textwrap.wrap(text, WIDTH, initial_indent="# ", subsequent_indent="#   ", break_long_words=False)
+
+
+if __name__ == "__main__":
+    write_package(FOLDER, package_files())
+    print(f"{FOLDER}: {len(interface_definitions())} interfaces")

@@ -1,0 +1,202 @@
+"""Math: poses as `app.aubo.poses` has them, and quaternions [w, x, y, z]."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from app.aubo.poses import as_list, numbers_of, pose_of
+from app.aubo.registry import service
+from app.services.motion.tool_and_limits import compose, inverted
+from cobot.errors import InputError, LimitError
+from cobot.robot.frames import angle_between, rotation
+from cobot.strict import shown
+from cobot.types import Array, Pose
+
+if TYPE_CHECKING:
+    from app.robot_services import Services
+
+LENGTHS = (1e-9, 1e9)
+"""Of a quaternion that is normalized then."""
+MAX_ALPHA = 1000.0
+
+
+@service("Math")
+def pose_add(robot: Services, p1: list[float], p2: list[float]) -> list[float]:
+    """Positions added, and the rotation of p1 times that of p2: not a change of frames, see poseTrans.
+
+    Args:
+        p1: [x, y, z, rx, ry, rz], m and rad.
+        p2: the same.
+
+    Returns:
+        [x, y, z, rx, ry, rz], m and rad.
+    """
+    first, second = pose_of(p1, "p1"), pose_of(p2, "p2")
+    turn = compose(_turned(first), _turned(second))
+    return numbers_of(Pose(first.position + second.position, turn.quaternion))
+
+
+@service("Math")
+def pose_sub(robot: Services, p1: list[float], p2: list[float]) -> list[float]:
+    """Position of p2 subtracted from that of p1, and the rotation of p1 times the inverse of that of p2.
+
+    Args:
+        p1: [x, y, z, rx, ry, rz], m and rad.
+        p2: the same.
+
+    Returns:
+        What poseAdd with p2 gives p1 for: [x, y, z, rx, ry, rz], m and rad.
+    """
+    first, second = pose_of(p1, "p1"), pose_of(p2, "p2")
+    turn = compose(_turned(first), inverted(_turned(second)))
+    return numbers_of(Pose(first.position - second.position, turn.quaternion))
+
+
+@service("Math")
+def pose_trans(robot: Services, pose_from: list[float], pose_from_to: list[float]) -> list[float]:
+    """One pose, given in the frame of another one, in that one's own frame: the product of their matrices.
+
+    Args:
+        pose_from: [x, y, z, rx, ry, rz], m and rad.
+        pose_from_to: the same, in the frame of pose_from.
+
+    Returns:
+        [x, y, z, rx, ry, rz], m and rad.
+    """
+    return numbers_of(compose(pose_of(pose_from, "pose_from"), pose_of(pose_from_to, "pose_from_to")))
+
+
+@service("Math")
+def pose_inverse(robot: Services, pose: list[float]) -> list[float]:
+    """The frame that a pose is given in, as seen from the pose.
+
+    Args:
+        pose: [x, y, z, rx, ry, rz], m and rad.
+
+    Returns:
+        [x, y, z, rx, ry, rz], m and rad.
+    """
+    return numbers_of(inverted(pose_of(pose)))
+
+
+@service("Math")
+def pose_distance(robot: Services, p1: list[float], p2: list[float]) -> float:
+    """How far apart two poses are, whatever their orientations.
+
+    Args:
+        p1: [x, y, z, rx, ry, rz], m and rad.
+        p2: the same.
+
+    Returns:
+        m.
+    """
+    return float(np.linalg.norm(pose_of(p2, "p2").position - pose_of(p1, "p1").position))
+
+
+@service("Math")
+def pose_angle_distance(robot: Services, p1: list[float], p2: list[float]) -> float:
+    """The angle of the rotation that takes the orientation of one pose to that of the other.
+
+    Args:
+        p1: [x, y, z, rx, ry, rz], m and rad.
+        p2: the same.
+
+    Returns:
+        rad, from 0 to π.
+    """
+    return angle_between(pose_of(p1, "p1").quaternion, pose_of(p2, "p2").quaternion)
+
+
+@service("Math")
+def interpolate_pose(robot: Services, p1: list[float], p2: list[float], alpha: float) -> list[float]:
+    """A pose on the way from one to another: straight in position, evenly the short way in orientation.
+
+    Args:
+        p1: [x, y, z, rx, ry, rz], m and rad.
+        p2: the same.
+        alpha: 0 is p1, 1 is p2; others go on beyond, from -1000 to 1000.
+
+    Returns:
+        [x, y, z, rx, ry, rz], m and rad.
+    """
+    if abs(alpha) > MAX_ALPHA:
+        raise LimitError(f"alpha is from {-MAX_ALPHA:g} to {MAX_ALPHA:g}, got {alpha:g}")
+    first, second = pose_of(p1, "p1"), pose_of(p2, "p2")
+    turn = rotation(second.quaternion) * rotation(first.quaternion).inv()
+    quaternion = (Rotation.from_rotvec(alpha * turn.as_rotvec()) * rotation(first.quaternion)).as_quat(
+        scalar_first=True
+    )
+    return numbers_of(Pose(first.position + alpha * (second.position - first.position), quaternion))
+
+
+@service("Math")
+def rpy_to_quaternion(robot: Services, rpy: list[float]) -> list[float]:
+    """Roll, pitch and yaw about the fixed axes x, y, z as a quaternion.
+
+    Args:
+        rpy: [rx, ry, rz], rad.
+
+    Returns:
+        [w, x, y, z], of length 1, w not negative.
+    """
+    quaternion = pose_of([0.0, 0.0, 0.0, *_three(rpy, "rpy")]).quaternion
+    return as_list(quaternion if quaternion[0] >= 0.0 else -quaternion)
+
+
+@service("Math")
+def quaternion_to_rpy(robot: Services, quat: list[float]) -> list[float]:
+    """A quaternion, of length 1 or not, as roll, pitch and yaw about the fixed axes x, y, z.
+
+    Args:
+        quat: [w, x, y, z].
+
+    Returns:
+        [rx, ry, rz], rad, ry from −π/2 to π/2; where it is one of them, rx is 0.
+    """
+    least, most = LENGTHS
+    if len(quat) != 4 or not least <= math.hypot(*quat) <= most:
+        raise InputError(f"quat must be [w, x, y, z], {least:g} to {most:g} long, got {shown(quat)}")
+    return numbers_of(Pose(np.zeros(3), np.array(quat)))[3:]
+
+
+@service("Math")
+def rpy_to_rotation_vector(robot: Services, rpy: list[float]) -> list[float]:
+    """Roll, pitch and yaw about the fixed axes x, y, z as axis times angle.
+
+    Args:
+        rpy: [rx, ry, rz], rad.
+
+    Returns:
+        rad, at most π long.
+    """
+    return as_list(rotation(pose_of([0.0, 0.0, 0.0, *_three(rpy, "rpy")]).quaternion).as_rotvec())
+
+
+@service("Math")
+def rotation_vector_to_rpy(robot: Services, rotv: list[float]) -> list[float]:
+    """Axis times angle as roll, pitch and yaw about the fixed axes x, y, z.
+
+    Args:
+        rotv: rad.
+
+    Returns:
+        [rx, ry, rz], rad, ry from −π/2 to π/2.
+    """
+    quaternion = Rotation.from_rotvec(_three(rotv, "rotv")).as_quat(scalar_first=True)
+    return numbers_of(Pose(np.zeros(3), quaternion))[3:]
+
+
+def _turned(pose: Pose) -> Pose:
+    """Its orientation alone."""
+    nowhere: Array = np.zeros(3)
+    return Pose(nowhere, pose.quaternion)
+
+
+def _three(values: list[float], name: str) -> list[float]:
+    if len(values) != 3:
+        raise InputError(f"{name} must have 3 numbers, got {len(values)}")
+    return values

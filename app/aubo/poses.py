@@ -1,0 +1,41 @@
+"""Poses of vendor services: [x, y, z, rx, ry, rz], m and rad.
+
+rx, ry, rz turn about the fixed axes x, y and z in this order: R = Rz(rz) Ry(ry) Rx(rx), which are KUKA's
+angles (C, B, A).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cobot.errors import InputError
+from cobot.robot.frames import abc_from_quaternion, pose_from_abc
+from cobot.types import Array, Pose
+
+
+def pose_of(values: list[float], name: str = "pose") -> Pose:
+    """A pose from its six numbers.
+
+    Raises:
+        InputError: it has another number of them.
+    """
+    if len(values) != 6:
+        raise InputError(f"{name} must be [x, y, z, rx, ry, rz], got {len(values)} numbers")
+    x, y, z, rx, ry, rz = values
+    return pose_from_abc(x, y, z, rz, ry, rx)
+
+
+def numbers_of(pose: Pose) -> list[float]:
+    """The six numbers of a pose; ry in [−π/2, π/2]."""
+    rz, ry, rx = abc_from_quaternion(pose.quaternion).tolist()
+    return [*pose.position.tolist(), rx, ry, rz]
+
+
+def pose_of_seven(values: Array) -> Pose:
+    """A pose from x, y, z and w, x, y, z, as states have it."""
+    return Pose(np.array(values[:3]), np.array(values[3:]))
+
+
+def as_list(values: Array) -> list[float]:
+    """Plain numbers."""
+    return [float(value) for value in values]

@@ -1,0 +1,266 @@
+"""Vendor services: a typed function each, registered once, served by every transport.
+
+A class module registers its functions, and anybody calls them by class and method:
+
+    @service("RobotConfig")
+    async def get_dof(robot: Services) -> int: ...             # /{robot}/RobotConfig/getDof, GetDof.srv
+
+    answer = await call(robot, "RobotConfig", "getDof", {})    # Answer(code=0, message="", result=7)
+
+The first parameter is the robot's `Services`. If the second one is called `origin`, it gets the call's
+`Origin`. All others are fields of the request: bool, int (int32), Int64, float, str, list[...] of bool, int,
+float or str, or Json (a string on the wire; the function gets and returns what it holds). Each stands in the
+docstring's `Args:`, with its unit; what comes back in `Returns:`. `-> None` answers with an int32 of 0.
+
+ROS clients always send all fields, so ROS's default value (0, "", []) stands for the default that the
+function's signature gives, if it gives one: a tuple for a list, the object itself for Json. When a call
+fails, an integer result repeats the code, and any other is empty.
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+import logging
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from app.aubo.codes import Code, code_of
+from app.aubo.fields import REQUIRED, ROS_TYPES, Field, Int64, Json, argument
+from cobot.errors import CobotError, InputError
+from cobot.strict import shown, unknown_key
+
+if TYPE_CHECKING:
+    from app.robot_services import Services
+
+__all__ = ["REGISTRY", "Answer", "Field", "Int64", "Json", "Origin", "Service", "call", "service"]
+
+Function = Callable[..., Any]
+log = logging.getLogger("cobot.vendor")
+
+
+@dataclass(frozen=True, slots=True)
+class Service:
+    """A registered function.
+
+    Attributes:
+        doc: one or more sentences, without the description of the fields.
+        parameters: the request, in the function's order.
+        result: named "result".
+        takes_origin: whether the function wants the `Origin`.
+    """
+
+    robot_class: str
+    method: str
+    doc: str
+    parameters: tuple[Field, ...]
+    result: Field
+    function: Function
+    takes_origin: bool
+
+    @property
+    def type_name(self) -> str:
+        """The name of the .srv: the method's; with the class before it where methods of one name differ."""
+        return _type_names(len(REGISTRY))[self.robot_class, self.method]
+
+    @property
+    def signature(self) -> tuple[Any, ...]:
+        """What two services of one .srv have in common."""
+        return tuple((field.name, field.ros_type) for field in (*self.parameters, self.result))
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """Where a call comes from, for those services that move the arm.
+
+    Attributes:
+        name: for people, as "POST /iiwa/MotionControl/moveJoint".
+        stops: `Ownership.stops` when the request came in: a later stop is for its motion too.
+        token: of the sequence on whose behalf the arm shall move, if any.
+    """
+
+    name: str
+    stops: int
+    token: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What every service answers: 0 is success, see `app.aubo.codes`."""
+
+    code: int
+    message: str
+    result: Any
+
+
+REGISTRY: dict[tuple[str, str], Service] = {}
+"""By (class, method). Complete once `app.aubo.classes` is imported."""
+
+
+def service(robot_class: str, *, name: str | None = None) -> Callable[[Function], Function]:
+    """Register a function as a service of a class; its method is the function's name in camelCase, or `name`.
+
+    Raises:
+        TypeError: the function's signature or docstring cannot be a service's: a programming error.
+    """
+
+    def register(function: Function) -> Function:
+        found = _described(robot_class, name or camel_case(function.__name__), function)
+        key = found.robot_class, found.method
+        if key in REGISTRY:
+            raise TypeError(f"{robot_class}/{found.method} is registered twice")
+        REGISTRY[key] = found
+        return function
+
+    return register
+
+
+async def call(
+    robot: Services, robot_class: str, method: str, arguments: dict[str, Any], origin: Origin | None = None
+) -> Answer:
+    """Call a service with the fields of a request; never raises, but for cancellation.
+
+    Args:
+        origin: None for a caller that has nothing to say but its call.
+    """
+    found = REGISTRY.get((robot_class, method))
+    if found is None:
+        return Answer(Code.NOT_FOUND, unknown_service(robot_class, method), None)
+    try:
+        bound = bind(found, arguments)
+    except InputError as exc:
+        return failed(found, Code.INPUT, str(exc))
+    return await run(robot, found, bound, origin)
+
+
+async def run(robot: Services, found: Service, bound: dict[str, Any], origin: Origin | None = None) -> Answer:
+    """Call a service with arguments from `bind`."""
+    where = f"{found.robot_class}/{found.method}"
+    if found.takes_origin:
+        bound["origin"] = origin or Origin(where, robot.ownership.stops)
+    try:
+        value = found.function(robot, **bound)
+        if inspect.isawaitable(value):
+            value = await value
+        return Answer(Code.OK, "", _result(found, value))
+    except CobotError as exc:
+        return failed(found, code_of(exc), str(exc))
+    except Exception as exc:  # no traceback reaches a client
+        log.error("%s failed", where, exc_info=exc)
+        return failed(found, Code.ERROR, "an error in cobot itself; its log has the details")
+
+
+def failed(found: Service, code: Code, message: str) -> Answer:
+    """The answer of a call that failed."""
+    return Answer(code, message, int(code) if found.result.kind.startswith("int") else found.result.empty)
+
+
+def unknown_service(robot_class: str, method: str) -> str:
+    """The sentence for a service that is not there, with those that are."""
+    classes = sorted({key[0] for key in REGISTRY})
+    if robot_class not in classes:
+        return f"there is no class {shown(robot_class)}; valid are: {', '.join(classes)}"
+    methods = sorted(key[1] for key in REGISTRY if key[0] == robot_class)
+    return f"{robot_class}: {unknown_key(method, methods).replace('unknown key', 'there is no method', 1)}"
+
+
+def bind(found: Service, arguments: Any) -> dict[str, Any]:
+    """The function's arguments, checked and with defaults.
+
+    Raises:
+        InputError: naming the field, what is wrong, and what is valid.
+    """
+    if not isinstance(arguments, dict):
+        raise InputError(f"the request must be an object, got {shown(arguments)}")
+    names = [field.name for field in found.parameters]
+    for key in arguments:
+        if key not in names:
+            raise InputError(unknown_key(str(key), names) if names else f"takes no field, got {shown(key)}")
+    missing = [f.name for f in found.parameters if f.name not in arguments and f.default is REQUIRED]
+    if missing:
+        raise InputError(f"{missing[0]}: is missing; needed are: {', '.join(missing)}")
+    return {field.name: argument(field, arguments) for field in found.parameters}
+
+
+def camel_case(name: str) -> str:
+    """getDof for get_dof."""
+    first, *others = name.split("_")
+    return first + "".join(word[:1].upper() + word[1:] for word in others)
+
+
+def _result(found: Service, value: Any) -> Any:
+    kind = found.result.kind
+    if kind == "json":
+        return json.dumps(value, separators=(",", ":"), allow_nan=False)
+    if kind.endswith("[]"):
+        return list(value)
+    return 0 if value is None else value
+
+
+def _described(robot_class: str, method: str, function: Function) -> Service:
+    where = f"{robot_class}/{method}"
+    summary, documented, returns = _docstring(where, function)
+    signature = inspect.signature(function)
+    _, *parameters = signature.parameters.values()
+    takes_origin = bool(parameters) and parameters[0].name == "origin"
+    fields = tuple(_field(where, p, function, documented) for p in parameters[takes_origin:])
+    surplus = set(documented) - {field.name for field in fields} - {"origin", "robot"}
+    if surplus:
+        raise TypeError(
+            f"{where}: its docstring describes {', '.join(sorted(surplus))}, which it does not take"
+        )
+    kind = _kind(where, "its result", signature.return_annotation, function)
+    if not returns and signature.return_annotation not in (None, "None"):
+        raise TypeError(f"{where}: its docstring has no Returns:")
+    result = Field("result", kind, returns or "0, or the code of what went wrong")
+    return Service(robot_class, method, summary, fields, result, function, takes_origin)
+
+
+def _field(where: str, parameter: inspect.Parameter, function: Function, documented: dict[str, str]) -> Field:
+    name, default = parameter.name, parameter.default
+    if name not in documented:
+        raise TypeError(f"{where}: its docstring does not describe {name}")
+    kind = _kind(where, name, parameter.annotation, function)
+    if kind == "bool" and default is True:
+        raise TypeError(f"{where}: {name} cannot be True by default, for false is what ROS sends for nothing")
+    return Field(name, kind, documented[name], list(default) if isinstance(default, tuple) else default)
+
+
+def _kind(where: str, name: str, annotation: Any, function: Function) -> str:
+    """Of an annotation; only this one is evaluated, so that `Services` need not be imported at run time."""
+    if isinstance(annotation, str):
+        annotation = eval(annotation, function.__globals__)
+    try:
+        return ROS_TYPES[annotation]
+    except (KeyError, TypeError):
+        valid = ", ".join(sorted(set(ROS_TYPES.values())))
+        raise TypeError(f"{where}: {name} is a {annotation}, possible are: {valid}") from None
+
+
+def _docstring(where: str, function: Function) -> tuple[str, dict[str, str], str]:
+    """The summary with its further sentences, the description of each argument, and that of the result."""
+    text = inspect.getdoc(function)
+    if not text:
+        raise TypeError(f"{where}: has no docstring")
+    parts = re.split(r"^(Args|Returns|Raises):\n", text, flags=re.MULTILINE)
+    sections = dict(zip(parts[1::2], parts[2::2], strict=True))
+    entries = re.findall(r"^    (\w+): (.*(?:\n(?:     .*)?)*)", sections.get("Args", ""), re.MULTILINE)
+    documented = {name: " ".join(described.split()) for name, described in entries}
+    return " ".join(parts[0].split()), documented, " ".join(sections.get("Returns", "").split())
+
+
+@cache
+def _type_names(registered: int) -> dict[tuple[str, str], str]:
+    by_method: dict[str, list[Service]] = {}
+    for found in REGISTRY.values():
+        by_method.setdefault(found.method, []).append(found)
+    names = {}
+    for method, services in by_method.items():
+        differ = len({found.signature for found in services}) > 1
+        for found in services:
+            prefix = found.robot_class if differ else ""
+            names[found.robot_class, method] = prefix + method[:1].upper() + method[1:]
+    return names

@@ -1,0 +1,196 @@
+"""RobotAlgorithm: kinematics and dynamics of the model; nothing moves.
+
+Results of several parts are JSON, [value, 0], as the vendor's tuples: an error has its code in the answer,
+and never a value.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from app.aubo.poses import as_list, numbers_of, pose_of
+from app.aubo.registry import Json, service
+from cobot.errors import InputError
+from cobot.robot.description import Robot
+from cobot.robot.frames import rotation
+from cobot.robot.inverse_kinematics import inverse, inverse_all
+from cobot.types import Array, Pose
+
+if TYPE_CHECKING:
+    from app.robot_services import Services
+
+TIMEOUT_S = 20.0
+FEWEST_POSES = 3
+ALIKE = 1e-3
+"""Of the smallest singular value: below it the poses are turned too little to tell where the tip is."""
+
+
+@service("RobotAlgorithm")
+def forward_kinematics(robot: Services, q: list[float]) -> Json:
+    """Where the tool's tip is at joint angles.
+
+    Args:
+        q: rad, one for each joint.
+
+    Returns:
+        JSON: [[x, y, z, rx, ry, rz], 0] in the base frame, m and rad.
+    """
+    return [numbers_of(robot.settings.tip(_forward(robot, q))), 0]
+
+
+@service("RobotAlgorithm")
+def forward_tool_kinematics(robot: Services, q: list[float]) -> Json:
+    """Where the flange is at joint angles.
+
+    Args:
+        q: rad, one for each joint.
+
+    Returns:
+        JSON: [[x, y, z, rx, ry, rz], 0] in the base frame, m and rad.
+    """
+    return [numbers_of(robot.settings.flange(_forward(robot, q))), 0]
+
+
+@service("RobotAlgorithm")
+async def inverse_kinematics(robot: Services, qnear: list[float], pose: list[float]) -> Json:
+    """Joint angles that bring the tool's tip to a pose: of those found, the nearest to qnear.
+
+    Args:
+        qnear: rad, one for each joint.
+        pose: [x, y, z, rx, ry, rz] in the base frame, m and rad.
+
+    Returns:
+        JSON: [[q1, q2, ...], 0], rad.
+    """
+    return [await _inverse(robot, robot.settings.tcp(pose_of(pose)), qnear), 0]
+
+
+@service("RobotAlgorithm")
+async def inverse_tool_kinematics(robot: Services, qnear: list[float], pose: list[float]) -> Json:
+    """Joint angles that bring the flange to a pose: of those found, the nearest to qnear.
+
+    Args:
+        qnear: rad, one for each joint.
+        pose: [x, y, z, rx, ry, rz] in the base frame, m and rad.
+
+    Returns:
+        JSON: [[q1, q2, ...], 0], rad.
+    """
+    return [await _inverse(robot, robot.settings.tcp_of_flange(pose_of(pose)), qnear), 0]
+
+
+@service("RobotAlgorithm")
+async def inverse_kinematics_all(robot: Services, pose: list[float]) -> Json:
+    """Several joint angles that bring the tool's tip to a pose. With seven joints there are infinitely many.
+
+    Args:
+        pose: [x, y, z, rx, ry, rz] in the base frame, m and rad.
+
+    Returns:
+        JSON: [[[q1, q2, ...], ...], 0], rad: those found from random starts, apart from each other.
+    """
+    work = partial(_inverse_all, pose=robot.settings.tcp(pose_of(pose)))
+    return [[as_list(joints) for joints in await robot.planning.compute(work, TIMEOUT_S)], 0]
+
+
+@service("RobotAlgorithm")
+def inverse_dynamics(robot: Services, q: list[float], qd: list[float], qdd: list[float]) -> list[float]:
+    """The torques that a movement needs, without friction.
+
+    Args:
+        q: rad, one for each joint.
+        qd: rad/s.
+        qdd: rad/s².
+
+    Returns:
+        N·m, one for each joint; the drives' own inertia and gravity included.
+    """
+    joints, velocity, acceleration = (
+        _joints(robot, values, name) for values, name in ((q, "q"), (qd, "qd"), (qdd, "qdd"))
+    )
+    model = robot.robot.model
+    return as_list(model.mass_matrix(joints) @ acceleration + model.bias_torques(joints, velocity))
+
+
+@service("RobotAlgorithm")
+def forward_dynamics(robot: Services, q: list[float], qd: list[float], torques: list[float]) -> list[float]:
+    """The accelerations that torques lead to, without friction.
+
+    Args:
+        q: rad, one for each joint.
+        qd: rad/s.
+        torques: N·m.
+
+    Returns:
+        rad/s², one for each joint.
+    """
+    joints, velocity, efforts = (
+        _joints(robot, values, name) for values, name in ((q, "q"), (qd, "qd"), (torques, "torques"))
+    )
+    model = robot.robot.model
+    rest = efforts - model.bias_torques(joints, velocity)
+    return [float(value) for value in np.linalg.solve(model.mass_matrix(joints), rest)]
+
+
+@service("RobotAlgorithm")
+def calibrate_tcp_position(robot: Services, poses: Json) -> Json:
+    """Where the tool's tip is, from poses of the flange in which the tip touched the same point.
+
+    Args:
+        poses: JSON: three or more of [x, y, z, rx, ry, rz] of the flange in the base frame, as getToolPose
+            gives them, m and rad; turned about two axes at least.
+
+    Returns:
+        JSON: [[x, y, z] of the tip in the flange's frame in m, the largest distance in m between a touch and
+        the point].
+    """
+    if not isinstance(poses, list) or len(poses) < FEWEST_POSES:
+        raise InputError(f"poses must be a list of {FEWEST_POSES} poses or more")
+    flanges = [_pose(values, f"poses[{index}]") for index, values in enumerate(poses)]
+    turns = np.array([rotation(flange.quaternion).as_matrix() for flange in flanges])
+    places = np.array([flange.position for flange in flanges])
+    # R tip + p is the same point for all: their differences from the mean are linear in the tip.
+    spread = np.concatenate(turns - turns.mean(axis=0))
+    tip, _, _, singular = np.linalg.lstsq(spread, -np.concatenate(places - places.mean(axis=0)), rcond=None)
+    if singular[-1] < ALIKE:
+        raise InputError(
+            "poses: the flange is turned too little, or about one axis only, to tell where the tip is"
+        )
+    touched = turns @ tip + places
+    return [tip.tolist(), float(np.linalg.norm(touched - touched.mean(axis=0), axis=1).max())]
+
+
+def _forward(robot: Services, q: list[float]) -> Pose:
+    return robot.robot.model.forward(_joints(robot, q, "q"))
+
+
+async def _inverse(robot: Services, tcp: Pose, qnear: list[float]) -> list[float]:
+    work = partial(_nearest, pose=tcp, near=_joints(robot, qnear, "qnear"))
+    return as_list(await robot.planning.compute(work, TIMEOUT_S))
+
+
+def _nearest(robot: Robot, pose: Pose, near: Array) -> Array:
+    return inverse(robot.model, pose, near)
+
+
+def _inverse_all(robot: Robot, pose: Pose) -> list[Array]:
+    return inverse_all(robot.model, pose)
+
+
+def _joints(robot: Services, values: list[float], name: str) -> Array:
+    dof = robot.robot.limits.dof
+    if len(values) != dof:
+        raise InputError(f"{name} must have {dof} numbers, one for each joint, got {len(values)}")
+    return np.array(values)
+
+
+def _pose(values: object, name: str) -> Pose:
+    numbers = isinstance(values, list) and all(
+        isinstance(v, int | float) and not isinstance(v, bool) for v in values
+    )
+    if not isinstance(values, list) or not numbers:
+        raise InputError(f"{name} must be a list of numbers")
+    return pose_of(values, name)

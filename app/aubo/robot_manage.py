@@ -1,0 +1,175 @@
+"""RobotManage: power, faults, modes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from app.aubo.codes import not_supported
+from app.aubo.registry import service
+from cobot.types import Mode
+
+if TYPE_CHECKING:
+    from app.robot_services import Services
+
+CLASS = "RobotManage"
+STATE_TIMEOUT_S = 1.5
+RESET_TIMEOUT_S = 10.0
+NO_BRAKES = "the drives are on while the real-time process runs; end `cobot run` to switch them off"
+RECORDINGS = "recordings are made by sequences, see bag_path of POST /sequences/start"
+
+
+@service(CLASS)
+async def poweron(robot: Services) -> None:
+    """See that the drives are on, as they are while the real-time process runs and there is no fault."""
+    await robot.link.ready_state(STATE_TIMEOUT_S)
+
+
+@service(CLASS)
+async def startup(robot: Services) -> None:
+    """See that the arm is ready to move, as poweron does."""
+    await robot.link.ready_state(STATE_TIMEOUT_S)
+
+
+@service(CLASS)
+async def release_robot_brake(robot: Services) -> None:
+    """See that the arm is held by its drives, not by brakes, as poweron does."""
+    await robot.link.ready_state(STATE_TIMEOUT_S)
+
+
+@service(CLASS)
+async def poweroff(robot: Services) -> None:
+    """Not supported: the drives are on while the real-time process runs."""
+    del robot
+    raise not_supported(NO_BRAKES)
+
+
+@service(CLASS)
+async def lock_robot_brake(robot: Services) -> None:
+    """Not supported: the drives are on while the real-time process runs."""
+    del robot
+    raise not_supported(NO_BRAKES)
+
+
+@service(CLASS)
+async def set_unlock_protective_stop(robot: Services) -> None:
+    """Leave an e-stop, a protective stop or a fault, once its cause is gone. Nothing moves."""
+    await robot.stopping.reset(RESET_TIMEOUT_S)
+
+
+@service(CLASS)
+def backdrive(robot: Services, enable: bool) -> None:
+    """Not supported: nobody moves the arm against its brakes here.
+
+    Args:
+        enable: whether it shall be.
+    """
+    del robot, enable
+    raise not_supported("the arm has no brakes to be pushed against; a joint torque stream is what gives way")
+
+
+@service(CLASS)
+def freedrive(robot: Services, enable: bool) -> None:
+    """Not supported as a state of its own: a joint torque stream of zeros lets the arm be moved by hand.
+
+    Args:
+        enable: whether the arm shall be moved by hand.
+    """
+    del robot
+    if enable:
+        raise not_supported("stream joint torques of 0 instead: then the arm can be moved by hand")
+
+
+@service(CLASS)
+def is_freedrive_enabled(robot: Services) -> bool:
+    """Whether freedrive is on.
+
+    Returns:
+        false: it cannot.
+    """
+    del robot
+    return False
+
+
+@service(CLASS)
+def is_backdrive_enabled(robot: Services) -> bool:
+    """Whether the arm may be pushed against its brakes.
+
+    Returns:
+        false: it cannot.
+    """
+    del robot
+    return False
+
+
+@service(CLASS)
+async def get_robot_control_mode(robot: Services) -> str:
+    """What the real-time process does.
+
+    Returns:
+        HOLD, TRAJECTORY, STOPPING, JOINT_IMPEDANCE, CARTESIAN, JOINT_TORQUE, ESTOP or FAULT.
+    """
+    return (await robot.link.fresh_state(STATE_TIMEOUT_S)).mode.name
+
+
+@service(CLASS)
+async def get_operational_mode(robot: Services) -> str:
+    """Who moves the arm.
+
+    Returns:
+        Automatic: there is no teach pendant; Disabled after an e-stop or a fault.
+    """
+    mode = (await robot.link.fresh_state(STATE_TIMEOUT_S)).mode
+    return "Disabled" if mode in (Mode.ESTOP, Mode.FAULT) else "Automatic"
+
+
+@service(CLASS)
+def set_operational_mode(robot: Services, mode: str) -> None:
+    """Not supported: there is one mode, Automatic.
+
+    Args:
+        mode: its name.
+    """
+    del robot
+    if mode != "Automatic":
+        raise not_supported(
+            f"there is no operational mode {mode!r}, only Automatic: there is no teach pendant"
+        )
+
+
+@service(CLASS)
+def is_simulation_enabled(robot: Services) -> bool:
+    """Whether the arm is simulated.
+
+    Returns:
+        whether rt.backend is mujoco.
+    """
+    return robot.equipment.simulated
+
+
+@service(CLASS)
+def set_sim(robot: Services, enable: bool) -> None:
+    """Not supported, but for the way it is: rt.backend in the settings decides.
+
+    Args:
+        enable: whether the arm shall be simulated.
+    """
+    if enable != robot.equipment.simulated:
+        raise not_supported("the setting rt.backend decides whether the arm is simulated, at the start")
+
+
+@service(CLASS)
+def start_record(robot: Services, file: str) -> None:
+    """Not supported: sequences record.
+
+    Args:
+        file: its name.
+    """
+    del robot, file
+    raise not_supported(RECORDINGS)
+
+
+@service(CLASS)
+def stop_record(robot: Services) -> None:
+    """Not supported: sequences record."""
+    del robot
+    raise not_supported(RECORDINGS)

@@ -1,0 +1,258 @@
+"""RobotState: how the arm stands now.
+
+Poses are those of the tool's tip, see RobotConfig/setTcpOffset, in the base frame.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from app.aubo.poses import as_list, numbers_of, pose_of_seven
+from app.aubo.registry import service
+from app.services.state.link import RESTING
+from cobot.ipc.layout import Intervention
+from cobot.types import Array, Mode
+
+if TYPE_CHECKING:
+    from app.robot_services import Services
+
+STATE_TIMEOUT_S = 1.5
+"""How long a state is waited for, as GET /robot/joint_states does."""
+PUSHED = (Intervention.TRACKING, Intervention.CONTACT)
+
+
+async def record(robot: Services) -> np.ndarray:
+    """All that rtloop publishes, fresh and measured, or an UnavailableError."""
+    return await robot.link.measured_record(STATE_TIMEOUT_S)
+
+
+@service("RobotState")
+async def get_joint_positions(robot: Services) -> list[float]:
+    """The angles of the joints, as measured.
+
+    Returns:
+        rad, one for each joint.
+    """
+    return as_list((await record(robot))["position"])
+
+
+@service("RobotState")
+async def get_joint_speeds(robot: Services) -> list[float]:
+    """The velocities of the joints, as measured.
+
+    Returns:
+        rad/s, one for each joint.
+    """
+    return as_list((await record(robot))["velocity"])
+
+
+@service("RobotState")
+async def get_joint_torque_sensors(robot: Services) -> list[float]:
+    """The torques of the joints, as measured, gravity included.
+
+    Returns:
+        N·m, one for each joint.
+    """
+    return as_list((await record(robot))["effort"])
+
+
+@service("RobotState")
+async def get_joint_external_torques(robot: Services) -> list[float]:
+    """The torques that the surroundings exert on the joints, estimated.
+
+    Returns:
+        N·m, one for each joint.
+    """
+    return as_list((await record(robot))["external_effort"])
+
+
+@service("RobotState")
+async def get_target_joint_positions(robot: Services) -> list[float]:
+    """The angles that the joints shall have now.
+
+    Returns:
+        rad, one for each joint.
+    """
+    return as_list((await record(robot))["commanded_position"])
+
+
+@service("RobotState")
+async def get_target_joint_speeds(robot: Services) -> list[float]:
+    """The velocities that the joints shall have now.
+
+    Returns:
+        rad/s, one for each joint.
+    """
+    return as_list((await record(robot))["commanded_velocity"])
+
+
+@service("RobotState")
+async def get_target_joint_accelerations(robot: Services) -> list[float]:
+    """The accelerations that the joints shall have now.
+
+    Returns:
+        rad/s², one for each joint.
+    """
+    return as_list((await record(robot))["commanded_acceleration"])
+
+
+@service("RobotState")
+async def get_target_joint_torques(robot: Services) -> list[float]:
+    """The torques that the drives shall exert now.
+
+    Returns:
+        N·m, one for each joint.
+    """
+    return as_list((await record(robot))["desired_effort"])
+
+
+@service("RobotState")
+async def get_tcp_pose(robot: Services) -> list[float]:
+    """Where the tool's tip is, from the measured joints.
+
+    Returns:
+        [x, y, z, rx, ry, rz] in the base frame, m and rad.
+    """
+    return numbers_of(robot.settings.tip(pose_of_seven((await record(robot))["tcp"])))
+
+
+@service("RobotState")
+async def get_target_tcp_pose(robot: Services) -> list[float]:
+    """Where the tool's tip shall be now.
+
+    Returns:
+        [x, y, z, rx, ry, rz] in the base frame, m and rad.
+    """
+    joints = (await record(robot))["commanded_position"]
+    return numbers_of(robot.settings.tip(robot.robot.model.forward(joints)))
+
+
+@service("RobotState")
+async def get_tool_pose(robot: Services) -> list[float]:
+    """Where the flange is, from the measured joints: no tool and no TCP.
+
+    Returns:
+        [x, y, z, rx, ry, rz] in the base frame, m and rad.
+    """
+    return numbers_of(robot.settings.flange(pose_of_seven((await record(robot))["tcp"])))
+
+
+@service("RobotState")
+async def get_tcp_speed(robot: Services) -> list[float]:
+    """How fast the tool's tip moves and turns, from the measured joints.
+
+    Returns:
+        [vx, vy, vz, wx, wy, wz] in the base frame, m/s and rad/s.
+    """
+    state = await record(robot)
+    linear, angular = state["tcp_velocity"][:3], state["tcp_velocity"][3:]
+    return as_list(np.concatenate([linear + np.cross(angular, _arm(robot, state)), angular]))
+
+
+@service("RobotState")
+async def get_tcp_force(robot: Services) -> list[float]:
+    """What the surroundings exert on the tool's tip, estimated from the joints' torques.
+
+    Returns:
+        [fx, fy, fz, tx, ty, tz] in the base frame, N and N·m.
+    """
+    state = await record(robot)
+    force, torque = state["wrench"][:3], state["wrench"][3:]
+    return as_list(np.concatenate([force, torque - np.cross(_arm(robot, state), force)]))
+
+
+@service("RobotState")
+async def get_tcp_force_sensors(robot: Services) -> list[float]:
+    """What the force sensor at the model's TCP reports, in that TCP's frame.
+
+    Returns:
+        [fx, fy, fz, tx, ty, tz], N and N·m.
+    """
+    return as_list((await record(robot))["sensor"])
+
+
+@service("RobotState")
+async def get_robot_mode_type(robot: Services) -> str:
+    """What the arm does.
+
+    Returns:
+        Idle (holds its position), Running (follows a motion or a stream, or comes to rest), Error (a fault),
+        or EmergencyStop.
+    """
+    mode = Mode(int((await robot.link.fresh_state(STATE_TIMEOUT_S)).mode))
+    return {Mode.HOLD: "Idle", Mode.FAULT: "Error", Mode.ESTOP: "EmergencyStop"}.get(mode, "Running")
+
+
+@service("RobotState")
+async def get_safety_mode_type(robot: Services) -> str:
+    """Whether something has latched the arm. This is no safety system.
+
+    Returns:
+        Normal, Fault, or RobotEmergencyStop.
+    """
+    mode = (await robot.link.fresh_state(STATE_TIMEOUT_S)).mode
+    return {Mode.FAULT: "Fault", Mode.ESTOP: "RobotEmergencyStop"}.get(mode, "Normal")
+
+
+@service("RobotState")
+async def get_mode_reason(robot: Services) -> str:
+    """Why the arm is in a fault or an emergency stop, or why the last motion ended early.
+
+    Returns:
+        A sentence; empty when there is nothing to explain.
+    """
+    return (await robot.link.fresh_state(STATE_TIMEOUT_S)).reason
+
+
+@service("RobotState")
+async def is_steady(robot: Services) -> bool:
+    """Whether the arm is at rest and nothing is about to move it.
+
+    Returns:
+        True when the arm has settled, no motion or streaming session runs, and the motion queue is empty.
+    """
+    state = await robot.link.fresh_state(STATE_TIMEOUT_S)
+    return state.mode in RESTING and state.settled and state.session == 0 and robot.queue.idle
+
+
+@service("RobotState")
+async def is_power_on(robot: Services) -> bool:
+    """Whether the drives obey: they do, but for a fault.
+
+    Returns:
+        False in a fault.
+    """
+    return (await robot.link.fresh_state(STATE_TIMEOUT_S)).mode is not Mode.FAULT
+
+
+@service("RobotState")
+async def is_collision_occurred(robot: Services) -> bool:
+    """Whether the arm stands in a fault because it was pushed from its path, or touched something too hard.
+
+    Returns:
+        True until the fault is reset.
+    """
+    state = await robot.link.fresh_state(STATE_TIMEOUT_S)
+    newest = int(np.argmax(state.intervened_ns))
+    return state.mode in (Mode.FAULT, Mode.ESTOP) and newest in PUSHED and state.intervened_ns[newest] > 0
+
+
+@service("RobotState")
+async def is_within_safety_limits(robot: Services) -> bool:
+    """Whether all joints are within their position limits, and nothing has latched the arm.
+
+    Returns:
+        As measured.
+    """
+    state = await robot.link.measured_state(STATE_TIMEOUT_S)
+    limits = robot.robot.limits
+    inside = (state.position >= limits.min_position) & (state.position <= limits.max_position)
+    return bool(inside.all()) and state.mode not in (Mode.FAULT, Mode.ESTOP)
+
+
+def _arm(robot: Services, state: np.ndarray) -> Array:
+    """From the model's TCP to the tool's tip, in the base frame, m."""
+    tcp = pose_of_seven(state["tcp"])
+    return robot.settings.tip(tcp).position - tcp.position

@@ -1,0 +1,103 @@
+"""Socket: TCP connections of the service to devices."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from app.aubo import channel_methods as methods
+from app.aubo.codes import Code, ServiceError
+from app.aubo.registry import service
+from app.services.devices.channels import TIMEOUT_S, Channel
+from cobot.errors import InputError
+from cobot.strict import shown
+
+if TYPE_CHECKING:
+    from app.robot_services import Services
+
+CLASS = "Socket"
+NAME = "socket_0"
+
+
+@service(CLASS)
+async def socket_open(
+    robot: Services, address: str, port: int, socket_name: str = NAME, timeout: float = TIMEOUT_S
+) -> None:
+    """Connect to a TCP server.
+
+    Args:
+        address: its host name or IP address.
+        port: from 1 to 65535.
+        socket_name: what the other calls name it by; empty for socket_0.
+        timeout: s, up to 60; 0 for 2 s.
+    """
+    await robot.equipment.sockets.open(socket_name, address, port, timeout)
+
+
+@service(CLASS)
+def socket_close(robot: Services, socket_name: str = NAME) -> None:
+    """End a connection.
+
+    Args:
+        socket_name: of the one that was opened; empty for socket_0.
+    """
+    robot.equipment.sockets.close(socket_name)
+
+
+async def get_var(channel: Channel, name: str, timeout: float = TIMEOUT_S) -> int:
+    """Ask the server for a variable: sends "GET name" and reads the line "name value".
+
+    Args:
+        name: the variable's.
+        timeout: s, up to 60; 0 for 2 s.
+
+    Returns:
+        its value.
+    """
+    await channel.send(f"GET {_word(name)}\n".encode())
+    line = (await channel.read_line(timeout)).decode("utf-8", "replace")
+    found, _, value = line.partition(" ")
+    try:
+        if found == name and -(2**31) <= int(value) < 2**31:
+            return int(value)
+    except ValueError:
+        pass  # said below
+    raise ServiceError(Code.DEVICE, f"{channel.name}: {shown(line)} came for GET {name}")
+
+
+async def set_var(channel: Channel, name: str, value: int) -> None:
+    """Tell the server a variable's value: sends "SET name value".
+
+    Args:
+        name: the variable's.
+        value: an integer.
+    """
+    await channel.send(f"SET {_word(name)} {value}\n".encode())
+
+
+def _word(name: str) -> str:
+    if not name or name.split() != [name]:
+        raise InputError(f"name must be one word, got {shown(name)}")
+    return name
+
+
+methods.register(
+    CLASS,
+    "socket",
+    NAME,
+    lambda robot, name: robot.equipment.sockets.get(name),
+    (
+        methods.send_string,
+        methods.send_line,
+        methods.send_int,
+        methods.send_byte,
+        methods.send_all_string,
+        methods.read_string,
+        methods.read_line,
+        methods.read_byte,
+        methods.read_byte_list,
+        methods.read_binary_integer,
+        methods.read_ascii_float,
+        get_var,
+        set_var,
+    ),
+)

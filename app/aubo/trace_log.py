@@ -1,0 +1,91 @@
+"""Trace: messages for people."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+from app.aubo.registry import Json, service
+from app.services.devices.traces import Level, Message
+from cobot.errors import InputError
+
+if TYPE_CHECKING:
+    from app.robot_services import Services
+
+CLASS = "Trace"
+LEVELS = tuple(Level)
+
+
+@service(CLASS)
+def textmsg(robot: Services, msg: str) -> None:
+    """Add a line to the messages and to the service's log.
+
+    Args:
+        msg: the text, up to 10000 characters.
+    """
+    robot.equipment.traces.add("text", msg)
+
+
+@service(CLASS)
+def notify(robot: Services, msg: str) -> None:
+    """Add a notice.
+
+    Args:
+        msg: the text, up to 10000 characters.
+    """
+    robot.equipment.traces.add("notify", msg)
+
+
+@service(CLASS)
+def alarm(robot: Services, level: int, code: int, args: list[str]) -> None:
+    """Add an alarm.
+
+    Args:
+        level: 0 info, 1 warning, 2 error, 3 fatal.
+        code: the sender's own number for what has happened.
+        args: what else there is to say, joined with commas.
+    """
+    robot.equipment.traces.add("alarm", ", ".join(args), _level(level), code=code)
+
+
+@service(CLASS)
+def popup(robot: Services, level: int, title: str, msg: str, mode: int) -> None:
+    """Add a message that a user interface should show in front of everything else.
+
+    Args:
+        level: 0 info, 1 warning, 2 error, 3 fatal.
+        title: in one line.
+        msg: the text, up to 10000 characters.
+        mode: 0, a message that people only have to read; this product has no dialogues that wait for answers.
+    """
+    if mode != 0:
+        raise InputError(f"mode must be 0: nothing here waits for people's answers, got {mode}")
+    robot.equipment.traces.add("popup", msg, _level(level), title=title)
+
+
+@service(CLASS)
+def peek(robot: Services, num: int, last_number: int = 0) -> Json:
+    """Read the messages; 1000 are kept.
+
+    Args:
+        num: so many at the most, the newest.
+        last_number: only those with a larger number.
+
+    Returns:
+        a list of objects, the oldest first: number, time (ISO 8601, UTC), kind (text, notify, alarm, popup),
+        level, code, title, text.
+    """
+    if num < 1:
+        raise InputError(f"num must be from 1 up, got {num}")
+    return [_plain(message) for message in robot.equipment.traces.newest(num, last_number)]
+
+
+def _level(level: int) -> Level:
+    if level not in range(len(LEVELS)):
+        valid = ", ".join(f"{number} {each}" for number, each in enumerate(LEVELS))
+        raise InputError(f"there is no level {level}; valid are: {valid}")
+    return LEVELS[level]
+
+
+def _plain(message: Message) -> dict[str, object]:
+    return {**asdict(message), "time": message.time.isoformat(timespec="milliseconds")}

@@ -1,0 +1,266 @@
+"""What every action server does, whoever asks: accept, run, feedback, cancel, and results that are kept.
+
+An action `/a` of type T shows itself the way ROS 2 takes actions apart: the services `/a/_action/send_goal`
+(T_SendGoal), `/a/_action/get_result` (T_GetResult), `/a/_action/cancel_goal` (action_msgs/srv/CancelGoal) and
+the topics `/a/_action/feedback`, `/a/_action/status`. A transport that has services and topics needs no more.
+
+Source: https://design.ros2.org/articles/actions.html
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+import uuid
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from app.graph.actions import Action, CancelCode, GoalHandle, GoalStatus, Rejected
+from cobot.errors import CobotError
+from cobot.ros.messages import Message
+
+if TYPE_CHECKING:
+    from app.graph.graph import Hub
+
+MAX_RUNNING = 16
+MAX_KEPT = 64
+KEPT_S = 900.0
+"""For so long, and no more than `MAX_KEPT`, results are kept for who asks late."""
+
+log = logging.getLogger("cobot.hub")
+
+
+class Goal:
+    """A goal from being asked for until its result is forgotten.
+
+    Attributes:
+        id: as chosen by who asked.
+        status, result: the result is None until it is there.
+        accepted_ns: when, `time.time_ns`.
+        accepted: done when it was accepted, or with the exception that refused it.
+        ended: set when the result is there.
+    """
+
+    def __init__(self, goal_id: uuid.UUID, on_feedback: Callable[[Message], None] | None) -> None:
+        self.id = goal_id
+        self.on_feedback = on_feedback
+        self.status = GoalStatus.UNKNOWN
+        self.result: Message = {}
+        self.accepted_ns = 0
+        self.ended_s = 0.0
+        self.accepted: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self.ended = asyncio.Event()
+        self.handle: GoalHandle
+
+    @property
+    def running(self) -> bool:
+        return not self.ended.is_set()
+
+
+class ActionServer:
+    """Serves one action on the hub.
+
+    Args:
+        owner: whose it is; None for the service's own.
+    """
+
+    def __init__(self, hub: Hub, action: Action, owner: object = None) -> None:
+        self.action = action
+        self.owner = owner = self if owner is None else owner
+        self._hub = hub
+        self._messages = hub.messages
+        self._goals: dict[uuid.UUID, Goal] = {}
+        self._tasks: set[asyncio.Task[None]] = set()
+        below, type_ = f"{action.name}/_action", action.type_
+        self._feedback = hub.advertise(f"{below}/feedback", f"{type_}_FeedbackMessage", owner=owner)
+        self._status = hub.advertise(
+            f"{below}/status", "action_msgs/msg/GoalStatusArray", latch=True, owner=owner
+        )
+        self._services = [
+            hub.add_service(f"{below}/{name}", service, function, owner=owner)
+            for name, service, function in (
+                ("send_goal", f"{type_}_SendGoal", self._serve_send_goal),
+                ("get_result", f"{type_}_GetResult", self._serve_get_result),
+                ("cancel_goal", "action_msgs/srv/CancelGoal", self._serve_cancel_goal),
+            )
+        ]
+
+    async def begin(
+        self, goal_id: uuid.UUID, arguments: Message, on_feedback: Callable[[Message], None] | None = None
+    ) -> Goal:
+        """Have a goal worked on; returns when it was accepted.
+
+        Args:
+            arguments: of the goal, complete and checked.
+            on_feedback: called with each feedback, quickly.
+
+        Raises:
+            CobotError: it is refused, with the reason.
+        """
+        self._forget()
+        if goal_id in self._goals:
+            raise Rejected(f"goal {goal_id.hex} of {self.action.name} was sent already")
+        if sum(goal.running for goal in self._goals.values()) >= MAX_RUNNING:
+            raise Rejected(f"{self.action.name} works on {MAX_RUNNING} goals already")
+        goal = Goal(goal_id, on_feedback)
+        goal.handle = GoalHandle(goal, self)
+        self._goals[goal_id] = goal
+        task = asyncio.create_task(self._run(goal, arguments), name=f"goal of {self.action.name}")
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+        try:
+            await asyncio.shield(goal.accepted)
+        except asyncio.CancelledError:
+            goal.handle.cancel_requested.set()  # who asked has gone
+            raise
+        return goal
+
+    def cancel(self, goal_id: uuid.UUID) -> CancelCode:
+        """Have a goal given up; it ends when the action says so."""
+        goal = self._goals.get(goal_id)
+        if goal is None:
+            return CancelCode.UNKNOWN_GOAL_ID
+        if not goal.running:
+            return CancelCode.GOAL_TERMINATED
+        goal.handle.cancel_requested.set()
+        if goal.status is GoalStatus.EXECUTING:
+            goal.status = GoalStatus.CANCELING
+            self._publish_status()
+        return CancelCode.NONE
+
+    def accepted(self, goal: Goal) -> None:
+        """It is worked on."""
+        if goal.accepted.done():
+            return
+        goal.accepted_ns = time.time_ns()
+        cancelled = goal.handle.cancel_requested.is_set()
+        goal.status = GoalStatus.CANCELING if cancelled else GoalStatus.EXECUTING
+        goal.accepted.set_result(None)
+        self._publish_status()
+
+    def feedback(self, goal: Goal, values: Message) -> None:
+        """It goes on.
+
+        Raises:
+            InputError: that is no feedback of this action's type.
+        """
+        if not goal.accepted_ns or not goal.running:
+            return
+        message = {"goal_id": _ros_id(goal.id), "feedback": values}
+        self._feedback.publish(message)
+        if goal.on_feedback is not None:
+            goal.on_feedback(self._messages.checked(f"{self.action.type_}_Feedback", values))
+
+    async def close(self) -> None:
+        """Give up what runs."""
+        tasks = list(self._tasks)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        for service in self._services:
+            self._hub.remove_service(service)
+        self._feedback.close()
+        self._status.close()
+
+    async def _run(self, goal: Goal, arguments: Message) -> None:
+        name, type_ = self.action.name, f"{self.action.type_}_Result"
+        result, status = self._messages.default(type_), GoalStatus.ABORTED
+        try:
+            values = await self.action.execute(arguments, goal.handle)
+            if not goal.accepted.done():
+                raise Rejected(f"{name} has not accepted the goal")
+            result, status = self._messages.checked(type_, values), goal.handle.status
+            if status not in (GoalStatus.SUCCEEDED, GoalStatus.CANCELED, GoalStatus.ABORTED):
+                log.error("%s returned without saying what became of the goal", name)
+                status = GoalStatus.ABORTED
+        except CobotError as exc:
+            if not self._refuse(goal, exc):
+                log.warning("a goal of %s is aborted: %s", name, exc)
+        except Exception as exc:
+            log.error("%s failed", name, exc_info=exc)
+            self._refuse(goal, Rejected("an error in cobot itself; its log has the details"))
+        finally:
+            self._refuse(goal, Rejected("the service ends"))
+            goal.result, goal.status, goal.ended_s = result, status, time.monotonic()
+            goal.ended.set()
+            if goal.accepted_ns:
+                self._publish_status()
+
+    def _refuse(self, goal: Goal, reason: CobotError) -> bool:
+        """Whether there was still something to refuse."""
+        if goal.accepted.done():
+            return False
+        goal.accepted.set_exception(reason)
+        goal.accepted.exception()  # seen, should nobody wait for it any more
+        del self._goals[goal.id]
+        return True
+
+    def _forget(self) -> None:
+        """Drop results that nobody has asked for in time, the oldest first."""
+        ended = [goal for goal in self._goals.values() if not goal.running]
+        oldest_s = time.monotonic() - KEPT_S
+        for index, goal in enumerate(ended):
+            if goal.ended_s < oldest_s or index < len(ended) - MAX_KEPT:
+                del self._goals[goal.id]
+
+    def _publish_status(self) -> None:
+        goals = [goal for goal in self._goals.values() if goal.accepted_ns]
+        self._status.publish(
+            {"status_list": [{"goal_info": _info(goal), "status": int(goal.status)} for goal in goals]}
+        )
+
+    async def _serve_send_goal(self, request: Message) -> Message:
+        goal_id = self._uuid(request["goal_id"])
+        try:
+            goal = await self.begin(goal_id, request["goal"])
+        except CobotError as exc:  # ROS has no field for the reason
+            log.warning("a goal of %s is refused: %s", self.action.name, exc)
+            return {"accepted": False, "stamp": _stamp(0)}
+        return {"accepted": True, "stamp": _stamp(goal.accepted_ns)}
+
+    async def _serve_get_result(self, request: Message) -> Message:
+        goal = self._goals.get(self._uuid(request["goal_id"]))
+        if goal is None or not goal.accepted_ns:
+            return {
+                "status": int(GoalStatus.UNKNOWN),
+                "result": self._messages.default(f"{self.action.type_}_Result"),
+            }
+        await goal.ended.wait()
+        return {"status": int(goal.status), "result": goal.result}
+
+    async def _serve_cancel_goal(self, request: Message) -> Message:
+        """No id and no time: all. A time: also all that were accepted until then."""
+        info = request["goal_info"]
+        goal_id, stamp = self._uuid(info["goal_id"]), info["stamp"]
+        until_ns = stamp["sec"] * 1_000_000_000 + stamp["nanosec"]
+        everything = not goal_id.int and not until_ns
+        wanted = [
+            goal
+            for goal in self._goals.values()
+            if goal.running
+            and goal.accepted_ns
+            and (everything or goal.id == goal_id or goal.accepted_ns <= until_ns)
+        ]
+        code = self.cancel(goal_id) if goal_id.int else CancelCode.NONE
+        cancelled = [goal for goal in wanted if self.cancel(goal.id) is CancelCode.NONE]
+        return {
+            "return_code": int(CancelCode.NONE if cancelled else code),
+            "goals_canceling": [_info(goal) for goal in cancelled],
+        }
+
+    def _uuid(self, message: Message) -> uuid.UUID:
+        return uuid.UUID(bytes=self._messages.octets(message["uuid"]))
+
+
+def _ros_id(goal_id: uuid.UUID) -> Message:
+    return {"uuid": list(goal_id.bytes)}
+
+
+def _info(goal: Goal) -> Message:
+    return {"goal_id": _ros_id(goal.id), "stamp": _stamp(goal.accepted_ns)}
+
+
+def _stamp(time_ns: int) -> Message:
+    sec, nanosec = divmod(time_ns, 1_000_000_000)
+    return {"sec": sec, "nanosec": nanosec}

@@ -1,0 +1,89 @@
+"""What an action has to be, to be offered on the hub; `app.graph.action_server` does all the rest."""
+
+from __future__ import annotations
+
+import asyncio
+from enum import IntEnum
+from typing import TYPE_CHECKING, Protocol
+
+from cobot.errors import InputError
+from cobot.ros.messages import Message
+
+if TYPE_CHECKING:
+    from app.graph.action_server import ActionServer, Goal
+
+
+class Rejected(InputError):
+    """A goal is not accepted; nothing has happened."""
+
+
+class GoalStatus(IntEnum):
+    """As in action_msgs/msg/GoalStatus."""
+
+    UNKNOWN = 0
+    ACCEPTED = 1
+    EXECUTING = 2
+    CANCELING = 3
+    SUCCEEDED = 4
+    CANCELED = 5
+    ABORTED = 6
+
+
+class CancelCode(IntEnum):
+    """As in action_msgs/srv/CancelGoal."""
+
+    NONE = 0
+    REJECTED = 1
+    UNKNOWN_GOAL_ID = 2
+    GOAL_TERMINATED = 3
+
+
+class Action(Protocol):
+    """One action.
+
+    Attributes:
+        name: "/iiwa/servo_mode".
+        type_: "aubo_interfaces/action/ServoMode".
+        definition: the text of the .action file; "" where `cobot.ros` knows the type.
+    """
+
+    name: str
+    type_: str
+    definition: str
+
+    async def execute(self, goal: Message, handle: GoalHandle) -> Message:
+        """Work on a goal; the result.
+
+        Call `handle.accept()` once it is sure that the goal will be worked on, set `handle.status` to
+        SUCCEEDED, CANCELED or ABORTED before returning, and return soon after `handle.cancel_requested` is
+        set. A CobotError before `accept` refuses the goal with its text; after it, the goal is aborted.
+
+        Raises:
+            Rejected: the goal is refused.
+        """
+        ...
+
+
+class GoalHandle:
+    """What an action sees of a goal.
+
+    Attributes:
+        goal_id: 32 hexadecimal digits.
+        cancel_requested: set when the goal shall be given up.
+        status: what became of it.
+    """
+
+    def __init__(self, goal: Goal, server: ActionServer) -> None:
+        self.goal_id = goal.id.hex
+        self.cancel_requested = asyncio.Event()
+        self.status = GoalStatus.UNKNOWN
+        self._goal = goal
+        self._server = server
+
+    def accept(self) -> None:
+        """The goal will be worked on, and is from now on. May be called again, which does nothing."""
+        self._server.accepted(self._goal)
+
+    def feedback(self, values: Message) -> None:
+        """Tell who wants to know how it goes; before `accept` nobody does."""
+        self._server.feedback(self._goal, values)

@@ -1,0 +1,223 @@
+"""The hub: topics, services and actions inside the web service, for every transport the same.
+
+Everything runs on the one event loop. What there is on it that another network may want to mirror is told on
+the topic /cobot/graph, as a JSON object in a std_msgs/msg/String: `topics` with name, type, publishers,
+subscribers and latched, `services` and `actions` with name and type, and `definitions`, the texts of their
+types. Whoever subscribes to it gets the present one, and a new one with each change.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import uuid
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import Any
+
+from app.graph.action_server import ActionServer
+from app.graph.actions import Action, GoalStatus
+from app.graph.topics import Topics, absolute
+from cobot.errors import ConflictError, InputError, NotFoundError
+from cobot.ros.messages import Message, Messages
+from cobot.strict import shown
+
+GRAPH_TOPIC = "/cobot/graph"
+GRAPH_DELAY_S = 0.02
+"""What changes within this time is told at once."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Service:
+    """A service on the hub: `type` is pkg/srv/Name, or pkg/action/Name_SendGoal and the like."""
+
+    name: str
+    type: str
+    function: Callable[[Message], Awaitable[Message]]
+    owner: object
+    local: bool
+
+
+class Hub(Topics):
+    """Topics, services and actions. Made in the running event loop.
+
+    Attributes:
+        actions: by name.
+        services: by name.
+    """
+
+    def __init__(self, messages: Messages) -> None:
+        super().__init__(messages)
+        self.actions: dict[str, ActionServer] = {}
+        self.services: dict[str, Service] = {}
+        self._loop = asyncio.get_running_loop()
+        self._changing: asyncio.TimerHandle | None = None
+        self._graph = self.advertise(GRAPH_TOPIC, "std_msgs/msg/String", owner=self, local=True)
+        self._graph.on_demand = lambda _: self.changed()
+
+    def add_service(
+        self,
+        name: str,
+        type_: str,
+        function: Callable[[Message], Awaitable[Message]],
+        *,
+        owner: object,
+        local: bool = False,
+    ) -> Service:
+        """Offer a service.
+
+        Args:
+            name: "/iiwa/RobotConfig/getDof".
+            type_: "aubo_interfaces/srv/GetDof".
+            function: called with the complete request; the response.
+            local: not for other networks.
+
+        Raises:
+            InputError: no valid name, or no known type.
+            ConflictError: there is such a service.
+        """
+        name = absolute(name)
+        type_ = self.messages.resolved(type_, "srv")
+        if name in self.services:
+            raise ConflictError(f"there is a service {name} already")
+        made = self.services[name] = Service(name, type_, function, owner, local)
+        self.changed()
+        return made
+
+    def remove_service(self, service: Service) -> None:
+        if self.services.get(service.name) is service:
+            del self.services[service.name]
+            self.changed()
+
+    def service(self, name: str) -> Service:
+        """A service by its name.
+
+        Raises:
+            NotFoundError: there is none.
+        """
+        service = self.services.get(absolute(name))
+        if service is None:
+            raise NotFoundError(f"there is no service {shown(name)}; /rosapi/services lists them")
+        return service
+
+    async def call_service(self, name: str, arguments: Message) -> Message:
+        """Call a service; what is missing in the request is ROS's default.
+
+        Raises:
+            NotFoundError: no such service.
+            InputError: a wrong request.
+            CobotError: what the service raises.
+        """
+        service = self.service(name)
+        request = self.messages.checked(f"{service.type}_Request", arguments)
+        return self.messages.checked(f"{service.type}_Response", await service.function(request))
+
+    def add_action(self, action: Action, owner: object = None) -> ActionServer:
+        """Offer an action.
+
+        Raises:
+            InputError: no valid name or type.
+            ConflictError: there is such an action.
+        """
+        if action.definition:
+            self.messages.add({action.type_: action.definition})
+        self.messages.resolved(action.type_, "action")
+        if action.name in self.actions:
+            raise ConflictError(f"there is an action {action.name} already")
+        server = self.actions[action.name] = ActionServer(self, action, owner)
+        self.changed()
+        return server
+
+    async def remove_action(self, server: ActionServer) -> None:
+        """Offer it no longer; what runs is given up."""
+        if self.actions.get(server.action.name) is server:
+            del self.actions[server.action.name]
+            await server.close()
+            self.changed()
+
+    async def send_goal(
+        self,
+        name: str,
+        goal_id: str,
+        arguments: Message,
+        on_feedback: Callable[[Message], None] | None = None,
+    ) -> tuple[GoalStatus, Message]:
+        """Have an action work on a goal, to its end: its status and result.
+
+        Args:
+            goal_id: 32 hexadecimal digits, never used before.
+
+        Raises:
+            InputError: no such action, a wrong goal, or it is refused (`Rejected`).
+        """
+        server = self.action(name)
+        checked = self.messages.checked(f"{server.action.type_}_Goal", arguments)
+        goal = await server.begin(_uuid(goal_id), checked, on_feedback)
+        await goal.ended.wait()
+        return goal.status, goal.result
+
+    def cancel(self, name: str, goal_id: str) -> None:
+        """Have a goal given up. `send_goal` returns when it has been.
+
+        Raises:
+            InputError: no such action, or no such goal that is under way.
+        """
+        code = self.action(name).cancel(_uuid(goal_id))
+        if code:
+            raise InputError(f"{name}: goal {goal_id} cannot be cancelled: {code.name.lower()}")
+
+    def action(self, name: str) -> ActionServer:
+        """An action by its name.
+
+        Raises:
+            NotFoundError: there is none.
+        """
+        server = self.actions.get(absolute(name))
+        if server is None:
+            valid = ", ".join(self.actions) or "none"
+            raise NotFoundError(f"there is no action {shown(name)}; valid are: {valid}")
+        return server
+
+    def graph(self) -> dict[str, Any]:
+        """What there is for other networks: without what is theirs, and what they have themselves."""
+        services = [
+            {"name": service.name, "type": service.type}
+            for service in self.services.values()
+            if not service.local and service.owner not in self.gateways
+        ]
+        actions = [
+            {"name": name, "type": server.action.type_}
+            for name, server in self.actions.items()
+            if server.owner not in self.gateways
+        ]
+        definitions = self.messages.definitions
+        return {
+            "topics": self.graph_of_topics(),
+            "services": services,
+            "actions": actions,
+            "definitions": definitions,
+        }
+
+    def changed(self) -> None:
+        """The graph has: tell those who watch it, soon."""
+        if self._changing is None:
+            self._changing = self._loop.call_later(GRAPH_DELAY_S, self._publish_graph)
+
+    async def close(self) -> None:
+        """Give up all goals."""
+        if self._changing is not None:
+            self._changing.cancel()
+        for server in tuple(self.actions.values()):
+            await server.close()
+
+    def _publish_graph(self) -> None:
+        self._changing = None
+        if self._graph.subscribers:
+            self._graph.publish({"data": json.dumps(self.graph())})
+
+
+def _uuid(goal_id: str) -> uuid.UUID:
+    try:
+        return uuid.UUID(hex=goal_id)
+    except ValueError as exc:
+        raise InputError(f"a goal's id is 32 hexadecimal digits, got {shown(goal_id)}") from exc

@@ -1,0 +1,80 @@
+"""A robot's own topics on the hub.
+
+The DDS process has all but `status` and `joint_cmd` itself, straight from shared memory.
+"""
+
+from __future__ import annotations
+
+from app.graph.graph import Hub
+from app.robot_services import Services
+from app.services.state.ticker import Ticker
+from cobot.ros.robot_messages import JOINT_STATES, POSE, STRING, TRANSFORMS, WRENCH, RobotMessages
+
+RATE_HZ = 100.0
+STATUS_TICKS = 10
+"""The status comes at a tenth of the rate."""
+
+
+class RobotTopics:
+    """/{robot}/joint_states, tcp_pose, wrench, status, joint_cmd, robot_description; /tf, /tf_static.
+
+    States are read only while somebody has subscribed.
+
+    Args:
+        prefix: of the frames' names.
+    """
+
+    def __init__(self, hub: Hub, services: Services, name: str, tcp: str, prefix: str = "") -> None:
+        robot = services.robot
+        self._streams = services.streams
+        self._ticker: Ticker | None = None
+        self._publication = self._ticks = 0
+        messages = RobotMessages(robot.model, robot.base_frame, tcp, prefix)
+        self._made = {
+            hub.advertise(topic, type_, owner=self, local=local): make
+            for topic, type_, make, local in (
+                (f"/{name}/joint_states", JOINT_STATES, messages.joint_state, True),
+                (f"/{name}/tcp_pose", POSE, messages.pose, True),
+                (f"/{name}/wrench", WRENCH, messages.wrench, True),
+                ("/tf", TRANSFORMS, messages.transforms, True),
+            )
+        }
+        self._status = hub.advertise(f"/{name}/status", STRING, owner=self)
+        self._make_status = messages.status
+        for publisher in (*self._made, self._status):
+            publisher.on_demand = self._demand
+        for topic, type_, message in (
+            ("/tf_static", TRANSFORMS, messages.static_transforms()),
+            (f"/{name}/robot_description", STRING, messages.description()),
+        ):
+            hub.advertise(topic, type_, latch=True, owner=self, local=True).publish(message)
+        servo = services.servo
+        hub.subscribe(
+            f"/{name}/joint_cmd", STRING, lambda message: servo.receive(message["data"]), owner=self
+        )
+
+    def close(self) -> None:
+        """Read nothing any more."""
+        if self._ticker is not None:
+            self._ticker.close()
+
+    def _demand(self, _: int) -> None:
+        wanted = any(publisher.subscribers for publisher in (*self._made, self._status))
+        if wanted and self._ticker is None:
+            self._ticker = Ticker(RATE_HZ, self._tick)
+        elif not wanted and self._ticker is not None:
+            self._ticker.close()
+            self._ticker = None
+
+    def _tick(self, times: int) -> None:
+        self._publication, state = self._streams.state_since(self._publication)
+        if state is None:
+            return
+        for publisher, make in self._made.items():
+            if publisher.subscribers:
+                publisher.publish(make(state))
+        self._ticks += times
+        if self._ticks >= STATUS_TICKS:
+            self._ticks = 0
+            if self._status.subscribers:
+                self._status.publish(self._make_status(state))

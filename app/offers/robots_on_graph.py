@@ -1,0 +1,52 @@
+"""The hub with all that this service has to offer on it."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import AsyncIterator, Mapping
+from functools import partial
+
+from app.actions.servo_action import ServoModeAction
+from app.aubo.interfaces import PACKAGE, interface_definitions
+from app.aubo.registry import REGISTRY, call
+from app.graph.graph import Hub
+from app.offers.robot_topics import RobotTopics
+from app.robot_services import Services
+from app.rosbridge.rosapi import add_rosapi
+from cobot.ros.messages import Message, Messages
+
+
+@contextlib.asynccontextmanager
+async def serving(robots: Mapping[str, Services], tcps: Mapping[str, str]) -> AsyncIterator[Hub]:
+    """A hub for as long as the context lasts.
+
+    Args:
+        robots: the services of each robot by its name.
+        tcps: the name of each robot's TCP.
+    """
+    hub = Hub(Messages(interface_definitions()))
+    add_rosapi(hub)
+    topics = []
+    for name, services in robots.items():
+        prefix = f"{name}/" if len(robots) > 1 else ""
+        topics.append(RobotTopics(hub, services, name, tcps[name], prefix))
+        for (robot_class, method), service in REGISTRY.items():
+            hub.add_service(
+                f"/{name}/{robot_class}/{method}",
+                f"{PACKAGE}/srv/{service.type_name}",
+                partial(_call, services, robot_class, method),
+                owner=hub,
+            )
+        hub.add_action(ServoModeAction(name, services.servo))
+        hub.add_action(services.fjt)
+    try:
+        yield hub
+    finally:
+        await hub.close()
+        for each in topics:
+            each.close()
+
+
+async def _call(services: Services, robot_class: str, method: str, request: Message) -> Message:
+    answer = await call(services, robot_class, method, request)
+    return {"code": int(answer.code), "message": answer.message, "result": answer.result}

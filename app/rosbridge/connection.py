@@ -1,0 +1,287 @@
+"""One client of rosbridge v2, apart from its WebSocket.
+
+All that it has advertised, subscribed and offered is its own and ends with it; goals that it has sent are
+cancelled then. Messages to it wait in an `Outbox`.
+
+One operation is ours: `{"op": "cobot_gateway"}` says that this client mirrors the hub to another network.
+What it advertises, subscribes and offers does not show in the topic /cobot/graph, by which it knows what to
+mirror, and what it publishes is not sent back to it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import uuid
+from collections.abc import Coroutine
+from typing import Any
+
+from app.graph.graph import Hub
+from app.graph.topics import Publisher
+from app.rosbridge import operations as op
+from app.rosbridge.fragments import Assembly
+from app.rosbridge.offers import Offers
+from app.rosbridge.outbox import MAX_WISHES, Outbox
+from cobot.errors import CobotError, ConflictError, InputError, UnavailableError
+from cobot.ros.messages import Message
+from cobot.strict import shown
+
+MAX_MESSAGE = 4 * 2**20
+"""Characters."""
+MAX_OBJECTS = 30_000
+"""Of a message: each may become a hundred times as large, with all that ROS's defaults fill in."""
+MAX_PENDING = 1024
+"""Calls and goals of one client that are under way."""
+MAX_ENDS = 1024
+"""Topics that one client publishes; the same of those that it subscribes."""
+LEVELS = ("none", "error", "warning", "info")
+
+log = logging.getLogger("cobot.rosbridge")
+
+
+class Connection:
+    """A client, from its first message to its last.
+
+    Attributes:
+        outbox: what is to be sent to it.
+    """
+
+    def __init__(self, hub: Hub, name: str) -> None:
+        self.outbox = Outbox()
+        self._hub = hub
+        self._name = name
+        self._level = "error"
+        self._fragments = Assembly(MAX_MESSAGE)
+        self._publishers: dict[str, tuple[Publisher, set[op.Id]]] = {}
+        self._offers = Offers(hub, self.outbox, self)
+        self._goals: dict[op.Id, tuple[str, str]] = {}
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    def prepared(self, content: Any) -> Any:
+        """For `take`: a decoded message, of which what grows with its size is done. For another thread."""
+        try:
+            asked = op.operation(content)
+            type_ = self._type_of(asked)
+            if type_ is None:
+                return asked
+            name = next(each for each in ("msg", "args", "values") if hasattr(asked, each))
+            value = getattr(asked, name)
+            if name == "args":
+                value = self._arguments(value, type_)
+            return asked.model_copy(update={name: self._hub.messages.examined(type_, value)})
+        except (CobotError, RuntimeError):
+            return content  # a mistake, which `take` will find as well; or the hub has changed meanwhile
+
+    def take(self, content: Any) -> str | None:
+        """A decoded message, or what `prepared` made of it. What is wrong with it is told to the client.
+
+        Returns:
+            A message that this one has completed, to be decoded and taken as well.
+        """
+        message_id = content.get("id") if isinstance(content, dict) else getattr(content, "id", None)
+        try:
+            asked = content if isinstance(content, op.Operation) else op.operation(content)
+            if isinstance(asked, op.Fragment):
+                return self._fragments.add(asked)
+            self._carry_out(asked)
+        except CobotError as exc:
+            self.complain(exc, message_id)
+        except Exception as exc:
+            log.error("a message of %s failed", self._name, exc_info=exc)
+            self.complain(CobotError("an error in cobot itself; its log has the details"), message_id)
+        return None
+
+    def complain(self, error: CobotError, message_id: Any = None) -> None:
+        """Tell the client, unless it does not want to know."""
+        if self._level != "none":
+            status = {"op": "status", "level": "error", "msg": str(error)}
+            self.outbox.mention(status if message_id is None else {**status, "id": message_id})
+
+    async def close(self) -> None:
+        """The client is gone."""
+        self.outbox.close()
+        for action, goal_id in self._goals.values():
+            if action in self._hub.actions:
+                self._hub.action(action).cancel(uuid.UUID(goal_id))
+        for publisher, _ in self._publishers.values():
+            publisher.close()
+        await self._offers.close()
+        self._hub.gateways.discard(self)
+
+    def _carry_out(self, asked: op.Operation) -> None:
+        match asked:
+            case op.Publish():
+                self._publish(asked)
+            case op.CallService():
+                self._begin(self._call(asked), asked.compression)
+            case op.ServiceResponse():
+                self._offers.take_response(asked)
+            case op.Subscribe():
+                _require_plain(asked.compression)
+                if asked.topic not in self.outbox.feeds and len(self.outbox.feeds) >= MAX_ENDS:
+                    raise ConflictError(f"a client may subscribe {MAX_ENDS} topics")
+                self.outbox.subscribe(self._hub, asked, self)
+            case op.Unsubscribe():
+                self.outbox.unsubscribe(asked.topic, asked.id)
+            case op.Advertise():
+                self._advertise(asked.topic, asked.type, asked.latch, asked.id)
+            case op.Unadvertise():
+                self._unadvertise(asked)
+            case op.SendActionGoal():
+                self._send_goal(asked)
+            case op.CancelActionGoal():
+                self._cancel(asked)
+            case op.AdvertiseService():
+                self._offers.add_service(asked)
+            case op.UnadvertiseService():
+                self._offers.remove_service(asked.service)
+            case op.AdvertiseAction():
+                self._offers.add_action(asked)
+            case op.UnadvertiseAction():
+                self._keep(self._offers.remove_action(asked.action))
+            case op.ActionFeedback():
+                self._offers.take_feedback(asked)
+            case op.ActionResult():
+                self._offers.take_result(asked)
+            case op.SetLevel():
+                self._level = asked.level
+            case op.Status():
+                log.info("%s says %s: %s", self._name, shown(asked.level), shown(asked.msg))
+            case op.Gateway():
+                self._hub.gateways.add(self)
+                self._hub.changed()
+
+    def _publish(self, asked: op.Publish) -> None:
+        if asked.topic not in self._publishers:
+            type_ = self._hub.type_of(asked.topic)
+            if type_ is None:
+                raise InputError(f"nobody has advertised {shown(asked.topic)}, so its type is not known")
+            self._advertise(asked.topic, type_, asked.latch, None)
+        self._publishers[asked.topic][0].publish(asked.msg)
+
+    def _advertise(self, topic: str, type_: str, latch: bool, advertise_id: op.Id) -> None:
+        known = self._publishers.get(topic)
+        if known is None:
+            if len(self._publishers) >= MAX_ENDS:
+                raise ConflictError(f"a client may advertise {MAX_ENDS} topics")
+            publisher = self._hub.advertise(topic, type_, latch=latch, owner=self)
+            self._publishers[topic] = publisher, {advertise_id}
+        elif self._hub.messages.resolved(type_, "msg") != known[0].type:
+            raise InputError(f"{topic} is of type {known[0].type}, not {type_}")
+        elif advertise_id not in known[1] and len(known[1]) >= MAX_WISHES:
+            raise ConflictError(f"a client may advertise one topic {MAX_WISHES} times")
+        else:
+            known[1].add(advertise_id)
+
+    def _unadvertise(self, asked: op.Unadvertise) -> None:
+        known = self._publishers.get(asked.topic)
+        if known is None:
+            raise InputError(f"{asked.topic} is not advertised")
+        publisher, ids = known
+        ids.discard(asked.id)
+        if asked.id is None or not ids - {None}:
+            publisher.close()
+            del self._publishers[asked.topic]
+
+    def _begin(self, work: Coroutine[Any, Any, None], compression: str | None) -> None:
+        """Answer something while other messages are taken."""
+        try:
+            _require_plain(compression)
+            if len(self._tasks) >= MAX_PENDING:
+                raise UnavailableError(f"{MAX_PENDING} calls of this client are under way already")
+        except CobotError:
+            work.close()
+            raise
+        self._keep(work)
+
+    def _keep(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _call(self, asked: op.CallService) -> None:
+        answer: Message = {"op": "service_response", "service": asked.service}
+        if asked.id is not None:
+            answer["id"] = asked.id
+        try:
+            type_ = self._hub.service(asked.service).type
+            arguments = self._arguments(asked.args, f"{type_}_Request")
+            async with asyncio.timeout(asked.timeout or None):
+                answer["values"] = await self._hub.call_service(asked.service, arguments)
+            answer["result"] = True
+        except TimeoutError:
+            answer |= {
+                "values": f"{asked.service} has not answered within {asked.timeout} s",
+                "result": False,
+            }
+        except CobotError as exc:
+            answer |= {"values": str(exc), "result": False}
+        except Exception as exc:
+            log.error("%s failed", asked.service, exc_info=exc)
+            answer |= {"values": "an error in cobot itself; its log has the details", "result": False}
+        self.outbox.answer(answer, asked.fragment_size)
+
+    def _send_goal(self, asked: op.SendActionGoal) -> None:
+        if asked.id in self._goals:
+            raise ConflictError(f"the goal {shown(asked.id)} is under way already")
+        goal_id = uuid.uuid4().hex
+        self._begin(self._pursue(asked, goal_id), asked.compression)
+        self._goals[asked.id] = asked.action, goal_id
+
+    async def _pursue(self, asked: op.SendActionGoal, goal_id: str) -> None:
+        about: Message = {"action": asked.action}
+        if asked.id is not None:
+            about["id"] = asked.id
+
+        def tell(values: Message) -> None:
+            self.outbox.mention({"op": "action_feedback", **about, "values": values}, asked.fragment_size)
+
+        answer: Message = {"op": "action_result", **about}
+        try:
+            arguments = self._arguments(asked.args, f"{self._hub.action(asked.action).action.type_}_Goal")
+            on_feedback = tell if asked.feedback else None
+            status, values = await self._hub.send_goal(asked.action, goal_id, arguments, on_feedback)
+            answer |= {"values": values, "status": int(status), "result": True}
+        except CobotError as exc:
+            answer |= {"values": str(exc), "status": 0, "result": False}
+        finally:
+            self._goals.pop(asked.id, None)
+        self.outbox.answer(answer, asked.fragment_size)
+
+    def _cancel(self, asked: op.CancelActionGoal) -> None:
+        known = self._goals.get(asked.id)
+        if known is None or known[0] != asked.action:
+            raise InputError(f"no goal {shown(asked.id)} of {asked.action} is under way")
+        self._hub.cancel(*known)
+
+    def _type_of(self, asked: op.Operation) -> str | None:
+        """Of what an operation brings along; None if it needs none."""
+        hub = self._hub
+        match asked:
+            case op.Publish():
+                return hub.type_of(asked.topic)
+            case op.CallService():
+                return f"{hub.service(asked.service).type}_Request"
+            case op.ServiceResponse():
+                return f"{hub.service(asked.service).type}_Response" if asked.result else None
+            case op.SendActionGoal():
+                return f"{hub.action(asked.action).action.type_}_Goal"
+            case op.ActionFeedback():
+                return f"{hub.action(asked.action).action.type_}_Feedback"
+            case op.ActionResult():
+                return f"{hub.action(asked.action).action.type_}_Result" if asked.result else None
+        return None
+
+    def _arguments(self, arguments: Message | list[Any] | None, type_: str) -> Message:
+        """Clients may leave the names out."""
+        if not isinstance(arguments, list):
+            return {} if arguments is None else arguments
+        names = list(self._hub.messages.record(type_).fields)
+        if len(arguments) > len(names):
+            raise InputError(f"{type_} has {len(names)} fields, got {len(arguments)} values")
+        return dict(zip(names, arguments, strict=False))
+
+
+def _require_plain(compression: str | None) -> None:
+    if compression not in (None, "", "none"):
+        raise InputError(f"compression {shown(compression)} is not supported; valid are: none")

@@ -1,0 +1,111 @@
+"""The WebSocket of rosbridge v2: topics, services and actions as JSON; see docs/rosbridge.md."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any, cast
+
+from fastapi import APIRouter, WebSocket, WebSocketDisconnect
+from fastapi.responses import JSONResponse
+
+from app.api.dependencies import LARGE_BYTES, decoded, without_collection
+from app.api.errors import status_of
+from app.api.routers.stream import require_own_page
+from app.graph.graph import Hub
+from app.rosbridge.connection import MAX_MESSAGE, MAX_OBJECTS, Connection
+from cobot.errors import CobotError, InputError, PayloadError, UnavailableError
+
+PATH = "/rosbridge"
+MAX_CONNECTIONS = 32
+MAX_FRAME_BYTES = 2 * MAX_MESSAGE
+"""Beyond it the connection is closed; below, a message that is too large is an error like any other."""
+TRY_LATER = 1013
+
+router = APIRouter()
+
+
+@router.websocket(PATH)
+async def rosbridge(socket: WebSocket) -> None:
+    """See docs/rosbridge.md."""
+    state = socket.app.state
+    try:
+        require_own_page(socket)
+        if state.rosbridge_connections >= MAX_CONNECTIONS:
+            raise UnavailableError(f"{MAX_CONNECTIONS} clients of rosbridge are connected already")
+    except CobotError as exc:
+        answer = JSONResponse({"detail": str(exc), "code": exc.code}, status_of(exc))
+        await socket.send_denial_response(answer)
+        return
+    state.rosbridge_connections += 1
+    try:
+        await _serve(socket, cast(Hub, state.hub), cast(asyncio.Lock, state.large_body))
+    finally:
+        state.rosbridge_connections -= 1
+
+
+async def _serve(socket: WebSocket, hub: Hub, large: asyncio.Lock) -> None:
+    await socket.accept()
+    client = socket.client
+    connection = Connection(hub, f"{client.host}:{client.port}" if client else "a client")
+    work = [
+        asyncio.create_task(each)
+        for each in (
+            _receive(socket, connection, large),
+            _send(socket, connection),
+            _watch(socket, connection),
+        )
+    ]
+    try:
+        done, _ = await asyncio.wait(work, return_when=asyncio.FIRST_COMPLETED)
+        for task in done:
+            task.result()
+    finally:
+        for task in work:
+            task.cancel()
+        await connection.close()
+
+
+async def _receive(socket: WebSocket, connection: Connection, large: asyncio.Lock) -> None:
+    while (message := await socket.receive())["type"] == "websocket.receive":
+        text = message.get("text")
+        if text is None:
+            connection.complain(InputError("binary messages are not understood: CBOR is not supported"))
+        while text is not None:
+            try:
+                if len(text) > MAX_MESSAGE:
+                    raise PayloadError(
+                        f"a message may have {MAX_MESSAGE} characters, this one has {len(text)}"
+                    )
+                if (objects := text.count("{")) > MAX_OBJECTS:
+                    raise PayloadError(f"a message may have {MAX_OBJECTS} objects, this one has {objects}")
+                if len(text) <= LARGE_BYTES:
+                    content = decoded(text, "the message")
+                else:
+                    async with large:
+                        content = await asyncio.to_thread(without_collection, _prepared, connection, text)
+            except CobotError as exc:
+                connection.complain(exc)
+                break
+            text = connection.take(content)
+        await asyncio.sleep(0)  # who floods this connection shall not keep the others waiting
+
+
+def _prepared(connection: Connection, text: str) -> Any:
+    return connection.prepared(decoded(text, "the message"))
+
+
+async def _send(socket: WebSocket, connection: Connection) -> None:
+    outbox = connection.outbox
+    try:
+        while True:
+            await outbox.wake.wait()
+            outbox.wake.clear()
+            for text in outbox.texts():
+                await socket.send_text(text)
+    except WebSocketDisconnect:
+        return
+
+
+async def _watch(socket: WebSocket, connection: Connection) -> None:
+    await connection.outbox.overfull.wait()
+    await socket.close(TRY_LATER, "the client reads its answers too slowly")

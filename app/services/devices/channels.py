@@ -1,0 +1,184 @@
+"""Bytes to and from devices: the part that sockets and serial ports have in common."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from typing import Any, TypeVar
+
+from app.aubo.codes import Code, ServiceError
+from cobot.errors import ConflictError, InputError, LimitError
+from cobot.strict import shown
+
+BUFFER_BYTES = 65_536
+"""So much may come in before somebody reads; then the sender has to wait."""
+MAX_OPEN = 32
+MAX_NAME = 200
+TIMEOUT_S = 2.0
+TIMEOUTS_S = (0.001, 60.0)
+ENDS = b"\r\n"
+Result = TypeVar("Result")
+
+
+def checked_timeout(timeout_s: float) -> float:
+    """The timeout itself.
+
+    Raises:
+        LimitError: out of bounds.
+    """
+    shortest, longest = TIMEOUTS_S
+    if not shortest <= timeout_s <= longest:
+        raise LimitError(f"a timeout is from {shortest} to {longest:g} s, got {timeout_s:g}")
+    return timeout_s
+
+
+class Channel:
+    """An open connection to a device.
+
+    Args:
+        name: for people.
+        reader: filled by whoever receives; its limit is `BUFFER_BYTES`.
+        write: sends all of its bytes, or raises OSError.
+        close: lets go of the device.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        reader: asyncio.StreamReader,
+        write: Callable[[bytes], Awaitable[Any]],
+        close: Callable[[], Any],
+    ) -> None:
+        self.name = name
+        self.close = close
+        self._reader = reader
+        self._write = write
+        self._reading = asyncio.Lock()
+        self._writing = asyncio.Lock()
+
+    async def send(self, data: bytes, timeout_s: float = TIMEOUT_S) -> None:
+        """Hand the bytes over.
+
+        Raises:
+            ServiceError: the device is gone, or takes them too slowly.
+        """
+
+        async def send() -> None:
+            async with self._writing:
+                await self._write(data)
+
+        await self._within(timeout_s, send, f"not all of {len(data)} bytes were sent")
+
+    async def read_some(self, timeout_s: float) -> bytes:
+        """What has come; waits for the first byte."""
+        return await self._read(timeout_s, lambda: self._some(), "nothing came")
+
+    async def read_exactly(self, count: int, timeout_s: float) -> bytes:
+        """So many bytes, from 1 to `BUFFER_BYTES`."""
+        if not 1 <= count <= BUFFER_BYTES:
+            raise InputError(f"number must be from 1 to {BUFFER_BYTES}, got {count}")
+        return await self._read(
+            timeout_s, lambda: self._reader.readexactly(count), f"{count} bytes did not come"
+        )
+
+    async def read_until(self, end: bytes, timeout_s: float) -> bytes:
+        """All before these bytes, which are taken too."""
+        data = await self._read(timeout_s, lambda: self._until(end), f"{end!r} did not come")
+        return data.removesuffix(end)
+
+    async def read_between(self, prefix: bytes, suffix: bytes, timeout_s: float) -> bytes:
+        """What stands between a prefix and a suffix; without them what has come."""
+        if prefix:
+            await self.read_until(prefix, timeout_s)
+        return await (self.read_until(suffix, timeout_s) if suffix else self.read_some(timeout_s))
+
+    async def read_line(self, timeout_s: float) -> bytes:
+        """A line, without its end."""
+        return (await self.read_until(b"\n", timeout_s)).rstrip(ENDS)
+
+    async def _some(self) -> bytes:
+        data = await self._reader.read(BUFFER_BYTES)
+        if not data:
+            raise asyncio.IncompleteReadError(b"", None)
+        return data
+
+    async def _until(self, end: bytes) -> bytes:
+        try:
+            return await self._reader.readuntil(end)
+        except asyncio.LimitOverrunError as exc:  # the buffer would stay full for ever
+            await self._reader.readexactly(exc.consumed)
+            raise ServiceError(
+                Code.DEVICE, f"{self.name}: no {end!r} in {exc.consumed} bytes, which are dropped"
+            ) from exc
+
+    async def _read(self, timeout_s: float, read: Callable[[], Awaitable[bytes]], missing: str) -> bytes:
+        async def take_turn() -> bytes:
+            async with self._reading:  # a StreamReader has one reader at a time
+                return await read()
+
+        return await self._within(timeout_s, take_turn, missing)
+
+    async def _within(self, timeout_s: float, work: Callable[[], Awaitable[Result]], missing: str) -> Result:
+        checked_timeout(timeout_s)
+        try:
+            return await asyncio.wait_for(work(), timeout_s)
+        except TimeoutError as exc:
+            raise ServiceError(Code.DEVICE_TIMEOUT, f"{self.name}: {missing} within {timeout_s:g} s") from exc
+        except asyncio.IncompleteReadError as exc:
+            raise ServiceError(Code.DEVICE, f"{self.name}: the connection has ended") from exc
+        except OSError as exc:
+            raise ServiceError(Code.DEVICE, f"{self.name}: {exc.strerror or exc}") from exc
+
+
+class Channels:
+    """Those that are open, by name."""
+
+    def __init__(self, kind: str) -> None:
+        self._kind = kind
+        self._open: dict[str, Channel] = {}
+
+    def get(self, name: str) -> Channel:
+        """One of them.
+
+        Raises:
+            ServiceError: there is none of that name; lists those that are.
+        """
+        if name not in self._open:
+            there = ", ".join(sorted(self._open)) or "none"
+            raise ServiceError(
+                Code.NOT_FOUND, f"there is no open {self._kind} {shown(name)}; open are: {there}"
+            )
+        return self._open[name]
+
+    def require_place(self, name: str) -> None:
+        """See that another one may be opened.
+
+        Raises:
+            ConflictError: there is one of that name, or there are too many.
+            InputError: no name, or a very long one.
+        """
+        if not 1 <= len(name) <= MAX_NAME:
+            raise InputError(f"a name has from 1 to {MAX_NAME} characters, got {shown(name)}")
+        if name in self._open:
+            raise ConflictError(f"the {self._kind} {shown(name)} is open already; close it first")
+        if len(self._open) >= MAX_OPEN:
+            raise ConflictError(f"{MAX_OPEN} of the kind {self._kind} are open already")
+
+    def add(self, name: str, channel: Channel) -> None:
+        """Keep it; somebody else may have been faster."""
+        try:
+            self.require_place(name)
+        except ConflictError:
+            channel.close()
+            raise
+        self._open[name] = channel
+
+    def close(self, name: str) -> None:
+        """Let go of one."""
+        self.get(name).close()
+        del self._open[name]
+
+    def close_all(self) -> None:
+        for channel in self._open.values():
+            channel.close()
+        self._open.clear()

@@ -1,0 +1,73 @@
+"""What stands around a robot, as far as the service reaches it: memory, signals, devices, messages."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+from app.services.devices.io_banks import IoBanks
+from app.services.devices.modbus import Modbus
+from app.services.devices.registers import Registers, Variables
+from app.services.devices.serial_ports import SerialPorts
+from app.services.devices.sockets import Sockets
+from app.services.devices.traces import Level, Traces
+from app.services.motion.speed_override import Pace
+from app.services.motion.stopping import StopService
+from app.services.state.link import RobotLink
+from cobot.errors import CobotError
+
+STOP_TIMEOUT_S = 4.0
+
+
+class WatchdogAction(IntEnum):
+    """What is done when a watchdog runs out; the message of its end comes in any case."""
+
+    NONE = 0
+    PAUSE = 1  # the motion comes to rest on its path
+    STOP = 2  # program and motion end
+    PROTECTIVE_STOP = 3  # the same, and nothing moves before it is unlocked
+
+
+class Equipment:
+    """Of one robot.
+
+    Attributes:
+        simulated: whether the arm is.
+        registers, variables, io, modbus, sockets, serial_ports, traces: see there.
+    """
+
+    def __init__(self, link: RobotLink, stopping: StopService, pace: Pace, *, simulated: bool) -> None:
+        self._link = link
+        self._stopping = stopping
+        self._pace = pace
+        self.simulated = simulated
+        self.registers = Registers()
+        self.variables = Variables(self._expired)
+        self.io = IoBanks(simulated=simulated)
+        self.modbus = Modbus()
+        self.sockets = Sockets()
+        self.serial_ports = SerialPorts()
+        self.traces = Traces()
+
+    def close(self) -> None:
+        """Let go of all devices."""
+        self.variables.close()
+        self.modbus.remove_all()
+        self.sockets.close_all()
+        self.serial_ports.close_all()
+
+    async def _expired(self, name: str, action: int) -> None:
+        done = WatchdogAction(action)
+        text = f"watchdog {name}: not written in time; action: {done.name.lower()}"
+        self.traces.add("alarm", text, Level.ERROR if action else Level.WARNING)
+        try:
+            match done:
+                case WatchdogAction.PAUSE:
+                    await self._pace.pause()
+                case WatchdogAction.STOP:
+                    await self._stopping.stop(STOP_TIMEOUT_S)
+                case WatchdogAction.PROTECTIVE_STOP:
+                    self._link.request_estop()
+                    await self._stopping.stop(STOP_TIMEOUT_S)
+        except CobotError as exc:  # what cannot pause has to stop
+            self.traces.add("alarm", f"watchdog {name}: {exc}; the arm is stopped", Level.ERROR)
+            await self._stopping.stop(STOP_TIMEOUT_S)

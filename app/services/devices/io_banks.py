@@ -1,0 +1,115 @@
+"""Digital and analog inputs and outputs, simulated: a place for each, and what somebody has put there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from app.aubo.codes import not_supported
+from cobot.errors import InputError, LimitError
+
+DIGITAL = {"standard": 16, "tool": 4, "configurable": 8}
+"""How many inputs, and how many outputs, each group has; they are numbered from 0."""
+ANALOG = {"standard": 4, "tool": 2}
+RANGES = ((0.004, 0.020, "A"), (0.0, 10.0, "V"))
+"""Of an analog place, by its domain: 0 current, 1 voltage."""
+
+
+@dataclass(slots=True)
+class Analog:
+    """An analog place: a value in V or A, as the domain says."""
+
+    domain: int = 1
+    value: float = 0.0
+
+
+class IoBanks:
+    """All places, by direction ("input" or "output") and group.
+
+    Args:
+        simulated: whether the arm is; the real one's cabinet is none that this product reaches.
+    """
+
+    def __init__(self, *, simulated: bool) -> None:
+        self._simulated = simulated
+        directions = ("input", "output")
+        self._digital = {(way, group): [False] * n for way in directions for group, n in DIGITAL.items()}
+        self._analog = {
+            (way, group): [Analog() for _ in range(n)] for way in directions for group, n in ANALOG.items()
+        }
+
+    def digital(self, way: str, group: str) -> list[bool]:
+        """The values of a group.
+
+        Raises:
+            ServiceError: the arm is not simulated.
+        """
+        self._require_simulation()
+        return self._digital[way, group]
+
+    def digital_value(self, way: str, group: str, index: int) -> bool:
+        """One of them.
+
+        Raises:
+            InputError: there is no such index.
+        """
+        places = self.digital(way, group)
+        return places[_checked(index, len(places))]
+
+    def set_digital(self, way: str, group: str, index: int, value: bool) -> None:
+        """Put a value somewhere; into an input, because the world around it is simulated too.
+
+        Raises:
+            InputError: there is no such index.
+        """
+        places = self.digital(way, group)
+        places[_checked(index, len(places))] = value
+
+    def mask(self, way: str, group: str) -> int:
+        """A group as bits, index 0 in the lowest."""
+        return sum(1 << index for index, value in enumerate(self.digital(way, group)) if value)
+
+    def analog(self, way: str, group: str, index: int) -> Analog:
+        """A place with its domain.
+
+        Raises:
+            InputError: there is no such index.
+        """
+        self._require_simulation()
+        places = self._analog[way, group]
+        return places[_checked(index, len(places))]
+
+    def set_analog(self, way: str, group: str, index: int, value: float) -> None:
+        """Put a value somewhere, V or A.
+
+        Raises:
+            InputError: there is no such index.
+            LimitError: beyond the range of the place's domain.
+        """
+        place = self.analog(way, group, index)
+        least, most, unit = RANGES[place.domain]
+        if not least <= value <= most:
+            raise LimitError(
+                f"{group} analog {way} {index} takes from {least:g} to {most:g} {unit}, got {value:g}"
+            )
+        place.value = value
+
+    def set_domain(self, way: str, group: str, index: int, domain: int) -> None:
+        """0 for current, 1 for voltage; the value then is the least of the range.
+
+        Raises:
+            InputError: there is no such index or domain.
+        """
+        place = self.analog(way, group, index)
+        if domain not in range(len(RANGES)):
+            raise InputError(f"domain must be 0 (current, A) or 1 (voltage, V), got {domain}")
+        place.domain, place.value = domain, RANGES[domain][0]
+
+    def _require_simulation(self) -> None:
+        if not self._simulated:
+            raise not_supported("inputs and outputs are simulated with the arm, and this arm is none")
+
+
+def _checked(index: int, count: int) -> int:
+    if not 0 <= index < count:
+        raise InputError(f"index must be from 0 to {count - 1}, got {index}")
+    return index

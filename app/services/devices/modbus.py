@@ -1,0 +1,142 @@
+"""Modbus TCP: the named signals of field devices."""
+
+from __future__ import annotations
+
+from app.aubo.codes import Code, ServiceError
+from app.services.devices.modbus_device import Device, Kind, Signal
+from cobot.errors import ConflictError, InputError, LimitError
+from cobot.strict import shown
+
+DEFAULT_PORT = 502
+FREQUENCIES_HZ = (0.01, 100.0)
+MAX_SIGNALS = 200
+MAX_NAME = 200
+UNITS = (0, 255)
+ADDRESS = REGISTER = 65_535
+
+
+class Modbus:
+    """All signals, by name; a device is connected to while it has signals."""
+
+    def __init__(self) -> None:
+        self._devices: dict[tuple[str, int], Device] = {}
+        self._signals: dict[str, Signal] = {}
+
+    def add(self, device: str, unit: int, address: int, kind: int, name: str) -> None:
+        """Add a signal and begin to read it.
+
+        Args:
+            device: HOST, "HOST,PORT" or "HOST:PORT".
+            kind: see `Kind`.
+
+        Raises:
+            InputError: wrong values, or a name that is taken.
+            LimitError: too many signals.
+        """
+        host, port = _address(device)
+        if not 1 <= len(name) <= MAX_NAME:
+            raise InputError(f"a name has from 1 to {MAX_NAME} characters, got {shown(name)}")
+        if name in self._signals:
+            raise ConflictError(f"there is a signal {shown(name)} already")
+        if not UNITS[0] <= unit <= UNITS[1]:
+            raise InputError(f"slave_number must be from {UNITS[0]} to {UNITS[1]}, got {unit}")
+        if not 0 <= address <= ADDRESS:
+            raise InputError(f"signal_address must be from 0 to {ADDRESS}, got {address}")
+        if kind not in list(Kind):
+            valid = ", ".join(f"{each} {each.name.lower()}" for each in Kind)
+            raise InputError(f"there is no signal_type {kind}; valid are: {valid}")
+        if len(self._signals) >= MAX_SIGNALS:
+            raise LimitError(f"there are {MAX_SIGNALS} signals already")
+        signal = self._signals[name] = Signal(name, unit, address, Kind(kind))
+        if (host, port) not in self._devices:
+            self._devices[host, port] = Device(host, port)
+        self._devices[host, port].add(signal)
+
+    def remove(self, name: str) -> None:
+        """Forget a signal.
+
+        Raises:
+            ServiceError: there is none.
+        """
+        signal = self.signal(name)
+        device = self._device(signal)
+        device.signals.remove(signal)
+        del self._signals[name]
+        if not device.signals:
+            device.close()
+            del self._devices[device.host, device.port]
+
+    def remove_all(self) -> None:
+        for device in self._devices.values():
+            device.close()
+        self._devices.clear()
+        self._signals.clear()
+
+    def signal(self, name: str) -> Signal:
+        """One of them.
+
+        Raises:
+            ServiceError: there is none; lists those that are.
+        """
+        if name not in self._signals:
+            there = ", ".join(self._signals) or "none"
+            raise ServiceError(Code.NOT_FOUND, f"there is no signal {shown(name)}; there are: {shown(there)}")
+        return self._signals[name]
+
+    def signals(self) -> list[Signal]:
+        """In the order in which they were added."""
+        return list(self._signals.values())
+
+    def value(self, name: str) -> int:
+        """What the device has, as read last.
+
+        Raises:
+            ServiceError: there is no such signal, or its device does not answer, with why.
+        """
+        signal = self.signal(name)
+        if signal.problem:
+            raise ServiceError(Code.DEVICE, f"{name}: {signal.problem}")
+        return signal.value
+
+    async def write(self, name: str, value: int) -> None:
+        """Set an output; returns when the device has confirmed it.
+
+        Raises:
+            InputError: an input, or a value that does not fit.
+            ServiceError: no such signal; the device is not there, does not answer, or refuses.
+        """
+        signal = self.signal(name)
+        match signal.kind:
+            case Kind.DIGITAL_OUTPUT:
+                largest = 1
+            case Kind.REGISTER_OUTPUT:
+                largest = REGISTER
+            case _:
+                raise InputError(f"{name} is a {signal.kind.name.lower()}, which nobody can set")
+        if not 0 <= value <= largest:
+            raise LimitError(f"{name} takes from 0 to {largest}, got {value}")
+        await self._device(signal).write(signal, value)
+
+    def set_frequency(self, name: str, frequency_hz: float) -> None:
+        """How often a signal is read; as often as the device answers, at the most.
+
+        Raises:
+            LimitError: out of bounds.
+        """
+        signal = self.signal(name)
+        least, most = FREQUENCIES_HZ
+        if not least <= frequency_hz <= most:
+            raise LimitError(f"the frequency is from {least} to {most:g} Hz, got {frequency_hz:g}")
+        signal.period_s, signal.due_s = 1.0 / frequency_hz, 0.0
+        self._device(signal).hurry()
+
+    def _device(self, signal: Signal) -> Device:
+        return next(device for device in self._devices.values() if signal in device.signals)
+
+
+def _address(device: str) -> tuple[str, int]:
+    host, _, port = device.replace(",", ":").strip().partition(":")
+    number = port.strip() or str(DEFAULT_PORT)
+    if not host.strip() or not (number.isascii() and number.isdecimal() and 1 <= int(number) <= 65535):
+        raise InputError(f"device_info must be HOST, or HOST,PORT, got {shown(device)}")
+    return host.strip(), int(number)

@@ -1,0 +1,190 @@
+"""Memory that clients, programs and field devices share: numbered registers, named variables, watchdogs."""
+
+from __future__ import annotations
+
+import asyncio
+import struct
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from app.aubo.codes import Code, ServiceError
+from cobot.errors import InputError, LimitError
+from cobot.strict import shown
+
+COUNT = 128
+"""Of the registers of each kind in each bank; they are numbered from 0."""
+BANKS = ("input", "output", "register")
+KINDS: dict[str, Any] = {"bool": False, "int16": 0, "int32": 0, "float": 0.0, "double": 0.0}
+"""Kinds of registers, with what they hold at first."""
+MAX_VARIABLES = 10_000
+MAX_NAME = 200
+MAX_STRING = 65_536
+MAX_WATCHDOGS = 100
+WATCHDOG_S = (0.01, 3600.0)
+INT16 = 2**15 - 1
+FLOAT = struct.Struct("<f")
+
+Value = bool | int | float | str
+
+
+class Registers:
+    """Typed banks of `COUNT` registers, which anybody may write.
+
+    By convention inputs are what devices tell the robot and outputs what it tells them.
+    """
+
+    def __init__(self) -> None:
+        self._banks = {(kind, bank): [zero] * COUNT for kind, zero in KINDS.items() for bank in BANKS}
+
+    def get(self, kind: str, bank: str, index: int) -> Any:
+        """What stands there.
+
+        Raises:
+            InputError: there is no such index.
+        """
+        return self._banks[kind, bank][_checked(index)]
+
+    def set(self, kind: str, bank: str, index: int, value: Any) -> None:
+        """Write it; a float is rounded to the four bytes that it has.
+
+        Raises:
+            InputError: there is no such index.
+            LimitError: the value does not fit.
+        """
+        _checked(index)
+        if kind == "int16" and not -INT16 - 1 <= value <= INT16:
+            raise LimitError(f"an int16 register holds from {-INT16 - 1} to {INT16}, got {value}")
+        if kind == "float":
+            try:
+                (value,) = FLOAT.unpack(FLOAT.pack(value))
+            except OverflowError as exc:
+                raise LimitError(f"a float register holds up to ±3.4e38, got {value:g}") from exc
+        self._banks[kind, bank][index] = value
+
+
+def _checked(index: int) -> int:
+    if not 0 <= index < COUNT:
+        raise InputError(f"index must be from 0 to {COUNT - 1}, got {index}")
+    return index
+
+
+def _require_name(name: str) -> None:
+    if not 1 <= len(name) <= MAX_NAME:
+        raise InputError(f"a name has from 1 to {MAX_NAME} characters, got {shown(name)}")
+
+
+@dataclass(slots=True)
+class Watchdog:
+    """A timer that somebody has to keep from running out, by writing the variable of its name.
+
+    Attributes:
+        action: what is done when it has run out.
+        expired: whether it has; the next write starts it again.
+    """
+
+    timeout_s: float
+    action: int
+    expired: bool = False
+    timer: asyncio.TimerHandle | None = field(default=None, repr=False)
+
+
+class Variables:
+    """Named variables, and the watchdogs that watch over them.
+
+    Args:
+        on_expiry: called with the name and the action of a watchdog that has run out.
+    """
+
+    def __init__(self, on_expiry: Callable[[str, int], Awaitable[None]]) -> None:
+        self._on_expiry = on_expiry
+        self._values: dict[str, tuple[str, Value]] = {}
+        self._watchdogs: dict[str, Watchdog] = {}
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    def set(self, name: str, kind: str, value: Value) -> None:
+        """Write a variable, whatever it was before.
+
+        Raises:
+            InputError: the name or the value is too long, or there are too many.
+        """
+        _require_name(name)
+        if isinstance(value, str) and len(value) > MAX_STRING:
+            raise LimitError(f"a variable holds up to {MAX_STRING} characters, got {len(value)}")
+        if name not in self._values and len(self._values) >= MAX_VARIABLES:
+            raise LimitError(f"there are {MAX_VARIABLES} variables already")
+        self._values[name] = kind, value
+        self._kick(name)
+
+    def get(self, name: str, kind: str, default: Any) -> Any:
+        """Its value, or the default when there is none of that name.
+
+        Raises:
+            InputError: it is of another kind.
+        """
+        if name not in self._values:
+            return default
+        found, value = self._values[name]
+        if found != kind:
+            raise InputError(f"the variable {shown(name)} is a {found}, not a {kind}")
+        return value
+
+    def kind(self, name: str) -> str:
+        """Of a variable; "" when there is none."""
+        return self._values[name][0] if name in self._values else ""
+
+    def names(self) -> list[str]:
+        return sorted(self._values)
+
+    def remove(self, name: str) -> None:
+        """Forget a variable.
+
+        Raises:
+            ServiceError: there is none.
+        """
+        if self._values.pop(name, None) is None:
+            raise ServiceError(Code.NOT_FOUND, f"there is no variable {shown(name)}")
+
+    def watchdog(self, name: str) -> Watchdog | None:
+        return self._watchdogs.get(name)
+
+    def watch(self, name: str, timeout_s: float, action: int) -> None:
+        """Have the action done when the variable is not written for so long; 0 s ends that.
+
+        Raises:
+            InputError: the name is too long.
+            LimitError: the time is out of bounds, or there are too many.
+        """
+        _require_name(name)
+        shortest, longest = WATCHDOG_S
+        if timeout_s and not shortest <= timeout_s <= longest:
+            raise LimitError(f"a watchdog's timeout is from {shortest} to {longest:g} s, got {timeout_s:g}")
+        if name not in self._watchdogs and len(self._watchdogs) >= MAX_WATCHDOGS:
+            raise LimitError(f"there are {MAX_WATCHDOGS} watchdogs already")
+        old = self._watchdogs.pop(name, None)
+        if old is not None and old.timer is not None:
+            old.timer.cancel()
+        if timeout_s:
+            self._watchdogs[name] = Watchdog(timeout_s, action)
+            self._kick(name)
+
+    def close(self) -> None:
+        for dog in self._watchdogs.values():
+            if dog.timer is not None:
+                dog.timer.cancel()
+
+    def _kick(self, name: str) -> None:
+        dog = self._watchdogs.get(name)
+        if dog is None:
+            return
+        if dog.timer is not None:
+            dog.timer.cancel()
+        dog.expired = False
+        dog.timer = asyncio.get_running_loop().call_later(dog.timeout_s, self._expire, name)
+
+    def _expire(self, name: str) -> None:
+        dog = self._watchdogs[name]
+        dog.expired = True
+        task = asyncio.ensure_future(self._on_expiry(name, dog.action))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)

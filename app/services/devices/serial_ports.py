@@ -1,0 +1,122 @@
+"""Serial ports."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from pathlib import Path
+from typing import Any
+
+import serial
+
+from app.aubo.codes import Code, ServiceError
+from app.services.devices.channels import BUFFER_BYTES, TIMEOUT_S, Channel, Channels
+from cobot.errors import InputError
+
+DEVICES = Path("/dev")
+PARITIES = (serial.PARITY_NONE, serial.PARITY_ODD, serial.PARITY_EVEN)
+STOP_BITS = (1.0, 1.5, 2.0)
+OPEN_TIMEOUT_S = 5.0
+
+
+class SerialPorts(Channels):
+    """Ports by name."""
+
+    def __init__(self) -> None:
+        super().__init__("serial port")
+
+    async def open(self, name: str, device: str, baud: int, stop_bits: float, parity: int) -> None:
+        """Open a port with eight data bits.
+
+        Args:
+            device: as /dev/ttyUSB0.
+            stop_bits: 1, 1.5 or 2.
+            parity: 0 none, 1 odd, 2 even.
+
+        Raises:
+            InputError, ConflictError: wrong values, or a name that is taken.
+            ServiceError: it cannot be opened, with what the system says.
+        """
+        if stop_bits not in STOP_BITS:
+            raise InputError(f"stop_bits must be 1, 1.5 or 2, got {stop_bits:g}")
+        if not 0 <= parity < len(PARITIES):
+            raise InputError(f"even must be 0 (none), 1 (odd) or 2 (even), got {parity}")
+        self.require_place(name)
+        path = _device(device)
+        try:
+            port = await asyncio.wait_for(
+                asyncio.to_thread(
+                    serial.Serial,
+                    str(path),
+                    baud,
+                    parity=PARITIES[parity],
+                    stopbits=stop_bits,
+                    timeout=0,
+                    write_timeout=TIMEOUT_S,
+                    exclusive=True,
+                ),
+                OPEN_TIMEOUT_S,
+            )
+        except TimeoutError as exc:
+            raise ServiceError(Code.DEVICE_TIMEOUT, f"{device} does not open") from exc
+        except (OSError, ValueError) as exc:  # pyserial's errors are OSErrors
+            raise ServiceError(Code.DEVICE, f"{device}: {exc}") from exc
+        self.add(name, _Port(port).channel(f"serial port {name} ({device})"))
+
+
+class _Port(asyncio.ReadTransport):
+    """Feeds what a port receives to a StreamReader, and no more than that can take."""
+
+    def __init__(self, port: Any) -> None:
+        super().__init__()
+        self._port = port
+        self._loop = asyncio.get_running_loop()
+        self._reader = asyncio.StreamReader(BUFFER_BYTES, self._loop)
+        self._reader.set_transport(self)
+        self._open = True
+        self.resume_reading()
+
+    def channel(self, name: str) -> Channel:
+        return Channel(name, self._reader, self._write, self.close)
+
+    def pause_reading(self) -> None:
+        self._loop.remove_reader(self._port.fileno())
+
+    def resume_reading(self) -> None:
+        if self._open:
+            self._loop.add_reader(self._port.fileno(), self._receive)
+
+    def close(self) -> None:
+        if self._open:
+            self._end()
+
+    def _end(self) -> None:
+        self._open = False
+        self.pause_reading()
+        self._reader.feed_eof()
+        self._port.close()
+
+    def _receive(self) -> None:
+        try:
+            data = os.read(self._port.fileno(), 4096)
+        except OSError:  # the device has been pulled out, or who had the other end has gone
+            data = b""
+        if data:
+            self._reader.feed_data(data)
+        else:
+            self._end()
+
+    async def _write(self, data: bytes) -> None:
+        if not self._open:
+            raise OSError("the connection has ended")
+        await asyncio.to_thread(self._port.write, data)
+
+
+def _device(device: str) -> Path:
+    try:
+        path = Path(device).resolve()
+        if path.is_relative_to(DEVICES) and path.is_char_device():
+            return path
+    except (OSError, ValueError, RuntimeError) as exc:
+        raise InputError(f"device: {device!r}: {exc}") from exc
+    raise InputError(f"device: {device!r} is no character device below {DEVICES}")

@@ -1,0 +1,47 @@
+"""TCP connections to devices."""
+
+from __future__ import annotations
+
+import asyncio
+
+from app.aubo.codes import Code, ServiceError
+from app.services.devices.channels import BUFFER_BYTES, TIMEOUT_S, Channel, Channels, checked_timeout
+from cobot.errors import InputError
+
+
+class Sockets(Channels):
+    """Connections by name. The service is the client."""
+
+    def __init__(self) -> None:
+        super().__init__("socket")
+
+    async def open(self, name: str, host: str, port: int, timeout_s: float = TIMEOUT_S) -> None:
+        """Connect.
+
+        Raises:
+            InputError, ConflictError: a wrong port or name, or one that is taken.
+            ServiceError: nobody answers, with what the system says.
+        """
+        if not 1 <= port <= 65535:
+            raise InputError(f"port must be from 1 to 65535, got {port}")
+        checked_timeout(timeout_s)
+        self.require_place(name)
+        where = f"{host}:{port}"
+        try:
+            reader, writer = await asyncio.wait_for(
+                asyncio.open_connection(host, port, limit=BUFFER_BYTES), timeout_s
+            )
+        except TimeoutError as exc:
+            raise ServiceError(
+                Code.DEVICE_TIMEOUT, f"{where} has not answered within {timeout_s:g} s"
+            ) from exc
+        except (OSError, UnicodeError) as exc:  # a host name of strange letters
+            raise ServiceError(Code.DEVICE, f"{where}: {exc}") from exc
+
+        async def write(data: bytes) -> None:
+            await writer.drain()  # what was left of an earlier call has to go first, or it would pile up
+            writer.write(data)
+            await writer.drain()
+
+        writer.transport.set_write_buffer_limits(high=BUFFER_BYTES)
+        self.add(name, Channel(f"socket {name} ({where})", reader, write, writer.close))

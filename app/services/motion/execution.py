@@ -1,0 +1,231 @@
+"""How a motion goes from request to arrival."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.services.motion.ownership import Caller, Claim, Ownership, watching
+from app.services.motion.planning import PlanningService, PlanRequest
+from app.services.state.link import ACKNOWLEDGE_S, POLL_S, RobotLink, RobotState
+from cobot.config import PlanningSection
+from cobot.errors import (
+    CobotError,
+    ConflictError,
+    ExecutionError,
+    InputError,
+    MotionStopped,
+    MotionTimeout,
+    PlanningError,
+    PlanningTimeout,
+    UnavailableError,
+)
+from cobot.ipc.layout import MotionResult
+from cobot.planners import MotionRequest
+from cobot.robot.description import Robot
+from cobot.robot.frames import pose_from_abc
+from cobot.robot.limits import check_positions
+from cobot.trajectory import Trajectory
+from cobot.types import Array, Mode, PlannerName, Pose, Scaling
+
+REST_TIMEOUT_S = 5.0
+"""How long a motion that was told to stop is waited for."""
+STATE_TIMEOUT_S = 1.5
+"""How long a motion waits for a sign of rtloop before it gives up: less than the two seconds in which
+a client shall know."""
+LATEST_ANSWER_S = ACKNOWLEDGE_S + STATE_TIMEOUT_S + REST_TIMEOUT_S + 1.0
+"""How long after its timeout a motion may be answered: all its waits, and the way to the client."""
+WHERE = {
+    MotionResult.STOPPED: "on its path",
+    MotionResult.STOPPED_ASIDE: "beside its path, which left no room to slow down within the limits,",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a motion request ended. `error` is None when the arm has arrived and settled."""
+
+    error: CobotError | None
+    motion_id: int | None
+    duration_s: float
+    planning_time_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """Where to go, and how: see `MotionRequest`."""
+
+    target: Array | Pose
+    scaling: Scaling
+    planner: PlannerName = PlannerName.PTP
+    via: Array | None = None
+
+
+class MotionService:
+    """Plans motions and has them executed, for who owns the right to move."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        link: RobotLink,
+        ownership: Ownership,
+        planning: PlanningService,
+        settings: PlanningSection,
+    ) -> None:
+        self._robot = robot
+        self._link = link
+        self._ownership = ownership
+        self._planning = planning
+        self._settings = settings
+
+    def named(self, name: str, scaling: Scaling) -> Goal:
+        """The goal of a named position.
+
+        Raises:
+            InputError: there is no such position; lists the valid ones.
+        """
+        position = self._robot.positions.get(name)
+        if position is None:
+            valid = ", ".join(self._robot.positions)
+            raise InputError(f"there is no named position {name!r}; valid are: {valid}")
+        return self.joints(list(position.joints), scaling)
+
+    def joints(self, angles: list[float], scaling: Scaling) -> Goal:
+        """The goal of joint angles, rad.
+
+        Raises:
+            InputError: another number of joints than the robot has.
+            LimitError: beyond joint_limits.yaml.
+        """
+        limits = self._robot.limits
+        if len(angles) != limits.dof:
+            raise InputError(f"joints must have {limits.dof} angles, got {len(angles)}")
+        target = np.array(angles, dtype=np.float64)
+        check_positions(limits, target)
+        return Goal(target, scaling)
+
+    def pose(
+        self,
+        position: list[float],
+        abc: list[float],
+        frame: str,
+        planner: str,
+        scaling: Scaling,
+        via: list[float] | None,
+    ) -> Goal:
+        """The goal of a TCP pose: m, KUKA angles in rad.
+
+        Raises:
+            InputError: an unknown frame, or a `via` that does not fit the planner.
+        """
+        base = self._robot.base_frame
+        if (frame or self._settings.default_frame) != base:
+            raise InputError(f"frame_id: there is no frame {frame!r}; valid are: {base}, or empty for it")
+        if via is None and planner == PlannerName.CIRC:
+            raise InputError("via: is missing; planner circ needs a point on its arc")
+        if via is not None and planner != PlannerName.CIRC:
+            raise InputError(f"via: is for planner circ only, not for {planner}")
+        point = None if via is None else np.array(via)
+        return Goal(pose_from_abc(*position, *abc), scaling, PlannerName(planner), point)
+
+    async def move(self, goal: Goal, caller: Caller) -> Outcome:
+        """Plan, go, and return when the arm has arrived and settled, or why it has not.
+
+        Raises:
+            ConflictError, UnavailableError, InputError: nothing has moved.
+        """
+        begun_s = time.monotonic()
+        planned_s = begun_s
+        with self._ownership.claim(caller) as claim, watching(claim, caller):
+            error: CobotError | None = None
+            try:
+                state = await self.ready()
+                request = MotionRequest(
+                    state.commanded_position,
+                    goal.target,
+                    goal.planner,
+                    goal.scaling,
+                    goal.via,
+                    timeout_s=self._settings.timeout_s,
+                )
+                trajectory = await self.plan(claim, request, caller.timeout_s)
+                planned_s = time.monotonic()
+                if trajectory is not None:
+                    await self.start(claim, trajectory)
+                    await self.arrival(claim)
+            except (PlanningError, ExecutionError) as exc:
+                error = exc
+            now_s = time.monotonic()
+            planning_s = (planned_s if planned_s > begun_s else now_s) - begun_s
+            return Outcome(error, claim.motion_id, now_s - begun_s, planning_s)
+
+    async def ready(self) -> RobotState:
+        """A state from which a motion may start.
+
+        Raises:
+            UnavailableError: see `RobotLink.ready_state`.
+            ConflictError: the arm still moves for somebody who is gone.
+        """
+        state = await self._link.ready_state(STATE_TIMEOUT_S)
+        if state.mode is not Mode.HOLD:
+            raise ConflictError(f"the arm still moves: motion {state.motion_id} is in mode {state.mode.name}")
+        return state
+
+    async def plan(self, claim: Claim, request: PlanRequest, timeout_s: float) -> Trajectory | None:
+        """Plan on behalf of a claim; an interruption kills the planner."""
+        try:
+            return await claim.unless_interrupted(self._planning.plan(request, timeout_s))
+        except MotionTimeout as exc:
+            raise PlanningTimeout(f"not planned within {timeout_s:g} s") from exc
+
+    async def start(self, claim: Claim, trajectory: Trajectory) -> None:
+        """Hand the motion to rtloop.
+
+        Raises:
+            ExecutionError, UnavailableError, InputError: see `RobotLink.start`.
+        """
+        if claim.pace.paused:
+            await claim.unless_interrupted(claim.pace.opened.wait())
+        claim.proceed()
+        claim.motion_id = await self._link.start(trajectory, claim.stops)
+        await claim.pace.begun()
+
+    async def arrival(self, claim: Claim) -> None:
+        """Wait until the motion has ended.
+
+        Raises:
+            ExecutionError: it did not arrive; its class and text say why.
+            UnavailableError: rtloop is gone.
+        """
+        give_up_s = float("inf")
+        begun_s = time.monotonic()
+        while True:
+            try:
+                state = await self._link.fresh_state(STATE_TIMEOUT_S)
+            except UnavailableError:
+                self._link.request_stop()  # if rtloop goes on after all, then not with a motion of nobody's
+                raise
+            if state.motion_id != claim.motion_id:
+                # Of the cycle before the acknowledgement; or rtloop has died before it could publish one.
+                if state.published_s > begun_s:
+                    raise ExecutionError("rtloop was restarted; the motion has not begun")
+            elif state.motion_result is not MotionResult.RUNNING:
+                break
+            if claim.interruption is not None and give_up_s == float("inf"):
+                self._link.request_stop()
+                give_up_s = time.monotonic() + REST_TIMEOUT_S
+            if time.monotonic() > give_up_s:
+                raise ExecutionError(
+                    f"{claim.interruption}; the arm has not come to rest within {REST_TIMEOUT_S:.0f} s"
+                )
+            await asyncio.sleep(POLL_S)
+        if state.motion_result in WHERE:
+            share = 100.0 * state.path_time_s / state.path_duration_s
+            cause = claim.interruption or MotionStopped(state.reason)
+            where = WHERE[state.motion_result]
+            raise type(cause)(f"{cause}: the arm came to rest {where} after {share:.0f} % of it")
+        if state.motion_result is not MotionResult.ARRIVED:
+            raise ExecutionError(state.reason)

@@ -1,0 +1,151 @@
+"""Named frames: a tree in which each frame has a pose in another one, and the world is the root."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from app.aubo.codes import Code, ServiceError
+from cobot.errors import ConflictError, InputError, LimitError
+from cobot.strict import shown
+from cobot.types import vector
+
+WORLD = "world"
+MAX_FRAMES = 1000
+MAX_NAME = 200
+
+
+@dataclass(slots=True)
+class Frame:
+    """A frame and where it is in its parent."""
+
+    parent: str
+    pose: RigidTransform
+
+
+def transform(pose: list[float], name: str = "pose") -> RigidTransform:
+    """Of [x, y, z, rx, ry, rz] in m and rad, which turns about the fixed axes x, y, z in that order.
+
+    Raises:
+        InputError: not six finite numbers.
+    """
+    values = vector(pose, 6, name=name)
+    return RigidTransform.from_components(values[:3], Rotation.from_euler("xyz", values[3:]))
+
+
+def pose_of(place: RigidTransform) -> list[float]:
+    """The way back."""
+    position, turn = place.as_components()
+    return [*position.tolist(), *turn.as_euler("xyz", suppress_warnings=True).tolist()]
+
+
+class Frames:
+    """The tree."""
+
+    def __init__(self) -> None:
+        self._frames: dict[str, Frame] = {}
+
+    def add(self, name: str, pose: RigidTransform, parent: str = WORLD) -> None:
+        """Add a frame.
+
+        Raises:
+            ConflictError: there is one of that name.
+            InputError, ServiceError: a wrong name, or no such parent.
+        """
+        if not 1 <= len(name) <= MAX_NAME:
+            raise InputError(f"a name has from 1 to {MAX_NAME} characters, got {shown(name)}")
+        if name == WORLD or name in self._frames:
+            raise ConflictError(f"there is a frame {shown(name)} already")
+        if len(self._frames) >= MAX_FRAMES:
+            raise LimitError(f"there are {MAX_FRAMES} frames already")
+        self._require(parent)
+        self._frames[name] = Frame(parent, pose)
+
+    def attach(self, name: str, parent: str) -> None:
+        """Hang a frame, and all below it, on another one; it stays where it is in the world.
+
+        Raises:
+            ServiceError: there is no such frame or parent.
+            ConflictError: the parent hangs on the frame itself.
+        """
+        frame = self._frame(name)
+        self._require(parent)
+        if name in self.way_up(parent):
+            raise ConflictError(f"{shown(parent)} hangs on {shown(name)}: that would be a circle")
+        frame.pose = self.between(name, parent)
+        frame.parent = parent
+
+    def move(self, name: str, pose: RigidTransform, reference: str = "") -> None:
+        """Put a frame, and all below it, somewhere else; it stays on its parent.
+
+        Args:
+            reference: the frame of the pose, "" for the parent.
+        """
+        frame = self._frame(name)
+        if reference in ("", frame.parent):
+            frame.pose = pose
+        elif name in self.way_up(reference):
+            raise ConflictError(f"{shown(reference)} hangs on {shown(name)} and would move with it")
+        else:
+            frame.pose = self.between(reference, frame.parent) * pose
+
+    def remove(self, name: str) -> None:
+        """Take a frame away.
+
+        Raises:
+            ServiceError: there is none.
+            ConflictError: others hang on it.
+        """
+        self._frame(name)
+        children = self.children(name)
+        if children:
+            raise ConflictError(f"on {shown(name)} hang {', '.join(children)}; take them away first")
+        del self._frames[name]
+
+    def remove_all(self) -> None:
+        self._frames.clear()
+
+    def names(self) -> list[str]:
+        return [WORLD, *self._frames]
+
+    def parent(self, name: str) -> str:
+        return "" if name == WORLD else self._frame(name).parent
+
+    def children(self, name: str) -> list[str]:
+        self._require(name)
+        return [each for each, frame in self._frames.items() if frame.parent == name]
+
+    def between(self, name: str, reference: str) -> RigidTransform:
+        """Where one frame is in another.
+
+        Raises:
+            ServiceError: there is no such frame.
+        """
+        return self._in_world(reference).inv() * self._in_world(name)
+
+    def way_up(self, name: str) -> list[str]:
+        """The frame, its parent and so on, without the world."""
+        way = []
+        while name != WORLD:
+            way.append(name)
+            name = self._frame(name).parent
+        return way
+
+    def _in_world(self, name: str) -> RigidTransform:
+        place = RigidTransform.identity()
+        for each in self.way_up(name):
+            place = self._frames[each].pose * place
+        return place
+
+    def _frame(self, name: str) -> Frame:
+        self._require(name)
+        if name == WORLD:
+            raise InputError(f"{WORLD} is the root of all frames and stays where it is")
+        return self._frames[name]
+
+    def _require(self, name: str) -> None:
+        if name != WORLD and name not in self._frames:
+            raise ServiceError(
+                Code.NOT_FOUND, f"there is no frame {shown(name)}; there are: {', '.join(self.names())}"
+            )

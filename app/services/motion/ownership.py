@@ -1,0 +1,196 @@
+"""Who may move the arm: one at a time."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from collections.abc import Coroutine, Iterator
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+from app.services.motion.speed_override import MAX_PAUSE_S, Pace
+from app.services.state.link import RobotLink
+from cobot.errors import ConflictError, ExecutionError, MotionStopped, MotionTimeout
+
+Result = TypeVar("Result")
+LONGEST_WAIT_S = 3600.0
+
+
+@dataclass(frozen=True, slots=True)
+class Caller:
+    """Who asks for a motion.
+
+    Attributes:
+        name: what others are told about the owner.
+        token: of the sequence on whose behalf the arm shall move, if any.
+        stops: `Ownership.stops` when the request came in: a later stop is for its motion too.
+        timeout_s: after which the motion is to end.
+        gone: set when the client goes away: the arm then stops.
+    """
+
+    name: str
+    token: str | None
+    stops: int
+    timeout_s: float
+    gone: asyncio.Event
+
+
+@dataclass
+class Claim:
+    """The right to move, of one motion.
+
+    Attributes:
+        name: see `Caller`.
+        stops: the link's count of stops when the claim was made.
+        pace: of its motion.
+        motion_id: once it runs.
+        interruption: why it has to end early, once it has to; then `interrupted` is set.
+        ended: set when it has.
+    """
+
+    name: str
+    stops: int
+    pace: Pace
+    since_s: float = field(default_factory=time.monotonic)
+    motion_id: int | None = None
+    interruption: ExecutionError | None = None
+    interrupted: asyncio.Event = field(default_factory=asyncio.Event)
+    ended: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def interrupt(self, cause: ExecutionError) -> None:
+        """End this motion; the first cause counts."""
+        if self.interruption is None:
+            self.interruption = cause
+            self.interrupted.set()
+
+    def proceed(self) -> None:
+        """Raise what has interrupted it, if something has."""
+        if self.interruption is not None:
+            raise self.interruption
+
+    async def unless_interrupted(self, work: Coroutine[Any, Any, Result]) -> Result:
+        """The work's result; an interruption cancels it and is raised."""
+        task = asyncio.create_task(work)
+        interrupted = asyncio.create_task(self.interrupted.wait())
+        try:
+            await asyncio.wait({task, interrupted}, return_when=asyncio.FIRST_COMPLETED)
+            self.proceed()
+            return await task
+        finally:
+            task.cancel()
+            interrupted.cancel()
+
+    def __str__(self) -> str:
+        number = f", motion {self.motion_id}" if self.motion_id is not None else ""
+        return f"{self.name} (for {time.monotonic() - self.since_s:.1f} s{number})"
+
+
+class Ownership:
+    """Gives the right to move to one request at a time.
+
+    A running sequence has it from its start to its end; requests that carry its token move on its
+    behalf.
+
+    Attributes:
+        stops: how often POST /stop was called.
+        pace: of all motions.
+    """
+
+    def __init__(self, link: RobotLink) -> None:
+        self._link = link
+        self._claim: Claim | None = None
+        self._sequence: tuple[str, str] | None = None  # name, token
+        self.stops = 0
+        self.pace = Pace(link)
+
+    @property
+    def owner(self) -> str | None:
+        """Who moves the arm, for people."""
+        if self._claim is not None:
+            return str(self._claim)
+        return self._sequence[0] if self._sequence else self._link.streamer()
+
+    def claim_for_sequence(self, name: str, token: str) -> None:
+        """Reserve the motion for requests with a token.
+
+        Raises:
+            ConflictError: somebody else owns it.
+        """
+        if self.owner is not None:
+            raise ConflictError(f"the robot is in use by {self.owner}")
+        self._sequence = name, token
+
+    def release_sequence(self) -> None:
+        self._sequence = None
+        self.pace.reset()
+
+    def require_free(self, token: str | None) -> None:
+        """See that a request with this token may move the arm.
+
+        Raises:
+            ConflictError: somebody else owns it.
+        """
+        if self._claim is not None or (self._sequence is not None and self._sequence[1] != token):
+            raise ConflictError(f"the robot is in use by {self.owner}; wait for it, or POST /stop")
+        streamer = self._link.streamer()
+        if streamer is not None:
+            raise ConflictError(f"the robot is in use by {streamer}; wait for its end, or POST /stop")
+        if token is not None and self._sequence is None:
+            raise ConflictError("the sequence that this request belongs to has ended")
+
+    @contextlib.contextmanager
+    def claim(self, caller: Caller) -> Iterator[Claim]:
+        """Own the motion for as long as the context lasts; one that a stop has overtaken is interrupted.
+
+        Raises:
+            ConflictError: somebody else owns it.
+        """
+        self.require_free(caller.token)
+        claim = Claim(caller.name, self._link.stops, self.pace)
+        if self.stops != caller.stops:
+            claim.interrupt(MotionStopped("a stop was requested while the request was being read"))
+        self._claim = claim
+        try:
+            yield claim
+        finally:
+            self._claim = None
+            claim.ended.set()
+
+    def stop(self) -> Claim | None:
+        """Interrupt the motion that is read, planned or runs; its claim, which will end, or None."""
+        self.stops += 1
+        self.pace.reset()
+        if self._claim is not None:
+            self._claim.interrupt(MotionStopped("stopped by POST /stop"))
+        return self._claim
+
+
+@contextlib.contextmanager
+def watching(claim: Claim, caller: Caller) -> Iterator[None]:
+    """Interrupt the motion, or what comes before it, when its client goes away or its time is up.
+
+    While motions are paused, the time does not go on.
+    """
+    before_s = claim.pace.paused_s
+    begun_s = time.monotonic()
+
+    def left_s() -> float:
+        paused_s = min(claim.pace.paused_s - before_s, MAX_PAUSE_S)
+        return begun_s + caller.timeout_s + paused_s - time.monotonic()
+
+    async def watch() -> None:
+        while not caller.gone.is_set() and left_s() > 0.0:
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(caller.gone.wait(), min(max(left_s(), 0.01), LONGEST_WAIT_S))
+        if caller.gone.is_set():
+            claim.interrupt(MotionStopped("the client went away"))
+        else:
+            done = "begun" if claim.motion_id is None else "arrived"
+            claim.interrupt(MotionTimeout(f"not {done} within {caller.timeout_s:g} s"))
+
+    watcher = asyncio.create_task(watch())
+    try:
+        yield
+    finally:
+        watcher.cancel()

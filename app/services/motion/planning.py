@@ -1,0 +1,108 @@
+"""Planning in worker processes, so that it can neither block the service nor outlive a stop."""
+
+from __future__ import annotations
+
+import asyncio
+import multiprocessing
+import signal
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TypeVar, cast
+
+import pebble
+
+from cobot.config import load_settings
+from cobot.errors import PlanningError, PlanningTimeout
+from cobot.launch.process import Niceness, be, die_with_parent
+from cobot.planners import MotionRequest, WaypointRequest, plan, plan_waypoints
+from cobot.planners.rated import RatedMove, plan_rated
+from cobot.robot.description import Robot, load_robot
+from cobot.trajectory import Trajectory
+
+Result = TypeVar("Result")
+PlanRequest = MotionRequest | WaypointRequest | RatedMove
+
+
+@dataclass
+class _Worker:
+    robot: Robot | None = None
+
+
+_worker = _Worker()
+"""What a worker process keeps between its tasks; stays empty in the service."""
+
+
+def _prepare(config: Path | None, robot: str | None) -> None:
+    die_with_parent(signal.SIGKILL)
+    be(Niceness.BACKGROUND)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _worker.robot = load_robot(load_settings(config).of(robot))
+
+
+def _work(work: Callable[[Robot], Result]) -> Result:
+    assert _worker.robot is not None
+    return work(_worker.robot)
+
+
+def _planned(robot: Robot, request: PlanRequest) -> Trajectory | None:
+    if isinstance(request, MotionRequest):
+        return plan(robot, request)
+    if isinstance(request, WaypointRequest):
+        return plan_waypoints(robot, request)
+    return plan_rated(robot, request)
+
+
+def _ready(robot: Robot) -> None:
+    """A task that only waits for the worker."""
+
+
+class PlanningService:
+    """A pool of planning processes, each with the robot loaded.
+
+    Each robot has a pool of its own: what one has to plan does not keep another waiting.
+
+    Args:
+        config: the settings' file, None for the shipped one.
+        robot: one of its robots, None for the default one.
+    """
+
+    def __init__(self, config: Path | None, workers: int, robot: str | None = None) -> None:
+        self._workers = workers
+        self._pool = pebble.ProcessPool(
+            max_workers=workers,
+            initializer=_prepare,
+            initargs=[config, robot],
+            context=multiprocessing.get_context("spawn"),
+        )
+
+    async def warm_up(self) -> None:
+        """Start the workers: the first plan should not wait for their imports."""
+        await asyncio.gather(*(self._run(_ready, None) for _ in range(self._workers)))
+
+    async def plan(self, request: PlanRequest, timeout_s: float) -> Trajectory | None:
+        """See `cobot.planners.plan`, `plan_waypoints` and `plan_rated`; raises as `compute` does."""
+        return await self.compute(partial(_planned, request=request), timeout_s)
+
+    async def compute(self, work: Callable[[Robot], Result], timeout_s: float) -> Result:
+        """What a picklable function makes of the robot. Cancelling this kills the worker.
+
+        Raises:
+            PlanningTimeout: the worker did not finish in time.
+            CobotError: what the function raises.
+        """
+        try:
+            return await self._run(work, timeout_s)
+        except TimeoutError as exc:
+            raise PlanningTimeout(f"planning took longer than {timeout_s:.0f} s and was given up") from exc
+        except pebble.ProcessExpired as exc:
+            raise PlanningError(f"the planning process died (exit code {exc.exitcode})") from exc
+
+    async def _run(self, work: Callable[[Robot], Result], timeout_s: float | None) -> Result:
+        found = await asyncio.wrap_future(self._pool.schedule(_work, args=[work], timeout=timeout_s))
+        return cast(Result, found)
+
+    def close(self) -> None:
+        self._pool.stop()
+        self._pool.join()

@@ -1,0 +1,116 @@
+"""How fast motions go along their paths: a fraction of their own time, and pauses."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+
+from app.services.state.link import POLL_S, RESTING, RobotLink
+from cobot.errors import ConflictError, ExecutionError, LimitError
+
+REST_TIMEOUT_S = 3.0
+"""For a motion that is to pause."""
+MAX_PAUSE_S = 3600.0
+"""So much of a pause is not counted as time in which a motion could have arrived."""
+FRACTIONS = (0.01, 1.0)
+
+
+class Pace:
+    """Of one robot's motions; streams have none.
+
+    Attributes:
+        opened: set while motions may begin.
+        fraction: of full speed.
+        others: the paces of the robots that move together with this one, which pause and go on with it.
+    """
+
+    def __init__(self, link: RobotLink) -> None:
+        self._link = link
+        self._paused_s = 0.0
+        self._since_s = 0.0
+        self.opened = asyncio.Event()
+        self.opened.set()
+        self.fraction = 1.0
+        self.others: tuple[Pace, ...] = ()
+
+    @property
+    def paused(self) -> bool:
+        return not self.opened.is_set()
+
+    @property
+    def paused_s(self) -> float:
+        """How long all pauses were together, the present one included."""
+        return self._paused_s + (time.monotonic() - self._since_s if self.paused else 0.0)
+
+    async def set_fraction(self, fraction: float) -> None:
+        """Go along the path faster or slower: the motion that runs, and all that follow.
+
+        Raises:
+            ConflictError: it moves together with other robots.
+            LimitError: out of bounds.
+            UnavailableError: rtloop does not answer.
+        """
+        if self.others:
+            raise ConflictError("a synchronous motion keeps the speed that it has begun with")
+        least, most = FRACTIONS
+        if not least <= fraction <= most:
+            raise LimitError(f"the fraction of the speed is from {least} to {most:g}, got {fraction:g}")
+        self.fraction = fraction
+        await self._apply()
+
+    async def pause(self) -> None:
+        """Bring the arm to rest on its path, and those that move with it, and let nothing begin.
+
+        Returns when they rest.
+
+        Raises:
+            ConflictError: it follows a stream, which has no path.
+            UnavailableError: rtloop does not answer.
+            ExecutionError: it does not come to rest.
+        """
+        await asyncio.gather(*(pace._pause() for pace in (self, *self.others)))
+
+    async def _pause(self) -> None:
+        if self._link.state().session:
+            raise ConflictError("a stream has no path to pause on; end it, or POST /stop")
+        if not self.paused:
+            self._since_s = time.monotonic()
+            self.opened.clear()
+        await self._apply()
+        deadline_s = time.monotonic() + REST_TIMEOUT_S
+        while not self._rests():
+            if time.monotonic() > deadline_s:
+                raise ExecutionError(f"the arm has not come to rest on its path within {REST_TIMEOUT_S:g} s")
+            await asyncio.sleep(POLL_S)
+
+    async def resume(self) -> None:
+        """Go on with the motion that was paused, and with those that wait.
+
+        Raises:
+            UnavailableError: rtloop does not answer.
+        """
+        paces = (self, *self.others)
+        for pace in paces:
+            pace.reset()
+        await asyncio.gather(*(pace._apply() for pace in paces))
+
+    def reset(self) -> None:
+        """There is nothing left that was paused."""
+        if self.paused:
+            self._paused_s = self.paused_s
+            self.opened.set()
+
+    async def begun(self) -> None:
+        """A motion has just begun, as every motion at its full rate."""
+        if self.paused or self.fraction != 1.0:
+            await self._apply()
+
+    def _rests(self) -> bool:
+        state = self._link.state()
+        return state.mode in RESTING or float(self._link.memory.state.data["path_rate"]) == 0.0
+
+    async def _apply(self) -> None:
+        try:
+            await self._link.set_rate(0.0 if self.paused else self.fraction)
+        except ExecutionError:
+            return  # no motion is running; the next one asks

@@ -1,0 +1,131 @@
+"""POST /stop: whatever the state of everything else, the arm first."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import time
+from dataclasses import dataclass
+
+from app.services.motion.ownership import Ownership
+from app.services.programs.sequences import SequenceService
+from app.services.state.link import POLL_S, RESTING, RobotLink, RobotState
+from cobot.errors import CobotError, UnavailableError
+from cobot.types import Mode
+
+END_TIMEOUT_S = 2.0
+"""How long a motion is waited for that has come to rest and has only to notice."""
+LATCHED = (Mode.ESTOP, Mode.FAULT)
+UNMEASURED_S = 0.25
+"""Without a measurement for so long, nobody can say that the arm is at rest."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stopped:
+    """What a stop has done.
+
+    Attributes:
+        success: whether everything has ended and the arm is known to be at rest.
+        stopped: what was ended, for people.
+        position: measured, rad; None when rtloop does not answer.
+    """
+
+    success: bool
+    message: str
+    stopped: list[str]
+    position: list[float] | None
+    at_rest: bool
+    duration_s: float
+
+
+def together(stops: dict[str, Stopped]) -> Stopped:
+    """The stops of several robots as one, with the position of the first; that of one robot as it is."""
+    first = next(iter(stops.values()))
+    if len(stops) == 1:
+        return first
+    return Stopped(
+        all(each.success for each in stops.values()),
+        "; ".join(f"{name}: {each.message}" for name, each in stops.items()),
+        [f"{name}: {item}" for name, each in stops.items() for item in each.stopped],
+        first.position,
+        all(each.at_rest for each in stops.values()),
+        max(each.duration_s for each in stops.values()),
+    )
+
+
+class StopService:
+    """Takes no lock, waits for no queue, asks for no ownership."""
+
+    def __init__(self, link: RobotLink, ownership: Ownership, sequences: SequenceService) -> None:
+        self._link = link
+        self._ownership = ownership
+        self._sequences = sequences
+
+    async def stop(self, timeout_s: float) -> Stopped:
+        """End the sequence, the planning and the motion. Never fails: says what it could not confirm."""
+        begun_s = time.monotonic()
+        self._link.request_stop()
+        orphan = self._orphan()
+        claim = self._ownership.stop()
+        motion = str(claim) if claim else None
+        problems: list[str] = []
+        sequence, state = await asyncio.gather(self._sequences.stop(), self._rest(timeout_s - 0.5, problems))
+        stopped = [item for item in (sequence, motion or orphan) if item]
+        at_rest = state is not None and _idle(state) and state.settled
+        if at_rest and claim is not None:  # who has stopped the arm may want to move it next
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(claim.ended.wait(), END_TIMEOUT_S)
+        told = "stopped" if at_rest else "told to stop:"
+        done = f"{told} {' and '.join(stopped)}" if stopped else "nothing was running"
+        where = "the arm is at rest" if at_rest else "the arm is NOT known to be at rest"
+        return Stopped(
+            at_rest,
+            "; ".join([done, where, *problems]),
+            stopped,
+            None if state is None else state.position.tolist(),
+            at_rest,
+            time.monotonic() - begun_s,
+        )
+
+    async def reset(self, timeout_s: float) -> None:
+        """Leave ESTOP or FAULT. What was under way or waits for something moves nothing any more: a sequence
+        or program that has slept through it ends.
+
+        Raises:
+            ConflictError, NotReadyError, UnavailableError: see `RobotLink.reset`.
+        """
+        if self._link.state().mode in LATCHED:
+            await self._sequences.stop()
+        await self._link.reset(timeout_s)
+
+    def _orphan(self) -> str | None:
+        """What moves the arm without a claim: a local client, or the motion of a service that has died."""
+        try:
+            state = self._link.state()
+        except UnavailableError:
+            return None
+        return self._link.streamer() or (None if _idle(state) else f"motion {state.motion_id}")
+
+    async def _rest(self, timeout_s: float, problems: list[str]) -> RobotState | None:
+        """The state once the arm is at rest, or the last one before the time was up."""
+        deadline_s = time.monotonic() + timeout_s
+        state: RobotState | None = None
+        while time.monotonic() < deadline_s:
+            try:
+                state = await self._link.fresh_state(0.5)
+            except CobotError as exc:
+                problems.append(str(exc))
+                return None
+            if state.measured_age_s > UNMEASURED_S and _idle(state):
+                problems.append(f"it was measured {state.measured_age_s:.1f} s ago: {state.reason}")
+                return state
+            if state.stops_seen >= self._link.stops and _idle(state) and state.settled:
+                return state
+            await asyncio.sleep(POLL_S)
+        problems.append(f"not at rest within {timeout_s:g} s")
+        return state
+
+
+def _idle(state: RobotState) -> bool:
+    """Whether neither a motion nor a session is under way."""
+    return state.mode in RESTING and state.session == 0

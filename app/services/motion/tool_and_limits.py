@@ -1,0 +1,57 @@
+"""What a user may set of a robot while it runs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cobot.planners.rated import Envelope
+from cobot.robot import quaternion
+from cobot.robot.description import Robot
+from cobot.types import Array, Pose
+
+
+class RobotSettings:
+    """Tool and limits of one robot's vendor services; back to the configuration's with each start.
+
+    Attributes:
+        envelope: what the motion queue plans with. Moves that are planned already keep theirs.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.envelope = Envelope(robot.limits, robot.cartesian_limits)
+        flange = robot.model.flange_in_tcp()
+        self._flange = Pose(flange[:3], flange[3:])
+
+    def tip(self, tcp: Pose) -> Pose:
+        """The tool's tip, for a pose of the model's TCP."""
+        return compose(tcp, self._tool)
+
+    def tcp(self, tip: Pose) -> Pose:
+        """The model's TCP, for a pose of the tool's tip."""
+        return compose(tip, inverted(self._tool))
+
+    def flange(self, tcp: Pose) -> Pose:
+        """The flange, for a pose of the model's TCP."""
+        return compose(tcp, self._flange)
+
+    def tcp_of_flange(self, flange: Pose) -> Pose:
+        """The model's TCP, for a pose of the flange."""
+        return compose(flange, inverted(self._flange))
+
+    @property
+    def _tool(self) -> Pose:
+        tool: Array = np.array(self.envelope.tool)
+        return Pose(tool[:3], tool[3:])
+
+
+def compose(first: Pose, second: Pose) -> Pose:
+    """The second pose, given in the frame of the first one, in the first one's own frame."""
+    position = first.position + quaternion.rotated(first.quaternion.tolist(), second.position.tolist())
+    turn = quaternion.product(first.quaternion.tolist(), second.quaternion.tolist())
+    return Pose(position, np.array(turn))
+
+
+def inverted(pose: Pose) -> Pose:
+    """The frame in which a pose is given, in the pose's own frame."""
+    back = quaternion.conjugate(pose.quaternion.tolist())
+    return Pose(-np.array(quaternion.rotated(back, pose.position.tolist())), np.array(back))

@@ -1,0 +1,120 @@
+"""Timed trajectories: sent, accepted, and then on their own."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+from app.services.motion.execution import MotionService
+from app.services.motion.ownership import Caller, Claim, Ownership, watching
+from cobot.errors import CobotError, ExecutionError
+from cobot.planners import WaypointRequest
+from cobot.types import Scaling, Waypoint
+
+LOG_LINES = 300
+APPROACH = Scaling(0.25)
+"""The speed of `move_to_start`."""
+
+log = logging.getLogger("cobot.trajectories")
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What a sender may choose, see `WaypointRequest`."""
+
+    validate_limits: bool = True
+    retime: bool = False
+    move_to_start: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Sent:
+    """A trajectory that rtloop has accepted."""
+
+    motion_id: int
+    duration_s: float
+    points: int
+
+
+class TrajectoryService:
+    """Sends trajectories and keeps the log of what became of them."""
+
+    def __init__(
+        self, ownership: Ownership, motion: MotionService, start_tolerance_rad: float, label: str = ""
+    ) -> None:
+        self._label = label
+        self._ownership = ownership
+        self._motion = motion
+        self._start_tolerance_rad = start_tolerance_rad
+        self._lines: deque[str] = deque(maxlen=LOG_LINES)
+        self._followers: set[asyncio.Task[None]] = set()
+
+    def lines(self, count: int) -> list[str]:
+        """The newest log lines, the oldest of them first."""
+        return list(self._lines)[-count:]
+
+    async def send(self, read: Callable[[], Sequence[Waypoint]], options: Options, caller: Caller) -> Sent:
+        """Interpolate, check, hand over; returns when rtloop has accepted, the motion then goes on alone.
+
+        Args:
+            read: gives the points, or raises an InputError; called in a thread, and only when the arm is
+                free: who only wants to know that it is not shall not cost the owner's service its time.
+
+        Raises:
+            InputError, PlanningError: the points make no motion, with the reason. Nothing has moved.
+            ExecutionError: interrupted, or refused by rtloop.
+            ConflictError, UnavailableError: see `MotionService`.
+        """
+        with contextlib.ExitStack() as stack:
+            claim = stack.enter_context(self._ownership.claim(caller))
+            try:
+                with watching(claim, caller):
+                    sent = await self._hand_over(claim, read, options, caller.timeout_s)
+            except CobotError as exc:
+                self._note(f"{caller.name}: refused: {exc}")
+                raise
+            self._note(f"motion {sent.motion_id}: accepted, {sent.points} points, {sent.duration_s:.3f} s")
+            # From here the claim belongs to the task that follows the motion to its end.
+            follower = asyncio.create_task(self._follow(claim, stack.pop_all()))
+            self._followers.add(follower)
+            follower.add_done_callback(self._followers.discard)
+        return sent
+
+    async def _hand_over(
+        self, claim: Claim, read: Callable[[], Sequence[Waypoint]], options: Options, timeout_s: float
+    ) -> Sent:
+        await self._motion.ready()
+        points = await claim.unless_interrupted(asyncio.to_thread(read))
+        state = await self._motion.ready()
+        request = WaypointRequest(
+            state.commanded_position,
+            points,
+            self._start_tolerance_rad,
+            check_limits=options.validate_limits,
+            retime=options.retime,
+            approach=APPROACH if options.move_to_start else None,
+        )
+        trajectory = await self._motion.plan(claim, request, timeout_s)
+        assert trajectory is not None  # plan_waypoints always has one
+        await self._motion.start(claim, trajectory)
+        assert claim.motion_id is not None
+        return Sent(claim.motion_id, trajectory.duration_s, len(points))
+
+    async def _follow(self, claim: Claim, ownership: contextlib.ExitStack) -> None:
+        with ownership:
+            try:
+                await self._motion.arrival(claim)
+                self._note(f"motion {claim.motion_id}: arrived and settled")
+            except ExecutionError as exc:
+                self._note(f"motion {claim.motion_id}: {exc}")
+            except CobotError as exc:
+                self._note(f"motion {claim.motion_id}: lost sight of it: {exc}")
+
+    def _note(self, text: str) -> None:
+        self._lines.append(f"{datetime.now().astimezone().isoformat(timespec='milliseconds')} {text}")
+        log.info("%s%s", self._label, text)

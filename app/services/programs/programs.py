@@ -1,0 +1,184 @@
+"""Programs: sequences and Lua files in one folder, of which one is loaded and run at a time."""
+
+from __future__ import annotations
+
+import asyncio
+from enum import StrEnum
+from pathlib import Path
+
+from app.aubo.codes import Code, ServiceError
+from app.services.motion.ownership import Ownership
+from app.services.motion.stopping import StopService
+from app.services.programs.sequences import SequenceOrder, SequenceService
+from cobot.errors import ConflictError, InputError
+from cobot.launch.process import RUN_MODULE
+
+SUFFIXES = (".json", ".lua")
+CHECK_TIMEOUT_S = 20.0
+STOP_TIMEOUT_S = 4.0
+
+
+class RunState(StrEnum):
+    """How the program stands."""
+
+    RUNNING = "Running"
+    PAUSING = "Pausing"
+    PAUSED = "Paused"
+    STOPPING = "Stopping"
+    STOPPED = "Stopped"
+
+
+class ProgramService:
+    """Loads, runs, pauses and ends programs.
+
+    Args:
+        folder: where programs live; nothing outside is ever run.
+
+    Attributes:
+        loaded: the loaded program's name below the folder, "" for none.
+    """
+
+    def __init__(
+        self, folder: Path, ownership: Ownership, sequences: SequenceService, stopping: StopService
+    ) -> None:
+        self._folder = folder
+        self._ownership = ownership
+        self._sequences = sequences
+        self._stopping = stopping
+        self._underway: RunState | None = None
+        self._checking = asyncio.Lock()
+        self.loaded = ""
+
+    @property
+    def state(self) -> RunState:
+        if self._underway is not None:
+            return self._underway
+        if not self.running:
+            return RunState.STOPPED
+        return RunState.PAUSED if self._ownership.pace.paused else RunState.RUNNING
+
+    @property
+    def running(self) -> bool:
+        return self._sequences.status.status == "running"
+
+    def names(self) -> list[str]:
+        """All programs of the folder, by their path below it."""
+        folder = self._folder.resolve()
+        found = (path for path in folder.rglob("*") if path.suffix in SUFFIXES and path.is_file())
+        return sorted(str(path.relative_to(folder)) for path in found)
+
+    async def load(self, name: str) -> None:
+        """Check a program, and have it be the one that `run` runs.
+
+        Args:
+            name: below the folder, with its suffix.
+
+        Raises:
+            InputError: the name leads out of the folder, or the program has a mistake, with where.
+            ServiceError: there is no such program.
+            ConflictError: a program runs.
+        """
+        if self.running:
+            raise ConflictError(f"a program is running ({self.loaded or 'a sequence'}); stop it first")
+        path = self._path(name)
+        async with self._checking:  # each check is a process
+            await _check(path)
+        self.loaded = name
+
+    async def run(self, stops: int) -> None:
+        """Run the loaded program once; returns when its process has been started.
+
+        Args:
+            stops: `Ownership.stops` when the call came in.
+
+        Raises:
+            ConflictError: none is loaded, one runs, or somebody else owns the motion.
+            MotionStopped, UnavailableError: see `SequenceService.start`.
+        """
+        if not self.loaded:
+            raise ConflictError("no program is loaded; load one first")
+        try:
+            content = await asyncio.to_thread(self._path(self.loaded).read_bytes)
+        except OSError as exc:
+            raise InputError(f"program: {self.loaded!r} cannot be read: {exc.strerror}") from exc
+        await self._sequences.start(SequenceOrder(content, 1, 0.0, "", "", "", "", self.loaded), stops)
+
+    async def pause(self) -> None:
+        """Bring the arm to rest on its path; the program waits with its next motion.
+
+        Raises:
+            ConflictError: no program runs, or it streams.
+            ExecutionError, UnavailableError: see `Pace.pause`.
+        """
+        self._require_running()
+        self._underway = RunState.PAUSING
+        try:
+            await self._ownership.pace.pause()
+        finally:
+            self._underway = None
+
+    async def resume(self) -> None:
+        """Go on.
+
+        Raises:
+            ConflictError: nothing is paused.
+            UnavailableError: see `Pace.resume`.
+        """
+        self._require_running()
+        if not self._ownership.pace.paused:
+            raise ConflictError("the program is not paused")
+        await self._ownership.pace.resume()
+
+    async def stop(self) -> None:
+        """End the program and the motion; returns when the arm rests, and when there is nothing to end.
+
+        Raises:
+            ServiceError: the arm is not known to be at rest, with why.
+        """
+        self._underway = RunState.STOPPING
+        try:
+            stopped = await self._stopping.stop(STOP_TIMEOUT_S)
+        finally:
+            self._underway = None
+        if not stopped.success:
+            raise ServiceError(Code.EXECUTION, stopped.message)
+
+    def _require_running(self) -> None:
+        if not self.running:
+            raise ConflictError("no program is running")
+
+    def _path(self, name: str) -> Path:
+        folder = self._folder.resolve()
+        try:
+            path = (folder / name).resolve()
+            there = path.is_file()
+        except (ValueError, OSError, RuntimeError) as exc:  # NUL bytes, names too long, circular links
+            raise InputError(f"program: {exc}") from exc
+        if path == folder or not path.is_relative_to(folder):
+            raise InputError(f"program: {name!r} is not below the programs folder {folder}")
+        if path.suffix not in SUFFIXES:
+            raise InputError(f"program: {name!r} must end in {' or '.join(SUFFIXES)}")
+        if not there:
+            raise ServiceError(Code.NOT_FOUND, f"program: there is no {name!r} in {folder}")
+        return path
+
+
+async def _check(path: Path) -> None:
+    """Have the runner look at a program, in a process of its own, as it will be run."""
+    process = await asyncio.create_subprocess_exec(
+        *RUN_MODULE,
+        "sequences",
+        "check",
+        str(path),
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.DEVNULL,
+        stderr=asyncio.subprocess.PIPE,
+    )
+    try:
+        _, errors = await asyncio.wait_for(process.communicate(), CHECK_TIMEOUT_S)
+    except TimeoutError as exc:
+        process.kill()
+        await process.wait()
+        raise InputError(f"{path.name}: could not be checked within {CHECK_TIMEOUT_S:g} s") from exc
+    if process.returncode != 0:
+        raise InputError(errors.decode("utf-8", "replace").strip().removeprefix(f"{path.parent}/"))

@@ -1,0 +1,280 @@
+"""Sequences: a runner process that drives this service like any other client."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import secrets
+import signal
+import tempfile
+from collections import deque
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import IO
+
+from app.services.motion.ownership import Ownership
+from app.services.state.link import RobotLink
+from cobot.config import SequencesSection
+from cobot.errors import ConflictError, InputError, MotionStopped, UnavailableError
+from cobot.launch.process import RUN_MODULE
+
+LINE_BYTES = 65536
+
+
+@dataclass(frozen=True, slots=True)
+class SequenceOrder:
+    """What is to be run.
+
+    Attributes:
+        config: the JSON document or the Lua program as uploaded; the runner validates it.
+        bag_path: below the recordings folder, "" for no recording.
+        topics: comma separated, "" for all.
+        joints_action, pose_action: taken for compatibility and written to the log; a REST service has
+            no actions to choose from.
+        name: of the uploaded file, for messages; what is named *.lua is a Lua program.
+    """
+
+    config: bytes
+    n_iterations: int
+    delay_between_iterations_s: float
+    bag_path: str
+    topics: str
+    joints_action: str
+    pose_action: str
+    name: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class SequenceStatus:
+    """How the newest sequence stands."""
+
+    status: str = "idle"
+    sequence_id: int | None = None
+    pid: int | None = None
+    iteration: int | None = None
+    n_iterations: int | None = None
+    waypoint: int | None = None
+    n_waypoints: int | None = None
+    started_at: datetime | None = None
+    finished_at: datetime | None = None
+    returncode: int | None = None
+    bag_path: str | None = None
+
+
+class SequenceService:
+    """Starts, watches and ends the runner. It owns the motion as long as it lives."""
+
+    def __init__(
+        self,
+        ownership: Ownership,
+        link: RobotLink,
+        settings: SequencesSection,
+        base_url: str,
+        motion_timeout_s: float,
+    ) -> None:
+        self._ownership = ownership
+        self._link = link
+        self._settings = settings
+        self._base_url = base_url
+        self._motion_timeout_s = motion_timeout_s
+        self._lines: deque[str] = deque(maxlen=settings.log_lines)
+        self._starting = False
+        self._process: asyncio.subprocess.Process | None = None
+        self._watcher: asyncio.Task[None] | None = None
+        self.status = SequenceStatus()
+
+    def lines(self, count: int) -> list[str]:
+        """The newest lines that runners have printed, the oldest of them first."""
+        return list(self._lines)[-count:]
+
+    async def start(self, order: SequenceOrder, stops: int) -> SequenceStatus:
+        """Start the runner; whether its file makes sense, its status and log will tell.
+
+        Args:
+            stops: `Ownership.stops` when the request came in.
+
+        Raises:
+            ConflictError: a sequence runs, or somebody else owns the motion.
+            MotionStopped: a stop was requested meanwhile.
+            InputError: the recording would leave the recordings folder.
+            UnavailableError: the process cannot be started.
+        """
+        if self.status.status == "running":
+            raise ConflictError(
+                f"sequence {self.status.sequence_id} (pid {self.status.pid}) is running; POST /stop ends it"
+            )
+        bag = self._recording(order.bag_path)
+        number = (self.status.sequence_id or 0) + 1
+        token = secrets.token_hex(16)
+        self._ownership.claim_for_sequence(f"sequence {number}", token)
+        self._starting = True
+        try:
+            process, progress = await self._spawn(order, bag, token)
+        except BaseException as exc:
+            self._ownership.release_sequence()
+            if isinstance(exc, OSError):
+                raise UnavailableError(f"the sequence runner cannot be started: {exc}") from exc
+            raise
+        finally:
+            self._starting = False
+        self._process = process
+        self.status = SequenceStatus(
+            status="running",
+            sequence_id=number,
+            pid=process.pid,
+            n_iterations=order.n_iterations,
+            started_at=datetime.now(UTC),
+            bag_path=str(bag) if bag else None,
+        )
+        actions = f"joints_action {order.joints_action}, pose_action {order.pose_action}"
+        self._note(f"sequence {number} started, pid {process.pid}, {actions}")
+        self._watcher = asyncio.create_task(self._watch(process, progress, number))
+        if self._ownership.stops != stops:
+            await self.stop()
+            raise MotionStopped(f"a stop was requested while sequence {number} was being started")
+        return self.status
+
+    async def stop(self) -> str | None:
+        """End the runner, by force if it does not listen; returns what was ended, or None."""
+        if self._starting:  # `start` sees the count of stops, and ends what it has begun
+            return "the start of a sequence"
+        process, watcher = self._process, self._watcher
+        if process is None or watcher is None or watcher.done():
+            return None
+        described = f"sequence {self.status.sequence_id} (pid {process.pid})"
+        _signal(process, signal.SIGTERM)
+        try:
+            await asyncio.wait_for(asyncio.shield(watcher), self._settings.stop_timeout_s)
+        except TimeoutError:
+            self._note(f"sequence {self.status.sequence_id} does not end on SIGTERM and is killed")
+            _signal(process, signal.SIGKILL)
+            await watcher
+        return described
+
+    def _recording(self, bag_path: str) -> Path | None:
+        if not bag_path:
+            return None
+        folder = self._settings.recordings.resolve()
+        try:
+            path = (folder / bag_path).resolve()
+            exists = path.exists()
+        except (ValueError, OSError, RuntimeError) as exc:  # NUL bytes, names too long, circular links
+            raise InputError(f"bag_path: {exc}") from exc
+        if path == folder or not path.is_relative_to(folder):
+            raise InputError(f"bag_path: {bag_path!r} is not below the recordings folder {folder}")
+        if exists:
+            raise InputError(f"bag_path: {path} exists already; nothing is overwritten")
+        return path
+
+    async def _spawn(
+        self, order: SequenceOrder, bag: Path | None, token: str
+    ) -> tuple[asyncio.subprocess.Process, asyncio.StreamReader]:
+        """The runner, and the pipe on which it reports its progress."""
+        arguments = ["run", "-", "--url", self._base_url]
+        if order.name:
+            arguments.append(f"--name={_printable(order.name)}")
+        arguments += ["--motion-timeout", repr(self._motion_timeout_s)]
+        arguments += ["--iterations", str(order.n_iterations)]
+        arguments += ["--delay", repr(order.delay_between_iterations_s)]
+        if bag is not None:
+            try:
+                bag.parent.mkdir(parents=True, exist_ok=True)
+            except OSError as exc:
+                raise InputError(f"bag_path: {bag.parent} cannot be made: {exc.strerror}") from exc
+            arguments += ["--bag", str(bag), "--topics", order.topics]
+        config = await asyncio.to_thread(_unnamed_file, order.config)
+        read_end, write_end = os.pipe()
+        try:
+            process = await asyncio.create_subprocess_exec(
+                *RUN_MODULE,
+                "sequences",
+                *arguments,
+                "--progress-fd",
+                str(write_end),
+                stdin=config,
+                stdout=asyncio.subprocess.PIPE,
+                stderr=asyncio.subprocess.STDOUT,
+                env={**os.environ, "COBOT_MOTION_TOKEN": token},
+                pass_fds=(write_end,),
+                start_new_session=True,
+                limit=LINE_BYTES,
+            )
+        except BaseException:
+            os.close(read_end)
+            raise
+        finally:
+            os.close(write_end)
+            config.close()
+        progress = asyncio.StreamReader(limit=LINE_BYTES)
+        await asyncio.get_running_loop().connect_read_pipe(
+            lambda: asyncio.StreamReaderProtocol(progress), os.fdopen(read_end, "rb")
+        )
+        return process, progress
+
+    async def _watch(
+        self, process: asyncio.subprocess.Process, progress: asyncio.StreamReader, number: int
+    ) -> None:
+        """Follow the runner to its end, however it ends, and then give the motion back."""
+        assert process.stdout is not None
+        readers = [
+            asyncio.create_task(self._read_log(process.stdout)),
+            asyncio.create_task(self._read_progress(progress)),
+        ]
+        returncode = await process.wait()
+        # A grandchild may keep the pipes open: what is there is read, what may come is not waited for.
+        await asyncio.wait(readers, timeout=0.5)
+        for reader in readers:
+            reader.cancel()
+        if returncode != 0:
+            self._link.request_stop()
+        self.status = replace(
+            self.status, status="finished", returncode=returncode, finished_at=datetime.now(UTC)
+        )
+        self._ownership.release_sequence()
+        self._note(f"sequence {number} finished, return code {returncode}")
+
+    async def _read_log(self, stream: asyncio.StreamReader) -> None:
+        while True:
+            try:
+                line = await stream.readline()
+            except ValueError:  # longer than LINE_BYTES: what was read of it is gone
+                line = b"(a line too long to keep)"
+            if not line:
+                return
+            self._lines.append(line.decode("utf-8", "replace").rstrip())
+
+    async def _read_progress(self, stream: asyncio.StreamReader) -> None:
+        while line := await stream.readline():
+            with contextlib.suppress(json.JSONDecodeError):  # the last line of a killed runner
+                event = json.loads(line)
+                self.status = replace(
+                    self.status,
+                    iteration=event["iteration"],
+                    waypoint=event["waypoint"],
+                    n_waypoints=event["n_waypoints"],
+                )
+
+    def _note(self, text: str) -> None:
+        self._lines.append(f"{datetime.now().astimezone().isoformat(timespec='milliseconds')} {text}")
+
+
+def _printable(name: str) -> str:
+    """The last part of a file's name, in what a command line can have."""
+    return "".join(character for character in Path(name).name[-100:] if character.isprintable())
+
+
+def _unnamed_file(content: bytes) -> IO[bytes]:
+    """A file with this content that goes with its last reader, however that ends."""
+    file = tempfile.TemporaryFile()  # noqa: SIM115 - the caller closes it
+    file.write(content)
+    file.seek(0)
+    return file
+
+
+def _signal(process: asyncio.subprocess.Process, number: signal.Signals) -> None:
+    """To the runner's whole process group: it leads a session of its own."""
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, number)

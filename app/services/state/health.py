@@ -1,0 +1,157 @@
+"""How the whole product is: processes, cycle times, versions."""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from dataclasses import dataclass
+from importlib.metadata import version
+
+import numpy as np
+
+from app.services.motion.ownership import Ownership
+from app.services.programs.sequences import SequenceService
+from app.services.state.link import RobotLink, RobotState
+from app.services.streaming.sessions import StreamService
+from cobot.errors import UnavailableError
+from cobot.ipc.layout import LAYOUT_VERSION, Intervention, Phase
+from cobot.ipc.shm import text
+from cobot.types import Mode
+
+VERSIONS = {
+    **{name: version(name) for name in ("cobot", "mujoco-core", "ruckig", "numpy", "fastapi")},
+    "python": platform.python_version(),
+    "layout": str(LAYOUT_VERSION),
+}
+KINDS = [kind.name.lower() for kind in Intervention]
+SHARES = {"p50_us": 0.5, "p99_us": 0.99, "p999_us": 0.999}
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """`status` is "ok", or "degraded" with the `problems`; the others are plain JSON values."""
+
+    status: str
+    problems: list[str]
+    robot: dict[str, object]
+    rtloop: dict[str, object]
+    service: dict[str, object]
+    sequence: dict[str, object]
+    session: dict[str, object] | None
+    cycle_us: dict[str, dict[str, float]]
+    interventions: dict[str, int]
+    last_interventions_s: dict[str, float | None]
+    versions: dict[str, str]
+
+
+class HealthService:
+    """Collects; answers whatever is broken."""
+
+    def __init__(
+        self,
+        robot: str,
+        link: RobotLink,
+        ownership: Ownership,
+        sequences: SequenceService,
+        streams: StreamService,
+        stale_s: float,
+    ) -> None:
+        self._robot = robot
+        self._link = link
+        self._ownership = ownership
+        self._sequences = sequences
+        self._streams = streams
+        self._stale_s = stale_s
+        self._started_s = time.monotonic()
+
+    def health(self) -> Health:
+        """The health of this moment."""
+        problems: list[str] = []
+        robot: dict[str, object] = {"name": self._robot, "mode": None, "reason": "", "settled": None}
+        rtloop: dict[str, object] = {"alive": False, "pid": None}
+        session: dict[str, object] | None = None
+        interventions: dict[str, int] = {}
+        last_interventions_s: dict[str, float | None] = {}
+        cycle_us: dict[str, dict[str, float]] = {}
+        try:
+            state = self._link.state()
+            statistics = self._link.statistics()
+        except UnavailableError as exc:
+            problems.append(str(exc))
+        else:
+            alive = state.age_s <= self._stale_s
+            robot |= {"mode": state.mode.name, "reason": state.reason, "settled": state.settled}
+            robot |= {"motion_id": state.motion_id, "motion_result": state.motion_result.name}
+            rtloop = {
+                "alive": alive,
+                "state_age_s": state.age_s,
+                "overruns": state.overruns,
+                "torn_reads": state.torn_reads,
+                **_process(statistics),
+            }
+            interventions = dict(zip(KINDS, state.interventions, strict=True))
+            last_interventions_s = _seconds_since(state.intervened_ns)
+            session = self._session(state)
+            cycle_us = _cycle_times(statistics)
+            if not alive:
+                problems.append(f"rtloop (pid {rtloop['pid']}) has been silent for {state.age_s:.1f} s")
+            if state.mode in (Mode.ESTOP, Mode.FAULT):
+                problems.append(f"mode {state.mode.name}: {state.reason}")
+        return Health(
+            "degraded" if problems else "ok",
+            problems,
+            robot,
+            rtloop,
+            {
+                "pid": os.getpid(),
+                "uptime_s": time.monotonic() - self._started_s,
+                "motion": self._ownership.owner,
+            },
+            {"status": self._sequences.status.status, "pid": self._sequences.status.pid},
+            session,
+            cycle_us,
+            interventions,
+            last_interventions_s,
+            VERSIONS,
+        )
+
+    def _session(self, state: RobotState) -> dict[str, object] | None:
+        """The streaming session, whoever has opened it."""
+        if state.session == 0:
+            return None
+        ours = self._streams.session
+        client = self._link.streamer() if ours is None else ours.name
+        refused = 0 if ours is None else ours.refused
+        return {"number": state.session, "client": client, "mode": state.mode.name, "refused": refused}
+
+
+def _seconds_since(moments_ns: list[int]) -> dict[str, float | None]:
+    """By kind of intervention; None for never."""
+    now_ns = time.monotonic_ns()
+    seconds = ((now_ns - moment) * 1e-9 if moment else None for moment in moments_ns)
+    return dict(zip(KINDS, seconds, strict=True))
+
+
+def _process(statistics: np.ndarray) -> dict[str, object]:
+    return {
+        "pid": int(statistics["pid"]),
+        "backend": text(statistics["backend"]),
+        "clock": text(statistics["clock"]),
+        "sched_fifo": bool(statistics["sched_fifo"]),
+        "memory_locked": bool(statistics["memory_locked"]),
+        "refused": text(statistics["permissions"]),
+        "cycles": int(statistics["cycles"]),
+    }
+
+
+def _cycle_times(statistics: np.ndarray) -> dict[str, dict[str, float]]:
+    """Percentiles of each phase in µs, from its histogram; the last bucket means "this or more"."""
+    times = {}
+    for phase in Phase:
+        counts = np.cumsum(statistics["histogram"][phase])
+        percentiles = {
+            name: float(np.searchsorted(counts, share * counts[-1])) for name, share in SHARES.items()
+        }
+        times[phase.name.lower()] = {**percentiles, "max_us": float(statistics["max_us"][phase])}
+    return times

@@ -1,0 +1,61 @@
+"""What the safety layer counts, in the service's log."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import time
+from collections.abc import AsyncIterator
+from datetime import datetime, timedelta
+
+from app.services.state.link import RobotLink, RobotState
+from cobot.errors import UnavailableError
+from cobot.ipc.layout import Intervention
+
+PERIOD_S = 0.05
+EPISODE_S = 1.0
+"""What happens again within this time belongs to what happened before."""
+
+log = logging.getLogger("cobot.interventions")
+
+
+class InterventionLog:
+    """Logs the first of each kind in each episode, with its time."""
+
+    def __init__(self, label: str = "") -> None:
+        self._label = label
+        self._counts: list[int] = []
+        self._last_ns = [0] * len(Intervention)
+
+    def look(self, state: RobotState) -> None:
+        """Log what is new since the last call; what was there at the first one is not."""
+        for kind, before in zip(Intervention, self._counts, strict=False):
+            count, moment_ns = state.interventions[kind], state.intervened_ns[kind]
+            if count <= before:
+                continue
+            if moment_ns - self._last_ns[kind] > EPISODE_S * 1e9:
+                ago = timedelta(microseconds=(time.monotonic_ns() - moment_ns) // 1000)
+                when = (datetime.now().astimezone() - ago).isoformat(timespec="milliseconds")
+                name = kind.name.lower()
+                log.warning("%sintervention %s at %s, %d so far", self._label, name, when, count)
+            self._last_ns[kind] = moment_ns
+        self._counts = state.interventions
+
+
+@contextlib.asynccontextmanager
+async def reporting(link: RobotLink) -> AsyncIterator[None]:
+    """Log while the context lasts."""
+    task = asyncio.create_task(_report(link), name="interventions")
+    try:
+        yield
+    finally:
+        task.cancel()
+
+
+async def _report(link: RobotLink) -> None:
+    seen = InterventionLog(link.label)
+    while True:
+        with contextlib.suppress(UnavailableError):
+            seen.look(link.state())
+        await asyncio.sleep(PERIOD_S)

@@ -1,0 +1,344 @@
+"""The service's end of the robot's shared memory.
+
+A long module, because only one may send commands: every one of them, and its acknowledgement, is here.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import time
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from cobot.addresses import address
+from cobot.errors import ConflictError, ExecutionError, NotReadyError, TornReadError, UnavailableError
+from cobot.ipc.layout import RING, SLOTS, STATE_SCALARS, STATE_STRUCT, Ack, Command, MotionResult
+from cobot.ipc.shm import RobotMemory, Role, text
+from cobot.trajectory import Trajectory
+from cobot.types import Array, Mode
+
+HEARTBEAT_S = 0.05
+POLL_S = 0.002
+ACKNOWLEDGE_S = 3.0
+"""rtloop verifies the largest trajectory in about a second."""
+SCALARS = [name for name, _ in STATE_SCALARS]
+RESTING = frozenset({Mode.HOLD, Mode.ESTOP, Mode.FAULT})
+"""Modes in which nothing moves the arm, but for the end of a motion."""
+IN_THREAD_SEGMENTS = 2000
+"""A longer trajectory is copied in a thread, so that nobody else waits."""
+
+
+@dataclass(slots=True)
+class RobotState:
+    """A copy of rtloop's state block: rad, rad/s, N·m, shape (dof,) each.
+
+    Attributes:
+        tcp: shape (7,): x, y, z in m, then w, x, y, z, in the base frame, as measured.
+        published_s: when it was published, `time.monotonic`.
+        age_s: how long ago that was.
+        measured_age_s: how long ago the robot was read.
+        session: the streaming session that moves the arm, 0 for none.
+        interventions: in the order of `Intervention`.
+        intervened_ns: when each was counted last, CLOCK_MONOTONIC; 0 for never.
+        reason: why the mode is ESTOP or FAULT, or why the last motion ended.
+    """
+
+    mode: Mode
+    settled: bool
+    position: Array
+    velocity: Array
+    effort: Array
+    commanded_position: Array
+    tcp: Array
+    motion_id: int
+    motion_result: MotionResult
+    path_time_s: float
+    path_duration_s: float
+    stops_seen: int
+    session: int
+    interventions: list[int]
+    intervened_ns: list[int]
+    overruns: int
+    torn_reads: int
+    published_s: float
+    age_s: float
+    measured_age_s: float
+    reason: str
+
+
+class RobotLink:
+    """Reads the state, sends commands. Nothing in here waits on a lock.
+
+    Attributes:
+        label: what log lines about this robot begin with; "" if it is the only one.
+
+    Raises (constructor):
+        UnavailableError: there is no such robot.
+        ConflictError: another service serves it.
+        LayoutError: its shared memory is another version's.
+    """
+
+    def __init__(self, robot: str, stale_after_s: float, label: str = "") -> None:
+        self.memory = RobotMemory.attach(robot, Role.SERVICE)
+        self.label = label
+        self._stale_after_s = stale_after_s
+        self._take_over()
+        self._command_turn = asyncio.Lock()
+        self._last_motion = 0
+
+    def close(self) -> None:
+        self.memory.close()
+
+    def _take_over(self) -> None:
+        """Count on from where the last service stopped; where that cannot be read, from what rtloop saw."""
+        memory = self.memory
+        seen = memory.state.data if memory.state.try_read() else None
+        for block, fields in (
+            (memory.requests, {"stops": "stops_seen", "estops": "estops_seen"}),
+            (memory.head, {"id": "command_seen"}),
+        ):
+            if not block.try_read() and seen is not None:
+                for name, counted in fields.items():
+                    block.data[name] = seen[counted]
+
+    @contextlib.asynccontextmanager
+    async def heartbeat(self) -> AsyncIterator[None]:
+        """Tell rtloop that the service is alive, from the event loop itself: a stuck one is a dead one."""
+        task = asyncio.create_task(self._beat(), name="heartbeat")
+        try:
+            yield
+        finally:
+            task.cancel()
+
+    async def _beat(self) -> None:
+        block = self.memory.heartbeat
+        block.data["pid"] = os.getpid()
+        while True:
+            block.data["monotonic_ns"] = time.monotonic_ns()
+            block.publish()
+            await asyncio.sleep(HEARTBEAT_S)
+
+    def state(self) -> RobotState:
+        """The newest state, however old.
+
+        Raises:
+            UnavailableError: rtloop has never published one, or died while it did.
+        """
+        try:
+            record = self.memory.state.read()
+        except TornReadError as exc:
+            raise UnavailableError(str(exc)) from exc
+        if self.memory.state.sequence == 0:
+            raise UnavailableError("rtloop has not started yet")
+        now_ns = time.monotonic_ns()
+        scalars = dict(zip(SCALARS, STATE_STRUCT.unpack_from(self.memory.state.buffer.data), strict=True))
+        return RobotState(
+            mode=Mode(scalars["mode"]),
+            settled=bool(scalars["settled"]),
+            position=record["position"].copy(),
+            velocity=record["velocity"].copy(),
+            effort=record["effort"].copy(),
+            commanded_position=record["commanded_position"].copy(),
+            tcp=record["tcp"].copy(),
+            motion_id=scalars["motion_id"],
+            motion_result=MotionResult(scalars["motion_result"]),
+            path_time_s=scalars["path_time_s"],
+            path_duration_s=scalars["path_duration_s"],
+            stops_seen=scalars["stops_seen"],
+            session=scalars["session"],
+            interventions=record["interventions"].tolist(),
+            intervened_ns=record["intervened_ns"].tolist(),
+            overruns=scalars["overruns"],
+            torn_reads=scalars["torn_reads"],
+            published_s=scalars["monotonic_ns"] * 1e-9,
+            age_s=(now_ns - scalars["monotonic_ns"]) * 1e-9,
+            measured_age_s=(now_ns - scalars["measured_monotonic_ns"]) * 1e-9,
+            reason=text(record["reason"]),
+        )
+
+    def streamer(self) -> str | None:
+        """Who streams to the arm, for people: the process that has opened the session."""
+        try:
+            state = self.state()
+            if state.session == 0 or state.age_s > self._stale_after_s:
+                return None
+            return f"a streaming client (process {self.memory.session.read()['pid']})"
+        except UnavailableError:
+            return None
+        except TornReadError:
+            return "a streaming client"
+
+    def statistics(self) -> np.ndarray:
+        """A copy of rtloop's statistics block.
+
+        Raises:
+            UnavailableError: it cannot be read.
+        """
+        try:
+            return self.memory.statistics.read().copy()
+        except TornReadError as exc:
+            raise UnavailableError(str(exc)) from exc
+
+    async def fresh_state(self, timeout_s: float) -> RobotState:
+        """The newest state, if rtloop is alive; waits for it to become so.
+
+        Raises:
+            UnavailableError: nothing fresh within the timeout, with how rtloop stands.
+        """
+        deadline_s = time.monotonic() + timeout_s
+        while True:
+            try:
+                state = self.state()
+                if state.age_s <= self._stale_after_s:
+                    return state
+                problem = f"rtloop (pid {self._rtloop_pid()}) has published nothing for {state.age_s:.1f} s"
+            except UnavailableError as exc:
+                problem = str(exc)
+            if time.monotonic() > deadline_s:
+                raise UnavailableError(f"{problem}; cobot run restarts it if it has died")
+            await asyncio.sleep(0.01)
+
+    async def measured_state(self, timeout_s: float) -> RobotState:
+        """A fresh state with fresh measurements.
+
+        Raises:
+            UnavailableError: see `fresh_state`; or the robot cannot be read, with the reason.
+        """
+        state = await self.fresh_state(timeout_s)
+        if state.measured_age_s > self._stale_after_s:
+            raise UnavailableError(f"not measured for {state.measured_age_s:.1f} s: {state.reason}")
+        return state
+
+    async def measured_record(self, timeout_s: float) -> np.ndarray:
+        """A copy of all that rtloop publishes, `cobot.ipc.layout.state_dtype`; raises as `measured_state`."""
+        await self.measured_state(timeout_s)
+        return self.memory.state.read().copy()
+
+    async def ready_state(self, timeout_s: float) -> RobotState:
+        """A fresh state in which motion is permitted.
+
+        Raises:
+            UnavailableError: see `fresh_state`.
+            NotReadyError: ESTOP or FAULT, with the reason and the way out.
+        """
+        state = await self.fresh_state(timeout_s)
+        if state.mode in (Mode.ESTOP, Mode.FAULT):
+            reset = f"{address('', self.memory.robot)}/reset" if self.label else "/robot/reset"
+            raise NotReadyError(
+                f"the robot is in mode {state.mode.name}: {state.reason}; see to the cause, then POST {reset}"
+            )
+        return state
+
+    @property
+    def stops(self) -> int:
+        """How many stops have been requested so far: a motion started with an older count is refused."""
+        return int(self.memory.requests.data["stops"])
+
+    def request_stop(self) -> None:
+        """Have rtloop bring the arm to rest on its path. Takes effect in its next cycle."""
+        self.memory.requests.data["stops"] += 1
+        self.memory.requests.publish()
+
+    def request_estop(self) -> None:
+        """The same, latched until a reset."""
+        self.memory.requests.data["estops"] += 1
+        self.memory.requests.publish()
+
+    async def start(self, trajectory: Trajectory, stops: int) -> int:
+        """Hand a motion over and have it started.
+
+        Args:
+            stops: `stops` as it was when the motion was asked for.
+
+        Returns:
+            The motion's number.
+
+        Raises:
+            ExecutionError: rtloop refuses it, with its reason.
+            UnavailableError: rtloop does not answer.
+            InputError: the motion is larger than a slot.
+        """
+        async with self._command_turn:
+            # The state may be of the cycle before the last acknowledgement.
+            self._last_motion = max(self._last_motion, self.state().motion_id) + 1
+            motion_id, number = self._last_motion, self._last_motion % SLOTS
+            slot = self.memory.slots[number]
+            if trajectory.segments > IN_THREAD_SEGMENTS:
+                await asyncio.to_thread(slot.write, motion_id, trajectory)
+            else:
+                slot.write(motion_id, trajectory)
+            await self._send(Command.START, slot=number, motion_id=motion_id, stops=stops)
+        return motion_id
+
+    async def set_rate(self, rate: float) -> None:
+        """Go over to another path time per clock time, 0 (pause) to 1, of the motion that runs.
+
+        Raises:
+            ExecutionError: no motion is running.
+            UnavailableError: rtloop does not answer.
+        """
+        async with self._command_turn:
+            await self._send(Command.SET_RATE, stops=self.stops, value=rate)
+
+    async def reset(self, timeout_s: float) -> None:
+        """Leave ESTOP or FAULT. What was asked for before, and waits for something, moves nothing any more.
+
+        Raises:
+            ConflictError: the arm moves, so there is nothing to reset.
+            NotReadyError: the cause persists, with rtloop's reason.
+            UnavailableError: rtloop does not answer.
+        """
+        state = await self.fresh_state(timeout_s)
+        if state.mode in (Mode.TRAJECTORY, Mode.STOPPING):
+            raise ConflictError(f"motion {state.motion_id} is {state.mode.name}: there is nothing to reset")
+        if state.mode in (Mode.ESTOP, Mode.FAULT):
+            self.request_stop()
+        async with self._command_turn:
+            try:
+                await self._send(Command.RESET, stops=self.stops, timeout_s=timeout_s)
+            except ExecutionError as exc:
+                raise NotReadyError(str(exc)) from exc
+
+    async def _send(
+        self,
+        kind: Command,
+        *,
+        stops: int,
+        slot: int = 0,
+        motion_id: int = 0,
+        value: float = 0.0,
+        timeout_s: float = ACKNOWLEDGE_S,
+    ) -> None:
+        """Have a command carried out, now or never: rtloop refuses one that a stop has overtaken."""
+        number = int(self.memory.head.data["id"]) + 1
+        command = self.memory.commands[number % RING]
+        command.data["id"] = number
+        command.data["kind"] = kind
+        command.data["slot"] = slot
+        command.data["motion_id"] = motion_id
+        command.data["stops"] = stops
+        command.data["value"] = value
+        command.publish()
+        self.memory.head.data["id"] = number
+        self.memory.head.publish()
+        ack = self.memory.acks[number % RING]
+        deadline_s = time.monotonic() + timeout_s
+        answered = False
+        try:
+            while not (answered := ack.try_read() and int(ack.data["id"]) == number):
+                if time.monotonic() > deadline_s:
+                    rtloop = f"rtloop (pid {self._rtloop_pid()})"
+                    raise UnavailableError(f"{rtloop} has not answered a {kind.name} for {timeout_s:g} s")
+                await asyncio.sleep(POLL_S / 2)
+        finally:
+            if not answered:
+                self.request_stop()
+        if int(ack.data["result"]) != Ack.ACCEPTED:
+            raise ExecutionError(text(ack.data["message"]))
+
+    def _rtloop_pid(self) -> int:
+        return int(self.statistics()["pid"])

@@ -1,0 +1,296 @@
+"""Force control: what it shall be like, and a session of its own for when nobody else streams."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from app.services.motion.stopping import StopService
+from app.services.state.link import RobotLink
+from app.services.streaming.sessions import Session, StreamService
+from cobot.errors import CobotError, ConflictError, InputError, LimitError
+from cobot.ipc.layout import Interpolation, Stream, setpoint_dtype
+from cobot.ipc.session_rules import DAMPING_RATIO, NO_FRAME, nominal_session
+from cobot.robot.description import Robot
+from cobot.types import Array, vector
+
+NAME = "force control"
+PERIOD_S = 0.01
+SESSION_TIMEOUT_S = 2.0
+STOP_TIMEOUT_S = 3.0
+MAX_VELOCITY = (0.1, 0.1, 0.1, 0.5, 0.5, 0.5)
+"""The fastest that force control moves by default: m/s, rad/s."""
+NO_LIMIT = (np.inf,) * 6
+DAMPING_RATIOS = (0.3, 1.0)
+AXES = ("x", "y", "z", "rx", "ry", "rz")
+
+
+@dataclass(frozen=True, slots=True)
+class ForceSettings:
+    """What force control shall be like. Six values each: x, y, z in m and N, then about x, y, z in rad, N·m.
+
+    Attributes:
+        enabled: whether it is wanted.
+        axes: along which the force counts, not the position, in the force frame.
+        wrench: what the TCP shall exert on its surroundings, in the force frame.
+        max_velocity: the fastest that force control moves.
+        stiffness: of the TCP; None for the robot's nominal one.
+        damping_ratio: of the TCP, from 0.3 to 1.
+        in_tcp: the force frame is given in the TCP's frame, not in the base frame.
+        frame: x, y, z, then w, x, y, z.
+        thresholds: the external wrench at the TCP, in the base frame, beyond which the arm is stopped in any
+            mode while force control is enabled; watched every 10 ms.
+        limits: the same, beyond which rtloop ends a session, in every cycle; for sessions that begin later.
+    """
+
+    enabled: bool = False
+    axes: tuple[bool, ...] = (False,) * 6
+    wrench: tuple[float, ...] = (0.0,) * 6
+    max_velocity: tuple[float, ...] = MAX_VELOCITY
+    stiffness: tuple[float, ...] | None = None
+    damping_ratio: tuple[float, ...] = (DAMPING_RATIO,) * 6
+    in_tcp: bool = False
+    frame: tuple[float, ...] = NO_FRAME
+    thresholds: tuple[float, ...] = NO_LIMIT
+    limits: tuple[float, ...] = NO_LIMIT
+
+    def describe(self, wish: np.ndarray) -> None:
+        """Write all that is fixed when a session begins into a record of `cobot.ipc.layout.session_dtype`."""
+        wish["force_axes"] = self.axes
+        wish["force_velocity"] = self.max_velocity
+        if self.stiffness is not None:
+            wish["cartesian_stiffness"] = self.stiffness
+        wish["cartesian_damping_ratio"] = self.damping_ratio
+        wish["force_in_tcp"], wish["force_frame"] = self.in_tcp, self.frame
+        wish["max_contact_wrench"] = self.limits
+
+
+class ForceService:
+    """Keeps the settings; while enabled it holds the TCP's pose and exerts the wrench along the force axes.
+
+    Somebody else's Cartesian session may take that over: `lend` ends this one, and the other is described by
+    `settings`, whose `wrench` may change at any time.
+
+    Attributes:
+        settings: as they stand.
+        reason: why force control was switched off by itself the last time, "" for never.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        link: RobotLink,
+        streams: StreamService,
+        stopping: StopService,
+        report: Callable[[str], None],
+    ) -> None:
+        self._robot = robot
+        self._link = link
+        self._streams = streams
+        self._stopping = stopping
+        self._report = report
+        self._session: Session | None = None
+        self._task: asyncio.Task[None] | None = None
+        self._changing = asyncio.Lock()
+        self._sequence = 0
+        self._stops = 0
+        self._setpoint = np.zeros((), setpoint_dtype(link.memory.dof))
+        self.settings = ForceSettings()
+        self.reason = ""
+
+    async def enable(self) -> None:
+        """Begin.
+
+        Raises:
+            InputError: the settings make no session, with why.
+            ConflictError: somebody else moves the arm, a servo session too: it has begun without force axes.
+            NotReadyError, ExecutionError, UnavailableError: see `StreamService.open`.
+        """
+        async with self._changing:
+            if self.settings.enabled:
+                return
+            await self._open()
+            self._stops = self._link.stops
+            self.settings = replace(self.settings, enabled=True)
+            self.reason = ""
+            self._task = asyncio.create_task(self._run(), name="force control")
+
+    async def disable(self) -> None:
+        """End; returns when the arm rests."""
+        async with self._changing:
+            self.settings = replace(self.settings, enabled=False)
+            if self._task is not None:
+                self._task.cancel()
+                self._task = None
+            await self._end("force control was disabled")
+
+    async def lend(self) -> None:
+        """Let somebody else's session have the arm, which then serves `settings`."""
+        async with self._changing:
+            await self._end("another session goes on")
+
+    async def take_back(self) -> None:
+        """That session has ended: go on where the arm is, unless force control was disabled or stopped.
+
+        Raises:
+            see `enable`.
+        """
+        async with self._changing:
+            if self.settings.enabled and self._session is None and self._link.stops == self._stops:
+                await self._open()
+
+    def close(self) -> None:
+        if self._task is not None:
+            self._task.cancel()
+
+    def set_target(
+        self, axes: list[bool], wrench: list[float], max_velocity: list[float], frame: Array, *, in_tcp: bool
+    ) -> None:
+        """Along which axes which wrench is exerted.
+
+        Args:
+            axes: 6.
+            wrench: 6, N and N·m, what the TCP does to its surroundings.
+            max_velocity: 6, m/s and rad/s, 0 for the default; empty for all defaults.
+            frame: x, y, z, w, x, y, z.
+
+        Raises:
+            InputError: not six numbers each, or none that make sense.
+            ConflictError: enabled, and more than the wrench would change.
+        """
+        if len(axes) != 6:
+            raise InputError(f"axes must be 6 times true or false, got {axes}")
+        force = vector(wrench, 6, name="wrench")
+        speed = vector(max_velocity or [0.0] * 6, 6, name="max_velocity")
+        if (speed < 0.0).any():
+            raise InputError(f"max_velocity must be from 0 (the default) up, got {speed.tolist()}")
+        self._change(
+            axes=tuple(axes),
+            max_velocity=tuple(np.where(speed > 0.0, speed, MAX_VELOCITY).tolist()),
+            frame=tuple(frame.tolist()),
+            in_tcp=in_tcp,
+        )
+        self.settings = replace(self.settings, wrench=tuple(force.tolist()))
+
+    def set_impedance(self, damping_ratio: list[float], stiffness: list[float]) -> None:
+        """How the TCP gives way along the axes that keep their position.
+
+        Args:
+            damping_ratio: 6, from 0.3 to 1, 0 for 0.7; empty for all defaults.
+            stiffness: 6, N/m and N·m/rad, 0 for the nominal one; empty for all defaults.
+
+        Raises:
+            InputError: not six numbers, or beyond what the robot can do, with what it can.
+            ConflictError: enabled.
+        """
+        ratio = vector(damping_ratio or [0.0] * 6, 6, name="damping ratio")
+        ratio = np.where(ratio == 0.0, DAMPING_RATIO, ratio)
+        least, most = DAMPING_RATIOS
+        if not ((ratio >= least) & (ratio <= most)).all():
+            raise LimitError(f"the damping ratio must be from {least} to {most}, got {ratio.tolist()}")
+        nominal = self._streams.info["cartesian_stiffness"]
+        wanted = vector(stiffness or [0.0] * 6, 6, name="stiffness")
+        wanted = np.where(wanted == 0.0, nominal, wanted)
+        if not ((wanted >= 0.0) & (wanted <= nominal)).all():
+            raise LimitError(
+                f"the stiffness must be above 0 and at the most {nominal.tolist()}, got {wanted.tolist()}"
+            )
+        self._change(damping_ratio=tuple(ratio.tolist()), stiffness=tuple(wanted.tolist()))
+
+    def set_thresholds(self, thresholds: list[float]) -> None:
+        """The external wrench beyond which the arm is stopped: 6, N and N·m, 0 for none.
+
+        Raises:
+            InputError: not six numbers from 0 up.
+        """
+        self.settings = replace(self.settings, thresholds=_bounds(thresholds, "thresholds"))
+
+    def set_limits(self, limits: list[float]) -> None:
+        """The external wrench beyond which rtloop ends a session: 6, N and N·m, 0 for none.
+
+        Raises:
+            InputError: not six numbers from 0 up.
+            ConflictError: enabled.
+        """
+        self._change(limits=_bounds(limits, "limits"))
+
+    def external_wrench(self) -> Array:
+        """What the surroundings do to the TCP, as estimated, in the base frame: N, N·m, shape (6,).
+
+        Raises:
+            UnavailableError: rtloop has died while it published.
+        """
+        self._link.state()  # raises what a service's callers understand
+        return np.array(self._link.memory.state.data["wrench"])
+
+    def _change(self, **changes: object) -> None:
+        changed = replace(self.settings, **changes)  # type: ignore[arg-type]
+        if self.settings.enabled and changed != self.settings:
+            names = [name for name, value in changes.items() if value != getattr(self.settings, name)]
+            raise ConflictError(
+                f"{', '.join(names)} cannot change while force control is enabled; disable it first"
+            )
+        self.settings = changed
+
+    async def _open(self) -> None:
+        wish = nominal_session(self._streams.info)
+        wish["stream"], wish["interpolation"] = Stream.CARTESIAN, Interpolation.NONE
+        wish["decimation"] = max(1, round(PERIOD_S / self._streams.period_s))
+        self.settings.describe(wish)
+        self._session = await self._streams.open(wish, NAME, SESSION_TIMEOUT_S)
+        self._sequence = 0
+        # Held is the pose that the arm is commanded to have: the measured one sags by what pushes at it.
+        pose = self._robot.model.forward(self._link.state().commanded_position)
+        self._setpoint["pose"][:3], self._setpoint["pose"][3:] = pose.position, pose.quaternion
+        self._feed()
+
+    async def _end(self, reason: str) -> None:
+        session, self._session = self._session, None
+        if session is not None:
+            session.end(reason)
+            await asyncio.shield(session.ended)
+
+    def _feed(self) -> None:
+        assert self._session is not None
+        self._sequence += 1
+        self._setpoint["number"] += 1
+        self._setpoint["wrench"] = self.settings.wrench
+        self._session.take_setpoint(self._sequence, self._setpoint)
+
+    async def _run(self) -> None:
+        """Feed the session and watch the thresholds until force control ends by itself."""
+        while not (reason := self._step()):
+            await asyncio.sleep(PERIOD_S)
+        ended = self._link.stops != self._stops or (self._session is not None and self._session.over != "")
+        self.settings = replace(self.settings, enabled=False)
+        self.reason, self._session, self._task = reason, None, None
+        self._report(f"force control has ended: {reason}")
+        if not ended:  # a second stop would be one too many: it may be the next motion's
+            await self._stopping.stop(STOP_TIMEOUT_S)
+
+    def _step(self) -> str:
+        """Why force control has to end, "" if it goes on."""
+        try:
+            wrench = self.external_wrench()
+            for axis, value, threshold in zip(AXES, wrench.tolist(), self.settings.thresholds, strict=True):
+                if abs(value) > threshold:
+                    return f"{value:.1f} along or about {axis} are beyond the threshold of {threshold:g}"
+            if self._session is not None:
+                if self._session.over:
+                    return self._session.over
+                self._feed()
+            elif self._link.stops != self._stops:
+                return "a stop was requested"
+        except CobotError as exc:
+            return str(exc)
+        return ""
+
+
+def _bounds(values: list[float], name: str) -> tuple[float, ...]:
+    numbers = vector(values, 6, name=name)
+    if (numbers < 0.0).any():
+        raise InputError(f"{name} must be from 0 (none) up, got {numbers.tolist()}")
+    return tuple(np.where(numbers > 0.0, numbers, np.inf).tolist())

@@ -1,0 +1,256 @@
+"""Streaming sessions of remote clients: one at a time, and it owns the motion."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import math
+import time
+from collections.abc import Iterator
+
+import numpy as np
+
+from app.services.motion.execution import STATE_TIMEOUT_S, MotionService
+from app.services.motion.ownership import Caller, Ownership
+from app.services.state.link import POLL_S, RESTING, RobotLink
+from cobot.errors import (
+    CobotError,
+    ConflictError,
+    ExecutionError,
+    InputError,
+    MotionStopped,
+    UnavailableError,
+)
+from cobot.ipc.layout import Stream, setpoint_dtype
+from cobot.ipc.session_rules import check_chunk, check_session, check_setpoint
+from cobot.ipc.stream_writer import StreamWriter
+from cobot.types import Mode
+
+MAX_CONNECTIONS = 32
+STATE_TRIES = 3
+"""Of a state that rtloop may be writing just now."""
+
+log = logging.getLogger("cobot.streams")
+
+
+class Session:
+    """One session, from rtloop's consent to the arm's rest.
+
+    Attributes:
+        number, stream: as rtloop knows it.
+        name: its client, for people.
+        setpoint: the newest one that was taken.
+        refused: frames that came out of order.
+        over: why targets are no longer followed; "" while they are.
+        ended: done when the arm rests, with the reason.
+    """
+
+    def __init__(self, number: int, stream: Stream, name: str, dof: int, writer: StreamWriter) -> None:
+        self.number = number
+        self.stream = stream
+        self.name = name
+        self.setpoint = np.zeros((), setpoint_dtype(dof))
+        self.refused = 0
+        self.over = ""
+        self.ended: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+        self._sequence = 0
+        self._writer = writer
+
+    def take_setpoint(self, sequence: int, setpoint: np.ndarray) -> None:
+        """Follow this from now on.
+
+        Args:
+            sequence: of the client's frames; it increases.
+            setpoint: `cobot.ipc.layout.setpoint_dtype`.
+
+        Raises:
+            InputError: it makes no sense, with what and why; nothing has changed.
+            MotionStopped: the session is over, with the reason.
+        """
+        self._require_next(sequence)
+        check_setpoint(setpoint, self.stream)
+        setpoint["session"] = self.number
+        self._sequence = sequence
+        self.setpoint = setpoint
+        self._writer.setpoint(setpoint)
+
+    def take_chunk(self, sequence: int, chunk: np.ndarray) -> None:
+        """The same, of `cobot.ipc.layout.chunk_dtype`."""
+        self._require_next(sequence)
+        check_chunk(chunk, self.stream)
+        chunk["session"] = self.number
+        self._sequence = sequence
+        self._writer.chunk(chunk)
+
+    def estop(self) -> None:
+        """Have the arm come to rest, latched."""
+        if self.ended.done():
+            raise ConflictError(
+                "the session has ended: only who streams may ask for an e-stop here; POST /stop"
+            )
+        self._writer.estop()
+
+    def end(self, reason: str = "the client has ended the session") -> None:
+        """Have the arm come to rest; `ended` tells when it does. Nothing happens when it is over."""
+        if not self.ended.done():
+            self.over = self.over or reason
+            self._writer.end()
+
+    def finish(self, reason: str) -> None:
+        """The same for a servo session, after the points that wait already, or at the most a second."""
+        if not self.ended.done():
+            self.over = self.over or reason
+            self._writer.finish()
+
+    def _require_next(self, sequence: int) -> None:
+        if self.over:
+            raise MotionStopped(f"the session is over: {self.over}")
+        if sequence <= self._sequence:
+            self.refused += 1
+            raise InputError(f"sequence must increase: {sequence} comes after {self._sequence}")
+
+
+class StreamService:
+    """Begins sessions and sees them to their end, whatever becomes of their clients.
+
+    Attributes:
+        session: the one that is under way, or None.
+        info: of `cobot.ipc.layout.info_dtype`.
+    """
+
+    def __init__(
+        self, link: RobotLink, ownership: Ownership, motion: MotionService, command_timeout_s: float
+    ) -> None:
+        self._link = link
+        self._ownership = ownership
+        self._motion = motion
+        self._writer = StreamWriter(link.memory)
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._connections = 0
+        self.command_timeout_s = command_timeout_s
+        self.session: Session | None = None
+        self.info = link.memory.info.read().copy()
+
+    @property
+    def robot(self) -> str:
+        return self._link.memory.robot
+
+    @property
+    def period_s(self) -> float:
+        return self._link.memory.period_s
+
+    @contextlib.contextmanager
+    def connection(self) -> Iterator[None]:
+        """Count a connection.
+
+        Raises:
+            UnavailableError: there are too many.
+        """
+        if self._connections >= MAX_CONNECTIONS:
+            raise UnavailableError(f"{MAX_CONNECTIONS} connections stream already")
+        self._connections += 1
+        try:
+            yield
+        finally:
+            self._connections -= 1
+
+    def state_since(self, publication: int) -> tuple[int, np.ndarray | None]:
+        """The newest publication's number, and its state if it is a newer one: valid until the next call."""
+        block = self._link.memory.state
+        for _ in range(STATE_TRIES):
+            newest = block.sequence
+            if newest == publication:
+                break
+            if block.try_read() and block.sequence == newest:  # or it is a later one, which would come twice
+                return newest, block.data
+        return publication, None
+
+    async def open(self, wish: np.ndarray, name: str, timeout_s: float, stops: int | None = None) -> Session:
+        """Begin a session.
+
+        Args:
+            wish: `cobot.ipc.layout.session_dtype`.
+            name: of the client, for people.
+            timeout_s: for rtloop's answer.
+            stops: `RobotLink.stops` when the session was asked for, if that was not now.
+
+        Raises:
+            InputError: it makes no sense.
+            ConflictError: somebody else owns the motion, or streams; with who.
+            NotReadyError: ESTOP or FAULT.
+            ExecutionError: rtloop refuses, with its reason.
+            UnavailableError: it does not answer.
+        """
+        check_session(wish, self.info)
+        last = self.session
+        if last is not None and self._link.state().session != last.number:
+            await asyncio.shield(
+                last.ended
+            )  # its client knows from rtloop that it has: a moment later, so do we
+        caller = Caller(name, None, self._ownership.stops, math.inf, asyncio.Event())
+        with contextlib.ExitStack() as stack:
+            claim = stack.enter_context(self._ownership.claim(caller))
+            await self._motion.ready()
+            number = self._writer.begin(wish, claim.stops if stops is None else stops)
+            stack.callback(self._writer.release)
+            with contextlib.ExitStack() as undo:
+                undo.callback(self._writer.end)
+                await self._begun(number, timeout_s)
+                undo.pop_all()
+            session = Session(number, Stream(int(wish["stream"])), name, self._link.memory.dof, self._writer)
+            # From here claim and blocks belong to the task that follows the session to its end.
+            task = asyncio.create_task(self._follow(session, stack.pop_all()))
+            self._tasks.add(task)
+            task.add_done_callback(self._tasks.discard)
+        self.session = session
+        log.info("%ssession %d: %s", self._link.label, number, name)
+        return session
+
+    def lose(self, session: Session) -> None:
+        """Its client's connection is gone: as after its last target, the arm is given its time."""
+        asyncio.get_running_loop().call_later(
+            self.command_timeout_s, session.end, "the connection to the client was lost"
+        )
+
+    def close(self) -> None:
+        """Let go of a session that has not ended; rtloop ends it with this process."""
+        for task in self._tasks:
+            task.cancel()
+
+    async def _begun(self, number: int, timeout_s: float) -> None:
+        """Wait until rtloop has agreed, and a state shows it."""
+        deadline_s = time.monotonic() + timeout_s
+        answer: str | None = None
+        while answer is None or self._link.state().session != number:
+            answer = self._writer.answer(number)
+            if answer:
+                raise ExecutionError(answer)
+            if time.monotonic() > deadline_s:
+                raise UnavailableError(f"rtloop has not answered for {timeout_s:g} s")
+            await asyncio.sleep(POLL_S / 2)
+
+    async def _follow(self, session: Session, belongings: contextlib.ExitStack) -> None:
+        reason = "the service ends"
+        try:
+            with belongings:
+                reason = await self._end(session)
+        finally:
+            self.session = None
+            session.over = session.over or reason
+            session.ended.set_result(reason)
+            log.info("%ssession %d has ended: %s", self._link.label, session.number, reason)
+
+    async def _end(self, session: Session) -> str:
+        """Why the session has ended, once it has."""
+        while True:
+            try:
+                state = await self._link.fresh_state(STATE_TIMEOUT_S)
+            except CobotError as exc:
+                session.end()  # if rtloop goes on after all, then not for nobody
+                return str(exc)
+            if state.session != session.number:
+                return session.over or state.reason
+            if state.mode in (Mode.STOPPING, *RESTING) and not session.over:
+                session.over = state.reason
+            await asyncio.sleep(POLL_S)

@@ -1,0 +1,49 @@
+"""Clients of the service: `Client` speaks REST, `Robot` streams targets to an arm and reads its state."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cobot.client.controls import CartesianMotionForceControl, JointImpedanceControl, JointTorqueControl
+    from cobot.client.modes import SWITCHES, CoordType, Mode
+    from cobot.client.rest import Client
+    from cobot.client.robot import Robot
+    from cobot.client.states import CartesianState, JointState, RobotInfo, RobotStates
+
+_HOMES = {
+    "CartesianMotionForceControl": "controls",
+    "CartesianState": "states",
+    "Client": "rest",
+    "CoordType": "modes",
+    "JointImpedanceControl": "controls",
+    "JointState": "states",
+    "JointTorqueControl": "controls",
+    "Mode": "modes",
+    "Robot": "robot",
+    "RobotInfo": "states",
+    "RobotStates": "states",
+    "SWITCHES": "modes",
+}
+__all__ = [
+    "SWITCHES",
+    "CartesianMotionForceControl",
+    "CartesianState",
+    "Client",
+    "CoordType",
+    "JointImpedanceControl",
+    "JointState",
+    "JointTorqueControl",
+    "Mode",
+    "Robot",
+    "RobotInfo",
+    "RobotStates",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Imported when it is asked for: who speaks REST alone needs neither numpy nor shared memory."""
+    if name in _HOMES:
+        return getattr(import_module(f"cobot.client.{_HOMES[name]}"), name)
+    raise AttributeError(f"module 'cobot.client' has no attribute {name!r}")

@@ -1,0 +1,386 @@
+"""The real-time client: one arm, its state, and the sessions in which it is streamed to.
+
+A long module, because its one class is the vocabulary of its users.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from cobot.client import Client, modes
+from cobot.client.controls import (
+    CartesianMotionForceControl,
+    Control,
+    JointImpedanceControl,
+    JointTorqueControl,
+)
+from cobot.client.modes import SWITCHES, Mode
+from cobot.client.plans import Plan, Run
+from cobot.client.primitives import primitive
+from cobot.client.session_settings import SessionSettings
+from cobot.client.states import RobotInfo, RobotStates, robot_info, robot_states
+from cobot.client.transport import SharedMemoryTransport, Transport
+from cobot.client.websocket import WebSocketTransport
+from cobot.errors import ConflictError, InputError, NotReadyError, UnavailableError
+from cobot.ipc.layout import Intervention, Stream
+from cobot.ipc.shm import text
+from cobot.types import Mode as LoopMode
+
+log = logging.getLogger("cobot.realtime")
+
+STREAMING = {
+    LoopMode.JOINT_IMPEDANCE: Mode.RT_JOINT_IMPEDANCE,
+    LoopMode.CARTESIAN: Mode.RT_CARTESIAN_MOTION_FORCE,
+    LoopMode.JOINT_TORQUE: Mode.RT_JOINT_TORQUE,
+}
+
+
+class Robot(SessionSettings):
+    """An arm that `cobot run` serves on this computer, or, by the URL of its service, on another one.
+
+        with Robot("iiwa") as robot:
+            robot.switch_mode(Mode.RT_JOINT_IMPEDANCE)
+            with robot.start_joint_impedance_control() as control:
+                control.set_target_joints(control.get_state().q)
+
+    Every method has a name in snake_case; those that a libpyflexiv script calls have that name too.
+
+    Args:
+        serial_number: the robot's name (`robot.name` in its settings), or http://HOST:PORT, for one of
+            several http://HOST:PORT/robots/NAME.
+        network_whitelist: accepted; the operating system chooses the way.
+        connect_retries: how often to try again when there is no such robot yet.
+        retry_interval_sec: between tries.
+        verbose: log the connection.
+        lite: accepted; there is nothing to leave out.
+
+    Raises:
+        UnavailableError: there is no such robot, or its rtloop does not answer.
+        LayoutError: it is served by another version of cobot.
+    """
+
+    def __init__(
+        self,
+        serial_number: str,
+        network_whitelist: Sequence[str] = (),
+        connect_retries: int = 3,
+        retry_interval_sec: float = 1.0,
+        verbose: bool = True,
+        lite: bool = False,
+    ) -> None:
+        self._transport = _connect(serial_number, connect_retries, retry_interval_sec)
+        self._info = robot_info(self._transport.robot, self._transport.info)
+        self._flange = self._transport.info["flange"].tolist()
+        self._chosen = Mode.IDLE
+        self._control: Control[Any] | None = None
+        self._plan = Plan()
+        self._closed = False
+        super().__init__(self._transport.info)
+        if verbose:
+            log.info("connected to %s (%s, %d joints)", serial_number, self._info.model_name, self._info.DoF)
+
+    def __enter__(self) -> Robot:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    # Lifecycle
+
+    def enable(self) -> None:
+        """See that the arm may move: its drives are on from the start.
+
+        Raises:
+            NotReadyError: an e-stop or a fault is latched, with the reason and the way out.
+            UnavailableError: rtloop does not answer.
+        """
+        self._require_ready(self._state())
+
+    def stop(self) -> None:
+        """End the session, the plan and any other motion of the arm, wait until it rests, and be IDLE.
+
+        Raises:
+            UnavailableError: the robot does not answer.
+        """
+        control, self._control = self._control, None
+        if control is not None:
+            control.stop()
+        if self._transport.url:
+            with Client(self._transport.url) as client:
+                client.stop()
+        self._chosen = Mode.IDLE
+
+    def close(self) -> None:
+        """Stop what this object has begun and let go of the robot. May be called again."""
+        if self._closed:
+            return
+        try:
+            if self._control is not None or self._plan.running:
+                self.stop()
+        except UnavailableError as exc:
+            log.warning("closing: %s", exc)
+        finally:
+            self._closed = True
+            self._transport.close()
+
+    def clear_fault(self, timeout: float = 5) -> bool:
+        """Leave an e-stop or a fault, once its cause is gone; whether the arm may move then.
+
+        Raises:
+            NotReadyError: the cause persists, with the reason.
+            UnavailableError: the service does not answer, or the arm does not rest within `timeout`, s.
+        """
+        deadline_s = time.monotonic() + timeout
+        with self._client() as client:
+            while True:
+                try:
+                    client.reset()
+                    break
+                except NotReadyError:
+                    if time.monotonic() > deadline_s:
+                        raise
+                    time.sleep(0.1)
+        self._chosen = Mode.IDLE
+        while not self.operational() and time.monotonic() < deadline_s:  # the state is older than the answer
+            time.sleep(0.001)
+        return self.operational()
+
+    def switch_mode(self, mode: Mode) -> None:
+        """Choose what the arm is used for.
+
+        Raises:
+            InputError: no such mode, or one that cannot be chosen.
+            ConflictError: the arm moves, or is streamed to: stop it first.
+            NotReadyError: see `enable`.
+        """
+        state = self._state()
+        if mode not in SWITCHES[self.mode()]:
+            valid = ", ".join(sorted(other.name for other in SWITCHES[self.mode()]))
+            raise InputError(f"mode {self.mode().name} does not go over to {mode!r}; valid are: {valid}")
+        self._require_ready(state)
+        if LoopMode(int(state["mode"])) is not LoopMode.HOLD:
+            raise ConflictError(f"the arm is in mode {LoopMode(int(state['mode'])).name}: stop it first")
+        self._chosen = Mode(mode)
+
+    # State
+
+    def connected(self) -> bool:
+        """Whether rtloop answers."""
+        return self._quiet_state() is not None
+
+    def operational(self) -> bool:
+        """Whether the arm may move."""
+        state = self._quiet_state()
+        return state is not None and int(state["mode"]) not in (LoopMode.ESTOP, LoopMode.FAULT)
+
+    def fault(self) -> bool:
+        """Whether a fault is latched."""
+        return int(self._state()["mode"]) == LoopMode.FAULT
+
+    def busy(self) -> bool:
+        """Whether a plan, a primitive or another planned motion is under way."""
+        return self._plan.running or int(self._state()["mode"]) == LoopMode.TRAJECTORY
+
+    def stopped(self) -> bool:
+        """Whether the arm rests."""
+        return bool(self._state()["settled"])
+
+    def estop_released(self) -> bool:
+        """Whether no e-stop is latched."""
+        return int(self._state()["mode"]) != LoopMode.ESTOP
+
+    def reduced(self) -> bool:
+        """Whether the arm is slowed down by a safety input; this controller has none: False."""
+        return False
+
+    def recovery(self) -> bool:
+        """Whether a joint stands beyond its limits, so that it can only be moved back."""
+        position, info = self._state()["position"], self._transport.info
+        return bool(((position < info["min_position"]) | (position > info["max_position"])).any())
+
+    def mode(self) -> Mode:
+        """What the arm is used for; UNKNOWN while rtloop does not answer."""
+        state = self._quiet_state()
+        if state is None:
+            return Mode.UNKNOWN
+        return STREAMING.get(LoopMode(int(state["mode"])), self._chosen)
+
+    def interventions(self) -> dict[str, int]:
+        """How often rtloop has stepped in, by kind: `jump` counts the targets that it refused."""
+        counts = self._state()["interventions"].tolist()
+        return {kind.name.lower(): count for kind, count in zip(Intervention, counts, strict=True)}
+
+    def clock_s(self) -> float:
+        """The robot's clock, for `set_chunk`: s."""
+        return float(self._state()["robot_time_s"])
+
+    def info(self) -> RobotInfo:
+        """What stays as it is."""
+        return self._info
+
+    def states(self) -> RobotStates:
+        """All that is measured.
+
+        Raises:
+            UnavailableError: rtloop does not answer.
+        """
+        return robot_states(self._state(), self._flange)
+
+    # Plans and primitives
+
+    def execute_plan(self, name: str, **options: str | float) -> None:
+        """Begin a plan and return when the arm moves.
+
+        Args:
+            name: "PLAN-Home" or "home" for a named position, or the path of a sequence file (*.json).
+            options: of the motion or the sequence, see docs/api.md: speed, ...; a sequence runs once if they
+                do not say how often.
+
+        Raises:
+            ConflictError: the mode is not NRT_PLAN_EXECUTION, or somebody else moves the arm.
+            CobotError: the plan cannot be carried out, or the one before has failed.
+        """
+        self._require_mode(Mode.NRT_PLAN_EXECUTION)
+        if name.endswith(".json"):
+            with self._client() as client:
+                client.start_sequence(Path(name), **{"n_iterations": 1, **options})
+            return
+        position = name.removeprefix("PLAN-")
+        with self._client() as client:
+            names = [str(item["name"]) for item in client.positions()]
+        known = next((each for each in names if each.lower() == position.lower()), None)
+        if known is None:
+            plans = ", ".join(f"PLAN-{each.capitalize()}" for each in names)
+            raise InputError(f"there is no plan {name!r}; valid are: {plans}, and sequence files (*.json)")
+        self._begin(primitive("MoveNamed", {"name": known, **options}, self._transport.dof))
+
+    def execute_primitive(self, name: str, params: Mapping[str, Any] | None = None) -> None:
+        """Begin a motion and return when the arm moves.
+
+        Args:
+            name: one of `cobot.client.primitives.PRIMITIVES`.
+            params: its parameters, and `speed` and `accel_scale`.
+
+        Raises:
+            InputError: no such primitive, or wrong parameters; with the valid ones.
+            ConflictError, CobotError: as `execute_plan`, with NRT_PRIMITIVE_EXECUTION.
+        """
+        self._require_mode(Mode.NRT_PRIMITIVE_EXECUTION)
+        self._begin(primitive(name, params or {}, self._transport.dof))
+
+    # Sessions
+
+    def start_joint_impedance_control(
+        self,
+        inner_control_hz: float = 1000,
+        interpolate_cmds: bool = True,
+        interpolation: str | None = None,
+    ) -> JointImpedanceControl:
+        """Begin to stream joint positions.
+
+        Args:
+            inner_control_hz: how often a new target is taken, 1 to 1000: the rate of who sends them.
+            interpolate_cmds: go to each target at constant velocity, within one period of that rate.
+            interpolation: another way to go: none, linear, quintic or ruckig.
+
+        Raises:
+            ConflictError: the mode is not RT_ or NRT_JOINT_IMPEDANCE, or somebody else streams.
+            ExecutionError: rtloop refuses, with its reason.
+        """
+        self._describe(Stream.JOINT_IMPEDANCE, inner_control_hz, interpolate_cmds, interpolation)
+        self._require_mode(*modes.JOINT_STREAMS)
+        control = JointImpedanceControl(self._transport, self._wish)
+        self._control = control
+        return control
+
+    def start_cartesian_control(
+        self,
+        inner_control_hz: float = 1000,
+        interpolate_cmds: bool = True,
+        interpolation: str | None = None,
+    ) -> CartesianMotionForceControl:
+        """Begin to stream poses and wrenches; see `start_joint_impedance_control`.
+
+        Raises:
+            ConflictError: the mode is not RT_ or NRT_CARTESIAN_MOTION_FORCE, or somebody else streams.
+            ExecutionError: rtloop refuses, with its reason.
+        """
+        self._describe(Stream.CARTESIAN, inner_control_hz, interpolate_cmds, interpolation)
+        self._require_mode(*modes.CARTESIAN_STREAMS)
+        control = CartesianMotionForceControl(self._transport, self._wish)
+        self._control = control
+        return control
+
+    def start_joint_torque_control(self) -> JointTorqueControl:
+        """Begin to stream joint torques.
+
+        Raises:
+            ConflictError: the mode is not RT_JOINT_TORQUE, or somebody else streams.
+            ExecutionError: rtloop refuses, with its reason.
+        """
+        self._describe(Stream.JOINT_TORQUE, 1000, False, None)
+        self._require_mode(Mode.RT_JOINT_TORQUE)
+        control = JointTorqueControl(self._transport, self._wish)
+        self._control = control
+        return control
+
+    def _begin(self, run: Run) -> None:
+        self._plan.begin(run, self._client, lambda: int(self._state()["motion_id"]))
+
+    def _client(self) -> contextlib.AbstractContextManager[Client]:
+        if not self._transport.url:
+            raise UnavailableError(f"robot {self._transport.robot!r} has no service: web.enabled is false")
+        return Client(self._transport.url)
+
+    def _state(self) -> np.ndarray:
+        if self._closed:
+            raise InputError("this Robot has been closed")
+        return self._transport.state()
+
+    def _quiet_state(self) -> np.ndarray | None:
+        try:
+            return self._state()
+        except (UnavailableError, InputError):
+            return None
+
+    def _require_ready(self, state: np.ndarray) -> None:
+        mode = LoopMode(int(state["mode"]))
+        if mode in (LoopMode.ESTOP, LoopMode.FAULT):
+            raise NotReadyError(
+                f"the robot is in mode {mode.name}: {text(state['reason'])}; see to it, then clear_fault()"
+            )
+
+    def _require_mode(self, *valid: Mode) -> None:
+        self._require_ready(self._state())
+        mode = self.mode()
+        if mode not in valid:
+            names = " or ".join(sorted(other.name for other in valid))
+            raise ConflictError(f"the mode is {mode.name}, this takes {names}: switch_mode first")
+
+    Enable, Stop, ClearFault, SwitchMode = enable, stop, clear_fault, switch_mode
+    ExecutePlan, ExecutePrimitive = execute_plan, execute_primitive
+
+
+def _connect(serial_number: str, retries: int, interval_s: float) -> Transport:
+    remote = serial_number.startswith(("http://", "https://"))
+    for attempt in range(retries + 1):
+        try:
+            return WebSocketTransport(serial_number) if remote else SharedMemoryTransport(serial_number)
+        except UnavailableError:
+            if attempt == retries:
+                raise
+            time.sleep(interval_s)
+    raise InputError(f"connect_retries must be 0 or more, got {retries}")

@@ -1,0 +1,124 @@
+"""What a streaming session shall be like: fixed when it begins."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cobot.client.modes import CoordType
+from cobot.errors import InputError
+from cobot.ipc.layout import Interpolation, Stream
+from cobot.ipc.session_rules import DAMPING_RATIO, NO_FRAME, nominal_session
+from cobot.types import Array, vector
+
+
+class SessionSettings:
+    """The settings of a `Robot`'s sessions; a call counts for those that begin after it.
+
+    Args:
+        info: record of `cobot.ipc.layout.info_dtype`.
+    """
+
+    def __init__(self, info: np.ndarray) -> None:
+        self._limits_of = info
+        self._dof = len(info["max_velocity"])
+        self._wish = nominal_session(info)
+
+    def set_joint_impedance(self, K_q: Sequence[float], Z_q: Sequence[float] | None = None) -> None:
+        """Stiffness (N·m/rad, up to `info().K_q_nom`) and damping ratio (0.3 to 1) of the joints.
+
+        Raises:
+            InputError: wrong numbers, with what is allowed.
+        """
+        self._set_impedance("", K_q, Z_q, "K_q", "Z_q")
+
+    def set_cartesian_impedance(self, K_x: Sequence[float], Z_x: Sequence[float] | None = None) -> None:
+        """Stiffness (N/m, N·m/rad, up to `info().K_x_nom`) and damping ratio (0.3 to 1) of the TCP.
+
+        Raises:
+            InputError: wrong numbers, with what is allowed.
+        """
+        self._set_impedance("cartesian_", K_x, Z_x, "K_x", "Z_x")
+
+    def set_max_contact_wrench(self, wrench: Sequence[float]) -> None:
+        """The external force and torque at the TCP beyond which a session ends: N, N·m, above 0."""
+        self._wish["max_contact_wrench"] = _positive(wrench, 6, "wrench")
+
+    def set_max_contact_torque(self, torques: Sequence[float]) -> None:
+        """The external joint torques beyond which a session ends: N·m, above 0."""
+        self._wish["max_contact_torque"] = _positive(torques, self._dof, "torques")
+
+    def set_force_control_axis(
+        self, axes: Sequence[bool], max_vel: Sequence[float] = (1.0, 1.0, 1.0)
+    ) -> None:
+        """Along which axes of the force frame the wrench counts, not the pose.
+
+        Args:
+            axes: x, y, z, rx, ry, rz.
+            max_vel: the fastest that force control moves along x, y, z: m/s.
+        """
+        if len(axes) != 6 or not all(isinstance(axis, bool | np.bool_) for axis in axes):
+            raise InputError(f"axes must be 6 times True or False, got {list(axes)}")
+        self._wish["force_velocity"][:3] = _positive(max_vel, 3, "max_vel")
+        self._wish["force_axes"] = axes
+
+    def set_force_control_frame(self, coord: CoordType, T: Sequence[float] = NO_FRAME) -> None:
+        """The frame of the force axes: x, y, z in m, w, x, y, z, in the world or in the TCP's frame.
+
+        In the world its orientation counts: its axes go through the TCP.
+        """
+        frame = vector(T, 7, name="T")
+        if abs(float(np.linalg.norm(frame[3:])) - 1.0) > 1e-3:
+            raise InputError(f"the quaternion of T must have length 1, got {frame[3:].tolist()}")
+        self._wish["force_in_tcp"] = CoordType(coord) is CoordType.TCP
+        self._wish["force_frame"] = frame
+
+    def set_null_space_posture(self, ref_pos: Sequence[float]) -> None:
+        """The joint angles (rad) that the arm keeps near to as far as the TCP leaves it free."""
+        posture = vector(ref_pos, self._dof, name="ref_pos")
+        low, high = self._limits_of["min_position"], self._limits_of["max_position"]
+        if not ((posture >= low) & (posture <= high)).all():
+            raise InputError(
+                f"ref_pos must be from {low.tolist()} to {high.tolist()}, got {posture.tolist()}"
+            )
+        self._wish["posture"] = posture
+
+    def _describe(self, stream: Stream, rate_hz: float, interpolate: bool, interpolation: str | None) -> None:
+        if not 1 <= rate_hz <= 1000:
+            raise InputError(f"inner_control_hz must be from 1 to 1000, got {rate_hz}")
+        name = interpolation or ("linear" if interpolate else "none")
+        valid = [kind.name.lower() for kind in Interpolation]
+        if name not in valid:
+            raise InputError(f"there is no interpolation {name!r}; valid are: {', '.join(valid)}")
+        self._wish["stream"] = stream
+        self._wish["interpolation"] = Interpolation[name.upper()]
+        self._wish["decimation"] = round(1000 / rate_hz)
+
+    def _set_impedance(
+        self, prefix: str, stiffness: Sequence[float], damping: Sequence[float] | None, *names: str
+    ) -> None:
+        nominal = self._limits_of[f"{prefix}stiffness"]
+        values = vector(stiffness, len(nominal), name=names[0])
+        if not ((values > 0.0) & (values <= nominal)).all():
+            raise InputError(
+                f"{names[0]} must be above 0 and at the most {nominal.tolist()}, got {values.tolist()}"
+            )
+        ratios = vector(
+            [DAMPING_RATIO] * len(nominal) if damping is None else damping, len(nominal), name=names[1]
+        )
+        if not ((ratios >= 0.3) & (ratios <= 1.0)).all():
+            raise InputError(f"{names[1]} must be from 0.3 to 1, got {ratios.tolist()}")
+        self._wish[f"{prefix}stiffness"], self._wish[f"{prefix}damping_ratio"] = values, ratios
+
+    SetJointImpedance, SetCartesianImpedance = set_joint_impedance, set_cartesian_impedance
+    SetMaxContactWrench, SetMaxContactTorque = set_max_contact_wrench, set_max_contact_torque
+    SetForceControlAxis, SetForceControlFrame = set_force_control_axis, set_force_control_frame
+    SetNullSpacePosture = set_null_space_posture
+
+
+def _positive(values: Sequence[float], size: int, name: str) -> Array:
+    numbers = vector(values, size, name=name)
+    if not (numbers > 0.0).all():
+        raise InputError(f"{name} must be above 0, got {numbers.tolist()}")
+    return numbers

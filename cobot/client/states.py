@@ -1,0 +1,164 @@
+"""What a robot is and how it stands: plain data, SI units, lists of floats."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cobot.ipc.shm import text
+from cobot.robot.quaternion import conjugate, normalised, product, rotated
+
+Values = list[float]
+
+
+@dataclass(frozen=True, slots=True)
+class RobotInfo:
+    """What stays as it is.
+
+    Attributes:
+        serial_num: the robot's name.
+        model_name: what its model's file calls it.
+        DoF: number of joints.
+        K_q_nom: joint stiffness at its stiffest, N·m/rad.
+        K_x_nom: the same of the TCP: N/m three times, N·m/rad three times.
+        q_min, q_max: joint limits, rad.
+        dq_max: rad/s.
+        tau_max: N·m.
+    """
+
+    serial_num: str
+    model_name: str
+    DoF: int
+    K_q_nom: Values
+    K_x_nom: Values
+    q_min: Values
+    q_max: Values
+    dq_max: Values
+    tau_max: Values
+
+
+@dataclass(frozen=True, slots=True)
+class JointState:
+    """Joint positions, velocities, torques, external torques: rad, rad/s, N·m; see `RobotStates`."""
+
+    q: Values
+    dq: Values
+    tau: Values
+    tau_ext: Values
+    tcp_pose: Values
+
+
+@dataclass(frozen=True, slots=True)
+class CartesianState:
+    """The TCP's motion and what it feels; see `RobotStates`."""
+
+    tcp_pose: Values
+    tcp_vel: Values
+    ext_wrench_in_tcp: Values
+    ext_wrench_in_world: Values
+    ft_sensor_raw: Values
+    q: Values
+    tau_ext: Values
+
+
+@dataclass(frozen=True, slots=True)
+class RobotStates:
+    """All that is measured in one cycle.
+
+    External is what the surroundings do to the arm. The world is the base frame.
+
+    Attributes:
+        q, dq: joints, rad and rad/s.
+        theta, dtheta: the same on the motors' side: the drives are taken to be rigid, so they are q and dq.
+        tau, tau_des, tau_ext: torques measured, asked for, external: N·m.
+        tau_dot: change of tau, smoothed over 10 ms, N·m/s.
+        tcp_pose, flange_pose: x, y, z in m, then w, x, y, z.
+        tcp_vel: m/s three times, rad/s three times, in the base frame.
+        ft_sensor_raw: of the sensor at the flange, in the TCP's frame, the tool's weight and inertia in it;
+            zeros without a sensor.
+        ext_wrench_in_tcp, ext_wrench_in_world: force and torque at the TCP, N and N·m, estimated.
+    """
+
+    q: Values
+    theta: Values
+    dq: Values
+    dtheta: Values
+    tau: Values
+    tau_des: Values
+    tau_dot: Values
+    tau_ext: Values
+    tcp_pose: Values
+    tcp_vel: Values
+    flange_pose: Values
+    ft_sensor_raw: Values
+    ext_wrench_in_tcp: Values
+    ext_wrench_in_world: Values
+
+
+def robot_info(robot: str, info: np.ndarray) -> RobotInfo:
+    """From the record of `cobot.ipc.layout.info_dtype`."""
+    return RobotInfo(
+        robot,
+        text(info["model"]),
+        len(info["max_velocity"]),
+        info["stiffness"].tolist(),
+        info["cartesian_stiffness"].tolist(),
+        info["min_position"].tolist(),
+        info["max_position"].tolist(),
+        info["max_velocity"].tolist(),
+        info["max_effort"].tolist(),
+    )
+
+
+def joint_state(state: np.ndarray) -> JointState:
+    """From the record of `cobot.ipc.layout.state_dtype`."""
+    return JointState(
+        state["position"].tolist(),
+        state["velocity"].tolist(),
+        state["effort"].tolist(),
+        state["external_effort"].tolist(),
+        state["tcp"].tolist(),
+    )
+
+
+def cartesian_state(state: np.ndarray) -> CartesianState:
+    """From the record of `cobot.ipc.layout.state_dtype`."""
+    pose, wrench = state["tcp"].tolist(), state["wrench"].tolist()
+    return CartesianState(
+        pose,
+        state["tcp_velocity"].tolist(),
+        _in_tcp(pose, wrench),
+        wrench,
+        state["sensor"].tolist(),
+        state["position"].tolist(),
+        state["external_effort"].tolist(),
+    )
+
+
+def robot_states(state: np.ndarray, flange: Values) -> RobotStates:
+    """From the record of `cobot.ipc.layout.state_dtype`, and the flange's pose in the TCP's frame."""
+    joints, tcp = joint_state(state), cartesian_state(state)
+    x, y, z, *turn = tcp.tcp_pose
+    dx, dy, dz = rotated(turn, flange[:3])
+    return RobotStates(
+        q=joints.q,
+        theta=joints.q,
+        dq=joints.dq,
+        dtheta=joints.dq,
+        tau=joints.tau,
+        tau_des=state["desired_effort"].tolist(),
+        tau_dot=state["effort_rate"].tolist(),
+        tau_ext=joints.tau_ext,
+        tcp_pose=tcp.tcp_pose,
+        tcp_vel=tcp.tcp_vel,
+        flange_pose=[x + dx, y + dy, z + dz, *normalised(product(turn, flange[3:]))],
+        ft_sensor_raw=tcp.ft_sensor_raw,
+        ext_wrench_in_tcp=tcp.ext_wrench_in_tcp,
+        ext_wrench_in_world=tcp.ext_wrench_in_world,
+    )
+
+
+def _in_tcp(pose: Values, wrench: Values) -> Values:
+    back = conjugate(pose[3:])
+    return [*rotated(back, wrench[:3]), *rotated(back, wrench[3:])]

@@ -1,0 +1,163 @@
+"""How a `Robot` reaches its rtloop: on the same computer through shared memory."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Protocol
+
+import numpy as np
+
+from cobot.errors import ConflictError, ExecutionError, TornReadError, UnavailableError
+from cobot.ipc.shm import FOLDER, RobotMemory, Role
+from cobot.ipc.stream_writer import StreamWriter
+from cobot.types import Mode
+
+STALE_S = 0.25
+"""A state older than this is none."""
+ANSWER_S = 2.0
+POLL_S = 0.001
+
+
+class Transport(Protocol):
+    """The way to a robot. Methods of one session may be called from several threads.
+
+    Attributes:
+        robot: its name.
+        url: of its service, "" if it has none.
+        dof: number of joints.
+        info: record of `cobot.ipc.layout.info_dtype`.
+    """
+
+    robot: str
+    url: str
+    dof: int
+    info: np.ndarray
+
+    def state(self) -> np.ndarray:
+        """The newest state, a record of `cobot.ipc.layout.state_dtype`, which is the caller's to keep.
+
+        Raises:
+            UnavailableError: there is none that is fresh.
+        """
+        ...
+
+    def open_session(self, wish: np.ndarray) -> int:
+        """Begin to stream.
+
+        Args:
+            wish: record of `cobot.ipc.layout.session_dtype`; number, process and count of stops are filled
+                in.
+
+        Returns:
+            The session's number.
+
+        Raises:
+            ConflictError: somebody else streams.
+            ExecutionError: rtloop refuses, with its reason.
+            UnavailableError: it does not answer.
+        """
+        ...
+
+    def send_setpoint(self, setpoint: np.ndarray) -> None:
+        """Give what is wanted now, a record of `cobot.ipc.layout.setpoint_dtype`."""
+        ...
+
+    def send_chunk(self, chunk: np.ndarray) -> None:
+        """Give timed targets, a record of `cobot.ipc.layout.chunk_dtype`."""
+        ...
+
+    def request_estop(self) -> None:
+        """At once; waits for nothing and nobody. Only who has a session may."""
+        ...
+
+    def end_session(self) -> None:
+        """Stop streaming; the arm comes to rest. Nothing happens if there is no session."""
+        ...
+
+    def close(self) -> None:
+        """End the session and let go of the robot."""
+        ...
+
+
+class SharedMemoryTransport:
+    """The `Transport` on the robot's own computer."""
+
+    def __init__(self, robot: str) -> None:
+        try:
+            self._memory = RobotMemory.attach(robot, Role.READER)
+        except UnavailableError as exc:
+            running = ", ".join(sorted(path.name.removeprefix("cobot-") for path in FOLDER.glob("cobot-*")))
+            raise UnavailableError(f"{exc}; robots that run here: {running or 'none'}") from exc
+        self.robot, self.url, self.dof = robot, self._memory.url, self._memory.dof
+        self._writer = StreamWriter(self._memory)
+        self._turn = threading.Lock()
+        self._streaming = False
+        self.info = self._read_info()
+
+    def state(self) -> np.ndarray:
+        block = self._memory.state
+        with self._turn:
+            try:
+                record = block.read().copy()
+            except TornReadError as exc:
+                raise UnavailableError(f"robot {self.robot!r}: {exc}") from exc
+        age_s = (time.monotonic_ns() - int(record["monotonic_ns"])) * 1e-9
+        if block.sequence == 0 or age_s > STALE_S:
+            raise UnavailableError(f"robot {self.robot!r}: rtloop has published nothing for {age_s:.1f} s")
+        return record
+
+    def open_session(self, wish: np.ndarray) -> int:
+        state = self.state()
+        if state["session"]:
+            raise ConflictError(
+                f"the arm is in mode {Mode(int(state['mode'])).name}: somebody streams already"
+            )
+        number = self._writer.begin(wish, int(state["stops_seen"]))
+        try:
+            self._await_session(number)
+        except (ExecutionError, UnavailableError):
+            self._writer.end()
+            self._writer.release()
+            raise
+        self._streaming = True
+        return number
+
+    def send_setpoint(self, setpoint: np.ndarray) -> None:
+        self._writer.setpoint(setpoint)
+
+    def send_chunk(self, chunk: np.ndarray) -> None:
+        self._writer.chunk(chunk)
+
+    def request_estop(self) -> None:
+        self._writer.estop()
+
+    def end_session(self) -> None:
+        if self._streaming:
+            self._streaming = False
+            self._writer.end()
+            self._writer.release()
+
+    def close(self) -> None:
+        self.end_session()
+        self._memory.close()
+
+    def _read_info(self) -> np.ndarray:
+        """rtloop describes its robot before its first cycle."""
+        self.state()
+        try:
+            return self._memory.info.read().copy()
+        except TornReadError as exc:
+            raise UnavailableError(f"robot {self.robot!r}: {exc}") from exc
+
+    def _await_session(self, number: int) -> None:
+        """Wait for rtloop's answer, and for the first state in which the session is under way."""
+        deadline_s = time.monotonic() + ANSWER_S
+        while (refusal := self._writer.answer(number)) is None:
+            if time.monotonic() > deadline_s:
+                raise UnavailableError(f"robot {self.robot!r}: rtloop has not answered for {ANSWER_S:g} s")
+            time.sleep(POLL_S)
+        if refusal:
+            raise ExecutionError(refusal)
+        while int(self.state()["session"]) != number and time.monotonic() < deadline_s:
+            time.sleep(POLL_S)

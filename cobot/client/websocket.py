@@ -1,0 +1,206 @@
+"""How a `Robot` reaches its rtloop from another computer: through the service's WebSocket."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import threading
+import time
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numpy as np
+from websockets.exceptions import InvalidStatus, WebSocketException
+from websockets.sync.client import ClientConnection, connect
+
+from cobot.addresses import path_at
+from cobot.client.rest import ERRORS
+from cobot.client.wire import PATH, Kind, packed, record
+from cobot.errors import CobotError, InputError, LayoutError, UnavailableError
+from cobot.ipc.layout import LAYOUT_VERSION, info_dtype
+
+STALE_S = 0.5
+"""A state that came longer ago is none: a robot on this computer would have to be faster."""
+ANSWER_S = 6.0
+"""The service waits for rtloop in between, see `app.services.streaming.sessions`."""
+CONNECT_S = 5.0
+STATE_RATE_HZ = 500
+PING_S = 5.0
+Result = TypeVar("Result")
+
+
+class WebSocketTransport:
+    """The `cobot.client.transport.Transport` over a network. A thread of its own keeps the newest state.
+
+    Targets are not answered: an error in one is raised by the next call that sends one.
+
+    Args:
+        url: of the robot's service: http://HOST:PORT, or http://HOST:PORT/robots/NAME for one of several.
+
+    Raises:
+        UnavailableError: nobody answers there, or rtloop does not.
+        InputError: that is no URL.
+        LayoutError: the service is of another version of cobot.
+    """
+
+    def __init__(self, url: str) -> None:
+        self.url = url.rstrip("/")
+        self._connection = _open(self.url)
+        self._changed = threading.Condition()
+        self._sequence_turn = threading.Lock()
+        self._sequence = 0
+        self._hello: dict[str, Any] = {}
+        self._newest = b""
+        self._newest_s = -np.inf
+        self._session: int | None = None  # once there is an answer
+        self._error: CobotError | None = None
+        self._lost = ""
+        threading.Thread(target=self._listen, name="cobot-stream", daemon=True).start()
+        try:
+            hello = self._wait(lambda: self._hello or None, "said hello")
+            if hello["layout"] != LAYOUT_VERSION:
+                raise LayoutError(
+                    f"{url}: has layout version {hello['layout']}, this program has {LAYOUT_VERSION}: "
+                    "use the service's version of cobot"
+                )
+            self.robot, self.dof = str(hello["robot"]), int(hello["dof"])
+            self.info = _info(hello, self.dof)
+            self._send(json.dumps({"type": "subscribe", "rate_hz": STATE_RATE_HZ, "format": "binary"}))
+            self._wait(lambda: self._newest or None, "sent a state of rtloop's")
+        except CobotError:
+            self.close()
+            raise
+
+    def state(self) -> np.ndarray:
+        age_s = time.monotonic() - self._newest_s
+        if self._lost or age_s > STALE_S:
+            raise UnavailableError(
+                f"{self.url}: {self._lost or f'no state of rtloop has come for {age_s:.1f} s'}"
+            )
+        return record(self._newest, self.dof)
+
+    def open_session(self, wish: np.ndarray) -> int:
+        self._session = self._error = None
+        self._send(packed(Kind.SESSION, 0, wish))
+        number = self._wait(self._session_or_error, "answered")
+        answered_s = time.monotonic()
+        # The service has seen the session in a state before it answered; the next one has it too.
+        self._wait(lambda: self._newest_s > answered_s or None, "sent a state of the session")
+        self._sequence = 0
+        return number
+
+    def send_setpoint(self, setpoint: np.ndarray) -> None:
+        self._send_next(Kind.SETPOINT, setpoint)
+
+    def send_chunk(self, chunk: np.ndarray) -> None:
+        self._send_next(Kind.CHUNK, chunk)
+
+    def request_estop(self) -> None:
+        self._send(packed(Kind.ESTOP, 0))
+
+    def end_session(self) -> None:
+        if self._session is not None:
+            self._session = None
+            if not self._lost:  # or the service ends it
+                self._send(packed(Kind.END, 0))
+
+    def close(self) -> None:
+        with contextlib.suppress(UnavailableError):  # without a connection the service ends it too
+            self.end_session()
+        self._connection.close()
+
+    def _send_next(self, kind: Kind, content: np.ndarray) -> None:
+        self._raise_error()
+        with self._sequence_turn:
+            self._sequence += 1
+            self._send(packed(kind, self._sequence, content))
+
+    def _send(self, frame: str | bytes) -> None:
+        try:
+            self._connection.send(frame)
+        except (WebSocketException, OSError) as exc:
+            raise UnavailableError(f"{self.url}: the connection is lost: {exc}") from exc
+
+    def _listen(self) -> None:
+        try:
+            while True:
+                frame = self._connection.recv()
+                if isinstance(frame, bytes):
+                    self._newest, self._newest_s = frame, time.monotonic()
+                else:
+                    self._take_answer(json.loads(frame))
+                with self._changed:
+                    self._changed.notify_all()
+        except (WebSocketException, OSError, ValueError, KeyError) as exc:
+            self._lost = f"the connection is lost: {exc}"
+        with self._changed:
+            self._changed.notify_all()
+
+    def _take_answer(self, answer: dict[str, Any]) -> None:
+        match answer["type"]:
+            case "hello":
+                self._hello = answer
+            case "session":
+                self._session = int(answer["number"])
+            case "session_ended":
+                self._session = None
+            case "error":
+                self._error = ERRORS.get(answer["code"], CobotError)(answer["detail"])
+
+    def _session_or_error(self) -> int | None:
+        self._raise_error()
+        return self._session
+
+    def _raise_error(self) -> None:
+        error, self._error = self._error, None
+        if error is not None:
+            raise error
+
+    def _wait(self, condition: Callable[[], Result | None], what: str) -> Result:
+        """What the condition gives once it gives something."""
+        found: Result | None = None
+
+        def met() -> bool:
+            nonlocal found
+            found = condition()
+            return found is not None or bool(self._lost)
+
+        with self._changed:
+            self._changed.wait_for(met, ANSWER_S)
+        if found is None:
+            raise UnavailableError(f"{self.url}: {self._lost or f'nobody has {what} for {ANSWER_S:g} s'}")
+        return found
+
+
+def _open(url: str) -> ClientConnection:
+    try:
+        # proxy: a robot's motions do not go through the one that the environment has for the web.
+        return connect(
+            "ws" + url.removeprefix("http") + path_at(url, PATH),
+            proxy=None,
+            compression=None,  # it costs more time than floats of ours get shorter
+            open_timeout=CONNECT_S,
+            close_timeout=1.0,
+            ping_interval=PING_S,
+            ping_timeout=PING_S,
+            legacy=True,  # a connection that is used without `with`
+        )
+    except InvalidStatus as exc:
+        answer = exc.response
+        try:
+            raise ERRORS[(content := json.loads(answer.body))["code"]](content["detail"]) from exc
+        except (ValueError, KeyError, TypeError):
+            raise UnavailableError(f"{url}: status {answer.status_code}, and no stream of cobot's") from exc
+    except (WebSocketException, OSError) as exc:
+        raise UnavailableError(f"{url}: {str(exc) or type(exc).__name__}") from exc
+    except ValueError as exc:
+        raise InputError(f"url {url!r}: {exc}") from exc
+
+
+def _info(hello: dict[str, Any], dof: int) -> np.ndarray:
+    """`cobot.ipc.layout.info_dtype`, as it was before it became JSON."""
+    dtype = info_dtype(dof)
+    info = np.zeros((), dtype)
+    for name in dtype.names or ():
+        info[name] = hello[name]
+    return info

@@ -1,0 +1,74 @@
+"""Binary frames of the WebSocket /robot/stream: a header of 16 bytes, then a record of `cobot.ipc.layout`.
+
+All little-endian: kind (4 bytes), layout version (4), sequence number (8). Records have no gaps.
+"""
+
+from __future__ import annotations
+
+import struct
+from enum import IntEnum
+
+import numpy as np
+
+from cobot.errors import InputError, LayoutError
+from cobot.ipc.layout import LAYOUT_VERSION, chunk_dtype, session_dtype, setpoint_dtype, state_dtype
+
+PATH = "/robot/stream"
+MAX_FRAME_BYTES = 65536
+_HEADER = struct.Struct("<IIQ")
+
+
+class Kind(IntEnum):
+    """What a binary frame carries."""
+
+    STATE = 1  # from the service; all others are from the client
+    SESSION = 2
+    SETPOINT = 3
+    CHUNK = 4
+    ESTOP = 5  # no record
+    END = 6  # no record
+
+
+_DTYPES = {
+    Kind.STATE: state_dtype,
+    Kind.SESSION: session_dtype,
+    Kind.SETPOINT: setpoint_dtype,
+    Kind.CHUNK: chunk_dtype,
+}
+
+
+def packed(kind: Kind, sequence: int, record: np.ndarray | None = None) -> bytes:
+    """The frame."""
+    return _HEADER.pack(kind, LAYOUT_VERSION, sequence) + (b"" if record is None else record.tobytes())
+
+
+def header(frame: bytes) -> tuple[Kind, int]:
+    """Kind and sequence number of a frame.
+
+    Raises:
+        InputError: shorter than a header, or no such kind.
+        LayoutError: the sender has another version of the records.
+    """
+    if len(frame) < _HEADER.size:
+        raise InputError(f"a binary frame begins with {_HEADER.size} bytes of header, got {len(frame)} bytes")
+    kind, layout, sequence = _HEADER.unpack_from(frame)
+    if layout != LAYOUT_VERSION:
+        raise LayoutError(f"the frame has layout version {layout}, this program has {LAYOUT_VERSION}")
+    if kind not in list(Kind):
+        valid = ", ".join(f"{each} ({each.name.lower()})" for each in Kind)
+        raise InputError(f"there is no binary frame of kind {kind}; valid are: {valid}")
+    return Kind(kind), sequence
+
+
+def record(frame: bytes, dof: int) -> np.ndarray:
+    """A copy of the record in a frame whose `header` is valid, shape ().
+
+    Raises:
+        InputError: too short or too long for it.
+    """
+    kind = Kind(_HEADER.unpack_from(frame)[0])
+    dtype = _DTYPES[kind](dof) if kind in _DTYPES else np.dtype([])
+    size = len(frame) - _HEADER.size
+    if size != dtype.itemsize:
+        raise InputError(f"a record {kind.name.lower()} has {dtype.itemsize} bytes, got {size}")
+    return np.frombuffer(frame, dtype, 1, _HEADER.size).reshape(()).copy()

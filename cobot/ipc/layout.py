@@ -1,0 +1,307 @@
+"""What stands in the shared memory of a robot: records, and the words for what is in them.
+
+`cobot.ipc.shm` maps them; who changes one raises `LAYOUT_VERSION`. Long, so that one file shows all of it.
+"""
+
+from __future__ import annotations
+
+import struct
+from enum import IntEnum
+
+import numpy as np
+
+MAGIC = b"COBOTRT\0"
+LAYOUT_VERSION = 4
+RING = 32
+SLOTS = 2
+HISTOGRAM_BUCKETS = 1024
+CHUNK_POINTS = 64
+POINTS = 1024
+"""Servo points that may wait for rtloop."""
+TEXT = "S200"
+
+
+class Command(IntEnum):
+    START = 1  # run the motion in a slot
+    SET_RATE = 2  # path time per clock time, 0 (pause) to 1
+    RESET = 3  # leave ESTOP or FAULT
+
+
+class Ack(IntEnum):
+    ACCEPTED = 1
+    REJECTED = 2
+
+
+class MotionResult(IntEnum):
+    """How the motion `motion_id` stands."""
+
+    NONE = 0  # there has been none
+    RUNNING = 1
+    ARRIVED = 2  # at rest at its goal, settled
+    STOPPED = 3  # at rest on its path, by request
+    FAILED = 4  # ended by a fault or an e-stop: the state's `reason` says why
+    STOPPED_ASIDE = 5  # at rest by request, but not on its path: that left no room to slow down
+
+
+class Phase(IntEnum):
+    """The parts of a cycle whose times are counted in the statistics' histograms."""
+
+    WAKEUP = 0  # how late the cycle began
+    READ = 1
+    UPDATE = 2
+    WRITE = 3
+    TOTAL = 4  # compute time: read, update, write and publishing
+
+
+class Intervention(IntEnum):
+    """What the safety layer counted."""
+
+    NOT_FINITE = 0
+    POSITION = 1
+    VELOCITY = 2
+    ACCELERATION = 3
+    JERK = 4
+    TRACKING = 5
+    SERVICE_TIMEOUT = 6
+    OVERRUN = 7
+    JUMP = 8  # a streamed target further from the last one than an arm can get: refused
+    COMMAND_TIMEOUT = 9  # no streamed target for too long: held
+    COLLISION = 10  # a stream led into the arm itself or its surroundings: held
+    PROXIMITY = 11  # a stream came near them: slowed down
+    CONTACT = 12  # the surroundings push harder than the session permits: stopped
+    LATE = 13  # timed targets whose time had passed: dropped
+
+
+class Stream(IntEnum):
+    """What a streaming session streams."""
+
+    JOINT_IMPEDANCE = 1
+    CARTESIAN = 2
+    JOINT_TORQUE = 3
+
+
+class Interpolation(IntEnum):
+    """How rtloop goes from one streamed target to the next."""
+
+    NONE = 0  # at once, as fast as the limits permit
+    LINEAR = 1  # at constant velocity, within one command period
+    QUINTIC = 2  # with continuous velocity and acceleration, within one command period
+    RUCKIG = 3  # re-planned in every cycle, jerk-limited
+
+
+class ServoMode(IntEnum):
+    """What rtloop makes of the points of a servo session, as the manual numbers it."""
+
+    NONE = 0  # no servo session
+    REPLANNED = 1  # to the newest point at once, jerk-limited
+    DIRECT = 2  # the newest point is the reference
+    BUFFERED = 3  # one point after the other, each in its time
+    BUFFERED_1MS = 4  # one point per millisecond
+    THROUGH = 5  # planned through all points
+    REPLANNED_FORCE = 6  # as 1, with force control along the force axes
+    THROUGH_FORCE = 7  # as 5, with force control along the force axes
+
+
+STATE_SCALARS = (
+    ("cycle", "u8"),  # since rtloop's start
+    ("robot_time_s", "f8"),  # the robot's clock: cycles times the period
+    ("mode", "u8"),
+    ("settled", "u8"),  # at rest at the commanded position
+    ("motion_id", "u8"),  # the running motion or the last one
+    ("motion_result", "u8"),
+    ("slot", "u8"),
+    ("path_time_s", "f8"),
+    ("path_duration_s", "f8"),
+    ("path_rate", "f8"),  # path time per clock time
+    ("deceleration_monotonic_ns", "i8"),  # when the last stop began to take effect
+    ("stops_seen", "u8"),  # the requests' counters as last acted upon
+    ("estops_seen", "u8"),
+    ("command_seen", "u8"),
+    ("session", "u8"),  # the streaming session that moves the arm, 0 for none
+    ("setpoint_seen", "u8"),  # the number of its target taken last
+    ("move_seen", "u8"),  # the number of its `move_to_pose` taken last
+    ("move_running", "u8"),
+    ("chunk_seen", "u8"),
+    ("point_seen", "u8"),  # the number of the servo point read last
+    ("points_taken", "u8"),  # of the session: those that the reference has gone for
+    ("points_dropped", "u8"),  # and those that it could not: jumps, unreadable ones
+    ("points_buffered", "u8"),  # and those that are still ahead
+    ("underruns", "u8"),  # how often the reference had to wait for a point
+    ("overruns", "u8"),
+    ("torn_reads", "u8"),
+    ("monotonic_ns", "i8"),  # CLOCK_MONOTONIC at publication
+    ("measured_monotonic_ns", "i8"),  # and when the robot was last read without an error
+)
+"""They stand first, without gaps, so that the cycle can write them with one `struct.pack_into`."""
+_CODES = {"u8": "Q", "i8": "q", "f8": "d"}
+STATE_STRUCT = struct.Struct("=" + "".join(_CODES[kind] for _, kind in STATE_SCALARS))
+
+
+def state_dtype(dof: int) -> np.dtype:
+    """The state block's record; measured and commanded arrays stand together."""
+    joints = ("f8", (dof,))
+    return np.dtype(
+        [
+            *STATE_SCALARS,
+            ("position", *joints),  # measured, rad
+            ("velocity", *joints),  # measured, rad/s
+            ("effort", *joints),  # measured, N·m
+            ("desired_effort", *joints),  # N·m
+            ("external_effort", *joints),  # what the surroundings exert, estimated, N·m
+            ("wrench", "f8", (6,)),  # the same at the TCP, in the base frame: N, N·m
+            ("sensor", "f8", (6,)),  # raw, in the TCP's frame: N, N·m
+            ("commanded_position", *joints),
+            ("commanded_velocity", *joints),
+            ("commanded_acceleration", *joints),
+            ("tcp", "f8", (7,)),  # measured: x, y, z in m, then w, x, y, z, in the base frame
+            ("tcp_velocity", "f8", (6,)),  # m/s, rad/s, in the base frame
+            ("effort_rate", *joints),  # N·m/s, smoothed
+            ("interventions", "u8", (len(Intervention),)),
+            ("intervened_ns", "i8", (len(Intervention),)),  # CLOCK_MONOTONIC of the last one of each kind
+            ("reason", TEXT),  # why ESTOP, FAULT or the last stop, UTF-8
+        ]
+    )
+
+
+HEADER = np.dtype(
+    [
+        ("magic", "S8"),
+        ("layout", "u4"),
+        ("dof", "u4"),
+        ("capacity", "u4"),
+        ("ring", "u4"),
+        ("period_s", "f8"),
+        ("created_ns", "i8"),
+        ("robot", "S64"),
+        ("url", "S128"),
+    ]
+)
+STATISTICS = np.dtype(
+    [
+        ("pid", "u4"),
+        ("sched_fifo", "u4"),
+        ("memory_locked", "u4"),
+        ("started_ns", "i8"),  # CLOCK_REALTIME
+        ("backend", "S64"),
+        ("clock", "S16"),
+        ("permissions", "S400"),  # what was not granted, and why
+        ("cycles", "u8"),
+        ("max_us", "f8", (len(Phase),)),
+        ("histogram", "u4", (len(Phase), HISTOGRAM_BUCKETS)),  # 1 µs each, the last one is "more"
+    ],
+    align=True,
+)
+ACK = np.dtype([("id", "u8"), ("result", "u4"), ("message", TEXT)], align=True)
+HEARTBEAT = np.dtype([("pid", "u4"), ("monotonic_ns", "i8")], align=True)
+REQUESTS = np.dtype([("stops", "u8"), ("estops", "u8")], align=True)
+HEAD = np.dtype([("id", "u8")], align=True)
+COMMAND = np.dtype(
+    [("id", "u8"), ("kind", "u4"), ("slot", "u4"), ("motion_id", "u8"), ("stops", "u8"), ("value", "f8")],
+    align=True,
+)  # stops: the count of stop requests that the sender knew of; a START that a stop has overtaken is refused
+SLOT = np.dtype([("motion_id", "u8"), ("segments", "u8"), ("checksum", "u8")], align=True)
+INFO_TEXT = "S64"
+
+
+def info_dtype(dof: int) -> np.dtype:
+    """What rtloop knows of its robot from the beginning."""
+    joints = ("f8", (dof,))
+    return np.dtype(
+        [
+            ("model", INFO_TEXT),
+            ("joint_names", INFO_TEXT, (dof,)),
+            ("min_position", *joints),
+            ("max_position", *joints),
+            ("max_velocity", *joints),
+            ("max_acceleration", *joints),
+            ("max_jerk", *joints),
+            ("max_effort", *joints),
+            ("stiffness", *joints),  # nominal, N·m/rad; zeros: the drives do not give way
+            ("cartesian_stiffness", "f8", (6,)),  # nominal, N/m and N·m/rad
+            ("flange", "f8", (7,)),  # in the TCP's frame
+        ]
+    )
+
+
+def session_dtype(dof: int) -> np.dtype:
+    """What a streaming client wants; fixed from the session's beginning to its end."""
+    joints = ("f8", (dof,))
+    return np.dtype(
+        [
+            ("number", "u8"),  # of the session: a new one for each
+            ("open", "u8"),  # 1 while it is wanted; 2: a servo session's points, and no more
+            ("pid", "u8"),  # its writer: when that is gone, so is the session
+            ("stops", "u8"),  # stops that rtloop had seen when the client asked: a later one refuses it
+            ("stream", "u8"),
+            ("interpolation", "u8"),
+            ("decimation", "u8"),  # a new target is taken every so many cycles
+            ("stiffness", *joints),
+            ("damping_ratio", *joints),
+            ("cartesian_stiffness", "f8", (6,)),
+            ("cartesian_damping_ratio", "f8", (6,)),
+            ("max_contact_torque", *joints),  # N·m, infinite for none
+            ("max_contact_wrench", "f8", (6,)),  # N, N·m
+            ("force_axes", "f8", (6,)),  # 1: force control along this axis of the force frame
+            ("force_velocity", "f8", (6,)),  # the fastest that force control moves, m/s and rad/s
+            ("force_in_tcp", "u8"),  # the force frame is given in the TCP's frame, not in the base frame
+            ("force_frame", "f8", (7,)),
+            ("posture", *joints),  # of the null space, rad; NaN for none
+            ("servo_mode", "u8"),  # 0: targets come in the setpoint; else they are points in the queue
+            ("watchdog_s", "f8"),  # of a servo session: without a point for so long, it ends
+        ]
+    )
+
+
+def setpoint_dtype(dof: int) -> np.dtype:
+    """What a streaming client wants now."""
+    joints = ("f8", (dof,))
+    return np.dtype(
+        [
+            ("session", "u8"),
+            ("number", "u8"),
+            ("feed_forward", "u8"),  # whether velocities are stated
+            ("joints", *joints),  # rad, or N·m
+            ("joint_velocity", *joints),
+            ("joint_acceleration", *joints),
+            ("pose", "f8", (7,)),
+            ("wrench", "f8", (6,)),  # what the TCP shall exert, in the force frame
+            ("twist", "f8", (6,)),
+            ("twist_rate", "f8", (6,)),
+            ("move", "u8"),  # number of the newest `move_to_pose`
+            ("move_pose", "f8", (7,)),
+            ("move_duration_s", "f8"),
+            ("cancel", "u8"),  # number of the `move_to_pose` that is cancelled
+        ]
+    )
+
+
+def chunk_dtype(dof: int) -> np.dtype:
+    """Timed targets that lie ahead."""
+    return np.dtype(
+        [
+            ("session", "u8"),
+            ("number", "u8"),
+            ("count", "u8"),
+            ("times_s", "f8", (CHUNK_POINTS,)),  # on the robot's clock
+            ("points", "f8", (CHUNK_POINTS, max(dof, 7))),  # joints, or poses
+        ]
+    )
+
+
+def point_dtype(dof: int) -> np.dtype:
+    """A servo point, in a queue of `POINTS` places."""
+    return np.dtype(
+        [
+            ("number", "u8"),  # in its session, from 1 on
+            ("time_s", "f8"),  # how long the way to it is meant to take
+            ("lookahead_s", "f8"),  # of `rtloop.sources.servo_law`; 0 for none
+            ("gain", "f8"),  # 1/s²
+            ("joints", "f8", (dof,)),  # rad
+        ]
+    )
+
+
+POINT_HEAD = np.dtype([("session", "u8"), ("number", "u8")])
+"""The newest point's number."""
+SESSION_ACK = np.dtype([("session", "u8"), ("result", "u8"), ("message", TEXT)])
+STREAM_REQUESTS = np.dtype([("estops", "u8")])

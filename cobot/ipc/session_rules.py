@@ -1,0 +1,102 @@
+"""What clients write into shared memory: what it is when they say nothing, and what it must not be.
+
+Records are those of `cobot.ipc.layout`; the checks raise an InputError that names field, value and what is
+valid.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cobot.errors import InputError
+from cobot.ipc.layout import CHUNK_POINTS, Stream, session_dtype
+from cobot.types import Array
+
+DAMPING_RATIO = 0.7
+NO_FRAME = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+MOVE_S = (0.001, 600.0)
+"""The shortest and the longest duration of a `move_to_pose`."""
+QUATERNION_TOLERANCE = 1e-2
+LEAST_STEP_S = 0.0005
+LATEST_S = 1e9
+"""Between the times of a chunk, and of the robot's clock: thirty years."""
+_TARGETS = {
+    Stream.JOINT_IMPEDANCE: ("joints", "joint_velocity", "joint_acceleration"),
+    Stream.CARTESIAN: ("pose", "wrench", "twist", "twist_rate"),
+    Stream.JOINT_TORQUE: ("joints",),
+}
+
+
+def nominal_session(info: np.ndarray) -> np.ndarray:
+    """A session as stiff as the robot can be, without force control and contact limits.
+
+    Args:
+        info: of `cobot.ipc.layout.info_dtype`.
+
+    Returns:
+        `cobot.ipc.layout.session_dtype`; stream, interpolation and decimation are still 0.
+    """
+    wish = np.zeros((), session_dtype(len(info["max_velocity"])))
+    wish["stiffness"], wish["cartesian_stiffness"] = info["stiffness"], info["cartesian_stiffness"]
+    wish["damping_ratio"], wish["cartesian_damping_ratio"] = DAMPING_RATIO, DAMPING_RATIO
+    wish["max_contact_torque"], wish["max_contact_wrench"] = np.inf, np.inf
+    wish["force_velocity"] = 1.0
+    wish["force_frame"] = NO_FRAME
+    wish["posture"] = np.nan
+    return wish
+
+
+def check_session(wish: np.ndarray, info: np.ndarray) -> None:
+    """What rtloop does not look at itself; the force frame's quaternion is normalised."""
+    if not np.isin(wish["force_axes"], (0.0, 1.0)).all():
+        raise InputError(f"force_axes must be 0 or 1 each, got {wish['force_axes'].tolist()}")
+    _normalise(wish["force_frame"], "force_frame")
+    posture, low, high = wish["posture"], info["min_position"], info["max_position"]
+    if not (np.isnan(posture).all() or ((posture >= low) & (posture <= high)).all()):
+        raise InputError(f"posture must be from {low.tolist()} to {high.tolist()}, got {posture.tolist()}")
+
+
+def check_setpoint(setpoint: np.ndarray, stream: Stream) -> None:
+    """A target for this stream, and a move; quaternions are normalised."""
+    for name in _TARGETS[stream]:
+        _require_finite(setpoint[name], name)
+    if stream is not Stream.CARTESIAN:
+        return
+    if setpoint["number"]:
+        _normalise(setpoint["pose"], "pose")
+    if setpoint["move"]:
+        _require_finite(setpoint["move_pose"], "move_pose")
+        _normalise(setpoint["move_pose"], "move_pose")
+        (shortest, longest), duration = MOVE_S, float(setpoint["move_duration_s"])
+        if not shortest <= duration <= longest:
+            raise InputError(
+                f"the duration of a move must be from {shortest:g} to {longest:g} s, got {duration:g}"
+            )
+
+
+def check_chunk(chunk: np.ndarray, stream: Stream) -> None:
+    """Timed joint targets."""
+    if stream is not Stream.JOINT_IMPEDANCE:
+        raise InputError(f"a {stream.name.lower()} stream takes no chunks; a joint_impedance stream does")
+    count = int(chunk["count"])
+    if not 1 <= count <= CHUNK_POINTS:
+        raise InputError(f"a chunk has from 1 to {CHUNK_POINTS} points, got {count}")
+    times = chunk["times_s"][:count]
+    _require_finite(times, "times_s")
+    _require_finite(chunk["points"][:count], "points")
+    if not (np.diff(times) >= LEAST_STEP_S).all():
+        raise InputError(f"times_s must increase, by {LEAST_STEP_S} s at the least, got {times.tolist()}")
+    if not (np.abs(times) <= LATEST_S).all():
+        raise InputError(f"times_s must be on the robot's clock, up to {LATEST_S:g} s, got {times.tolist()}")
+
+
+def _require_finite(values: Array, name: str) -> None:
+    if not np.isfinite(values).all():
+        raise InputError(f"{name} must be finite, got {values.tolist()}")
+
+
+def _normalise(pose: Array, name: str) -> None:
+    length = float(np.linalg.norm(pose[3:]))
+    if not abs(length - 1.0) <= QUATERNION_TOLERANCE:
+        raise InputError(f"the quaternion of {name} must have length 1, got {pose[3:].tolist()}")
+    pose[3:] /= length

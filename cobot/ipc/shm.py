@@ -1,0 +1,347 @@
+"""The shared memory of one robot: the only file, with `cobot.ipc.layout`, that knows what is where.
+
+A file in /dev/shm, made by the supervisor, mapped by rtloop and by the service:
+
+    header      constant: magic, layout version, dof, period, names
+    state       rtloop writes, every cycle
+    statistics  rtloop writes, some times a second
+    acks        rtloop writes, one entry per command
+    heartbeat   the service writes, from its event loop
+    requests    the service writes: counters of stops and e-stops, which nothing can crowd out
+    head        the service writes: the newest command's number
+    commands    the service writes: a ring
+    slots       the service writes: two trajectories
+    info        rtloop writes, at its start: what robot this is
+    session_ack rtloop writes: its answer to a session
+    session, setpoint, chunk, stream_requests   the streaming client writes
+    point_head, points  the streaming client writes: a ring of servo points; what rtloop has not read is
+                not overwritten
+
+Every block has one writer (`cobot.ipc.seqlock`), and byte-range locks on the file make sure of it: they
+vanish with their process, however it ends, and name its pid to whom they refuse.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import mmap
+import os
+import struct
+import time
+import zlib
+from collections import Counter, defaultdict
+from dataclasses import dataclass
+from enum import IntEnum
+from pathlib import Path
+
+import numpy as np
+
+from cobot.errors import ConflictError, InputError, LayoutError, SharedMemoryError, UnavailableError
+from cobot.ipc.layout import (
+    ACK,
+    COMMAND,
+    HEAD,
+    HEADER,
+    HEARTBEAT,
+    LAYOUT_VERSION,
+    MAGIC,
+    POINT_HEAD,
+    POINTS,
+    REQUESTS,
+    RING,
+    SESSION_ACK,
+    SLOT,
+    SLOTS,
+    STATISTICS,
+    STREAM_REQUESTS,
+    TEXT,
+    chunk_dtype,
+    info_dtype,
+    point_dtype,
+    session_dtype,
+    setpoint_dtype,
+    state_dtype,
+)
+from cobot.ipc.seqlock import Block
+from cobot.trajectory import ORDER, Trajectory
+from cobot.types import Array
+
+FOLDER = Path("/dev/shm")
+_users: Counter[Path] = Counter()
+_closed: defaultdict[Path, list[int]] = defaultdict(list)
+"""Of this process: how many memories of a file are open, and the descriptors of those that no longer are."""
+
+
+class Role(IntEnum):
+    """Who maps the memory; the value is the byte of the file that the role locks."""
+
+    SUPERVISOR = 0
+    RTLOOP = 1
+    SERVICE = 2
+    READER = 3  # locks nothing, writes nothing
+    STREAM = 4  # who streams targets; taken by `take`, on top of the role that has mapped the memory
+
+
+_PAGE = 4096
+
+
+def _aligned(size: int) -> int:
+    return -(-size // _PAGE) * _PAGE
+
+
+@dataclass(frozen=True, slots=True)
+class Slot:
+    """A place for one trajectory. The arrays are views into shared memory of the whole capacity."""
+
+    head: Block
+    breakpoints_s: Array
+    coefficients: Array
+
+    def write(self, motion_id: int, trajectory: Trajectory) -> None:
+        """Put a trajectory here. The caller sees to it that rtloop is not following this slot.
+
+        Raises:
+            InputError: more segments than the slot has room for.
+            SharedMemoryError: another dof.
+        """
+        n, capacity = trajectory.segments, len(self.coefficients)
+        if n > capacity:
+            raise InputError(f"the motion has {n} segments, rt.trajectory_capacity is {capacity}")
+        if trajectory.dof != self.coefficients.shape[1]:
+            raise SharedMemoryError(
+                f"the motion has {trajectory.dof} joints, the robot {self.coefficients.shape[1]}"
+            )
+        self.breakpoints_s[: n + 1] = trajectory.breakpoints_s
+        self.coefficients[:n] = trajectory.coefficients
+        self.head.data["motion_id"] = motion_id
+        self.head.data["segments"] = n
+        self.head.data["checksum"] = zlib.crc32(
+            trajectory.coefficients.data, zlib.crc32(trajectory.breakpoints_s.data)
+        )
+        self.head.publish()
+
+
+class RobotMemory:
+    """The mapped file. Make it with `create` or `attach`, leave it with `close`."""
+
+    def __init__(self, path: Path, descriptor: int, role: Role) -> None:
+        self.path = path
+        self.role = role
+        self._descriptor = descriptor
+        self._roles: set[Role] = set() if role is Role.READER else {role}
+        _users[path] += 1
+        header = np.frombuffer(os.pread(descriptor, HEADER.itemsize, 0), HEADER)[0]
+        self.dof = int(header["dof"])
+        self.period_s = float(header["period_s"])
+        self.created_ns = int(header["created_ns"])
+        self.robot = text(header["robot"])
+        self.url = text(header["url"])
+        capacity = int(header["capacity"])
+        self._map = mmap.mmap(descriptor, _file_size(self.dof, capacity))
+        self._offset = _PAGE
+        self.state = self._block(state_dtype(self.dof), "state")
+        self.statistics = self._block(STATISTICS, "statistics")
+        self.acks = [self._block(ACK, "acknowledgement") for _ in range(RING)]
+        self._next_page()
+        self.heartbeat = self._block(HEARTBEAT, "heartbeat")
+        self.requests = self._block(REQUESTS, "requests")
+        self.head = self._block(HEAD, "command head")
+        self.commands = [self._block(COMMAND, "command") for _ in range(RING)]
+        self._next_page()
+        self.slots = [self._slot(capacity) for _ in range(SLOTS)]
+        self.info = self._block(info_dtype(self.dof), "robot information")
+        self.session_ack = self._block(SESSION_ACK, "session acknowledgement")
+        self._next_page()
+        self.session = self._block(session_dtype(self.dof), "session")
+        self.stream_requests = self._block(STREAM_REQUESTS, "requests of the stream")
+        self.setpoint = self._block(setpoint_dtype(self.dof), "setpoint")
+        self.chunk = self._block(chunk_dtype(self.dof), "chunk")
+        self.point_head = self._block(POINT_HEAD, "point head")
+        point = point_dtype(self.dof)
+        self.points = [self._block(point, "servo point") for _ in range(POINTS)]
+
+    @classmethod
+    def create(cls, robot: str, dof: int, period_s: float, capacity: int, url: str = "") -> RobotMemory:
+        """Make the file of a robot, replacing what a killed run has left.
+
+        Args:
+            url: where the robot's service listens, for local clients; "" if it does not.
+
+        Raises:
+            ConflictError: another supervisor, or a process of its that still lives, uses it; with its pid.
+            SharedMemoryError: no room in /dev/shm, or no permission.
+        """
+        path = _path(robot)
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        except OSError as exc:
+            raise SharedMemoryError(f"{path}: {exc.strerror}") from exc
+        try:
+            _lock(descriptor, Role.SUPERVISOR, robot)
+            for role in (Role.RTLOOP, Role.SERVICE, Role.STREAM):
+                _refuse_if_locked(descriptor, role, robot)
+            size = _file_size(dof, capacity)
+            os.ftruncate(descriptor, 0)
+            os.posix_fallocate(
+                descriptor, 0, size
+            )  # a full /dev/shm fails here, not in the middle of a motion
+            header = np.zeros((), HEADER)
+            header["magic"], header["layout"], header["dof"] = MAGIC, LAYOUT_VERSION, dof
+            header["capacity"], header["ring"], header["period_s"] = capacity, RING, period_s
+            header["created_ns"], header["robot"] = time.time_ns(), robot.encode()
+            header["url"] = url.encode()
+            os.pwrite(descriptor, header.tobytes(), 0)
+            return cls(path, descriptor, Role.SUPERVISOR)
+        except OSError as exc:
+            os.close(descriptor)
+            path.unlink(missing_ok=True)
+            raise SharedMemoryError(
+                f"{path}: cannot allocate {_file_size(dof, capacity)} bytes: {exc.strerror}"
+            ) from exc
+        except ConflictError:
+            os.close(descriptor)
+            raise
+
+    @classmethod
+    def attach(cls, robot: str, role: Role) -> RobotMemory:
+        """Map the file that the supervisor has made.
+
+        Raises:
+            UnavailableError: there is none.
+            LayoutError: made by another version of cobot, or no such file at all.
+            ConflictError: the role is taken.
+        """
+        path = _path(robot)
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+        except FileNotFoundError as exc:
+            raise UnavailableError(f"robot {robot!r} is not running: there is no {path}") from exc
+        except OSError as exc:
+            raise SharedMemoryError(f"{path}: {exc.strerror}") from exc
+        try:
+            _require_layout(path, descriptor)
+            if role is not Role.READER:
+                _lock(descriptor, role, robot)
+            return cls(path, descriptor, role)
+        except (LayoutError, ConflictError):
+            _let_go(path, descriptor)
+            raise
+
+    def take(self, role: Role) -> None:
+        """Be the one writer of a further role's blocks; `release` or the process's end gives it back.
+
+        Raises:
+            ConflictError: another process has it, with its pid.
+        """
+        _lock(self._descriptor, role, self.robot)
+        self._roles.add(role)
+
+    def release(self, role: Role) -> None:
+        self._roles.discard(role)
+        fcntl.fcntl(self._descriptor, fcntl.F_SETLK, _flock(fcntl.F_UNLCK, role))
+
+    def close(self) -> None:
+        """Let go of the lock. The mapping itself goes with the last array that looks into it."""
+        if self._descriptor < 0:
+            return
+        for role in tuple(self._roles):
+            self.release(role)
+        _users[self.path] -= 1
+        _let_go(self.path, self._descriptor)
+        self._descriptor = -1
+
+    def unlink(self) -> None:
+        """Remove the file; who has it mapped keeps it until they let go."""
+        self.path.unlink(missing_ok=True)
+
+    def _block(self, dtype: np.dtype, name: str) -> Block:
+        block = Block(self._map, self._offset, dtype, name)
+        self._offset += -(-Block.size(dtype) // 64) * 64  # no two blocks share a cache line
+        return block
+
+    def _next_page(self) -> None:
+        self._offset = _aligned(self._offset)
+
+    def _slot(self, capacity: int) -> Slot:
+        head = self._block(SLOT, "trajectory slot")
+        times = np.ndarray(capacity + 1, np.float64, self._map, self._offset)
+        self._offset += times.nbytes
+        coefficients = np.ndarray((capacity, self.dof, ORDER), np.float64, self._map, self._offset)
+        self._offset += coefficients.nbytes
+        self._next_page()
+        return Slot(head, times, coefficients)
+
+
+def text(field: np.ndarray) -> str:
+    """A text field of a record."""
+    return bytes(field.item() if isinstance(field, np.ndarray) else field).decode("utf-8", "replace")
+
+
+def encoded(message: str, size: int = np.dtype(TEXT).itemsize) -> bytes:
+    """A message cut to fit a text field, never inside a character."""
+    return message.encode()[:size].decode("utf-8", "ignore").encode()
+
+
+def _let_go(path: Path, descriptor: int) -> None:
+    """Close it, but not before all others of this process on the same file: with the first descriptor of a
+    file that a process closes, POSIX takes all its locks on it.
+    """
+    _closed[path].append(descriptor)
+    if not _users[path]:
+        for each in _closed.pop(path):
+            os.close(each)
+
+
+def _path(robot: str) -> Path:
+    return FOLDER / f"cobot-{robot}"
+
+
+def _file_size(dof: int, capacity: int) -> int:
+    slot = 64 + Block.size(SLOT) + 8 * (capacity + 1) + 8 * capacity * dof * ORDER
+    dtypes = (state_dtype, info_dtype, session_dtype, setpoint_dtype, chunk_dtype)
+    blocks = (
+        sum(Block.size(dtype(dof)) for dtype in dtypes)
+        + Block.size(STATISTICS)
+        + RING * (Block.size(ACK) + Block.size(COMMAND) + 128)
+        + POINTS * (Block.size(point_dtype(dof)) + 64)
+    )
+    return 8 * _PAGE + _aligned(blocks) + SLOTS * _aligned(slot)
+
+
+def _require_layout(path: Path, descriptor: int) -> None:
+    raw = os.pread(descriptor, HEADER.itemsize, 0)
+    if len(raw) < HEADER.itemsize or not raw.startswith(MAGIC.rstrip(b"\0")):
+        raise LayoutError(f"{path}: is not the shared memory of a robot")
+    header = np.frombuffer(raw, HEADER)[0]
+    if header["layout"] != LAYOUT_VERSION:
+        raise LayoutError(
+            f"{path}: has layout version {header['layout']}, this program has {LAYOUT_VERSION}: "
+            "stop the cobot that made it, or use its version"
+        )
+    if os.fstat(descriptor).st_size < _file_size(int(header["dof"]), int(header["capacity"])):
+        raise LayoutError(f"{path}: is shorter than its header says")
+
+
+def _flock(kind: int, role: Role) -> bytes:
+    return struct.pack("hhqqi4x", kind, os.SEEK_SET, int(role), 1, 0)
+
+
+def _holder(descriptor: int, role: Role) -> int:
+    """The pid that holds a role's lock, 0 if nobody does."""
+    answer = fcntl.fcntl(descriptor, fcntl.F_GETLK, _flock(fcntl.F_WRLCK, role))
+    kind, _, _, _, pid = struct.unpack("hhqqi4x", answer)
+    return 0 if kind == fcntl.F_UNLCK else int(pid)
+
+
+def _refuse_if_locked(descriptor: int, role: Role, robot: str) -> None:
+    pid = _holder(descriptor, role)
+    if pid:
+        raise ConflictError(f"robot {robot!r} is in use: pid {pid} runs as its {role.name.lower()}")
+
+
+def _lock(descriptor: int, role: Role, robot: str) -> None:
+    try:
+        fcntl.fcntl(descriptor, fcntl.F_SETLK, _flock(fcntl.F_WRLCK, role))
+    except OSError as exc:
+        pid = _holder(descriptor, role)
+        raise ConflictError(f"robot {robot!r} is in use: pid {pid} runs as its {role.name.lower()}") from exc

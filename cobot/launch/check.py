@@ -1,0 +1,136 @@
+"""`cobot check`: everything that can be known to be wrong before anything moves."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import tempfile
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TextIO
+
+from cobot.config import Settings, WebSection, load_endpoints
+from cobot.errors import CobotError, CollisionError, ConfigError
+from cobot.launch.process import RUN_MODULE
+from cobot.planners import MotionRequest, plan
+from cobot.robot.description import Robot, load_robot
+from cobot.robot.limits import check_positions
+from cobot.types import PlannerName, Scaling, vector
+
+
+def check(settings: Settings, config: Path | None, out: TextIO) -> bool:
+    """Validate the configuration, one printed line per item.
+
+    Checks the endpoints file, the address, the folders, the model with its limits, the backend, and of
+    each named position: limits, self-collision, and that a ptp motion leads there from the start position.
+
+    Args:
+        config: the settings' file, for the real-time process.
+
+    Returns:
+        Whether everything is good.
+    """
+    report = _Report(out)
+    report.item(
+        "endpoints", lambda: f"{len(load_endpoints(settings.web.endpoints))} in {settings.web.endpoints}"
+    )
+    report.item("address", lambda: _address(settings.web))
+    report.item("logs", lambda: _log(settings))
+    report.item("recordings", lambda: _folder(settings.sequences.recordings))
+    for name, each in settings.each.items():
+        if settings.robots:
+            report.about = f"{name}: "
+        _check_robot(report, each, config)
+    return report.good
+
+
+def _check_robot(report: _Report, settings: Settings, config: Path | None) -> None:
+    robots: list[Robot] = []
+
+    def load() -> str:
+        robots.append(load_robot(settings))
+        return f"{robots[0].limits.dof} joints, {settings.robot.model}, limits {settings.web.joint_limits}"
+
+    report.item("core", lambda: _core(settings.rt.cpu))
+    report.item("robot", load)
+    for robot in robots:
+        report.item("backend", lambda: _backend(settings, config))
+        for name in robot.positions:
+            report.item(f"position {name}", partial(_position, robot, name, settings))
+
+
+class _Report:
+    def __init__(self, out: TextIO) -> None:
+        self.good = True
+        self.about = ""
+        self._out = out
+
+    def item(self, name: str, examine: Callable[[], str]) -> None:
+        try:
+            print(f"ok      {self.about}{name}: {examine()}", file=self._out)
+        except CobotError as exc:
+            self.good = False
+            print(f"FAILED  {self.about}{name}: {exc}", file=self._out)
+
+
+def _address(web: WebSection) -> str:
+    """Whether it is one of this computer's; the port may well be in use, by cobot itself."""
+    try:
+        family, _, _, _, address = socket.getaddrinfo(web.host, 0, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, socket.SOCK_STREAM) as listener:
+            listener.bind(address)
+    except (OSError, ValueError) as exc:  # ValueError: no name of a host at all
+        raise ConfigError(f"web.host: cannot listen on {web.host!r}: {exc}") from exc
+    return f"{web.host} port {web.port}"
+
+
+def _core(cpu: int | None) -> str:
+    cores = os.sched_getaffinity(0)
+    if cpu is None or cpu in cores:
+        return "left to the system" if cpu is None else str(cpu)
+    raise ConfigError(f"rt.cpu: there is no core {cpu}; valid are: {', '.join(map(str, sorted(cores)))}")
+
+
+def _folder(folder: Path) -> str:
+    """It is made if it is not there: only then it is known that it can be."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return str(folder)
+    except OSError as exc:
+        raise ConfigError(f"{folder}: cannot be written to: {exc.strerror}") from exc
+
+
+def _log(settings: Settings) -> str:
+    _folder(settings.logs)
+    try:
+        with settings.log_file.open("a"):
+            return str(settings.log_file)
+    except OSError as exc:
+        raise ConfigError(f"{settings.log_file}: cannot be written to: {exc.strerror}") from exc
+
+
+def _backend(settings: Settings, config: Path | None) -> str:
+    """Whether the real-time process, as `cobot run` would start it, can make it."""
+    command = [*RUN_MODULE, "rtloop", "--check", "--robot", settings.robot.name]
+    command += ["--config", str(config)] if config else []
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        said = (done.stdout + done.stderr).strip().splitlines()
+        raise ConfigError(said[-1] if said else f"rtloop ends with status {done.returncode}")
+    return settings.rt.backend
+
+
+def _position(robot: Robot, name: str, settings: Settings) -> str:
+    joints = vector(robot.positions[name].joints)
+    check_positions(robot.limits, joints)
+    contacts = robot.collision.contacts(joints)
+    if contacts:
+        raise CollisionError(f"{contacts[0].first} touches {contacts[0].second}")
+    start = vector(robot.positions[settings.robot.start_position].joints)
+    timeout_s = settings.planning.timeout_s
+    plan(robot, MotionRequest(start, joints, PlannerName.PTP, Scaling(speed=1.0), None, timeout_s=timeout_s))
+    x, y, z = robot.model.forward(joints).position
+    return f"within limits, free, reachable; TCP at x {x:.3f} y {y:.3f} z {z:.3f} m in {robot.base_frame}"

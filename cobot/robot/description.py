@@ -1,0 +1,67 @@
+"""A robot as the configuration describes it: model, limits, named positions, collision checker."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cobot.config import Settings
+from cobot.errors import ConfigError
+from cobot.robot.collision import CollisionChecker
+from cobot.robot.limits import load_joint_limits
+from cobot.robot.model import RobotModel
+from cobot.robot.srdf import load_named_positions
+from cobot.types import CartesianLimits, JointLimits, NamedPosition
+
+
+@dataclass(frozen=True, slots=True)
+class Robot:
+    """Everything that planning needs to know. Not thread safe: the model works in one scratch memory."""
+
+    name: str
+    base_frame: str
+    model: RobotModel
+    collision: CollisionChecker
+    limits: JointLimits
+    cartesian_limits: CartesianLimits
+    positions: dict[str, NamedPosition]
+
+
+def load_robot(settings: Settings) -> Robot:
+    """Read the model, the limits and the named positions that the settings name.
+
+    Raises:
+        ConfigError: a file is missing or wrong, or they do not fit each other.
+    """
+    limits = load_joint_limits(settings.web.joint_limits)
+    model = RobotModel.load(
+        settings.robot.model, limits, base=settings.robot.base_frame, tcp=settings.robot.tcp
+    )
+    positions = load_named_positions(settings.robot.srdf, limits.names, settings.robot.group)
+    if settings.robot.start_position not in positions:
+        raise ConfigError(
+            f"robot.start_position: {settings.robot.start_position!r} is not in {settings.robot.srdf}; "
+            f"valid are: {', '.join(positions)}"
+        )
+    planning = settings.planning
+    if planning.default_frame != settings.robot.base_frame:
+        raise ConfigError(
+            f"planning.default_frame: there is no frame {planning.default_frame!r}; "
+            f"valid are: {settings.robot.base_frame}"
+        )
+    cartesian = CartesianLimits(
+        planning.max_linear_velocity,
+        planning.max_linear_acceleration,
+        planning.max_linear_jerk,
+        planning.max_angular_velocity,
+        planning.max_angular_acceleration,
+        planning.max_angular_jerk,
+    )
+    return Robot(
+        settings.robot.name,
+        settings.robot.base_frame,
+        model,
+        CollisionChecker(model, settings.planning.collision_margin_m),
+        limits,
+        cartesian,
+        positions,
+    )

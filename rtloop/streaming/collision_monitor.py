@@ -1,0 +1,108 @@
+"""Keeps a stream out of the arm itself and its surroundings."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from cobot.config import StreamingSection
+from cobot.robot.collision import CollisionChecker
+from cobot.robot.model import RobotModel
+from cobot.types import Array, JointLimits
+
+LOOK_CYCLES = 4
+"""The distances are looked at every so many cycles: at 1 m/s, every 4 mm."""
+LEAST_SHARE = 0.1
+"""Of the velocities, next to an obstacle."""
+APPROACH_M = 1e-5
+"""By which a distance has to shrink to count as an approach."""
+PROBE_RAD = 0.02
+NEAR_M = 0.01
+"""Beyond the margin: where links slow down for each other, and what counts when a way out is looked for."""
+
+
+class Guard:
+    """Looks at the place where the arm could come to rest. Real-time safe.
+
+    Attributes:
+        share: of the velocities that is permitted, from `LEAST_SHARE` to 1.
+        blocked: whether the arm would come to rest nearer than the margin.
+    """
+
+    def __init__(self, model: RobotModel, section: StreamingSection, limits: JointLimits) -> None:
+        self._mj = model.mj
+        self._data = mujoco.MjData(self._mj)
+        self._pairs = CollisionChecker(model).pairs
+        self._tool = int(self._mj.body_weldid[self._mj.site_bodyid[model.tcp_site]])
+        self._margin_m = section.collision_margin_m
+        self._zone_m = section.slow_down_m
+        self._limits = limits
+        self._watched: list[tuple[int, int]] = []
+        self._here, self._there, self._zones_m = np.zeros((3, 0))
+        self._blocking = np.zeros(0, bool)
+        self._cycle = 0
+        self.share = 1.0
+        self.blocked = False
+
+    def begin(self, *, touching: bool) -> None:
+        """A session begins.
+
+        Args:
+            touching: force control is on, so the tool may touch the surroundings: that is what it is for.
+        """
+        self._watched = [pair for pair in self._pairs if not (touching and self._is_tool_work(pair))]
+        self._here, self._there = np.zeros((2, len(self._watched)))
+        self._blocking = np.zeros(len(self._watched), bool)
+        # The arm's own links are always near each other: they only slow down where it is tight.
+        self._zones_m = np.array([self._zone_m if self._has_world(p) else NEAR_M for p in self._watched])
+        self._cycle = 0
+        self.share = 1.0
+        self.blocked = False
+
+    def look(self, command: Array) -> None:
+        """See where the command leads, shape (3, dof)."""
+        self._cycle += 1
+        phase = self._cycle % LOOK_CYCLES
+        if phase == LOOK_CYCLES // 2:  # half of the work, so that no cycle has all of it
+            self._find_distances(command[0], self._here)
+        if phase:
+            return
+        position, velocity = command[0], command[1]
+        here, there = self._here, self._there
+        limits = self._limits
+        stopping_s = (
+            np.abs(velocity) / (2.0 * limits.max_acceleration) + limits.max_acceleration / limits.max_jerk
+        )
+        self._find_distances(position + velocity * stopping_s, there)
+        nearer = there < here - APPROACH_M
+        room = np.where(nearer, there - self._margin_m, np.inf)
+        self.blocked = bool((room < 0.0).any())
+        if self.blocked:
+            np.less(room, 0.0, out=self._blocking)
+        self.share = min(1.0, max(LEAST_SHARE, float((room / self._zones_m).min(initial=1.0))))
+
+    def leads_away(self, position: Array, heading: Array) -> bool:
+        """Whether a joint step in this direction, shape (dof,), comes no nearer to what has blocked the way,
+        nor to anything that is as near as that.
+        """
+        longest = float(np.abs(heading).max())
+        step = heading * (PROBE_RAD / longest) if longest > PROBE_RAD else heading
+        self._find_distances(position, self._here)
+        self._find_distances(position + step, self._there)
+        matters = self._blocking | (self._here < self._margin_m + NEAR_M)
+        return bool((self._there >= self._here - APPROACH_M)[matters].all())
+
+    def _find_distances(self, joints: Array, out: Array) -> None:
+        """Of the pairs, up to where they begin to matter."""
+        data, mj, farthest = self._data, self._mj, self._margin_m + self._zone_m
+        np.copyto(data.qpos, joints)
+        mujoco.mj_kinematics(mj, data)
+        for index, (first, second) in enumerate(self._watched):
+            out[index] = mujoco.mj_geomDistance(mj, data, first, second, farthest, None)
+
+    def _has_world(self, pair: tuple[int, int]) -> bool:
+        return any(self._mj.body_weldid[self._mj.geom_bodyid[geom]] == 0 for geom in pair)
+
+    def _is_tool_work(self, pair: tuple[int, int]) -> bool:
+        bodies = {int(self._mj.body_weldid[self._mj.geom_bodyid[geom]]) for geom in pair}
+        return bodies == {0, self._tool}

@@ -1,0 +1,89 @@
+"""The package of ROS interfaces.
+
+Oracle: rosbags' parser of message definitions and its CDR; the files in the repository; ElementTree.
+"""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+
+import pytest
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from app.aubo.interfaces import FOLDER, PACKAGE, interface_definitions, package_files
+from app.aubo.registry import REGISTRY
+
+DEFINITIONS = interface_definitions()
+SEPARATOR = re.compile(r"^---$", re.MULTILINE)
+
+
+def test_the_folder_is_what_the_registry_says() -> None:
+    written = {
+        str(path.relative_to(FOLDER)): path.read_text(encoding="utf-8")
+        for path in FOLDER.rglob("*")
+        if path.is_file()
+    }
+    assert written == package_files(), "run: python -m app.aubo.interfaces"
+
+
+def test_each_service_has_a_text_whose_fields_are_its_own() -> None:
+    for found in REGISTRY.values():
+        request, answer = SEPARATOR.split(DEFINITIONS[f"{PACKAGE}/srv/{found.type_name}"])
+        asked = [(field.ros_type, field.name) for field in found.parameters]
+        assert _fields(request) == asked
+        assert _fields(answer) == [
+            ("int32", "code"),
+            ("string", "message"),
+            (found.result.ros_type, "result"),
+        ]
+
+
+@pytest.mark.parametrize("name", list(DEFINITIONS))
+def test_each_text_is_one_that_ros_understands(name: str) -> None:
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    for index, part in enumerate(SEPARATOR.split(DEFINITIONS[name])):
+        store.register(get_types_from_msg(part + "\n", f"{PACKAGE}/msg/Part{index}"))
+
+
+def test_an_answer_goes_through_cdr() -> None:
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    _, answer = SEPARATOR.split(DEFINITIONS[f"{PACKAGE}/srv/InverseKinematics"])
+    name = f"{PACKAGE}/msg/Answer"
+    store.register(get_types_from_msg(answer, name))
+    message = store.types[name](code=0, message="", result="[[0.5],0]")
+    assert store.deserialize_cdr(store.serialize_cdr(message, name), name) == message
+
+
+def test_what_the_script_of_the_manual_uses_has_the_fields_that_it_uses() -> None:
+    expected = {
+        "GetDof": ([], "int32"),
+        "GetExecId": ([], "int32"),
+        "GetJointPositions": ([], "float64[]"),
+        "InverseKinematics": ([("float64[]", "qnear"), ("float64[]", "pose")], "string"),
+        "IsSteady": ([], "bool"),
+        "MoveJoint": (
+            [("float64[]", "q"), *(("float64", name) for name in ("a", "v", "blend_radius", "duration"))],
+            "int32",
+        ),
+    }
+    for name, (fields, result) in expected.items():
+        request, answer = SEPARATOR.split(DEFINITIONS[f"{PACKAGE}/srv/{name}"])
+        assert _fields(request) == fields
+        assert _fields(answer)[2] == (result, "result")
+
+
+def test_the_build_lists_every_interface_and_what_it_needs() -> None:
+    files = package_files()
+    listed = re.findall(r'^  "(.+)"$', files["CMakeLists.txt"], re.MULTILINE)
+    assert listed == [path for path in files if path.endswith((".srv", ".action"))]
+    package = ET.fromstring(files["package.xml"])
+    assert package.findtext("name") == PACKAGE
+    assert package.findtext("member_of_group") == "rosidl_interface_packages"
+    assert package.findtext("buildtool_depend") == "ament_cmake"
+    needed = {package.findtext("build_depend"), package.findtext("exec_depend")}
+    assert needed == {"rosidl_default_generators", "rosidl_default_runtime"}
+
+
+def _fields(text: str) -> list[tuple[str, ...]]:
+    return [tuple(line.split()) for line in text.splitlines() if line and not line.startswith("#")]

@@ -1,0 +1,204 @@
+"""Pausing and slowing down motions, on the stepped cycle.
+
+Oracle: the cycle itself (tests/rig.py), and numpy: a paused motion is on the same straight line.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from rig import Rig
+
+from app.services.motion.execution import MotionService
+from app.services.motion.ownership import Caller, Claim, Ownership, watching
+from app.services.motion.planning import PlanningService
+from app.services.state.link import RobotLink
+from cobot.config import Settings
+from cobot.errors import ConflictError, ExecutionError, LimitError, MotionStopped, MotionTimeout
+from cobot.ipc.layout import MotionResult
+from cobot.planners import MotionRequest, plan
+from cobot.robot.description import Robot
+from cobot.trajectory import Trajectory
+from cobot.types import Mode, PlannerName, Scaling
+
+
+class Bench:
+    """A rig, and the services that move it."""
+
+    def __init__(self, rig: Rig, robot: Robot, settings: Settings) -> None:
+        self.rig = rig
+        self.link = RobotLink(rig.memory.path.name.removeprefix("cobot-"), 60.0)
+        self.ownership = Ownership(self.link)
+        self.planning = PlanningService(None, 1)
+        self.motion = MotionService(robot, self.link, self.ownership, self.planning, settings.planning)
+        self.goal = rig.home + np.array([0.5, -0.3, 0.2, 0.0, 0.0, 0.4, 0.0])
+        made = plan(robot, MotionRequest(rig.home, self.goal, PlannerName.PTP, Scaling(0.5)))
+        assert made is not None
+        self.trajectory: Trajectory = made
+
+    def claim(self, timeout_s: float = math.inf) -> contextlib.AbstractContextManager[Claim]:
+        return self.ownership.claim(self.caller(timeout_s))
+
+    def caller(self, timeout_s: float = math.inf) -> Caller:
+        return Caller("a test", None, self.ownership.stops, timeout_s, asyncio.Event())
+
+    async def during(self, work: Any) -> Any:
+        """The result of `work` while the cycle goes on."""
+        task = asyncio.ensure_future(work)
+        while not task.done():
+            self.rig.step()
+            await asyncio.sleep(0.0002)
+        return task.result()
+
+    async def go(self, claim: Claim) -> None:
+        await self.motion.start(claim, self.trajectory)
+        await self.motion.arrival(claim)
+
+    def close(self) -> None:
+        self.planning.close()
+        self.link.close()
+
+
+@pytest.fixture
+def bench(rig: Rig, robot: Robot, settings: Settings) -> Iterator[Bench]:
+    rig.step(30)
+    made = Bench(rig, robot, settings)
+    yield made
+    made.close()
+
+
+def test_a_paused_motion_rests_on_its_path_and_then_arrives(bench: Bench) -> None:
+    async def check() -> None:
+        rig, pace = bench.rig, bench.ownership.pace
+        with bench.claim() as claim:
+            await bench.during(bench.motion.start(claim, bench.trajectory))
+            rig.step(300)
+            await bench.during(pace.pause())
+            assert pace.paused
+            here = rig.commanded[-1]
+            rig.step(2000)
+            np.testing.assert_array_equal(rig.commanded[-1], here)
+            assert rig.mode is Mode.TRAJECTORY
+            share = (here - rig.home) @ (bench.goal - rig.home) / ((bench.goal - rig.home) ** 2).sum()
+            assert 0.0 < share < 1.0
+            np.testing.assert_allclose(here, rig.home + share * (bench.goal - rig.home), atol=1e-6)
+            await bench.during(pace.resume())
+            await bench.during(bench.motion.arrival(claim))
+        assert rig.result is MotionResult.ARRIVED
+        np.testing.assert_allclose(rig.commanded[-1], bench.goal, atol=1e-6)
+        for shares in rig.rates():
+            assert shares.max() <= 1.011
+
+    asyncio.run(check())
+
+
+def test_what_begins_during_a_pause_waits_for_its_end(bench: Bench) -> None:
+    async def check() -> None:
+        rig, pace = bench.rig, bench.ownership.pace
+        await bench.during(pace.pause())
+        with bench.claim() as claim:
+            going = asyncio.create_task(bench.go(claim))
+            await bench.during(asyncio.sleep(0.05))
+            assert rig.mode is Mode.HOLD
+            assert not going.done()
+            await bench.during(pace.resume())
+            await bench.during(going)
+        np.testing.assert_allclose(rig.commanded[-1], bench.goal, atol=1e-6)
+
+    asyncio.run(check())
+
+
+@pytest.mark.parametrize("begun", [False, True])
+def test_a_stop_ends_a_pause_and_what_was_paused(bench: Bench, begun: bool) -> None:
+    async def check() -> None:
+        rig, pace = bench.rig, bench.ownership.pace
+        with bench.claim() as claim:
+            if begun:
+                await bench.during(bench.motion.start(claim, bench.trajectory))
+                rig.step(200)
+            await bench.during(pace.pause())
+            going = asyncio.create_task(bench.motion.arrival(claim) if begun else bench.go(claim))
+            await bench.during(asyncio.sleep(0.01))
+            bench.link.request_stop()
+            bench.ownership.stop()
+            with pytest.raises(MotionStopped):
+                await bench.during(going)
+        assert not pace.paused
+        assert rig.mode is Mode.HOLD
+
+    asyncio.run(check())
+
+
+def test_what_waited_in_a_pause_does_not_begin_after_an_estop_and_its_reset(bench: Bench) -> None:
+    async def check() -> None:
+        rig, pace = bench.rig, bench.ownership.pace
+        await bench.during(pace.pause())
+        with bench.claim() as claim:
+            going = asyncio.create_task(bench.go(claim))
+            await bench.during(asyncio.sleep(0.01))
+            bench.link.request_estop()
+            rig.step(20)
+            await bench.during(bench.link.reset(1.0))
+            await bench.during(pace.resume())
+            with pytest.raises(ExecutionError, match="a stop was requested meanwhile"):
+                await bench.during(going)
+        assert rig.mode is Mode.HOLD
+        np.testing.assert_allclose(rig.commanded[-1], rig.home)
+
+    asyncio.run(check())
+
+
+def test_the_time_of_a_pause_does_not_count(bench: Bench) -> None:
+    async def check() -> None:
+        pace, caller = bench.ownership.pace, bench.caller(0.15)
+        with bench.ownership.claim(caller) as claim, watching(claim, caller):
+            await bench.during(pace.pause())
+            await bench.during(asyncio.sleep(0.3))
+            assert claim.interruption is None
+            await bench.during(pace.resume())
+            await bench.during(asyncio.wait_for(claim.interrupted.wait(), 30.0))
+            assert isinstance(claim.interruption, MotionTimeout)
+
+    asyncio.run(check())
+
+
+def test_a_fraction_of_the_speed_counts_for_motions_that_begin_later(bench: Bench) -> None:
+    async def check() -> None:
+        rig, pace = bench.rig, bench.ownership.pace
+        await bench.during(pace.set_fraction(0.25))
+        with bench.claim() as claim:
+            await bench.during(bench.motion.start(claim, bench.trajectory))
+            rig.step(500)
+            before = rig.path_times[-1]
+            rig.step(100)
+            assert rig.path_times[-1] - before == pytest.approx(0.025, rel=1e-6)
+            await bench.during(pace.pause())
+            await bench.during(pace.resume())
+            rig.step(500)
+            before = rig.path_times[-1]
+            rig.step(100)
+            assert rig.path_times[-1] - before == pytest.approx(0.025, rel=1e-6)
+            await bench.during(pace.set_fraction(1.0))
+            await bench.during(bench.motion.arrival(claim))
+        for fraction in (0.0, 1.1):
+            with pytest.raises(LimitError, match=r"from 0\.01 to 1"):
+                await pace.set_fraction(fraction)
+
+    asyncio.run(check())
+
+
+def test_a_stream_cannot_be_paused(bench: Bench) -> None:
+    async def check() -> None:
+        assert bench.rig.stream() == ""
+        bench.rig.step(50)
+        with pytest.raises(ConflictError, match="no path to pause on"):
+            await bench.ownership.pace.pause()
+        assert not bench.ownership.pace.paused
+
+    asyncio.run(check())

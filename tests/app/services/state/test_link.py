@@ -1,0 +1,76 @@
+"""The service's end of shared memory, against the real cycle, stepped by hand."""
+
+from __future__ import annotations
+
+import asyncio
+
+import numpy as np
+import pytest
+from rig import Rig
+
+from app.services.motion.execution import MotionService
+from app.services.motion.ownership import Caller, Ownership
+from app.services.motion.planning import PlanningService
+from app.services.state.link import RobotLink
+from cobot.config import Settings
+from cobot.errors import ExecutionError, UnavailableError
+from cobot.planners.ptp import plan_ptp
+from cobot.planners.request import MotionRequest
+from cobot.robot.description import Robot
+from cobot.types import Mode, PlannerName, Scaling
+
+STALE_S = 60.0
+"""The cycle is stepped by hand: what it has published may be old."""
+
+
+def attached(rig: Rig) -> RobotLink:
+    return RobotLink(rig.memory.path.name.removeprefix("cobot-"), STALE_S)
+
+
+def test_a_motion_that_was_not_answered_for_never_begins(rig: Rig, robot: Robot) -> None:
+    """Its client has been told 503, so it must not move later either."""
+    rig.step(10)
+    link = attached(rig)
+    goal = rig.home + 0.3
+    trajectory = plan_ptp(robot, MotionRequest(rig.home, goal, PlannerName.PTP, Scaling(0.5)), goal)
+    with pytest.raises(UnavailableError, match="has not answered a START for 3 s"):
+        asyncio.run(link.start(trajectory, link.stops))
+    rig.step(500)  # rtloop goes on after all
+    assert rig.mode is Mode.HOLD
+    np.testing.assert_array_equal(rig.commanded[-1], rig.home)
+    link.close()
+
+
+def test_a_reset_that_was_not_answered_for_never_happens(rig: Rig) -> None:
+    rig.request("estops")
+    rig.step(10)
+    link = attached(rig)
+    with pytest.raises(UnavailableError, match="has not answered a RESET"):
+        asyncio.run(link.reset(0.2))
+    rig.step(500)
+    assert rig.mode is Mode.ESTOP
+    link.close()
+
+
+def test_a_motion_that_a_restart_has_swallowed_has_failed(rig: Rig, robot: Robot, settings: Settings) -> None:
+    """rtloop acknowledges, and dies before it has published the motion: its successor knows nothing of it."""
+    rig.step(10)
+    link = attached(rig)
+    planning = PlanningService(None, 1)
+    ownership = Ownership(link)
+    service = MotionService(robot, link, ownership, planning, settings.planning)
+    caller = Caller("test", None, ownership.stops, 10.0, asyncio.Event())
+
+    async def arrive() -> None:
+        with ownership.claim(caller) as claim:
+            claim.motion_id = 1
+            waiting = asyncio.create_task(service.arrival(claim))
+            await asyncio.sleep(0.02)
+            assert not waiting.done(), "the state may be of the cycle before"
+            rig.step()
+            await waiting
+
+    with pytest.raises(ExecutionError, match="rtloop was restarted; the motion has not begun"):
+        asyncio.run(arrive())
+    planning.close()
+    link.close()

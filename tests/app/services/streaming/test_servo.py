@@ -1,0 +1,534 @@
+"""Servo sessions in the service, on the stepped cycle: messages in, motion out, who owns the arm meanwhile.
+
+Oracle: the manual's client script (its messages, in its order); the arm's commanded position on the virtual
+clock; pinocchio's forward kinematics for Cartesian points.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import asynccontextmanager
+from typing import Any
+
+import numpy as np
+import pytest
+from rig import Rig
+from second_opinion import second_robot
+
+from app.actions.servo_action import DEFINITION, FEEDBACK, RESULT, ServoModeAction
+from app.graph.actions import GoalStatus, Rejected
+from app.services.motion.execution import MotionService
+from app.services.motion.ownership import Caller, Ownership
+from app.services.motion.planning import PlanningService
+from app.services.motion.stopping import StopService
+from app.services.motion.tool_and_limits import RobotSettings
+from app.services.programs.sequences import SequenceService
+from app.services.state.link import RobotLink
+from app.services.streaming.force import ForceService
+from app.services.streaming.servo import ServoService
+from app.services.streaming.sessions import StreamService
+from cobot.config import Settings
+from cobot.errors import ConflictError, InputError, LimitError, UnreachableError
+from cobot.robot.description import Robot
+from cobot.robot.frames import abc_from_quaternion
+from cobot.types import Array, Mode
+
+SESSION = 1_700_000_000_123_456_789
+
+
+class Bench:
+    """A service beside a cycle that goes on while something is awaited, one cycle per turn of the loop."""
+
+    def __init__(self, rig: Rig, robot: Robot, settings: Settings, link: RobotLink) -> None:
+        self.rig, self.link = rig, link
+        self.ownership = Ownership(link)
+        self.planning = PlanningService(None, 1)
+        motion = MotionService(robot, link, self.ownership, self.planning, settings.planning)
+        self.streams = StreamService(link, self.ownership, motion, 0.5)
+        info = self.streams.info
+        info["stiffness"], info["cartesian_stiffness"] = 500.0, [3000.0] * 3 + [200.0] * 3
+        info["min_position"], info["max_position"] = rig.limits.min_position, rig.limits.max_position
+        sequences = SequenceService(self.ownership, link, settings.sequences, "http://127.0.0.1:1", 1.0)
+        self.stopping = StopService(link, self.ownership, sequences)
+        self.force = ForceService(robot, link, self.streams, self.stopping, lambda text: None)
+        self.servo = ServoService(robot, link, self.streams, self.force, RobotSettings(robot))
+        self._point_id = 0
+
+    def set_mode(self, mode: int, **fields: Any) -> None:
+        values = {"mode": mode, "watchdog_timeout": 0.5, "send_period": 0.01, **fields}
+        self._point_id = 0
+        self.send(type="servo_control", command="set_mode", **values)
+
+    def stop(self) -> None:
+        self.send(type="servo_control", command="stop")
+
+    def point(self, position: Any, **fields: Any) -> None:
+        self._point_id += 1
+        values = {"session_id": SESSION, "point_id": self._point_id, "time": 0.01, **fields}
+        self.send(type="servo_point", position=[float(value) for value in position], **values)
+
+    def send(self, **fields: Any) -> None:
+        self.servo.receive(json.dumps(fields))
+
+    async def cycles(self, count: int) -> None:
+        for _ in range(count):
+            self.rig.step()
+            await asyncio.sleep(0)
+
+    async def until(self, condition: Callable[[], object], cycles: int = 20_000) -> None:
+        for _ in range(cycles):
+            if condition():
+                return
+            self.rig.step()
+            await asyncio.sleep(0.0002)
+        raise AssertionError(f"has not happened: {self.servo.feedback()}")
+
+    async def active(self) -> None:
+        await self.until(lambda: self.servo.feedback()["state"] == "active")
+
+    async def idle(self) -> None:
+        await self.until(lambda: self.servo.feedback()["state"] == "idle" and self.rig.mode is Mode.HOLD)
+
+    async def done(self, work: Coroutine[Any, Any, Any]) -> Any:
+        """The result of something that needs the cycle."""
+        task = asyncio.ensure_future(work)
+        await self.until(task.done)
+        return task.result()
+
+
+@pytest.fixture
+def run(rig: Rig, robot: Robot, settings: Settings) -> Callable[[Callable[[Bench], Any]], None]:
+    """Runs a test's coroutine function with a bench."""
+
+    @asynccontextmanager
+    async def bench() -> AsyncIterator[Bench]:
+        rig.step(30)
+        link = RobotLink(rig.memory.path.name.removeprefix("cobot-"), 60.0)
+        made = Bench(rig, robot, settings, link)
+        yield made
+        made.servo.close()
+        made.streams.close()
+        made.planning.close()
+        link.close()
+
+    def runs(test: Callable[[Bench], Any]) -> None:
+        async def live() -> None:
+            async with bench() as made:
+                await test(made)
+
+        asyncio.run(live())
+
+    return runs
+
+
+Run = Callable[[Callable[[Bench], Any]], None]
+
+
+@pytest.mark.parametrize("mode", range(1, 8))
+def test_the_manuals_client_brings_the_arm_to_its_end_in_every_mode(run: Run, mode: int) -> None:
+    async def test(bench: Bench) -> None:
+        start = bench.rig.home
+        goal = start + 0.1
+        steps = 20
+        points = (
+            [start] * 10 + [start + (goal - start) * k / steps for k in range(1, steps + 1)] + [goal] * 10
+        )
+        bench.set_mode(mode, send_period=0.02)
+        await bench.active()
+        for point in points:
+            bench.point(point, time=0.02, lookahead_time=0.1, gain=200.0, point_type="joint")
+            await bench.cycles(20)
+        await bench.cycles(200)
+        values = bench.servo.feedback()
+        bench.stop()
+        assert (values["points_accepted"], values["points_refused"]) == (40, 0)
+        await bench.idle()
+        np.testing.assert_allclose(bench.rig.commanded[-1], goal, atol=3e-3)
+        assert bench.servo.reason == "stopped by servo_control"
+        for share in bench.rig.rates():
+            assert share.max() <= 1.011
+
+    run(test)
+
+
+def test_points_that_come_while_the_session_begins_are_not_lost(run: Run) -> None:
+    async def test(bench: Bench) -> None:
+        bench.set_mode(3, watchdog_timeout=5.0)
+        for number in range(50):
+            bench.point(bench.rig.home + 1e-4 * number)
+        values = bench.servo.feedback()
+        assert (values["state"], values["points_accepted"], values["buffered"]) == ("opening", 50, 50)
+        await bench.active()
+        await bench.cycles(1500)
+        values = bench.servo.feedback()
+        assert (values["points_taken"], values["buffered"], values["underruns"]) == (50, 0, 1)
+        np.testing.assert_allclose(bench.rig.commanded[-1], bench.rig.home + 49e-4, atol=1e-6)
+
+    run(test)
+
+
+def test_a_session_owns_the_arm_until_it_rests(run: Run) -> None:
+    async def test(bench: Bench) -> None:
+        bench.set_mode(1)
+        await bench.active()
+        caller = Caller("somebody", None, bench.ownership.stops, 1.0, asyncio.Event())
+        with pytest.raises(ConflictError, match="in use by a servo session"), bench.ownership.claim(caller):
+            pass
+        bench.stop()
+        await bench.idle()
+        with bench.ownership.claim(caller):
+            bench.set_mode(1)
+            await bench.until(lambda: not bench.servo.active)
+            values = bench.servo.feedback()
+            assert values["refused"] == {"rejected": 1}
+            assert "in use by somebody" in values["reason"]
+
+    run(test)
+
+
+def test_who_lets_go_of_the_arm_within_a_moment_is_waited_for(run: Run) -> None:
+    async def test(bench: Bench) -> None:
+        caller = Caller("a motion", None, bench.ownership.stops, 1.0, asyncio.Event())
+        with bench.ownership.claim(caller):
+            bench.set_mode(2)
+            await bench.cycles(20)
+            assert bench.servo.feedback()["state"] == "opening"
+        await bench.active()
+
+    run(test)
+
+
+def test_a_stop_ends_the_session_and_the_feedback_says_so(run: Run) -> None:
+    async def test(bench: Bench) -> None:
+        bench.set_mode(1)
+        await bench.active()
+        bench.point(bench.rig.home + 0.2)
+        await bench.cycles(300)
+        stopped = await bench.done(bench.stopping.stop(5.0))
+        assert stopped.at_rest
+        await bench.idle()
+        assert bench.servo.reason == "stop requested"
+        bench.point(bench.rig.home)
+        assert bench.servo.feedback()["refused"] == {"not_active": 1}
+
+    run(test)
+
+
+def test_the_watchdog_ends_the_session(run: Run) -> None:
+    async def test(bench: Bench) -> None:
+        bench.set_mode(1, watchdog_timeout=0.1)
+        await bench.active()
+        await bench.cycles(50)
+        assert bench.servo.active
+        await bench.idle()
+        assert bench.servo.reason == "servo watchdog: no point for 0.1 s"
+
+    run(test)
+
+
+def test_a_stop_while_the_session_begins_leaves_none(run: Run) -> None:
+    async def test(bench: Bench) -> None:
+        bench.set_mode(3)
+        bench.point(bench.rig.home)
+        await asyncio.sleep(0)
+        bench.stop()
+        await bench.idle()
+        await bench.cycles(100)
+        assert bench.rig.mode is Mode.HOLD
+        assert not bench.servo.active
+
+    run(test)
+
+
+def test_set_mode_in_a_session_begins_another_one_and_its_points_wait_for_it(run: Run) -> None:
+    async def test(bench: Bench) -> None:
+        bench.set_mode(1)
+        await bench.active()
+        bench.point(bench.rig.home + 0.05)
+        await bench.cycles(100)
+        first = bench.streams.session
+        bench.set_mode(5, watchdog_timeout=5.0)
+        bench.point(bench.rig.home, session_id=3)
+        bench.point(bench.rig.home + 0.01, session_id=3)
+        assert bench.servo.feedback()["state"] == "opening"
+        await bench.active()
+        assert bench.streams.session is not first
+        await bench.until(lambda: bench.servo.feedback()["points_taken"] == 2)
+        await bench.cycles(2000)
+        np.testing.assert_allclose(bench.rig.commanded[-1], bench.rig.home + 0.01, atol=1e-6)
+        assert bench.servo.feedback()["session_id"] == 3
+
+    run(test)
+
+
+def test_a_stop_before_the_next_session_has_begun_is_for_that_too(run: Run) -> None:
+    async def test(bench: Bench) -> None:
+        bench.set_mode(1)
+        await bench.active()
+        bench.point(bench.rig.home + 0.3)
+        await bench.cycles(200)
+        bench.set_mode(5)
+        bench.point(bench.rig.home + 0.3)
+        await bench.cycles(10)
+        assert bench.rig.loop.controller.moving  # the first one comes to rest
+        stopped = asyncio.ensure_future(bench.stopping.stop(3.0))
+        await bench.until(stopped.done)
+        at = bench.rig.commanded[-1]
+        await bench.cycles(500)
+        assert (bench.rig.mode, bench.servo.active) == (Mode.HOLD, False)
+        assert "a stop was requested meanwhile" in bench.servo.reason
+        np.testing.assert_array_equal(bench.rig.commanded[-1], at)
+
+    run(test)
+
+
+def test_force_control_goes_on_after_a_session_that_followed_one_of_mode_6(run: Run) -> None:
+    async def test(bench: Bench) -> None:
+        await bench.done(bench.force.enable())
+        bench.set_mode(6)
+        await bench.active()
+        bench.set_mode(5)
+        await bench.active()
+        assert bench.rig.mode is Mode.JOINT_IMPEDANCE
+        bench.set_mode(0)
+        await bench.until(lambda: bench.rig.mode is Mode.CARTESIAN)
+        await bench.done(bench.force.disable())
+
+    run(test)
+
+
+def test_force_control_is_not_enabled_any_more_after_an_estop_of_its_session_and_a_reset(run: Run) -> None:
+    async def test(bench: Bench) -> None:
+        await bench.done(bench.force.enable())
+        bench.set_mode(6)
+        await bench.active()
+        bench.link.request_estop()
+        await bench.until(lambda: bench.servo.feedback()["state"] == "idle")
+        await bench.done(bench.link.reset(1.0))
+        await bench.until(lambda: not bench.force.settings.enabled)
+        assert bench.force.reason == "a stop was requested"
+        await bench.cycles(300)
+        assert bench.rig.mode is Mode.HOLD
+
+    run(test)
+
+
+def test_mode_0_leaves(run: Run) -> None:
+    async def test(bench: Bench) -> None:
+        bench.set_mode(4)
+        await bench.active()
+        bench.set_mode(0)
+        await bench.idle()
+        assert bench.servo.reason == "ended by mode 0"
+        assert bench.servo.feedback()["mode"] == 0
+
+    run(test)
+
+
+def test_more_points_than_the_buffer_holds_are_refused_and_counted(run: Run) -> None:
+    async def test(bench: Bench) -> None:
+        bench.set_mode(3)
+        await bench.active()
+        for _ in range(1100):
+            bench.point(bench.rig.home, time=0.1)
+        values = bench.servo.feedback()
+        assert (values["points_accepted"], values["overruns"]) == (1024, 76)
+        assert values["last_refusal"] == "the buffer is full: 1024 points wait in it"
+        await bench.cycles(300)
+        bench.point(bench.rig.home)  # the numbers of the refused ones do not count
+        assert bench.servo.feedback()["points_accepted"] == 1025
+
+    run(test)
+
+
+def pose_numbers(robot: Robot, joints: Array, offset: Array) -> list[float]:
+    pose = robot.model.forward(joints)
+    rz, ry, rx = abc_from_quaternion(pose.quaternion)
+    return [*(pose.position + offset), rx, ry, rz]
+
+
+def test_cartesian_points_are_followed_on_one_branch(run: Run, robot: Robot) -> None:
+    async def test(bench: Bench) -> None:
+        other = second_robot()
+        bench.set_mode(3)
+        await bench.active()
+        for number in range(200):
+            phase = 2.0 * np.pi * number / 200
+            ease = 0.5 - 0.5 * np.cos(phase)
+            offset = 0.05 * ease * np.array([np.sin(phase), np.cos(phase), 0.5])
+            bench.point(pose_numbers(robot, bench.rig.home, offset), point_type="cartesian")
+            await bench.cycles(10)
+            at = other.forward(bench.rig.commanded[-1])[0]
+            assert np.linalg.norm(at - robot.model.forward(bench.rig.home).position) < 0.12
+        values = bench.servo.feedback()
+        assert (values["points_refused"], values["jumps"]) == (0, 0)
+        joints = np.array(bench.rig.commanded)
+        assert np.abs(joints - bench.rig.home).max() < 0.5  # never to another branch and back
+
+    run(test)
+
+
+def test_a_pose_out_of_reach_is_refused_and_the_next_one_is_followed(run: Run, robot: Robot) -> None:
+    async def test(bench: Bench) -> None:
+        bench.set_mode(1)
+        await bench.active()
+        bench.point([5.0, 0.0, 0.5, 0.0, 0.0, 0.0], point_type=1)
+        await asyncio.sleep(0.1)
+        bench.point([*pose_numbers(robot, bench.rig.home, np.array([0.0, 0.0, 0.02]))], point_type=1)
+        values = bench.servo.feedback()
+        assert (values["refused"], values["points_accepted"]) == ({"inverse_kinematics": 1}, 1)
+        await bench.cycles(450)
+        ends = bench.rig.home, bench.rig.commanded[-1]
+        rise = np.diff([robot.model.forward(joints).position for joints in ends], axis=0)[0]
+        np.testing.assert_allclose(rise, [0.0, 0.0, 0.02], atol=1e-6)
+
+    run(test)
+
+
+def test_points_out_of_reach_do_not_keep_the_service_busy(run: Run) -> None:
+    async def test(bench: Bench) -> None:
+        bench.set_mode(1)
+        await bench.active()
+        for _ in range(500):
+            bench.point([0.5, 0.0, 1.7, 0.0, 0.0, 0.0], point_type=1)
+        values = bench.servo.feedback()
+        assert values["refused"] == {"inverse_kinematics": 500}
+        assert values["last_refusal"].startswith("not tried")
+
+    run(test)
+
+
+def test_a_program_gets_the_refusal_as_an_error(run: Run, robot: Robot) -> None:
+    async def test(bench: Bench) -> None:
+        servo, home = bench.servo, bench.rig.home.tolist()
+        with pytest.raises(ConflictError, match="no servo session"):
+            await servo.point(home)
+        with pytest.raises(InputError, match="from 0 to 7"):
+            await servo.begin(9)
+        with pytest.raises(InputError, match="watchdog_timeout"):
+            await servo.begin(1, 1e9)
+        await bench.done(servo.begin(1, 0.5, 0.005))
+        assert servo.active
+        await servo.point(home, time_s=0.02)
+        with pytest.raises(InputError, match="7 numbers"):
+            await servo.point(home[:6])
+        with pytest.raises(LimitError, match="joint 1"):
+            await servo.point([9.0, *home[1:]])
+        with pytest.raises(UnreachableError):
+            await servo.point([9.0, 0.0, 0.0, 0.0, 0.0, 0.0], cartesian=True)
+        await bench.done(servo.begin(0))
+        assert not servo.active
+        assert bench.rig.mode is Mode.HOLD
+        bench.rig.request("estops")
+        bench.rig.step(5)
+        with pytest.raises(Exception, match="ESTOP"):
+            await bench.done(servo.begin(1))
+
+    run(test)
+
+
+def test_fjt_control_is_kept_for_the_action(run: Run) -> None:
+    async def test(bench: Bench) -> None:
+        bench.send(type="fjt_control", enable=True, fjt_mode=5, fjt_time=0.01)
+        fjt = bench.servo.rules.fjt
+        assert (fjt.enable, fjt.mode, fjt.time_s, fjt.send_period_s) == (True, 5, 0.01, None)
+
+    run(test)
+
+
+class Handle:
+    """What an action sees of its goal."""
+
+    def __init__(self) -> None:
+        self.goal_id = "0" * 32
+        self.cancel_requested = asyncio.Event()
+        self.status = GoalStatus.UNKNOWN
+        self.accepted = False
+        self.told: list[dict[str, Any]] = []
+
+    def accept(self) -> None:
+        self.accepted = True
+
+    def feedback(self, values: dict[str, Any]) -> None:
+        self.told.append(values)
+
+
+GOAL = {"mode": 3, "watchdog_timeout": 0.3, "send_period": 0.01}
+
+
+def test_the_actions_messages_have_the_fields_of_its_definition() -> None:
+    goal, result, feedback = (
+        {line.split("#")[0].split()[1] for line in part.splitlines() if line.split("#")[0].strip()}
+        for part in DEFINITION.split("---")
+    )
+    assert goal == set(GOAL)
+    assert result == {*RESULT, "code", "message", "refused"}
+    assert feedback == set(FEEDBACK)
+
+
+def test_the_action_holds_a_session_open_until_it_is_cancelled(run: Run) -> None:
+    async def test(bench: Bench) -> None:
+        action, handle = ServoModeAction("iiwa", bench.servo), Handle()
+        assert action.name == "/iiwa/servo_mode"
+        task = asyncio.ensure_future(action.execute(GOAL, handle))  # type: ignore[arg-type]
+        await bench.active()
+        for number in range(30):
+            bench.point(bench.rig.home + 1e-4 * number)
+            await bench.cycles(10)
+        bench.point(bench.rig.home[:3])
+        await bench.until(lambda: handle.told and handle.told[-1]["points_refused"] == 1)
+        handle.cancel_requested.set()
+        await bench.until(task.done)
+        result = task.result()
+        assert handle.accepted
+        assert handle.status is GoalStatus.CANCELED
+        assert (result["code"], result["message"]) == (0, "the goal was cancelled")
+        assert (result["points_accepted"], result["points_refused"]) == (30, 1)
+        assert json.loads(result["refused"]) == {"dimension": 1}
+        assert bench.rig.mode is Mode.HOLD
+        assert handle.told[-1].keys() == set(FEEDBACK)
+
+    run(test)
+
+
+def test_the_action_is_refused_when_the_session_cannot_begin(run: Run) -> None:
+    async def test(bench: Bench) -> None:
+        action = ServoModeAction("iiwa", bench.servo)
+        with pytest.raises(Rejected, match="from 1 to 7"):
+            await action.execute({**GOAL, "mode": 0}, Handle())  # type: ignore[arg-type]
+        with pytest.raises(InputError, match="from 0 to 7"):
+            await action.execute({**GOAL, "mode": 12}, Handle())  # type: ignore[arg-type]
+        bench.set_mode(1)
+        await bench.active()
+        with pytest.raises(Rejected, match="under way"):
+            await action.execute(GOAL, Handle())  # type: ignore[arg-type]
+
+    run(test)
+
+
+@pytest.mark.parametrize(
+    ("how", "status", "code", "message"),
+    [
+        ("stop", GoalStatus.SUCCEEDED, 0, "stopped by servo_control"),
+        ("watchdog", GoalStatus.ABORTED, 1, "servo watchdog: no point for 0.3 s"),
+        ("estop", GoalStatus.ABORTED, 1, "e-stop requested"),
+    ],
+)
+def test_the_action_says_how_its_session_has_ended(
+    run: Run, how: str, status: GoalStatus, code: int, message: str
+) -> None:
+    async def test(bench: Bench) -> None:
+        handle = Handle()
+        work = ServoModeAction("iiwa", bench.servo).execute(GOAL, handle)  # type: ignore[arg-type]
+        task = asyncio.ensure_future(work)
+        await bench.active()
+        if how == "stop":
+            bench.stop()
+        elif how == "estop":
+            bench.rig.request("estops")
+        await bench.until(task.done)
+        assert (handle.status, task.result()["code"], task.result()["message"]) == (status, code, message)
+
+    run(test)

@@ -1,0 +1,272 @@
+"""The Python client.
+
+Oracles: the requests that arrive at a transport of the test, and the manual's paths, fields and defaults.
+"""
+
+from __future__ import annotations
+
+import email
+import email.policy
+import json
+import math
+import socket
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from cobot.client import Client
+from cobot.client.rest import ERRORS
+from cobot.errors import CobotError, ExecutionError, InputError, UnavailableError
+
+Handler = Callable[[httpx.Request], httpx.Response]
+DONE = {"success": True, "message": "Motion completed successfully", "motion_id": 1, "duration_s": 1.0}
+SCALING = {"speed": 0.1, "accel_scale": 0.0}
+
+
+def client(handler: Handler, **options: Any) -> Client:
+    return Client("http://robot.test:8007", transport=httpx.MockTransport(handler), **options)
+
+
+def answering(content: Any, status: int = 200) -> Handler:
+    return lambda request: httpx.Response(status, json=content)
+
+
+def subclasses(kind: type[CobotError]) -> Iterator[type[CobotError]]:
+    yield kind
+    for child in kind.__subclasses__():
+        if child.__module__ == kind.__module__:  # another module's have no code of their own
+            yield from subclasses(child)
+
+
+def sent(call: Callable[[Client], Any], answer: Any = DONE, **options: Any) -> httpx.Request:
+    """The one request of a call."""
+    requests: list[httpx.Request] = []
+
+    def record(request: httpx.Request) -> httpx.Response:
+        request.read()
+        requests.append(request)
+        return httpx.Response(200, json=answer)
+
+    with client(record, **options) as robot:
+        call(robot)
+    assert len(requests) == 1
+    return requests[0]
+
+
+def form(request: httpx.Request) -> dict[str, tuple[str | None, str]]:
+    """Name -> (file name, content) of a multipart body, by the standard library's MIME parser."""
+    head = f"Content-Type: {request.headers['content-type']}\r\n\r\n".encode()
+    message = email.message_from_bytes(head + request.content, policy=email.policy.HTTP)
+    parts = {}
+    for part in message.iter_parts():
+        name = part.get_param("name", header="content-disposition")
+        parts[str(name)] = (part.get_filename(), str(part.get_content()).rstrip("\r\n"))
+    return parts
+
+
+@pytest.mark.parametrize(
+    ("call", "method", "target", "answer"),
+    [
+        (Client.joint_states, "GET", "/robot/joint_states", {"name": []}),
+        (Client.pose, "GET", "/robot/pose", {"position": {}}),
+        (Client.positions, "GET", "/robot/positions", [{"name": "home"}]),
+        (Client.sequence_status, "GET", "/sequences/status", {"status": "idle"}),
+        (Client.stop, "POST", "/stop", {"success": True}),
+        (Client.reset, "POST", "/robot/reset", {"success": True}),
+        (Client.health, "GET", "/health", {"status": "ok"}),
+    ],
+)
+def test_what_takes_no_arguments_returns_the_answer_as_it_is(
+    call: Callable[[Client], Any], method: str, target: str, answer: Any
+) -> None:
+    results = []
+    request = sent(lambda robot: results.append(call(robot)), answer)
+    assert (request.method, request.url.raw_path.decode()) == (method, target)
+    assert results == [answer]
+
+
+@pytest.mark.parametrize(
+    ("call", "target"),
+    [
+        (Client.joint_states, "/robots/left-2/joint_states"),
+        (Client.stop, "/robots/left-2/stop"),
+        (Client.sequence_status, "/robots/left-2/sequences/status"),
+        (lambda robot: robot.move_named("home"), "/robots/left-2/move/named"),
+        (lambda robot: robot.send_trajectory([]), "/robots/left-2/trajectory/send"),
+    ],
+)
+def test_one_of_several_robots_is_asked_below_its_name(call: Callable[[Client], Any], target: str) -> None:
+    assert sent(call, robot="left-2").url.raw_path.decode() == target
+    requests: list[str] = []
+
+    def record(request: httpx.Request) -> httpx.Response:
+        requests.append(request.url.raw_path.decode())
+        return httpx.Response(200, json=DONE)
+
+    with Client("http://robot.test:8007/robots/left-2/", transport=httpx.MockTransport(record)) as robot:
+        call(robot)
+    assert requests == [target]
+
+
+@pytest.mark.parametrize("call", [Client.trajectory_logs, Client.sequence_logs])
+def test_logs_are_lists_of_lines(call: Callable[[Client, int], list[str]]) -> None:
+    results = []
+    request = sent(lambda robot: results.append(call(robot, 7)), {"lines": ["a", "b"]})
+    assert dict(request.url.params) == {"n": "7"}
+    assert results == [["a", "b"]]
+
+
+@pytest.mark.parametrize(
+    ("call", "path", "body"),
+    [
+        (lambda robot: robot.move_named("home"), "named", {"name": "home", **SCALING}),
+        (
+            lambda robot: robot.move_joints((0, 1.5), speed=0.5, accel_scale=0.25),
+            "joints",
+            {"joints": [0, 1.5], "speed": 0.5, "accel_scale": 0.25},
+        ),
+        (
+            lambda robot: robot.move_pose(x=0.4, y=0, z=0.5),
+            "pose",
+            {"x": 0.4, "y": 0, "z": 0.5, "a": 0, "b": 0, "c": 0, **SCALING}
+            | {"planner": "ptp", "frame_id": "", "via": None},
+        ),
+        (
+            lambda robot: robot.move_pose(
+                x=1, y=2, z=3, a=4, b=5, c=6, planner="circ", frame_id="tool", via={"x": 1, "y": 2, "z": 3}
+            ),
+            "pose",
+            {"x": 1, "y": 2, "z": 3, "a": 4, "b": 5, "c": 6, **SCALING}
+            | {"planner": "circ", "frame_id": "tool", "via": {"x": 1, "y": 2, "z": 3}},
+        ),
+    ],
+)
+def test_motions_send_the_manuals_fields_with_its_defaults(
+    call: Callable[[Client], Any], path: str, body: dict[str, Any]
+) -> None:
+    request = sent(call)
+    assert (request.method, request.url.path) == ("POST", f"/robot/move/{path}")
+    assert json.loads(request.content) == body
+
+
+def test_motions_have_their_own_timeout_and_carry_the_token() -> None:
+    def named(robot: Client) -> Any:
+        return robot.move_named("home")
+
+    request = sent(named, timeout_s=1.0, motion_timeout_s=2.0, token="secret")
+    assert request.extensions["timeout"]["read"] == 2.0
+    assert request.headers["x-motion-token"] == "secret"
+    assert sent(Client.health, timeout_s=1.0).extensions["timeout"]["read"] == 1.0
+    assert "x-motion-token" not in sent(named).headers
+
+
+def test_a_trajectory_is_sent_with_its_options() -> None:
+    points = [{"positions": [0.0], "time_from_start": 1.0}]
+    request = sent(lambda robot: robot.send_trajectory(points, retime=True))
+    assert request.url.path == "/trajectory/send"
+    assert json.loads(request.content) == {"points": points, "retime": True}
+
+
+def test_files_are_uploaded_as_forms(tmp_path: Path) -> None:
+    file = tmp_path / "points.csv"
+    file.write_text("joint1;t\n", encoding="utf-8")
+    request = sent(lambda robot: robot.send_csv(file, separator=";", validate_limits=False))
+    assert request.url.path == "/trajectory/send_csv"
+    assert dict(request.url.params) == {"separator": ";", "validate_limits": "false"}
+    assert form(request) == {"file": ("points.csv", "joint1;t")}
+    request = sent(lambda robot: robot.start_sequence(file, n_iterations=2, bag_path="a/b"))
+    assert request.url.path == "/sequences/start"
+    assert form(request)["config"][0] == "points.csv"
+    assert form(request)["n_iterations"] == (None, "2")
+    assert form(request)["bag_path"] == (None, "a/b")
+
+
+def test_no_two_errors_share_a_code() -> None:
+    kinds = list(subclasses(CobotError))
+    assert len({kind.code for kind in kinds}) == len(kinds)
+    assert set(ERRORS.values()) == set(kinds)
+
+
+@pytest.mark.parametrize("kind", list(subclasses(CobotError)))
+def test_every_error_of_the_service_arrives_as_its_own_class(kind: type[CobotError]) -> None:
+    refused = answering({"detail": "the reason", "code": kind.code}, 409)
+    failed = answering({"success": False, "message": "the reason", "code": kind.code})
+    for call, handler in ((Client.health, refused), (lambda robot: robot.move_named("home"), failed)):
+        with pytest.raises(kind, match=r"^the reason$") as caught:
+            call(client(handler))
+        assert type(caught.value) is kind
+
+
+def test_codes_of_a_newer_service_are_still_errors() -> None:
+    with pytest.raises(CobotError, match="why") as refused:
+        client(answering({"detail": "why", "code": "new"}, 500)).health()
+    assert type(refused.value) is CobotError
+    for code in ({}, {"code": None}, {"code": "new"}):
+        with pytest.raises(ExecutionError, match="why"):
+            client(answering({"success": False, "message": "why", **code})).move_named("home")
+
+
+@pytest.mark.parametrize(
+    "response",
+    [
+        httpx.Response(200, text="<html>"),
+        httpx.Response(200, json=[]),
+        httpx.Response(302, headers={"location": "/"}),
+        httpx.Response(404, json={"detail": "Not Found"}),
+        httpx.Response(404, json=["x"]),
+        httpx.Response(500, text="\xff"),
+    ],
+)
+def test_another_server_at_the_address_is_no_robot(response: httpx.Response) -> None:
+    with pytest.raises(UnavailableError, match=r"GET http://robot\.test:8007/health: .*no answer of cobot's"):
+        client(lambda request: response).health()
+
+
+@pytest.mark.parametrize("kind", [httpx.ConnectError, httpx.ReadTimeout, httpx.RemoteProtocolError])
+def test_a_failed_connection_is_unavailable_with_its_cause(kind: type[httpx.TransportError]) -> None:
+    def fail(request: httpx.Request) -> httpx.Response:
+        raise kind("")
+
+    with pytest.raises(UnavailableError, match=f"/health: {kind.__name__}") as caught:
+        client(fail).health()
+    assert isinstance(caught.value.__cause__, kind)
+
+
+def test_nobody_listening_is_unavailable() -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))  # bound, but not listening
+        with (
+            Client(f"http://127.0.0.1:{taken.getsockname()[1]}") as robot,
+            pytest.raises(UnavailableError, match="refused"),
+        ):
+            robot.health()
+
+
+def test_the_proxy_of_the_environment_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A proxy that does not exist would make every request fail in another way than this one."""
+    monkeypatch.setenv("HTTP_PROXY", "http://proxy.invalid:1")
+    monkeypatch.delenv("NO_PROXY", raising=False)
+    monkeypatch.delenv("no_proxy", raising=False)
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        with (
+            Client(f"http://127.0.0.1:{taken.getsockname()[1]}") as robot,
+            pytest.raises(UnavailableError, match="refused"),
+        ):
+            robot.health()
+
+
+@pytest.mark.parametrize("joints", [[math.nan], [math.inf], [object()]])
+def test_what_json_cannot_say_is_refused_before_it_is_sent(joints: list[Any]) -> None:
+    with pytest.raises(InputError, match="POST /robot/move/joints"):
+        client(answering(DONE)).move_joints(joints)
+
+
+def test_a_url_that_is_none_is_refused() -> None:
+    with pytest.raises(InputError, match="url"):
+        Client("http://a\x00b")
+    with Client("localhost:8007") as robot, pytest.raises(UnavailableError, match="protocol"):
+        robot.health()

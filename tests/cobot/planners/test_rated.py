@@ -1,0 +1,227 @@
+"""Motions at rates in units, and blends of them.
+
+Oracle: pinocchio for where the TCP is; differences of samples for velocities, accelerations and jerks;
+MuJoCo's own contact list for collisions.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from second_opinion import (
+    Contacts,
+    changed_world,
+    largest_rates,
+    rate_limits,
+    robot_in,
+    second_robot,
+)
+
+from cobot.errors import InputError, LimitError
+from cobot.planners.blend import Blended, blend
+from cobot.planners.rated import Envelope, RatedMove, plan_rated
+from cobot.robot.description import Robot
+from cobot.trajectory import Trajectory
+from cobot.types import Array, PlannerName, Pose
+
+ROUNDING = 1.0 + 1e-6
+
+
+@pytest.fixture(scope="module")
+def envelope(robot: Robot) -> Envelope:
+    return Envelope(robot.limits, robot.cartesian_limits)
+
+
+@pytest.fixture(scope="module")
+def home(robot: Robot) -> Array:
+    return np.array(robot.positions["home"].joints)
+
+
+def planned(robot: Robot, move: RatedMove) -> Trajectory:
+    trajectory = plan_rated(robot, move)
+    assert trajectory is not None
+    return trajectory
+
+
+def ptp(
+    robot: Robot, envelope: Envelope, start: Array, goal: Array, v: float = 0.5, a: float = 1.0
+) -> Trajectory:
+    return planned(robot, RatedMove(start, goal, PlannerName.PTP, v, a, envelope))
+
+
+def line(robot: Robot, envelope: Envelope, start: Array, by: list[float], **change: object) -> Trajectory:
+    """A straight line by so many metres, orientation kept."""
+    place, turn = second_robot().forward(start)
+    goal = Pose(place + by, Rotation.from_matrix(turn).as_quat(scalar_first=True))
+    move = RatedMove(start, goal, PlannerName.LIN, 0.25, 1.2, envelope)
+    return planned(robot, replace(move, **change))  # type: ignore[arg-type]
+
+
+def at(trajectory: Trajectory, count: int = 400) -> Array:
+    """Places of the TCP, shape (count, 3)."""
+    return second_robot().path(trajectory.sample(np.linspace(0.0, trajectory.duration_s, count)))[0]
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_no_joint_is_faster_than_asked_or_than_it_may_be(robot: Robot, envelope: Envelope, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    start = np.array(robot.positions["home"].joints)
+    velocity, acceleration = random.uniform(0.05, 3.0), random.uniform(0.1, 20.0)
+    motion = ptp(robot, envelope, start, start + random.uniform(-0.4, 0.4, 7), velocity, acceleration)
+    rates, limits = largest_rates(motion), rate_limits(robot.limits)
+    assert (rates <= limits * ROUNDING).all()
+    assert rates[0].max() <= velocity * ROUNDING
+    assert rates[1].max() <= acceleration * ROUNDING
+    assert max((rates / limits).max(), rates[0].max() / velocity, rates[1].max() / acceleration) > 0.7
+
+
+def test_the_tool_is_as_fast_as_asked_along_a_line(robot: Robot, envelope: Envelope, home: Array) -> None:
+    motion = line(robot, envelope, home, [0.0, 0.2, 0.0], velocity=0.1, acceleration=0.5)
+    step_s = motion.duration_s / 2000
+    speeds = np.linalg.norm(np.diff(at(motion, 2001), axis=0), axis=1) / step_s
+    assert speeds.max() == pytest.approx(0.1, rel=1e-3)
+    assert (np.diff(speeds) / step_s).max() == pytest.approx(0.5, rel=0.02)
+
+
+@pytest.mark.parametrize("planner", [PlannerName.PTP, PlannerName.LIN])
+def test_a_duration_is_kept_exactly_and_counts_instead_of_the_rates(
+    robot: Robot, envelope: Envelope, home: Array, planner: PlannerName
+) -> None:
+    place, turn = second_robot().forward(home)
+    pose = Pose(place + np.array([0.0, 0.1, 0.0]), Rotation.from_matrix(turn).as_quat(scalar_first=True))
+    goal = home + 0.2 if planner is PlannerName.PTP else pose
+    slow = RatedMove(home, goal, planner, -1.0, 0.0, envelope, duration_s=3.0)  # rates that would be refused
+    assert planned(robot, slow).duration_s == pytest.approx(3.0, abs=1e-9)
+    with pytest.raises(InputError) as refused:
+        plan_rated(robot, replace(slow, duration_s=0.05))
+    shortest = re.search(r"duration is 0.05 s, the shortest possible is ([\d.]+) s", str(refused.value))
+    assert shortest
+    with pytest.raises(LimitError, match="duration is 1e\\+300 s, possible is up to 86400 s"):
+        plan_rated(robot, replace(slow, duration_s=1e300))
+    fastest = planned(robot, replace(slow, duration_s=float(shortest[1]) + 1e-3))
+    share = (largest_rates(fastest) / rate_limits(robot.limits)).max()
+    assert share <= ROUNDING
+    if planner is PlannerName.PTP:
+        assert share > 0.75  # of the jerk planned motions use 0.8
+
+
+@pytest.mark.parametrize("rates", [(0.0, 1.0), (-0.1, 1.0), (1.0, 0.0)])
+def test_rates_that_are_not_above_zero_are_refused(
+    robot: Robot, envelope: Envelope, home: Array, rates: tuple[float, float]
+) -> None:
+    with pytest.raises(InputError, match=r"^[va] must be above 0, got"):
+        plan_rated(robot, RatedMove(home, home + 0.1, PlannerName.PTP, *rates, envelope))
+
+
+def test_an_arm_that_is_there_has_nothing_to_do(robot: Robot, envelope: Envelope, home: Array) -> None:
+    assert plan_rated(robot, RatedMove(home, home, PlannerName.PTP, 1.0, 1.0, envelope)) is None
+
+
+def test_tighter_limits_hold(robot: Robot, envelope: Envelope, home: Array) -> None:
+    tight = replace(robot.limits, max_velocity=np.full(7, 0.1), max_position=home + 0.3)
+    motion = ptp(robot, replace(envelope, limits=tight), home, home + 0.2, 2.0, 5.0)
+    assert largest_rates(motion)[0].max() <= 0.1 * ROUNDING
+    with pytest.raises(LimitError):
+        ptp(robot, replace(envelope, limits=tight), home, home + 0.31)
+
+
+def test_a_tool_goes_along_the_line_and_not_the_tcp(robot: Robot, envelope: Envelope, home: Array) -> None:
+    offset, tilt = np.array([0.05, 0.0, 0.12]), Rotation.from_rotvec([0.0, 0.2, 0.0])
+    tool = (*offset, *tilt.as_quat(scalar_first=True))
+    place, turn = second_robot().forward(home)
+    tip = place + turn @ offset
+    goal = Rotation.from_rotvec([0.4, 0.0, 0.0]) * Rotation.from_matrix(turn) * tilt
+    pose = Pose(tip + np.array([0.0, 0.1, 0.0]), goal.as_quat(scalar_first=True))
+    held = replace(envelope, tool=tuple(map(float, tool)))
+    motion = planned(robot, RatedMove(home, pose, PlannerName.LIN, 0.2, 1.0, held))
+    places, turns = second_robot().path(motion.sample(np.linspace(0.0, motion.duration_s, 100)))
+    tips = places + turns.apply(offset)
+    assert np.abs(tips[:, [0, 2]] - tip[[0, 2]]).max() < 2e-4
+    np.testing.assert_allclose(tips[-1], pose.position, atol=1e-6)
+    assert ((turns[-1] * tilt).inv() * goal).magnitude() < 1e-6
+    assert np.abs(places[:, 2] - place[2]).max() > 1e-3  # the model's TCP does not go straight
+
+
+def test_a_blend_saves_time_keeps_the_limits_and_stays_near_the_corner(
+    robot: Robot, envelope: Envelope, home: Array
+) -> None:
+    first = line(robot, envelope, home, [0.0, 0.15, 0.0])
+    second = line(robot, envelope, first.end, [0.0, 0.0, -0.15])
+    third = line(robot, envelope, second.end, [0.0, -0.15, 0.0])
+    motions, radius = [first, second, third], 0.03
+    joined = blend(robot, motions, [radius, radius], envelope)
+    assert joined.blended == (True, True)
+    assert joined.trajectory.duration_s < sum(m.duration_s for m in motions) - 0.3
+    np.testing.assert_allclose(joined.trajectory.start, first.start, atol=1e-9)
+    np.testing.assert_allclose(joined.trajectory.end, third.end, atol=1e-9)
+    assert (largest_rates(joined.trajectory) <= rate_limits(robot.limits) * ROUNDING).all()
+    places, polyline = at(joined.trajectory), np.vstack([at(m) for m in motions])
+    apart = np.linalg.norm(places[:, None] - polyline[None], axis=2).min(axis=1)
+    assert apart.max() < radius
+    for corner in (at(first)[-1], at(second)[-1]):
+        assert 1e-3 < np.linalg.norm(places - corner, axis=1).min() < radius
+    speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) * 399 / joined.trajectory.duration_s
+    assert speeds[30:-30].min() > 0.08  # it does not stop on the way
+
+
+def test_outside_its_radius_a_blend_is_on_the_paths(robot: Robot, envelope: Envelope, home: Array) -> None:
+    first = line(robot, envelope, home, [0.0, 0.15, 0.0])
+    second = line(robot, envelope, first.end, [0.0, 0.0, -0.15])
+    joined = blend(robot, [first, second], [0.02], envelope).trajectory
+    corner, paths = at(first)[-1], np.vstack([at(first, 4000), at(second, 4000)])
+    places = at(joined, 200)
+    outside = places[np.linalg.norm(places - corner, axis=1) > 0.02]
+    assert np.linalg.norm(outside[:, None] - paths[None], axis=2).min(axis=1).max() < 2e-4
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_random_chains_of_joint_moves_keep_all_limits(
+    robot: Robot, envelope: Envelope, home: Array, seed: int
+) -> None:
+    random = np.random.default_rng(seed)
+    motions, here = [], home
+    for _ in range(4):
+        goal = home + random.uniform(-0.5, 0.5, 7)
+        motions.append(ptp(robot, envelope, here, goal, random.uniform(0.2, 3.0), random.uniform(0.5, 12.0)))
+        here = goal
+    joined = blend(robot, motions, random.uniform(0.0, 0.2, 3).tolist(), envelope)
+    assert (largest_rates(joined.trajectory) <= rate_limits(robot.limits) * ROUNDING).all()
+    assert joined.trajectory.duration_s <= sum(m.duration_s for m in motions) + 1e-9
+    assert list(joined.ends_s) == sorted(joined.ends_s)
+    assert joined.ends_s[-1] == joined.trajectory.duration_s
+    np.testing.assert_allclose(joined.trajectory.end, here, atol=1e-9)
+
+
+def test_without_a_radius_it_stops_at_the_corner(robot: Robot, envelope: Envelope, home: Array) -> None:
+    first, second = ptp(robot, envelope, home, home + 0.2), ptp(robot, envelope, home + 0.2, home)
+    joined = blend(robot, [first, second], [0.0], envelope)
+    assert joined == Blended(
+        joined.trajectory, (first.duration_s, first.duration_s + second.duration_s), (False,)
+    )
+    assert np.abs(joined.trajectory.sample([first.duration_s], 1)).max() < 1e-9
+
+
+def test_a_corner_whose_inside_is_not_free_is_not_cut(robot: Robot, home: Array, tmp_path: Path) -> None:
+    envelope = Envelope(robot.limits, robot.cartesian_limits)
+    first = line(robot, envelope, home, [0.0, 0.3, 0.0])
+    second = line(robot, envelope, first.end, [0.0, 0.0, -0.3])
+    free = blend(robot, [first, second], [0.29], envelope).trajectory
+    # A small box inside the corner: below the first line, beside the second one, in the way of the blend.
+    x, y, z = at(first)[-1]
+    world = changed_world(tmp_path, post=(x, y - 0.12, z - 0.07, 0.005, 0.005, 0.015))
+    contacts = Contacts(0.0, world)
+
+    def touched(motion: Trajectory) -> bool:
+        return any(map(contacts.bodies, motion.sample(np.linspace(0.0, motion.duration_s, 300))))
+
+    assert touched(free)
+    assert not touched(first)
+    assert not touched(second)
+    careful = blend(robot_in(world, robot), [first, second], [0.29], envelope).trajectory
+    assert not touched(careful)
+    assert careful.duration_s > free.duration_s

@@ -1,0 +1,145 @@
+"""ompl and chomp around a post. Oracle: MuJoCo's contact list at dense samples; differences of samples."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from second_opinion import Contacts, changed_world, largest_rates, rate_limits, robot_in
+
+from cobot.errors import CollisionError, PlanningError, PlanningTimeout
+from cobot.planners import MotionRequest, plan
+from cobot.robot.description import Robot
+from cobot.trajectory import Trajectory
+from cobot.types import Array, PlannerName, Pose, Scaling
+
+SEED = 20261121
+POSTS = {
+    "low": (0.6, 0.0, 0.25, 0.05, 0.05, 0.25),
+    "thin": (0.65, 0.0, 0.35, 0.03, 0.03, 0.35),
+    "high": (0.6, 0.0, 0.5, 0.04, 0.04, 0.5),
+}
+AROUND = ["ompl", "chomp"]
+
+
+def sides(robot: Robot) -> tuple[Array, Array]:
+    """The work position, turned to the left and to the right of the post."""
+    left, right = np.array([robot.positions["work"].joints] * 2)
+    left[0], right[0] = -0.9, 0.9
+    return left, right
+
+
+def planned(robot: Robot, planner: str, start: Array, goal: Array | Pose, speed: float = 1.0) -> Trajectory:
+    trajectory = plan(robot, MotionRequest(start, goal, PlannerName(planner), Scaling(speed)))
+    assert trajectory is not None
+    return trajectory
+
+
+@pytest.mark.parametrize("post", POSTS)
+def test_ptp_does_not_plan_around_a_post_and_says_what_it_would_hit(
+    robot: Robot, tmp_path: Path, post: str
+) -> None:
+    there = robot_in(changed_world(tmp_path, post=POSTS[post]), robot)
+    with pytest.raises(CollisionError, match=r"collision of link\d and post at -?\d+ mm after \d+ %"):
+        planned(there, "ptp", *sides(robot))
+
+
+@pytest.mark.parametrize("planner", AROUND)
+@pytest.mark.parametrize("post", POSTS)
+def test_ompl_and_chomp_lead_around_a_post_without_touching_anything(
+    robot: Robot, tmp_path: Path, planner: str, post: str
+) -> None:
+    world = changed_world(tmp_path, post=POSTS[post])
+    motion = planned(robot_in(world, robot), planner, *sides(robot))
+    contacts = Contacts(file=world)
+    straight = np.linspace(*sides(robot), 100)
+    assert any(contacts.bodies(joints) for joints in straight), "the post stands in the way"
+    for joints in motion.sample(np.linspace(0.0, motion.duration_s, 2000)):
+        assert not contacts.bodies(joints), joints
+
+
+@pytest.mark.parametrize("planner", AROUND)
+@pytest.mark.parametrize("speed", [0.2, 1.0])
+def test_their_motions_keep_the_limits_and_go_from_rest_to_rest(
+    robot: Robot, tmp_path: Path, planner: str, speed: float
+) -> None:
+    there = robot_in(changed_world(tmp_path, post=POSTS["low"]), robot)
+    left, right = sides(robot)
+    request = MotionRequest(left, right, PlannerName(planner), Scaling(speed))
+    motion = plan(there, request)
+    assert motion is not None
+    assert motion.start == pytest.approx(left, abs=1e-9)
+    assert motion.end == pytest.approx(right, abs=1e-9)
+    for derivative in (1, 2):
+        ends = motion.sample([0.0, motion.duration_s], derivative)
+        assert ends == pytest.approx(np.zeros((2, 7)), abs=1e-9)
+    used = largest_rates(motion) / rate_limits(request.scaled_limits(robot))
+    assert used.max() <= 1.0 + 1e-5
+    positions = motion.sample(np.linspace(0.0, motion.duration_s, 2000))
+    assert (positions >= robot.limits.min_position).all()
+    assert (positions <= robot.limits.max_position).all()
+
+
+@pytest.mark.parametrize("planner", AROUND)
+def test_where_nothing_is_in_the_way_they_go_straight(robot: Robot, planner: str) -> None:
+    start, goal = sides(robot)
+    goal += np.array([0.0, 0.1, 0.2, -0.1, 0.3, 0.1, -0.4])
+    motion = planned(robot, planner, start, goal)
+    way = (motion.sample(np.linspace(0.0, motion.duration_s, 300)) - start) / (goal - start)
+    assert np.ptp(way, axis=1).max() < 0.01
+    assert np.diff(way, axis=0).min() > -1e-6
+
+
+@pytest.mark.parametrize("planner", AROUND)
+def test_they_go_to_a_pose_too(robot: Robot, planner: str) -> None:
+    left, right = sides(robot)
+    pose = robot.model.forward(right)
+    end = robot.model.forward(planned(robot, planner, left, pose).end)
+    assert end.position == pytest.approx(pose.position, abs=1e-6)
+
+
+def test_random_pairs_that_ptp_cannot_join_are_joined_by_ompl_without_contact(robot: Robot) -> None:
+    random = np.random.default_rng(SEED)
+    limits, contacts = robot.limits, Contacts()
+    joined = tries = 0
+    while tries < 6:
+        start, goal = random.uniform(limits.min_position, limits.max_position, (2, limits.dof))
+        if not (robot.collision.is_free(start) and robot.collision.is_free(goal)):
+            continue
+        try:
+            planned(robot, "ptp", start, goal)
+            continue
+        except CollisionError:
+            tries += 1
+        motion = planned(robot, "ompl", start, goal)
+        joined += 1
+        for joints in motion.sample(np.linspace(0.0, motion.duration_s, 1000)):
+            assert not contacts.bodies(joints), joints
+    assert joined == tries
+
+
+def test_chomp_that_finds_nothing_names_the_bodies_and_does_not_become_another_planner(
+    robot: Robot, tmp_path: Path
+) -> None:
+    # A wall with no way past it near the straight line: only over it.
+    wall = robot_in(changed_world(tmp_path, post=(0.75, 0.0, 0.7, 0.4, 0.02, 0.7)), robot)
+    with pytest.raises(PlanningError) as caught:
+        planned(wall, "chomp", *sides(robot))
+    pattern = r"chomp: found no free path near the straight one: .* still at -?\d+ mm; try ompl"
+    assert re.match(pattern, str(caught.value))
+
+
+def test_ompl_without_time_says_so(robot: Robot, tmp_path: Path) -> None:
+    there = robot_in(changed_world(tmp_path, post=POSTS["high"]), robot)
+    request = MotionRequest(*sides(robot), PlannerName.OMPL, Scaling(1.0), timeout_s=1e-9)
+    with pytest.raises(PlanningTimeout, match=r"ompl: no free path within 0\.0 s"):
+        plan(there, request)
+
+
+def test_chomp_without_time_says_so(robot: Robot, tmp_path: Path) -> None:
+    there = robot_in(changed_world(tmp_path, post=POSTS["high"]), robot)
+    request = MotionRequest(*sides(robot), PlannerName.CHOMP, Scaling(1.0), timeout_s=0.0)
+    with pytest.raises(PlanningTimeout, match=r"chomp: not done within 0\.0 s"):
+        plan(there, request)

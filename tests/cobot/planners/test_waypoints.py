@@ -1,0 +1,270 @@
+"""Timed waypoints. Oracle: scipy's clamped CubicSpline at the points, BPoly between them, dense samples."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import BPoly, CubicSpline
+from second_opinion import LIMITS as LIMITS_FILE
+from second_opinion import Contacts, largest_rates, rate_limits
+
+from cobot.errors import CollisionError, InputError, LimitError
+from cobot.planners import WaypointRequest, plan_waypoints
+from cobot.planners.waypoints import through
+from cobot.robot.description import Robot
+from cobot.robot.limits import load_joint_limits
+from cobot.trajectory import Trajectory
+from cobot.types import Array, Scaling, Waypoint
+
+SEED = 20261121
+DOF = 7
+STILL = [0.0] * DOF
+EXAMPLES = settings(max_examples=60, deadline=None, derandomize=True, database=None)
+
+
+def home(robot: Robot) -> Array:
+    return np.array(robot.positions["home"].joints)
+
+
+def near_home(robot: Robot, *offsets: float) -> list[list[float]]:
+    """Joint positions that are the home position with an offset at all joints."""
+    return [(home(robot) + offset).tolist() for offset in offsets]
+
+
+def points_at(times: list[float], positions: list[list[float]]) -> list[Waypoint]:
+    return [Waypoint(row, time) for row, time in zip(positions, times, strict=True)]
+
+
+@st.composite
+def courses(draw: st.DrawFn) -> tuple[Array, Array]:
+    """Times (n,) from 0 and positions (n, 7)."""
+    steps = draw(st.lists(st.floats(0.05, 5.0), min_size=1, max_size=8))
+    random = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    return np.concatenate([[0.0], np.cumsum(steps)]), random.uniform(-2.0, 2.0, (len(steps) + 1, DOF))
+
+
+def require_c2(trajectory: Trajectory) -> None:
+    """From the left and from the right of each breakpoint, by numpy's polynomials."""
+    for segment, duration in enumerate(np.diff(trajectory.breakpoints_s)[:-1]):
+        for joint in range(trajectory.dof):
+            before = np.polynomial.Polynomial(trajectory.coefficients[segment, joint])
+            after = np.polynomial.Polynomial(trajectory.coefficients[segment + 1, joint])
+            for k in range(3):
+                left, right = before.deriv(k)(duration), after.deriv(k)(0.0)
+                assert left == pytest.approx(right, abs=1e-7 * (1.0 + abs(right))), (segment, joint, k)
+
+
+@EXAMPLES
+@given(courses())
+def test_points_are_met_at_their_times_with_the_clamped_cubic_splines_velocities(
+    course: tuple[Array, Array],
+) -> None:
+    times, positions = course
+    limits = load_joint_limits(LIMITS_FILE)
+    motion, labels = through(points_at(times.tolist(), positions.tolist()), positions[0], limits, 0.0)
+    spline = CubicSpline(times, positions, bc_type="clamped")
+    accelerations = spline(times, 2)
+    accelerations[[0, -1]] = 0.0
+    assert motion.breakpoints_s == pytest.approx(times)
+    assert len(labels) == len(times)
+    assert motion.sample(times) == pytest.approx(positions, abs=1e-7)
+    expected = BPoly.from_derivatives(
+        times, np.stack([positions, spline(times, 1), accelerations], axis=1), orders=5
+    )
+    between = np.linspace(0.0, times[-1], 77)
+    wanted = expected(between)
+    assert motion.sample(between) == pytest.approx(wanted, abs=1e-7 * (1.0 + np.abs(wanted).max()))
+    require_c2(motion)
+    for derivative in (1, 2):
+        ends = motion.sample([0.0, motion.duration_s], derivative)
+        assert np.abs(ends).max() < 1e-6 * (1.0 + np.abs(motion.sample(between, derivative)).max())
+
+
+def test_given_velocities_and_accelerations_are_met(robot: Robot) -> None:
+    middle = Waypoint(near_home(robot, 0.2)[0], 2.0, [0.1] * DOF, [0.05] * DOF)
+    only_velocity = Waypoint(near_home(robot, 0.3)[0], 3.0, [0.02] * DOF)
+    course = [Waypoint(home(robot).tolist(), 0.0), middle, only_velocity, Waypoint(home(robot).tolist(), 6.0)]
+    motion, _ = through(course, home(robot), robot.limits, 0.0)
+    assert motion.sample([2.0], 1)[0] == pytest.approx(np.full(DOF, 0.1))
+    assert motion.sample([2.0], 2)[0] == pytest.approx(np.full(DOF, 0.05))
+    assert motion.sample([3.0], 1)[0] == pytest.approx(np.full(DOF, 0.02))
+    require_c2(motion)
+
+
+def test_a_first_point_later_than_now_is_reached_from_the_present_position(robot: Robot) -> None:
+    course = points_at([2.0, 4.0], near_home(robot, 0.2, 0.4))
+    motion = plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01))
+    assert motion.start == pytest.approx(home(robot), abs=1e-12)
+    assert motion.sample([2.0, 4.0]) == pytest.approx(np.array(near_home(robot, 0.2, 0.4)), abs=1e-9)
+    assert motion.duration_s == 4.0
+
+
+def test_a_single_later_point_is_a_motion(robot: Robot) -> None:
+    motion = plan_waypoints(
+        robot, WaypointRequest(home(robot), points_at([3.0], near_home(robot, 0.3)), 0.01)
+    )
+    assert motion.duration_s == 3.0
+    assert motion.end == pytest.approx(home(robot) + 0.3)
+
+
+def test_a_start_within_the_tolerance_is_replaced_by_where_the_arm_is(robot: Robot) -> None:
+    course = points_at([0.0, 3.0], near_home(robot, 0.009, 0.3))
+    motion = plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01))
+    assert motion.start == pytest.approx(home(robot), abs=1e-12)
+
+
+def test_a_start_elsewhere_is_refused_with_joint_both_angles_and_the_way_out(robot: Robot) -> None:
+    course = points_at([0.0, 3.0], near_home(robot, 0.0, 0.3))
+    course[0].positions[3] -= 0.05  # type: ignore[index]
+    message = (
+        "point 1: starts with joint4 at -1.6200 rad, but it is at -1.5700 rad: 0.0500 rad apart, "
+        "allowed are 0.01 rad; go there first; POST /trajectory/send does it by itself with move_to_start"
+    )
+    with pytest.raises(InputError, match=re.escape(message)):
+        plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01))
+
+
+def test_an_approach_leads_to_the_first_point_and_comes_to_rest_there(robot: Robot) -> None:
+    course = points_at([0.0, 3.0], near_home(robot, 0.2, 0.4))
+    alone = plan_waypoints(robot, WaypointRequest(home(robot) + 0.2, course, 0.01))
+    motion = plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01, approach=Scaling(0.5)))
+    approach_s = motion.duration_s - alone.duration_s
+    assert approach_s > 0.0
+    assert motion.start == pytest.approx(home(robot))
+    assert motion.sample([approach_s])[0] == pytest.approx(home(robot) + 0.2, abs=1e-9)
+    assert np.abs(motion.sample([approach_s], 1)).max() < 1e-9
+    times = np.linspace(0.0, alone.duration_s, 50)
+    assert motion.sample(approach_s + times) == pytest.approx(alone.sample(times), abs=1e-9)
+    require_c2(motion)
+
+
+def test_an_approach_from_where_the_motion_begins_adds_nothing(robot: Robot) -> None:
+    course = points_at([0.0, 3.0], near_home(robot, 0.0, 0.4))
+    motion = plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01, approach=Scaling(0.5)))
+    assert motion.duration_s == 3.0
+
+
+@pytest.mark.parametrize(
+    ("times", "message"),
+    [
+        (
+            [0.0, 1.0, 1.0, 2.0],
+            "point 3: time_from_start is 1.0 s, must be later than the 1.0 s of point 2",
+        ),
+        (
+            [0.0, 2.0, 1.0, 3.0],
+            "point 3: time_from_start is 1.0 s, must be later than the 2.0 s of point 2",
+        ),
+        ([0.0, 0.0, 1.0, 2.0], "point 2: time_from_start is 0.0 s, must be later than the 0.0 s of point 1"),
+        ([-1.0, 0.0, 1.0, 2.0], "point 1: time_from_start is -1.0 s, must not be negative"),
+    ],
+)
+def test_times_that_do_not_increase_are_refused_with_both_points(
+    robot: Robot, times: list[float], message: str
+) -> None:
+    course = points_at(times, near_home(robot, 0.0, 0.1, 0.2, 0.3))
+    with pytest.raises(InputError, match=re.escape(message)):
+        plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01))
+
+
+def test_no_points_are_refused(robot: Robot) -> None:
+    with pytest.raises(InputError, match="points: at least one is needed"):
+        plan_waypoints(robot, WaypointRequest(home(robot), [], 0.01))
+
+
+def test_one_point_at_time_zero_is_no_motion(robot: Robot) -> None:
+    course = points_at([0.0], near_home(robot, 0.0))
+    for approach in (None, Scaling(0.5)):
+        with pytest.raises(InputError, match="a motion needs a point with a time_from_start above 0"):
+            plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01, approach=approach))
+
+
+@pytest.mark.parametrize("name", ["positions", "velocities", "accelerations"])
+def test_a_point_with_too_few_numbers_is_refused_by_its_label(robot: Robot, name: str) -> None:
+    course = points_at([0.0, 3.0], near_home(robot, 0.0, 0.4))
+    values = {"positions": near_home(robot, 0.2)[0], "velocities": None, "accelerations": None}
+    values[name] = [0.0] * 6
+    bad = Waypoint(time_from_start_s=1.0, label="row 7", **values)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=f"row 7: {name} must have 7 numbers, got 6"):
+        plan_waypoints(robot, WaypointRequest(home(robot), [course[0], bad, course[1]], 0.01))
+
+
+@pytest.mark.parametrize(("index", "end"), [(0, "start"), (1, "end")])
+@pytest.mark.parametrize("name", ["velocities", "accelerations"])
+def test_a_motion_that_is_not_at_rest_at_its_ends_is_refused(
+    robot: Robot, index: int, end: str, name: str
+) -> None:
+    positions = near_home(robot, 0.0, 0.4)
+    moving = {name: [0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0]}
+    course = [Waypoint(positions[i], 3.0 * i, **(moving if i == index else {})) for i in (0, 1)]
+    with pytest.raises(
+        InputError, match=f"point {index + 1}: the motion must {end} at rest, but its {name} are not 0"
+    ):
+        plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01))
+
+
+def test_a_point_beyond_the_limits_is_refused_with_point_joint_value_and_range(robot: Robot) -> None:
+    course = points_at([0.0, 30.0, 60.0], near_home(robot, 0.0, 0.1, 0.2))
+    course[1].positions[1] = 2.2  # type: ignore[index]
+    message = "point 2: angle of joint2 is 2.2 rad, allowed is -2.1 to 2.1 rad"
+    with pytest.raises(LimitError, match=re.escape(message)):
+        plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01))
+
+
+def test_a_motion_too_fast_between_two_points_names_them(robot: Robot) -> None:
+    course = points_at([0.0, 2.0, 2.2, 4.2], near_home(robot, 0.0, 0.0, 0.5, 0.5))
+    with pytest.raises(LimitError, match=r"^between point \d and point \d \(from .* s\) the \w+ of joint\d"):
+        plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01))
+
+
+def test_an_overshoot_beyond_a_position_limit_between_points_is_found(robot: Robot) -> None:
+    # All points are within the limits, the curve through them is not.
+    positions = near_home(robot, 0.0, 0.0, 0.0, 0.0)
+    positions[1][0], positions[2][0] = 2.969, 2.969
+    course = points_at([0.0, 8.0, 9.0, 17.0], positions)
+    spline = CubicSpline([0.0, 8.0, 9.0, 17.0], [row[0] for row in positions], bc_type="clamped")
+    assert spline(np.linspace(0.0, 17.0, 999)).max() > 2.97
+    with pytest.raises(LimitError, match=r"between point 2 and point 3 .* position of joint1 reaches 2\.99"):
+        plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01))
+
+
+def test_retime_slows_down_just_enough_and_keeps_the_path(robot: Robot) -> None:
+    random = np.random.default_rng(SEED)
+    for _ in range(20):
+        offsets = random.uniform(-0.15, 0.15, (5, DOF))
+        offsets[0] = 0.0
+        times = np.concatenate([[0.0], np.cumsum(random.uniform(0.1, 0.2, 4))])
+        course = points_at(times.tolist(), (home(robot) + offsets).tolist())
+        with pytest.raises(LimitError):
+            plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01))
+        motion = plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01, retime=True))
+        factor = motion.duration_s / times[-1]
+        assert factor > 1.0
+        assert motion.sample(factor * times) == pytest.approx(home(robot) + offsets, abs=1e-7)
+        used = (largest_rates(motion) / rate_limits(robot.limits)).max()
+        assert 0.97 < used <= 1.0 + 1e-5
+
+
+def test_retime_leaves_a_slow_motion_as_it_is(robot: Robot) -> None:
+    course = points_at([0.0, 5.0], near_home(robot, 0.0, 0.4))
+    motion = plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01, retime=True))
+    assert motion.duration_s == 5.0
+
+
+@pytest.mark.parametrize("checked", [True, False])
+def test_points_that_lead_through_the_floor_are_always_refused(robot: Robot, checked: bool) -> None:
+    below = [0.0, 1.9, 0.0, -0.2, 0.0, 0.0, 0.0]
+    assert frozenset({"world", "link7"}) in Contacts().bodies(np.array(below))
+    course = points_at([0.0, 20.0, 40.0], [home(robot).tolist(), below, home(robot).tolist()])
+    with pytest.raises(CollisionError, match=r"collision of floor and link\d at .* mm after \d+ %"):
+        plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01, check_limits=checked))
+
+
+def test_without_limit_checks_a_fast_motion_passes_unchanged(robot: Robot) -> None:
+    course = points_at([0.0, 0.1], near_home(robot, 0.0, 0.3))
+    motion = plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01, check_limits=False))
+    assert motion.duration_s == 0.1

@@ -1,0 +1,218 @@
+"""Collision checks. Oracle: MuJoCo's pairwise geom distances, its contact list; capsules by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from second_opinion import MJCF, Contacts, changed_world, robot_in
+
+from cobot.errors import CollisionError, InputError
+from cobot.robot.collision import CHECK_STEP_RAD, CollisionChecker
+from cobot.robot.description import Robot
+from cobot.trajectory import Trajectory, from_hermite
+from cobot.types import Array
+
+SEED = 20261121
+IN_THE_FLOOR = np.array([0.0, 1.9, 0.0, -0.2, 0.0, 0.0, 0.0])
+ON_THE_BASE = np.array([1.8, -2.0, 0.3, 2.0, -0.9, 1.8, -0.3])
+
+
+def drawn(robot: Robot, count: int) -> Array:
+    limits = robot.limits
+    return np.random.default_rng(SEED).uniform(limits.min_position, limits.max_position, (count, limits.dof))
+
+
+def rest_to_rest(first: Array, last: Array, duration_s: float = 2.0) -> Trajectory:
+    still = np.zeros((2, len(first)))
+    return from_hermite(np.array([0.0, duration_s]), np.array([first, last]), still, still)
+
+
+class Distances:
+    """The smallest distance of any two geoms that may meet, by MuJoCo one pair at a time."""
+
+    def __init__(self) -> None:
+        self.model = mujoco.MjModel.from_xml_path(str(MJCF))
+        self.data = mujoco.MjData(self.model)
+        bodies = ["world", "base_link", *(f"link{number}" for number in range(1, 8))]
+        apart = {("world", "base_link"), ("base_link", "link1"), ("link5", "link7")}
+        apart |= {(f"link{number}", f"link{number + 1}") for number in range(1, 7)}
+        self.pairs = [
+            (self.geom(first), self.geom(second))
+            for i, first in enumerate(bodies)
+            for second in bodies[i + 1 :]
+            if (first, second) not in apart
+        ]
+
+    def geom(self, body: str) -> int:
+        return int(self.model.body(body).geomadr[0])
+
+    def smallest(self, joints: Array) -> float:
+        self.data.qpos[:] = joints
+        mujoco.mj_kinematics(self.model, self.data)
+        return min(mujoco.mj_geomDistance(self.model, self.data, *pair, 10.0, None) for pair in self.pairs)
+
+
+@pytest.mark.parametrize("margin_m", [0.0, 0.005, 0.02])
+def test_free_means_that_no_two_geoms_are_nearer_than_the_margin(robot: Robot, margin_m: float) -> None:
+    distances, checker = Distances(), CollisionChecker(robot.model, margin_m)
+    verdicts = {True: 0, False: 0}
+    for joints in drawn(robot, 1000):
+        distance_m = distances.smallest(joints)
+        if abs(distance_m - margin_m) < 1e-6:
+            continue
+        assert checker.is_free(joints) == (distance_m > margin_m), joints
+        assert (checker.contacts(joints) == []) == (distance_m > margin_m), joints
+        verdicts[distance_m > margin_m] += 1
+    assert min(verdicts.values()) > 50
+
+
+def test_contacts_name_the_pairs_with_the_deepest_first(robot: Robot) -> None:
+    checker, distances = CollisionChecker(robot.model), Distances()
+    seen = 0
+    for joints in drawn(robot, 1000):
+        found = checker.contacts(joints)
+        pairs = {frozenset({contact.first, contact.second}) for contact in found}
+        expected = Contacts().bodies(joints) if found else set()
+        assert {frozenset(name.replace("floor", "world") for name in pair) for pair in pairs} == expected
+        if found:
+            seen += 1
+            depths = [contact.distance_m for contact in found]
+            assert depths == sorted(depths)
+            assert depths[0] == pytest.approx(distances.smallest(joints), abs=1e-6)
+    assert seen > 50
+
+
+def test_a_contact_reads_as_two_bodies_and_millimetres(robot: Robot, tmp_path: Path) -> None:
+    floating = robot_in(changed_world(tmp_path, floor=False), robot)
+    deepest = floating.collision.contacts(ON_THE_BASE)[0]
+    assert str(deepest) == "link5 and base_link at -8 mm"
+
+
+def test_neighbours_never_count_as_colliding(robot: Robot) -> None:
+    checker = CollisionChecker(robot.model, margin_m=0.0)
+    for joints in drawn(robot, 500):
+        for contact in checker.contacts(joints):
+            numbers = sorted(int(name[4:]) for name in (contact.first, contact.second) if name[4:].isdigit())
+            assert len(numbers) < 2 or numbers[1] - numbers[0] > 1
+            assert {contact.first, contact.second} != {"base_link", "link1"}
+
+
+def test_the_checkers_margin_is_not_felt_by_the_model_it_was_made_from(robot: Robot) -> None:
+    CollisionChecker(robot.model, margin_m=0.05)
+    assert not robot.model.mj.geom_margin.any()
+
+
+def test_every_named_position_is_free(robot: Robot) -> None:
+    for name, position in robot.positions.items():
+        assert robot.collision.is_free(np.array(position.joints)), name
+        assert not Contacts().bodies(np.array(position.joints)), name
+
+
+def test_proximities_are_signed_distances_between_nearest_points(robot: Robot) -> None:
+    distances = Distances()
+    seen = 0
+    for joints in drawn(robot, 200):
+        near = robot.collision.proximities(joints, 0.1)
+        smallest = distances.smallest(joints)
+        assert (near == []) == (smallest >= 0.1)
+        for item in near:
+            seen += 1
+            apart = float(np.linalg.norm(item.points[0] - item.points[1]))
+            assert apart == pytest.approx(abs(item.distance_m), abs=1e-6)
+        if near:
+            assert min(item.distance_m for item in near) == pytest.approx(smallest, abs=1e-9)
+    assert seen > 50
+
+
+def test_a_points_jacobian_is_how_the_point_moves(robot: Robot) -> None:
+    # By central differences of the body's pose, straight from MuJoCo.
+    model = mujoco.MjModel.from_xml_path(str(MJCF))
+    data = mujoco.MjData(model)
+    body = model.body("link5").id
+
+    def place(joints: Array, local: Array) -> Array:
+        data.qpos[:] = joints
+        mujoco.mj_kinematics(model, data)
+        return np.asarray(data.xpos[body] + data.xmat[body].reshape(3, 3) @ local)
+
+    local = np.array([0.03, -0.05, 0.1])
+    for joints in drawn(robot, 20):
+        point = place(joints, local)
+        robot.collision.contacts(joints)
+        jacobian = robot.collision.point_jacobian(body, point)
+        steps = 1e-6 * np.eye(7)
+        moved = [place(joints + step, local) - place(joints - step, local) for step in steps]
+        expected = np.stack(moved, axis=1) / 2e-6
+        assert jacobian == pytest.approx(expected, abs=1e-8)
+
+
+def test_a_motion_through_the_base_names_bodies_share_time_and_joints(robot: Robot, tmp_path: Path) -> None:
+    floating = robot_in(changed_world(tmp_path, floor=False), robot)
+    away = np.array([0.6, 0.1, 0.4, -0.3, 0.6, -0.5, 0.0])
+    motion = rest_to_rest(ON_THE_BASE - away, ON_THE_BASE + away, 4.0)
+    contacts = Contacts(file=changed_world(tmp_path, floor=False))
+    times = np.linspace(0.0, 4.0, 2001)
+    touching = [time for time in times if contacts.bodies(motion.sample([time])[0])]
+    assert touching
+    with pytest.raises(CollisionError) as caught:
+        floating.collision.check_trajectory(motion)
+    words = str(caught.value).split()
+    assert words[:2] == ["collision", "of"]
+    assert "base_link" in words
+    reported_s = float(str(caught.value).split("(")[1].split(" s")[0])
+    assert reported_s == pytest.approx(touching[0], abs=0.2)
+    assert f"after {100 * reported_s / 4.0:.0f} %" in str(caught.value)
+
+
+@pytest.mark.parametrize("wait_s", [1.0, 10.0, 600.0])
+def test_a_dip_into_the_floor_is_found_however_long_the_arm_stands_still_around_it(
+    robot: Robot, wait_s: float
+) -> None:
+    home, low = np.array(robot.positions["home"].joints), IN_THE_FLOOR
+    assert frozenset({"world", "link7"}) in Contacts().bodies(low)
+    times = np.array([0.0, wait_s, wait_s + 2.9, wait_s + 5.8, 2.0 * wait_s + 6.0])
+    still = np.zeros((5, 7))
+    dip = from_hermite(times, np.array([home, home, low, home, home]), still, still)
+    with pytest.raises(CollisionError, match=r"collision of floor and link\d at .* mm after \d+ %"):
+        robot.collision.check_trajectory(dip)
+
+
+def test_between_two_checks_no_joint_moves_further_than_the_step(robot: Robot) -> None:
+    looked_at: list[Array] = []
+
+    class Watching(CollisionChecker):
+        def is_free(self, joints: Array) -> bool:
+            looked_at.append(joints.copy())
+            return True
+
+    random = np.random.default_rng(SEED)
+    checker = Watching(robot.model)
+    for _ in range(20):
+        looked_at.clear()
+        count = int(random.integers(2, 8))
+        times = np.concatenate([[0.0], np.cumsum(random.uniform(0.1, 3.0, count - 1))])
+        values = [random.uniform(-scale, scale, (count, 7)) for scale in (2.0, 1.0, 2.0)]
+        checker.check_trajectory(from_hermite(times, *values))
+        assert np.abs(np.diff(looked_at, axis=0)).max() <= 1.001 * CHECK_STEP_RAD
+
+
+def test_both_ends_of_a_motion_are_looked_at(robot: Robot) -> None:
+    home = np.array(robot.positions["home"].joints)
+    for first, last in ((home, IN_THE_FLOOR), (IN_THE_FLOOR, home), (IN_THE_FLOOR, IN_THE_FLOOR)):
+        with pytest.raises(CollisionError, match=r"collision of floor and link\d"):
+            robot.collision.check_trajectory(rest_to_rest(first, last))
+
+
+def test_a_motion_too_long_to_be_checked_is_refused_with_its_length(robot: Robot) -> None:
+    far = rest_to_rest(np.zeros(7), np.full(7, 1e6))
+    with pytest.raises(InputError, match=r"the motion travels .* rad, at the most 20000 rad can be checked"):
+        robot.collision.check_trajectory(far)
+
+
+def test_a_position_in_collision_is_refused_under_the_name_it_was_given(robot: Robot) -> None:
+    with pytest.raises(CollisionError, match=r"^the goal is in collision: floor and link\d at -\d+ mm, at "):
+        robot.collision.check_position(ON_THE_BASE, "the goal")
+    robot.collision.check_position(np.array(robot.positions["home"].joints), "home")
