@@ -47,7 +47,7 @@ from app.services.streaming.servo import ServoService
 from app.services.streaming.sessions import StreamService
 from cobot.addresses import address
 from cobot.config import Endpoint, Settings, load_endpoints
-from cobot.robot.description import Robot, load_robot
+from cobot.robot.description import RobotDescription, load_robot
 
 DESCRIPTION = """Moves a robot arm. Motions answer when the arm has arrived and settled: look at `success`.
 Lengths in m, angles in rad. **This is no safety system and there is no authentication.**"""
@@ -153,7 +153,7 @@ def _enabled(route: BaseRoute, endpoints: dict[str, Endpoint]) -> bool:
 async def _serving(
     settings: Settings,
     endpoints: dict[str, Endpoint],
-    robot: Robot,
+    robot: RobotDescription,
     config: Path | None,
     base_url: str,
     robots: int,
@@ -180,7 +180,7 @@ async def _serving(
 def _services(
     settings: Settings,
     endpoints: dict[str, Endpoint],
-    robot: Robot,
+    robot: RobotDescription,
     link: RobotLink,
     planning: PlanningService,
     base_url: str,

@@ -21,14 +21,14 @@ from app.services.state.link import RobotLink
 from app.services.streaming.force import ForceService
 from app.services.streaming.servo import ServoService
 from app.services.streaming.sessions import StreamService
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 
 
 @dataclass(frozen=True, slots=True)
 class Services:
     """All services of one robot."""
 
-    robot: Robot
+    robot: RobotDescription
     link: RobotLink
     ownership: Ownership
     motion: MotionService

@@ -21,7 +21,7 @@ from cobot.config import load_settings
 from cobot.errors import CobotError, ExecutionError
 from cobot.ipc.layout import HISTOGRAM_BUCKETS, Phase
 from cobot.robot.description import load_robot
-from cobot.types import Mode as LoopMode
+from cobot.types import LoopMode
 
 RATE_HZ = 100
 WAVE_RAD = 0.1

@@ -17,7 +17,7 @@ from cobot.config import load_settings
 from cobot.errors import CobotError
 from cobot.ipc.shm import RobotMemory
 from cobot.planners import MotionRequest, plan
-from cobot.robot.description import Robot, load_robot
+from cobot.robot.description import RobotDescription, load_robot
 from cobot.robot.frames import abc_from_quaternion
 from cobot.types import Array, PlannerName, Pose, Scaling
 
@@ -106,7 +106,7 @@ def straightness(lines: int) -> Iterator[Row]:
     )
 
 
-def _drive(client: Client, memory: RobotMemory, goal: Pose, robot: Robot) -> Array:
+def _drive(client: Client, memory: RobotMemory, goal: Pose, robot: RobotDescription) -> Array:
     """The TCP positions that rtloop measured during a lin motion at half speed, shape (n, 3)."""
     positions: list[Array] = []
     ended = threading.Event()
@@ -135,7 +135,7 @@ def _off_the_line(points: Array, begin: Array, end: Array) -> list[float]:
     return list(1e3 * np.linalg.norm(offset - np.outer(offset @ direction, direction), axis=1))
 
 
-def _shifted(robot: Robot, start: Array, random: np.random.Generator) -> Pose:
+def _shifted(robot: RobotDescription, start: Array, random: np.random.Generator) -> Pose:
     pose = robot.model.forward(start)
     direction = random.normal(size=3)
     return Pose(pose.position + LINE_M * direction / np.linalg.norm(direction), pose.quaternion)
@@ -151,7 +151,7 @@ def _timed(call: Callable[[], Result]) -> tuple[float, Result | None]:
     return (time.perf_counter_ns() - begun_ns) / 1e6, result
 
 
-def _ruckig_alone(robot: Robot, start: Array, goal: Array) -> ruckig.Trajectory:
+def _ruckig_alone(robot: RobotDescription, start: Array, goal: Array) -> ruckig.Trajectory:
     limits = robot.limits.scaled(0.5, 0.5, 0.5)
     problem = ruckig.InputParameter(limits.dof)
     problem.current_position, problem.target_position = start.tolist(), goal.tolist()
@@ -163,6 +163,6 @@ def _ruckig_alone(robot: Robot, start: Array, goal: Array) -> ruckig.Trajectory:
     return trajectory
 
 
-def _kinematics(robot: Robot, configurations: Array) -> None:
+def _kinematics(robot: RobotDescription, configurations: Array) -> None:
     for joints in configurations:
         robot.model.forward_and_jacobian(joints)

@@ -20,9 +20,9 @@ from faults import BLOCKS, FORCE_MODES, KINDS, Task, WatchedRig, spoil
 
 from cobot.config import Settings, load_settings
 from cobot.ipc.layout import Interpolation, ServoMode
-from cobot.robot.description import Robot, load_robot
+from cobot.robot.description import RobotDescription, load_robot
 from cobot.robot.quaternion import product
-from cobot.types import Array, Mode
+from cobot.types import Array, LoopMode
 from rtloop.modes import STREAMING
 
 LONGEST_TASK = 2500
@@ -91,7 +91,7 @@ class Soak:
         violations: of limits, in words.
     """
 
-    def __init__(self, settings: Settings, robot: Robot, seed: int) -> None:
+    def __init__(self, settings: Settings, robot: RobotDescription, seed: int) -> None:
         self.rig = WatchedRig(settings, robot)
         self.counts: Counter[str] = Counter()
         self.violations: list[str] = []
@@ -168,13 +168,13 @@ class Soak:
         if rig.mode in STREAMING:
             rig.end_stream()
         rig.run()
-        if rig.mode in (Mode.ESTOP, Mode.FAULT):
+        if rig.mode in (LoopMode.ESTOP, LoopMode.FAULT):
             self.counts[rig.mode.name] += 1
             refusal = rig.reset()
             if refusal:
                 self.violations.append(f"no reset: {refusal}")
         rig.step(int(self._random.integers(1, 200)))
-        if rig.mode is not Mode.HOLD:
+        if rig.mode is not LoopMode.HOLD:
             self.violations.append(f"no recovery: mode {rig.mode.name}, {rig.reason}")
 
     def _end_by_itself(self, task: Task) -> None:

@@ -32,7 +32,7 @@ DEFAULT_SETTINGS = "pkg://config/cobot-setting.yaml"
 
 SECTIONS_OF_A_ROBOT = ("rt", "streaming", "planning")
 """Whole sections that an entry in `robots` may change."""
-LEAST_STOP_S = 4.0
+MIN_STOP_S = 4.0
 """A stop may take some 2.5 s, see rtloop."""
 ENDPOINTS = (
     "GET /robot/joint_states",
@@ -333,9 +333,9 @@ def load_endpoints(path: Path) -> dict[str, Endpoint]:
     if missing:
         raise ConfigError(f"{path}: endpoints: missing {', '.join(missing)}")
     stop = endpoints["POST /stop"]
-    if not stop.enabled or stop.timeout_s < LEAST_STOP_S:
+    if not stop.enabled or stop.timeout_s < MIN_STOP_S:
         raise ConfigError(
-            f"{path}: POST /stop: must be enabled, with a timeout_s of {LEAST_STOP_S:g} at least: a stop may "
+            f"{path}: POST /stop: must be enabled, with a timeout_s of {MIN_STOP_S:g} at least: a stop may "
             "take that long"
         )
     return endpoints

@@ -32,7 +32,7 @@ def vector(values: object, size: int | None = None, *, name: str = "vector") -> 
     return array
 
 
-class Mode(IntEnum):
+class LoopMode(IntEnum):
     """What rtloop does in its cycle. Values are part of the shared-memory layout.
 
     HOLD keeps the last commanded position; only here may a motion or a streaming session begin.

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from ros2.rtps import Sample
 
-MOST_BYTES = 64 << 20
+MAX_BYTES = 64 << 20
 
 log = logging.getLogger("cobot.ros2")
 
@@ -59,7 +59,7 @@ class Inbox:
     def put(self, sample: Sample) -> None:
         """From any thread."""
         with self._lock:
-            if len(self._samples) >= self._most or self._bytes + len(sample.payload) > MOST_BYTES:
+            if len(self._samples) >= self._most or self._bytes + len(sample.payload) > MAX_BYTES:
                 self.losses.add()
                 return
             first = not self._samples

@@ -22,7 +22,7 @@ from ros2.rtps import Participant, PayloadError, Qos, RtpsError, Sample, SampleI
 
 Message = dict[str, Any]
 LARGE_BYTES = 1 << 16
-MOST_CALLS = 256
+MAX_CALLS = 256
 """Of one service at a time. Further requests wait."""
 CYCLONE = 0x0110
 CYCLONE_HEADER = slice(4, 20)
@@ -118,7 +118,7 @@ class Service:
         self._node = node
         self._handler = handler
         self._tasks: set[asyncio.Task[None]] = set()
-        self._turn = asyncio.Semaphore(MOST_CALLS)
+        self._turn = asyncio.Semaphore(MAX_CALLS)
         self._inbox = Inbox(name, node.loop, self._begin)
         participant = node.participant
         self._writer = participant.create_writer(

@@ -16,7 +16,7 @@ from ros2.parameters import Parameter, Value
 from ros2.rosbridge import AWAY
 from ros2.telemetry import Telemetry
 
-MOST_HZ = 1000.0
+MAX_HZ = 1000.0
 FIXED = "it is needed at the start: change ros.{} in the settings file and start cobot again"
 NO_ROS = "it means nothing here, for cobot speaks DDS itself and needs no ROS"
 
@@ -65,7 +65,7 @@ def options(settings: Settings, robots: list[Telemetry], gateway: Gateway | None
             "messages per second",
             set_rate,
             low=1.0,
-            high=MOST_HZ,
+            high=MAX_HZ,
         ),
         Parameter(
             "enable_fjt_action",

@@ -23,12 +23,12 @@ from cobot.ros.codec import without_nan
 
 Message = dict[str, Any]
 PATH = "/rosbridge"
-MOST_WAITING = 20_000
-MOST_CHARACTERS = 64 << 20
+MAX_WAITING = 20_000
+MAX_CHARACTERS = 64 << 20
 """Of what waits to be sent."""
-MOST_CALLS = 240
+MAX_CALLS = 240
 """At a time; the service takes 256 of one client."""
-MOST_RECEIVED = 64 << 20
+MAX_RECEIVED = 64 << 20
 FIRST_RETRY_S = 0.05
 LAST_RETRY_S = 1.0
 OPEN_S = 20.0
@@ -85,7 +85,7 @@ class Rosbridge:
             text = json.dumps(content, allow_nan=False)
         except ValueError:
             text = json.dumps(without_nan(content))
-        full = len(self._queue) >= MOST_WAITING or self._characters + len(text) > MOST_CHARACTERS
+        full = len(self._queue) >= MAX_WAITING or self._characters + len(text) > MAX_CHARACTERS
         if not self._open or full:
             return False
         self._queue.append(text)
@@ -100,8 +100,8 @@ class Rosbridge:
             UnavailableError: the service of cobot is away, goes away, or has too much to do.
             ExecutionError: the call was refused, with the reason.
         """
-        if len(self._calls) >= MOST_CALLS:
-            raise UnavailableError(f"{MOST_CALLS} calls over ROS 2 are under way already")
+        if len(self._calls) >= MAX_CALLS:
+            raise UnavailableError(f"{MAX_CALLS} calls over ROS 2 are under way already")
         number = f"call:{next(self._numbers)}"
         answer: asyncio.Future[Message] = asyncio.get_running_loop().create_future()
         self._calls[number] = answer
@@ -117,7 +117,7 @@ class Rosbridge:
         async with connect(
             self._url,
             compression=None,
-            max_size=MOST_RECEIVED,
+            max_size=MAX_RECEIVED,
             open_timeout=OPEN_S,
             close_timeout=1.0,
             ping_interval=PING_S,

@@ -1,6 +1,6 @@
 """What the arm shall do in this cycle: modes, motion on a path, stops, commands.
 
-A long module, because the modes are one state: its parts that have a state of their own (mailbox, path,
+A long module, because the modes are one state: its parts that have a state of their own (commands, path,
 path clock, safety) have a module of their own.
 """
 
@@ -15,9 +15,9 @@ from cobot.config import Settings
 from cobot.ipc.layout import Ack, Command, Intervention, MotionResult
 from cobot.ipc.shm import RobotMemory, text
 from cobot.robot.model import RobotModel
-from cobot.types import Array, Mode
+from cobot.types import Array, LoopMode
 from rtloop.backends import Backend, BackendError, Measured
-from rtloop.inboxes.commands import Mailbox
+from rtloop.inboxes.commands import CommandInbox
 from rtloop.modes import STREAMING, TRANSITIONS
 from rtloop.planned.path import Path, RefusedError, load
 from rtloop.planned.path_clock import PathClock
@@ -48,12 +48,12 @@ class Controller:
         self._limits = limits = model.limits
         self._slots = memory.slots
         self._backend = backend
-        self.mailbox = Mailbox(memory)
+        self.commands = CommandInbox(memory)
         self.safety = Safety(limits, rt.period_s)
         self.streaming = Streaming(settings.streaming, model, memory, backend, self.safety, rt.period_s)
         self.path = Path(rt.trajectory_capacity, limits.dof)
         self.clock = PathClock(limits, rt.period_s)
-        self.mode = Mode.HOLD
+        self.mode = LoopMode.HOLD
         self.reason = ""
         self.motion_id = 0
         self.motion_result = MotionResult.NONE
@@ -97,13 +97,13 @@ class Controller:
 
     def restore(self, state: np.ndarray) -> None:
         """Take over what a dead rtloop has left: latches stay, an interrupted motion has failed."""
-        self.mailbox.refuse_pending("rtloop was restarted")
+        self.commands.refuse_pending("rtloop was restarted")
         self.motion_id = int(state["motion_id"])
         self.motion_result = MotionResult(int(state["motion_result"]))
         self.safety.interventions[:] = state["interventions"]
         self.safety.intervened_ns[:] = state["intervened_ns"]
-        mode = Mode(int(state["mode"]))
-        if mode in (Mode.ESTOP, Mode.FAULT):
+        mode = LoopMode(int(state["mode"]))
+        if mode in (LoopMode.ESTOP, LoopMode.FAULT):
             self.mode = mode
             self.reason = text(state["reason"])
         elif self.motion_result is MotionResult.RUNNING or mode in STREAMING:
@@ -115,7 +115,7 @@ class Controller:
     def moving(self) -> bool:
         """Whether a motion is loading or under way, its settling included, or a stream comes to its end."""
         return (
-            self.mode in (Mode.TRAJECTORY, Mode.STOPPING)
+            self.mode in (LoopMode.TRAJECTORY, LoopMode.STOPPING)
             or self._following
             or self._braking
             or self._loader is not None
@@ -157,25 +157,25 @@ class Controller:
         """Come to rest: on the path, if the arm is on it and it leaves room to slow down."""
         if self._loader is not None:
             self._finish_loading(Ack.REJECTED, reason)
-        if self.mode is Mode.TRAJECTORY or self.mode in STREAMING:
-            self._enter(Mode.STOPPING, reason)
+        if self.mode is LoopMode.TRAJECTORY or self.mode in STREAMING:
+            self._enter(LoopMode.STOPPING, reason)
             self._slow_down()
 
     def overrun(self, what: str) -> None:
         """Cycles have begun so late that nobody can count on the next ones."""
-        if self.mode is Mode.TRAJECTORY or self.mode in STREAMING:
+        if self.mode is LoopMode.TRAJECTORY or self.mode in STREAMING:
             self.safety.count(Intervention.OVERRUN)
             self.stop(f"{what}: the computer is too slow or too busy")
 
     def estop(self, reason: str) -> None:
         """Come to rest as after a stop, and stay there until reset."""
-        self._latch(Mode.ESTOP, reason)
+        self._latch(LoopMode.ESTOP, reason)
 
     def fault(self, reason: str) -> None:
         """The device or the tracking failed: come to rest as after a stop, and stay there until reset."""
-        self._latch(Mode.FAULT, reason)
+        self._latch(LoopMode.FAULT, reason)
 
-    def _latch(self, mode: Mode, reason: str) -> None:
+    def _latch(self, mode: LoopMode, reason: str) -> None:
         if self.mode is mode or not self._enter(mode, reason):
             return
         if self._loader is not None:
@@ -185,7 +185,7 @@ class Controller:
         if self._following or self.safety.pursuing or self.streaming.session:
             self._slow_down()
 
-    def _enter(self, mode: Mode, reason: str = "") -> bool:
+    def _enter(self, mode: LoopMode, reason: str = "") -> bool:
         if mode not in TRANSITIONS[self.mode]:
             return False
         self.mode = mode
@@ -204,15 +204,15 @@ class Controller:
         self._desired[1:] = 0.0
 
     def _take_requests(self, now_ns: int) -> None:
-        stop, estop = self.mailbox.poll_requests()
+        stop, estop = self.commands.poll_requests()
         if estop:
             self.estop("e-stop requested")
         if self.streaming.box.estop_requested():
             self.estop("e-stop requested by the streaming client")
         if stop:
             self.stop("stop requested")
-        silence_s = self.mailbox.service_silence_s(now_ns)
-        needed = self.mode is Mode.TRAJECTORY or (self.mode in STREAMING and self.streaming.from_service)
+        silence_s = self.commands.service_silence_s(now_ns)
+        needed = self.mode is LoopMode.TRAJECTORY or (self.mode in STREAMING and self.streaming.from_service)
         if needed and silence_s > self._rt.service_timeout_s:
             self.safety.count(Intervention.SERVICE_TIMEOUT)
             self.stop(f"the service has been silent for {silence_s:.1f} s")
@@ -221,8 +221,8 @@ class Controller:
         streaming = self.streaming
         if not streaming.box.asks():
             return
-        mode = Mode.TRAJECTORY if self.moving else self.mode
-        if not streaming.open(self.safety.command, mode, self.mailbox.stops):
+        mode = LoopMode.TRAJECTORY if self.moving else self.mode
+        if not streaming.open(self.safety.command, mode, self.commands.stops):
             self._enter(streaming.mode)
             self._still_cycles = self._unsettled_cycles = 0
 
@@ -245,12 +245,12 @@ class Controller:
         if self._loader is not None:
             self._load()
             return
-        command = self.mailbox.next_command()
+        command = self.commands.next_command()
         if command is None:
             return
         number, kind = int(command["id"]), int(command["kind"])
         refusal: str | None
-        if kind in (Command.START, Command.RESET) and int(command["stops"]) != self.mailbox.stops:
+        if kind in (Command.START, Command.RESET) and int(command["stops"]) != self.commands.stops:
             refusal = "a stop was requested meanwhile"
         elif kind == Command.START:
             refusal = self._start(number, command)
@@ -261,12 +261,12 @@ class Controller:
         else:
             refusal = f"there is no command {kind}"
         if refusal is not None:
-            self.mailbox.acknowledge(number, Ack.REJECTED if refusal else Ack.ACCEPTED, refusal)
+            self.commands.acknowledge(number, Ack.REJECTED if refusal else Ack.ACCEPTED, refusal)
 
     def _start(self, number: int, command: np.ndarray) -> str | None:
         """Begin to load; the acknowledgement follows when the motion is verified."""
         slot = int(command["slot"])
-        if self.mode is not Mode.HOLD:
+        if self.mode is not LoopMode.HOLD:
             return f"the arm is in mode {self.mode.name}"
         if self._braking:
             return "the arm is not at rest yet"
@@ -298,14 +298,14 @@ class Controller:
             self._following, self._left_path = True, False
             self._still_cycles = self._unsettled_cycles = 0
             self.settled = False
-            self._enter(Mode.TRAJECTORY)
+            self._enter(LoopMode.TRAJECTORY)
 
     def _finish_loading(self, result: Ack, message: str = "") -> None:
         self._loader = None
-        self.mailbox.acknowledge(self._loading, result, message)
+        self.commands.acknowledge(self._loading, result, message)
 
     def _set_rate(self, rate: float) -> str:
-        if self.mode is not Mode.TRAJECTORY:
+        if self.mode is not LoopMode.TRAJECTORY:
             return f"no motion is running, the arm is in mode {self.mode.name}"
         if not 0.0 <= rate <= 1.0:
             return f"the rate must be from 0 to 1, got {rate}"
@@ -316,7 +316,7 @@ class Controller:
         """Leave ESTOP or FAULT and hold the arm where it is now. The drives may take their time: nothing
         moves.
         """
-        if self.mode not in (Mode.ESTOP, Mode.FAULT):
+        if self.mode not in (LoopMode.ESTOP, LoopMode.FAULT):
             return ""
         if self._following or self._braking or self.streaming.session:
             return "the arm is not at rest yet"
@@ -331,18 +331,18 @@ class Controller:
         if not np.isfinite(found.values).all():
             return "the robot reports a value that is not finite"
         np.copyto(measured.values, found.values)
-        self._enter(Mode.HOLD)
+        self._enter(LoopMode.HOLD)
         self.start_at(measured.position)
         return ""
 
     def _follow(self) -> None:
         clock, path = self.clock, self.path
         clock.advance(path)
-        if clock.stuck and self.mode is not Mode.TRAJECTORY:
+        if clock.stuck and self.mode is not LoopMode.TRAJECTORY:
             self._brake()
             return
         path.evaluate(clock.path_time_s, clock.rate, clock.rate_slope, self._desired)
-        if clock.path_time_s >= path.duration_s or (clock.at_rest and self.mode is not Mode.TRAJECTORY):
+        if clock.path_time_s >= path.duration_s or (clock.at_rest and self.mode is not LoopMode.TRAJECTORY):
             self._following = False
             self._desired[1:] = 0.0
 
@@ -353,10 +353,10 @@ class Controller:
         before, self._off = self._off, sqrt(error.dot(error))
         step = abs(self._off - before)
         misread = step > self._largest_step
-        if not misread and (self._off <= allowed or self.mode is Mode.FAULT):
+        if not misread and (self._off <= allowed or self.mode is LoopMode.FAULT):
             return
         self._misread |= misread
-        if self.mode is Mode.FAULT:
+        if self.mode is LoopMode.FAULT:
             return
         joint = int(np.abs(error).argmax())
         if abs(error[joint]) > allowed:
@@ -373,7 +373,7 @@ class Controller:
     def _settle(self, measured: Measured, *, fresh: bool) -> None:
         """Count how long the arm has been still, and end a motion or a stream that has ended."""
         rt = self._rt
-        anywhere = self.streaming.session or self.mode is Mode.FAULT  # it yields, or heeds no command
+        anywhere = self.streaming.session or self.mode is LoopMode.FAULT  # it yields, or heeds no command
         still = (
             fresh
             and not self._following
@@ -386,15 +386,15 @@ class Controller:
         if self.streaming.session:
             self._end_stream(measured.position, fresh=fresh)
             return
-        if self._following or self.mode not in (Mode.TRAJECTORY, Mode.STOPPING):
+        if self._following or self.mode not in (LoopMode.TRAJECTORY, LoopMode.STOPPING):
             return
         self._unsettled_cycles += 1
         if self.settled:
             self.motion_result = self._result()
-            self._enter(Mode.HOLD, self.reason)
+            self._enter(LoopMode.HOLD, self.reason)
         elif self._unsettled_cycles * rt.period_s >= SETTLE_LIMIT_S:
             self.motion_result = MotionResult.FAILED
-            self._enter(Mode.HOLD, self._why_unsettled(measured.velocity))
+            self._enter(LoopMode.HOLD, self._why_unsettled(measured.velocity))
             if self.safety.pursuing:
                 self._brake()
 
@@ -412,8 +412,8 @@ class Controller:
             off = np.abs(self._error).max() > self._rt.settle_position_rad
             if off and fresh and not self._misread:
                 self.start_at(position)
-            if self.mode is Mode.STOPPING:
-                self._enter(Mode.HOLD, self.reason)
+            if self.mode is LoopMode.STOPPING:
+                self._enter(LoopMode.HOLD, self.reason)
 
     def _result(self) -> MotionResult:
         if self._left_path:

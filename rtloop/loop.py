@@ -12,7 +12,7 @@ from cobot.ipc.layout import MotionResult, Phase
 from cobot.ipc.seqlock import Block
 from cobot.ipc.shm import RobotMemory, encoded
 from cobot.robot.model import RobotModel
-from cobot.types import Array, Mode
+from cobot.types import Array, LoopMode
 from rtloop.backends import Backend, BackendError, Measured
 from rtloop.clock import Clock
 from rtloop.controller import Controller
@@ -20,7 +20,7 @@ from rtloop.publisher import StatePublisher, Statistics
 
 END_LIMIT_S = 3.0
 """Robot time that an arm is given to come to rest before the process ends."""
-MOST_RAD = 1e3
+MAX_RAD = 1e3
 """No joint gets further."""
 
 
@@ -169,7 +169,7 @@ def _last_state(memory: RobotMemory) -> np.ndarray | None:
     if not block.try_read() and not _makes_sense(block.salvage()):
         block.data[...] = np.zeros((), block.data.dtype)
         block.data["position"] = np.nan
-        block.data["mode"] = Mode.ESTOP
+        block.data["mode"] = LoopMode.ESTOP
         block.data["reason"] = encoded("the state in shared memory was damaged when rtloop was started")
         block.data["stops_seen"] = _counted(memory.requests, "stops")
         block.data["estops_seen"] = _counted(memory.requests, "estops")
@@ -179,9 +179,9 @@ def _last_state(memory: RobotMemory) -> np.ndarray | None:
 
 def _makes_sense(state: np.ndarray) -> bool:
     return (
-        int(state["mode"]) in list(Mode)
+        int(state["mode"]) in list(LoopMode)
         and int(state["motion_result"]) in list(MotionResult)
-        and bool((np.abs(state["position"]) < MOST_RAD).all())
+        and bool((np.abs(state["position"]) < MAX_RAD).all())
     )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from cobot.config import RtSection, Settings, load_settings
 from cobot.errors import CobotError
 from cobot.ipc.shm import RobotMemory, Role, encoded
-from cobot.robot.description import Robot, load_robot
+from cobot.robot.description import RobotDescription, load_robot
 from rtloop.backends import Backend, BackendError, ImpedanceControlled, make_backend
 from rtloop.clock import FastClock, RealtimeClock
 from rtloop.loop import ControlLoop
@@ -91,7 +91,7 @@ def _introduce(memory: RobotMemory, rt: RtSection, clock_name: str, permissions:
     memory.statistics.publish()
 
 
-def _describe(memory: RobotMemory, robot: Robot, backend: Backend) -> None:
+def _describe(memory: RobotMemory, robot: RobotDescription, backend: Backend) -> None:
     """Publish what robot this is."""
     data, limits = memory.info.data, robot.limits
     data["model"] = encoded(robot.model.name, 64)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from cobot.types import Mode
+from cobot.types import LoopMode
 
-STREAMING = frozenset({Mode.JOINT_IMPEDANCE, Mode.CARTESIAN, Mode.JOINT_TORQUE})
+STREAMING = frozenset({LoopMode.JOINT_IMPEDANCE, LoopMode.CARTESIAN, LoopMode.JOINT_TORQUE})
 
-_ENDED_BY = frozenset({Mode.STOPPING, Mode.ESTOP, Mode.FAULT})
-TRANSITIONS: dict[Mode, frozenset[Mode]] = {
-    Mode.HOLD: frozenset({Mode.TRAJECTORY, Mode.ESTOP, Mode.FAULT}) | STREAMING,
-    Mode.TRAJECTORY: frozenset({Mode.HOLD}) | _ENDED_BY,
-    Mode.STOPPING: frozenset({Mode.HOLD, Mode.ESTOP, Mode.FAULT}),
-    Mode.ESTOP: frozenset({Mode.HOLD}),
-    Mode.FAULT: frozenset({Mode.HOLD, Mode.ESTOP}),
+_ENDED_BY = frozenset({LoopMode.STOPPING, LoopMode.ESTOP, LoopMode.FAULT})
+TRANSITIONS: dict[LoopMode, frozenset[LoopMode]] = {
+    LoopMode.HOLD: frozenset({LoopMode.TRAJECTORY, LoopMode.ESTOP, LoopMode.FAULT}) | STREAMING,
+    LoopMode.TRAJECTORY: frozenset({LoopMode.HOLD}) | _ENDED_BY,
+    LoopMode.STOPPING: frozenset({LoopMode.HOLD, LoopMode.ESTOP, LoopMode.FAULT}),
+    LoopMode.ESTOP: frozenset({LoopMode.HOLD}),
+    LoopMode.FAULT: frozenset({LoopMode.HOLD, LoopMode.ESTOP}),
     **dict.fromkeys(STREAMING, _ENDED_BY),
 }

@@ -52,7 +52,7 @@ class StatePublisher:
             measured_ns: CLOCK_MONOTONIC when it was read.
         """
         controller = self._controller
-        mailbox, path_clock, streaming = controller.mailbox, controller.clock, controller.streaming
+        commands, path_clock, streaming = controller.commands, controller.clock, controller.streaming
         np.copyto(self._measured, measured.values)
         np.copyto(self._commanded, controller.safety.command)
         if controller.safety.counted != self._counted:
@@ -79,9 +79,9 @@ class StatePublisher:
             controller.path.duration_s,
             path_clock.rate,
             controller.deceleration_ns,
-            mailbox.stops,
-            mailbox.estops,
-            mailbox.command_seen,
+            commands.stops,
+            commands.estops,
+            commands.command_seen,
             streaming.session,
             streaming.setpoint_seen,
             streaming.move_seen,
@@ -89,7 +89,7 @@ class StatePublisher:
             streaming.chunk_seen,
             *streaming.point_counts,
             self._clock.overruns,
-            mailbox.torn_reads + streaming.torn_reads,
+            commands.torn_reads + streaming.torn_reads,
             time.monotonic_ns(),
             measured_ns,
         )

@@ -12,7 +12,7 @@ from lupa.lua53 import lua_type
 from cobot.errors import InputError
 
 DEEPEST = 16
-MOST_ITEMS = 1_000_000
+MAX_ITEMS = 1_000_000
 
 
 def text(value: object, name: str) -> str:
@@ -61,7 +61,7 @@ def plain(value: Any, name: str) -> Any:
     Raises:
         InputError: a function, a table with other keys, or one without end.
     """
-    return _plain(value, name, DEEPEST, [MOST_ITEMS])
+    return _plain(value, name, DEEPEST, [MAX_ITEMS])
 
 
 def _plain(value: Any, name: str, depth: int, room: list[int]) -> Any:
@@ -76,7 +76,7 @@ def _plain(value: Any, name: str, depth: int, room: list[int]) -> Any:
     items = dict(islice(value.items(), room[0] + 1))
     room[0] -= len(items)
     if room[0] < 0:
-        raise InputError(f"{name} has more than {MOST_ITEMS} items")
+        raise InputError(f"{name} has more than {MAX_ITEMS} items")
     if all(isinstance(key, bytes) for key in items) and items:
         return {text(key, name): _plain(item, name, depth - 1, room) for key, item in items.items()}
     if set(items) != set(range(1, len(items) + 1)):

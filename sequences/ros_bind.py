@@ -25,7 +25,7 @@ from sequences.lua_values import kind, number, plain, text
 PATH = "/rosbridge"
 ANSWER_S = 10.0
 KEEP_LAST = 10
-MOST_ENDPOINTS = 256
+MAX_ENDPOINTS = 256
 DEEPEST_QUEUE = 10_000
 BIGGEST_MESSAGE = 64 << 20
 
@@ -128,8 +128,8 @@ class RosBridge:
             self._send({"op": op, "topic": endpoint.topic, "id": f"lua:{handle}"})
 
     def _described(self, topic: object, type_: object) -> _Endpoint:
-        if sum(not endpoint.closed for endpoint in self._endpoints.values()) >= MOST_ENDPOINTS:
-            raise InputError(f"more than {MOST_ENDPOINTS} publishers and subscribers are open")
+        if sum(not endpoint.closed for endpoint in self._endpoints.values()) >= MAX_ENDPOINTS:
+            raise InputError(f"more than {MAX_ENDPOINTS} publishers and subscribers are open")
         return _Endpoint(
             text(topic, "the topic"), self._messages.resolved(text(type_, "the message type"), "msg")
         )

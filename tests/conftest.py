@@ -8,7 +8,7 @@ import pytest
 from rig import Rig
 
 from cobot.config import Settings, load_settings
-from cobot.robot.description import Robot, load_robot
+from cobot.robot.description import RobotDescription, load_robot
 
 
 @pytest.fixture(scope="session")
@@ -17,12 +17,12 @@ def settings() -> Settings:
 
 
 @pytest.fixture(scope="session")
-def robot(settings: Settings) -> Robot:
+def robot(settings: Settings) -> RobotDescription:
     return load_robot(settings)
 
 
 @pytest.fixture
-def rig(settings: Settings, robot: Robot) -> Iterator[Rig]:
+def rig(settings: Settings, robot: RobotDescription) -> Iterator[Rig]:
     """The cycle with a backend that is always where it is told to be."""
     made = Rig(settings, robot)
     yield made

@@ -19,8 +19,8 @@ from cobot.ipc.shm import RobotMemory, Role, text
 from cobot.ipc.stream_writer import PointWriter
 from cobot.planners.ptp import plan_ptp
 from cobot.planners.request import MotionRequest
-from cobot.robot.description import Robot
-from cobot.types import Array, JointLimits, Mode, PlannerName, Scaling
+from cobot.robot.description import RobotDescription
+from cobot.types import Array, JointLimits, LoopMode, PlannerName, Scaling
 from rtloop.modes import STREAMING
 
 SLACK = 1.011
@@ -63,7 +63,7 @@ class Record:
         self._limits, self._period_s = limits, period_s
         self.turn = threading.Lock()  # for who adds in a thread
         self.cycles: list[int] = []
-        self.modes: list[Mode] = []
+        self.modes: list[LoopMode] = []
         self.commanded: list[Array] = []
         self.measured: list[Array] = []
         self.reasons: set[str] = set()
@@ -90,7 +90,7 @@ class Record:
             self.reasons.add(text(state["reason"]))
             self._writing_fails = reason.startswith(b"writing to")
         self.cycles.append(cycle)
-        self.modes.append(Mode(int(state["mode"])))
+        self.modes.append(LoopMode(int(state["mode"])))
         self.commanded.append(state["commanded_position"].copy())
         self.measured.append((state["position"] if truth is None else truth).copy())
         self._sessions.append(int(state["session"]))
@@ -135,8 +135,8 @@ class Record:
 
     def _taken_over(self, commanded: Array, measured: Array) -> Array:
         sessions, starts = np.array(self._sessions), np.array(self._starts)
-        latched = np.isin(self.modes, (Mode.ESTOP, Mode.FAULT))
-        held = np.isin(self.modes, (Mode.HOLD,))
+        latched = np.isin(self.modes, (LoopMode.ESTOP, LoopMode.FAULT))
+        held = np.isin(self.modes, (LoopMode.HOLD,))
         found = np.zeros(len(sessions), bool)
         found[1:] = (sessions[:-1] != 0) & (sessions[1:] == 0)
         found[1:] |= latched[:-1] & held[1:]
@@ -192,7 +192,9 @@ class Record:
 class WatchedRig(Rig):
     """The simulated arm on the virtual clock; who asks and who looks has a mapping of its own."""
 
-    def __init__(self, settings: Settings, robot: Robot, memory: RobotMemory | None = None) -> None:
+    def __init__(
+        self, settings: Settings, robot: RobotDescription, memory: RobotMemory | None = None
+    ) -> None:
         super().__init__(settings, robot, simulated=True, memory=memory)
         self._own = self.memory
         self.memory = RobotMemory.attach(self._own.robot, Role.READER)
@@ -283,7 +285,7 @@ class Task:
 
     @property
     def running(self) -> bool:
-        return self.rig.mode is Mode.TRAJECTORY if self.kind == "motion" else self.rig.mode in STREAMING
+        return self.rig.mode is LoopMode.TRAJECTORY if self.kind == "motion" else self.rig.mode in STREAMING
 
     def end(self) -> None:
         """Come to rest."""

@@ -12,9 +12,9 @@ from running import unique_name
 from cobot.config import Settings
 from cobot.ipc.layout import RING, Ack, Command, Interpolation, Intervention, MotionResult, Stream
 from cobot.ipc.shm import RobotMemory, text
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
-from cobot.types import Array, Mode
+from cobot.types import Array, LoopMode
 from rtloop.backends import Backend, BackendError, Impedance, Measured
 from rtloop.backends.mujoco import MujocoBackend
 from rtloop.clock import FastClock
@@ -66,7 +66,7 @@ class Rig:
     def __init__(
         self,
         settings: Settings,
-        robot: Robot,
+        robot: RobotDescription,
         *,
         simulated: bool = False,
         memory: RobotMemory | None = None,
@@ -94,7 +94,7 @@ class Rig:
         self.memory.close()
 
     @property
-    def mode(self) -> Mode:
+    def mode(self) -> LoopMode:
         return self.loop.controller.mode
 
     @property
@@ -161,7 +161,7 @@ class Rig:
         session = self.memory.session.data
         session["number"] += 1
         session["open"], session["pid"], session["stream"] = 1, os.getpid(), stream
-        session["stops"] = self.loop.controller.mailbox.stops
+        session["stops"] = self.loop.controller.commands.stops
         session["interpolation"], session["decimation"] = Interpolation.LINEAR, 10
         session["stiffness"], session["damping_ratio"] = 500.0, 0.7
         session["cartesian_stiffness"][:3], session["cartesian_stiffness"][3:] = 3000.0, 200.0

@@ -17,7 +17,7 @@ import pinocchio
 from scipy.spatial.transform import Rotation
 
 from cobot.robot.collision import CollisionChecker
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.robot.model import RobotModel
 from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
@@ -146,7 +146,7 @@ def changed_world(folder: Path, *, floor: bool = True, post: Sequence[float] = (
     return file
 
 
-def robot_in(world: Path, robot: Robot) -> Robot:
+def robot_in(world: Path, robot: RobotDescription) -> RobotDescription:
     """The robot in another world."""
     model = RobotModel.load(world, robot.limits)
     return replace(robot, model=model, collision=CollisionChecker(model, robot.collision.margin_m))

@@ -31,7 +31,7 @@ from cobot.config import RosSection
 from cobot.errors import CobotError, ExecutionError, InputError, LimitError, MotionStopped, PlanningError
 from cobot.ipc.layout import MotionResult, ServoMode
 from cobot.planners import WaypointRequest
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.robot.limits import check_positions
 from cobot.trajectory import Trajectory
 from cobot.types import Array
@@ -55,7 +55,7 @@ class FollowJointTrajectory:
 
     def __init__(
         self,
-        robot: Robot,
+        robot: RobotDescription,
         link: RobotLink,
         ownership: Ownership,
         motion: MotionService,

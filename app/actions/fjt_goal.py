@@ -17,7 +17,7 @@ from cobot.errors import ExecutionError, InputError
 from cobot.strict import shown
 from cobot.types import Array, JointLimits, Waypoint
 
-MOST_POINTS = 100_000
+MAX_POINTS = 100_000
 LATE_START_S = 1.0
 """A goal whose header.stamp has passed by no more begins at once."""
 EARLIEST_START_S = 600.0
@@ -146,8 +146,8 @@ def _order(given: list[str], names: tuple[str, ...]) -> list[int]:
 def _points(messages: list[Message], order: list[int]) -> list[Waypoint]:
     if not messages:
         raise GoalError("the trajectory has no points; cancel the goal to stop")
-    if len(messages) > MOST_POINTS:
-        raise GoalError(f"the trajectory has {len(messages)} points, {MOST_POINTS} are allowed")
+    if len(messages) > MAX_POINTS:
+        raise GoalError(f"the trajectory has {len(messages)} points, {MAX_POINTS} are allowed")
     times = np.array([_seconds(message["time_from_start"]) for message in messages])
     late = np.flatnonzero(np.diff(times) <= 0.0)
     if len(late):

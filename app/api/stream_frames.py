@@ -15,7 +15,7 @@ from cobot.ipc.layout import CHUNK_POINTS, Interpolation, Intervention, Stream, 
 from cobot.ipc.session_rules import MOVE_S, nominal_session
 from cobot.ipc.shm import text
 from cobot.strict import StrictModel, sentences, shown
-from cobot.types import Mode, vector
+from cobot.types import LoopMode, vector
 
 Numbers = Annotated[list[Finite], Field(max_length=64)]
 Sequence = Annotated[int, Field(ge=1, lt=2**63)]
@@ -186,7 +186,7 @@ def state_frame(state: np.ndarray, sequence: int) -> str:
     """The state as JSON; what is no number is null there."""
     content: Frame = {"type": "state", "sequence": sequence}
     content |= {name: state[name].tolist() for name in state.dtype.names or ()}
-    content["mode"] = Mode(content["mode"]).name
+    content["mode"] = LoopMode(content["mode"]).name
     content["reason"] = text(state["reason"])
     for name in ("interventions", "intervened_ns"):
         content[name] = dict(zip(KINDS, content[name], strict=True))

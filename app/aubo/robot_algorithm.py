@@ -14,7 +14,7 @@ import numpy as np
 from app.aubo.poses import as_list, numbers_of, pose_of
 from app.aubo.registry import Json, service
 from cobot.errors import InputError
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.robot.frames import rotation
 from cobot.robot.inverse_kinematics import inverse, inverse_all
 from cobot.types import Array, Pose
@@ -172,11 +172,11 @@ async def _inverse(robot: Services, tcp: Pose, qnear: list[float]) -> list[float
     return as_list(await robot.planning.compute(work, TIMEOUT_S))
 
 
-def _nearest(robot: Robot, pose: Pose, near: Array) -> Array:
+def _nearest(robot: RobotDescription, pose: Pose, near: Array) -> Array:
     return inverse(robot.model, pose, near)
 
 
-def _inverse_all(robot: Robot, pose: Pose) -> list[Array]:
+def _inverse_all(robot: RobotDescription, pose: Pose) -> list[Array]:
     return inverse_all(robot.model, pose)
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from app.aubo.codes import not_supported
 from app.aubo.registry import service
-from cobot.types import Mode
+from cobot.types import LoopMode
 
 if TYPE_CHECKING:
     from app.robot_services import Services
@@ -119,7 +119,7 @@ async def get_operational_mode(robot: Services) -> str:
         Automatic: there is no teach pendant; Disabled after an e-stop or a fault.
     """
     mode = (await robot.link.fresh_state(STATE_TIMEOUT_S)).mode
-    return "Disabled" if mode in (Mode.ESTOP, Mode.FAULT) else "Automatic"
+    return "Disabled" if mode in (LoopMode.ESTOP, LoopMode.FAULT) else "Automatic"
 
 
 @service(CLASS)

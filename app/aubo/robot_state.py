@@ -13,7 +13,7 @@ from app.aubo.poses import as_list, numbers_of, pose_of_seven
 from app.aubo.registry import service
 from app.services.state.link import RESTING
 from cobot.ipc.layout import Intervention
-from cobot.types import Array, Mode
+from cobot.types import Array, LoopMode
 
 if TYPE_CHECKING:
     from app.robot_services import Services
@@ -181,8 +181,10 @@ async def get_robot_mode_type(robot: Services) -> str:
         Idle (holds its position), Running (follows a motion or a stream, or comes to rest), Error (a fault),
         or EmergencyStop.
     """
-    mode = Mode(int((await robot.link.fresh_state(STATE_TIMEOUT_S)).mode))
-    return {Mode.HOLD: "Idle", Mode.FAULT: "Error", Mode.ESTOP: "EmergencyStop"}.get(mode, "Running")
+    mode = LoopMode(int((await robot.link.fresh_state(STATE_TIMEOUT_S)).mode))
+    return {LoopMode.HOLD: "Idle", LoopMode.FAULT: "Error", LoopMode.ESTOP: "EmergencyStop"}.get(
+        mode, "Running"
+    )
 
 
 @service("RobotState")
@@ -193,7 +195,7 @@ async def get_safety_mode_type(robot: Services) -> str:
         Normal, Fault, or RobotEmergencyStop.
     """
     mode = (await robot.link.fresh_state(STATE_TIMEOUT_S)).mode
-    return {Mode.FAULT: "Fault", Mode.ESTOP: "RobotEmergencyStop"}.get(mode, "Normal")
+    return {LoopMode.FAULT: "Fault", LoopMode.ESTOP: "RobotEmergencyStop"}.get(mode, "Normal")
 
 
 @service("RobotState")
@@ -224,7 +226,7 @@ async def is_power_on(robot: Services) -> bool:
     Returns:
         False in a fault.
     """
-    return (await robot.link.fresh_state(STATE_TIMEOUT_S)).mode is not Mode.FAULT
+    return (await robot.link.fresh_state(STATE_TIMEOUT_S)).mode is not LoopMode.FAULT
 
 
 @service("RobotState")
@@ -236,7 +238,11 @@ async def is_collision_occurred(robot: Services) -> bool:
     """
     state = await robot.link.fresh_state(STATE_TIMEOUT_S)
     newest = int(np.argmax(state.intervened_ns))
-    return state.mode in (Mode.FAULT, Mode.ESTOP) and newest in PUSHED and state.intervened_ns[newest] > 0
+    return (
+        state.mode in (LoopMode.FAULT, LoopMode.ESTOP)
+        and newest in PUSHED
+        and state.intervened_ns[newest] > 0
+    )
 
 
 @service("RobotState")
@@ -249,7 +255,7 @@ async def is_within_safety_limits(robot: Services) -> bool:
     state = await robot.link.measured_state(STATE_TIMEOUT_S)
     limits = robot.robot.limits
     inside = (state.position >= limits.min_position) & (state.position <= limits.max_position)
-    return bool(inside.all()) and state.mode not in (Mode.FAULT, Mode.ESTOP)
+    return bool(inside.all()) and state.mode not in (LoopMode.FAULT, LoopMode.ESTOP)
 
 
 def _arm(robot: Services, state: np.ndarray) -> Array:

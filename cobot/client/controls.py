@@ -17,7 +17,7 @@ from cobot.errors import ExecutionError, MotionStopped, UnavailableError
 from cobot.ipc.layout import CHUNK_POINTS, Stream, chunk_dtype, setpoint_dtype
 from cobot.ipc.session_rules import check_chunk, check_setpoint
 from cobot.ipc.shm import text
-from cobot.types import Mode, vector
+from cobot.types import LoopMode, vector
 
 REST_S = 5.0
 """How long an arm is waited for that was told to stop: it takes 2.5 s at the most."""
@@ -117,14 +117,14 @@ class Control(ABC, Generic[State]):
         """
         if self._ended:
             raise MotionStopped("this control has been stopped")
-        if int(state["session"]) != self._session or Mode(int(state["mode"])) in (
-            Mode.HOLD,
-            Mode.STOPPING,
-            Mode.ESTOP,
-            Mode.FAULT,
+        if int(state["session"]) != self._session or LoopMode(int(state["mode"])) in (
+            LoopMode.HOLD,
+            LoopMode.STOPPING,
+            LoopMode.ESTOP,
+            LoopMode.FAULT,
         ):
             raise MotionStopped(
-                f"the session has ended, mode {Mode(int(state['mode'])).name}: {text(state['reason'])}"
+                f"the session has ended, mode {LoopMode(int(state['mode'])).name}: {text(state['reason'])}"
             )
 
 

@@ -32,7 +32,7 @@ from cobot.client.websocket import WebSocketTransport
 from cobot.errors import ConflictError, InputError, NotReadyError, UnavailableError
 from cobot.ipc.layout import Intervention, Stream
 from cobot.ipc.shm import text
-from cobot.types import Mode as LoopMode
+from cobot.types import LoopMode
 
 log = logging.getLogger("cobot.realtime")
 

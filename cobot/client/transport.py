@@ -11,7 +11,7 @@ import numpy as np
 from cobot.errors import ConflictError, ExecutionError, TornReadError, UnavailableError
 from cobot.ipc.shm import FOLDER, RobotMemory, Role
 from cobot.ipc.stream_writer import StreamWriter
-from cobot.types import Mode
+from cobot.types import LoopMode
 
 STALE_S = 0.25
 """A state older than this is none."""
@@ -111,7 +111,7 @@ class SharedMemoryTransport:
         state = self.state()
         if state["session"]:
             raise ConflictError(
-                f"the arm is in mode {Mode(int(state['mode'])).name}: somebody streams already"
+                f"the arm is in mode {LoopMode(int(state['mode'])).name}: somebody streams already"
             )
         number = self._writer.begin(wish, int(state["stops_seen"]))
         try:

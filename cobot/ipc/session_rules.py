@@ -17,7 +17,7 @@ NO_FRAME = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 MOVE_S = (0.001, 600.0)
 """The shortest and the longest duration of a `move_to_pose`."""
 QUATERNION_TOLERANCE = 1e-2
-LEAST_STEP_S = 0.0005
+MIN_STEP_S = 0.0005
 LATEST_S = 1e9
 """Between the times of a chunk, and of the robot's clock: thirty years."""
 _TARGETS = {
@@ -84,8 +84,8 @@ def check_chunk(chunk: np.ndarray, stream: Stream) -> None:
     times = chunk["times_s"][:count]
     _require_finite(times, "times_s")
     _require_finite(chunk["points"][:count], "points")
-    if not (np.diff(times) >= LEAST_STEP_S).all():
-        raise InputError(f"times_s must increase, by {LEAST_STEP_S} s at the least, got {times.tolist()}")
+    if not (np.diff(times) >= MIN_STEP_S).all():
+        raise InputError(f"times_s must increase, by {MIN_STEP_S} s at the least, got {times.tolist()}")
     if not (np.abs(times) <= LATEST_S).all():
         raise InputError(f"times_s must be on the robot's clock, up to {LATEST_S:g} s, got {times.tolist()}")
 

@@ -15,7 +15,7 @@ from cobot.config import Settings, WebSection, load_endpoints
 from cobot.errors import CobotError, CollisionError, ConfigError
 from cobot.launch.process import RUN_MODULE
 from cobot.planners import MotionRequest, plan
-from cobot.robot.description import Robot, load_robot
+from cobot.robot.description import RobotDescription, load_robot
 from cobot.robot.limits import check_positions
 from cobot.types import PlannerName, Scaling, vector
 
@@ -47,7 +47,7 @@ def check(settings: Settings, config: Path | None, out: TextIO) -> bool:
 
 
 def _check_robot(report: _Report, settings: Settings, config: Path | None) -> None:
-    robots: list[Robot] = []
+    robots: list[RobotDescription] = []
 
     def load() -> str:
         robots.append(load_robot(settings))
@@ -123,7 +123,7 @@ def _backend(settings: Settings, config: Path | None) -> str:
     return settings.rt.backend
 
 
-def _position(robot: Robot, name: str, settings: Settings) -> str:
+def _position(robot: RobotDescription, name: str, settings: Settings) -> str:
     joints = vector(robot.positions[name].joints)
     check_positions(robot.limits, joints)
     contacts = robot.collision.contacts(joints)

@@ -14,7 +14,7 @@ from cobot.planners.lin import plan_lin
 from cobot.planners.ptp import plan_ptp
 from cobot.planners.request import MotionRequest, is_there, validate
 from cobot.planners.waypoints import WaypointRequest, plan_waypoints
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import inverse
 from cobot.robot.limits import check_positions
 from cobot.trajectory import Trajectory
@@ -23,7 +23,7 @@ from cobot.types import Array, PlannerName, Pose
 __all__ = ["MotionRequest", "WaypointRequest", "plan", "plan_waypoints"]
 
 
-def _plan_ompl(robot: Robot, request: MotionRequest, goal: Array) -> Trajectory:
+def _plan_ompl(robot: RobotDescription, request: MotionRequest, goal: Array) -> Trajectory:
     """Imports OMPL when it is used: the service, which leaves planning to its workers, needs none of it."""
     from cobot.planners.sampling import plan_ompl
 
@@ -34,7 +34,7 @@ JOINT_PLANNERS = {PlannerName.PTP: plan_ptp, PlannerName.OMPL: _plan_ompl, Plann
 PATH_PLANNERS = {PlannerName.LIN: plan_lin, PlannerName.CIRC: plan_circ}
 
 
-def plan(robot: Robot, request: MotionRequest) -> Trajectory | None:
+def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
     """A validated motion from rest to rest, or None when the arm is already there.
 
     Raises:
@@ -59,7 +59,7 @@ def plan(robot: Robot, request: MotionRequest) -> Trajectory | None:
     return trajectory
 
 
-def _joint_goal(robot: Robot, request: MotionRequest) -> Array:
+def _joint_goal(robot: RobotDescription, request: MotionRequest) -> Array:
     if isinstance(request.goal, Pose):
         if _at(robot, request.start, request.goal):
             return request.start
@@ -71,7 +71,7 @@ def _joint_goal(robot: Robot, request: MotionRequest) -> Array:
     return goal
 
 
-def _at(robot: Robot, joints: Array, pose: Pose) -> bool:
+def _at(robot: RobotDescription, joints: Array, pose: Pose) -> bool:
     here = robot.model.forward(joints)
     same_place = np.linalg.norm(here.position - pose.position) < 1e-7
     return bool(same_place and 1.0 - abs(here.quaternion @ pose.quaternion) < 1e-14)

@@ -15,7 +15,7 @@ import numpy as np
 
 from cobot.errors import CollisionError, LimitError
 from cobot.planners.rated import Envelope, with_envelope
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.robot.feasibility import check_limits
 from cobot.trajectory import ORDER, Trajectory
 from cobot.types import PLANNED_JERK, Array, JointLimits
@@ -44,7 +44,7 @@ class Blended:
 
 
 def blend(
-    robot: Robot, motions: Sequence[Trajectory], radii_m: Sequence[float], envelope: Envelope
+    robot: RobotDescription, motions: Sequence[Trajectory], radii_m: Sequence[float], envelope: Envelope
 ) -> Blended:
     """One motion through all of them; it stops at a corner that cannot be rounded within the limits.
 
@@ -64,7 +64,9 @@ def blend(
     return Blended(total, (*corners, total.duration_s), tuple(o > 0.0 for o in overlaps))
 
 
-def overlap(robot: Robot, first: Trajectory, second: Trajectory, radius_m: float, longest_s: float) -> float:
+def overlap(
+    robot: RobotDescription, first: Trajectory, second: Trajectory, radius_m: float, longest_s: float
+) -> float:
     """The longest time, s, that two motions may overlap; 0 if the arm has to stop in between.
 
     Where they overlap, no joint uses a larger share of its velocity limit than the motions do elsewhere, and

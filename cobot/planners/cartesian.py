@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from cobot.errors import PlanningError, UnreachableError
 from cobot.planners.request import MotionRequest
 from cobot.planners.time_law import PathRates, TimeLaw, joint_rates, traverse
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.robot.frames import angle_between, rotation
 from cobot.robot.inverse_kinematics import solve_near
 from cobot.trajectory import Trajectory
@@ -57,7 +57,7 @@ def turned(start: Pose, turn: Array, share: float) -> Array:
     )
 
 
-def follow(robot: Robot, request: MotionRequest, path: TcpPath) -> Trajectory | None:
+def follow(robot: RobotDescription, request: MotionRequest, path: TcpPath) -> Trajectory | None:
     """A trajectory whose TCP stays within `LARGEST_DEVIATION_*` of the path; None if the path is a point.
 
     Raises:
@@ -86,7 +86,9 @@ def follow(robot: Robot, request: MotionRequest, path: TcpPath) -> Trajectory | 
     )
 
 
-def deviation(robot: Robot, trajectory: Trajectory, path: TcpPath, law: TimeLaw) -> tuple[float, float]:
+def deviation(
+    robot: RobotDescription, trajectory: Trajectory, path: TcpPath, law: TimeLaw
+) -> tuple[float, float]:
     """How far (m, rad) the TCP is at the most from where the path is at that moment, between knots too."""
     knots = trajectory.breakpoints_s
     times = np.concatenate([knots[:-1] + share * np.diff(knots) for share in (0.25, 0.5)])
@@ -99,7 +101,7 @@ def deviation(robot: Robot, trajectory: Trajectory, path: TcpPath, law: TimeLaw)
     return worst_m, worst_rad
 
 
-def _joint_path(robot: Robot, start: Array, path: TcpPath, samples: int) -> BSpline:
+def _joint_path(robot: RobotDescription, start: Array, path: TcpPath, samples: int) -> BSpline:
     """Joint angles over u: inverse kinematics at even steps, each from the one before."""
     shares = np.linspace(0.0, 1.0, samples + 1)
     rows = [start]
@@ -126,7 +128,7 @@ def _at_limit(limits: JointLimits, joints: Array, before: Array) -> list[int]:
 
 
 def _failure(
-    robot: Robot, path: TcpPath, share: float, joints: Array, before: Array, at_limit: list[int]
+    robot: RobotDescription, path: TcpPath, share: float, joints: Array, before: Array, at_limit: list[int]
 ) -> str:
     place = f"{path.name}: at {100 * share:.0f} % of the path"
     limits = robot.limits

@@ -16,7 +16,7 @@ from cobot.errors import PlanningError, PlanningTimeout
 from cobot.planners.request import MotionRequest
 from cobot.planners.spline import smooth_motion
 from cobot.robot.collision import Proximity
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array
 
@@ -29,7 +29,7 @@ STEP_RAD = 0.03
 """The largest change of a joint in one iteration."""
 
 
-def plan_chomp(robot: Robot, request: MotionRequest, goal: Array) -> Trajectory:
+def plan_chomp(robot: RobotDescription, request: MotionRequest, goal: Array) -> Trajectory:
     """A smooth motion near the straight line in joint space.
 
     Raises:
@@ -40,7 +40,7 @@ def plan_chomp(robot: Robot, request: MotionRequest, goal: Array) -> Trajectory:
     return smooth_motion(robot, points, request.scaled_limits(robot))
 
 
-def _optimised(robot: Robot, request: MotionRequest, goal: Array) -> Array:
+def _optimised(robot: RobotDescription, request: MotionRequest, goal: Array) -> Array:
     """The path's points, shape (POINTS, dof), ends included, free of collisions."""
     points = np.linspace(request.start, goal, POINTS)
     stiffness, pull = _smoothness(request.start, goal)
@@ -86,7 +86,7 @@ def _smoothness(start: Array, goal: Array) -> tuple[Array, Array]:
     return difference.T @ difference, difference.T @ ends
 
 
-def _obstacle_gradient(robot: Robot, points: Array) -> tuple[Array, Proximity | None]:
+def _obstacle_gradient(robot: RobotDescription, points: Array) -> tuple[Array, Proximity | None]:
     """The gradient of the obstacle cost, shape of `points`, and the deepest violation of the margin.
 
     Every pair of geoms is a body point with the other one as its obstacle; the cost of a distance d

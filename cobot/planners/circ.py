@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from cobot.errors import InputError, PlanningError
 from cobot.planners.cartesian import TcpPath, follow, turn_between, turned
 from cobot.planners.request import MotionRequest
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array, Pose
 
@@ -17,7 +17,7 @@ SMALLEST_SINE = 1e-3
 """Of the angle at `via`: below it the three points are as good as on a line."""
 
 
-def plan_circ(robot: Robot, request: MotionRequest) -> Trajectory | None:
+def plan_circ(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
     """The arc from the present position of the TCP through `via` to the goal pose.
 
     Raises:

@@ -7,12 +7,12 @@ import numpy as np
 from cobot.errors import InputError
 from cobot.planners.cartesian import TcpPath, follow, turn_between, turned
 from cobot.planners.request import MotionRequest
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Pose
 
 
-def plan_lin(robot: Robot, request: MotionRequest) -> Trajectory | None:
+def plan_lin(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
     """The straight line from the present pose of the TCP to the goal pose; None if it is there.
 
     Raises:

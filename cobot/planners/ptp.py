@@ -7,14 +7,14 @@ import ruckig
 
 from cobot.planners.profile import fastest_profile
 from cobot.planners.request import MotionRequest
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array
 
 SHORTEST_PIECE_S = 1e-9
 
 
-def plan_ptp(robot: Robot, request: MotionRequest, goal: Array) -> Trajectory:
+def plan_ptp(robot: RobotDescription, request: MotionRequest, goal: Array) -> Trajectory:
     """Time-optimal under velocity, acceleration and jerk limits; straight in joint space.
 
     Ruckig's profiles are piecewise cubics; they are taken over exactly, not sampled. Its phase

@@ -12,7 +12,7 @@ import numpy as np
 
 from cobot.errors import InputError, LimitError
 from cobot.planners import MotionRequest, plan
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.robot.model import RobotModel
 from cobot.trajectory import Trajectory
 from cobot.types import Array, CartesianLimits, JointLimits, PlannerName, Pose, Scaling
@@ -60,7 +60,7 @@ class RatedMove:
     duration_s: float = 0.0
 
 
-def plan_rated(robot: Robot, move: RatedMove) -> Trajectory | None:
+def plan_rated(robot: RobotDescription, move: RatedMove) -> Trajectory | None:
     """The validated motion, or None when the arm is already there.
 
     Raises:
@@ -95,7 +95,7 @@ def plan_rated(robot: Robot, move: RatedMove) -> Trajectory | None:
     return trajectory.stretched(max(factor, 1.0))
 
 
-def with_envelope(robot: Robot, envelope: Envelope) -> Robot:
+def with_envelope(robot: RobotDescription, envelope: Envelope) -> RobotDescription:
     """The robot with this tool and these limits."""
     model = _with_tool(robot.model, envelope.tool)
     return replace(robot, model=model, limits=envelope.limits, cartesian_limits=envelope.cartesian)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.robot.feasibility import check_limits
 from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits, PlannerName, Pose, Scaling
@@ -34,14 +34,14 @@ class MotionRequest:
     seed: int = 0
     timeout_s: float = 10.0
 
-    def scaled_limits(self, robot: Robot) -> JointLimits:
+    def scaled_limits(self, robot: RobotDescription) -> JointLimits:
         """The share of the joint limits that this motion may use."""
         scaling = self.scaling
         return robot.limits.scaled(scaling.speed, scaling.acceleration, scaling.jerk)
 
 
 def validate(
-    robot: Robot, trajectory: Trajectory, limits: JointLimits, labels: list[str] | None = None
+    robot: RobotDescription, trajectory: Trajectory, limits: JointLimits, labels: list[str] | None = None
 ) -> None:
     """The checks that no motion escapes: limits on true extrema, self-collision and surroundings.
 

@@ -8,7 +8,7 @@ from ompl import base, geometric, util
 from cobot.errors import PlanningError, PlanningTimeout
 from cobot.planners.request import MotionRequest
 from cobot.planners.spline import smooth_motion
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array
 
@@ -21,7 +21,7 @@ util.setLogLevel(util.LogLevel.LOG_ERROR)
 util.RNG.setSeed(1)  # one per process: a worker's sequence of plans is repeatable, not a single plan
 
 
-def plan_ompl(robot: Robot, request: MotionRequest, goal: Array) -> Trajectory:
+def plan_ompl(robot: RobotDescription, request: MotionRequest, goal: Array) -> Trajectory:
     """A smooth motion around obstacles.
 
     Raises:
@@ -33,7 +33,7 @@ def plan_ompl(robot: Robot, request: MotionRequest, goal: Array) -> Trajectory:
     return smooth_motion(robot, corners, request.scaled_limits(robot))
 
 
-def _search(robot: Robot, request: MotionRequest, goal: Array) -> Array:
+def _search(robot: RobotDescription, request: MotionRequest, goal: Array) -> Array:
     """The corners of a free polyline, shape (n, dof)."""
     setup, space = _problem(robot)
     setup.setStartAndGoalStates(_state(space, request.start), _state(space, goal))
@@ -53,7 +53,7 @@ def _search(robot: Robot, request: MotionRequest, goal: Array) -> Array:
     return np.array([[state[joint] for joint in range(robot.limits.dof)] for state in path.getStates()])
 
 
-def _problem(robot: Robot) -> tuple[geometric.SimpleSetup, base.RealVectorStateSpace]:
+def _problem(robot: RobotDescription) -> tuple[geometric.SimpleSetup, base.RealVectorStateSpace]:
     limits = robot.limits
     space = base.RealVectorStateSpace(limits.dof)
     bounds = base.RealVectorBounds(limits.dof)

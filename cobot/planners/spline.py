@@ -7,7 +7,7 @@ from scipy.interpolate import BSpline
 
 from cobot.errors import CollisionError
 from cobot.planners.time_law import timed
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
 
@@ -15,7 +15,7 @@ DEGREE = 5
 FIRST_POINTS, LAST_POINTS = 12, 400
 
 
-def smooth_motion(robot: Robot, corners: Array, limits: JointLimits) -> Trajectory:
+def smooth_motion(robot: RobotDescription, corners: Array, limits: JointLimits) -> Trajectory:
     """A motion near a polyline, shape (n, dof), that is free of collisions.
 
     The points are the control polygon of a clamped B-spline: the path stays within their hull, so

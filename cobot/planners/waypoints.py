@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from cobot.errors import InputError
 from cobot.planners.ptp import plan_ptp
 from cobot.planners.request import MotionRequest, is_there, validate
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.robot.feasibility import stretch_to_limits
 from cobot.robot.limits import check_positions
 from cobot.trajectory import Trajectory, from_hermite
@@ -41,7 +41,7 @@ class WaypointRequest:
     approach: Scaling | None = None
 
 
-def plan_waypoints(robot: Robot, request: WaypointRequest) -> Trajectory:
+def plan_waypoints(robot: RobotDescription, request: WaypointRequest) -> Trajectory:
     """The validated motion.
 
     Raises:

@@ -14,7 +14,7 @@ from cobot.types import CartesianLimits, JointLimits, NamedPosition
 
 
 @dataclass(frozen=True, slots=True)
-class Robot:
+class RobotDescription:
     """Everything that planning needs to know. Not thread safe: the model works in one scratch memory."""
 
     name: str
@@ -26,7 +26,7 @@ class Robot:
     positions: dict[str, NamedPosition]
 
 
-def load_robot(settings: Settings) -> Robot:
+def load_robot(settings: Settings) -> RobotDescription:
     """Read the model, the limits and the named positions that the settings name.
 
     Raises:
@@ -56,7 +56,7 @@ def load_robot(settings: Settings) -> Robot:
         planning.max_angular_acceleration,
         planning.max_angular_jerk,
     )
-    return Robot(
+    return RobotDescription(
         settings.robot.name,
         settings.robot.base_frame,
         model,

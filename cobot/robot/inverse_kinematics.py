@@ -27,7 +27,7 @@ APART_RAD = 1e-3
 LARGEST_STEP_RAD = 0.5
 BIAS = 1e-5
 PIECE_M, PIECE_RAD = 0.05, 0.2
-MOST_PIECES = 10
+MAX_PIECES = 10
 STEPS_ALONG = 20
 BRANCH_RAD = 0.5
 """Of a continued motion: its longest pieces, how many there may be, the steps that each may take, and how far
@@ -111,11 +111,11 @@ def continued(model: RobotModel, pose: Pose, joints: Array) -> Array:
     turn = rotation(pose.quaternion) * rotation(here.quaternion).inv()
     way, angle = pose.position - here.position, turn.magnitude()
     pieces = max(1, math.ceil(float(np.linalg.norm(way)) / PIECE_M), math.ceil(angle / PIECE_RAD))
-    if pieces > MOST_PIECES:
+    if pieces > MAX_PIECES:
         raise UnreachableError(
             f"the pose is {float(np.linalg.norm(way)):.3f} m and {np.degrees(angle):.0f} degrees from the "
-            f"last one, possible are {MOST_PIECES * PIECE_M:g} m and "
-            f"{np.degrees(MOST_PIECES * PIECE_RAD):.0f} degrees"
+            f"last one, possible are {MAX_PIECES * PIECE_M:g} m and "
+            f"{np.degrees(MAX_PIECES * PIECE_RAD):.0f} degrees"
         )
     for piece in range(1, pieces + 1):
         share = piece / pieces

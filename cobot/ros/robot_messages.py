@@ -14,7 +14,7 @@ from cobot.robot.model import RobotModel
 from cobot.robot.quaternion import conjugate, product, rotated
 from cobot.ros.messages import Message
 from cobot.ros.urdf import WORLD, link_name, urdf
-from cobot.types import Array, Mode
+from cobot.types import Array, LoopMode
 
 JOINT_STATES = "sensor_msgs/msg/JointState"
 POSE = "geometry_msgs/msg/PoseStamped"
@@ -75,7 +75,7 @@ class RobotMessages:
     def status(self, state: np.ndarray) -> Message:
         """std_msgs/msg/String: a JSON object with mode, settled, reason, session, motion_id and overruns."""
         content = {name: int(state[name]) for name in ("session", "motion_id", "overruns")}
-        mode = Mode(int(state["mode"])).name
+        mode = LoopMode(int(state["mode"])).name
         return {
             "data": json.dumps(
                 {"mode": mode, "settled": bool(state["settled"]), "reason": text(state["reason"]), **content}

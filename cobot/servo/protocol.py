@@ -18,7 +18,7 @@ from cobot.servo.fields import BrokenRule, Refusal, as_number, integer, number, 
 
 POSE_SIZE = 6
 DEFAULT_WATCHDOG_S = 0.5
-LEAST_WATCHDOG_S = 0.05
+MIN_WATCHDOG_S = 0.05
 LONGEST_WATCHDOG_S = 60.0
 LONGEST_PERIOD_S = 1.0
 LONGEST_TIME_S = 10.0
@@ -164,10 +164,8 @@ class ServoRules:
                 Refusal.VALUE,
                 f"watchdog_timeout must be above 0 s, up to {LONGEST_WATCHDOG_S:g} s, got {watchdog_s:g}",
             )
-        if watchdog_s < LEAST_WATCHDOG_S:
-            log.warning(
-                "watchdog_timeout is %g s, recommended are %g s or more", watchdog_s, LEAST_WATCHDOG_S
-            )
+        if watchdog_s < MIN_WATCHDOG_S:
+            log.warning("watchdog_timeout is %g s, recommended are %g s or more", watchdog_s, MIN_WATCHDOG_S)
         return SetMode(ServoMode(mode), watchdog_s, self._period(send_period_s, "send_period"))
 
     def point(

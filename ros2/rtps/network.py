@@ -15,7 +15,7 @@ from ros2.rtps.types import Address
 LOOPBACK = "127.0.0.1"
 DISCOVERY_GROUP = "239.255.0.1"
 _MOST_DOMAINS = 232
-MOST_PARTICIPANTS = 120
+MAX_PARTICIPANTS = 120
 
 # linux/sockios.h
 _SIOCGIFADDR = 0x8915

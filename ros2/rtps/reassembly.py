@@ -6,7 +6,7 @@ from ros2.rtps.errors import MalformedError
 from ros2.rtps.parameters import Parameters
 from ros2.rtps.submessages import Fragment
 
-MOST_FRAGMENTS = 1 << 16
+MAX_FRAGMENTS = 1 << 16
 
 
 class Assembly:
@@ -22,8 +22,8 @@ class Assembly:
             raise MalformedError("a fragment of nothing")
         self._size = fragment.size
         self.count = -(-fragment.total // fragment.size)
-        if self.count > MOST_FRAGMENTS:
-            raise MalformedError(f"a sample in {self.count} fragments, at most {MOST_FRAGMENTS}")
+        if self.count > MAX_FRAGMENTS:
+            raise MalformedError(f"a sample in {self.count} fragments, at most {MAX_FRAGMENTS}")
         self._data = bytearray(fragment.total)
         self._marks = bytearray(self.count)
         self.inline = inline

@@ -19,7 +19,7 @@ from functools import partial
 from ipaddress import IPv4Interface
 
 from ros2.rtps.errors import NetworkError
-from ros2.rtps.network import DISCOVERY_GROUP, LOOPBACK, MOST_PARTICIPANTS, Ports, local_interfaces
+from ros2.rtps.network import DISCOVERY_GROUP, LOOPBACK, MAX_PARTICIPANTS, Ports, local_interfaces
 from ros2.rtps.types import Address, Limits, Statistics
 
 _log = logging.getLogger(__name__)
@@ -204,7 +204,7 @@ def _bind_pair(
 ) -> tuple[int, tuple[socket.socket, socket.socket]]:
     """The first participant number whose two ports are free, and the sockets."""
     metatraffic, user = udp(), udp()
-    for number in range(MOST_PARTICIPANTS):
+    for number in range(MAX_PARTICIPANTS):
         try:
             metatraffic.bind((listen, ports.metatraffic(number)))
         except OSError:
@@ -216,7 +216,7 @@ def _bind_pair(
             metatraffic = udp()
             continue
         return number, (metatraffic, user)
-    raise NetworkError(f"all {MOST_PARTICIPANTS} participant ports of domain {ports.domain_id} are taken")
+    raise NetworkError(f"all {MAX_PARTICIPANTS} participant ports of domain {ports.domain_id} are taken")
 
 
 def _join(receiver: socket.socket, interfaces: Sequence[IPv4Interface]) -> bool:

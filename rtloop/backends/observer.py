@@ -18,7 +18,7 @@ from cobot.types import Array
 
 GAIN_HZ = 100.0
 """Of the observer, 1/s: 63 % of a push are seen after 10 ms, 99 % within 50."""
-LEAST_SINGULAR = 0.01
+MIN_SINGULAR = 0.01
 """Singular value of the Jacobian at which half of a force is seen: what the joints' torques cannot tell
 is left out rather than guessed."""
 INERTIA, BIAS, DAMPING, TORQUE, FRICTION, LAST = range(6)
@@ -78,7 +78,7 @@ class Observer:
         np.copyto(self._last, self.effort)
         np.dot(self._weights, self._terms, out=self.effort)
         np.dot(self._jacobian, self._jacobian.T, out=self._square)
-        self._square_diagonal += LEAST_SINGULAR**2
+        self._square_diagonal += MIN_SINGULAR**2
         mujoco.mju_cholFactor(self._square, 0.0)
         np.dot(self._jacobian, self.effort, out=self.wrench)
         mujoco.mju_cholSolve(self.wrench, self._square, self.wrench)

@@ -31,10 +31,10 @@ POSTURES = 200
 NULL_FREQUENCY_SHARE = 0.2
 """Of the nominal, for what holds the null space: soft, for near a singularity some of it reaches the TCP."""
 NULL_DAMPING_RATIO = 1.0
-LEAST_MOBILITY = 1e-4
+MIN_MOBILITY = 1e-4
 """1/kg: where the TCP is heavier than the inverse of this, the arm is singular and its joints' own
 springs take over."""
-LEAST_SQUARED_FREQUENCY = 1.0
+MIN_SQUARED_FREQUENCY = 1.0
 """(rad/s)²: slower motions are damped no more than this one."""
 
 
@@ -118,7 +118,7 @@ class Springs:
         np.dot(self._response, jacobian.T, out=mobility)
         np.multiply(mobility, self._stiffness_roots, out=self._curvature)
         squared_frequencies, axes = np.linalg.eigh(self._curvature)  # the one thing here that allocates
-        np.maximum(squared_frequencies, LEAST_SQUARED_FREQUENCY, out=squared_frequencies)
+        np.maximum(squared_frequencies, MIN_SQUARED_FREQUENCY, out=squared_frequencies)
         np.dot(jacobian, self._error[1], out=force)
         np.multiply(force, self._damping_roots, out=force)
         np.dot(force, axes, out=scratch)
@@ -129,7 +129,7 @@ class Springs:
         np.multiply(self._pose_error, self._tcp_stiffness, out=scratch)
         np.add(force, scratch, out=force)
         np.dot(self._response, self._torque, out=scratch)
-        self._mobility_diagonal += LEAST_MOBILITY
+        self._mobility_diagonal += MIN_MOBILITY
         mujoco.mju_cholFactor(mobility, 0.0)
         mujoco.mju_cholSolve(scratch, mobility, scratch)
         np.subtract(force, scratch, out=force)

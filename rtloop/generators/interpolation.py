@@ -2,7 +2,7 @@
 
 Each kind answers in its own way what happens until the next command is due: nothing (`Hold`), a constant
 velocity (`Linear`), a smooth polynomial (`Quintic`), the fastest profile that keeps the limits of velocity,
-acceleration and jerk (`Online`). The coordinates are joints (rad) or a chart of poses; SI units.
+acceleration and jerk (`OnlineTrajectory`). The coordinates are joints (rad) or a chart of poses; SI units.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from cobot.ipc.layout import Interpolation
 from cobot.types import Array
-from rtloop.generators.smooth_interpolation import EARLY, Online, Quintic
+from rtloop.generators.smooth_interpolation import EARLY, OnlineTrajectory, Quintic
 
 
 class Interpolator(Protocol):
@@ -125,5 +125,5 @@ def make_interpolator(
         return Hold(n, period_s)
     if kind is Interpolation.LINEAR:
         return Linear(n, period_s)
-    smooth = Quintic if kind is Interpolation.QUINTIC else Online
+    smooth = Quintic if kind is Interpolation.QUINTIC else OnlineTrajectory
     return smooth(n, period_s, max_velocity, max_acceleration, max_jerk)

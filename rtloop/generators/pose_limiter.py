@@ -13,7 +13,7 @@ from cobot.types import Array, CartesianLimits
 TOLERANCE = 1e-3
 """Relative, of what passes as it is: differences of positions carry their rounding."""
 NO_TWIST = np.zeros(6)
-LEAST_SHARE = 0.25
+MIN_SHARE = 0.25
 """Of a limit that an axis across the direction of motion has for corrections."""
 LEAD_S = 0.2
 """What is missing counts this much of a velocity when the direction of motion is chosen."""
@@ -149,7 +149,7 @@ def _shares(direction: Array) -> Array:
     for part in (slice(0, 3), slice(3, 6)):
         x, y, z = direction[part].tolist()
         norm = math.sqrt(x * x + y * y + z * z)
-        least = LEAST_SHARE * norm if norm > REST else 1.0
+        least = MIN_SHARE * norm if norm > REST else 1.0
         x, y, z = max(abs(x), least), max(abs(y), least), max(abs(z), least)
         norm = math.sqrt(x * x + y * y + z * z)
         shares[part] = x / norm, y / norm, z / norm

@@ -15,8 +15,8 @@ from rtloop.generators.target_estimate import Estimate
 EARLY = 1e-6
 """Of a cycle: what ends this little after a cycle ends in it."""
 WINDOW_S = 0.1
-"""Of targets, from which `Online` estimates. Measured at 100 Hz with 0.3 mrad of noise: with three targets
-the reference strays by 0.1 rad, with these by 5 mrad. `Quintic` passes the noise anyway: three do."""
+"""Of targets, from which `OnlineTrajectory` estimates. Measured at 100 Hz with 0.3 mrad of noise: with three
+targets the reference strays by 0.1 rad, with these by 5 mrad. `Quintic` passes the noise anyway: three do."""
 EXPONENTS = np.array([[0, 1, 2, 3, 4, 5], [0, 0, 1, 2, 3, 4], [0, 0, 0, 1, 2, 3]], float)
 FACTORS = np.array([[1, 1, 1, 1, 1, 1], [0, 1, 2, 3, 4, 5], [0, 0, 2, 6, 12, 20]], float)
 """Of the powers of s in a polynomial and in its first and second derivative."""
@@ -115,7 +115,7 @@ class Quintic:
     A single target is met at the end of the period. A stream is met `HORIZON_S` ahead: one without noise is
     on the way there through each of its targets. Between two commands nothing holds the reference within
     the limits of acceleration and jerk. When no command has come at the end of the period, it goes on for a
-    grace period as the stream went, then it settles on the target as `Online` does.
+    grace period as the stream went, then it settles on the target as `OnlineTrajectory` does.
     """
 
     def __init__(
@@ -125,7 +125,7 @@ class Quintic:
         self._period_s = period_s
         self._estimate = Estimate(max_velocity, max_acceleration, WINDOW_S)
         self._bounds = np.stack([max_velocity, max_acceleration])
-        self._end = Online(n, period_s, max_velocity, max_acceleration, max_jerk)
+        self._end = OnlineTrajectory(n, period_s, max_velocity, max_acceleration, max_jerk)
         self._ended = False
         self._quintics = Quintics()
         self._start = np.zeros(n)
@@ -182,7 +182,7 @@ class Quintic:
         np.copyto(self.reference, self._end.reference)
 
 
-class Online:
+class OnlineTrajectory:
     """The fastest profile to the moving target, within the limits of velocity, acceleration and jerk.
 
     Up to the next command the target is taken to move as estimated, at a constant acceleration. In a frame

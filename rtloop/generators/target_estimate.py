@@ -6,7 +6,7 @@ import numpy as np
 
 from cobot.types import Array
 
-MOST_TARGETS = 64
+MAX_TARGETS = 64
 CRUISE = 0.99
 """Of the velocity limit, for the velocity at a target: the rest is there to catch up with."""
 
@@ -22,7 +22,7 @@ def fit(count: int) -> Array:
     return weights[1:] * [[1.0], [2.0]]
 
 
-FITS = [fit(count) if count else np.zeros((2, 0)) for count in range(MOST_TARGETS + 1)]
+FITS = [fit(count) if count else np.zeros((2, 0)) for count in range(MAX_TARGETS + 1)]
 
 
 class Estimate:
@@ -40,8 +40,8 @@ class Estimate:
         """From the targets of the last `window_s`: the longer, the less there is of the sender's noise."""
         n = len(max_velocity)
         self._window_s = window_s
-        self._targets = np.zeros((MOST_TARGETS, n))  # the newest last
-        self._relative = np.zeros((MOST_TARGETS, n))
+        self._targets = np.zeros((MAX_TARGETS, n))  # the newest last
+        self._relative = np.zeros((MAX_TARGETS, n))
         self._fit = np.zeros((2, n))
         self._bounds = np.stack([CRUISE * max_velocity, max_acceleration])
         self._scale = np.ones((2, 1))
@@ -66,7 +66,7 @@ class Estimate:
         """Another target, one command period after the last; `velocity` is None or the sender's word."""
         self._targets[:-1] = self._targets[1:]
         self._targets[-1] = target
-        window = max(3, min(round(self._window_s / duration_s) + 1, MOST_TARGETS))
+        window = max(3, min(round(self._window_s / duration_s) + 1, MAX_TARGETS))
         self._known = min(self._known + 1, window)
         np.subtract(self._targets, target, out=self._relative)  # exactly zero if nothing moves
         np.dot(FITS[self._known], self._relative[-self._known :], out=self._fit)

@@ -18,7 +18,7 @@ The rest of the limit is for the request's own jerk."""
 ROUNDING = 1e-9
 
 
-class Pursuit:
+class Tracker:
     """Plans with Ruckig, each joint for itself, anew in each cycle. Real-time safe.
 
     Attributes:

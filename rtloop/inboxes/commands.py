@@ -11,7 +11,7 @@ UNREADABLE_CYCLES = 100
 """After so many tries a command is given up: its writer died while writing it."""
 
 
-class Mailbox:
+class CommandInbox:
     """Reads requests, heartbeat and commands; each costs next to nothing while it does not change.
 
     Real-time safe. A read that is torn is counted and repeated in the next cycle.

@@ -40,7 +40,7 @@ class Inbox:
         return True
 
 
-class StreamBox:
+class StreamInbox:
     """The blocks of the streaming client. Real-time safe.
 
     Attributes:

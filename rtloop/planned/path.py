@@ -17,7 +17,7 @@ BASIS = struct.Struct("=18d")
 PIECE_SEGMENTS = 96
 PIECE_TIMES = 4096
 """How much is copied and checked in one cycle: 32 kB with seven joints, some tens of microseconds."""
-MOST_BREAKPOINTS = 24
+MAX_BREAKPOINTS = 24
 """That a stop looks at: where they are closer together, the path is smooth between them."""
 PLACES = np.linspace(0.0, 1.0, 9)
 REST_TOLERANCE = 1e-3
@@ -87,10 +87,10 @@ class Path:
         self._segment = self._coefficients[index].T
 
     def breakpoints(self, from_s: float, to_s: float) -> Array:
-        """The path's breakpoints between two path times, at the most `MOST_BREAKPOINTS` of them."""
+        """The path's breakpoints between two path times, at the most `MAX_BREAKPOINTS` of them."""
         times = self._times[: self._segments + 1]
         begin, end = np.searchsorted(times, (from_s, to_s))
-        return times[begin : end : 1 + (end - begin) // MOST_BREAKPOINTS]
+        return times[begin : end : 1 + (end - begin) // MAX_BREAKPOINTS]
 
     def sample(self, times_s: Array) -> Array:
         """First to third derivative at path times, shape (3, n, dof); at rest past the end."""

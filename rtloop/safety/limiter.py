@@ -14,7 +14,7 @@ import numpy as np
 
 from cobot.ipc.layout import Intervention
 from cobot.types import Array, JointLimits
-from rtloop.generators.tracking import Pursuit
+from rtloop.generators.tracking import Tracker
 
 TOLERANCE = 0.01
 """Relative, on the rates: planners drive exactly at the limits, and the differences of four positions
@@ -85,7 +85,7 @@ class Safety:
         self.intervened_ns = np.zeros(len(Intervention), np.int64)
         self.counted = 0
         self.now_ns = 0
-        self._pursuit = Pursuit(dof, period_s)
+        self._tracker = Tracker(dof, period_s)
         self._pursued = np.zeros((3, dof))  # where the pursuit is
         self._calm = np.zeros((2, 3, dof))
         self._caught: set[Intervention] = set()  # in this pursuit
@@ -158,7 +158,7 @@ class Safety:
         Returns:
             Whether it is at rest.
         """
-        at_rest = self._pursuit.brake(self._state(), self._limits)
+        at_rest = self._tracker.brake(self._state(), self._limits)
         self._let_through_pursuit()
         return at_rest
 
@@ -191,15 +191,15 @@ class Safety:
             velocity = np.where(clipped | self._too_fast_at(target, request[1]), 0.0, request[1])
         bounds = self._lowest, self._highest
         most = np.minimum(self._share * self._used.max_velocity, np.abs(request[1]) + self._catch_up)
-        self._pursuit.approach(self._state(), target, velocity, self._used, most, bounds)
+        self._tracker.approach(self._state(), target, velocity, self._used, most, bounds)
         self._let_through_pursuit()
         return True
 
     def _pursue_along(self, request: Array) -> bool:
         """Pursue a request that moves, if that keeps the limits; if not, nothing has been let through."""
-        if not self._pursuit.along(self._state(), request, self._used, self._share, self._catch_up):
+        if not self._tracker.along(self._state(), request, self._used, self._share, self._catch_up):
             return False
-        np.copyto(self.command, self._pursuit.ahead)
+        np.copyto(self.command, self._tracker.ahead)
         np.dot(self._distances, self._block, out=self._distance)
         if not self._distance.min() >= 0.0 or self._foresee() is not None:
             return False
@@ -270,7 +270,7 @@ class Safety:
         return state
 
     def _let_through_pursuit(self) -> None:
-        np.copyto(self.command, self._pursuit.ahead)
+        np.copyto(self.command, self._tracker.ahead)
         np.copyto(self._pursued, self.command)
         self.pursuing = True
         self._past[:] = self._block[1 : PAST + 1]

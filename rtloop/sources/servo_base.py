@@ -13,7 +13,7 @@ from rtloop.inboxes.point_queue import PointQueue
 from rtloop.sources.joint import Source
 from rtloop.sources.target_checks import is_finite, joint_jump
 
-MOST_POINTS = 8
+MAX_POINTS = 8
 """That one cycle reads."""
 LONGEST_TIME_S = 10.0
 LEAD_RAD = 0.2

@@ -7,9 +7,9 @@ import numpy as np
 from cobot.ipc.layout import Intervention, ServoMode
 from cobot.types import Array, JointLimits
 from rtloop.backends import Measured
-from rtloop.generators.smooth_interpolation import Online
+from rtloop.generators.smooth_interpolation import OnlineTrajectory
 from rtloop.inboxes.point_queue import PointQueue
-from rtloop.sources.servo_base import MOST_POINTS, PointReader
+from rtloop.sources.servo_base import MAX_POINTS, PointReader
 from rtloop.sources.servo_law import ServoLaw
 from rtloop.sources.servo_through_points import ThroughPoints
 from rtloop.sources.target_checks import clamped_interval
@@ -26,7 +26,7 @@ class Newest(PointReader):
     def __init__(self, limits: JointLimits, safe_velocity: Array, period_s: float, *, planned: bool) -> None:
         super().__init__(limits, safe_velocity, period_s)
         rates = limits.max_velocity, limits.max_acceleration, limits.max_jerk
-        self._planner = Online(limits.dof, period_s, *rates) if planned else None
+        self._planner = OnlineTrajectory(limits.dof, period_s, *rates) if planned else None
         self._law = ServoLaw(limits.dof, period_s)
         self._aim = np.zeros((3, limits.dof))
         self._since_s = self._every_s = 0.0
@@ -44,7 +44,7 @@ class Newest(PointReader):
     def fetch(self, queue: PointQueue) -> Intervention | None:
         self._since_s += self._period_s
         aimed = False
-        for _ in range(MOST_POINTS):
+        for _ in range(MAX_POINTS):
             point = queue.next()
             if point is None:
                 break
@@ -135,7 +135,7 @@ class Buffered(PointReader):
         if self._waits or not (self._playing or self._may_begin(queue)):
             return None
         self._elapsed_s += self._period_s
-        for _ in range(MOST_POINTS):
+        for _ in range(MAX_POINTS):
             if self._elapsed_s <= self._time_s * (1.0 + 1e-9):
                 return None
             point = queue.next()

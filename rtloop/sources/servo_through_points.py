@@ -23,7 +23,7 @@ from cobot.types import Array, JointLimits
 from rtloop.backends import Measured
 from rtloop.generators.smooth_interpolation import EXPONENTS, FACTORS, HERMITE, Quintics
 from rtloop.inboxes.point_queue import PointQueue
-from rtloop.sources.servo_base import MOST_POINTS, PointReader
+from rtloop.sources.servo_base import MAX_POINTS, PointReader
 
 PIECES = 512
 """Of the curve ahead; with points at 1 kHz, half a second."""
@@ -32,7 +32,7 @@ CURVE_SHARE, RATE_SHARE = 0.5, 0.5
 VELOCITY_SHARE = 0.98
 USUAL_RAD_S = 0.2
 """A joint's velocity that the rate's changes are always slow enough for: a faster point may come."""
-LEAST_RATE = 1e-4
+MIN_RATE = 1e-4
 REST = 1e-9
 PATIENCE = 2.0
 GRACE_S = 0.01
@@ -95,7 +95,7 @@ class ThroughPoints(PointReader):
 
     def fetch(self, queue: PointQueue) -> Intervention | None:
         self._pending_age_s += self._period_s
-        for _ in range(MOST_POINTS):
+        for _ in range(MAX_POINTS):
             if self._count - self._first >= PIECES - 1:
                 return None
             point = queue.next()
@@ -146,11 +146,11 @@ class ThroughPoints(PointReader):
         rate = self._rate + 0.5 * self._slope * abs(self._slope) / bend
         way = rate * (self._period_s + rate / slope + slope / bend)
         reach = first + 1 + int(np.searchsorted(self._ends[first:count], self._distance + way))
-        most = LEAST_RATE if self._waits else float(self._rates[first : min(reach, count)].min())
+        most = MIN_RATE if self._waits else float(self._rates[first : min(reach, count)].min())
         problem.current_position, problem.current_velocity = [self._distance], [self._rate]
         problem.current_acceleration = [self._slope]
         problem.max_acceleration, problem.max_jerk = [max(slope, abs(self._slope))], [bend]
-        problem.target_position, problem.max_velocity = [end], [max(most, LEAST_RATE)]
+        problem.target_position, problem.max_velocity = [end], [max(most, MIN_RATE)]
         try:
             result = self._clock.update(problem, output)
         except (ruckig.RuckigError, ValueError):  # all but there

@@ -12,7 +12,7 @@ from cobot.types import Array, JointLimits
 
 LOOK_CYCLES = 4
 """The distances are looked at every so many cycles: at 1 m/s, every 4 mm."""
-LEAST_SHARE = 0.1
+MIN_SHARE = 0.1
 """Of the velocities, next to an obstacle."""
 APPROACH_M = 1e-5
 """By which a distance has to shrink to count as an approach."""
@@ -21,11 +21,11 @@ NEAR_M = 0.01
 """Beyond the margin: where links slow down for each other, and what counts when a way out is looked for."""
 
 
-class Guard:
+class CollisionMonitor:
     """Looks at the place where the arm could come to rest. Real-time safe.
 
     Attributes:
-        share: of the velocities that is permitted, from `LEAST_SHARE` to 1.
+        share: of the velocities that is permitted, from `MIN_SHARE` to 1.
         blocked: whether the arm would come to rest nearer than the margin.
     """
 
@@ -79,7 +79,7 @@ class Guard:
         self.blocked = bool((room < 0.0).any())
         if self.blocked:
             np.less(room, 0.0, out=self._blocking)
-        self.share = min(1.0, max(LEAST_SHARE, float((room / self._zones_m).min(initial=1.0))))
+        self.share = min(1.0, max(MIN_SHARE, float((room / self._zones_m).min(initial=1.0))))
 
     def leads_away(self, position: Array, heading: Array) -> bool:
         """Whether a joint step in this direction, shape (dof,), comes no nearer to what has blocked the way,

@@ -1,6 +1,6 @@
 """A streaming session: who may, what is streamed, and what ends it.
 
-A long module, because a session is one state; what has a state of its own (blocks, sources, guard) has a
+A long module, because a session is one state; what has a state of its own (blocks, sources, monitor) has a
 module of its own.
 """
 
@@ -16,10 +16,10 @@ from cobot.config import StreamingSection
 from cobot.ipc.layout import Ack, Interpolation, Intervention, ServoMode, Stream
 from cobot.ipc.shm import RobotMemory
 from cobot.robot.model import RobotModel
-from cobot.types import Array, CartesianLimits, JointLimits, Mode
+from cobot.types import Array, CartesianLimits, JointLimits, LoopMode
 from rtloop.backends import Backend, Impedance, ImpedanceControlled, Measured
 from rtloop.inboxes.point_queue import PointQueue
-from rtloop.inboxes.stream import StreamBox
+from rtloop.inboxes.stream import StreamInbox
 from rtloop.safety.limiter import Safety
 from rtloop.sources.cartesian import CartesianSource
 from rtloop.sources.joint import JointSource, Source, TorqueSource
@@ -27,13 +27,13 @@ from rtloop.sources.servo_base import ServoSource
 from rtloop.sources.servo_force import ForceServo
 from rtloop.sources.servo_modes import make_servo
 from rtloop.sources.target_checks import DEFAULT_INTERVAL_S
-from rtloop.streaming.collision_monitor import Guard
-from rtloop.streaming.session_checks import session_flaw
+from rtloop.streaming.collision_monitor import CollisionMonitor
+from rtloop.streaming.session_checks import session_refusal
 
 MODES = {
-    Stream.JOINT_IMPEDANCE: Mode.JOINT_IMPEDANCE,
-    Stream.CARTESIAN: Mode.CARTESIAN,
-    Stream.JOINT_TORQUE: Mode.JOINT_TORQUE,
+    Stream.JOINT_IMPEDANCE: LoopMode.JOINT_IMPEDANCE,
+    Stream.CARTESIAN: LoopMode.CARTESIAN,
+    Stream.JOINT_TORQUE: LoopMode.JOINT_TORQUE,
 }
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 PERIODS_TO_TIMEOUT = 3
@@ -69,7 +69,7 @@ class Streaming:
         safety: Safety,
         period_s: float,
     ) -> None:
-        self.box = StreamBox(memory)
+        self.box = StreamInbox(memory)
         self._points = PointQueue(memory)
         self._servo: ServoSource | None = None
         self._watchdog_cycles = self._finishing_cycles = self._dropped = 0
@@ -88,13 +88,13 @@ class Streaming:
             section.angular_acceleration,
             section.angular_jerk,
         )
-        self._guard = Guard(model, section, self._stream_limits)
+        self._collision_monitor = CollisionMonitor(model, section, self._stream_limits)
         self._largest_contact = np.zeros(model.dof + 6)
         self._life: select.poll | None = None
         self._life_fd = -1
         self._source: Source | None = None
         self.session = 0
-        self.mode = Mode.HOLD
+        self.mode = LoopMode.HOLD
         self.holding = self._blocked = self._slowed = self._live = self._target_waits = False
         self.problem = self.not_finite = ""
         self._decimation = 1
@@ -134,7 +134,7 @@ class Streaming:
     def torn_reads(self) -> int:
         return self.box.torn_reads + self._points.torn_reads
 
-    def open(self, command: Array, mode: Mode, stops: int) -> str:
+    def open(self, command: Array, mode: LoopMode, stops: int) -> str:
         """Answer the client that asks: begin the session in which it streams.
 
         Args:
@@ -147,11 +147,11 @@ class Streaming:
         """
         wish = self.box.session.data
         refusal = ""
-        if mode is not Mode.HOLD:
+        if mode is not LoopMode.HOLD:
             refusal = f"the arm is in mode {mode.name}"
         elif int(wish["stops"]) != stops:
             refusal = "a stop was requested meanwhile"
-        refusal = refusal or session_flaw(wish, self._backend) or self._watch(int(wish["pid"]))
+        refusal = refusal or session_refusal(wish, self._backend) or self._watch(int(wish["pid"]))
         if not refusal:
             self._begin(wish, command)
         self.box.answer(Ack.REJECTED if refusal else Ack.ACCEPTED, refusal)
@@ -275,7 +275,7 @@ class Streaming:
         if isinstance(self._backend, ImpedanceControlled):
             self._backend.set_impedance(impedance)
         self._largest_contact[:] = *wish["max_contact_torque"], *wish["max_contact_wrench"]
-        self._guard.begin(touching=bool(wish["force_axes"].any()))
+        self._collision_monitor.begin(touching=bool(wish["force_axes"].any()))
         self._safety.use(limits, catch_up=np.inf if joints else CATCH_UP_RAD_S)
         self._source.begin(command)
         self.mode = MODES[stream]
@@ -368,7 +368,7 @@ class Streaming:
         elif flaw is not None:
             self._hold(flaw)
         elif self._blocked:
-            self._blocked = not self._guard.leads_away(self._safety.position, source.heading)
+            self._blocked = not self._collision_monitor.leads_away(self._safety.position, source.heading)
             self.holding = self._blocked
         else:
             self.holding = False
@@ -395,13 +395,13 @@ class Streaming:
             )
 
     def _watch_surroundings(self) -> None:
-        guard, safety = self._guard, self._safety
-        guard.look(safety.command)
-        if guard.share < 1.0 and not self._slowed:
+        monitor, safety = self._collision_monitor, self._safety
+        monitor.look(safety.command)
+        if monitor.share < 1.0 and not self._slowed:
             safety.count(Intervention.PROXIMITY)
-        self._slowed = guard.share < 1.0
-        safety.slow_down(guard.share)
-        if guard.blocked and not self.holding:
+        self._slowed = monitor.share < 1.0
+        safety.slow_down(monitor.share)
+        if monitor.blocked and not self.holding:
             self._blocked = True
             self._hold(Intervention.COLLISION)
 

@@ -11,7 +11,7 @@ from rtloop.backends import Backend, ImpedanceControlled
 UNIT_TOLERANCE = 1e-2
 
 
-def session_flaw(wish: np.ndarray, backend: Backend) -> str:
+def session_refusal(wish: np.ndarray, backend: Backend) -> str:
     """What is wrong with what a client wants, `cobot.ipc.layout.session_dtype`; "" if nothing is."""
     if int(wish["stream"]) not in list(Stream) or int(wish["interpolation"]) not in list(Interpolation):
         return f"there is no stream {wish['stream']} with interpolation {wish['interpolation']}"

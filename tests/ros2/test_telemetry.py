@@ -15,7 +15,7 @@ from running import unique_name
 from cobot.config import Settings
 from cobot.ipc.layout import state_dtype
 from cobot.ipc.shm import RobotMemory
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.ros.messages import Messages
 from cobot.ros.robot_messages import JOINT_STATES, RobotMessages
 from ros2.telemetry import JointStates, Telemetry
@@ -125,7 +125,9 @@ def test_a_robot_that_does_not_run_is_no_error(settings: Settings) -> None:
         assert "is not running" in silent.telemetry.problem
 
 
-def test_joint_states_of_the_template_are_those_of_the_hub(settings: Settings, robot: Robot) -> None:
+def test_joint_states_of_the_template_are_those_of_the_hub(
+    settings: Settings, robot: RobotDescription
+) -> None:
     made = RobotMessages(robot.model, settings.robot.base_frame, settings.robot.tcp)
     state = np.zeros((), state_dtype(7))
     state["position"] = np.linspace(-1.0, 1.0, 7)

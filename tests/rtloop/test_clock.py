@@ -13,7 +13,7 @@ from rig import Rig
 
 from cobot.config import Settings
 from cobot.ipc.layout import HISTOGRAM_BUCKETS, Phase
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from rtloop.clock import FastClock, RealtimeClock
 from rtloop.publisher import STATISTICS_CYCLES
 
@@ -42,7 +42,7 @@ def test_the_fast_clock_does_not_wait_while_the_arm_moves(monkeypatch: pytest.Mo
     assert waits == [False, False], "in step with the real clock when it does not move on a path"
 
 
-def test_every_cycle_is_in_the_histograms(settings: Settings, robot: Robot) -> None:
+def test_every_cycle_is_in_the_histograms(settings: Settings, robot: RobotDescription) -> None:
     rig = Rig(settings, robot)
     try:
         rig.step(STATISTICS_CYCLES - 1)

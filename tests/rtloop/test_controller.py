@@ -13,9 +13,9 @@ from cobot.config import Settings
 from cobot.ipc.layout import RING, Command, Intervention, MotionResult
 from cobot.planners.ptp import plan_ptp
 from cobot.planners.request import MotionRequest
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory, from_hermite
-from cobot.types import Mode, PlannerName, Scaling
+from cobot.types import LoopMode, PlannerName, Scaling
 from rtloop.modes import TRANSITIONS
 
 MOVE = np.array([0.6, 0.2, -0.3, 0.4, 0.2, -0.3, 0.5])
@@ -30,7 +30,7 @@ def under_way(rig: Rig, cycles: int = 400) -> Trajectory:
     trajectory = motion(rig)
     assert rig.start(trajectory) == ""
     rig.step(cycles)
-    assert rig.mode is Mode.TRAJECTORY
+    assert rig.mode is LoopMode.TRAJECTORY
     return trajectory
 
 
@@ -46,7 +46,7 @@ def within_limits(rig: Rig) -> None:
     assert jerk.max() <= 1.005
 
 
-def test_modes_only_change_as_the_table_says(settings: Settings, robot: Robot) -> None:
+def test_modes_only_change_as_the_table_says(settings: Settings, robot: RobotDescription) -> None:
     random = np.random.default_rng(1)
     seen = set()
     for _ in range(6):
@@ -81,15 +81,15 @@ def test_an_estop_stops_on_the_path_and_stays_until_reset(rig: Rig) -> None:
     trajectory = under_way(rig)
     rig.request("estops")
     rig.run()
-    assert (rig.mode, rig.result, rig.reason) == (Mode.ESTOP, MotionResult.FAILED, "e-stop requested")
+    assert (rig.mode, rig.result, rig.reason) == (LoopMode.ESTOP, MotionResult.FAILED, "e-stop requested")
     on_path = trajectory.sample([rig.path_times[-1]])[0]
     np.testing.assert_allclose(rig.commanded[-1], on_path, atol=1e-12)
     assert "ESTOP" in rig.start(motion(rig))
     rig.request("stops")
     rig.step(10)
-    assert rig.mode is Mode.ESTOP
+    assert rig.mode is LoopMode.ESTOP
     assert rig.answer(rig.send(Command.RESET)) == ""
-    assert rig.mode is Mode.HOLD
+    assert rig.mode is LoopMode.HOLD
     assert rig.start(motion(rig)) == ""
     rig.run()
     assert rig.result is MotionResult.ARRIVED
@@ -112,7 +112,7 @@ def test_a_reset_that_a_stop_has_overtaken_is_refused(rig: Rig) -> None:
     stops = int(rig.memory.requests.data["stops"])
     rig.request("stops")
     assert rig.answer(rig.send(Command.RESET, stops=stops)) == "a stop was requested meanwhile"
-    assert rig.mode is Mode.ESTOP
+    assert rig.mode is LoopMode.ESTOP
 
 
 def test_a_motion_may_not_begin_while_the_arm_brakes(rig: Rig) -> None:
@@ -120,7 +120,7 @@ def test_a_motion_may_not_begin_while_the_arm_brakes(rig: Rig) -> None:
     by = np.zeros(7)
     by[0] = 2.9
     assert rig.start(motion(rig, by).stretched(0.02)) == "", "much too fast: the safety layer pursues it"
-    while rig.mode is not Mode.HOLD:
+    while rig.mode is not LoopMode.HOLD:
         rig.step()
     assert rig.reason.startswith("the safety layer keeps joint1 at ")
     assert rig.loop.controller.moving
@@ -131,19 +131,19 @@ def test_a_motion_may_not_begin_while_the_arm_brakes(rig: Rig) -> None:
 
 def test_a_reset_in_hold_changes_nothing(rig: Rig) -> None:
     assert rig.answer(rig.send(Command.RESET)) == ""
-    assert rig.mode is Mode.HOLD
+    assert rig.mode is LoopMode.HOLD
 
 
 def test_a_reset_that_the_drives_refuse_leaves_the_fault(rig: Rig) -> None:
     rig.loopback.fail_read = "cable unplugged"
     rig.step()
-    assert (rig.mode, rig.reason) == (Mode.FAULT, "reading from the robot failed: cable unplugged")
+    assert (rig.mode, rig.reason) == (LoopMode.FAULT, "reading from the robot failed: cable unplugged")
     rig.loopback.fail_enable = "brake not released"
     assert rig.answer(rig.send(Command.RESET)) == "the robot cannot be enabled: brake not released"
-    assert rig.mode is Mode.FAULT
+    assert rig.mode is LoopMode.FAULT
     rig.loopback.fail_read = rig.loopback.fail_enable = ""
     assert rig.answer(rig.send(Command.RESET)) == ""
-    assert rig.mode is Mode.HOLD
+    assert rig.mode is LoopMode.HOLD
 
 
 @pytest.mark.parametrize("where", ["fail_read", "fail_write"])
@@ -153,7 +153,7 @@ def test_a_device_that_fails_during_a_motion_ends_it_on_the_path(rig: Rig, where
     rig.step(2)
     setattr(rig.loopback, where, "")
     rig.run()
-    assert (rig.mode, rig.result) == (Mode.FAULT, MotionResult.FAILED)
+    assert (rig.mode, rig.result) == (LoopMode.FAULT, MotionResult.FAILED)
     assert rig.reason.endswith("failed: drive 3 overheated")
     np.testing.assert_allclose(rig.commanded[-1], trajectory.sample([rig.path_times[-1]])[0], atol=1e-12)
     within_limits(rig)
@@ -165,7 +165,7 @@ def test_a_measurement_that_is_no_number_is_a_fault_and_never_published(rig: Rig
     rig.loopback.offset[3] = poison
     rig.step()
     rig.loopback.offset[3] = 0.0
-    assert rig.mode is Mode.FAULT
+    assert rig.mode is LoopMode.FAULT
     assert "not finite" in rig.reason
     assert np.isfinite(rig.memory.state.read()["position"]).all()
     rig.run()
@@ -176,7 +176,7 @@ def test_an_arm_that_is_pushed_off_its_path_is_a_fault_that_names_the_joint(rig:
     under_way(rig)
     rig.loopback.offset[4] = 1.1 * rig.settings.rt.tracking_error_rad
     rig.step()
-    assert rig.mode is Mode.FAULT
+    assert rig.mode is LoopMode.FAULT
     assert rig.reason.startswith("joint5 is ")
     assert rig.interventions[Intervention.TRACKING] == 1
     rig.run()
@@ -197,10 +197,10 @@ def test_an_arm_that_is_still_after_a_fault_is_at_rest_wherever_it_is(rig: Rig) 
 def test_after_a_fault_the_arm_is_held_where_it_is_now(rig: Rig) -> None:
     rig.loopback.offset[4] = 0.5  # pushed while the drives gave way
     rig.step(5)
-    assert rig.mode is Mode.FAULT
+    assert rig.mode is LoopMode.FAULT
     pushed = rig.memory.state.read()["position"].copy()
     assert rig.answer(rig.send(Command.RESET), cycles=2) == ""
-    assert rig.mode is Mode.HOLD
+    assert rig.mode is LoopMode.HOLD
     np.testing.assert_array_equal(rig.commanded[-1], pushed)
 
 
@@ -208,7 +208,7 @@ def test_a_silent_service_ends_the_motion(rig: Rig) -> None:
     under_way(rig)
     rig.beat(ahead_s=-0.1 - rig.settings.rt.service_timeout_s)
     rig.run()
-    assert (rig.mode, rig.result) == (Mode.HOLD, MotionResult.STOPPED)
+    assert (rig.mode, rig.result) == (LoopMode.HOLD, MotionResult.STOPPED)
     assert "the service has been silent for" in rig.reason
     assert rig.interventions[Intervention.SERVICE_TIMEOUT] == 1
     within_limits(rig)
@@ -219,11 +219,11 @@ def test_many_late_cycles_in_a_row_stop_the_motion_and_few_do_not(rig: Rig) -> N
     late_ns, many = 1_100_000, rig.settings.rt.overruns_to_stop
     for lateness in [*[late_ns] * (many - 1), 900_000, *[late_ns] * (many - 1)]:
         rig.step(late_ns=lateness)
-    assert rig.mode is Mode.TRAJECTORY
+    assert rig.mode is LoopMode.TRAJECTORY
     rig.step(late_ns=late_ns)
-    assert rig.mode is Mode.STOPPING
+    assert rig.mode is LoopMode.STOPPING
     rig.run()
-    assert (rig.mode, rig.result) == (Mode.HOLD, MotionResult.STOPPED)
+    assert (rig.mode, rig.result) == (LoopMode.HOLD, MotionResult.STOPPED)
     assert rig.reason == f"{many} cycles in a row began late: the computer is too slow or too busy"
     assert rig.interventions[Intervention.OVERRUN] == 1
     np.testing.assert_allclose(rig.commanded[-1], trajectory.sample([rig.path_times[-1]])[0], atol=1e-12)
@@ -233,11 +233,11 @@ def test_many_late_cycles_in_a_row_stop_the_motion_and_few_do_not(rig: Rig) -> N
 def test_a_computer_that_is_late_all_the_time_lets_the_arm_hold_but_not_move(rig: Rig) -> None:
     late_ns, many = 5_000_000, rig.settings.rt.overruns_to_stop
     rig.step(3 * many, late_ns)
-    assert (rig.mode, sum(rig.interventions)) == (Mode.HOLD, 0)
+    assert (rig.mode, sum(rig.interventions)) == (LoopMode.HOLD, 0)
     rig.memory.slots[0].write(1, motion(rig))
     rig.send(Command.START, slot=0, motion_id=1)
     rig.step(many, late_ns)
-    assert (rig.mode, rig.interventions[Intervention.OVERRUN]) == (Mode.STOPPING, 1)
+    assert (rig.mode, rig.interventions[Intervention.OVERRUN]) == (LoopMode.STOPPING, 1)
     rig.run()
     assert rig.result is MotionResult.STOPPED
 
@@ -246,7 +246,7 @@ def test_a_motion_that_does_not_settle_has_failed(rig: Rig) -> None:
     assert rig.start(motion(rig)) == ""
     rig.loopback.offset[2] = 5 * rig.settings.rt.settle_position_rad
     rig.run()
-    assert (rig.mode, rig.result) == (Mode.HOLD, MotionResult.FAILED)
+    assert (rig.mode, rig.result) == (LoopMode.HOLD, MotionResult.FAILED)
     assert rig.reason.startswith("not settled 2.0 s after the end of the motion: joint3 is ")
 
 
@@ -264,7 +264,7 @@ def test_settled_is_stated_only_after_the_settling_time(rig: Rig) -> None:
 def test_a_pushed_arm_beyond_a_limit_is_held_and_may_move_back_only(rig: Rig) -> None:
     rig.loopback.offset[5] = rig.limits.max_position[5] + 0.01 - rig.home[5]
     rig.step()
-    assert rig.mode is Mode.FAULT
+    assert rig.mode is LoopMode.FAULT
     assert rig.answer(rig.send(Command.RESET), cycles=2) == ""
     rig.loopback.offset[5] = 0.0
     beyond = rig.commanded[-1].copy()
@@ -301,7 +301,7 @@ def test_a_trajectory_that_starts_elsewhere_is_refused(rig: Rig) -> None:
     assert rig.start(shifted) == (
         "the trajectory starts 0.0100 rad from where joint 1 is, allowed are 0.001 rad"
     )
-    assert rig.mode is Mode.HOLD
+    assert rig.mode is LoopMode.HOLD
 
 
 def test_a_trajectory_beyond_a_joint_stop_is_refused(rig: Rig) -> None:
@@ -348,7 +348,7 @@ def test_a_command_without_sense_is_refused(rig: Rig, fields: dict[str, float], 
     rig.memory.slots[0].write(1, motion(rig))
     kind = int(fields.pop("kind", Command.START))
     assert rig.answer(rig.send(kind, **{"motion_id": 1, **fields})) == reason
-    assert rig.mode is Mode.HOLD
+    assert rig.mode is LoopMode.HOLD
 
 
 @pytest.mark.parametrize("segments", [0, 2001, 2**63])
@@ -381,7 +381,7 @@ def test_a_stop_overtakes_a_start(rig: Rig) -> None:
     rig.request("stops")
     command = rig.send(Command.START, slot=0, motion_id=1, stops=rig.memory.requests.data["stops"] - 1)
     assert rig.answer(command) == "a stop was requested meanwhile"
-    assert rig.mode is Mode.HOLD
+    assert rig.mode is LoopMode.HOLD
 
 
 def test_a_stop_while_a_long_motion_is_loaded_refuses_it(rig: Rig) -> None:
@@ -406,34 +406,34 @@ def test_a_flood_of_commands_is_answered_newest_last_and_moves_nothing(rig: Rig)
     numbers = [rig.send(99) for _ in range(10 * RING)]
     rig.step(2 * RING)
     assert rig.answer(numbers[-1]) == "there is no command 99"
-    assert rig.mode is Mode.HOLD
+    assert rig.mode is LoopMode.HOLD
 
 
 # a new rtloop after one that died
 
 
 def test_a_new_rtloop_fails_the_interrupted_motion_and_holds(
-    rig: Rig, settings: Settings, robot: Robot
+    rig: Rig, settings: Settings, robot: RobotDescription
 ) -> None:
     under_way(rig)
     where = rig.memory.state.read()["position"].copy()
     successor = Rig(settings, robot, memory=rig.memory, start=rig.home)
-    assert (successor.mode, successor.result) == (Mode.HOLD, MotionResult.FAILED)
+    assert (successor.mode, successor.result) == (LoopMode.HOLD, MotionResult.FAILED)
     assert successor.reason == "rtloop was restarted"
     successor.step(50)
     np.testing.assert_array_equal(successor.commanded[-1], where)
 
 
-def test_a_new_rtloop_keeps_the_estop(rig: Rig, settings: Settings, robot: Robot) -> None:
+def test_a_new_rtloop_keeps_the_estop(rig: Rig, settings: Settings, robot: RobotDescription) -> None:
     rig.request("estops")
     rig.step(3)
     successor = Rig(settings, robot, memory=rig.memory)
-    assert (successor.mode, successor.reason) == (Mode.ESTOP, "e-stop requested")
+    assert (successor.mode, successor.reason) == (LoopMode.ESTOP, "e-stop requested")
     assert "ESTOP" in successor.start(motion(successor))
 
 
 def test_a_new_rtloop_does_not_repeat_commands_and_requests(
-    rig: Rig, settings: Settings, robot: Robot
+    rig: Rig, settings: Settings, robot: RobotDescription
 ) -> None:
     assert rig.start(motion(rig)) == ""
     rig.run()
@@ -441,12 +441,12 @@ def test_a_new_rtloop_does_not_repeat_commands_and_requests(
     rig.step(2)
     successor = Rig(settings, robot, memory=rig.memory)
     successor.step(100)
-    assert (successor.mode, successor.reason) == (Mode.HOLD, "")
-    assert successor.loop.controller.mailbox.command_seen == 1
+    assert (successor.mode, successor.reason) == (LoopMode.HOLD, "")
+    assert successor.loop.controller.commands.command_seen == 1
 
 
 def test_a_new_rtloop_refuses_what_was_sent_to_the_dead_one(
-    rig: Rig, settings: Settings, robot: Robot
+    rig: Rig, settings: Settings, robot: RobotDescription
 ) -> None:
     rig.step(3)
     rig.memory.slots[0].write(1, motion(rig))
@@ -454,4 +454,4 @@ def test_a_new_rtloop_refuses_what_was_sent_to_the_dead_one(
     successor = Rig(settings, robot, memory=rig.memory)
     assert successor.answer(number, cycles=1) == "rtloop was restarted"
     successor.step(100)
-    assert successor.mode is Mode.HOLD
+    assert successor.mode is LoopMode.HOLD

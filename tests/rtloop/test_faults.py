@@ -23,18 +23,18 @@ from cobot.ipc import shm
 from cobot.ipc.layout import RING, Command, Interpolation, Intervention
 from cobot.ipc.shm import RobotMemory
 from cobot.ipc.stream_writer import StreamWriter
-from cobot.robot.description import Robot
-from cobot.types import Array, Mode
+from cobot.robot.description import RobotDescription
+from cobot.types import Array, LoopMode
 from rtloop.backends.mujoco import MujocoBackend
 from rtloop.modes import STREAMING
-from rtloop.streaming.collision_monitor import Guard
+from rtloop.streaming.collision_monitor import CollisionMonitor
 
 UNDER_WAY = 500
 BOTH = KINDS[:2]
 
 
 @pytest.fixture
-def rig(settings: Settings, robot: Robot) -> Iterator[WatchedRig]:
+def rig(settings: Settings, robot: RobotDescription) -> Iterator[WatchedRig]:
     made = WatchedRig(settings, robot)
     yield made
     made.close()
@@ -45,15 +45,15 @@ def require_recovery(rig: WatchedRig, kind: str) -> None:
     if rig.mode in STREAMING:
         rig.end_stream()
     rig.run()
-    if rig.mode in (Mode.ESTOP, Mode.FAULT):
+    if rig.mode in (LoopMode.ESTOP, LoopMode.FAULT):
         assert rig.reset() == ""
-    assert rig.mode is Mode.HOLD
+    assert rig.mode is LoopMode.HOLD
     again = Task(rig, kind)
     again.step(UNDER_WAY)
     assert again.running, rig.reason
     assert rig.record.moved_rad(UNDER_WAY) > 0.01
     again.end()
-    assert rig.mode is Mode.HOLD
+    assert rig.mode is LoopMode.HOLD
     assert rig.record.violations() == []
     assert rig.record.fastest() < 1.1
 
@@ -100,7 +100,7 @@ def test_a_device_that_fails_ends_what_the_arm_does_and_nothing_jumps_afterwards
     if fault == "stale" and cycles < 20:
         assert task.running, "nobody has noticed"
     else:
-        assert rig.mode is Mode.FAULT
+        assert rig.mode is LoopMode.FAULT
         assert reason in rig.reason
     require_recovery(rig, kind)
 
@@ -114,7 +114,7 @@ def test_no_reset_while_nobody_knows_where_the_arm_is(rig: WatchedRig, fault: st
     break_it(rig.simulation)
     task.step(3000)
     assert rig.reset() != ""
-    assert rig.mode is Mode.FAULT
+    assert rig.mode is LoopMode.FAULT
     mend(rig.simulation)
     rig.step()
     require_recovery(rig, kind)
@@ -123,7 +123,7 @@ def test_no_reset_while_nobody_knows_where_the_arm_is(rig: WatchedRig, fault: st
 def test_an_arm_that_holds_still_is_not_taken_for_a_frozen_one(rig: WatchedRig) -> None:
     rig.simulation.stale = True
     rig.step(500)
-    assert rig.mode is Mode.HOLD
+    assert rig.mode is LoopMode.HOLD
     assert sum(rig.interventions) == 0
 
 
@@ -157,13 +157,13 @@ def test_a_pause_of_the_loop_ends_what_the_arm_does_if_it_is_long(
     if pause_s < rig.settings.rt.pause_to_stop_s:
         assert task.running
     else:
-        assert rig.mode is Mode.STOPPING
+        assert rig.mode is LoopMode.STOPPING
         assert rig.reason.startswith(f"a cycle began {pause_s:.2f} s late")
         assert rig.interventions[Intervention.OVERRUN] == 1
     require_recovery(rig, kind)
 
 
-def commanded_under(settings: Settings, robot: Robot, kind: str) -> Array:
+def commanded_under(settings: Settings, robot: RobotDescription, kind: str) -> Array:
     rig = WatchedRig(settings, robot)
     try:
         task = Task(rig, kind)
@@ -175,7 +175,7 @@ def commanded_under(settings: Settings, robot: Robot, kind: str) -> Array:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_clock_on_the_wall_may_jump(
-    settings: Settings, robot: Robot, kind: str, monkeypatch: pytest.MonkeyPatch
+    settings: Settings, robot: RobotDescription, kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     expected = commanded_under(settings, robot, kind)
     random = np.random.default_rng(1)
@@ -238,7 +238,7 @@ def test_what_is_asked_for_in_a_spoilt_block_still_arrives(rig: WatchedRig, bloc
         getattr(rig.memory, block).data["estops"] = 1
         getattr(rig.memory, block).publish()
     rig.step()
-    assert rig.mode is (Mode.STOPPING if block == "session" else Mode.ESTOP)
+    assert rig.mode is (LoopMode.STOPPING if block == "session" else LoopMode.ESTOP)
 
 
 @pytest.mark.parametrize("left", [0x00, 0xFF])
@@ -249,7 +249,7 @@ def test_a_session_is_answered_although_the_count_of_sessions_was_lost(rig: Watc
     rig.run()
     rig.memory.session._shared[:] = bytes([left]) * len(rig.memory.session._shared)
     writer = StreamWriter(rig.memory)
-    number = writer.begin(wish, rig.loop.controller.mailbox.stops)
+    number = writer.begin(wish, rig.loop.controller.commands.stops)
     rig.step()
     assert writer.answer(number) == ""
 
@@ -263,7 +263,7 @@ def test_what_robot_this_is_is_written_again(rig: WatchedRig) -> None:
 
 
 def test_after_a_spoilt_state_the_next_rtloop_begins_with_an_estop(
-    rig: WatchedRig, settings: Settings, robot: Robot
+    rig: WatchedRig, settings: Settings, robot: RobotDescription
 ) -> None:
     Task(rig, "motion").step(UNDER_WAY)
     rig.request("stops")
@@ -271,7 +271,7 @@ def test_after_a_spoilt_state_the_next_rtloop_begins_with_an_estop(
     spoil(rig.memory, "state", np.random.default_rng(2))
     next_one = WatchedRig(settings, robot, memory=rig._own)
     next_one.step()
-    assert next_one.mode is Mode.ESTOP
+    assert next_one.mode is LoopMode.ESTOP
     assert "damaged" in next_one.reason
     assert next_one.reset() == ""
     require_recovery(next_one, "motion")
@@ -309,7 +309,7 @@ def test_whatever_a_client_streams_the_arm_keeps_its_limits(rig: WatchedRig, kin
     task = Task(rig, kind, interval=1, interpolation=int(random.integers(4)))
     for _ in range(600):
         if not task.running:
-            if rig.mode in (Mode.ESTOP, Mode.FAULT):
+            if rig.mode in (LoopMode.ESTOP, LoopMode.FAULT):
                 assert rig.reset() == ""
             rig.run()
             task = Task(rig, kind, interval=1, interpolation=int(random.integers(4)))
@@ -328,10 +328,12 @@ def test_whatever_a_client_streams_the_arm_keeps_its_limits(rig: WatchedRig, kin
 
 @pytest.mark.parametrize("seed", [4, 10, 16, 20, 25, 36, 45, 56])
 def test_no_stream_leads_beyond_a_position_limit(
-    settings: Settings, robot: Robot, seed: int, monkeypatch: pytest.MonkeyPatch
+    settings: Settings, robot: RobotDescription, seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Swings and noise across the limits of joints that start near them."""
-    monkeypatch.setattr(Guard, "look", lambda *_: None)  # near its limits this arm is near itself too
+    monkeypatch.setattr(
+        CollisionMonitor, "look", lambda *_: None
+    )  # near its limits this arm is near itself too
     random, limits = np.random.default_rng(seed), robot.limits
     side, near = random.choice([-1, 1], 7), random.random(7) < 0.6
     edge = np.where(side > 0, limits.max_position, limits.min_position)
@@ -394,7 +396,9 @@ def test_a_flood_of_stops_is_one_stop(rig: WatchedRig, kind: str) -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_twenty_seconds_of_everything_violate_no_limit(settings: Settings, robot: Robot, seed: int) -> None:
+def test_twenty_seconds_of_everything_violate_no_limit(
+    settings: Settings, robot: RobotDescription, seed: int
+) -> None:
     soak = Soak(settings, robot, seed)
     soak.run(20_000)
     assert soak.violations == [], f"seed {seed}"

@@ -8,20 +8,22 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from cobot.types import Mode
+from cobot.types import LoopMode
 from rtloop.modes import TRANSITIONS
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "architecture.md"
 
 
 def test_the_documented_table_is_the_one_that_runs() -> None:
-    names = "|".join(mode.name for mode in Mode)
+    names = "|".join(mode.name for mode in LoopMode)
     rows = re.findall(rf"^\| ({names}) \|.*\| (.*) \|$", DOCUMENT.read_text(encoding="utf-8"), re.MULTILINE)
-    documented = {Mode[name]: {Mode[word] for word in re.findall(names, goes)} for name, goes in rows}
+    documented = {LoopMode[name]: {LoopMode[word] for word in re.findall(names, goes)} for name, goes in rows}
     assert documented == TRANSITIONS
 
 
 def test_every_mode_can_be_left_and_an_estop_is_always_possible() -> None:
-    assert set(TRANSITIONS) == set(Mode)
-    assert all(Mode.ESTOP in following for mode, following in TRANSITIONS.items() if mode is not Mode.ESTOP)
-    assert TRANSITIONS[Mode.ESTOP] == {Mode.HOLD}
+    assert set(TRANSITIONS) == set(LoopMode)
+    assert all(
+        LoopMode.ESTOP in following for mode, following in TRANSITIONS.items() if mode is not LoopMode.ESTOP
+    )
+    assert TRANSITIONS[LoopMode.ESTOP] == {LoopMode.HOLD}

@@ -25,11 +25,11 @@ from cobot.errors import (
 )
 from cobot.ipc.layout import MotionResult
 from cobot.planners import MotionRequest
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.robot.frames import pose_from_abc
 from cobot.robot.limits import check_positions
 from cobot.trajectory import Trajectory
-from cobot.types import Array, Mode, PlannerName, Pose, Scaling
+from cobot.types import Array, LoopMode, PlannerName, Pose, Scaling
 
 REST_TIMEOUT_S = 5.0
 """How long a motion that was told to stop is waited for."""
@@ -69,7 +69,7 @@ class MotionService:
 
     def __init__(
         self,
-        robot: Robot,
+        robot: RobotDescription,
         link: RobotLink,
         ownership: Ownership,
         planning: PlanningService,
@@ -170,7 +170,7 @@ class MotionService:
             ConflictError: the arm still moves for somebody who is gone.
         """
         state = await self._link.ready_state(STATE_TIMEOUT_S)
-        if state.mode is not Mode.HOLD:
+        if state.mode is not LoopMode.HOLD:
             raise ConflictError(f"the arm still moves: motion {state.motion_id} is in mode {state.mode.name}")
         return state
 

@@ -18,7 +18,7 @@ from cobot.errors import PlanningError, PlanningTimeout
 from cobot.launch.process import Niceness, be, die_with_parent
 from cobot.planners import MotionRequest, WaypointRequest, plan, plan_waypoints
 from cobot.planners.rated import RatedMove, plan_rated
-from cobot.robot.description import Robot, load_robot
+from cobot.robot.description import RobotDescription, load_robot
 from cobot.trajectory import Trajectory
 
 Result = TypeVar("Result")
@@ -27,7 +27,7 @@ PlanRequest = MotionRequest | WaypointRequest | RatedMove
 
 @dataclass
 class _Worker:
-    robot: Robot | None = None
+    robot: RobotDescription | None = None
 
 
 _worker = _Worker()
@@ -41,12 +41,12 @@ def _prepare(config: Path | None, robot: str | None) -> None:
     _worker.robot = load_robot(load_settings(config).of(robot))
 
 
-def _work(work: Callable[[Robot], Result]) -> Result:
+def _work(work: Callable[[RobotDescription], Result]) -> Result:
     assert _worker.robot is not None
     return work(_worker.robot)
 
 
-def _planned(robot: Robot, request: PlanRequest) -> Trajectory | None:
+def _planned(robot: RobotDescription, request: PlanRequest) -> Trajectory | None:
     if isinstance(request, MotionRequest):
         return plan(robot, request)
     if isinstance(request, WaypointRequest):
@@ -54,7 +54,7 @@ def _planned(robot: Robot, request: PlanRequest) -> Trajectory | None:
     return plan_rated(robot, request)
 
 
-def _ready(robot: Robot) -> None:
+def _ready(robot: RobotDescription) -> None:
     """A task that only waits for the worker."""
 
 
@@ -85,7 +85,7 @@ class PlanningService:
         """See `cobot.planners.plan`, `plan_waypoints` and `plan_rated`; raises as `compute` does."""
         return await self.compute(partial(_planned, request=request), timeout_s)
 
-    async def compute(self, work: Callable[[Robot], Result], timeout_s: float) -> Result:
+    async def compute(self, work: Callable[[RobotDescription], Result], timeout_s: float) -> Result:
         """What a picklable function makes of the robot. Cancelling this kills the worker.
 
         Raises:
@@ -99,7 +99,7 @@ class PlanningService:
         except pebble.ProcessExpired as exc:
             raise PlanningError(f"the planning process died (exit code {exc.exitcode})") from exc
 
-    async def _run(self, work: Callable[[Robot], Result], timeout_s: float | None) -> Result:
+    async def _run(self, work: Callable[[RobotDescription], Result], timeout_s: float | None) -> Result:
         found = await asyncio.wrap_future(self._pool.schedule(_work, args=[work], timeout=timeout_s))
         return cast(Result, found)
 

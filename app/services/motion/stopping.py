@@ -11,11 +11,11 @@ from app.services.motion.ownership import Ownership
 from app.services.programs.sequences import SequenceService
 from app.services.state.link import POLL_S, RESTING, RobotLink, RobotState
 from cobot.errors import CobotError, UnavailableError
-from cobot.types import Mode
+from cobot.types import LoopMode
 
 END_TIMEOUT_S = 2.0
 """How long a motion is waited for that has come to rest and has only to notice."""
-LATCHED = (Mode.ESTOP, Mode.FAULT)
+LATCHED = (LoopMode.ESTOP, LoopMode.FAULT)
 UNMEASURED_S = 0.25
 """Without a measurement for so long, nobody can say that the arm is at rest."""
 

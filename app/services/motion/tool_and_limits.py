@@ -6,7 +6,7 @@ import numpy as np
 
 from cobot.planners.rated import Envelope
 from cobot.robot import quaternion
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.types import Array, Pose
 
 
@@ -17,7 +17,7 @@ class RobotSettings:
         envelope: what the motion queue plans with. Moves that are planned already keep theirs.
     """
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: RobotDescription) -> None:
         self.envelope = Envelope(robot.limits, robot.cartesian_limits)
         flange = robot.model.flange_in_tcp()
         self._flange = Pose(flange[:3], flange[3:])

@@ -17,7 +17,7 @@ from app.services.streaming.sessions import StreamService
 from cobot.errors import UnavailableError
 from cobot.ipc.layout import LAYOUT_VERSION, Intervention, Phase
 from cobot.ipc.shm import text
-from cobot.types import Mode
+from cobot.types import LoopMode
 
 VERSIONS = {
     **{name: version(name) for name in ("cobot", "mujoco-core", "ruckig", "numpy", "fastapi")},
@@ -96,7 +96,7 @@ class HealthService:
             cycle_us = _cycle_times(statistics)
             if not alive:
                 problems.append(f"rtloop (pid {rtloop['pid']}) has been silent for {state.age_s:.1f} s")
-            if state.mode in (Mode.ESTOP, Mode.FAULT):
+            if state.mode in (LoopMode.ESTOP, LoopMode.FAULT):
                 problems.append(f"mode {state.mode.name}: {state.reason}")
         return Health(
             "degraded" if problems else "ok",

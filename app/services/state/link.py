@@ -19,14 +19,14 @@ from cobot.errors import ConflictError, ExecutionError, NotReadyError, TornReadE
 from cobot.ipc.layout import RING, SLOTS, STATE_SCALARS, STATE_STRUCT, Ack, Command, MotionResult
 from cobot.ipc.shm import RobotMemory, Role, text
 from cobot.trajectory import Trajectory
-from cobot.types import Array, Mode
+from cobot.types import Array, LoopMode
 
 HEARTBEAT_S = 0.05
 POLL_S = 0.002
 ACKNOWLEDGE_S = 3.0
 """rtloop verifies the largest trajectory in about a second."""
 SCALARS = [name for name, _ in STATE_SCALARS]
-RESTING = frozenset({Mode.HOLD, Mode.ESTOP, Mode.FAULT})
+RESTING = frozenset({LoopMode.HOLD, LoopMode.ESTOP, LoopMode.FAULT})
 """Modes in which nothing moves the arm, but for the end of a motion."""
 IN_THREAD_SEGMENTS = 2000
 """A longer trajectory is copied in a thread, so that nobody else waits."""
@@ -47,7 +47,7 @@ class RobotState:
         reason: why the mode is ESTOP or FAULT, or why the last motion ended.
     """
 
-    mode: Mode
+    mode: LoopMode
     settled: bool
     position: Array
     velocity: Array
@@ -137,7 +137,7 @@ class RobotLink:
         now_ns = time.monotonic_ns()
         scalars = dict(zip(SCALARS, STATE_STRUCT.unpack_from(self.memory.state.buffer.data), strict=True))
         return RobotState(
-            mode=Mode(scalars["mode"]),
+            mode=LoopMode(scalars["mode"]),
             settled=bool(scalars["settled"]),
             position=record["position"].copy(),
             velocity=record["velocity"].copy(),
@@ -226,7 +226,7 @@ class RobotLink:
             NotReadyError: ESTOP or FAULT, with the reason and the way out.
         """
         state = await self.fresh_state(timeout_s)
-        if state.mode in (Mode.ESTOP, Mode.FAULT):
+        if state.mode in (LoopMode.ESTOP, LoopMode.FAULT):
             reset = f"{address('', self.memory.robot)}/reset" if self.label else "/robot/reset"
             raise NotReadyError(
                 f"the robot is in mode {state.mode.name}: {state.reason}; see to the cause, then POST {reset}"
@@ -293,9 +293,9 @@ class RobotLink:
             UnavailableError: rtloop does not answer.
         """
         state = await self.fresh_state(timeout_s)
-        if state.mode in (Mode.TRAJECTORY, Mode.STOPPING):
+        if state.mode in (LoopMode.TRAJECTORY, LoopMode.STOPPING):
             raise ConflictError(f"motion {state.motion_id} is {state.mode.name}: there is nothing to reset")
-        if state.mode in (Mode.ESTOP, Mode.FAULT):
+        if state.mode in (LoopMode.ESTOP, LoopMode.FAULT):
             self.request_stop()
         async with self._command_turn:
             try:

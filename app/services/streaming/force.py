@@ -14,7 +14,7 @@ from app.services.streaming.sessions import Session, StreamService
 from cobot.errors import CobotError, ConflictError, InputError, LimitError
 from cobot.ipc.layout import Interpolation, Stream, setpoint_dtype
 from cobot.ipc.session_rules import DAMPING_RATIO, NO_FRAME, nominal_session
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.types import Array, vector
 
 NAME = "force control"
@@ -81,7 +81,7 @@ class ForceService:
 
     def __init__(
         self,
-        robot: Robot,
+        robot: RobotDescription,
         link: RobotLink,
         streams: StreamService,
         stopping: StopService,

@@ -33,7 +33,7 @@ from cobot.errors import (
 from cobot.ipc.layout import POINTS, Interpolation, ServoMode, Stream, setpoint_dtype
 from cobot.ipc.session_rules import nominal_session
 from cobot.ipc.stream_writer import PointWriter
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.robot.frames import pose_from_abc
 from cobot.robot.inverse_kinematics import continued
 from cobot.servo.fields import BrokenRule, Refusal
@@ -63,7 +63,7 @@ class ServoService:
 
     def __init__(
         self,
-        robot: Robot,
+        robot: RobotDescription,
         link: RobotLink,
         streams: StreamService,
         force: ForceService,

@@ -25,7 +25,7 @@ from cobot.errors import (
 from cobot.ipc.layout import Stream, setpoint_dtype
 from cobot.ipc.session_rules import check_chunk, check_session, check_setpoint
 from cobot.ipc.stream_writer import StreamWriter
-from cobot.types import Mode
+from cobot.types import LoopMode
 
 MAX_CONNECTIONS = 32
 STATE_TRIES = 3
@@ -251,6 +251,6 @@ class StreamService:
                 return str(exc)
             if state.session != session.number:
                 return session.over or state.reason
-            if state.mode in (Mode.STOPPING, *RESTING) and not session.over:
+            if state.mode in (LoopMode.STOPPING, *RESTING) and not session.over:
                 session.over = state.reason
             await asyncio.sleep(POLL_S)

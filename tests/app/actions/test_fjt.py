@@ -36,11 +36,11 @@ from cobot.config import Settings
 from cobot.errors import ConflictError, InputError, NotReadyError
 from cobot.ipc.layout import ServoMode
 from cobot.planners import WaypointRequest, plan_waypoints
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.ros.messages import Messages
 from cobot.servo.protocol import FjtControl
 from cobot.trajectory import Trajectory
-from cobot.types import JointLimits, Mode
+from cobot.types import JointLimits, LoopMode
 
 NAMES = [f"joint{number}" for number in range(1, 8)]
 TYPE = "control_msgs/action/FollowJointTrajectory"
@@ -88,7 +88,7 @@ THERE = [0.1] * 7
 # Reading
 
 
-def test_joints_may_stand_in_any_order(robot: Robot) -> None:
+def test_joints_may_stand_in_any_order(robot: RobotDescription) -> None:
     order = [3, 0, 6, 1, 2, 5, 4]
     positions = np.arange(7.0) / 10.0
     read_ = read(goal([point(positions[order], 1.0)], [NAMES[joint] for joint in order]), robot.limits)
@@ -159,14 +159,14 @@ def test_joints_may_stand_in_any_order(robot: Robot) -> None:
     ],
 )
 def test_a_goal_that_makes_no_sense_is_named(
-    robot: Robot, message: dict[str, Any], code: ErrorCode, words: str
+    robot: RobotDescription, message: dict[str, Any], code: ErrorCode, words: str
 ) -> None:
     with pytest.raises(GoalError, match=words) as found:
         read(message, robot.limits)
     assert found.value.error_code is code
 
 
-def test_tolerances_of_0_and_minus_1_leave_the_default(robot: Robot) -> None:
+def test_tolerances_of_0_and_minus_1_leave_the_default(robot: RobotDescription) -> None:
     given = [tolerance("joint1"), tolerance("joint2", -1.0, -1.0, -1.0), tolerance("joint7", 0.25, 0.5)]
     made = read(goal([point(HERE, 1.0)], path_tolerance=given), robot.limits).path
     np.testing.assert_array_equal(made.position, [np.inf] * 6 + [0.25])
@@ -174,7 +174,7 @@ def test_tolerances_of_0_and_minus_1_leave_the_default(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize(("given", "late_s"), [(0.0, math.inf), (-1.0, math.inf), (0.5, 0.5)])
-def test_no_goal_time_tolerance_means_any_time(robot: Robot, given: float, late_s: float) -> None:
+def test_no_goal_time_tolerance_means_any_time(robot: RobotDescription, given: float, late_s: float) -> None:
     made = read(goal([point(HERE, 1.0)], goal_time_tolerance=duration(given)), robot.limits)
     assert made.late_s == late_s
 
@@ -182,19 +182,19 @@ def test_no_goal_time_tolerance_means_any_time(robot: Robot, given: float, late_
 @pytest.mark.parametrize(
     ("stamp", "start_s"), [(0.0, None), (NOW_S + 2.5, NOW_S + 2.5), (NOW_S - 0.5, NOW_S - 0.5)]
 )
-def test_the_stamp_is_when_to_begin(robot: Robot, stamp: float, start_s: float | None) -> None:
+def test_the_stamp_is_when_to_begin(robot: RobotDescription, stamp: float, start_s: float | None) -> None:
     assert read(goal([point(HERE, 1.0)], stamp=stamp), robot.limits).start_s == start_s
 
 
 # Interpolating
 
 
-def planned(robot: Robot, message: dict[str, Any], start: Any) -> Trajectory:
+def planned(robot: RobotDescription, message: dict[str, Any], start: Any) -> Trajectory:
     request = WaypointRequest(np.array(start), read(message, robot.limits).points, 0.01)
     return plan_waypoints(robot, request)
 
 
-def path(robot: Robot, seed: int) -> tuple[np.ndarray, CubicSpline]:
+def path(robot: RobotDescription, seed: int) -> tuple[np.ndarray, CubicSpline]:
     """Random points near home that the limits permit, and the curve they are of."""
     random = np.random.default_rng(seed)
     home = np.array(robot.positions["home"].joints)
@@ -205,7 +205,9 @@ def path(robot: Robot, seed: int) -> tuple[np.ndarray, CubicSpline]:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_positions_velocities_and_accelerations_are_met_by_quintics(robot: Robot, seed: int) -> None:
+def test_positions_velocities_and_accelerations_are_met_by_quintics(
+    robot: RobotDescription, seed: int
+) -> None:
     times, curve = path(robot, seed)
     random = np.random.default_rng(seed)
     velocities, accelerations = random.uniform(-0.05, 0.05, (2, 7, 7))
@@ -219,7 +221,9 @@ def test_positions_velocities_and_accelerations_are_met_by_quintics(robot: Robot
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_positions_and_velocities_of_a_smooth_curve_give_that_curve(robot: Robot, seed: int) -> None:
+def test_positions_and_velocities_of_a_smooth_curve_give_that_curve(
+    robot: RobotDescription, seed: int
+) -> None:
     """Where cubics through the points meet smoothly, they are what joint_trajectory_controller follows."""
     times, curve = path(robot, seed)
     lead_in, lead_out = curve(times, 1).copy(), curve(times)
@@ -234,7 +238,7 @@ def test_positions_and_velocities_of_a_smooth_curve_give_that_curve(robot: Robot
     np.testing.assert_allclose(made.sample(inside), expected(inside), atol=1e-10)
 
 
-def test_accelerations_at_both_ends_are_those_of_an_arm_at_rest(robot: Robot) -> None:
+def test_accelerations_at_both_ends_are_those_of_an_arm_at_rest(robot: RobotDescription) -> None:
     """MoveIt's TimeOptimalTrajectoryGeneration begins and ends with the largest ones (moveit2 issue 3014)."""
     rows = [
         point(HERE, 0.0, HERE, [0.5] * 7),
@@ -245,7 +249,7 @@ def test_accelerations_at_both_ends_are_those_of_an_arm_at_rest(robot: Robot) ->
     assert [each.accelerations for each in points] == [HERE, THERE, HERE]
 
 
-def test_positions_alone_give_the_clamped_spline(robot: Robot) -> None:
+def test_positions_alone_give_the_clamped_spline(robot: RobotDescription) -> None:
     times, curve = path(robot, 7)
     rows = zip(curve(times), times, strict=True)
     made = planned(robot, goal([point(*row) for row in rows]), curve(0.0))
@@ -277,7 +281,9 @@ class Handle:
 class Stand:
     """The action on a stepped cycle."""
 
-    def __init__(self, rig: Rig, robot: Robot, settings: Settings, planning: PlanningService) -> None:
+    def __init__(
+        self, rig: Rig, robot: RobotDescription, settings: Settings, planning: PlanningService
+    ) -> None:
         rig.step(30)
         self.rig = rig
         self.link = RobotLink(rig.memory.path.name.removeprefix("cobot-"), 60.0)
@@ -315,7 +321,7 @@ class Stand:
 
     async def until_moving(self) -> None:
         async with asyncio.timeout(WAIT_S):
-            while self.rig.mode is not Mode.TRAJECTORY:
+            while self.rig.mode is not LoopMode.TRAJECTORY:
                 self.rig.step()
                 await asyncio.sleep(0.0005)
             for _ in range(30):
@@ -325,7 +331,7 @@ class Stand:
     async def until_free(self) -> None:
         """Until nobody owns the arm any more."""
         async with asyncio.timeout(WAIT_S):
-            while self.ownership.owner is not None or self.rig.mode is not Mode.HOLD:
+            while self.ownership.owner is not None or self.rig.mode is not LoopMode.HOLD:
                 self.rig.step(5)
                 await asyncio.sleep(0.0005)
 
@@ -341,7 +347,9 @@ def planning() -> Iterator[PlanningService]:
 
 
 @pytest.fixture
-def stand(rig: Rig, robot: Robot, settings: Settings, planning: PlanningService) -> Iterator[Stand]:
+def stand(
+    rig: Rig, robot: RobotDescription, settings: Settings, planning: PlanningService
+) -> Iterator[Stand]:
     made = Stand(rig, robot, settings, planning)
     yield made
     made.servo.close()

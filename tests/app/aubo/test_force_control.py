@@ -26,9 +26,9 @@ from app.services.state.link import RobotLink
 from app.services.streaming.force import ForceService
 from app.services.streaming.sessions import StreamService
 from cobot.config import Settings
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import inverse
-from cobot.types import Array, Mode, Pose
+from cobot.types import Array, LoopMode, Pose
 from rtloop.main import _describe
 
 CLASS = "ForceControl"
@@ -39,7 +39,7 @@ HEIGHT_M = 0.02
 class Bench:
     """The simulated arm above the floor, and the service on it."""
 
-    def __init__(self, settings: Settings, robot: Robot) -> None:
+    def __init__(self, settings: Settings, robot: RobotDescription) -> None:
         home = np.array(robot.positions["home"].joints)
         goal = Pose(np.array([0.5, 0.0, HEIGHT_M]), robot.model.forward(home).quaternion)
         self.rig = Rig(settings, robot, simulated=True, start=inverse(robot.model, goal, home))
@@ -110,7 +110,7 @@ class Bench:
 
 
 @pytest.fixture
-def bench(settings: Settings, robot: Robot) -> Iterator[Bench]:
+def bench(settings: Settings, robot: RobotDescription) -> Iterator[Bench]:
     made = Bench(settings, robot)
     yield made
     made.close()
@@ -135,7 +135,7 @@ def test_ten_newtons_on_the_floor_are_ten_newtons_and_twenty_are_twenty(bench: B
         np.testing.assert_allclose(bench.tcp[:2], begin[:2], atol=2e-3)
         await bench.during(bench.ask("fcDisable"))
         assert not await bench.ask("isFcEnabled")
-        assert bench.rig.mode is Mode.HOLD
+        assert bench.rig.mode is LoopMode.HOLD
         assert bench.ownership.owner is None
 
     run(check())
@@ -166,7 +166,7 @@ def test_beyond_a_threshold_the_arm_stops_and_the_reason_is_told(bench: Bench) -
         assert await bench.ask("isFcEnabled")
         bench.rig.simulation.push[0] = 40.0
         await bench.until(lambda: not bench.force.settings.enabled)
-        await bench.until(lambda: bench.rig.mode is Mode.HOLD)
+        await bench.until(lambda: bench.rig.mode is LoopMode.HOLD)
         reason = await bench.ask("getFcEndReason")
         assert "along or about x are beyond the threshold of 25" in reason
         assert any(reason in report for report in bench.reports)
@@ -211,10 +211,10 @@ def test_somebody_else_s_session_takes_over_and_gives_back(bench: Bench) -> None
         assert bench.streams.session is None
         assert await bench.ask("isFcEnabled")
         await bench.during(bench.force.take_back())
-        assert bench.rig.mode is Mode.CARTESIAN
+        assert bench.rig.mode is LoopMode.CARTESIAN
         await bench.during(bench.ask("fcDisable"))
         await bench.during(bench.force.take_back())
-        assert bench.rig.mode is Mode.HOLD
+        assert bench.rig.mode is LoopMode.HOLD
 
     run(check())
 

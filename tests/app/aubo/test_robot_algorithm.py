@@ -18,7 +18,7 @@ from vendor_calls import Caller, run
 
 from app.aubo.codes import Code
 from app.services.motion.tool_and_limits import RobotSettings
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.types import Array
 
 RANDOM = np.random.default_rng(44)
@@ -29,15 +29,15 @@ NO_TOOL = [0.0] * 6
 class Workers:
     """Planning in this very process."""
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: RobotDescription) -> None:
         self._robot = robot
 
-    async def compute(self, work: Callable[[Robot], Any], timeout_s: float) -> Any:
+    async def compute(self, work: Callable[[RobotDescription], Any], timeout_s: float) -> Any:
         return work(self._robot)
 
 
 @pytest.fixture
-def services(robot: Robot) -> Any:
+def services(robot: RobotDescription) -> Any:
     return SimpleNamespace(
         robot=robot,
         settings=RobotSettings(robot),
@@ -46,7 +46,7 @@ def services(robot: Robot) -> Any:
     )
 
 
-def joints(robot: Robot, share: float = 0.6) -> Array:
+def joints(robot: RobotDescription, share: float = 0.6) -> Array:
     return share * RANDOM.uniform(robot.limits.min_position, robot.limits.max_position)
 
 
@@ -64,7 +64,7 @@ def tcp(q: Any) -> Array:
 
 @pytest.mark.parametrize("tool", [NO_TOOL, TOOL])
 def test_forward_kinematics_is_that_of_another_library(
-    services: Any, robot: Robot, tool: list[float]
+    services: Any, robot: RobotDescription, tool: list[float]
 ) -> None:
     async def check() -> None:
         ask = Caller(services, "RobotAlgorithm")
@@ -82,7 +82,7 @@ def test_forward_kinematics_is_that_of_another_library(
 
 @pytest.mark.parametrize("tool", [NO_TOOL, TOOL])
 def test_inverse_kinematics_brings_the_tip_there_and_stays_near(
-    services: Any, robot: Robot, tool: list[float]
+    services: Any, robot: RobotDescription, tool: list[float]
 ) -> None:
     async def check() -> None:
         ask = Caller(services, "RobotAlgorithm")
@@ -103,7 +103,9 @@ def test_inverse_kinematics_brings_the_tip_there_and_stays_near(
     run(check())
 
 
-def test_all_solutions_are_solutions_within_the_limits_and_apart(services: Any, robot: Robot) -> None:
+def test_all_solutions_are_solutions_within_the_limits_and_apart(
+    services: Any, robot: RobotDescription
+) -> None:
     async def check() -> None:
         ask = Caller(services, "RobotAlgorithm")
         home = list(robot.positions["home"].joints)
@@ -135,7 +137,7 @@ def test_what_cannot_be_reached_or_read_is_an_error(services: Any) -> None:
     run(check())
 
 
-def test_dynamics_are_those_of_another_library(services: Any, robot: Robot) -> None:
+def test_dynamics_are_those_of_another_library(services: Any, robot: RobotDescription) -> None:
     import pinocchio
 
     async def check() -> None:
@@ -154,7 +156,7 @@ def test_dynamics_are_those_of_another_library(services: Any, robot: Robot) -> N
     run(check())
 
 
-def test_a_tip_is_found_from_touches_of_one_point(services: Any, robot: Robot) -> None:
+def test_a_tip_is_found_from_touches_of_one_point(services: Any, robot: RobotDescription) -> None:
     async def check() -> None:
         ask = Caller(services, "RobotAlgorithm")
         tip, point = np.array([0.02, -0.05, 0.18]), np.array([0.4, 0.1, 0.3])

@@ -17,7 +17,7 @@ from vendor_calls import Caller, run
 
 from app.aubo.codes import Code
 from app.services.motion.tool_and_limits import RobotSettings
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 
 ROWS = yaml.safe_load(LIMITS.read_text(encoding="utf-8"))["joint_limits"]
 PLANNING = yaml.safe_load(LIMITS.with_name("cobot-setting.yaml").read_text(encoding="utf-8"))["planning"]
@@ -28,7 +28,7 @@ def column(name: str) -> list[float]:
 
 
 @pytest.fixture
-def ask(robot: Robot) -> Caller:
+def ask(robot: RobotDescription) -> Caller:
     services: Any = SimpleNamespace(
         robot=robot, settings=RobotSettings(robot), streams=SimpleNamespace(period_s=0.001)
     )

@@ -11,7 +11,7 @@ from second_opinion import largest_rates, rate_limits, second_robot
 
 from cobot.errors import InputError, PlanningError, UnreachableError
 from cobot.planners import MotionRequest, plan
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName, Pose, Scaling
 
@@ -39,12 +39,12 @@ def moved(pose: Pose, across: Array, turn: Array) -> Pose:
     )
 
 
-def work(robot: Robot) -> Array:
+def work(robot: RobotDescription) -> Array:
     return np.array(robot.positions["work"].joints)
 
 
 def planned(
-    robot: Robot, start: Array, goal: Pose, scaling: Scaling = FULL, via: Array | None = None
+    robot: RobotDescription, start: Array, goal: Pose, scaling: Scaling = FULL, via: Array | None = None
 ) -> Trajectory:
     planner = PlannerName.LIN if via is None else PlannerName.CIRC
     trajectory = plan(robot, MotionRequest(start, goal, planner, scaling, via))
@@ -78,7 +78,7 @@ def require_line(trajectory: Trajectory, start: Pose, goal: Pose) -> None:
     assert (orientation(goal).inv() * turns[-1]).magnitude() < 1e-6
 
 
-def test_lin_stays_on_the_line_and_turns_evenly(robot: Robot) -> None:
+def test_lin_stays_on_the_line_and_turns_evenly(robot: RobotDescription) -> None:
     random = np.random.default_rng(SEED)
     tries, found = 40, 0
     for _ in range(tries):
@@ -97,7 +97,7 @@ def test_lin_stays_on_the_line_and_turns_evenly(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize("turn", [(0.0, 0.0, 1.5), (0.0, 0.0, -1.5), (0.4, 0.0, 0.0), (0.2, -0.3, 0.5)])
-def test_lin_turns_in_place(robot: Robot, turn: tuple[float, float, float]) -> None:
+def test_lin_turns_in_place(robot: RobotDescription, turn: tuple[float, float, float]) -> None:
     start = pose_of(work(robot))
     motion = planned(robot, work(robot), moved(start, np.zeros(3), np.array(turn)))
     positions, turns = tcp_path(motion)
@@ -109,14 +109,14 @@ def test_lin_turns_in_place(robot: Robot, turn: tuple[float, float, float]) -> N
 
 
 @pytest.mark.parametrize("distance_m", [2e-5, 2e-4, 1e-3, 0.01])
-def test_lin_goes_the_smallest_ways_too(robot: Robot, distance_m: float) -> None:
+def test_lin_goes_the_smallest_ways_too(robot: RobotDescription, distance_m: float) -> None:
     start = pose_of(work(robot))
     goal = moved(start, np.array([0.0, distance_m, 0.0]), np.zeros(3))
     positions, _ = tcp_path(planned(robot, work(robot), goal))
     assert positions[-1] == pytest.approx(goal.position, abs=1e-6)
 
 
-def test_lin_and_circ_start_and_end_at_rest(robot: Robot) -> None:
+def test_lin_and_circ_start_and_end_at_rest(robot: RobotDescription) -> None:
     start = pose_of(work(robot))
     goal = moved(start, np.array([0.0, 0.2, 0.1]), np.zeros(3))
     for via in (None, start.position + np.array([0.05, 0.1, 0.0])):
@@ -128,7 +128,7 @@ def test_lin_and_circ_start_and_end_at_rest(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize("speed", [0.05, 0.4, 1.0])
-def test_the_tcp_and_the_joints_keep_their_limits(robot: Robot, speed: float) -> None:
+def test_the_tcp_and_the_joints_keep_their_limits(robot: RobotDescription, speed: float) -> None:
     start = pose_of(work(robot))
     across, turn = np.array([0.05, 0.4, 0.1]), np.array([0.0, 0.0, 0.6])
     via = start.position + np.array([0.05, 0.2, 0.05])
@@ -156,7 +156,7 @@ def test_the_tcp_and_the_joints_keep_their_limits(robot: Robot, speed: float) ->
 
 @pytest.mark.parametrize("across", [(0.0, 0.3, 0.0), (-0.2, 0.0, 0.0), (0.0, 0.0, 0.3)])
 def test_a_long_slow_line_uses_what_the_tcp_or_a_joint_may(
-    robot: Robot, across: tuple[float, float, float]
+    robot: RobotDescription, across: tuple[float, float, float]
 ) -> None:
     goal = moved(pose_of(work(robot)), np.array(across), np.zeros(3))
     request = MotionRequest(work(robot), goal, PlannerName.LIN, Scaling(0.1))
@@ -172,7 +172,7 @@ def test_a_long_slow_line_uses_what_the_tcp_or_a_joint_may(
     assert 0.9 < max(of_the_tcp, of_a_joint) <= 1.0 + 1e-5
 
 
-def test_lin_out_of_reach_says_at_what_percentage_and_which_joint(robot: Robot) -> None:
+def test_lin_out_of_reach_says_at_what_percentage_and_which_joint(robot: RobotDescription) -> None:
     # Straight out at the shoulder's height: the wrist, 0.126 m above the flange, is 0.82 m away at the most.
     start = pose_of(np.array([0.0, 0.6, 0.0, -1.4, 0.0, np.pi - 2.0, 0.0]))
     joints = np.array([0.0, 0.6, 0.0, -1.4, 0.0, np.pi - 2.0, 0.0])
@@ -188,7 +188,9 @@ def test_lin_out_of_reach_says_at_what_percentage_and_which_joint(robot: Robot) 
     assert leaves - 1.0 <= float(found[1]) <= leaves + 100.0 / 24.0 + 1.0
 
 
-def test_lin_into_a_joints_limit_says_at_what_percentage_which_joint_and_limit(robot: Robot) -> None:
+def test_lin_into_a_joints_limit_says_at_what_percentage_which_joint_and_limit(
+    robot: RobotDescription,
+) -> None:
     joints = work(robot)
     joints[6] = 2.9
     pose = pose_of(joints)
@@ -196,7 +198,9 @@ def test_lin_into_a_joints_limit_says_at_what_percentage_which_joint_and_limit(r
         planned(robot, joints, moved(pose, np.zeros(3), np.array([0.0, 0.0, -0.8])))
 
 
-def test_lin_through_the_stretched_elbow_is_refused_as_singular_or_out_of_reach(robot: Robot) -> None:
+def test_lin_through_the_stretched_elbow_is_refused_as_singular_or_out_of_reach(
+    robot: RobotDescription,
+) -> None:
     # Up along the axis until the arm is straight: joint 4 would have to turn without bound.
     joints = np.array([0.0, 0.3, 0.0, -0.6, 0.0, 0.3, 0.0])
     top = Pose(np.array([0.0, 0.0, 1.306]), np.array([1.0, 0.0, 0.0, 0.0]))
@@ -230,7 +234,7 @@ def require_arc(trajectory: Trajectory, start: Pose, via: Array, goal: Pose) -> 
     assert positions[-1] == pytest.approx(goal.position, abs=1e-6)
 
 
-def test_circ_stays_on_the_circle_through_its_three_points(robot: Robot) -> None:
+def test_circ_stays_on_the_circle_through_its_three_points(robot: RobotDescription) -> None:
     random = np.random.default_rng(SEED)
     tries, found = 30, 0
     for _ in range(tries):
@@ -250,7 +254,7 @@ def test_circ_stays_on_the_circle_through_its_three_points(robot: Robot) -> None
     assert found >= 0.8 * tries
 
 
-def test_circ_goes_the_long_way_round_when_via_lies_there(robot: Robot) -> None:
+def test_circ_goes_the_long_way_round_when_via_lies_there(robot: RobotDescription) -> None:
     start = pose_of(work(robot))
     goal = moved(start, np.array([0.0, 0.06, 0.0]), np.zeros(3))
     via = start.position + np.array([0.1, 0.03, 0.0])
@@ -273,21 +277,21 @@ def test_circ_goes_the_long_way_round_when_via_lies_there(robot: Robot) -> None:
     ],
 )
 def test_points_that_make_no_circle_are_refused(
-    robot: Robot, via: tuple[float, float, float], goal: tuple[float, float, float], message: str
+    robot: RobotDescription, via: tuple[float, float, float], goal: tuple[float, float, float], message: str
 ) -> None:
     start = pose_of(work(robot))
     with pytest.raises(PlanningError, match=message):
         planned(robot, work(robot), moved(start, np.array(goal), np.zeros(3)), FULL, start.position + via)
 
 
-def test_circ_out_of_reach_says_at_what_percentage_of_the_arc(robot: Robot) -> None:
+def test_circ_out_of_reach_says_at_what_percentage_of_the_arc(robot: RobotDescription) -> None:
     start = pose_of(work(robot))
     goal = moved(start, np.array([0.6, 0.6, 0.0]), np.zeros(3))
     with pytest.raises(UnreachableError, match=r"^circ: at \d+ % of the path .*joint\d"):
         planned(robot, work(robot), goal, FULL, start.position + np.array([0.5, 0.1, 0.0]))
 
 
-def test_a_via_is_three_numbers_for_circ_only(robot: Robot) -> None:
+def test_a_via_is_three_numbers_for_circ_only(robot: RobotDescription) -> None:
     goal = moved(pose_of(work(robot)), np.array([0.0, 0.1, 0.0]), np.zeros(3))
     with pytest.raises(InputError, match=r"via, a point \(x, y, z\) on the arc"):
         plan(robot, MotionRequest(work(robot), goal, PlannerName.CIRC, FULL))

@@ -16,7 +16,7 @@ from second_opinion import Contacts, changed_world, largest_rates, rate_limits, 
 
 from cobot.errors import CobotError, CollisionError, InputError, LimitError, PlanningError, UnreachableError
 from cobot.planners import MotionRequest, plan
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName, Pose, Scaling
 
@@ -36,23 +36,23 @@ THROUGH_THE_FLOOR = (
 )
 
 
-def home(robot: Robot) -> Array:
+def home(robot: RobotDescription) -> Array:
     return np.array(robot.positions["home"].joints)
 
 
-def work(robot: Robot) -> Array:
+def work(robot: RobotDescription) -> Array:
     return np.array(robot.positions["work"].joints)
 
 
 def ptp(
-    robot: Robot, start: Array, goal: Array | Pose, scaling: Scaling = FULL, planner: str = "ptp"
+    robot: RobotDescription, start: Array, goal: Array | Pose, scaling: Scaling = FULL, planner: str = "ptp"
 ) -> Trajectory:
     trajectory = plan(robot, MotionRequest(start, goal, PlannerName(planner), scaling))
     assert trajectory is not None
     return trajectory
 
 
-def free_pairs(robot: Robot, count: int) -> list[tuple[Array, Array, Trajectory]]:
+def free_pairs(robot: RobotDescription, count: int) -> list[tuple[Array, Array, Trajectory]]:
     """Random starts and goals between which ptp is free of collisions, and the motion."""
     random = np.random.default_rng(SEED)
     limits = robot.limits
@@ -66,7 +66,7 @@ def free_pairs(robot: Robot, count: int) -> list[tuple[Array, Array, Trajectory]
     return found
 
 
-def shortest_duration_s(robot: Robot, start: Array, goal: Array, scaling: Scaling) -> float:
+def shortest_duration_s(robot: RobotDescription, start: Array, goal: Array, scaling: Scaling) -> float:
     """What the slowest joint needs on its own, by ruckig."""
     limits = MotionRequest(start, goal, PlannerName.PTP, scaling).scaled_limits(robot)
     durations = []
@@ -82,7 +82,7 @@ def shortest_duration_s(robot: Robot, start: Array, goal: Array, scaling: Scalin
     return max(durations)
 
 
-def test_ptp_goes_from_rest_at_the_start_to_rest_at_the_goal(robot: Robot) -> None:
+def test_ptp_goes_from_rest_at_the_start_to_rest_at_the_goal(robot: RobotDescription) -> None:
     for start, goal, motion in free_pairs(robot, 50):
         assert motion.start == pytest.approx(start, abs=1e-9)
         assert motion.end == pytest.approx(goal, abs=1e-9)
@@ -91,7 +91,7 @@ def test_ptp_goes_from_rest_at_the_start_to_rest_at_the_goal(robot: Robot) -> No
             assert ends == pytest.approx(np.zeros((2, 7)), abs=1e-6)
 
 
-def test_ptp_keeps_velocity_acceleration_and_jerk_limits_at_any_scaling(robot: Robot) -> None:
+def test_ptp_keeps_velocity_acceleration_and_jerk_limits_at_any_scaling(robot: RobotDescription) -> None:
     random = np.random.default_rng(SEED)
     for start, goal, _ in free_pairs(robot, 30):
         scaling = Scaling(random.uniform(0.05, 1.0), random.choice([0.0, random.uniform(0.05, 1.0)]))
@@ -103,12 +103,12 @@ def test_ptp_keeps_velocity_acceleration_and_jerk_limits_at_any_scaling(robot: R
         assert used.max() > 0.98, "slower than any limit asks for"
 
 
-def test_ptp_takes_as_long_as_its_slowest_joint_needs_alone(robot: Robot) -> None:
+def test_ptp_takes_as_long_as_its_slowest_joint_needs_alone(robot: RobotDescription) -> None:
     for start, goal, motion in free_pairs(robot, 50):
         assert motion.duration_s == pytest.approx(shortest_duration_s(robot, start, goal, FULL), rel=1e-6)
 
 
-def test_ptp_joints_all_start_and_end_together_and_never_turn_back(robot: Robot) -> None:
+def test_ptp_joints_all_start_and_end_together_and_never_turn_back(robot: RobotDescription) -> None:
     for start, goal, motion in free_pairs(robot, 30):
         way = (motion.sample(np.linspace(0.0, motion.duration_s, 201)) - start) / (goal - start)
         assert np.diff(way, axis=0).min() > -1e-9
@@ -116,7 +116,7 @@ def test_ptp_joints_all_start_and_end_together_and_never_turn_back(robot: Robot)
         assert way[-3].max() < 1.0, "a joint ends earlier than others"
 
 
-def test_a_joint_that_has_nothing_to_do_stands_still(robot: Robot) -> None:
+def test_a_joint_that_has_nothing_to_do_stands_still(robot: RobotDescription) -> None:
     goal = home(robot)
     goal[0] += 1.0
     low, high = ptp(robot, home(robot), goal).extrema()
@@ -125,14 +125,14 @@ def test_a_joint_that_has_nothing_to_do_stands_still(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize("distance", [2e-6, 1e-5, 1e-4, 1e-3, 0.01])
-def test_ptp_plans_the_smallest_motions_too(robot: Robot, distance: float) -> None:
+def test_ptp_plans_the_smallest_motions_too(robot: RobotDescription, distance: float) -> None:
     goal = home(robot) + distance * np.array([1.0, -0.5, 0.3, 0.2, -1.0, 0.7, 0.1])
     motion = ptp(robot, home(robot), goal)
     assert motion.end == pytest.approx(goal, abs=1e-10)
     assert motion.duration_s == pytest.approx(shortest_duration_s(robot, home(robot), goal, FULL), rel=1e-5)
 
 
-def test_ptp_to_a_pose_puts_the_tcp_there(robot: Robot) -> None:
+def test_ptp_to_a_pose_puts_the_tcp_there(robot: RobotDescription) -> None:
     position, turn = second_robot().forward(work(robot) + 0.1)
     pose = Pose(position, Rotation.from_matrix(turn).as_quat(scalar_first=True))
     motion = ptp(robot, home(robot), pose)
@@ -142,7 +142,7 @@ def test_ptp_to_a_pose_puts_the_tcp_there(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize("planner", ["ptp", "ompl", "chomp", "lin"])
-def test_where_the_arm_already_is_there_is_nothing_to_do(robot: Robot, planner: str) -> None:
+def test_where_the_arm_already_is_there_is_nothing_to_do(robot: RobotDescription, planner: str) -> None:
     here = home(robot)
     goals: list[Array | Pose] = [robot.model.forward(here)]
     if planner != "lin":
@@ -151,7 +151,7 @@ def test_where_the_arm_already_is_there_is_nothing_to_do(robot: Robot, planner: 
         assert plan(robot, MotionRequest(here, goal, PlannerName(planner), FULL)) is None
 
 
-def test_half_the_speed_halves_velocity_acceleration_and_jerk(robot: Robot) -> None:
+def test_half_the_speed_halves_velocity_acceleration_and_jerk(robot: RobotDescription) -> None:
     goal = home(robot)
     goal[0] = 2.5
     for speed, accel_scale, shares in (
@@ -169,7 +169,7 @@ def test_half_the_speed_halves_velocity_acceleration_and_jerk(robot: Robot) -> N
 
 
 @pytest.mark.parametrize("planner", ["lin", "circ", "ompl", "chomp"])
-def test_every_planner_obeys_speed_and_accel_scale(robot: Robot, planner: str) -> None:
+def test_every_planner_obeys_speed_and_accel_scale(robot: RobotDescription, planner: str) -> None:
     start = work(robot)
     pose = robot.model.forward(start)
     goal = Pose(pose.position + np.array([0.05, 0.2, 0.1]), pose.quaternion)
@@ -204,7 +204,7 @@ def test_scalings_out_of_range_are_refused(speed: float, accel_scale: float, mes
 
 
 @pytest.mark.parametrize("planner", ["ptp", "ompl", "chomp"])
-def test_a_goal_in_the_floor_is_refused_with_both_bodies(robot: Robot, planner: str) -> None:
+def test_a_goal_in_the_floor_is_refused_with_both_bodies(robot: RobotDescription, planner: str) -> None:
     assert frozenset({"world", "link7"}) in Contacts().bodies(ON_THE_FLOOR)
     with pytest.raises(CollisionError, match=r"the goal is in collision: floor and link\d at -\d+ mm"):
         ptp(robot, home(robot), ON_THE_FLOOR, planner=planner)
@@ -212,7 +212,7 @@ def test_a_goal_in_the_floor_is_refused_with_both_bodies(robot: Robot, planner: 
 
 @pytest.mark.parametrize("planner", ["ptp", "ompl", "chomp"])
 def test_a_goal_in_the_arm_itself_is_refused_with_both_bodies(
-    robot: Robot, tmp_path: Path, planner: str
+    robot: RobotDescription, tmp_path: Path, planner: str
 ) -> None:
     without_floor = changed_world(tmp_path, floor=False)
     assert Contacts(file=without_floor).bodies(ON_THE_BASE) == {
@@ -225,7 +225,7 @@ def test_a_goal_in_the_arm_itself_is_refused_with_both_bodies(
 
 @pytest.mark.parametrize(("start", "goal", "link"), THROUGH_THE_ARM)
 def test_a_motion_through_the_arm_itself_is_refused_with_both_bodies(
-    robot: Robot, tmp_path: Path, start: list[float], goal: list[float], link: str
+    robot: RobotDescription, tmp_path: Path, start: list[float], goal: list[float], link: str
 ) -> None:
     floating = robot_in(changed_world(tmp_path, floor=False), robot)
     with pytest.raises(CollisionError, match=rf"({link} and base_link|base_link and {link}) at .* mm after"):
@@ -233,14 +233,18 @@ def test_a_motion_through_the_arm_itself_is_refused_with_both_bodies(
 
 
 @pytest.mark.parametrize("planner", list(PlannerName))
-def test_a_start_in_collision_is_refused_by_every_planner(robot: Robot, planner: PlannerName) -> None:
+def test_a_start_in_collision_is_refused_by_every_planner(
+    robot: RobotDescription, planner: PlannerName
+) -> None:
     via = np.array([0.4, 0.1, 0.4]) if planner == "circ" else None
     goal = robot.model.forward(home(robot))
     with pytest.raises(CollisionError, match=r"the start is in collision: .*link"):
         plan(robot, MotionRequest(ON_THE_BASE, goal, planner, FULL, via))
 
 
-def test_a_motion_through_the_floor_is_refused_with_bodies_time_share_and_joints(robot: Robot) -> None:
+def test_a_motion_through_the_floor_is_refused_with_bodies_time_share_and_joints(
+    robot: RobotDescription,
+) -> None:
     start, goal = THROUGH_THE_FLOOR
     assert not Contacts().bodies(start) | Contacts().bodies(goal)
     with pytest.raises(CollisionError) as caught:
@@ -257,14 +261,14 @@ def test_a_motion_through_the_floor_is_refused_with_bodies_time_share_and_joints
     assert np.ptp(way) < 1e-2
 
 
-def test_lin_into_the_floor_is_refused_with_the_bodies(robot: Robot) -> None:
+def test_lin_into_the_floor_is_refused_with_the_bodies(robot: RobotDescription) -> None:
     pose = robot.model.forward(work(robot))
     below = Pose(np.array([pose.position[0], 0.0, -0.02]), pose.quaternion)
     with pytest.raises(CollisionError, match=r"collision of floor and link7 at"):
         ptp(robot, work(robot), below, planner="lin")
 
 
-def test_no_accepted_motion_touches_anything(robot: Robot) -> None:
+def test_no_accepted_motion_touches_anything(robot: RobotDescription) -> None:
     contacts = Contacts()
     for start, goal, motion in free_pairs(robot, 60):
         for joints in motion.sample(np.linspace(0.0, motion.duration_s, 200)):
@@ -280,7 +284,7 @@ def test_no_accepted_motion_touches_anything(robot: Robot) -> None:
     ],
 )
 def test_a_goal_beyond_the_limits_is_refused_with_joint_value_and_range(
-    robot: Robot, joint: int, value: float, message: str
+    robot: RobotDescription, joint: int, value: float, message: str
 ) -> None:
     goal = home(robot)
     goal[joint] = value
@@ -289,7 +293,9 @@ def test_a_goal_beyond_the_limits_is_refused_with_joint_value_and_range(
             ptp(robot, home(robot), goal, planner=planner)
 
 
-def test_an_arm_that_was_pushed_beyond_a_limit_may_move_back_but_not_further_out(robot: Robot) -> None:
+def test_an_arm_that_was_pushed_beyond_a_limit_may_move_back_but_not_further_out(
+    robot: RobotDescription,
+) -> None:
     start = home(robot)
     start[1] = -2.11
     motion = ptp(robot, start, home(robot))
@@ -300,7 +306,7 @@ def test_an_arm_that_was_pushed_beyond_a_limit_may_move_back_but_not_further_out
 
 
 @pytest.mark.parametrize("planner", ["ptp", "ompl", "chomp"])
-def test_a_pose_out_of_reach_is_an_error_of_joint_planners_too(robot: Robot, planner: str) -> None:
+def test_a_pose_out_of_reach_is_an_error_of_joint_planners_too(robot: RobotDescription, planner: str) -> None:
     far = Pose(np.array([1.5, 0.0, 0.5]), np.array([1.0, 0.0, 0.0, 0.0]))
     with pytest.raises(UnreachableError, match=r"the TCP cannot reach x 1\.5, y 0, z 0\.5 m in this"):
         ptp(robot, home(robot), far, planner=planner)
@@ -319,7 +325,7 @@ def test_a_pose_out_of_reach_is_an_error_of_joint_planners_too(robot: Robot, pla
     ],
 )
 def test_what_a_planner_cannot_do_is_an_error_and_never_anothers_work(
-    robot: Robot, planner: str, goal: str, via: tuple[float, float, float] | None, message: str
+    robot: RobotDescription, planner: str, goal: str, via: tuple[float, float, float] | None, message: str
 ) -> None:
     there = work(robot)
     target = there if goal == "joints" else robot.model.forward(there)
@@ -331,7 +337,7 @@ def test_what_a_planner_cannot_do_is_an_error_and_never_anothers_work(
     assert ptp(robot, home(robot), target).duration_s > 0.0, "which ptp could have done"
 
 
-def test_a_line_that_cannot_be_followed_is_an_error_where_ptp_would_arrive(robot: Robot) -> None:
+def test_a_line_that_cannot_be_followed_is_an_error_where_ptp_would_arrive(robot: RobotDescription) -> None:
     # From in front of the base to behind it: a straight line would lead through the arm's own column.
     behind = robot.model.forward(np.array([np.pi - 0.3, *work(robot)[1:]]))
     with pytest.raises(PlanningError, match=r"^lin: at \d+ % of the path"):
@@ -339,7 +345,7 @@ def test_a_line_that_cannot_be_followed_is_an_error_where_ptp_would_arrive(robot
     assert ptp(robot, work(robot), behind).duration_s > 0.0
 
 
-def test_every_refusal_is_an_error_of_this_library(robot: Robot) -> None:
+def test_every_refusal_is_an_error_of_this_library(robot: RobotDescription) -> None:
     random = np.random.default_rng(SEED)
     planned = refused = 0
     for number in range(60):

@@ -25,7 +25,7 @@ from second_opinion import (
 from cobot.errors import InputError, LimitError
 from cobot.planners.blend import Blended, blend
 from cobot.planners.rated import Envelope, RatedMove, plan_rated
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName, Pose
 
@@ -33,28 +33,30 @@ ROUNDING = 1.0 + 1e-6
 
 
 @pytest.fixture(scope="module")
-def envelope(robot: Robot) -> Envelope:
+def envelope(robot: RobotDescription) -> Envelope:
     return Envelope(robot.limits, robot.cartesian_limits)
 
 
 @pytest.fixture(scope="module")
-def home(robot: Robot) -> Array:
+def home(robot: RobotDescription) -> Array:
     return np.array(robot.positions["home"].joints)
 
 
-def planned(robot: Robot, move: RatedMove) -> Trajectory:
+def planned(robot: RobotDescription, move: RatedMove) -> Trajectory:
     trajectory = plan_rated(robot, move)
     assert trajectory is not None
     return trajectory
 
 
 def ptp(
-    robot: Robot, envelope: Envelope, start: Array, goal: Array, v: float = 0.5, a: float = 1.0
+    robot: RobotDescription, envelope: Envelope, start: Array, goal: Array, v: float = 0.5, a: float = 1.0
 ) -> Trajectory:
     return planned(robot, RatedMove(start, goal, PlannerName.PTP, v, a, envelope))
 
 
-def line(robot: Robot, envelope: Envelope, start: Array, by: list[float], **change: object) -> Trajectory:
+def line(
+    robot: RobotDescription, envelope: Envelope, start: Array, by: list[float], **change: object
+) -> Trajectory:
     """A straight line by so many metres, orientation kept."""
     place, turn = second_robot().forward(start)
     goal = Pose(place + by, Rotation.from_matrix(turn).as_quat(scalar_first=True))
@@ -68,7 +70,9 @@ def at(trajectory: Trajectory, count: int = 400) -> Array:
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_no_joint_is_faster_than_asked_or_than_it_may_be(robot: Robot, envelope: Envelope, seed: int) -> None:
+def test_no_joint_is_faster_than_asked_or_than_it_may_be(
+    robot: RobotDescription, envelope: Envelope, seed: int
+) -> None:
     random = np.random.default_rng(seed)
     start = np.array(robot.positions["home"].joints)
     velocity, acceleration = random.uniform(0.05, 3.0), random.uniform(0.1, 20.0)
@@ -80,7 +84,9 @@ def test_no_joint_is_faster_than_asked_or_than_it_may_be(robot: Robot, envelope:
     assert max((rates / limits).max(), rates[0].max() / velocity, rates[1].max() / acceleration) > 0.7
 
 
-def test_the_tool_is_as_fast_as_asked_along_a_line(robot: Robot, envelope: Envelope, home: Array) -> None:
+def test_the_tool_is_as_fast_as_asked_along_a_line(
+    robot: RobotDescription, envelope: Envelope, home: Array
+) -> None:
     motion = line(robot, envelope, home, [0.0, 0.2, 0.0], velocity=0.1, acceleration=0.5)
     step_s = motion.duration_s / 2000
     speeds = np.linalg.norm(np.diff(at(motion, 2001), axis=0), axis=1) / step_s
@@ -90,7 +96,7 @@ def test_the_tool_is_as_fast_as_asked_along_a_line(robot: Robot, envelope: Envel
 
 @pytest.mark.parametrize("planner", [PlannerName.PTP, PlannerName.LIN])
 def test_a_duration_is_kept_exactly_and_counts_instead_of_the_rates(
-    robot: Robot, envelope: Envelope, home: Array, planner: PlannerName
+    robot: RobotDescription, envelope: Envelope, home: Array, planner: PlannerName
 ) -> None:
     place, turn = second_robot().forward(home)
     pose = Pose(place + np.array([0.0, 0.1, 0.0]), Rotation.from_matrix(turn).as_quat(scalar_first=True))
@@ -112,17 +118,19 @@ def test_a_duration_is_kept_exactly_and_counts_instead_of_the_rates(
 
 @pytest.mark.parametrize("rates", [(0.0, 1.0), (-0.1, 1.0), (1.0, 0.0)])
 def test_rates_that_are_not_above_zero_are_refused(
-    robot: Robot, envelope: Envelope, home: Array, rates: tuple[float, float]
+    robot: RobotDescription, envelope: Envelope, home: Array, rates: tuple[float, float]
 ) -> None:
     with pytest.raises(InputError, match=r"^[va] must be above 0, got"):
         plan_rated(robot, RatedMove(home, home + 0.1, PlannerName.PTP, *rates, envelope))
 
 
-def test_an_arm_that_is_there_has_nothing_to_do(robot: Robot, envelope: Envelope, home: Array) -> None:
+def test_an_arm_that_is_there_has_nothing_to_do(
+    robot: RobotDescription, envelope: Envelope, home: Array
+) -> None:
     assert plan_rated(robot, RatedMove(home, home, PlannerName.PTP, 1.0, 1.0, envelope)) is None
 
 
-def test_tighter_limits_hold(robot: Robot, envelope: Envelope, home: Array) -> None:
+def test_tighter_limits_hold(robot: RobotDescription, envelope: Envelope, home: Array) -> None:
     tight = replace(robot.limits, max_velocity=np.full(7, 0.1), max_position=home + 0.3)
     motion = ptp(robot, replace(envelope, limits=tight), home, home + 0.2, 2.0, 5.0)
     assert largest_rates(motion)[0].max() <= 0.1 * ROUNDING
@@ -130,7 +138,9 @@ def test_tighter_limits_hold(robot: Robot, envelope: Envelope, home: Array) -> N
         ptp(robot, replace(envelope, limits=tight), home, home + 0.31)
 
 
-def test_a_tool_goes_along_the_line_and_not_the_tcp(robot: Robot, envelope: Envelope, home: Array) -> None:
+def test_a_tool_goes_along_the_line_and_not_the_tcp(
+    robot: RobotDescription, envelope: Envelope, home: Array
+) -> None:
     offset, tilt = np.array([0.05, 0.0, 0.12]), Rotation.from_rotvec([0.0, 0.2, 0.0])
     tool = (*offset, *tilt.as_quat(scalar_first=True))
     place, turn = second_robot().forward(home)
@@ -148,7 +158,7 @@ def test_a_tool_goes_along_the_line_and_not_the_tcp(robot: Robot, envelope: Enve
 
 
 def test_a_blend_saves_time_keeps_the_limits_and_stays_near_the_corner(
-    robot: Robot, envelope: Envelope, home: Array
+    robot: RobotDescription, envelope: Envelope, home: Array
 ) -> None:
     first = line(robot, envelope, home, [0.0, 0.15, 0.0])
     second = line(robot, envelope, first.end, [0.0, 0.0, -0.15])
@@ -169,7 +179,9 @@ def test_a_blend_saves_time_keeps_the_limits_and_stays_near_the_corner(
     assert speeds[30:-30].min() > 0.08  # it does not stop on the way
 
 
-def test_outside_its_radius_a_blend_is_on_the_paths(robot: Robot, envelope: Envelope, home: Array) -> None:
+def test_outside_its_radius_a_blend_is_on_the_paths(
+    robot: RobotDescription, envelope: Envelope, home: Array
+) -> None:
     first = line(robot, envelope, home, [0.0, 0.15, 0.0])
     second = line(robot, envelope, first.end, [0.0, 0.0, -0.15])
     joined = blend(robot, [first, second], [0.02], envelope).trajectory
@@ -181,7 +193,7 @@ def test_outside_its_radius_a_blend_is_on_the_paths(robot: Robot, envelope: Enve
 
 @pytest.mark.parametrize("seed", range(12))
 def test_random_chains_of_joint_moves_keep_all_limits(
-    robot: Robot, envelope: Envelope, home: Array, seed: int
+    robot: RobotDescription, envelope: Envelope, home: Array, seed: int
 ) -> None:
     random = np.random.default_rng(seed)
     motions, here = [], home
@@ -197,7 +209,9 @@ def test_random_chains_of_joint_moves_keep_all_limits(
     np.testing.assert_allclose(joined.trajectory.end, here, atol=1e-9)
 
 
-def test_without_a_radius_it_stops_at_the_corner(robot: Robot, envelope: Envelope, home: Array) -> None:
+def test_without_a_radius_it_stops_at_the_corner(
+    robot: RobotDescription, envelope: Envelope, home: Array
+) -> None:
     first, second = ptp(robot, envelope, home, home + 0.2), ptp(robot, envelope, home + 0.2, home)
     joined = blend(robot, [first, second], [0.0], envelope)
     assert joined == Blended(
@@ -206,7 +220,9 @@ def test_without_a_radius_it_stops_at_the_corner(robot: Robot, envelope: Envelop
     assert np.abs(joined.trajectory.sample([first.duration_s], 1)).max() < 1e-9
 
 
-def test_a_corner_whose_inside_is_not_free_is_not_cut(robot: Robot, home: Array, tmp_path: Path) -> None:
+def test_a_corner_whose_inside_is_not_free_is_not_cut(
+    robot: RobotDescription, home: Array, tmp_path: Path
+) -> None:
     envelope = Envelope(robot.limits, robot.cartesian_limits)
     first = line(robot, envelope, home, [0.0, 0.3, 0.0])
     second = line(robot, envelope, first.end, [0.0, 0.0, -0.3])

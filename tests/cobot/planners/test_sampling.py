@@ -11,7 +11,7 @@ from second_opinion import Contacts, changed_world, largest_rates, rate_limits, 
 
 from cobot.errors import CollisionError, PlanningError, PlanningTimeout
 from cobot.planners import MotionRequest, plan
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName, Pose, Scaling
 
@@ -24,14 +24,16 @@ POSTS = {
 AROUND = ["ompl", "chomp"]
 
 
-def sides(robot: Robot) -> tuple[Array, Array]:
+def sides(robot: RobotDescription) -> tuple[Array, Array]:
     """The work position, turned to the left and to the right of the post."""
     left, right = np.array([robot.positions["work"].joints] * 2)
     left[0], right[0] = -0.9, 0.9
     return left, right
 
 
-def planned(robot: Robot, planner: str, start: Array, goal: Array | Pose, speed: float = 1.0) -> Trajectory:
+def planned(
+    robot: RobotDescription, planner: str, start: Array, goal: Array | Pose, speed: float = 1.0
+) -> Trajectory:
     trajectory = plan(robot, MotionRequest(start, goal, PlannerName(planner), Scaling(speed)))
     assert trajectory is not None
     return trajectory
@@ -39,7 +41,7 @@ def planned(robot: Robot, planner: str, start: Array, goal: Array | Pose, speed:
 
 @pytest.mark.parametrize("post", POSTS)
 def test_ptp_does_not_plan_around_a_post_and_says_what_it_would_hit(
-    robot: Robot, tmp_path: Path, post: str
+    robot: RobotDescription, tmp_path: Path, post: str
 ) -> None:
     there = robot_in(changed_world(tmp_path, post=POSTS[post]), robot)
     with pytest.raises(CollisionError, match=r"collision of link\d and post at -?\d+ mm after \d+ %"):
@@ -49,7 +51,7 @@ def test_ptp_does_not_plan_around_a_post_and_says_what_it_would_hit(
 @pytest.mark.parametrize("planner", AROUND)
 @pytest.mark.parametrize("post", POSTS)
 def test_ompl_and_chomp_lead_around_a_post_without_touching_anything(
-    robot: Robot, tmp_path: Path, planner: str, post: str
+    robot: RobotDescription, tmp_path: Path, planner: str, post: str
 ) -> None:
     world = changed_world(tmp_path, post=POSTS[post])
     motion = planned(robot_in(world, robot), planner, *sides(robot))
@@ -63,7 +65,7 @@ def test_ompl_and_chomp_lead_around_a_post_without_touching_anything(
 @pytest.mark.parametrize("planner", AROUND)
 @pytest.mark.parametrize("speed", [0.2, 1.0])
 def test_their_motions_keep_the_limits_and_go_from_rest_to_rest(
-    robot: Robot, tmp_path: Path, planner: str, speed: float
+    robot: RobotDescription, tmp_path: Path, planner: str, speed: float
 ) -> None:
     there = robot_in(changed_world(tmp_path, post=POSTS["low"]), robot)
     left, right = sides(robot)
@@ -83,7 +85,7 @@ def test_their_motions_keep_the_limits_and_go_from_rest_to_rest(
 
 
 @pytest.mark.parametrize("planner", AROUND)
-def test_where_nothing_is_in_the_way_they_go_straight(robot: Robot, planner: str) -> None:
+def test_where_nothing_is_in_the_way_they_go_straight(robot: RobotDescription, planner: str) -> None:
     start, goal = sides(robot)
     goal += np.array([0.0, 0.1, 0.2, -0.1, 0.3, 0.1, -0.4])
     motion = planned(robot, planner, start, goal)
@@ -93,14 +95,16 @@ def test_where_nothing_is_in_the_way_they_go_straight(robot: Robot, planner: str
 
 
 @pytest.mark.parametrize("planner", AROUND)
-def test_they_go_to_a_pose_too(robot: Robot, planner: str) -> None:
+def test_they_go_to_a_pose_too(robot: RobotDescription, planner: str) -> None:
     left, right = sides(robot)
     pose = robot.model.forward(right)
     end = robot.model.forward(planned(robot, planner, left, pose).end)
     assert end.position == pytest.approx(pose.position, abs=1e-6)
 
 
-def test_random_pairs_that_ptp_cannot_join_are_joined_by_ompl_without_contact(robot: Robot) -> None:
+def test_random_pairs_that_ptp_cannot_join_are_joined_by_ompl_without_contact(
+    robot: RobotDescription,
+) -> None:
     random = np.random.default_rng(SEED)
     limits, contacts = robot.limits, Contacts()
     joined = tries = 0
@@ -121,7 +125,7 @@ def test_random_pairs_that_ptp_cannot_join_are_joined_by_ompl_without_contact(ro
 
 
 def test_chomp_that_finds_nothing_names_the_bodies_and_does_not_become_another_planner(
-    robot: Robot, tmp_path: Path
+    robot: RobotDescription, tmp_path: Path
 ) -> None:
     # A wall with no way past it near the straight line: only over it.
     wall = robot_in(changed_world(tmp_path, post=(0.75, 0.0, 0.7, 0.4, 0.02, 0.7)), robot)
@@ -131,14 +135,14 @@ def test_chomp_that_finds_nothing_names_the_bodies_and_does_not_become_another_p
     assert re.match(pattern, str(caught.value))
 
 
-def test_ompl_without_time_says_so(robot: Robot, tmp_path: Path) -> None:
+def test_ompl_without_time_says_so(robot: RobotDescription, tmp_path: Path) -> None:
     there = robot_in(changed_world(tmp_path, post=POSTS["high"]), robot)
     request = MotionRequest(*sides(robot), PlannerName.OMPL, Scaling(1.0), timeout_s=1e-9)
     with pytest.raises(PlanningTimeout, match=r"ompl: no free path within 0\.0 s"):
         plan(there, request)
 
 
-def test_chomp_without_time_says_so(robot: Robot, tmp_path: Path) -> None:
+def test_chomp_without_time_says_so(robot: RobotDescription, tmp_path: Path) -> None:
     there = robot_in(changed_world(tmp_path, post=POSTS["high"]), robot)
     request = MotionRequest(*sides(robot), PlannerName.CHOMP, Scaling(1.0), timeout_s=0.0)
     with pytest.raises(PlanningTimeout, match=r"chomp: not done within 0\.0 s"):

@@ -15,7 +15,7 @@ from second_opinion import Contacts, largest_rates, rate_limits
 from cobot.errors import CollisionError, InputError, LimitError
 from cobot.planners import WaypointRequest, plan_waypoints
 from cobot.planners.waypoints import through
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.robot.limits import load_joint_limits
 from cobot.trajectory import Trajectory
 from cobot.types import Array, Scaling, Waypoint
@@ -26,11 +26,11 @@ STILL = [0.0] * DOF
 EXAMPLES = settings(max_examples=60, deadline=None, derandomize=True, database=None)
 
 
-def home(robot: Robot) -> Array:
+def home(robot: RobotDescription) -> Array:
     return np.array(robot.positions["home"].joints)
 
 
-def near_home(robot: Robot, *offsets: float) -> list[list[float]]:
+def near_home(robot: RobotDescription, *offsets: float) -> list[list[float]]:
     """Joint positions that are the home position with an offset at all joints."""
     return [(home(robot) + offset).tolist() for offset in offsets]
 
@@ -84,7 +84,7 @@ def test_points_are_met_at_their_times_with_the_clamped_cubic_splines_velocities
         assert np.abs(ends).max() < 1e-6 * (1.0 + np.abs(motion.sample(between, derivative)).max())
 
 
-def test_given_velocities_and_accelerations_are_met(robot: Robot) -> None:
+def test_given_velocities_and_accelerations_are_met(robot: RobotDescription) -> None:
     middle = Waypoint(near_home(robot, 0.2)[0], 2.0, [0.1] * DOF, [0.05] * DOF)
     only_velocity = Waypoint(near_home(robot, 0.3)[0], 3.0, [0.02] * DOF)
     course = [Waypoint(home(robot).tolist(), 0.0), middle, only_velocity, Waypoint(home(robot).tolist(), 6.0)]
@@ -95,7 +95,7 @@ def test_given_velocities_and_accelerations_are_met(robot: Robot) -> None:
     require_c2(motion)
 
 
-def test_a_first_point_later_than_now_is_reached_from_the_present_position(robot: Robot) -> None:
+def test_a_first_point_later_than_now_is_reached_from_the_present_position(robot: RobotDescription) -> None:
     course = points_at([2.0, 4.0], near_home(robot, 0.2, 0.4))
     motion = plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01))
     assert motion.start == pytest.approx(home(robot), abs=1e-12)
@@ -103,7 +103,7 @@ def test_a_first_point_later_than_now_is_reached_from_the_present_position(robot
     assert motion.duration_s == 4.0
 
 
-def test_a_single_later_point_is_a_motion(robot: Robot) -> None:
+def test_a_single_later_point_is_a_motion(robot: RobotDescription) -> None:
     motion = plan_waypoints(
         robot, WaypointRequest(home(robot), points_at([3.0], near_home(robot, 0.3)), 0.01)
     )
@@ -111,13 +111,13 @@ def test_a_single_later_point_is_a_motion(robot: Robot) -> None:
     assert motion.end == pytest.approx(home(robot) + 0.3)
 
 
-def test_a_start_within_the_tolerance_is_replaced_by_where_the_arm_is(robot: Robot) -> None:
+def test_a_start_within_the_tolerance_is_replaced_by_where_the_arm_is(robot: RobotDescription) -> None:
     course = points_at([0.0, 3.0], near_home(robot, 0.009, 0.3))
     motion = plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01))
     assert motion.start == pytest.approx(home(robot), abs=1e-12)
 
 
-def test_a_start_elsewhere_is_refused_with_joint_both_angles_and_the_way_out(robot: Robot) -> None:
+def test_a_start_elsewhere_is_refused_with_joint_both_angles_and_the_way_out(robot: RobotDescription) -> None:
     course = points_at([0.0, 3.0], near_home(robot, 0.0, 0.3))
     course[0].positions[3] -= 0.05  # type: ignore[index]
     message = (
@@ -128,7 +128,7 @@ def test_a_start_elsewhere_is_refused_with_joint_both_angles_and_the_way_out(rob
         plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01))
 
 
-def test_an_approach_leads_to_the_first_point_and_comes_to_rest_there(robot: Robot) -> None:
+def test_an_approach_leads_to_the_first_point_and_comes_to_rest_there(robot: RobotDescription) -> None:
     course = points_at([0.0, 3.0], near_home(robot, 0.2, 0.4))
     alone = plan_waypoints(robot, WaypointRequest(home(robot) + 0.2, course, 0.01))
     motion = plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01, approach=Scaling(0.5)))
@@ -142,7 +142,7 @@ def test_an_approach_leads_to_the_first_point_and_comes_to_rest_there(robot: Rob
     require_c2(motion)
 
 
-def test_an_approach_from_where_the_motion_begins_adds_nothing(robot: Robot) -> None:
+def test_an_approach_from_where_the_motion_begins_adds_nothing(robot: RobotDescription) -> None:
     course = points_at([0.0, 3.0], near_home(robot, 0.0, 0.4))
     motion = plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01, approach=Scaling(0.5)))
     assert motion.duration_s == 3.0
@@ -164,19 +164,19 @@ def test_an_approach_from_where_the_motion_begins_adds_nothing(robot: Robot) -> 
     ],
 )
 def test_times_that_do_not_increase_are_refused_with_both_points(
-    robot: Robot, times: list[float], message: str
+    robot: RobotDescription, times: list[float], message: str
 ) -> None:
     course = points_at(times, near_home(robot, 0.0, 0.1, 0.2, 0.3))
     with pytest.raises(InputError, match=re.escape(message)):
         plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01))
 
 
-def test_no_points_are_refused(robot: Robot) -> None:
+def test_no_points_are_refused(robot: RobotDescription) -> None:
     with pytest.raises(InputError, match="points: at least one is needed"):
         plan_waypoints(robot, WaypointRequest(home(robot), [], 0.01))
 
 
-def test_one_point_at_time_zero_is_no_motion(robot: Robot) -> None:
+def test_one_point_at_time_zero_is_no_motion(robot: RobotDescription) -> None:
     course = points_at([0.0], near_home(robot, 0.0))
     for approach in (None, Scaling(0.5)):
         with pytest.raises(InputError, match="a motion needs a point with a time_from_start above 0"):
@@ -184,7 +184,7 @@ def test_one_point_at_time_zero_is_no_motion(robot: Robot) -> None:
 
 
 @pytest.mark.parametrize("name", ["positions", "velocities", "accelerations"])
-def test_a_point_with_too_few_numbers_is_refused_by_its_label(robot: Robot, name: str) -> None:
+def test_a_point_with_too_few_numbers_is_refused_by_its_label(robot: RobotDescription, name: str) -> None:
     course = points_at([0.0, 3.0], near_home(robot, 0.0, 0.4))
     values = {"positions": near_home(robot, 0.2)[0], "velocities": None, "accelerations": None}
     values[name] = [0.0] * 6
@@ -196,7 +196,7 @@ def test_a_point_with_too_few_numbers_is_refused_by_its_label(robot: Robot, name
 @pytest.mark.parametrize(("index", "end"), [(0, "start"), (1, "end")])
 @pytest.mark.parametrize("name", ["velocities", "accelerations"])
 def test_a_motion_that_is_not_at_rest_at_its_ends_is_refused(
-    robot: Robot, index: int, end: str, name: str
+    robot: RobotDescription, index: int, end: str, name: str
 ) -> None:
     positions = near_home(robot, 0.0, 0.4)
     moving = {name: [0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0]}
@@ -207,7 +207,9 @@ def test_a_motion_that_is_not_at_rest_at_its_ends_is_refused(
         plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01))
 
 
-def test_a_point_beyond_the_limits_is_refused_with_point_joint_value_and_range(robot: Robot) -> None:
+def test_a_point_beyond_the_limits_is_refused_with_point_joint_value_and_range(
+    robot: RobotDescription,
+) -> None:
     course = points_at([0.0, 30.0, 60.0], near_home(robot, 0.0, 0.1, 0.2))
     course[1].positions[1] = 2.2  # type: ignore[index]
     message = "point 2: angle of joint2 is 2.2 rad, allowed is -2.1 to 2.1 rad"
@@ -215,13 +217,13 @@ def test_a_point_beyond_the_limits_is_refused_with_point_joint_value_and_range(r
         plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01))
 
 
-def test_a_motion_too_fast_between_two_points_names_them(robot: Robot) -> None:
+def test_a_motion_too_fast_between_two_points_names_them(robot: RobotDescription) -> None:
     course = points_at([0.0, 2.0, 2.2, 4.2], near_home(robot, 0.0, 0.0, 0.5, 0.5))
     with pytest.raises(LimitError, match=r"^between point \d and point \d \(from .* s\) the \w+ of joint\d"):
         plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01))
 
 
-def test_an_overshoot_beyond_a_position_limit_between_points_is_found(robot: Robot) -> None:
+def test_an_overshoot_beyond_a_position_limit_between_points_is_found(robot: RobotDescription) -> None:
     # All points are within the limits, the curve through them is not.
     positions = near_home(robot, 0.0, 0.0, 0.0, 0.0)
     positions[1][0], positions[2][0] = 2.969, 2.969
@@ -232,7 +234,7 @@ def test_an_overshoot_beyond_a_position_limit_between_points_is_found(robot: Rob
         plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01))
 
 
-def test_retime_slows_down_just_enough_and_keeps_the_path(robot: Robot) -> None:
+def test_retime_slows_down_just_enough_and_keeps_the_path(robot: RobotDescription) -> None:
     random = np.random.default_rng(SEED)
     for _ in range(20):
         offsets = random.uniform(-0.15, 0.15, (5, DOF))
@@ -249,14 +251,16 @@ def test_retime_slows_down_just_enough_and_keeps_the_path(robot: Robot) -> None:
         assert 0.97 < used <= 1.0 + 1e-5
 
 
-def test_retime_leaves_a_slow_motion_as_it_is(robot: Robot) -> None:
+def test_retime_leaves_a_slow_motion_as_it_is(robot: RobotDescription) -> None:
     course = points_at([0.0, 5.0], near_home(robot, 0.0, 0.4))
     motion = plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01, retime=True))
     assert motion.duration_s == 5.0
 
 
 @pytest.mark.parametrize("checked", [True, False])
-def test_points_that_lead_through_the_floor_are_always_refused(robot: Robot, checked: bool) -> None:
+def test_points_that_lead_through_the_floor_are_always_refused(
+    robot: RobotDescription, checked: bool
+) -> None:
     below = [0.0, 1.9, 0.0, -0.2, 0.0, 0.0, 0.0]
     assert frozenset({"world", "link7"}) in Contacts().bodies(np.array(below))
     course = points_at([0.0, 20.0, 40.0], [home(robot).tolist(), below, home(robot).tolist()])
@@ -264,7 +268,7 @@ def test_points_that_lead_through_the_floor_are_always_refused(robot: Robot, che
         plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01, check_limits=checked))
 
 
-def test_without_limit_checks_a_fast_motion_passes_unchanged(robot: Robot) -> None:
+def test_without_limit_checks_a_fast_motion_passes_unchanged(robot: RobotDescription) -> None:
     course = points_at([0.0, 0.1], near_home(robot, 0.0, 0.3))
     motion = plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01, check_limits=False))
     assert motion.duration_s == 0.1

@@ -11,7 +11,7 @@ from second_opinion import MJCF, Contacts, changed_world, robot_in
 
 from cobot.errors import CollisionError, InputError
 from cobot.robot.collision import CHECK_STEP_RAD, CollisionChecker
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory, from_hermite
 from cobot.types import Array
 
@@ -20,7 +20,7 @@ IN_THE_FLOOR = np.array([0.0, 1.9, 0.0, -0.2, 0.0, 0.0, 0.0])
 ON_THE_BASE = np.array([1.8, -2.0, 0.3, 2.0, -0.9, 1.8, -0.3])
 
 
-def drawn(robot: Robot, count: int) -> Array:
+def drawn(robot: RobotDescription, count: int) -> Array:
     limits = robot.limits
     return np.random.default_rng(SEED).uniform(limits.min_position, limits.max_position, (count, limits.dof))
 
@@ -56,7 +56,9 @@ class Distances:
 
 
 @pytest.mark.parametrize("margin_m", [0.0, 0.005, 0.02])
-def test_free_means_that_no_two_geoms_are_nearer_than_the_margin(robot: Robot, margin_m: float) -> None:
+def test_free_means_that_no_two_geoms_are_nearer_than_the_margin(
+    robot: RobotDescription, margin_m: float
+) -> None:
     distances, checker = Distances(), CollisionChecker(robot.model, margin_m)
     verdicts = {True: 0, False: 0}
     for joints in drawn(robot, 1000):
@@ -69,7 +71,7 @@ def test_free_means_that_no_two_geoms_are_nearer_than_the_margin(robot: Robot, m
     assert min(verdicts.values()) > 50
 
 
-def test_contacts_name_the_pairs_with_the_deepest_first(robot: Robot) -> None:
+def test_contacts_name_the_pairs_with_the_deepest_first(robot: RobotDescription) -> None:
     checker, distances = CollisionChecker(robot.model), Distances()
     seen = 0
     for joints in drawn(robot, 1000):
@@ -85,13 +87,13 @@ def test_contacts_name_the_pairs_with_the_deepest_first(robot: Robot) -> None:
     assert seen > 50
 
 
-def test_a_contact_reads_as_two_bodies_and_millimetres(robot: Robot, tmp_path: Path) -> None:
+def test_a_contact_reads_as_two_bodies_and_millimetres(robot: RobotDescription, tmp_path: Path) -> None:
     floating = robot_in(changed_world(tmp_path, floor=False), robot)
     deepest = floating.collision.contacts(ON_THE_BASE)[0]
     assert str(deepest) == "link5 and base_link at -8 mm"
 
 
-def test_neighbours_never_count_as_colliding(robot: Robot) -> None:
+def test_neighbours_never_count_as_colliding(robot: RobotDescription) -> None:
     checker = CollisionChecker(robot.model, margin_m=0.0)
     for joints in drawn(robot, 500):
         for contact in checker.contacts(joints):
@@ -100,18 +102,18 @@ def test_neighbours_never_count_as_colliding(robot: Robot) -> None:
             assert {contact.first, contact.second} != {"base_link", "link1"}
 
 
-def test_the_checkers_margin_is_not_felt_by_the_model_it_was_made_from(robot: Robot) -> None:
+def test_the_checkers_margin_is_not_felt_by_the_model_it_was_made_from(robot: RobotDescription) -> None:
     CollisionChecker(robot.model, margin_m=0.05)
     assert not robot.model.mj.geom_margin.any()
 
 
-def test_every_named_position_is_free(robot: Robot) -> None:
+def test_every_named_position_is_free(robot: RobotDescription) -> None:
     for name, position in robot.positions.items():
         assert robot.collision.is_free(np.array(position.joints)), name
         assert not Contacts().bodies(np.array(position.joints)), name
 
 
-def test_proximities_are_signed_distances_between_nearest_points(robot: Robot) -> None:
+def test_proximities_are_signed_distances_between_nearest_points(robot: RobotDescription) -> None:
     distances = Distances()
     seen = 0
     for joints in drawn(robot, 200):
@@ -127,7 +129,7 @@ def test_proximities_are_signed_distances_between_nearest_points(robot: Robot) -
     assert seen > 50
 
 
-def test_a_points_jacobian_is_how_the_point_moves(robot: Robot) -> None:
+def test_a_points_jacobian_is_how_the_point_moves(robot: RobotDescription) -> None:
     # By central differences of the body's pose, straight from MuJoCo.
     model = mujoco.MjModel.from_xml_path(str(MJCF))
     data = mujoco.MjData(model)
@@ -149,7 +151,9 @@ def test_a_points_jacobian_is_how_the_point_moves(robot: Robot) -> None:
         assert jacobian == pytest.approx(expected, abs=1e-8)
 
 
-def test_a_motion_through_the_base_names_bodies_share_time_and_joints(robot: Robot, tmp_path: Path) -> None:
+def test_a_motion_through_the_base_names_bodies_share_time_and_joints(
+    robot: RobotDescription, tmp_path: Path
+) -> None:
     floating = robot_in(changed_world(tmp_path, floor=False), robot)
     away = np.array([0.6, 0.1, 0.4, -0.3, 0.6, -0.5, 0.0])
     motion = rest_to_rest(ON_THE_BASE - away, ON_THE_BASE + away, 4.0)
@@ -169,7 +173,7 @@ def test_a_motion_through_the_base_names_bodies_share_time_and_joints(robot: Rob
 
 @pytest.mark.parametrize("wait_s", [1.0, 10.0, 600.0])
 def test_a_dip_into_the_floor_is_found_however_long_the_arm_stands_still_around_it(
-    robot: Robot, wait_s: float
+    robot: RobotDescription, wait_s: float
 ) -> None:
     home, low = np.array(robot.positions["home"].joints), IN_THE_FLOOR
     assert frozenset({"world", "link7"}) in Contacts().bodies(low)
@@ -180,7 +184,7 @@ def test_a_dip_into_the_floor_is_found_however_long_the_arm_stands_still_around_
         robot.collision.check_trajectory(dip)
 
 
-def test_between_two_checks_no_joint_moves_further_than_the_step(robot: Robot) -> None:
+def test_between_two_checks_no_joint_moves_further_than_the_step(robot: RobotDescription) -> None:
     looked_at: list[Array] = []
 
     class Watching(CollisionChecker):
@@ -199,20 +203,20 @@ def test_between_two_checks_no_joint_moves_further_than_the_step(robot: Robot) -
         assert np.abs(np.diff(looked_at, axis=0)).max() <= 1.001 * CHECK_STEP_RAD
 
 
-def test_both_ends_of_a_motion_are_looked_at(robot: Robot) -> None:
+def test_both_ends_of_a_motion_are_looked_at(robot: RobotDescription) -> None:
     home = np.array(robot.positions["home"].joints)
     for first, last in ((home, IN_THE_FLOOR), (IN_THE_FLOOR, home), (IN_THE_FLOOR, IN_THE_FLOOR)):
         with pytest.raises(CollisionError, match=r"collision of floor and link\d"):
             robot.collision.check_trajectory(rest_to_rest(first, last))
 
 
-def test_a_motion_too_long_to_be_checked_is_refused_with_its_length(robot: Robot) -> None:
+def test_a_motion_too_long_to_be_checked_is_refused_with_its_length(robot: RobotDescription) -> None:
     far = rest_to_rest(np.zeros(7), np.full(7, 1e6))
     with pytest.raises(InputError, match=r"the motion travels .* rad, at the most 20000 rad can be checked"):
         robot.collision.check_trajectory(far)
 
 
-def test_a_position_in_collision_is_refused_under_the_name_it_was_given(robot: Robot) -> None:
+def test_a_position_in_collision_is_refused_under_the_name_it_was_given(robot: RobotDescription) -> None:
     with pytest.raises(CollisionError, match=r"^the goal is in collision: floor and link\d at -\d+ mm, at "):
         robot.collision.check_position(ON_THE_BASE, "the goal")
     robot.collision.check_position(np.array(robot.positions["home"].joints), "home")

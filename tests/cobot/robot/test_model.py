@@ -14,7 +14,7 @@ import yaml
 from second_opinion import LIMITS, MJCF, mjcf_root, numbers, second_robot, urdf
 
 from cobot.errors import ConfigError
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.robot.frames import rotation
 from cobot.robot.limits import load_joint_limits
 from cobot.robot.model import RobotModel
@@ -25,14 +25,14 @@ TOLERANCE = 1e-9
 STRETCHED = np.zeros(7)
 
 
-def configurations(robot: Robot, count: int = 200) -> Array:
+def configurations(robot: RobotDescription, count: int = 200) -> Array:
     random = np.random.default_rng(SEED)
     limits = robot.limits
     drawn = random.uniform(limits.min_position, limits.max_position, (count, limits.dof))
     return np.vstack([STRETCHED, limits.min_position, limits.max_position, drawn])
 
 
-def test_forward_kinematics_are_those_of_pinocchio(robot: Robot) -> None:
+def test_forward_kinematics_are_those_of_pinocchio(robot: RobotDescription) -> None:
     for joints in configurations(robot):
         position, turn = second_robot().forward(joints)
         pose = robot.model.forward(joints)
@@ -40,26 +40,26 @@ def test_forward_kinematics_are_those_of_pinocchio(robot: Robot) -> None:
         assert rotation(pose.quaternion).as_matrix() == pytest.approx(turn, abs=TOLERANCE), joints
 
 
-def test_the_jacobian_is_that_of_pinocchio(robot: Robot) -> None:
+def test_the_jacobian_is_that_of_pinocchio(robot: RobotDescription) -> None:
     for joints in configurations(robot):
         expected = second_robot().jacobian(joints)
         assert robot.model.jacobian(joints) == pytest.approx(expected, abs=TOLERANCE), joints
 
 
-def test_gravity_torques_are_those_of_pinocchio(robot: Robot) -> None:
+def test_gravity_torques_are_those_of_pinocchio(robot: RobotDescription) -> None:
     for joints in configurations(robot):
         expected = second_robot().gravity(joints)
         assert np.abs(expected).max() > 1e-3 or np.array_equal(joints, STRETCHED)
         assert robot.model.gravity_torques(joints) == pytest.approx(expected, abs=TOLERANCE), joints
 
 
-def test_the_mass_matrix_is_that_of_pinocchio_with_the_drives_inertia(robot: Robot) -> None:
+def test_the_mass_matrix_is_that_of_pinocchio_with_the_drives_inertia(robot: RobotDescription) -> None:
     for joints in configurations(robot):
         expected = second_robot().mass_matrix(joints)
         assert robot.model.mass_matrix(joints) == pytest.approx(expected, abs=TOLERANCE), joints
 
 
-def test_position_rotation_and_jacobian_for_solvers_are_the_same_numbers(robot: Robot) -> None:
+def test_position_rotation_and_jacobian_for_solvers_are_the_same_numbers(robot: RobotDescription) -> None:
     for joints in configurations(robot, 20):
         position, turn, jacobian = robot.model.forward_and_jacobian(joints)
         expected_position, expected_turn = second_robot().forward(joints)
@@ -68,14 +68,14 @@ def test_position_rotation_and_jacobian_for_solvers_are_the_same_numbers(robot: 
         assert jacobian == pytest.approx(second_robot().jacobian(joints), abs=TOLERANCE)
 
 
-def test_a_jacobian_that_was_handed_out_is_not_changed_by_the_next_call(robot: Robot) -> None:
+def test_a_jacobian_that_was_handed_out_is_not_changed_by_the_next_call(robot: RobotDescription) -> None:
     first, second = configurations(robot, 2)[-2:]
     jacobian = robot.model.jacobian(first)
     robot.model.jacobian(second)
     assert jacobian == pytest.approx(second_robot().jacobian(first), abs=TOLERANCE)
 
 
-def test_what_one_quantity_computed_before_does_not_change_another(robot: Robot) -> None:
+def test_what_one_quantity_computed_before_does_not_change_another(robot: RobotDescription) -> None:
     first, second = configurations(robot, 2)[-2:]
     robot.model.mass_matrix(first)
     robot.model.forward(first)
@@ -85,12 +85,14 @@ def test_what_one_quantity_computed_before_does_not_change_another(robot: Robot)
     assert robot.model.mass_matrix(second) == pytest.approx(second_robot().mass_matrix(second), abs=TOLERANCE)
 
 
-def test_stretched_upwards_the_flange_is_at_the_sum_of_the_data_sheets_axis_distances(robot: Robot) -> None:
+def test_stretched_upwards_the_flange_is_at_the_sum_of_the_data_sheets_axis_distances(
+    robot: RobotDescription,
+) -> None:
     pose = robot.model.forward(STRETCHED)
     assert pose.position == pytest.approx([0.0, 0.0, 0.360 + 0.420 + 0.400 + 0.126], abs=TOLERANCE)
 
 
-def test_at_home_the_tool_points_down_in_front_of_the_base(robot: Robot) -> None:
+def test_at_home_the_tool_points_down_in_front_of_the_base(robot: RobotDescription) -> None:
     pose = robot.model.forward(np.array(robot.positions["home"].joints))
     # The elbow stands at 0.36 + 0.42 m; 0.4 m out to the wrist, 0.126 m down to the flange.
     assert pose.position == pytest.approx([0.400, 0.0, 0.780 - 0.126], abs=1e-3)
@@ -113,19 +115,19 @@ def test_the_drives_torques_are_the_effort_limits() -> None:
     )
 
 
-def test_joint_limits_are_the_numbers_of_the_file_in_its_order(robot: Robot) -> None:
+def test_joint_limits_are_the_numbers_of_the_file_in_its_order(robot: RobotDescription) -> None:
     entries = yaml.safe_load(LIMITS.read_text(encoding="utf-8"))["joint_limits"]
     assert robot.limits.names == tuple(entries)
     for key in ("min_position", "max_position", "max_velocity", "max_acceleration", "max_jerk", "max_effort"):
         assert getattr(robot.limits, key).tolist() == [entry[key] for entry in entries.values()], key
 
 
-def test_the_drives_can_hold_the_arm_anywhere(robot: Robot) -> None:
+def test_the_drives_can_hold_the_arm_anywhere(robot: RobotDescription) -> None:
     for joints in configurations(robot):
         assert (np.abs(second_robot().gravity(joints)) < 0.5 * robot.limits.max_effort).all()
 
 
-def test_a_urdf_gives_the_same_robot(robot: Robot, tmp_path: Path) -> None:
+def test_a_urdf_gives_the_same_robot(robot: RobotDescription, tmp_path: Path) -> None:
     file = tmp_path / "arm.urdf"
     file.write_text(urdf(), encoding="utf-8")
     model = RobotModel.load(file, robot.limits)
@@ -137,7 +139,9 @@ def test_a_urdf_gives_the_same_robot(robot: Robot, tmp_path: Path) -> None:
         assert model.gravity_torques(joints) == pytest.approx(second_robot().gravity(joints), abs=TOLERANCE)
 
 
-def test_poses_are_in_the_base_frame_wherever_the_base_stands(robot: Robot, tmp_path: Path) -> None:
+def test_poses_are_in_the_base_frame_wherever_the_base_stands(
+    robot: RobotDescription, tmp_path: Path
+) -> None:
     root = mjcf_root()
     base = root.find("worldbody/body")
     assert base is not None
@@ -166,20 +170,20 @@ def test_poses_are_in_the_base_frame_wherever_the_base_stands(robot: Robot, tmp_
     ],
 )
 def test_a_frame_that_cannot_be_one_is_refused_by_name(
-    robot: Robot, names: dict[str, str], message: str
+    robot: RobotDescription, names: dict[str, str], message: str
 ) -> None:
     with pytest.raises(ConfigError, match=message):
         RobotModel.load(MJCF, robot.limits, **names)
 
 
-def test_a_missing_model_is_an_error_that_names_the_file(robot: Robot, tmp_path: Path) -> None:
+def test_a_missing_model_is_an_error_that_names_the_file(robot: RobotDescription, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"arm\.xml: no such file"):
         RobotModel.load(tmp_path / "arm.xml", robot.limits)
 
 
 @pytest.mark.parametrize("content", ["", "no xml", "<mujoco><nothing/></mujoco>", "<html/>"])
 def test_a_file_that_is_no_robot_is_an_error_that_names_the_file(
-    robot: Robot, tmp_path: Path, content: str
+    robot: RobotDescription, tmp_path: Path, content: str
 ) -> None:
     file = tmp_path / "broken.xml"
     file.write_text(content, encoding="utf-8")
@@ -188,7 +192,7 @@ def test_a_file_that_is_no_robot_is_an_error_that_names_the_file(
 
 
 def test_a_model_with_other_joints_than_the_limits_is_refused_with_both_lists(
-    robot: Robot, tmp_path: Path
+    robot: RobotDescription, tmp_path: Path
 ) -> None:
     file = tmp_path / "renamed.xml"
     file.write_text(MJCF.read_text(encoding="utf-8").replace('"joint4"', '"elbow"'), encoding="utf-8")

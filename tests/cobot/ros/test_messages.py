@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation
 
 from cobot.errors import InputError
 from cobot.ipc.layout import state_dtype
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.robot.model import RobotModel
 from cobot.ros.messages import Messages
 from cobot.ros.robot_messages import JOINT_STATES, POSE, STRING, TRANSFORMS, WRENCH, RobotMessages
@@ -299,11 +299,11 @@ MESSAGES = Messages(DEFINITIONS)
 
 
 @pytest.fixture
-def made(robot: Robot) -> RobotMessages:
+def made(robot: RobotDescription) -> RobotMessages:
     return RobotMessages(robot.model, "base_link", "tcp")
 
 
-def some_state(robot: Robot, joints: list[float]) -> np.ndarray:
+def some_state(robot: RobotDescription, joints: list[float]) -> np.ndarray:
     state = np.zeros((), state_dtype(7))
     state["position"] = joints
     robot.model.forward_into(np.array(joints), state["tcp"])
@@ -317,7 +317,9 @@ def some_state(robot: Robot, joints: list[float]) -> np.ndarray:
 JOINTS = [0.3, -0.4, 0.5, -1.2, 0.7, 0.8, -0.9]
 
 
-def test_joint_states_are_those_of_the_record(messages: Messages, made: RobotMessages, robot: Robot) -> None:
+def test_joint_states_are_those_of_the_record(
+    messages: Messages, made: RobotMessages, robot: RobotDescription
+) -> None:
     before_s = time.time()
     message = messages.checked(JOINT_STATES, made.joint_state(some_state(robot, JOINTS)))
     assert message["name"] == [f"joint{number}" for number in range(1, 8)]
@@ -329,7 +331,7 @@ def test_joint_states_are_those_of_the_record(messages: Messages, made: RobotMes
 
 
 def test_pose_and_wrench_fit_the_tree_of_frames(
-    messages: Messages, made: RobotMessages, robot: Robot
+    messages: Messages, made: RobotMessages, robot: RobotDescription
 ) -> None:
     """Multiplying the transforms from base to TCP gives the pose; the wrench is turned by it."""
     state = some_state(robot, JOINTS)
@@ -358,7 +360,7 @@ def test_pose_and_wrench_fit_the_tree_of_frames(
     np.testing.assert_allclose(torque, [0.1, 0.2, 0.3], atol=1e-12)
 
 
-def test_a_prefix_keeps_two_robots_apart_in_one_tree(robot: Robot) -> None:
+def test_a_prefix_keeps_two_robots_apart_in_one_tree(robot: RobotDescription) -> None:
     made = RobotMessages(robot.model, "base_link", "tcp", "left/")
     fixed = made.static_transforms()["transforms"]
     assert [(each["header"]["frame_id"], each["child_frame_id"]) for each in fixed] == [
@@ -368,13 +370,15 @@ def test_a_prefix_keeps_two_robots_apart_in_one_tree(robot: Robot) -> None:
     assert made.joint_state(some_state(robot, JOINTS))["header"]["frame_id"] == "left/base_link"
 
 
-def test_the_status_is_a_json_object(messages: Messages, made: RobotMessages, robot: Robot) -> None:
+def test_the_status_is_a_json_object(
+    messages: Messages, made: RobotMessages, robot: RobotDescription
+) -> None:
     content = messages.checked(STRING, made.status(some_state(robot, JOINTS)))["data"]
     assert '"mode": "HOLD"' in content
     assert '"reason": "because"' in content
 
 
-def test_the_urdf_is_the_same_robot_for_pinocchio(made: RobotMessages, robot: Robot) -> None:
+def test_the_urdf_is_the_same_robot_for_pinocchio(made: RobotMessages, robot: RobotDescription) -> None:
     text = made.description()["data"]
     model = pinocchio.buildModelFromXML(text)
     data = model.createData()
@@ -433,7 +437,9 @@ def test_joints_beside_their_links_origin_and_odd_shapes_are_kept(tmp_path: Path
 RATES = ("min_position", "max_position", "max_velocity", "max_acceleration", "max_jerk", "max_effort")
 
 
-def test_a_urdf_made_of_our_urdf_is_the_same_robot(made: RobotMessages, robot: Robot, tmp_path: Path) -> None:
+def test_a_urdf_made_of_our_urdf_is_the_same_robot(
+    made: RobotMessages, robot: RobotDescription, tmp_path: Path
+) -> None:
     path = tmp_path / "again.urdf"
     path.write_text(made.description()["data"], encoding="utf-8")
     again = RobotModel.load(path, robot.limits)

@@ -25,7 +25,7 @@ from running import WAIT_S, Run, answering
 
 from app.aubo.codes import Code
 from app.aubo.interfaces import interface_definitions
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.ros.messages import Messages
 
 STRING = "std_msgs/msg/String"
@@ -112,7 +112,9 @@ def test_the_manual_s_client_plays_joints_of_a_csv_file(ros: Ros, tmp_path: Path
 
 
 @needs_manual
-def test_the_manual_s_client_plays_poses_of_a_csv_file(ros: Ros, robot: Robot, tmp_path: Path) -> None:
+def test_the_manual_s_client_plays_poses_of_a_csv_file(
+    ros: Ros, robot: RobotDescription, tmp_path: Path
+) -> None:
     ros.home()
     start = ros.call("RobotState/getTcpPose")
     poses = [[start[0] - 0.002 * step, start[1] + 0.002 * step, *start[2:]] for step in range(50)]
@@ -189,7 +191,7 @@ def test_joint_states_come_at_their_rate_with_the_time_of_their_measurement(ros:
     assert messages[-1]["position"] == pytest.approx(over_http["position"], abs=1e-3)
 
 
-def test_frames_and_the_description_are_there_for_who_comes_late(ros: Ros, robot: Robot) -> None:
+def test_frames_and_the_description_are_there_for_who_comes_late(ros: Ros, robot: RobotDescription) -> None:
     peer = ros.peer
     for topic in ("/robot_description", ros.topic("robot_description")):
         assert "<robot" in peer.subscription(topic, STRING, latched=True).get()["data"]

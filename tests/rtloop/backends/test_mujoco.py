@@ -18,8 +18,8 @@ from cobot.config import Settings
 from cobot.ipc.layout import MotionResult
 from cobot.planners.ptp import plan_ptp
 from cobot.planners.request import MotionRequest
-from cobot.robot.description import Robot
-from cobot.types import Mode, PlannerName, Scaling
+from cobot.robot.description import RobotDescription
+from cobot.types import LoopMode, PlannerName, Scaling
 from rtloop.backends import BackendError, Measured
 from rtloop.backends.mujoco import MujocoBackend
 
@@ -27,21 +27,21 @@ GOALS = np.array([[1.2, 0.7, -0.4, -1.2, 0.6, 1.0, -1.0], [-1.0, -0.3, 0.5, -2.0
 
 
 @pytest.fixture
-def rig(settings: Settings, robot: Robot) -> Iterator[Rig]:
+def rig(settings: Settings, robot: RobotDescription) -> Iterator[Rig]:
     made = Rig(settings, robot, simulated=True)
     yield made
     made.close()
 
 
 @pytest.fixture
-def backend(settings: Settings, robot: Robot) -> MujocoBackend:
+def backend(settings: Settings, robot: RobotDescription) -> MujocoBackend:
     """One that has been opened at home."""
     made = MujocoBackend(settings, robot.limits)
     made.open(np.array(robot.positions["home"].joints))
     return made
 
 
-def held(backend: MujocoBackend, robot: Robot, cycles: int = 1) -> Measured:
+def held(backend: MujocoBackend, robot: RobotDescription, cycles: int = 1) -> Measured:
     """What is measured after some cycles at home."""
     measured = Measured(robot.limits.dof)
     command = np.zeros((3, robot.limits.dof))
@@ -75,7 +75,9 @@ def test_the_arm_follows_within_a_milliradian(rig: Rig, speed: float) -> None:
     assert sum(rig.interventions) == 0
 
 
-def test_the_same_commands_give_the_same_motion_bit_for_bit(settings: Settings, robot: Robot) -> None:
+def test_the_same_commands_give_the_same_motion_bit_for_bit(
+    settings: Settings, robot: RobotDescription
+) -> None:
     runs = []
     for _ in range(2):
         rig = Rig(settings, robot, simulated=True)
@@ -84,7 +86,7 @@ def test_the_same_commands_give_the_same_motion_bit_for_bit(settings: Settings, 
     np.testing.assert_array_equal(runs[0], runs[1])
 
 
-def test_effort_keeps_its_limits_when_the_arm_is_pushed(rig: Rig, robot: Robot) -> None:
+def test_effort_keeps_its_limits_when_the_arm_is_pushed(rig: Rig, robot: RobotDescription) -> None:
     rig.simulation._data.qfrc_applied[1] = 1000.0  # far beyond the 320 N·m of the drive
     efforts = []
     for _ in range(300):
@@ -92,11 +94,11 @@ def test_effort_keeps_its_limits_when_the_arm_is_pushed(rig: Rig, robot: Robot) 
         efforts.append(rig.memory.state.data["effort"].copy())
     assert (np.abs(efforts) <= robot.limits.max_effort).all()
     assert np.abs(efforts).max(axis=0)[1] == robot.limits.max_effort[1]
-    assert rig.mode is Mode.FAULT
+    assert rig.mode is LoopMode.FAULT
     assert rig.reason.startswith("joint2 is ")
 
 
-def test_holding_needs_the_gravity_torques(rig: Rig, robot: Robot) -> None:
+def test_holding_needs_the_gravity_torques(rig: Rig, robot: RobotDescription) -> None:
     rig.step(200)
     state = rig.memory.state.read()
     np.testing.assert_allclose(state["effort"], robot.model.gravity_torques(rig.home), atol=0.05)
@@ -104,7 +106,7 @@ def test_holding_needs_the_gravity_torques(rig: Rig, robot: Robot) -> None:
 
 
 def test_the_simulation_continues_where_a_dead_rtloop_has_left_it(
-    rig: Rig, settings: Settings, robot: Robot
+    rig: Rig, settings: Settings, robot: RobotDescription
 ) -> None:
     measured_along(rig, GOALS[0], 0.5)
     left = rig.memory.state.read()["position"].copy()
@@ -115,7 +117,7 @@ def test_the_simulation_continues_where_a_dead_rtloop_has_left_it(
 
 
 def test_what_was_asked_of_a_drive_is_reported_beside_what_it_gave(
-    backend: MujocoBackend, robot: Robot
+    backend: MujocoBackend, robot: RobotDescription
 ) -> None:
     backend._data.qfrc_applied[1] = 1000.0  # far beyond the 320 N·m of the drive
     measured = held(backend, robot, 60)
@@ -125,7 +127,7 @@ def test_what_was_asked_of_a_drive_is_reported_beside_what_it_gave(
 
 
 def test_a_push_moves_the_position_controlled_arm_and_ends_when_it_is_taken_away(
-    backend: MujocoBackend, robot: Robot
+    backend: MujocoBackend, robot: RobotDescription
 ) -> None:
     rest = held(backend, robot, 100).position.copy()
     backend.push = np.array([0.0, 50.0, 0.0, 0.0, 0.0, 0.0])
@@ -138,7 +140,7 @@ def test_a_push_moves_the_position_controlled_arm_and_ends_when_it_is_taken_away
     np.testing.assert_allclose(measured.wrench, 0.0, atol=0.05)
 
 
-def test_stale_readings_stay_while_the_arm_moves_on(backend: MujocoBackend, robot: Robot) -> None:
+def test_stale_readings_stay_while_the_arm_moves_on(backend: MujocoBackend, robot: RobotDescription) -> None:
     before = held(backend, robot).values.copy()
     backend.stale = True
     backend.push[1] = 50.0
@@ -147,7 +149,9 @@ def test_stale_readings_stay_while_the_arm_moves_on(backend: MujocoBackend, robo
     assert np.abs(held(backend, robot).position - before[:7]).max() > 1e-3
 
 
-def test_a_jump_is_an_offset_of_the_measured_position_only(backend: MujocoBackend, robot: Robot) -> None:
+def test_a_jump_is_an_offset_of_the_measured_position_only(
+    backend: MujocoBackend, robot: RobotDescription
+) -> None:
     before = held(backend, robot)
     backend.jump[2] = 0.3
     after = held(backend, robot)
@@ -155,7 +159,7 @@ def test_a_jump_is_an_offset_of_the_measured_position_only(backend: MujocoBacken
     np.testing.assert_allclose(after.values[7:], before.values[7:], atol=1e-6)
 
 
-def test_a_broken_torque_sensor_reports_no_number(backend: MujocoBackend, robot: Robot) -> None:
+def test_a_broken_torque_sensor_reports_no_number(backend: MujocoBackend, robot: RobotDescription) -> None:
     backend.not_finite = True
     measured = held(backend, robot)
     assert np.isnan(measured.effort).any()
@@ -164,7 +168,7 @@ def test_a_broken_torque_sensor_reports_no_number(backend: MujocoBackend, robot:
     assert np.isfinite(held(backend, robot).values).all()
 
 
-def test_a_drive_fault_lasts_until_its_cause_is_gone(backend: MujocoBackend, robot: Robot) -> None:
+def test_a_drive_fault_lasts_until_its_cause_is_gone(backend: MujocoBackend, robot: RobotDescription) -> None:
     backend.drive_fault = "joint3: overheated"
     for call in (backend.enable, lambda: backend.read(Measured(7))):
         with pytest.raises(BackendError, match="joint3: overheated"):
@@ -174,14 +178,14 @@ def test_a_drive_fault_lasts_until_its_cause_is_gone(backend: MujocoBackend, rob
     assert np.isfinite(held(backend, robot).values).all()
 
 
-def test_reading_twice_in_a_cycle_gives_the_same(backend: MujocoBackend, robot: Robot) -> None:
+def test_reading_twice_in_a_cycle_gives_the_same(backend: MujocoBackend, robot: RobotDescription) -> None:
     backend.push[0] = 30.0
     first = held(backend, robot, 5).values.copy()
     np.testing.assert_array_equal(held(backend, robot, 0).values, first)
 
 
 def test_a_model_without_a_force_torque_sensor_reports_zeros(
-    settings: Settings, robot: Robot, tmp_path: Path
+    settings: Settings, robot: RobotDescription, tmp_path: Path
 ) -> None:
     words = MJCF.read_text()
     bare = tmp_path / "bare.xml"
@@ -196,7 +200,7 @@ def test_a_model_without_a_force_torque_sensor_reports_zeros(
 
 
 def test_the_sensor_reads_at_the_tcp_wherever_that_is(
-    settings: Settings, robot: Robot, tmp_path: Path
+    settings: Settings, robot: RobotDescription, tmp_path: Path
 ) -> None:
     """Closed form: a force through a TCP 0.2 m in front of the flange and turned has no torque about it."""
     words = MJCF.read_text()

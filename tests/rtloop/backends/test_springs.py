@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from second_opinion import MJCF, changed_world, second_robot
 
 from cobot.config import Settings
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.types import Array
 from rtloop.backends import Impedance, ImpedanceControlled, Measured
 from rtloop.backends.mujoco import MujocoBackend
@@ -36,7 +36,9 @@ TOOL_KG = 0.3
 class Arm:
     """A simulation that is told to stay where it began."""
 
-    def __init__(self, settings: Settings, robot: Robot, posture: Array, model: Path | None = None) -> None:
+    def __init__(
+        self, settings: Settings, robot: RobotDescription, posture: Array, model: Path | None = None
+    ) -> None:
         if model is not None:
             changed = settings.robot.model_copy(update={"model": model})
             settings = settings.model_copy(update={"robot": changed})
@@ -67,7 +69,7 @@ class Arm:
 
 
 @pytest.fixture
-def arm(settings: Settings, robot: Robot) -> Arm:
+def arm(settings: Settings, robot: RobotDescription) -> Arm:
     return Arm(settings, robot, POSTURES[0])
 
 
@@ -88,7 +90,7 @@ def near(actual: Array, expected: Array, share: float = 0.05) -> bool:
 @pytest.mark.parametrize("stiffness", [1000.0, 3000.0])
 @pytest.mark.parametrize("posture", range(len(POSTURES)))
 def test_pushed_the_tcp_yields_by_force_over_stiffness_and_feels_the_push(
-    settings: Settings, robot: Robot, posture: int, stiffness: float
+    settings: Settings, robot: RobotDescription, posture: int, stiffness: float
 ) -> None:
     springs = np.array([stiffness] * 3 + [150.0] * 3)
     for wrench in wrenches(posture):
@@ -135,7 +137,7 @@ def test_a_push_is_felt_within_50_ms_in_position_control(arm: Arm) -> None:
 
 
 @pytest.mark.parametrize("kind", ["position", "joint", "cartesian"])
-def test_free_motion_shows_no_external_effort(arm: Arm, robot: Robot, kind: str) -> None:
+def test_free_motion_shows_no_external_effort(arm: Arm, robot: RobotDescription, kind: str) -> None:
     if kind != "position":
         cartesian = kind == "cartesian"
         nominal = arm.backend.nominal_cartesian_stiffness if cartesian else arm.backend.nominal_stiffness
@@ -157,7 +159,7 @@ def test_free_motion_shows_no_external_effort(arm: Arm, robot: Robot, kind: str)
 @pytest.mark.parametrize("times", [1.0, 8.0])
 @pytest.mark.parametrize("cartesian", [False, True])
 def test_the_nominal_stiffness_does_not_oscillate_nor_does_eight_times_as_much(
-    settings: Settings, robot: Robot, cartesian: bool, times: float, damping_ratio: float
+    settings: Settings, robot: RobotDescription, cartesian: bool, times: float, damping_ratio: float
 ) -> None:
     for posture in (*POSTURES, STRETCHED):
         arm = Arm(settings, robot, posture)
@@ -175,7 +177,7 @@ def test_the_nominal_stiffness_does_not_oscillate_nor_does_eight_times_as_much(
 
 @pytest.mark.parametrize("posture", range(len(POSTURES)))
 def test_critically_damped_the_tcp_does_not_swing_past(
-    settings: Settings, robot: Robot, posture: int
+    settings: Settings, robot: RobotDescription, posture: int
 ) -> None:
     springs = np.array([2000.0] * 3 + [150.0] * 3)
     for axis in range(6):
@@ -226,7 +228,7 @@ def test_another_impedance_under_load_takes_over_without_a_torque_step(arm: Arm)
 
 
 def test_pressed_on_a_surface_the_wrench_is_the_contact_force(
-    settings: Settings, robot: Robot, tmp_path: Path
+    settings: Settings, robot: RobotDescription, tmp_path: Path
 ) -> None:
     place = second_robot().forward(POSTURES[0])[0]
     top = place[2] - 0.01
@@ -268,7 +270,7 @@ def contact_wrench(arm: Arm) -> Array:
 
 
 def test_a_turned_base_feels_and_yields_in_its_own_frame(
-    settings: Settings, robot: Robot, tmp_path: Path
+    settings: Settings, robot: RobotDescription, tmp_path: Path
 ) -> None:
     words = MJCF.read_text()
     turned = tmp_path / "turned.xml"
@@ -285,7 +287,7 @@ def test_a_turned_base_feels_and_yields_in_its_own_frame(
     assert near(arm.measured.wrench[:3], arm.backend.push[:3])
 
 
-def test_the_stretched_arm_holds_when_it_is_pushed(settings: Settings, robot: Robot) -> None:
+def test_the_stretched_arm_holds_when_it_is_pushed(settings: Settings, robot: RobotDescription) -> None:
     arm = Arm(settings, robot, STRETCHED)
     arm.give_way(True, np.array([2000.0] * 3 + [150.0] * 3))
     arm.backend.push = np.array([20.0, 20.0, 20.0, 0.0, 0.0, 0.0])

@@ -14,7 +14,7 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.types import Array, JointLimits
 from rtloop.generators.chunks import ChunkInterpolator, spline
 
@@ -71,7 +71,7 @@ class Player:
 
 
 @pytest.fixture(scope="module")
-def limits(robot: Robot) -> JointLimits:
+def limits(robot: RobotDescription) -> JointLimits:
     return robot.limits
 
 

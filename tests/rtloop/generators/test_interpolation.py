@@ -16,7 +16,7 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 from cobot.ipc.layout import Interpolation
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.types import Array, JointLimits
 from rtloop.generators.interpolation import Interpolator, make_interpolator
 
@@ -77,7 +77,7 @@ class Stream:
 
 
 @pytest.fixture(scope="module")
-def limits(robot: Robot) -> JointLimits:
+def limits(robot: RobotDescription) -> JointLimits:
     return robot.limits
 
 

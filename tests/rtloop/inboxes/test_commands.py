@@ -17,9 +17,9 @@ def taken(rig: Rig, cycles: int) -> list[int]:
     """The numbers of the commands that so many cycles answer, in their order."""
     numbers: list[int] = []
     for _ in range(cycles):
-        before = rig.loop.controller.mailbox.command_seen
+        before = rig.loop.controller.commands.command_seen
         rig.step()
-        after = rig.loop.controller.mailbox.command_seen
+        after = rig.loop.controller.commands.command_seen
         numbers.extend(range(before + 1, after + 1))
     return numbers
 
@@ -63,6 +63,6 @@ def test_each_answer_stands_in_its_commands_place(rig: Rig) -> None:
 def test_of_a_flood_beyond_the_ring_the_newest_are_taken_in_order(rig: Rig) -> None:
     sent = [rig.send(Command.RESET) for _ in range(10 * RING)]
     rig.step(2 * RING)
-    assert rig.loop.controller.mailbox.command_seen == sent[-1]
+    assert rig.loop.controller.commands.command_seen == sent[-1]
     newest = [int(ack.data["id"]) for ack in rig.memory.acks if ack.try_read()]
     assert sorted(newest) == sent[-RING:]

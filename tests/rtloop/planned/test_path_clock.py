@@ -16,20 +16,22 @@ from cobot.planners import WaypointRequest, plan_waypoints
 from cobot.planners.ptp import plan_ptp
 from cobot.planners.request import MotionRequest
 from cobot.planners.time_law import timed
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
-from cobot.types import Mode, PlannerName, Scaling, Waypoint
+from cobot.types import LoopMode, PlannerName, Scaling, Waypoint
 from rtloop.planned.path_clock import PathClock
 
 ROUNDING = 1.005
 """Finite differences of the third order at 1 kHz carry this much of rounding and sampling."""
 
 
-def ptp(robot: Robot, start: np.ndarray, goal: np.ndarray, speed: float) -> Trajectory:
+def ptp(robot: RobotDescription, start: np.ndarray, goal: np.ndarray, speed: float) -> Trajectory:
     return plan_ptp(robot, MotionRequest(start, goal, PlannerName.PTP, Scaling(speed)), goal)
 
 
-def curve(robot: Robot, start: np.ndarray, random: np.random.Generator, speed: float) -> Trajectory:
+def curve(
+    robot: RobotDescription, start: np.ndarray, random: np.random.Generator, speed: float
+) -> Trajectory:
     """A smooth detour through four random points, timed at the limits: many true quintics."""
     scaling = Scaling(speed)
     limits = robot.limits.scaled(speed, speed, scaling.jerk)
@@ -51,7 +53,7 @@ def check(rig: Rig, trajectory: Trajectory) -> None:
     assert sum(rig.interventions) == 0
 
 
-def test_a_motion_that_nobody_disturbs_passes_bit_for_bit(rig: Rig, robot: Robot) -> None:
+def test_a_motion_that_nobody_disturbs_passes_bit_for_bit(rig: Rig, robot: RobotDescription) -> None:
     goal = np.array([1.0, 0.5, 0.3, -1.0, 0.5, 1.0, 0.5])
     trajectory = ptp(robot, rig.home, goal, 1.0)
     assert rig.start(trajectory) == ""
@@ -65,7 +67,7 @@ def test_a_motion_that_nobody_disturbs_passes_bit_for_bit(rig: Rig, robot: Robot
 
 @pytest.mark.parametrize("seed", range(40))
 def test_a_stop_at_any_time_stays_on_the_path_and_within_the_limits(
-    settings: Settings, robot: Robot, seed: int
+    settings: Settings, robot: RobotDescription, seed: int
 ) -> None:
     random = np.random.default_rng(seed)
     rig = Rig(settings, robot)
@@ -85,7 +87,7 @@ def test_a_stop_at_any_time_stays_on_the_path_and_within_the_limits(
         rig.request()
         rig.run()
         check(rig, trajectory)
-        assert rig.mode is Mode.HOLD
+        assert rig.mode is LoopMode.HOLD
         moving = np.flatnonzero(np.abs(np.diff(np.array(rig.commanded), axis=0)).max(axis=1))
         assert (moving[-1] - requested) * 1e-3 < 1.2, "at rest soon"
         assert rig.result in (MotionResult.STOPPED, MotionResult.ARRIVED)
@@ -95,7 +97,7 @@ def test_a_stop_at_any_time_stays_on_the_path_and_within_the_limits(
 
 @pytest.mark.parametrize("seed", range(15))
 def test_overrides_pauses_and_a_stop_in_any_order_keep_the_limits(
-    settings: Settings, robot: Robot, seed: int
+    settings: Settings, robot: RobotDescription, seed: int
 ) -> None:
     random = np.random.default_rng(1000 + seed)
     rig = Rig(settings, robot)
@@ -121,7 +123,9 @@ def test_overrides_pauses_and_a_stop_in_any_order_keep_the_limits(
 
 
 @pytest.mark.parametrize("speed", [0.1, 0.3, 0.5])
-def test_a_stop_in_the_cruise_takes_effect_within_a_few_cycles(rig: Rig, robot: Robot, speed: float) -> None:
+def test_a_stop_in_the_cruise_takes_effect_within_a_few_cycles(
+    rig: Rig, robot: RobotDescription, speed: float
+) -> None:
     trajectory = ptp(robot, rig.home, rig.home + np.array([2.0, 0.5, 0, 0.3, 0, 0, 0]), speed)
     assert rig.start(trajectory) == ""
     rig.step(int(trajectory.duration_s * 500))
@@ -134,13 +138,13 @@ def test_a_stop_in_the_cruise_takes_effect_within_a_few_cycles(rig: Rig, robot: 
     rig.run()
 
 
-def test_a_paused_motion_waits_and_goes_on(rig: Rig, robot: Robot) -> None:
+def test_a_paused_motion_waits_and_goes_on(rig: Rig, robot: RobotDescription) -> None:
     trajectory = ptp(robot, rig.home, rig.home + 0.4, 0.5)
     assert rig.start(trajectory) == ""
     rig.step(300)
     rig.send(Command.SET_RATE, value=0.0)
     rig.step(1500)
-    assert rig.mode is Mode.TRAJECTORY
+    assert rig.mode is LoopMode.TRAJECTORY
     here = rig.commanded[-1]
     rig.step(100)
     np.testing.assert_array_equal(rig.commanded[-1], here)
@@ -149,30 +153,30 @@ def test_a_paused_motion_waits_and_goes_on(rig: Rig, robot: Robot) -> None:
     assert rig.result is MotionResult.ARRIVED
 
 
-def test_a_stop_ends_a_pause(rig: Rig, robot: Robot) -> None:
+def test_a_stop_ends_a_pause(rig: Rig, robot: RobotDescription) -> None:
     assert rig.start(ptp(robot, rig.home, rig.home + 0.4, 0.5)) == ""
     rig.step(300)
     rig.send(Command.SET_RATE, value=0.0)
     rig.step(1500)
     rig.request()
     rig.run()
-    assert (rig.mode, rig.result) == (Mode.HOLD, MotionResult.STOPPED)
+    assert (rig.mode, rig.result) == (LoopMode.HOLD, MotionResult.STOPPED)
 
 
 @pytest.mark.parametrize("rate", [-0.1, 1.1, float("nan")])
-def test_a_rate_outside_its_range_is_refused(rig: Rig, robot: Robot, rate: float) -> None:
+def test_a_rate_outside_its_range_is_refused(rig: Rig, robot: RobotDescription, rate: float) -> None:
     assert rig.start(ptp(robot, rig.home, rig.home + 0.4, 0.5)) == ""
     assert "from 0 to 1" in rig.answer(rig.send(Command.SET_RATE, value=rate))
 
 
-def test_a_path_beyond_the_limits_can_be_stopped_too(rig: Rig, robot: Robot) -> None:
+def test_a_path_beyond_the_limits_can_be_stopped_too(rig: Rig, robot: RobotDescription) -> None:
     """validate_limits=false lets such a path through; the safety layer bounds what comes of it."""
     trajectory = curve(robot, rig.home, np.random.default_rng(5), 1.0).stretched(0.5)
     assert rig.start(trajectory) == ""
     rig.step(300)
     rig.request()
     rig.run()
-    assert rig.mode is Mode.HOLD
+    assert rig.mode is LoopMode.HOLD
     velocity, acceleration, jerk = rig.rates()
     assert velocity.max() <= 1.02
     assert acceleration.max() <= 1.02
@@ -182,7 +186,7 @@ def test_a_path_beyond_the_limits_can_be_stopped_too(rig: Rig, robot: Robot) -> 
 @pytest.mark.parametrize("request_name", ["stops", "estops"])
 @pytest.mark.parametrize(("amplitude_rad", "step_s"), [(0.003, 0.08), (0.01, 0.1), (0.05, 0.05), (0.3, 0.3)])
 def test_a_zigzag_that_leaves_no_room_to_slow_down_is_stopped_beside_its_path(
-    rig: Rig, robot: Robot, amplitude_rad: float, step_s: float, request_name: str
+    rig: Rig, robot: RobotDescription, amplitude_rad: float, step_s: float, request_name: str
 ) -> None:
     turns = [rig.home + amplitude_rad * (-1) ** i * (i > 0) for i in range(400)]
     points = [Waypoint(turn.tolist(), step_s * i, None, None, str(i)) for i, turn in enumerate(turns)]
@@ -191,8 +195,12 @@ def test_a_zigzag_that_leaves_no_room_to_slow_down_is_stopped_beside_its_path(
     rig.step(1503)
     rig.request(request_name)
     rig.run(3000)
-    stopped = rig.mode is Mode.HOLD and rig.result is MotionResult.STOPPED_ASIDE
-    assert stopped if request_name == "stops" else (rig.mode is Mode.ESTOP and not rig.loop.controller.moving)
+    stopped = rig.mode is LoopMode.HOLD and rig.result is MotionResult.STOPPED_ASIDE
+    assert (
+        stopped
+        if request_name == "stops"
+        else (rig.mode is LoopMode.ESTOP and not rig.loop.controller.moving)
+    )
     velocity, acceleration, jerk = rig.rates()
     assert velocity.max() <= 1.02
     assert acceleration.max() <= 1.02
@@ -201,7 +209,7 @@ def test_a_zigzag_that_leaves_no_room_to_slow_down_is_stopped_beside_its_path(
 
 @pytest.mark.parametrize("speed", [1e10, 1e30, 1e100, 1e300])
 def test_a_path_for_which_there_is_no_profile_at_all_is_given_up_and_raises_nothing(
-    robot: Robot, speed: float
+    robot: RobotDescription, speed: float
 ) -> None:
     """Ruckig raises errors of several classes on limits that are all but zero."""
 

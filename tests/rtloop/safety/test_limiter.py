@@ -12,7 +12,7 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 from cobot.ipc.layout import Intervention
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.types import Array
 from rtloop.safety.limiter import Safety
 
@@ -24,7 +24,7 @@ EXCESS = 1.011
 class Output:
     """What a safety layer has let through."""
 
-    def __init__(self, robot: Robot, start: Array) -> None:
+    def __init__(self, robot: RobotDescription, start: Array) -> None:
         self.limits = robot.limits
         self.safety = Safety(robot.limits, PERIOD_S)
         self.safety.reset(start)
@@ -50,7 +50,7 @@ class Output:
 
 
 @pytest.fixture
-def output(robot: Robot) -> Output:
+def output(robot: RobotDescription) -> Output:
     return Output(robot, np.array(robot.positions["home"].joints))
 
 
@@ -102,7 +102,7 @@ def test_a_request_beyond_a_joint_stop_ends_at_the_stop(output: Output) -> None:
     assert "POSITION" in counted(output)
 
 
-def test_a_stated_velocity_beyond_the_limit_is_not_passed_on(output: Output, robot: Robot) -> None:
+def test_a_stated_velocity_beyond_the_limit_is_not_passed_on(output: Output, robot: RobotDescription) -> None:
     wild = robot.limits.max_velocity * 3.0
     output.apply(output.positions[0], wild)
     assert (np.abs(output.safety.velocity) <= robot.limits.max_velocity).all()
@@ -159,7 +159,7 @@ def test_what_keeps_the_limits_passes_bit_for_bit(output: Output) -> None:
     )
 )
 def test_no_sequence_of_requests_leaves_the_limits(
-    robot: Robot, episodes: list[tuple[int, list[float], str]]
+    robot: RobotDescription, episodes: list[tuple[int, list[float], str]]
 ) -> None:
     output = Output(robot, np.array(robot.positions["home"].joints))
     braking = False

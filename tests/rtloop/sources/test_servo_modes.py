@@ -16,9 +16,9 @@ from scipy import linalg, signal
 from cobot.config import Settings
 from cobot.ipc.layout import POINTS, ServoMode, Stream
 from cobot.ipc.stream_writer import PointWriter
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import inverse
-from cobot.types import Array, Mode, Pose
+from cobot.types import Array, LoopMode, Pose
 from rtloop.sources.servo_law import ServoLaw, transition
 
 JOINT_MODES = [mode for mode in ServoMode if 1 <= mode <= 5]
@@ -112,7 +112,7 @@ def test_every_mode_follows_the_same_reference(
     error, lag = error_of(commanded, reference)
     assert error <= error_rad
     assert lag <= lag_ms
-    assert rig.mode is (Mode.CARTESIAN if mode in FORCE_MODES else Mode.JOINT_IMPEDANCE)
+    assert rig.mode is (LoopMode.CARTESIAN if mode in FORCE_MODES else LoopMode.JOINT_IMPEDANCE)
     assert counts(rig)["points_dropped"] == 0
     require_limits(rig)
 
@@ -141,7 +141,7 @@ def test_without_points_the_watchdog_ends_the_session_at_rest(rig: Rig, mode: Se
     rig.step(195)
     assert rig.loop.controller.streaming.session
     rig.run()
-    assert (rig.mode, rig.reason) == (Mode.HOLD, "servo watchdog: no point for 0.2 s")
+    assert (rig.mode, rig.reason) == (LoopMode.HOLD, "servo watchdog: no point for 0.2 s")
     assert rig.counted()["COMMAND_TIMEOUT"] == 1
     assert not rig.loop.controller.streaming.session
     require_limits(rig)
@@ -159,7 +159,7 @@ def test_a_stop_in_motion_ends_the_session_within_the_limits(rig: Rig, mode: Ser
     feed(rig, begin(rig, mode), wave(rig), 900)
     rig.request("stops")
     rig.run()
-    assert (rig.mode, rig.reason) == (Mode.HOLD, "stop requested")
+    assert (rig.mode, rig.reason) == (LoopMode.HOLD, "stop requested")
     require_limits(rig)
 
 
@@ -345,7 +345,7 @@ def test_a_point_that_is_no_number_latches_an_estop(
         writer.put(rig.home, 0.01, 0.0, 0.0)
     rig.step(100)
     rig.run()
-    assert rig.mode is Mode.ESTOP
+    assert rig.mode is LoopMode.ESTOP
     assert "not finite" in rig.reason
     require_limits(rig)
 
@@ -391,7 +391,9 @@ def test_a_session_that_makes_no_sense_is_refused(rig: Rig, wishes: dict[str, ob
     assert why in rig.stream(stream, **wishes)
 
 
-def test_points_that_lead_into_the_floor_end_the_session_before_it(settings: Settings, robot: Robot) -> None:
+def test_points_that_lead_into_the_floor_end_the_session_before_it(
+    settings: Settings, robot: RobotDescription
+) -> None:
     home = np.array(robot.positions["home"].joints)
     pose = robot.model.forward(home)
     start = inverse(robot.model, Pose(np.array([0.5, 0.0, 0.25]), pose.quaternion), home)
@@ -400,7 +402,7 @@ def test_points_that_lead_into_the_floor_end_the_session_before_it(settings: Set
     writer = begin(rig, ServoMode.BUFFERED)
     feed(rig, writer, lambda t: start + min(t / 3.0, 1.0) * (end - start), 2990)
     rig.run()
-    assert (rig.mode, rig.counted()["COLLISION"]) == (Mode.HOLD, 1)
+    assert (rig.mode, rig.counted()["COLLISION"]) == (LoopMode.HOLD, 1)
     assert rig.reason == "the points lead the arm into itself or its surroundings"
     assert robot.model.forward(rig.commanded[-1]).position[2] > 0.0
     require_limits(rig)
@@ -443,7 +445,7 @@ def test_the_pass_through_modes_follow_a_ramp_with_a_lag_of_the_lookahead_time(
 
 @pytest.mark.parametrize("mode", [ServoMode.REPLANNED, ServoMode.THROUGH])
 def test_the_planned_modes_take_no_notice_of_the_law(
-    settings: Settings, robot: Robot, mode: ServoMode
+    settings: Settings, robot: RobotDescription, mode: ServoMode
 ) -> None:
     runs = []
     for law in ((0.0, 0.0), LAW):
@@ -454,7 +456,7 @@ def test_the_planned_modes_take_no_notice_of_the_law(
 
 
 @pytest.fixture
-def above_floor(settings: Settings, robot: Robot) -> Iterator[Rig]:
+def above_floor(settings: Settings, robot: RobotDescription) -> Iterator[Rig]:
     """The tool points down, a little above the floor, in the simulation."""
     home = np.array(robot.positions["home"].joints)
     pose = Pose(np.array([0.5, 0.0, 0.05]), robot.model.forward(home).quaternion)
@@ -488,7 +490,9 @@ def test_force_control_presses_while_points_move_the_tool_along(above_floor: Rig
     require_limits(rig)
 
 
-def test_without_force_axes_mode_6_moves_the_arm_as_mode_1_does(settings: Settings, robot: Robot) -> None:
+def test_without_force_axes_mode_6_moves_the_arm_as_mode_1_does(
+    settings: Settings, robot: RobotDescription
+) -> None:
     runs = []
     for mode in (ServoMode.REPLANNED, ServoMode.REPLANNED_FORCE):
         rig = Rig(settings, robot)
@@ -520,7 +524,7 @@ def test_a_session_that_is_to_finish_goes_on_to_its_last_point(rig: Rig, mode: S
     rig.memory.session.publish()
     rig.step(1005)
     rig.run()
-    assert (rig.mode, rig.reason) == (Mode.HOLD, "the client has ended the session")
+    assert (rig.mode, rig.reason) == (LoopMode.HOLD, "the client has ended the session")
     np.testing.assert_allclose(rig.commanded[-1], reference(0.49), atol=5e-3)
     require_limits(rig)
 
@@ -535,7 +539,7 @@ def test_a_service_that_hangs_moves_the_arm_no_further_than_its_heartbeat(rig: R
     assert rig.loop.controller.streaming.session
     rig.beat(ahead_s=-0.1 - rig.settings.rt.service_timeout_s)
     rig.run(1000)
-    assert (rig.mode, rig.counted()["SERVICE_TIMEOUT"]) == (Mode.HOLD, 1)
+    assert (rig.mode, rig.counted()["SERVICE_TIMEOUT"]) == (LoopMode.HOLD, 1)
     assert "the service has been silent for" in rig.reason
     require_limits(rig)
 
@@ -549,5 +553,5 @@ def test_a_session_that_is_to_finish_does_so_within_a_second(rig: Rig) -> None:
     rig.memory.session.publish()
     rig.step(1005)
     rig.run(300)
-    assert rig.mode is Mode.HOLD
+    assert rig.mode is LoopMode.HOLD
     np.testing.assert_allclose(rig.commanded[-1], rig.home + 0.01, atol=2e-3)

@@ -11,7 +11,7 @@ from rig import Rig
 from scipy.spatial.transform import Rotation, Slerp
 
 from cobot.ipc.layout import Interpolation, Stream
-from cobot.types import Array, Mode
+from cobot.types import Array, LoopMode
 
 
 def tcp(rig: Rig, joints: Array) -> Array:
@@ -31,7 +31,7 @@ def require_limits(rig: Rig) -> None:
 
 def test_a_stream_of_poses_is_followed(rig: Rig) -> None:
     assert rig.stream(Stream.CARTESIAN, interpolation=Interpolation.QUINTIC) == ""
-    assert rig.mode is Mode.CARTESIAN
+    assert rig.mode is LoopMode.CARTESIAN
     begin = tcp(rig, rig.home)
     wanted = []
     for cycle in range(3000):
@@ -143,7 +143,7 @@ def test_a_pose_or_wrench_that_is_no_number_latches_an_estop(rig: Rig, poison: f
     rig.aim()
     rig.step(20)
     rig.run()
-    assert rig.mode is Mode.ESTOP
+    assert rig.mode is LoopMode.ESTOP
 
 
 def test_a_pose_out_of_reach_is_approached_and_breaks_no_limit(rig: Rig) -> None:
@@ -154,7 +154,7 @@ def test_a_pose_out_of_reach_is_approached_and_breaks_no_limit(rig: Rig) -> None
             pose[0] += 0.004
             rig.aim(pose=pose)
         rig.step()
-    assert rig.mode is Mode.CARTESIAN
+    assert rig.mode is LoopMode.CARTESIAN
     require_limits(rig)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from rig import Rig
 
-from cobot.types import Array, Mode
+from cobot.types import Array, LoopMode
 
 STEP_S = 1 / 30
 
@@ -116,7 +116,7 @@ def test_a_missing_chunk_lets_the_arm_come_to_rest_and_the_next_one_moves_it_on(
     send(stream, times, here + 0.05 * (np.arange(1, 20)[:, None] / 19) ** 2)
     stream.step(2000)
     assert (stream.commanded[-1] > here + 0.03).all()
-    assert stream.mode is Mode.JOINT_IMPEDANCE
+    assert stream.mode is LoopMode.JOINT_IMPEDANCE
     require_limits(stream)
 
 
@@ -142,7 +142,7 @@ def test_a_chunk_that_is_no_number_latches_an_estop(stream: Rig) -> None:
     send(stream, times, points)
     stream.step(5)
     stream.run()
-    assert stream.mode is Mode.ESTOP
+    assert stream.mode is LoopMode.ESTOP
     require_limits(stream)
 
 

@@ -16,9 +16,9 @@ from second_opinion import second_robot
 
 from cobot.config import Settings
 from cobot.ipc.layout import Stream
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import inverse
-from cobot.types import Array, Mode, Pose
+from cobot.types import Array, LoopMode, Pose
 
 HEIGHT_M = 0.05
 
@@ -35,7 +35,7 @@ def require_limits(rig: Rig) -> None:
 
 
 @pytest.fixture
-def simulated(settings: Settings, robot: Robot) -> Iterator[Rig]:
+def simulated(settings: Settings, robot: RobotDescription) -> Iterator[Rig]:
     made = Rig(settings, robot, simulated=True)
     made.step(50)
     yield made
@@ -43,7 +43,7 @@ def simulated(settings: Settings, robot: Robot) -> Iterator[Rig]:
 
 
 @pytest.fixture
-def above_floor(settings: Settings, robot: Robot) -> Iterator[Rig]:
+def above_floor(settings: Settings, robot: RobotDescription) -> Iterator[Rig]:
     """The tool points down, some way above the floor."""
     home = np.array(robot.positions["home"].joints)
     pose = robot.model.forward(home)
@@ -83,7 +83,7 @@ def test_ten_newtons_on_the_floor_are_ten_newtons(
     forces = press(rig, 7000, np.array(wrench), pose)
     assert forces.mean() == pytest.approx(10.0, abs=0.5)
     assert np.ptp(forces) < 0.5
-    assert rig.mode is Mode.CARTESIAN
+    assert rig.mode is LoopMode.CARTESIAN
     assert not {"COLLISION", "JUMP"} & set(rig.counted())
     require_limits(rig)
 
@@ -168,11 +168,11 @@ def test_too_hard_a_contact_ends_the_session(simulated: Rig, limits: dict[str, A
     rig = simulated
     assert rig.stream(Stream.CARTESIAN, **limits) == ""
     rig.step(100)
-    assert rig.mode is Mode.CARTESIAN
+    assert rig.mode is LoopMode.CARTESIAN
     rig.simulation.push[0] = 40.0
     rig.step(200)
     rig.run()
-    assert rig.mode is Mode.HOLD
+    assert rig.mode is LoopMode.HOLD
     assert rig.reason.startswith("contact: ")
     assert what in rig.reason
     assert rig.counted()["CONTACT"] == 1
@@ -187,7 +187,7 @@ def test_a_pushed_arm_is_held_where_it_is_when_the_session_ends(simulated: Rig) 
     rig.end_stream()
     rig.run()
     rig.step(500)
-    assert rig.mode is Mode.HOLD
+    assert rig.mode is LoopMode.HOLD
     np.testing.assert_allclose(rig.memory.state.data["position"], there, atol=0.015)
 
 
@@ -197,7 +197,7 @@ def test_a_joint_that_gives_way_too_far_is_a_fault(simulated: Rig) -> None:
     rig.simulation.push[1] = 60.0
     rig.step(1500)
     rig.run()
-    assert rig.mode is Mode.FAULT
+    assert rig.mode is LoopMode.FAULT
     assert "allowed are 0.5 rad" in rig.reason
 
 
@@ -249,7 +249,7 @@ def test_no_torque_drives_a_joint_beyond_its_limits(simulated: Rig) -> None:
     for _ in range(4000):
         rig.aim(joints=np.array([300.0, 0.0, 0.0, 0.0, 0.0, 0.0, 40.0]))
         rig.step()
-    assert rig.mode is Mode.JOINT_TORQUE
+    assert rig.mode is LoopMode.JOINT_TORQUE
     position = np.array(rig.commanded)
     assert (position <= rig.limits.max_position + 1.1e-5).all()
     require_limits(rig)
@@ -270,7 +270,7 @@ def test_a_soft_arm_that_is_pushed_is_not_kicked_when_its_session_ends(
     for _ in range(1000):
         rig.step()
         velocities.append(rig.memory.state.data["velocity"].copy())
-    assert rig.mode is Mode.HOLD
+    assert rig.mode is LoopMode.HOLD
     acceleration = np.diff(np.array(velocities), axis=0) / 1e-3
     assert (np.abs(acceleration) <= 3.0 * rig.limits.max_acceleration).all()
     assert np.linalg.norm(rig.memory.state.data["tcp"][:3] - begin) < 0.01

@@ -16,7 +16,7 @@ import pytest
 from rig import Loopback, Rig
 
 from cobot.ipc.layout import Command, Interpolation, Stream
-from cobot.types import Array, Mode
+from cobot.types import Array, LoopMode
 from rtloop.backends import ImpedanceControlled
 
 COMMAND_TIMEOUT_CYCLES = 500
@@ -50,12 +50,12 @@ def require_limits(rig: Rig) -> None:
 
 
 def test_a_stream_is_followed_and_its_end_leaves_the_arm_at_rest(stream: Rig) -> None:
-    assert stream.mode is Mode.JOINT_IMPEDANCE
+    assert stream.mode is LoopMode.JOINT_IMPEDANCE
     feed(stream, 2000)
     np.testing.assert_allclose(stream.commanded[-1], wave(stream, 1990), atol=5e-3)
     stream.end_stream()
     stream.run()
-    assert stream.mode is Mode.HOLD
+    assert stream.mode is LoopMode.HOLD
     assert stream.reason == "the client has ended the session"
     assert stream.loop.controller.streaming.session == 0
     assert stream.loopback.impedance is None
@@ -97,7 +97,7 @@ def test_a_jump_is_refused_and_the_stream_goes_on(stream: Rig) -> None:
     stream.aim(joints=outlier)
     stream.step(10)
     assert stream.counted()["JUMP"] == 1
-    assert stream.mode is Mode.JOINT_IMPEDANCE
+    assert stream.mode is LoopMode.JOINT_IMPEDANCE
     feed(stream, 1000, begin=510)
     np.testing.assert_allclose(stream.commanded[-1], wave(stream, 1500), atol=5e-3)
     assert stream.counted()["JUMP"] == 1
@@ -122,7 +122,7 @@ def test_a_target_that_is_no_number_latches_an_estop(stream: Rig, poison: float,
     stream.aim(joints=target)
     stream.step(10)
     stream.run()
-    assert stream.mode is Mode.ESTOP
+    assert stream.mode is LoopMode.ESTOP
     assert "not finite" in stream.reason
     assert stream.counted()["NOT_FINITE"] == 1
     assert np.isfinite(stream.commanded).all()
@@ -136,7 +136,7 @@ def test_a_silent_client_brings_the_arm_to_rest_and_a_new_target_moves_it_again(
     ramp = stream.commanded[-1] - stream.commanded[-2]
     stream.step(COMMAND_TIMEOUT_CYCLES + 300)
     assert stream.counted()["COMMAND_TIMEOUT"] == 1
-    assert stream.mode is Mode.JOINT_IMPEDANCE
+    assert stream.mode is LoopMode.JOINT_IMPEDANCE
     held = stream.commanded[-1]
     np.testing.assert_array_equal(stream.commanded[-100], held)
     assert np.abs(ramp).max() > 0.0
@@ -182,7 +182,7 @@ def test_a_stop_request_ends_the_session_and_a_new_one_may_begin(stream: Rig) ->
     feed(stream, 1500)
     stream.request("stops")
     stream.run()
-    assert (stream.mode, stream.reason) == (Mode.HOLD, "stop requested")
+    assert (stream.mode, stream.reason) == (LoopMode.HOLD, "stop requested")
     assert stream.stream() == ""
     require_limits(stream)
 
@@ -192,7 +192,7 @@ def test_an_estop_of_the_client_needs_no_turn_of_its_targets(stream: Rig) -> Non
     stream.memory.stream_requests.data["estops"] += 1
     stream.memory.stream_requests.publish()
     stream.run()
-    assert stream.mode is Mode.ESTOP
+    assert stream.mode is LoopMode.ESTOP
     assert stream.stream().startswith("the arm is in mode ESTOP")
     require_limits(stream)
 
@@ -213,10 +213,10 @@ def test_the_arm_comes_to_rest_when_its_client_is_killed(rig: Rig) -> None:
         client.send_signal(signal.SIGKILL)
         client.wait()
         rig.step(60)
-        assert rig.mode is Mode.STOPPING
+        assert rig.mode is LoopMode.STOPPING
         assert rig.reason == "the streaming client has died"
         rig.run()
-        assert rig.mode is Mode.HOLD
+        assert rig.mode is LoopMode.HOLD
         require_limits(rig)
     finally:
         client.kill()
@@ -248,7 +248,7 @@ def test_no_motion_starts_during_a_session_and_no_session_when_a_stop_came_first
 )
 def test_a_session_that_makes_no_sense_is_refused(rig: Rig, wish: dict[str, object], sentence: str) -> None:
     assert sentence in rig.stream(**wish)
-    assert rig.mode is Mode.HOLD
+    assert rig.mode is LoopMode.HOLD
     assert rig.stream() == ""
 
 
@@ -291,7 +291,7 @@ def test_a_setpoint_block_of_random_bytes_moves_nothing(stream: Rig) -> None:
         block._shared[:] = rng.integers(0, 256, len(block._shared), np.uint8).tobytes()
         block._head[0] = int(rng.integers(0, 2**63)) & ~1
         stream.step(10)
-    assert stream.mode is Mode.JOINT_IMPEDANCE
+    assert stream.mode is LoopMode.JOINT_IMPEDANCE
     assert stream.loop.controller.streaming.box.torn_reads >= 50
     stream.step(600)
     assert stream.counted()["COMMAND_TIMEOUT"] == 1
@@ -303,7 +303,7 @@ def test_a_dead_rtloops_session_does_not_go_on_in_the_next_one(stream: Rig) -> N
     stream.step()
     successor = Rig(stream.settings, stream.robot, memory=stream.memory)
     successor.step(20)
-    assert successor.mode is Mode.HOLD
+    assert successor.mode is LoopMode.HOLD
     assert successor.reason == "rtloop was restarted"
     assert successor.loop.controller.streaming.session == 0
 

@@ -20,7 +20,7 @@ from app.services.motion import csv_points
 from app.services.motion.csv_points import SHOWN_CHARACTERS, read_points
 from cobot.errors import InputError
 from cobot.planners import WaypointRequest, plan_waypoints
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.types import Waypoint
 
 DOF = 7
@@ -101,7 +101,7 @@ def test_numpy_reads_the_same_numbers() -> None:
     np.testing.assert_array_equal(ours, oracle)
 
 
-def test_the_shipped_example_starts_and_ends_at_home_and_is_feasible(robot: Robot) -> None:
+def test_the_shipped_example_starts_and_ends_at_home_and_is_feasible(robot: RobotDescription) -> None:
     points = read(EXAMPLE.read_bytes())
     home = np.array(robot.positions["home"].joints)
     np.testing.assert_array_equal([points[0].positions, points[-1].positions], [home, home])

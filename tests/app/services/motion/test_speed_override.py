@@ -23,15 +23,15 @@ from cobot.config import Settings
 from cobot.errors import ConflictError, ExecutionError, LimitError, MotionStopped, MotionTimeout
 from cobot.ipc.layout import MotionResult
 from cobot.planners import MotionRequest, plan
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
-from cobot.types import Mode, PlannerName, Scaling
+from cobot.types import LoopMode, PlannerName, Scaling
 
 
 class Bench:
     """A rig, and the services that move it."""
 
-    def __init__(self, rig: Rig, robot: Robot, settings: Settings) -> None:
+    def __init__(self, rig: Rig, robot: RobotDescription, settings: Settings) -> None:
         self.rig = rig
         self.link = RobotLink(rig.memory.path.name.removeprefix("cobot-"), 60.0)
         self.ownership = Ownership(self.link)
@@ -66,7 +66,7 @@ class Bench:
 
 
 @pytest.fixture
-def bench(rig: Rig, robot: Robot, settings: Settings) -> Iterator[Bench]:
+def bench(rig: Rig, robot: RobotDescription, settings: Settings) -> Iterator[Bench]:
     rig.step(30)
     made = Bench(rig, robot, settings)
     yield made
@@ -84,7 +84,7 @@ def test_a_paused_motion_rests_on_its_path_and_then_arrives(bench: Bench) -> Non
             here = rig.commanded[-1]
             rig.step(2000)
             np.testing.assert_array_equal(rig.commanded[-1], here)
-            assert rig.mode is Mode.TRAJECTORY
+            assert rig.mode is LoopMode.TRAJECTORY
             share = (here - rig.home) @ (bench.goal - rig.home) / ((bench.goal - rig.home) ** 2).sum()
             assert 0.0 < share < 1.0
             np.testing.assert_allclose(here, rig.home + share * (bench.goal - rig.home), atol=1e-6)
@@ -105,7 +105,7 @@ def test_what_begins_during_a_pause_waits_for_its_end(bench: Bench) -> None:
         with bench.claim() as claim:
             going = asyncio.create_task(bench.go(claim))
             await bench.during(asyncio.sleep(0.05))
-            assert rig.mode is Mode.HOLD
+            assert rig.mode is LoopMode.HOLD
             assert not going.done()
             await bench.during(pace.resume())
             await bench.during(going)
@@ -130,7 +130,7 @@ def test_a_stop_ends_a_pause_and_what_was_paused(bench: Bench, begun: bool) -> N
             with pytest.raises(MotionStopped):
                 await bench.during(going)
         assert not pace.paused
-        assert rig.mode is Mode.HOLD
+        assert rig.mode is LoopMode.HOLD
 
     asyncio.run(check())
 
@@ -148,7 +148,7 @@ def test_what_waited_in_a_pause_does_not_begin_after_an_estop_and_its_reset(benc
             await bench.during(pace.resume())
             with pytest.raises(ExecutionError, match="a stop was requested meanwhile"):
                 await bench.during(going)
-        assert rig.mode is Mode.HOLD
+        assert rig.mode is LoopMode.HOLD
         np.testing.assert_allclose(rig.commanded[-1], rig.home)
 
     asyncio.run(check())

@@ -9,13 +9,13 @@ from typing import Any, cast
 import pytest
 
 from app.services.motion.stopping import StopService
-from cobot.types import Mode
+from cobot.types import LoopMode
 
 
 class Called:
     """Stands for the link and the sequences, and notes who was asked for what."""
 
-    def __init__(self, mode: Mode) -> None:
+    def __init__(self, mode: LoopMode) -> None:
         self.mode = mode
         self.done: list[str] = []
 
@@ -29,14 +29,14 @@ class Called:
         self.done.append("sequence ended")
 
 
-@pytest.mark.parametrize("mode", [Mode.ESTOP, Mode.FAULT])
-def test_a_sequence_that_has_slept_through_an_estop_ends_before_the_reset(mode: Mode) -> None:
+@pytest.mark.parametrize("mode", [LoopMode.ESTOP, LoopMode.FAULT])
+def test_a_sequence_that_has_slept_through_an_estop_ends_before_the_reset(mode: LoopMode) -> None:
     called = Called(mode)
     asyncio.run(StopService(*cast(Any, (called, None, called))).reset(1.0))
     assert called.done == ["sequence ended", "reset"]
 
 
 def test_a_reset_of_an_arm_that_needs_none_leaves_the_sequence_alone() -> None:
-    called = Called(Mode.HOLD)
+    called = Called(LoopMode.HOLD)
     asyncio.run(StopService(*cast(Any, (called, None, called))).reset(1.0))
     assert called.done == ["reset"]

@@ -23,8 +23,8 @@ from app.services.motion.tool_and_limits import RobotSettings
 from app.services.state.link import RobotLink
 from cobot.config import Settings
 from cobot.errors import ConflictError, LimitError, MotionStopped
-from cobot.robot.description import Robot
-from cobot.types import Mode
+from cobot.robot.description import RobotDescription
+from cobot.types import LoopMode
 
 LEFT, RIGHT = "left", "right"
 
@@ -32,7 +32,7 @@ LEFT, RIGHT = "left", "right"
 class Pair:
     """Two robots and what moves them together."""
 
-    def __init__(self, settings: Settings, robot: Robot) -> None:
+    def __init__(self, settings: Settings, robot: RobotDescription) -> None:
         self.rigs = {LEFT: Rig(settings, robot), RIGHT: Rig(settings, robot)}
         self.planning = PlanningService(None, 1)
         self.sync = SyncService()
@@ -82,7 +82,7 @@ class Pair:
 
 
 @pytest.fixture
-def pair(settings: Settings, robot: Robot) -> Iterator[Pair]:
+def pair(settings: Settings, robot: RobotDescription) -> Iterator[Pair]:
     made = Pair(settings, robot)
     yield made
     made.close()
@@ -102,7 +102,7 @@ def test_a_stop_is_for_the_segments_that_wait_for_the_one_under_way_too(pair: Pa
         await pair.until(second.done)
         with pytest.raises(MotionStopped, match="was stopped after"):
             second.result()
-        await pair.until(lambda: all(rig.mode is Mode.HOLD for rig in pair.rigs.values()))
+        await pair.until(lambda: all(rig.mode is LoopMode.HOLD for rig in pair.rigs.values()))
         at = [rig.commanded[-1] for rig in pair.rigs.values()]
         await pair.done(asyncio.sleep(0.3))
         np.testing.assert_array_equal([rig.commanded[-1] for rig in pair.rigs.values()], at)

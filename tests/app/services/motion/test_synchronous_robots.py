@@ -19,7 +19,7 @@ from app.main import create_app
 from app.services.motion.stopping import Stopped, together
 from cobot.addresses import address, path_at
 from cobot.config import load_settings
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 
 ROBOTS = """
 robots:
@@ -29,7 +29,7 @@ robots:
 
 
 @pytest.fixture(scope="module")
-def app(tmp_path_factory: pytest.TempPathFactory, robot: Robot) -> FastAPI:
+def app(tmp_path_factory: pytest.TempPathFactory, robot: RobotDescription) -> FastAPI:
     folder = tmp_path_factory.mktemp("pair")
     shipped = (Path(__file__).parents[4] / "config/joint_limits.yaml").read_text(encoding="utf-8")
     (folder / "slower.yaml").write_text(shipped.replace("2.9", "2.8"), encoding="utf-8")
@@ -55,7 +55,7 @@ class Stopping:
         return Stopped(True, "nothing was running; the arm is at rest", [], [0.0] * 7, True, 0.1)
 
 
-def services(name: str, robot: Robot) -> Any:
+def services(name: str, robot: RobotDescription) -> Any:
     return SimpleNamespace(
         robot=dataclasses.replace(robot, name=name),
         ownership=SimpleNamespace(stops=0),

@@ -16,8 +16,8 @@ from cobot.config import Settings
 from cobot.errors import ExecutionError, UnavailableError
 from cobot.planners.ptp import plan_ptp
 from cobot.planners.request import MotionRequest
-from cobot.robot.description import Robot
-from cobot.types import Mode, PlannerName, Scaling
+from cobot.robot.description import RobotDescription
+from cobot.types import LoopMode, PlannerName, Scaling
 
 STALE_S = 60.0
 """The cycle is stepped by hand: what it has published may be old."""
@@ -27,7 +27,7 @@ def attached(rig: Rig) -> RobotLink:
     return RobotLink(rig.memory.path.name.removeprefix("cobot-"), STALE_S)
 
 
-def test_a_motion_that_was_not_answered_for_never_begins(rig: Rig, robot: Robot) -> None:
+def test_a_motion_that_was_not_answered_for_never_begins(rig: Rig, robot: RobotDescription) -> None:
     """Its client has been told 503, so it must not move later either."""
     rig.step(10)
     link = attached(rig)
@@ -36,7 +36,7 @@ def test_a_motion_that_was_not_answered_for_never_begins(rig: Rig, robot: Robot)
     with pytest.raises(UnavailableError, match="has not answered a START for 3 s"):
         asyncio.run(link.start(trajectory, link.stops))
     rig.step(500)  # rtloop goes on after all
-    assert rig.mode is Mode.HOLD
+    assert rig.mode is LoopMode.HOLD
     np.testing.assert_array_equal(rig.commanded[-1], rig.home)
     link.close()
 
@@ -48,11 +48,13 @@ def test_a_reset_that_was_not_answered_for_never_happens(rig: Rig) -> None:
     with pytest.raises(UnavailableError, match="has not answered a RESET"):
         asyncio.run(link.reset(0.2))
     rig.step(500)
-    assert rig.mode is Mode.ESTOP
+    assert rig.mode is LoopMode.ESTOP
     link.close()
 
 
-def test_a_motion_that_a_restart_has_swallowed_has_failed(rig: Rig, robot: Robot, settings: Settings) -> None:
+def test_a_motion_that_a_restart_has_swallowed_has_failed(
+    rig: Rig, robot: RobotDescription, settings: Settings
+) -> None:
     """rtloop acknowledges, and dies before it has published the motion: its successor knows nothing of it."""
     rig.step(10)
     link = attached(rig)

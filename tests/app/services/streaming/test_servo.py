@@ -31,9 +31,9 @@ from app.services.streaming.servo import ServoService
 from app.services.streaming.sessions import StreamService
 from cobot.config import Settings
 from cobot.errors import ConflictError, InputError, LimitError, UnreachableError
-from cobot.robot.description import Robot
+from cobot.robot.description import RobotDescription
 from cobot.robot.frames import abc_from_quaternion
-from cobot.types import Array, Mode
+from cobot.types import Array, LoopMode
 
 SESSION = 1_700_000_000_123_456_789
 
@@ -41,7 +41,7 @@ SESSION = 1_700_000_000_123_456_789
 class Bench:
     """A service beside a cycle that goes on while something is awaited, one cycle per turn of the loop."""
 
-    def __init__(self, rig: Rig, robot: Robot, settings: Settings, link: RobotLink) -> None:
+    def __init__(self, rig: Rig, robot: RobotDescription, settings: Settings, link: RobotLink) -> None:
         self.rig, self.link = rig, link
         self.ownership = Ownership(link)
         self.planning = PlanningService(None, 1)
@@ -89,7 +89,7 @@ class Bench:
         await self.until(lambda: self.servo.feedback()["state"] == "active")
 
     async def idle(self) -> None:
-        await self.until(lambda: self.servo.feedback()["state"] == "idle" and self.rig.mode is Mode.HOLD)
+        await self.until(lambda: self.servo.feedback()["state"] == "idle" and self.rig.mode is LoopMode.HOLD)
 
     async def done(self, work: Coroutine[Any, Any, Any]) -> Any:
         """The result of something that needs the cycle."""
@@ -99,7 +99,7 @@ class Bench:
 
 
 @pytest.fixture
-def run(rig: Rig, robot: Robot, settings: Settings) -> Callable[[Callable[[Bench], Any]], None]:
+def run(rig: Rig, robot: RobotDescription, settings: Settings) -> Callable[[Callable[[Bench], Any]], None]:
     """Runs a test's coroutine function with a bench."""
 
     @asynccontextmanager
@@ -236,7 +236,7 @@ def test_a_stop_while_the_session_begins_leaves_none(run: Run) -> None:
         bench.stop()
         await bench.idle()
         await bench.cycles(100)
-        assert bench.rig.mode is Mode.HOLD
+        assert bench.rig.mode is LoopMode.HOLD
         assert not bench.servo.active
 
     run(test)
@@ -277,7 +277,7 @@ def test_a_stop_before_the_next_session_has_begun_is_for_that_too(run: Run) -> N
         await bench.until(stopped.done)
         at = bench.rig.commanded[-1]
         await bench.cycles(500)
-        assert (bench.rig.mode, bench.servo.active) == (Mode.HOLD, False)
+        assert (bench.rig.mode, bench.servo.active) == (LoopMode.HOLD, False)
         assert "a stop was requested meanwhile" in bench.servo.reason
         np.testing.assert_array_equal(bench.rig.commanded[-1], at)
 
@@ -291,9 +291,9 @@ def test_force_control_goes_on_after_a_session_that_followed_one_of_mode_6(run: 
         await bench.active()
         bench.set_mode(5)
         await bench.active()
-        assert bench.rig.mode is Mode.JOINT_IMPEDANCE
+        assert bench.rig.mode is LoopMode.JOINT_IMPEDANCE
         bench.set_mode(0)
-        await bench.until(lambda: bench.rig.mode is Mode.CARTESIAN)
+        await bench.until(lambda: bench.rig.mode is LoopMode.CARTESIAN)
         await bench.done(bench.force.disable())
 
     run(test)
@@ -310,7 +310,7 @@ def test_force_control_is_not_enabled_any_more_after_an_estop_of_its_session_and
         await bench.until(lambda: not bench.force.settings.enabled)
         assert bench.force.reason == "a stop was requested"
         await bench.cycles(300)
-        assert bench.rig.mode is Mode.HOLD
+        assert bench.rig.mode is LoopMode.HOLD
 
     run(test)
 
@@ -343,13 +343,13 @@ def test_more_points_than_the_buffer_holds_are_refused_and_counted(run: Run) -> 
     run(test)
 
 
-def pose_numbers(robot: Robot, joints: Array, offset: Array) -> list[float]:
+def pose_numbers(robot: RobotDescription, joints: Array, offset: Array) -> list[float]:
     pose = robot.model.forward(joints)
     rz, ry, rx = abc_from_quaternion(pose.quaternion)
     return [*(pose.position + offset), rx, ry, rz]
 
 
-def test_cartesian_points_are_followed_on_one_branch(run: Run, robot: Robot) -> None:
+def test_cartesian_points_are_followed_on_one_branch(run: Run, robot: RobotDescription) -> None:
     async def test(bench: Bench) -> None:
         other = second_robot()
         bench.set_mode(3)
@@ -370,7 +370,9 @@ def test_cartesian_points_are_followed_on_one_branch(run: Run, robot: Robot) -> 
     run(test)
 
 
-def test_a_pose_out_of_reach_is_refused_and_the_next_one_is_followed(run: Run, robot: Robot) -> None:
+def test_a_pose_out_of_reach_is_refused_and_the_next_one_is_followed(
+    run: Run, robot: RobotDescription
+) -> None:
     async def test(bench: Bench) -> None:
         bench.set_mode(1)
         await bench.active()
@@ -400,7 +402,7 @@ def test_points_out_of_reach_do_not_keep_the_service_busy(run: Run) -> None:
     run(test)
 
 
-def test_a_program_gets_the_refusal_as_an_error(run: Run, robot: Robot) -> None:
+def test_a_program_gets_the_refusal_as_an_error(run: Run, robot: RobotDescription) -> None:
     async def test(bench: Bench) -> None:
         servo, home = bench.servo, bench.rig.home.tolist()
         with pytest.raises(ConflictError, match="no servo session"):
@@ -420,7 +422,7 @@ def test_a_program_gets_the_refusal_as_an_error(run: Run, robot: Robot) -> None:
             await servo.point([9.0, 0.0, 0.0, 0.0, 0.0, 0.0], cartesian=True)
         await bench.done(servo.begin(0))
         assert not servo.active
-        assert bench.rig.mode is Mode.HOLD
+        assert bench.rig.mode is LoopMode.HOLD
         bench.rig.request("estops")
         bench.rig.step(5)
         with pytest.raises(Exception, match="ESTOP"):
@@ -487,7 +489,7 @@ def test_the_action_holds_a_session_open_until_it_is_cancelled(run: Run) -> None
         assert (result["code"], result["message"]) == (0, "the goal was cancelled")
         assert (result["points_accepted"], result["points_refused"]) == (30, 1)
         assert json.loads(result["refused"]) == {"dimension": 1}
-        assert bench.rig.mode is Mode.HOLD
+        assert bench.rig.mode is LoopMode.HOLD
         assert handle.told[-1].keys() == set(FEEDBACK)
 
     run(test)

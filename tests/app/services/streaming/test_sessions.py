@@ -28,8 +28,8 @@ from cobot.config import Settings
 from cobot.errors import ConflictError, ExecutionError, InputError, NotReadyError, UnavailableError
 from cobot.ipc.layout import Interpolation, Intervention, Stream, chunk_dtype, setpoint_dtype, state_dtype
 from cobot.ipc.session_rules import nominal_session
-from cobot.robot.description import Robot
-from cobot.types import Mode
+from cobot.robot.description import RobotDescription
+from cobot.types import LoopMode
 
 NAME = "WS test"
 
@@ -43,7 +43,9 @@ def link(rig: Rig) -> Iterator[RobotLink]:
 
 
 @pytest.fixture
-def streams(rig: Rig, link: RobotLink, robot: Robot, settings: Settings) -> Iterator[StreamService]:
+def streams(
+    rig: Rig, link: RobotLink, robot: RobotDescription, settings: Settings
+) -> Iterator[StreamService]:
     planning = PlanningService(None, 1)
     ownership = Ownership(link)
     motion = MotionService(robot, link, ownership, planning, settings.planning)
@@ -80,7 +82,7 @@ def test_a_session_owns_the_motion_until_the_arm_rests(rig: Rig, streams: Stream
     async def live() -> None:
         session = await stepping(rig, streams.open(wish(streams), NAME, 1.0))
         assert streams.session is session
-        assert rig.mode is Mode.JOINT_IMPEDANCE
+        assert rig.mode is LoopMode.JOINT_IMPEDANCE
         with pytest.raises(ConflictError, match="in use by WS test"):
             await streams.open(wish(streams), "WS other", 1.0)
         target = np.zeros((), setpoint_dtype(7))
@@ -92,7 +94,7 @@ def test_a_session_owns_the_motion_until_the_arm_rests(rig: Rig, streams: Stream
         session.end()
         reason = await stepping(rig, asyncio.wait_for(session.ended, 10.0))
         assert reason == "the client has ended the session"
-        assert rig.mode is Mode.HOLD
+        assert rig.mode is LoopMode.HOLD
         assert streams.session is None
         again = await stepping(rig, streams.open(wish(streams), "WS other", 1.0))
         assert again.number == session.number + 1
@@ -131,7 +133,7 @@ def test_rtloops_refusal_is_told_and_the_arm_stays_free(rig: Rig, streams: Strea
         with pytest.raises(UnavailableError, match=r"rtloop has not answered for 0\.05 s"):
             await streams.open(wish(streams), NAME, 0.05)
         rig.step(50)  # what was not answered for does not begin later
-        assert rig.mode is Mode.HOLD
+        assert rig.mode is LoopMode.HOLD
         await stepping(rig, streams.open(wish(streams), NAME, 1.0))
 
     asyncio.run(live())
