@@ -1,0 +1,54 @@
+"""What a streaming session makes of its client's targets: a joint reference for every cycle."""
+
+from cobot.ipc.seqlock cimport Block
+
+
+cdef struct Setpoint:
+    # Where the fields of the setpoint that was read last stand, see `cobot.ipc.layout.setpoint_dtype`.
+    unsigned long long* session
+    unsigned long long* number
+    unsigned long long* feed_forward
+    double* joints
+    double* joint_velocity
+    double* pose
+    double* wrench
+    double* twist
+    unsigned long long* move
+    double* move_pose
+    double* move_duration_s
+    unsigned long long* cancel
+
+
+cdef struct Chunk:
+    # Where the fields of the chunk that was read last stand, see `cobot.ipc.layout.chunk_dtype`.
+    unsigned long long* session
+    unsigned long long* number
+    unsigned long long* count
+    double* times_s
+    double* points
+    int point_size
+
+
+cdef enum:
+    # What is wrong with a target: the number of the intervention that it counts as, plus one.
+    FINE = 0
+    NOT_FINITE = 1
+    JUMP = 9
+    LATE = 14
+
+
+cdef Setpoint setpoint_fields(Block block)
+cdef Chunk chunk_fields(Block block)
+
+
+cdef class Source:
+    cdef readonly int dof
+    cdef readonly object reference
+    cdef readonly str refusal
+    cdef double* ref
+
+    cdef void c_begin(self, const double* command) noexcept nogil
+    cdef int c_take(self, const Setpoint* setpoint, double interval_s) noexcept nogil
+    cdef void c_advance(self, const double* external_effort, const double* wrench) noexcept nogil
+    cdef void c_follow(self, const double* command) noexcept nogil
+    cdef void c_heading(self, double* step) noexcept nogil

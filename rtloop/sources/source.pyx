@@ -1,0 +1,71 @@
+"""What a streaming session makes of its client's targets: a joint reference for every cycle."""
+
+import numpy as np
+
+from cobot.arrays cimport MAX_DOF, doubles
+from cobot.ipc.seqlock cimport Block
+
+from cobot.errors import InputError
+
+
+cdef Setpoint setpoint_fields(Block block):
+    """Where a reader of the setpoint block finds its fields."""
+    cdef Setpoint fields
+    fields.session = <unsigned long long*>block.c_field("session")
+    fields.number = <unsigned long long*>block.c_field("number")
+    fields.feed_forward = <unsigned long long*>block.c_field("feed_forward")
+    fields.joints = <double*>block.c_field("joints")
+    fields.joint_velocity = <double*>block.c_field("joint_velocity")
+    fields.pose = <double*>block.c_field("pose")
+    fields.wrench = <double*>block.c_field("wrench")
+    fields.twist = <double*>block.c_field("twist")
+    fields.move = <unsigned long long*>block.c_field("move")
+    fields.move_pose = <double*>block.c_field("move_pose")
+    fields.move_duration_s = <double*>block.c_field("move_duration_s")
+    fields.cancel = <unsigned long long*>block.c_field("cancel")
+    return fields
+
+
+cdef Chunk chunk_fields(Block block):
+    """Where a reader of the chunk block finds its fields."""
+    cdef Chunk fields
+    fields.session = <unsigned long long*>block.c_field("session")
+    fields.number = <unsigned long long*>block.c_field("number")
+    fields.count = <unsigned long long*>block.c_field("count")
+    fields.times_s = <double*>block.c_field("times_s")
+    fields.points = <double*>block.c_field("points")
+    fields.point_size = block.data.dtype["points"].shape[1]
+    return fields
+
+
+cdef class Source:
+    """Follows a stream of targets. Everything that begins with `c_` is real-time safe.
+
+    Attributes:
+        reference: where the joints should be in this cycle, shape (3, dof): rad, rad/s, rad/s².
+        refusal: why a target that is no number was refused.
+    """
+
+    def __init__(self, int dof):
+        if dof > MAX_DOF:
+            raise InputError(f"{dof} joints are too many for a stream, possible are {MAX_DOF}")
+        self.dof = dof
+        self.reference = np.zeros((3, dof))
+        self.ref = doubles(self.reference, 3 * dof)
+        self.refusal = ""
+
+    cdef void c_begin(self, const double* command) noexcept nogil:
+        """Go on from what is commanded, shape (3, dof)."""
+
+    cdef int c_take(self, const Setpoint* setpoint, double interval_s) noexcept nogil:
+        """A new target, so long after the last one; what is wrong with it, or FINE."""
+        return FINE
+
+    cdef void c_advance(self, const double* external_effort, const double* wrench) noexcept nogil:
+        """One period on, while the surroundings exert torques (dof,) and a wrench (6,): N·m, N, base frame."""
+
+    cdef void c_follow(self, const double* command) noexcept nogil:
+        """What the safety layer has made of the reference, shape (3, dof)."""
+
+    cdef void c_heading(self, double* step) noexcept nogil:
+        """A joint step towards the last target, shape (dof,), rad: only its direction counts."""

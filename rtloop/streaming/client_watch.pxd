@@ -1,0 +1,4 @@
+cdef class ClientWatch:
+    cdef int descriptor
+
+    cdef bint c_gone(self) noexcept nogil

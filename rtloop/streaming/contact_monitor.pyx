@@ -1,0 +1,43 @@
+"""How hard the surroundings may push before a session ends."""
+
+from libc.math cimport INFINITY, fabs
+
+AXES = ("x", "y", "z", "rx", "ry", "rz")
+
+
+cdef class ContactMonitor:
+    """Compares what the surroundings exert with what a session permits."""
+
+    def __init__(self, names):
+        """names: of the joints, for the words."""
+        self.names = tuple(names)
+        self.dof = len(self.names)
+        self.worst = 0
+        self.found = 0.0
+
+    def begin(self, torques, wrench):
+        """From now on permit so much on the joints, shape (dof,), N·m, and at the TCP, (6,), N and N·m."""
+        for index, value in enumerate((*torques, *wrench)):
+            self.largest[index] = value
+
+    def words(self):
+        """What was exceeded last."""
+        joint = self.worst < self.dof
+        where = f"on {self.names[self.worst]}" if joint else f"along {AXES[self.worst - self.dof]} at the TCP"
+        unit = "N·m" if joint else "N or N·m"
+        return f"contact: {self.found:.1f} {unit} {where}, allowed are {self.largest[self.worst]:g}"
+
+    cdef bint c_exceeded(self, const double* external) noexcept nogil:
+        """Whether the torques (dof,) and the wrench (6,) that stand in a row exceed what is permitted."""
+        cdef double excess, most = -INFINITY
+        cdef int index, worst = 0
+        for index in range(self.dof + 6):
+            excess = fabs(external[index]) - self.largest[index]
+            if excess > most:
+                most = excess
+                worst = index
+        if not most > 0.0:
+            return False
+        self.worst = worst
+        self.found = external[worst]
+        return True

@@ -1,0 +1,255 @@
+"""How a session's targets reach its source: as the newest setpoint, or as points in a queue.
+
+A target that makes no sense, silence, and an arm that would come to rest too near to something hold the arm
+where it is: a stream of setpoints goes on with the next target, a servo session ends.
+"""
+
+from cobot.ipc.layout import Intervention
+
+from cobot.arrays cimport MAX_DOF
+from rtloop.sources.source cimport FINE, NOT_FINITE, chunk_fields, setpoint_fields
+
+cdef int COUNT_NOT_FINITE = Intervention.NOT_FINITE
+cdef int COUNT_JUMP = Intervention.JUMP
+cdef int COUNT_COMMAND_TIMEOUT = Intervention.COMMAND_TIMEOUT
+cdef int COUNT_COLLISION = Intervention.COLLISION
+cdef int COUNT_PROXIMITY = Intervention.PROXIMITY
+cdef int COUNT_LATE = Intervention.LATE
+
+# A client that said it would send less often is not silent yet.
+cdef int PERIODS_TO_TIMEOUT = 3
+# A servo session that is to end goes on with the points that it has for no longer than this.
+cdef double FINISH_S = 1.0
+# The time since the last target is taken to be this long for the first one, or one command period.
+cdef double DEFAULT_INTERVAL_S = 0.01
+
+
+cdef class Feed:
+    """What both kinds of session share. Everything that begins with `c_` is real-time safe.
+
+    Attributes:
+        holding: whether the arm shall come to rest and wait for the next target.
+        not_finite: whether the client has streamed what is no number; `source.refusal` has the words.
+    """
+
+    def __init__(self, Source source, Safety safety, CollisionMonitor monitor, StreamInbox box,
+                 double period_s):
+        self.source = source
+        self.safety = safety
+        self.monitor = monitor
+        self.box = box
+        self.period_s = period_s
+        self.problem = NO_PROBLEM
+        self.holding = self.not_finite = self.blocked = self.slowed = False
+
+    cdef void c_advance(self, const double* external_effort, const double* wrench,
+                        double robot_time_s) noexcept nogil:
+        """One period on; then `holding`, `problem` and `source.reference` say what to do."""
+
+    cdef void c_watch_surroundings(self) noexcept nogil:
+        """Slow down near the surroundings, and hold where the arm would come to rest too near to them."""
+        cdef CollisionMonitor monitor = self.monitor
+        monitor.c_look(self.safety.c_command)
+        if monitor.share < 1.0 and not self.slowed:
+            self.safety.c_count(COUNT_PROXIMITY)
+        self.slowed = monitor.share < 1.0
+        self.safety.c_slow_down(monitor.share)
+        if monitor.blocked and not self.holding:
+            self.blocked = True
+            self.c_hold(COUNT_COLLISION)
+
+    cdef void c_judge(self, int flaw) noexcept nogil:
+        """Follow the target that was just taken, or not."""
+        cdef double heading[MAX_DOF]
+        if flaw == NOT_FINITE:
+            self.safety.c_count(COUNT_NOT_FINITE)
+            self.not_finite = True
+        elif flaw != FINE:
+            self.c_hold(flaw - 1)
+        elif self.blocked:
+            self.source.c_heading(heading)
+            self.blocked = not self.monitor.c_leads_away(self.safety.c_command, heading)
+            self.holding = self.blocked
+        else:
+            self.holding = False
+
+    cdef void c_hold(self, int why) noexcept nogil:
+        if not self.holding:
+            self.safety.c_count(why)
+        self.holding = True
+
+    cdef void c_end(self, Problem problem) noexcept nogil:
+        """The session cannot go on; the first reason counts."""
+        if self.problem == NO_PROBLEM:
+            self.problem = problem
+
+
+cdef class TargetFeed(Feed):
+    """The newest setpoint every few cycles, moves to a pose, and chunks of timed targets.
+
+    Attributes:
+        setpoint_seen, move_seen, chunk_seen: the numbers of those taken last.
+    """
+
+    def __init__(self, Source source, Safety safety, CollisionMonitor monitor, StreamInbox box,
+                 double period_s, request, long long timeout_cycles):
+        """request: of the session, `cobot.ipc.layout.session_dtype`."""
+        super().__init__(source, safety, monitor, box, period_s)
+        self.has_joints = isinstance(source, JointSource)
+        self.has_poses = isinstance(source, CartesianSource)
+        self.joints = source if self.has_joints else None
+        self.poses = source if self.has_poses else None
+        self.setpoint = setpoint_fields(box.setpoint.block)
+        self.chunk = chunk_fields(box.chunk.block)
+        self.session = int(request["number"])
+        self.decimation = int(request["decimation"])
+        self.patience_cycles = max(timeout_cycles, PERIODS_TO_TIMEOUT * self.decimation)
+        self.setpoint_seen = self.move_seen = self.chunk_seen = self.cancel_seen = 0
+        self.live = self.target_waits = False
+        self.silent_cycles = self.starved = 0
+        self.untaken_cycles = self.decimation  # The first target is taken at once.
+
+    @property
+    def move_running(self):
+        return self.c_move_running()
+
+    cdef void c_advance(self, const double* external_effort, const double* wrench,
+                        double robot_time_s) noexcept nogil:
+        cdef long long starved
+        self.silent_cycles += 1
+        self.untaken_cycles += 1
+        self.c_read_setpoint()
+        if self.box.chunk.c_changed():
+            self.c_take_chunk(robot_time_s)
+        if self.live and self.silent_cycles > self.patience_cycles:
+            self.live = False
+            self.c_hold(COUNT_COMMAND_TIMEOUT)
+        if not self.holding:
+            self.source.c_advance(external_effort, wrench)
+        if self.has_joints:
+            starved = self.joints.c_starved()
+            if starved != self.starved:
+                self.starved = starved
+                self.safety.c_count(COUNT_COMMAND_TIMEOUT)
+
+    cdef bint c_move_running(self) noexcept nogil:
+        return self.has_poses and self.poses.move_running
+
+    cdef void c_read_setpoint(self) noexcept nogil:
+        """Whatever is new in what the client has written: moves at once, a target when it is time for one."""
+        if self.box.setpoint.c_changed():
+            self.target_waits = True
+            if self.has_poses and self.setpoint.session[0] == self.session:
+                self.c_take_move()
+        if self.target_waits and self.box.setpoint.readable and self.untaken_cycles >= self.decimation:
+            self.target_waits = False
+            self.c_take()
+
+    cdef void c_take(self) noexcept nogil:
+        cdef unsigned long long number = self.setpoint.number[0]
+        cdef double interval_s
+        if self.setpoint.session[0] != self.session or number == self.setpoint_seen:
+            return
+        self.untaken_cycles = 0
+        interval_s = max(DEFAULT_INTERVAL_S, self.decimation * self.period_s)
+        if self.setpoint_seen:
+            interval_s = self.silent_cycles * self.period_s
+        self.setpoint_seen = number
+        if self.c_move_running():
+            return
+        self.silent_cycles = 0
+        self.live = True
+        self.c_go_on()
+        self.c_judge(self.source.c_take(&self.setpoint, interval_s))
+
+    cdef void c_take_move(self) noexcept nogil:
+        cdef unsigned long long move = self.setpoint.move[0], cancel = self.setpoint.cancel[0]
+        if move != self.move_seen:
+            self.move_seen = move
+            self.live = False
+            self.c_go_on()
+            self.c_judge(self.poses.c_start_move(self.setpoint.move_pose, self.setpoint.move_duration_s[0]))
+        if cancel != self.cancel_seen:
+            self.cancel_seen = cancel
+            if cancel == self.move_seen and self.poses.move_running:
+                self.poses.c_cancel_move()
+                self.holding = True
+
+    cdef void c_take_chunk(self, double robot_time_s) noexcept nogil:
+        cdef long long late
+        cdef int flaw
+        if self.chunk.session[0] != self.session or not self.has_joints:
+            return
+        self.chunk_seen = self.chunk.number[0]
+        self.c_go_on()
+        late = self.joints.c_late()
+        flaw = self.joints.c_take_chunk(&self.chunk, robot_time_s)
+        if flaw == FINE or flaw == NOT_FINITE:
+            self.live = False
+            self.c_judge(flaw)
+        if flaw > NOT_FINITE:  # And the chunk before goes on.
+            self.safety.c_count(flaw - 1)
+        elif self.joints.c_late() != late:
+            self.safety.c_count(flaw - 1 if flaw else COUNT_LATE)
+
+    cdef void c_go_on(self) noexcept nogil:
+        """A target ends the waiting, from wherever the arm is by now."""
+        if self.holding:
+            self.source.c_begin(self.safety.c_command)
+
+
+cdef class PointFeed(Feed):
+    """The points of a servo session, none of which is left out.
+
+    Attributes:
+        points: the source that fetches them; `source` puts force control on top of it, or is the same.
+    """
+
+    def __init__(self, Source source, ServoSource points, Safety safety, CollisionMonitor monitor,
+                 StreamInbox box, PointQueue queue, double period_s, request):
+        super().__init__(source, safety, monitor, box, period_s)
+        self.points = points
+        self.queue = queue
+        self.has_force = isinstance(source, CartesianSource)
+        self.presses = source if self.has_force else None
+        self.setpoint = setpoint_fields(box.setpoint.block)
+        self.session = int(request["number"])
+        self.watchdog_cycles = round(float(request["watchdog_s"]) / period_s)
+        self.silent_cycles = self.finishing_cycles = self.dropped = 0
+
+    @property
+    def watchdog_s(self):
+        return self.watchdog_cycles * self.period_s
+
+    cdef void c_advance(self, const double* external_effort, const double* wrench,
+                        double robot_time_s) noexcept nogil:
+        cdef bint finishes = self.box.c_finishes()
+        self.silent_cycles += 1
+        if self.queue.c_poll():
+            self.silent_cycles = 0
+        elif self.silent_cycles > self.watchdog_cycles and not (self.problem or finishes):
+            self.safety.c_count(COUNT_COMMAND_TIMEOUT)
+            self.c_end(SERVO_WATCHDOG)
+        if self.box.setpoint.c_changed() and self.setpoint.session[0] == self.session and self.has_force:
+            self.presses.c_press(self.setpoint.wrench)
+        if finishes:
+            self.finishing_cycles += 1
+            if self.c_done() or self.finishing_cycles * self.period_s > FINISH_S:
+                self.c_end(CLIENT_ENDED)
+        if self.points.c_fetch(self.queue) == NOT_FINITE:
+            self.safety.c_count(COUNT_NOT_FINITE)
+            self.not_finite = True
+        if self.points.dropped != self.dropped:
+            self.dropped = self.points.dropped
+            self.safety.c_count(COUNT_JUMP)
+        self.source.c_advance(external_effort, wrench)
+
+    cdef bint c_done(self) noexcept nogil:
+        """Whether all points have been gone to."""
+        cdef int index, dof = self.source.dof
+        if self.queue.c_waiting() or self.points.c_buffered():
+            return False
+        for index in range(dof, 3 * dof):
+            if self.source.ref[index] != 0.0:
+                return False
+        return True

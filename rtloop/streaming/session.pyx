@@ -1,0 +1,224 @@
+"""A streaming session: who may, what is streamed, and what ends it."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from cobot.ipc.layout import Ack, Interpolation, Intervention, ServoMode, Stream
+from cobot.types import CartesianLimits, LoopMode
+from rtloop.backends import Impedance, ImpedanceControlled
+from rtloop.sources.cartesian import CartesianSource
+from rtloop.sources.joint import JointSource
+from rtloop.sources.servo_force import ForceServo
+from rtloop.sources.servo_modes import make_servo
+from rtloop.sources.torque import TorqueSource
+from rtloop.streaming.session_checks import session_refusal
+
+from rtloop.streaming.feed cimport CLIENT_DIED, CLIENT_ENDED, CONTACT, NO_PROBLEM, OBSTACLE, SERVO_WATCHDOG
+
+MODES = {
+    Stream.JOINT_IMPEDANCE: LoopMode.JOINT_IMPEDANCE,
+    Stream.CARTESIAN: LoopMode.CARTESIAN,
+    Stream.JOINT_TORQUE: LoopMode.JOINT_TORQUE,
+}
+cdef int COUNT_CONTACT = Intervention.CONTACT
+# Every so many cycles the kernel is asked whether the client's process still lives.
+cdef long long ALIVE_CYCLES = 50
+# A pose that was limited to the TCP's velocity has to be followed at that velocity, and little more.
+CATCH_UP_RAD_S = 0.05
+# The springs that follow a torque-controlled reference are well below what the estimate of external torques
+# can follow, or the two would swing against each other.
+TORQUE_FREQUENCY_RAD_S = 12.0
+
+
+cdef class Session:
+    """Follows one client's targets. What begins with `c_` is real-time safe, the rest happens at rest.
+
+    Attributes:
+        box: the blocks of the client.
+        session: number of the session that moves the arm, 0 for none.
+        mode: of rtloop, for this session.
+    """
+
+    def __init__(self, section, model, memory, backend, Safety safety, double period_s):
+        self.box = StreamInbox(memory)
+        self._queue = PointQueue(memory)
+        self._model = model
+        self._limits = limits = model.limits
+        self._backend = backend
+        self._safety = safety
+        self._period_s = period_s
+        self._timeout_cycles = round(section.command_timeout_s / period_s)
+        self._stream_limits = replace(
+            limits,
+            max_velocity=np.minimum(limits.max_velocity, section.joint_velocity),
+            max_acceleration=np.minimum(limits.max_acceleration, section.joint_acceleration),
+        )
+        self._tcp_limits = CartesianLimits(
+            section.linear_velocity,
+            section.linear_acceleration,
+            section.linear_jerk,
+            section.angular_velocity,
+            section.angular_acceleration,
+            section.angular_jerk,
+        )
+        self._client = ClientWatch()
+        self._collision_monitor = CollisionMonitor(model, section, self._stream_limits)
+        self._contact_monitor = ContactMonitor(limits.names)
+        self.session = 0
+        self.mode = LoopMode.HOLD
+        self.has_points = False
+
+    @property
+    def holding(self):
+        """Whether the arm shall come to rest and wait for the next target."""
+        return self.feed.holding
+
+    @property
+    def reference(self):
+        """Where the joints should be in this cycle, shape (3, dof): rad, rad/s, rad/s²."""
+        return self.feed.source.reference
+
+    @property
+    def move_running(self):
+        """Whether a `move_to_pose` is under way."""
+        return self.targets is not None and self.targets.c_move_running()
+
+    @property
+    def torn_reads(self):
+        """How often a block of the client was not consistent."""
+        return self.box.torn_reads + self._queue.torn_reads
+
+    @property
+    def problem(self):
+        """Why the session cannot go on; "" while it can."""
+        cdef int problem = self.feed.problem
+        if problem == NO_PROBLEM:
+            return ""
+        if problem == CONTACT:
+            return self._contact_monitor.words()
+        if problem == SERVO_WATCHDOG:
+            return f"servo watchdog: no point for {self.points.watchdog_s:g} s"
+        return {
+            CLIENT_ENDED: "the client has ended the session",
+            CLIENT_DIED: "the streaming client has died",
+            OBSTACLE: "the points lead the arm into itself or its surroundings",
+        }[problem]
+
+    @property
+    def not_finite(self):
+        """What the client has streamed that is no number; "" while it has not."""
+        if self.feed is None or not self.feed.not_finite:
+            return ""
+        return (self.points.points if self.has_points else self.feed.source).refusal
+
+    def open(self, command, mode, stops):
+        """Answer the client that asks: begin the session in which it streams.
+
+        Args:
+            command: where the arm is commanded to be, at rest, shape (3, dof).
+            mode: of rtloop; only HOLD permits a session.
+            stops: that were requested so far.
+
+        Returns:
+            "" or why not.
+        """
+        request = self.box.session.data
+        refusal = ""
+        if mode is not LoopMode.HOLD:
+            refusal = f"the arm is in mode {mode.name}"
+        elif int(request["stops"]) != stops:
+            refusal = "a stop was requested meanwhile"
+        refusal = refusal or session_refusal(request, self._backend) or self._client.begin(int(request["pid"]))
+        if not refusal:
+            self._begin(request, command)
+        self.box.answer(Ack.REJECTED if refusal else Ack.ACCEPTED, refusal)
+        return refusal
+
+    def close(self):
+        """The arm is at rest and position-controlled again."""
+        self.session = 0
+        self._client.end()
+        self._safety.use(self._limits)
+        if isinstance(self._backend, ImpedanceControlled):
+            self._backend.set_impedance(None)
+
+    def _begin(self, request, command):
+        stream = Stream(int(request["stream"]))
+        # Poses have limits of their own, torques have none but the robot's.
+        joints = stream is Stream.JOINT_IMPEDANCE or int(request["servo_mode"]) != ServoMode.NONE
+        limits = self._stream_limits if joints else self._limits
+        points = make_servo(
+            ServoMode(int(request["servo_mode"])), self._stream_limits, self._limits.max_velocity, self._period_s
+        )
+        source = self._source(stream, request, limits, points)
+        if isinstance(self._backend, ImpedanceControlled):
+            self._backend.set_impedance(self._impedance(stream, request, command))
+        self._contact_monitor.begin(request["max_contact_torque"], request["max_contact_wrench"])
+        self._collision_monitor.begin(touching=bool(request["force_axes"].any()))
+        self._safety.use(limits, catch_up=np.inf if joints else CATCH_UP_RAD_S)
+        source.begin(command)
+        shared = self._safety, self._collision_monitor, self.box
+        self.has_points = points is not None
+        if self.has_points:
+            self.points = PointFeed(source, points, *shared, self._queue, self._period_s, request)
+            self.feed, self.targets = self.points, None
+        else:
+            self.targets = TargetFeed(source, *shared, self._period_s, request, self._timeout_cycles)
+            self.feed, self.points = self.targets, None
+        self.mode = MODES[stream]
+        self.session = int(request["number"])
+        self._queue.begin(self.session)
+        self._cycle = 0
+
+    def _source(self, stream, request, limits, points):
+        kind = Interpolation(int(request["interpolation"]))
+        command_s = int(request["decimation"]) * self._period_s
+        if points is not None and stream is Stream.JOINT_IMPEDANCE:
+            return points
+        if points is not None:
+            return ForceServo(points, self._model, limits, self._tcp_limits, self._period_s, request)
+        if stream is Stream.JOINT_IMPEDANCE:
+            return JointSource(kind, limits, self._limits.max_velocity, self._period_s, command_s)
+        if stream is Stream.CARTESIAN:
+            return CartesianSource(
+                kind, self._model, limits, self._tcp_limits, self._period_s, command_s, request
+            )
+        return TorqueSource(self._model, limits, self._period_s)
+
+    def _impedance(self, stream, request, command):
+        if stream is Stream.CARTESIAN:
+            return Impedance(
+                True, request["cartesian_stiffness"].copy(), request["cartesian_damping_ratio"].copy()
+            )
+        if stream is Stream.JOINT_TORQUE:
+            stiffness = self._model.mass_matrix(command[0]).diagonal() * TORQUE_FREQUENCY_RAD_S**2
+            return Impedance(False, stiffness, np.ones(self._limits.dof))
+        return Impedance(False, request["stiffness"].copy(), request["damping_ratio"].copy())
+
+    cdef void c_advance(self, const double* external, double robot_time_s) noexcept nogil:
+        """One period on; then the feed says what to do.
+
+        Args:
+            external: torques that the surroundings exert on the joints (dof,), N·m, and behind them their
+                wrench at the TCP (6,), N and N·m.
+        """
+        cdef Feed feed = self.feed
+        self._cycle += 1
+        if not self.box.c_wants(self.session):
+            feed.problem = CLIENT_ENDED
+        elif self._cycle % ALIVE_CYCLES == 0 and self._client.c_gone():
+            feed.problem = CLIENT_DIED
+        feed.c_advance(external, external + feed.source.dof, robot_time_s)
+        if self._contact_monitor.c_exceeded(external):
+            self._safety.c_count(COUNT_CONTACT)
+            feed.problem = CONTACT
+        feed.c_watch_surroundings()
+        if self.has_points and feed.holding:
+            feed.c_end(OBSTACLE)
+
+    cdef bint c_from_service(self) noexcept nogil:
+        """Whether it is a servo session, whose points wait here: they come from the service, and nobody else
+        can end it.
+        """
+        return self.session != 0 and self.has_points
