@@ -14,7 +14,7 @@ cdef class Session:
     cdef Feed feed
     cdef TargetFeed targets
     cdef PointFeed points
-    cdef bint has_points
+    cdef bint has_targets, has_points
     cdef object _backend, _limits, _stream_limits, _tcp_limits, _model
     cdef double _period_s
     cdef long long _timeout_cycles, _cycle
@@ -25,4 +25,5 @@ cdef class Session:
     cdef ContactMonitor _contact_monitor
 
     cdef void c_advance(self, const double* external, double robot_time_s) noexcept nogil
+    cdef long long c_torn_reads(self) noexcept nogil
     cdef bint c_from_service(self) noexcept nogil

@@ -67,7 +67,7 @@ cdef class Session:
         self._contact_monitor = ContactMonitor(limits.names)
         self.session = 0
         self.mode = LoopMode.HOLD
-        self.has_points = False
+        self.has_targets = self.has_points = False
 
     @property
     def holding(self):
@@ -87,7 +87,7 @@ cdef class Session:
     @property
     def torn_reads(self):
         """How often a block of the client was not consistent."""
-        return self.box.torn_reads + self._queue.torn_reads
+        return self.c_torn_reads()
 
     @property
     def problem(self):
@@ -160,6 +160,7 @@ cdef class Session:
         source.begin(command)
         shared = self._safety, self._collision_monitor, self.box
         self.has_points = points is not None
+        self.has_targets = not self.has_points
         if self.has_points:
             self.points = PointFeed(source, points, *shared, self._queue, self._period_s, request)
             self.feed, self.targets = self.points, None
@@ -216,6 +217,10 @@ cdef class Session:
         feed.c_watch_surroundings()
         if self.has_points and feed.holding:
             feed.c_end(OBSTACLE)
+
+    cdef long long c_torn_reads(self) noexcept nogil:
+        """`torn_reads`."""
+        return self.box.c_torn_reads() + self._queue.c_torn_reads()
 
     cdef bint c_from_service(self) noexcept nogil:
         """Whether it is a servo session, whose points wait here: they come from the service, and nobody else

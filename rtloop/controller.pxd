@@ -1,0 +1,54 @@
+from cobot.arrays cimport MAX_DOF
+from rtloop.backends.compiled cimport Measured
+from rtloop.inboxes.commands cimport CommandInbox
+from rtloop.planned.path cimport Path
+from rtloop.planned.path_clock cimport PathClock
+from rtloop.publisher cimport StateScalars
+from rtloop.safety.limiter cimport Safety
+from rtloop.streaming.session cimport Session
+
+
+cdef enum Guide:
+    # What says where the arm shall be in the next cycle.
+    NOTHING = 0  # It stays where it is commanded to be.
+    PATH = 1
+    STREAM = 2
+    BRAKE = 3  # The safety layer brings it to rest.
+
+
+cdef class Controller:
+    cdef readonly CommandInbox commands
+    cdef readonly Safety safety
+    cdef readonly Session streaming
+    cdef readonly Path path
+    cdef readonly PathClock clock
+    cdef readonly str reason
+    cdef public unsigned long long motion_id
+    cdef readonly int slot
+    cdef readonly bint settled
+    cdef public bint stale
+    cdef readonly long long deceleration_ns
+    cdef int _mode, _dof, _motion_result
+    cdef Guide _guide
+    cdef bint _left_path, _stop_unseen, _misread
+    cdef object _rt, _limits, _slots, _backend, _loader
+    cdef int _loading
+    cdef unsigned long long _loading_motion
+    cdef object _desired_rows
+    cdef double* _desired
+    cdef double _error[MAX_DOF]
+    cdef double _off, _jump, _largest_step, _largest_error
+    cdef double _yield_rad, _tracking_error_rad, _settle_position_rad, _settle_velocity_rad_s
+    cdef double _service_timeout_s
+    cdef long long _still_cycles, _unsettled_cycles, _settle_cycles, _settle_limit_cycles
+
+    cdef void c_update(self, Measured measured, long long now_ns, double robot_time_s, bint fresh) except *
+    cdef bint c_moving(self) noexcept nogil
+    cdef void c_describe(self, StateScalars* state) noexcept nogil
+    cdef void _heed_requests(self, long long now_ns) except *
+    cdef void _heed_stream(self) except *
+    cdef void c_follow_path(self) noexcept nogil
+    cdef bint c_streams(self) noexcept nogil
+    cdef void c_brake(self) noexcept nogil
+    cdef bint c_tracks(self, const double* position) noexcept nogil
+    cdef bint c_settle(self, const double* velocity, bint fresh) noexcept nogil

@@ -1,0 +1,521 @@
+"""What the arm shall do in this cycle: modes, motion on a path, stops, commands.
+
+A long module, because the modes are one state: its parts that have a state of their own (inbox, path, path
+clock, session, safety) have a module of their own. What happens in every cycle begins with `c_` and is
+real-time safe; what happens when somebody asks for something is Python.
+"""
+
+from libc.math cimport fabs, sqrt
+from libc.string cimport memcpy, memset
+
+from cobot.arrays cimport MAX_DOF, doubles
+from rtloop.backends.compiled cimport Measured
+from rtloop.publisher cimport StateScalars
+from rtloop.streaming.feed cimport NO_PROBLEM, Feed, PointFeed, TargetFeed
+
+import numpy as np
+
+from cobot.errors import InputError
+from cobot.ipc.layout import Ack, Command, Intervention, MotionResult
+from cobot.ipc.shm import text
+from cobot.types import LoopMode
+from rtloop.backends import BackendError
+from rtloop.modes import STREAMING, TRANSITIONS
+from rtloop.planned.path import RefusedError, load
+
+# How far a motion may start from the commanded position: planning rounds, the safety layer smooths.
+START_TOLERANCE_RAD = 1e-3
+# Robot time after the end of a motion within which the arm has to settle.
+SETTLE_LIMIT_S = 2.0
+# A measured position that moves so many times as far in a cycle as all joints at full speed was misread.
+JUMP_FACTOR = 3.0
+
+MODES = tuple(LoopMode)
+cdef int TRAJECTORY = LoopMode.TRAJECTORY
+cdef int STOPPING = LoopMode.STOPPING
+cdef int FAULT = LoopMode.FAULT
+cdef unsigned int STREAMING_BITS = sum(1 << mode for mode in STREAMING)
+
+
+cdef class Controller:
+    """The `update` of the cycle. Real-time safe, but for a RESET, which waits for the drives.
+
+    Attributes:
+        commands, safety, streaming, path, clock: its parts.
+        mode, reason: the mode, and why it is ESTOP or FAULT, or why the last stop was made.
+        motion_id, motion_result: the running motion or the last one.
+        slot: where that motion was read from.
+        settled: at rest, as measured: at the commanded position, or anywhere in FAULT and in a session.
+        stale: whether what is measured has stopped changing although the arm is moved; the loop sets it.
+        deceleration_ns: when the last stop began to slow the arm down, set from the cycle's `now_ns`.
+    """
+
+    def __init__(self, settings, model, memory, backend):
+        self._rt = rt = settings.rt
+        self._limits = limits = model.limits
+        self._dof = limits.dof
+        if self._dof > MAX_DOF:
+            raise InputError(f"the robot has {self._dof} joints, possible are {MAX_DOF}")
+        self._slots = memory.slots
+        self._backend = backend
+        self.commands = CommandInbox(memory)
+        self.safety = Safety(limits, rt.period_s)
+        self.streaming = Session(settings.streaming, model, memory, backend, self.safety, rt.period_s)
+        self.path = Path(rt.trajectory_capacity, limits.dof)
+        self.clock = PathClock(limits, rt.period_s)
+        self._mode = LoopMode.HOLD
+        self.reason = ""
+        self.motion_id = 0
+        self._motion_result = MotionResult.NONE
+        self.slot = 0
+        self.settled = self.stale = False
+        self.deceleration_ns = 0
+        self._desired_rows = np.zeros((3, limits.dof))  # rad, rad/s, rad/s²
+        self._desired = doubles(self._desired_rows, 3 * self._dof)
+        memset(self._error, 0, sizeof(self._error))  # Measured against commanded, rad.
+        self._off = self._jump = self._largest_error = 0.0
+        self._largest_step = JUMP_FACTOR * rt.period_s * float(np.linalg.norm(limits.max_velocity))
+        self._misread = self._left_path = self._stop_unseen = False
+        self._yield_rad = settings.streaming.yield_rad
+        self._tracking_error_rad = rt.tracking_error_rad
+        self._settle_position_rad = rt.settle_position_rad
+        self._settle_velocity_rad_s = rt.settle_velocity_rad_s
+        self._settle_cycles = _cycles(rt.settle_time_s, rt.period_s)
+        self._settle_limit_cycles = _cycles(SETTLE_LIMIT_S, rt.period_s)
+        self._service_timeout_s = rt.service_timeout_s
+        self._guide = NOTHING
+        self._still_cycles = self._unsettled_cycles = 0
+        self._loader = None
+        self._loading = 0  # The number of the START command.
+        self._loading_motion = 0
+
+    @property
+    def mode(self):
+        return MODES[self._mode]
+
+    @property
+    def motion_result(self):
+        return MotionResult(self._motion_result)
+
+    @property
+    def moving(self):
+        """Whether a motion is loading or under way, its settling included, or a stream comes to its end."""
+        return self.c_moving()
+
+    def start_at(self, position):
+        """Hold a position, shape (dof,), rad, where the arm is at rest."""
+        self._desired_rows[:] = 0.0
+        self._desired_rows[0] = position
+        self.safety.reset(position)
+        self._guide = NOTHING
+        self._misread = False
+        self._off = 0.0
+
+    def let_go(self, position):
+        """The robot has not taken commands for some time, so its drives have stopped by themselves.
+
+        When it takes them again, it shall find that it is wanted where it is.
+        """
+        if self.streaming.session:
+            self.streaming.close()
+        self.start_at(position)
+
+    def restore(self, state):
+        """Take over what a dead rtloop has left: latches stay, an interrupted motion has failed."""
+        self.commands.refuse_pending("rtloop was restarted")
+        self.motion_id = int(state["motion_id"])
+        result = MotionResult(int(state["motion_result"]))
+        self.safety.interventions[:] = state["interventions"]
+        self.safety.intervened_ns[:] = state["intervened_ns"]
+        mode = LoopMode(int(state["mode"]))
+        if mode in (LoopMode.ESTOP, LoopMode.FAULT):
+            self._mode = mode
+            self.reason = text(state["reason"])
+        elif result is MotionResult.RUNNING or mode in STREAMING:
+            self.reason = "rtloop was restarted"
+        self._motion_result = MotionResult.FAILED if result is MotionResult.RUNNING else result
+
+    def update(self, Measured measured, long long now_ns, double robot_time_s, *, bint fresh):
+        """One cycle; the command is then in `safety`.
+
+        Args:
+            measured: as read last.
+            now_ns: CLOCK_MONOTONIC.
+            robot_time_s: on the robot's clock.
+            fresh: whether it was read in this cycle.
+        """
+        self.c_update(measured, now_ns, robot_time_s, fresh)
+
+    def stop(self, reason):
+        """Come to rest: on the path, if the arm is on it and it leaves room to slow down."""
+        if self._loader is not None:
+            self._finish_loading(Ack.REJECTED, reason)
+        if self._mode == TRAJECTORY or self.c_streams():
+            self._enter(LoopMode.STOPPING, reason)
+            self._slow_down()
+
+    def overrun(self, what):
+        """Cycles have begun so late that nobody can count on the next ones."""
+        if self._mode == TRAJECTORY or self.c_streams():
+            self.safety.count(Intervention.OVERRUN)
+            self.stop(f"{what}: the computer is too slow or too busy")
+
+    def estop(self, reason):
+        """Come to rest as after a stop, and stay there until reset."""
+        self._latch(LoopMode.ESTOP, reason)
+
+    def fault(self, reason):
+        """The device or the tracking failed: come to rest as after a stop, and stay there until reset."""
+        self._latch(LoopMode.FAULT, reason)
+
+    cdef void c_update(self, Measured measured, long long now_ns, double robot_time_s, bint fresh) except *:
+        """`update`."""
+        self.safety.now_ns = now_ns
+        self._heed_requests(now_ns)
+        if self.streaming.box.c_asks():
+            self._take_session()
+        if self._loader is not None:
+            self._load()
+        elif self.commands.c_has_command():
+            self._take_command(measured)
+        if self._guide == PATH:
+            self.c_follow_path()
+        elif self.c_streams():
+            self.streaming.c_advance(measured.c_values + 4 * self._dof, robot_time_s)
+            self._heed_stream()
+        if self._stop_unseen and (self.clock.c_slowing() or self._guide != PATH):
+            self._stop_unseen = False
+            self.deceleration_ns = now_ns
+        if self._guide == BRAKE:
+            if self.safety.c_brake():
+                self._guide = NOTHING
+            memcpy(self._desired, self.safety.c_command, self._dof * sizeof(double))
+        elif not self.safety.c_apply(self._desired, self.c_streams()):
+            self.estop("the commanded position is not finite")
+            self.c_brake()
+        if self.c_streams():
+            self.streaming.feed.source.c_follow(self.safety.c_command)
+        if not self.c_tracks(measured.c_values):
+            self._lose_track(measured.position)
+        if self.c_settle(measured.c_values + self._dof, fresh):
+            self._rest(measured, fresh)
+
+    cdef bint c_moving(self) noexcept nogil:
+        """`moving`."""
+        return (
+            self._mode == TRAJECTORY
+            or self._mode == STOPPING
+            or self._guide == PATH
+            or self._guide == BRAKE
+            or self._loading != 0
+            or (self.streaming.session != 0 and not self.c_streams())
+        )
+
+    cdef bint c_streams(self) noexcept nogil:
+        """Whether the mode is one of those in which a client streams."""
+        return STREAMING_BITS >> self._mode & 1
+
+    cdef void c_describe(self, StateScalars* state) noexcept nogil:
+        """Fill in what the state block says of the controller and its parts."""
+        cdef Session streaming = self.streaming
+        cdef TargetFeed targets = streaming.targets
+        cdef PointFeed points = streaming.points
+        state.mode = self._mode
+        state.settled = self.settled
+        state.motion_id = self.motion_id
+        state.motion_result = self._motion_result
+        state.slot = self.slot
+        state.path_time_s = self.clock.path_time_s
+        state.path_duration_s = self.path.duration_s
+        state.path_rate = self.clock.rate
+        state.deceleration_monotonic_ns = self.deceleration_ns
+        state.stops_seen = self.commands.stops
+        state.estops_seen = self.commands.estops
+        state.command_seen = self.commands.command_seen
+        state.session = streaming.session
+        state.setpoint_seen = state.move_seen = state.move_running = state.chunk_seen = 0
+        state.point_seen = state.points_taken = state.points_dropped = 0
+        state.points_buffered = state.underruns = 0
+        if streaming.has_targets:
+            state.setpoint_seen = targets.setpoint_seen
+            state.move_seen = targets.move_seen
+            state.move_running = targets.c_move_running()
+            state.chunk_seen = targets.chunk_seen
+        elif streaming.has_points:
+            state.point_seen = points.queue.seen
+            state.points_taken = points.points.taken
+            state.points_dropped = points.points.dropped + points.queue.lost
+            if streaming.session:
+                state.points_buffered = points.queue.c_waiting() + points.points.c_buffered()
+            state.underruns = points.points.underruns
+        state.torn_reads = self.commands.torn_reads + streaming.c_torn_reads()
+
+    def _latch(self, mode, reason):
+        if self.mode is mode or not self._enter(mode, reason):
+            return
+        if self._loader is not None:
+            self._finish_loading(Ack.REJECTED, reason)
+        if self.motion_result is MotionResult.RUNNING:
+            self._motion_result = MotionResult.FAILED
+        if self._guide == PATH or self.safety.pursuing or self.streaming.session:
+            self._slow_down()
+
+    def _enter(self, mode, reason=""):
+        if mode not in TRANSITIONS[self.mode]:
+            return False
+        self._mode = mode
+        self.reason = reason
+        return True
+
+    def _slow_down(self):
+        self._stop_unseen = True
+        if self.safety.pursuing or self.streaming.session:
+            self.c_brake()
+        else:
+            self.clock.request(0.0)
+
+    cdef void c_brake(self) noexcept nogil:
+        """Leave path and stream: each joint comes to rest by itself."""
+        self._guide = BRAKE
+        self._left_path = True
+        memset(self._desired + self._dof, 0, 2 * self._dof * sizeof(double))
+
+    cdef void _heed_requests(self, long long now_ns) except *:
+        cdef int asked = self.commands.c_poll_requests()
+        cdef double silence_s
+        if asked & 2:
+            self.estop("e-stop requested")
+        if self.streaming.box.c_estop_requested():
+            self.estop("e-stop requested by the streaming client")
+        if asked & 1:
+            self.stop("stop requested")
+        silence_s = self.commands.c_service_silence_s(now_ns)
+        if silence_s > self._service_timeout_s and (
+            self._mode == TRAJECTORY or (self.c_streams() and self.streaming.c_from_service())
+        ):
+            self.safety.count(Intervention.SERVICE_TIMEOUT)
+            self.stop(f"the service has been silent for {silence_s:.1f} s")
+
+    def _take_session(self):
+        mode = LoopMode.TRAJECTORY if self.moving else self.mode
+        if not self.streaming.open(self.safety.command, mode, self.commands.stops):
+            self._enter(self.streaming.mode)
+            self._guide = STREAM
+            self._still_cycles = self._unsettled_cycles = 0
+
+    cdef void _heed_stream(self) except *:
+        """What the client wants in this cycle."""
+        cdef Feed feed = self.streaming.feed
+        if feed.not_finite:
+            self.estop(self.streaming.not_finite)
+        elif feed.problem != NO_PROBLEM:
+            self.stop(self.streaming.problem)
+        elif not feed.holding:
+            self._guide = STREAM
+            memcpy(self._desired, feed.source.ref, 3 * self._dof * sizeof(double))
+        elif self._guide == STREAM:
+            self.c_brake()
+
+    def _take_command(self, Measured measured):
+        command = self.commands.next_command()
+        if command is None:
+            return
+        number, kind = int(command["id"]), int(command["kind"])
+        if kind in (Command.START, Command.RESET) and int(command["stops"]) != self.commands.stops:
+            refusal = "a stop was requested meanwhile"
+        elif kind == Command.START:
+            refusal = self._start(number, command)
+        elif kind == Command.SET_RATE:
+            refusal = self._set_rate(float(command["value"]))
+        elif kind == Command.RESET:
+            refusal = self._reset(measured)
+        else:
+            refusal = f"there is no command {kind}"
+        if refusal is not None:
+            self.commands.acknowledge(number, Ack.REJECTED if refusal else Ack.ACCEPTED, refusal)
+
+    def _start(self, number, command):
+        """Begin to load; the acknowledgement follows when the motion is verified."""
+        slot = int(command["slot"])
+        if self.mode is not LoopMode.HOLD:
+            return f"the arm is in mode {self.mode.name}"
+        if self._guide == BRAKE:
+            return "the arm is not at rest yet"
+        if slot >= len(self._slots):
+            return f"there is no slot {slot}"
+        self.slot = slot
+        self._loading_motion = int(command["motion_id"])
+        self._loader = load(
+            self.path,
+            self._slots[slot],
+            self._loading_motion,
+            self.safety.position,
+            START_TOLERANCE_RAD,
+            self._limits.including(self.safety.position),
+        )
+        self._loading = number
+        return None
+
+    def _load(self):
+        try:
+            next(self._loader)
+        except RefusedError as exc:
+            self._finish_loading(Ack.REJECTED, str(exc))
+        except StopIteration:
+            self._finish_loading(Ack.ACCEPTED)
+            self.clock.reset()
+            self.motion_id, self._motion_result = self._loading_motion, MotionResult.RUNNING
+            self._guide, self._left_path = PATH, False
+            self._still_cycles = self._unsettled_cycles = 0
+            self.settled = False
+            self._enter(LoopMode.TRAJECTORY)
+
+    def _finish_loading(self, result, message=""):
+        number, self._loader, self._loading = self._loading, None, 0
+        self.commands.acknowledge(number, result, message)
+
+    def _set_rate(self, rate):
+        if self._mode != TRAJECTORY:
+            return f"no motion is running, the arm is in mode {self.mode.name}"
+        if not 0.0 <= rate <= 1.0:
+            return f"the rate must be from 0 to 1, got {rate}"
+        self.clock.request(rate)
+        return ""
+
+    def _reset(self, Measured measured):
+        """Leave ESTOP or FAULT and hold the arm where it is now. The drives may take their time: nothing
+        moves.
+        """
+        if self.mode not in (LoopMode.ESTOP, LoopMode.FAULT):
+            return ""
+        if self._guide in (PATH, BRAKE) or self.streaming.session:
+            return "the arm is not at rest yet"
+        if self.stale:
+            return "the robot still reports the same values as when it moved"
+        found = Measured(self._dof)
+        try:
+            self._backend.enable()
+            self._backend.read(found)
+        except BackendError as exc:
+            return f"the robot cannot be enabled: {exc}"
+        if not np.isfinite(found.values).all():
+            return "the robot reports a value that is not finite"
+        np.copyto(measured.values, found.values)
+        self._enter(LoopMode.HOLD)
+        self.start_at(measured.position)
+        return ""
+
+    cdef void c_follow_path(self) noexcept nogil:
+        cdef PathClock clock = self.clock
+        clock.c_advance(self.path)
+        if self._mode != TRAJECTORY and clock.c_stuck():
+            self.c_brake()
+            return
+        self.path.c_evaluate(clock.path_time_s, clock.rate, clock.rate_slope, self._desired)
+        if clock.path_time_s >= self.path.duration_s or (self._mode != TRAJECTORY and clock.c_at_rest()):
+            self._guide = NOTHING
+            memset(self._desired + self._dof, 0, 2 * self._dof * sizeof(double))
+
+    cdef bint c_tracks(self, const double* position) noexcept nogil:
+        """Whether the arm is where it is commanded to be, as far as that is required in this mode."""
+        cdef double allowed = self._yield_rad if self.streaming.session else self._tracking_error_rad
+        cdef double square = 0.0, before = self._off
+        cdef bint misread
+        cdef int joint
+        self._largest_error = 0.0
+        for joint in range(self._dof):
+            self._error[joint] = position[joint] - self.safety.c_command[joint]
+            square += self._error[joint] * self._error[joint]
+            self._largest_error = max(self._largest_error, fabs(self._error[joint]))
+        self._off = sqrt(square)
+        misread = fabs(self._off - before) > self._largest_step
+        self._jump = fabs(self._off - before) if misread else 0.0
+        if misread:
+            self._misread = True
+        return self._mode == FAULT or not (misread or self._off > allowed)
+
+    def _lose_track(self, position):
+        """A joint is too far from where it is commanded to be, or was misread."""
+        error = np.array([self._error[joint] for joint in range(self._dof)])
+        allowed = self._yield_rad if self.streaming.session else self._tracking_error_rad
+        joint = int(np.abs(error).argmax())
+        if abs(error[joint]) > allowed:
+            self.safety.count(Intervention.TRACKING)
+            self.fault(
+                f"{self._limits.names[joint]} is {abs(error[joint]):.3f} rad from where it is commanded "
+                f"({position[joint]:.3f} instead of {self.safety.position[joint]:.3f} rad), "
+                f"allowed are {allowed} rad"
+            )
+        elif self._jump:
+            self.safety.count(Intervention.TRACKING)
+            self.fault(f"the measured position has jumped by {self._jump:.3f} rad within a cycle, as no arm can")
+
+    cdef bint c_settle(self, const double* velocity, bint fresh) noexcept nogil:
+        """Count how long the arm has been still; whether a motion or a stream may have ended."""
+        cdef bint anywhere = self.streaming.session != 0 or self._mode == FAULT
+        cdef bint still = fresh and self._guide != PATH and not self.safety.pursuing
+        cdef int joint
+        # In a session it gives way, in FAULT it heeds no command: then it may rest anywhere.
+        still = still and (anywhere or self._largest_error <= self._settle_position_rad)
+        for joint in range(self._dof):
+            still = still and fabs(velocity[joint]) <= self._settle_velocity_rad_s
+        self._still_cycles = self._still_cycles + 1 if still else 0
+        self.settled = self._still_cycles >= self._settle_cycles
+        if self.streaming.session:
+            if self.c_streams() or self._guide == BRAKE:
+                return False
+        elif self._guide == PATH or not (self._mode == TRAJECTORY or self._mode == STOPPING):
+            return False
+        self._unsettled_cycles += 1
+        return self.settled or self._unsettled_cycles >= self._settle_limit_cycles
+
+    def _rest(self, Measured measured, fresh):
+        """What moved the arm has ended, and it rests, or does not come to rest."""
+        if self.streaming.session:
+            self._end_stream(measured.position, fresh)
+        elif self.settled:
+            self._motion_result = self._result()
+            self._enter(LoopMode.HOLD, self.reason)
+        else:
+            self._motion_result = MotionResult.FAILED
+            self._enter(LoopMode.HOLD, self._why_unsettled(measured.velocity))
+            if self.safety.pursuing:
+                self.c_brake()
+
+    def _end_stream(self, position, fresh):
+        """Go over to position control, once a session has ended and the arm rests.
+
+        An arm that is pushed aside is held where it is, unless nobody knows where that is; one that is pushed
+        around and does not come to rest is held all the same.
+        """
+        self.streaming.close()
+        if self._largest_error > self._settle_position_rad and fresh and not self._misread:
+            self.start_at(position)
+        if self._mode == STOPPING:
+            self._enter(LoopMode.HOLD, self.reason)
+
+    def _result(self):
+        if self._left_path:
+            return MotionResult.STOPPED_ASIDE
+        at_end = self.clock.path_time_s >= self.path.duration_s
+        return MotionResult.ARRIVED if at_end else MotionResult.STOPPED
+
+    def _why_unsettled(self, velocity):
+        off = np.abs(self._desired_rows[0] - self.safety.position)
+        joint = int(off.argmax())
+        if off[joint] > self._rt.settle_position_rad:
+            here, wanted = self.safety.position[joint], self._desired_rows[0, joint]
+            name = self._limits.names[joint]
+            return f"the safety layer keeps {name} at {here:.4f} rad: the motion wants it at {wanted:.4f} rad"
+        error = np.array([self._error[joint] for joint in range(self._dof)])
+        joint = int(np.abs(error).argmax())
+        return (
+            f"not settled {SETTLE_LIMIT_S} s after the end of the motion: {self._limits.names[joint]} is "
+            f"{abs(error[joint]):.4f} rad away and moves at {velocity[joint]:.4f} rad/s"
+        )
+
+
+def _cycles(time_s, period_s):
+    """The least whole number of periods that last no less than a time."""
+    cycles = int(time_s / period_s)
+    return cycles if cycles * period_s >= time_s else cycles + 1

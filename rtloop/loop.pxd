@@ -1,0 +1,26 @@
+from rtloop.backends.compiled cimport CompiledBackend, Measured
+from rtloop.clock cimport Clock
+from rtloop.controller cimport Controller
+from rtloop.publisher cimport StatePublisher, StateScalars, Statistics
+
+
+cdef class ControlLoop:
+    cdef readonly Controller controller
+    cdef readonly Measured _measured
+    cdef Measured _fresh
+    cdef object _backend, _last
+    cdef CompiledBackend _compiled
+    cdef bint _is_compiled
+    cdef Clock _clock
+    cdef StatePublisher _state
+    cdef Statistics _statistics
+    cdef StateScalars _scalars
+    cdef double _period_s, _moving_rad_s, _square
+    cdef long long _period_ns, _pause_to_stop_ns, _measured_ns
+    cdef long long _overruns_to_stop, _late_in_a_row, _frozen_to_fault, _frozen, _unwritten, _cycle
+
+    cdef void c_step(self, long long late_ns) except *
+    cdef bint c_read(self) except *
+    cdef void c_write(self) except *
+    cdef bint c_moves(self) noexcept nogil
+    cdef void c_publish(self, double robot_time_s) noexcept nogil

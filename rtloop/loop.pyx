@@ -1,0 +1,227 @@
+"""The cycle: read, update, write, publish."""
+
+from cpython.exc cimport PyErr_CheckSignals
+from libc.math cimport fabs, isfinite
+
+from rtloop.backends.compiled cimport CompiledBackend, Measured
+from rtloop.clock cimport Clock, monotonic_ns
+from rtloop.controller cimport Controller
+from rtloop.publisher cimport StatePublisher, Statistics
+
+import numpy as np
+
+from cobot.ipc.layout import MotionResult, Phase
+from cobot.ipc.shm import encoded
+from cobot.types import LoopMode
+from rtloop.backends import BackendError
+
+# Robot time that an arm is given to come to rest before the process ends.
+END_LIMIT_S = 3.0
+# No joint gets further.
+MAX_RAD = 1e3
+
+cdef int WAKEUP = Phase.WAKEUP
+cdef int READ = Phase.READ
+cdef int UPDATE = Phase.UPDATE
+cdef int WRITE = Phase.WRITE
+cdef int TOTAL = Phase.TOTAL
+
+
+cdef class ControlLoop:
+    """Runs one robot, cycle by cycle."""
+
+    def __init__(self, settings, model, memory, backend, Clock clock):
+        self._period_s = settings.rt.period_s
+        self._period_ns = round(settings.rt.period_s * 1e9)
+        self._overruns_to_stop = settings.rt.overruns_to_stop
+        self._pause_to_stop_ns = round(settings.rt.pause_to_stop_s * 1e9)
+        self._late_in_a_row = 0
+        self._frozen_to_fault = round(settings.rt.frozen_after_s / settings.rt.period_s)
+        self._frozen = 0  # Cycles in which the arm was moved and nothing measured has changed.
+        self._moving_rad_s = settings.rt.settle_velocity_rad_s
+        self._square = 0.0  # Of all that was measured last: a fingerprint.
+        self._unwritten = 0  # Cycles in a row.
+        self._backend = backend
+        self._is_compiled = isinstance(backend, CompiledBackend)
+        self._compiled = backend if self._is_compiled else None
+        self._clock = clock
+        self._last = _last_state(memory)
+        self.controller = Controller(settings, model, memory, backend)
+        self._state = StatePublisher(memory, model)
+        self._statistics = Statistics(memory)
+        self._measured = Measured(model.dof)
+        self._fresh = Measured(model.dof)
+        self._measured_ns = 0
+        self._cycle = 0
+
+    def open(self, start_position):
+        """Connect to the robot and hold it where it is; a simulation begins where the last one was left.
+
+        Raises:
+            BackendError: the robot does not answer.
+        """
+        last = self._last
+        if last is not None:
+            self._cycle = int(last["cycle"])
+            self.controller.restore(last)
+        known = last is not None and np.isfinite(last["position"]).all()
+        self._backend.open(last["position"] if last is not None and known else start_position)
+        self._backend.read(self._measured)
+        self._backend.enable()
+        self.controller.start_at(self._measured.position)
+
+    def step(self, long long late_ns=0):
+        """One cycle. Real-time safe; no exception leaves it but a broken program's.
+
+        Args:
+            late_ns: by how much the cycle began too late.
+        """
+        self.c_step(late_ns)
+
+    def run(self, ending):
+        """Cycle until `ending` holds a reason and the arm has come to rest."""
+        cdef long long end_cycle = 0
+        while True:
+            self.c_step(self._clock.c_wait(self.controller.c_moving()))
+            PyErr_CheckSignals()
+            if ending:
+                if end_cycle == 0:
+                    end_cycle = self._cycle + int(END_LIMIT_S / self._period_s)
+                    self.controller.stop(ending[0])
+                if not self.controller.c_moving() or self._cycle >= end_cycle:
+                    return
+
+    def close(self):
+        """Switch the drives off and let go of the robot."""
+        try:
+            self._backend.disable()
+        finally:
+            self._backend.close()
+
+    cdef void c_step(self, long long late_ns) except *:
+        """`step`."""
+        cdef long long begun_ns = monotonic_ns(), read_ns, updated_ns, written_ns
+        cdef double robot_time_s = (self._cycle + 1) * self._period_s
+        cdef bint fresh
+        cdef Statistics statistics = self._statistics
+        self._late_in_a_row = self._late_in_a_row + 1 if late_ns > self._period_ns else 0
+        if self._late_in_a_row >= self._overruns_to_stop:
+            self.controller.overrun(f"{self._late_in_a_row} cycles in a row began late")
+        elif late_ns > self._pause_to_stop_ns:
+            self.controller.overrun(f"a cycle began {late_ns * 1e-9:.2f} s late")
+        fresh = self.c_read()
+        read_ns = monotonic_ns()
+        if fresh:
+            self._measured_ns = read_ns
+            if self._unwritten >= self._overruns_to_stop:
+                self.controller.let_go(self._measured.position)
+        self.controller.c_update(self._measured, read_ns, robot_time_s, fresh)
+        updated_ns = monotonic_ns()
+        self.c_write()
+        written_ns = monotonic_ns()
+        self._cycle += 1
+        self._state.heed(self.controller)
+        self.c_publish(robot_time_s)
+        statistics.c_count(WAKEUP, late_ns)
+        statistics.c_count(READ, read_ns - begun_ns)
+        statistics.c_count(UPDATE, updated_ns - read_ns)
+        statistics.c_count(WRITE, written_ns - updated_ns)
+        statistics.c_cycle_done()
+        statistics.c_count(TOTAL, monotonic_ns() - begun_ns)
+
+    cdef bint c_read(self) except *:
+        """Take over what is measured if it can be; False if the last good values stay."""
+        cdef Measured fresh = self._fresh
+        cdef double square = 0.0
+        cdef int index
+        if not (self._is_compiled and self._compiled.c_read(fresh.c_values) == 0):
+            try:
+                self._backend.read(fresh)
+            except BackendError as exc:
+                self.controller.fault(f"reading from the robot failed: {exc}")
+                return False
+        for index in range(fresh.size):
+            square += fresh.c_values[index] * fresh.c_values[index]
+        if not isfinite(square):
+            self.controller.fault("the robot reports a value that is not finite")
+            return False
+        self._measured, self._fresh = fresh, self._measured
+        if square != self._square:
+            self._square = square
+            self._frozen = 0
+            self.controller.stale = False
+        elif not self.controller.stale and not self._unwritten:
+            self._frozen = self._frozen + 1 if self.c_moves() else 0
+            if self._frozen >= self._frozen_to_fault:
+                self._freeze()
+        return not self.controller.stale
+
+    def _freeze(self):
+        """Nothing that is measured has changed, as at rest, but the arm does not rest."""
+        self.controller.stale = True
+        self.controller.fault(
+            f"the robot has reported the same values in {self._frozen} cycles although it is moved"
+        )
+
+    cdef bint c_moves(self) noexcept nogil:
+        """Whether a joint is commanded to move."""
+        cdef const double* velocity = self.controller.safety.c_command + self._measured.dof
+        cdef int joint
+        for joint in range(self._measured.dof):
+            if fabs(velocity[joint]) > self._moving_rad_s:
+                return True
+        return False
+
+    cdef void c_write(self) except *:
+        """Command the robot."""
+        if self._is_compiled and self._compiled.c_write(self.controller.safety.c_command) == 0:
+            self._unwritten = 0
+            return
+        try:
+            self._backend.write(self.controller.safety.command)
+            self._unwritten = 0
+        except BackendError as exc:
+            self._unwritten += 1
+            self.controller.fault(f"writing to the robot failed: {exc}")
+
+    cdef void c_publish(self, double robot_time_s) noexcept nogil:
+        """Tell the world what was measured in this cycle, and what became of it."""
+        self._scalars.cycle = self._cycle
+        self._scalars.robot_time_s = robot_time_s
+        self.controller.c_describe(&self._scalars)
+        self._scalars.overruns = self._clock.overruns
+        self._scalars.measured_monotonic_ns = self._measured_ns
+        self._scalars.monotonic_ns = monotonic_ns()
+        self._state.c_publish(&self._scalars, self._measured.c_values, self.controller.safety.c_command)
+
+
+def _last_state(memory):
+    """A copy of what a dead rtloop of the same supervisor has published last, None if there was none.
+
+    It may have died while it published: then the positions are those of two cycles, mixed, which is
+    as good. What makes no sense at all is damaged: then nobody knows what was latched, so an e-stop is.
+    """
+    block = memory.state
+    if block.sequence == 0:
+        return None
+    if not block.try_read() and not _makes_sense(block.salvage()):
+        block.data[...] = np.zeros((), block.data.dtype)
+        block.data["position"] = np.nan
+        block.data["mode"] = LoopMode.ESTOP
+        block.data["reason"] = encoded("the state in shared memory was damaged when rtloop was started")
+        block.data["stops_seen"] = _counted(memory.requests, "stops")
+        block.data["estops_seen"] = _counted(memory.requests, "estops")
+        block.data["command_seen"] = _counted(memory.head, "id")
+    return block.data.copy()
+
+
+def _makes_sense(state):
+    return (
+        int(state["mode"]) in list(LoopMode)
+        and int(state["motion_result"]) in list(MotionResult)
+        and bool((np.abs(state["position"]) < MAX_RAD).all())
+    )
+
+
+def _counted(block, field):
+    return int(block.data[field]) if block.try_read() else 0
