@@ -44,7 +44,6 @@ cdef Chunk chunk_fields(Block block)
 cdef class Source:
     cdef readonly int dof
     cdef readonly object reference
-    cdef readonly str refusal
     cdef double* ref
 
     cdef void c_begin(self, const double* command) noexcept nogil

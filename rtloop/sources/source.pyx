@@ -43,7 +43,6 @@ cdef class Source:
 
     Attributes:
         reference: where the joints should be in this cycle, shape (3, dof): rad, rad/s, rad/s².
-        refusal: why a target that is no number was refused.
     """
 
     def __init__(self, int dof):
@@ -52,7 +51,10 @@ cdef class Source:
         self.dof = dof
         self.reference = np.zeros((3, dof))
         self.ref = doubles(self.reference, 3 * dof)
-        self.refusal = ""
+
+    def explain(self):
+        """Why the last target was NOT_FINITE: what streamed it was no number."""
+        return ""
 
     cdef void c_begin(self, const double* command) noexcept nogil:
         """Go on from what is commanded, shape (3, dof)."""

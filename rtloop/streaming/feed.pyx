@@ -29,7 +29,7 @@ cdef class Feed:
 
     Attributes:
         holding: whether the arm shall come to rest and wait for the next target.
-        not_finite: whether the client has streamed what is no number; `source.refusal` has the words.
+        not_finite: whether the client has streamed what is no number; `source.explain` has the words.
     """
 
     def __init__(self, Source source, Safety safety, CollisionMonitor monitor, StreamInbox box,

@@ -110,7 +110,7 @@ cdef class Session:
         """What the client has streamed that is no number; "" while it has not."""
         if self.feed is None or not self.feed.not_finite:
             return ""
-        return (self.points.points if self.has_points else self.feed.source).refusal
+        return (self.points.points if self.has_points else self.feed.source).explain()
 
     def open(self, command, mode, stops):
         """Answer the client that asks: begin the session in which it streams.

@@ -1,0 +1,401 @@
+"""Cartesian targets, made joint references: motion along some axes, force along the others.
+
+Poses are x, y, z in m and a quaternion (w, x, y, z), errors and twists linear before angular, all in the base
+frame.
+"""
+
+from libc.math cimport cbrt, fabs, isfinite, sqrt
+from libc.string cimport memcpy, memset
+
+from cobot.arrays cimport MAX_DOF
+from cobot.robot.linear cimport cholesky_solve
+from cobot.robot.quaternion cimport cross3, quat_between, quat_product, quat_rotated, quat_to_matrix
+from rtloop.sources.source cimport FINE, JUMP, NOT_FINITE, Setpoint, Source
+from rtloop.sources.target_checks cimport (
+    POSE_PASSES,
+    SLACK_S,
+    c_clamped_interval,
+    c_is_finite,
+    c_pose_jump,
+)
+
+import numpy as np
+
+from rtloop.generators.pose_interpolation import MinJerkMove, PoseInterpolator
+from rtloop.generators.pose_limiter import PoseLimiter
+from rtloop.sources.target_checks import ANGULAR_VELOCITY, LINEAR_VELOCITY
+
+# How fast an error of the force decays where nothing gives way but the arm's own springs; slower where the
+# surroundings give way too. It is well below what the estimate of the external wrench can follow.
+FORCE_RATE_RAD_S = 5.0
+# The inverse is damped by so much, m²: near a singularity the joints' velocity limits take over.
+cdef double DAMPING = 1e-5
+cdef double POSTURE_RATE_RAD_S = 1.0
+cdef double POSTURE_VELOCITY_RAD_S = 0.2
+# Time constants: what pulls at the posture and what the force asks for set in through two filters, or they
+# would jerk the joints.
+cdef double POSTURE_FILTER_S = 0.1
+cdef double FORCE_FILTER_S = 0.03
+cdef double VELOCITY_SHARE = 0.98
+# So far the reference may be ahead of the arm: then it waits.
+cdef double LEAD_RAD = 0.2
+cdef double UNIT_TOLERANCE = 1e-3
+cdef double FASTEST_LINEAR = LINEAR_VELOCITY
+cdef double FASTEST_ANGULAR = ANGULAR_VELOCITY
+
+
+cdef inline double clamped(double value, double bound) noexcept nogil:
+    return min(max(value, -bound), bound)
+
+
+cdef inline double filtered(double* first, double* second, double value, double share) noexcept nogil:
+    """The value through two low-pass filters, one after the other."""
+    first[0] += share * (value - first[0])
+    second[0] += share * (first[0] - second[0])
+    return second[0]
+
+
+cdef inline double norm3(const double* v) noexcept nogil:
+    return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+
+
+cdef class CartesianSource(Source):
+    """Poses of the TCP, interpolated, within the Cartesian limits, and followed by the joints.
+
+    Along an axis with force control the arm moves in proportion to what is missing of the force.
+
+    Attributes:
+        move_running: whether a `move_to_pose` is under way.
+    """
+
+    def __init__(self, kind, model, limits, within, double period_s, double command_s, request):
+        """
+        Args:
+            kind: how it goes from one pose to the next.
+            model: of the robot.
+            limits, within: of the joints and of the TCP.
+            period_s: of the cycle.
+            command_s: between two poses.
+            request: of the session, `cobot.ipc.layout.session_dtype`.
+        """
+        super().__init__(limits.dof)
+        self.chain = model.chain
+        self.period_s = period_s
+        self.command_s = command_s
+        self.interpolator = PoseInterpolator(
+            kind,
+            period_s,
+            within.max_linear_velocity,
+            within.max_linear_acceleration,
+            within.max_linear_jerk,
+            within.max_angular_velocity,
+            within.max_angular_acceleration,
+            within.max_angular_jerk,
+        )
+        self.limiter = PoseLimiter(period_s, within)
+        self.move = MinJerkMove(np.array([0.0, 0, 0, 1, 0, 0, 0]), np.array([0.0, 0, 0, 1, 0, 0, 0]), 1.0, period_s)
+        self.move_running = False
+        self.tcp_velocity = [within.max_linear_velocity, within.max_angular_velocity]
+        self.tcp_acceleration = [within.max_linear_acceleration, within.max_angular_acceleration]
+        self.tcp_jerk = [within.max_linear_jerk, within.max_angular_jerk]
+        for joint in range(self.dof):
+            self.lowest[joint], self.highest[joint] = limits.min_position[joint], limits.max_position[joint]
+            self.max_velocity[joint] = limits.max_velocity[joint]
+            self.posture[joint] = request["posture"][joint]
+        self.own_posture = not np.isfinite(request["posture"]).all()
+        self.spoilt_norm = 0.0
+        memset(self.goal, 0, sizeof(self.goal))
+        self._set_force_control(request)
+
+    def _set_force_control(self, request):
+        cdef ForceControl* force = &self.force
+        stiffness = request["cartesian_stiffness"]
+        memset(force, 0, sizeof(ForceControl))
+        for axis in range(TASK):
+            force.axes[axis] = bool(request["force_axes"][axis] > 0.0)
+            force.velocity[axis] = request["force_velocity"][axis]
+            # A backend that cannot give way has no stiffness, and a session on it has no force axis.
+            stiffest = float(stiffness[:3].max() if axis < 3 else stiffness[3:].max())
+            force.gain[axis] = FORCE_RATE_RAD_S / stiffest if stiffest else 0.0
+        force.enabled = bool((request["force_axes"] > 0.0).any())
+        force.in_tcp = bool(request["force_in_tcp"])
+        force.origin = [float(value) for value in request["force_frame"][:3]]
+        force.orientation = [float(value) for value in request["force_frame"][3:]]
+        quat_to_matrix(force.orientation, force.turn)
+
+    def explain(self):
+        if self.spoilt_norm:
+            return f"the streamed quaternion's norm is {self.spoilt_norm:.4f}, not 1"
+        return "a streamed pose, wrench or velocity is not finite"
+
+    cdef void c_begin(self, const double* command) noexcept nogil:
+        cdef double twist[TASK]
+        cdef int joint, axis
+        memcpy(self.ref, command, 3 * self.dof * sizeof(double))
+        memcpy(self.commanded, command, self.dof * sizeof(double))
+        memcpy(self.before, command + self.dof, self.dof * sizeof(double))
+        memset(self.pull, 0, sizeof(self.pull))
+        memset(self.force.pull, 0, sizeof(self.force.pull))
+        if self.own_posture:
+            memcpy(self.posture, command, self.dof * sizeof(double))
+            self.own_posture = False
+        self.chain.c_forward_jacobian(command, self.last, self.jacobian)
+        for axis in range(TASK):
+            twist[axis] = 0.0
+            for joint in range(self.dof):
+                twist[axis] += self.jacobian[axis * self.dof + joint] * command[self.dof + joint]
+        self.interpolator.c_begin(self.last, twist, NULL)
+        self.limiter.c_begin(self.last, twist)
+        self.move_running = False
+
+    cdef int c_take(self, const Setpoint* setpoint, double interval_s) noexcept nogil:
+        cdef double fastest[2]
+        if not self.c_is_pose(setpoint.pose, setpoint.wrench, setpoint.twist):
+            return NOT_FINITE
+        memcpy(self.force.wrench, setpoint.wrench, sizeof(self.force.wrench))
+        self.c_find_fastest(interval_s, fastest)
+        if c_pose_jump(setpoint.pose, self.last, interval_s, fastest[0], fastest[1]) != POSE_PASSES:
+            return JUMP
+        memcpy(self.last, setpoint.pose, sizeof(self.last))
+        self.interpolator.c_aim(
+            setpoint.pose, setpoint.twist if setpoint.feed_forward[0] else NULL, self.command_s
+        )
+        return FINE
+
+    cdef bint c_is_pose(self, const double* pose, const double* wrench, const double* twist) noexcept nogil:
+        """Whether all is finite, and the quaternion a unit one."""
+        cdef double norm
+        self.spoilt_norm = 0.0
+        if not (c_is_finite(pose, 7) and c_is_finite(wrench, TASK) and c_is_finite(twist, TASK)):
+            return False
+        norm = sqrt(pose[3] * pose[3] + pose[4] * pose[4] + pose[5] * pose[5] + pose[6] * pose[6])
+        if fabs(norm - 1.0) <= UNIT_TOLERANCE:
+            return True
+        self.spoilt_norm = norm
+        return False
+
+    cdef void c_find_fastest(self, double interval_s, double* fastest) noexcept nogil:
+        """Of what the specification and the joints' own velocity limits let the TCP do, m/s and rad/s; the
+        latter with the slack that a sender's jitter is granted.
+        """
+        cdef double slack = 1.0 + SLACK_S / c_clamped_interval(interval_s)
+        cdef double reach[TASK]
+        cdef int axis, joint
+        for axis in range(TASK):
+            reach[axis] = 0.0
+            for joint in range(self.dof):
+                reach[axis] += fabs(self.jacobian[axis * self.dof + joint]) * self.max_velocity[joint]
+        fastest[0] = min(FASTEST_LINEAR, norm3(reach) * slack)
+        fastest[1] = min(FASTEST_ANGULAR, norm3(reach + 3) * slack)
+
+    cdef void c_press(self, const double* wrench) noexcept nogil:
+        """Exert this from now on, in the force frame; what is not finite is not taken."""
+        if c_is_finite(wrench, TASK):
+            memcpy(self.force.wrench, wrench, sizeof(self.force.wrench))
+
+    cdef int c_start_move(self, const double* pose, double duration_s) noexcept nogil:
+        """Go to a pose by a minimum-jerk motion; one that is under way to the same pose goes on."""
+        cdef bint same = self.move_running
+        cdef int index
+        if not self.c_is_pose(pose, self.force.wrench, self.force.wrench) or not isfinite(duration_s):
+            return NOT_FINITE
+        for index in range(7):
+            same = same and pose[index] == self.goal[index]
+        if not same:
+            memcpy(self.goal, pose, sizeof(self.goal))
+            self.move.c_begin(self.limiter.c_pose, pose, max(duration_s, self.c_shortest_move_s(pose)))
+            self.move_running = True
+        return FINE
+
+    cdef void c_cancel_move(self) noexcept nogil:
+        """Forget the move; where the arm goes next is for the next target to say."""
+        self.move_running = False
+
+    cdef double c_shortest_move_s(self, const double* pose) noexcept nogil:
+        """In which the limits hold: the largest velocity of a minimum-jerk motion of length l in time t is
+        15/8 l/t, its largest acceleration 10/√3 l/t², its jerk 60 l/t³.
+        """
+        cdef double way[TASK]
+        cdef double length, shortest_s = 0.0
+        cdef int part
+        for part in range(3):
+            way[part] = pose[part] - self.limiter.c_pose[part]
+        quat_between(self.limiter.c_pose + 3, pose + 3, way + 3)
+        for part in range(2):
+            length = norm3(way + 3 * part)
+            shortest_s = max(shortest_s, 1.875 * length / self.tcp_velocity[part])
+            shortest_s = max(shortest_s, sqrt(5.7735 * length / self.tcp_acceleration[part]))
+            shortest_s = max(shortest_s, cbrt(60.0 * length / self.tcp_jerk[part]))
+        return shortest_s
+
+    cdef void c_advance(self, const double* external_effort, const double* wrench) noexcept nogil:
+        cdef double lead = 0.0
+        cdef int joint
+        for joint in range(self.dof):
+            lead = max(lead, fabs(self.ref[joint] - self.commanded[joint]))
+        if lead > LEAD_RAD:
+            memset(self.ref + self.dof, 0, 2 * self.dof * sizeof(double))
+            return
+        self.c_step_joints(self.c_next_pose(external_effort, wrench), wrench)
+
+    cdef const double* c_next_pose(self, const double* external_effort, const double* wrench) noexcept nogil:
+        """Where the TCP should be in this cycle."""
+        if not self.move_running:
+            self.interpolator.c_advance()
+            self.limiter.c_step(self.interpolator.c_pose)
+            return self.limiter.c_pose
+        self.move.c_advance()
+        self.limiter.c_step(self.move.c_pose)
+        if self.move.done and not self.limiter.limited:
+            self.move_running = False
+            memcpy(self.last, self.goal, sizeof(self.last))
+            self.interpolator.c_begin(self.limiter.c_pose, NULL, NULL)
+        return self.limiter.c_pose
+
+    cdef void c_follow(self, const double* command) noexcept nogil:
+        memcpy(self.commanded, command, self.dof * sizeof(double))
+
+    cdef void c_heading(self, double* step) noexcept nogil:
+        """Computed when it is asked for: only a stream that was held because of a collision needs it."""
+        cdef double here[7]
+        cdef double error[TASK]
+        cdef double jacobian[TASK * MAX_DOF]
+        cdef int joint, axis
+        self.c_distance_to(self.goal if self.move_running else self.last, here, error, jacobian)
+        solve_damped(jacobian, self.dof, error)
+        for joint in range(self.dof):
+            step[joint] = 0.0
+            for axis in range(TASK):
+                step[joint] += jacobian[axis * self.dof + joint] * error[axis]
+
+    cdef void c_step_joints(self, const double* pose, const double* wrench) noexcept nogil:
+        """The joint step that closes the distance to the pose, in the least squares sense, with the posture
+        pulled at in the null space: z + J⁺ (e - J z).
+        """
+        cdef double here[7]
+        cdef double error[TASK]
+        cdef double step[MAX_DOF]
+        cdef double excess = 0.0, velocity, target
+        cdef double* jacobian = self.jacobian
+        cdef int dof = self.dof, joint, axis
+        self.c_distance_to(pose, here, error, jacobian)
+        if self.force.enabled:
+            self.c_replace_by_force(here, wrench, error)
+        self.c_pull_at_posture(step)
+        for axis in range(TASK):
+            for joint in range(dof):
+                error[axis] -= jacobian[axis * dof + joint] * step[joint]
+        solve_damped(jacobian, dof, error)
+        for joint in range(dof):
+            for axis in range(TASK):
+                step[joint] += jacobian[axis * dof + joint] * error[axis]
+            excess = max(excess, fabs(step[joint]) / (VELOCITY_SHARE * self.max_velocity[joint] * self.period_s))
+        for joint in range(dof):
+            if excess > 1.0:
+                step[joint] /= excess
+            target = min(max(self.ref[joint] + step[joint], self.lowest[joint]), self.highest[joint])
+            velocity = (target - self.ref[joint]) / self.period_s
+            self.ref[2 * dof + joint] = (velocity - self.before[joint]) / self.period_s
+            self.ref[dof + joint] = self.before[joint] = velocity
+            self.ref[joint] = target
+
+    cdef void c_pull_at_posture(self, double* step) noexcept nogil:
+        """The joint step that the null space may have, rad."""
+        cdef double wanted
+        cdef int joint
+        for joint in range(self.dof):
+            wanted = clamped(
+                POSTURE_RATE_RAD_S * (self.posture[joint] - self.ref[joint]), POSTURE_VELOCITY_RAD_S
+            )
+            step[joint] = self.period_s * filtered(
+                &self.pull[joint], &self.pull[self.dof + joint], wanted, self.period_s / POSTURE_FILTER_S
+            )
+
+    cdef void c_distance_to(self, const double* pose, double* here, double* error, double* jacobian) noexcept nogil:
+        """From where the reference puts the TCP, in the base frame: m, rad; and the Jacobian there."""
+        cdef int axis
+        self.chain.c_forward_jacobian(self.ref, here, jacobian)
+        for axis in range(3):
+            error[axis] = pose[axis] - here[axis]
+        quat_between(here + 3, pose + 3, error + 3)
+
+    cdef void c_replace_by_force(self, const double* here, const double* wrench, double* error) noexcept nogil:
+        """Along the force axes, a step in proportion to what is missing of the force."""
+        cdef ForceControl* force = &self.force
+        cdef double orientation[4]
+        cdef double moment[3]
+        cdef double rows[TASK]
+        cdef double in_frame[TASK]
+        cdef double missing, smooth
+        cdef int axis
+        if force.in_tcp:
+            quat_product(here + 3, force.orientation, orientation)
+            quat_to_matrix(orientation, force.turn)
+            quat_rotated(here + 3, force.origin, force.lever)
+        memcpy(rows, wrench, sizeof(rows))
+        cross3(force.lever, rows, moment)
+        subtract3(rows + 3, moment)
+        into_frame(force.turn, rows, in_frame)
+        for axis in range(TASK):
+            missing = force.wrench[axis] + in_frame[axis]  # The TCP exerts the opposite of what it meets.
+            smooth = filtered(
+                &force.pull[axis],
+                &force.pull[TASK + axis],
+                clamped(force.gain[axis] * missing, force.velocity[axis]),
+                self.period_s / FORCE_FILTER_S,
+            )
+            in_frame[axis] = smooth
+        memcpy(rows, error, sizeof(rows))
+        cross3(force.lever, rows + 3, moment)
+        subtract3(rows, moment)
+        replace_axes(force, rows, in_frame, self.period_s)
+        cross3(force.lever, rows + 3, moment)
+        for axis in range(3):
+            rows[axis] += moment[axis]
+        memcpy(error, rows, sizeof(rows))
+
+
+cdef inline void subtract3(double* from_, const double* other) noexcept nogil:
+    cdef int index
+    for index in range(3):
+        from_[index] -= other[index]
+
+
+cdef void into_frame(const double* turn, const double* rows, double* in_frame) noexcept nogil:
+    """Two vectors of the base frame, in the frame whose axes are the columns of `turn`."""
+    cdef int part, axis, index
+    for part in range(2):
+        for axis in range(3):
+            in_frame[3 * part + axis] = 0.0
+            for index in range(3):
+                in_frame[3 * part + axis] += rows[3 * part + index] * turn[3 * index + axis]
+
+
+cdef void replace_axes(
+    const ForceControl* force, double* rows, const double* velocity, double period_s
+) noexcept nogil:
+    """Of a step in the base frame: along the force axes, what these velocities make in a period."""
+    cdef double in_frame[TASK]
+    cdef int part, axis, index
+    into_frame(force.turn, rows, in_frame)
+    for axis in range(TASK):
+        if force.axes[axis]:
+            in_frame[axis] = velocity[axis] * period_s
+    for part in range(2):
+        for axis in range(3):
+            rows[3 * part + axis] = 0.0
+            for index in range(3):
+                rows[3 * part + axis] += in_frame[3 * part + index] * force.turn[3 * axis + index]
+
+
+cdef void solve_damped(const double* jacobian, int dof, double* error) noexcept nogil:
+    """(J J' + damping)⁻¹ e, in place."""
+    cdef double square[TASK * TASK]
+    cdef int row, column, joint
+    for row in range(TASK):
+        for column in range(row + 1):
+            square[TASK * row + column] = DAMPING if row == column else 0.0
+            for joint in range(dof):
+                square[TASK * row + column] += jacobian[row * dof + joint] * jacobian[column * dof + joint]
+            square[TASK * column + row] = square[TASK * row + column]
+    cholesky_solve(square, TASK, error)

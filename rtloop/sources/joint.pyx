@@ -1,0 +1,141 @@
+"""Joint targets, made a joint reference for every cycle."""
+
+from libc.math cimport fabs
+from libc.string cimport memcpy
+
+from cobot.arrays cimport MAX_DOF
+from rtloop.sources.source cimport FINE, JUMP, LATE, NOT_FINITE, Chunk, Setpoint, Source
+from rtloop.sources.target_checks cimport SLACK_S, c_is_finite, c_joint_jump
+
+from cobot.ipc.layout import CHUNK_POINTS
+from rtloop.generators.chunks import ChunkInterpolator
+from rtloop.generators.factory import make_interpolator
+
+cdef enum:
+    MAX_CHUNK = 64
+cdef double LONGEST_CHUNK_S = 600.0
+
+assert CHUNK_POINTS == MAX_CHUNK, "the chunk block of cobot.ipc.layout holds other chunks than this module"
+
+
+cdef class JointSource(Source):
+    """Joint targets, interpolated, or chunks of timed ones; whichever came last counts."""
+
+    def __init__(self, kind, limits, safe_velocity, double period_s, double command_s):
+        """
+        Args:
+            kind: how it goes from one target to the next.
+            limits: that the reference keeps.
+            safe_velocity: what the robot itself can do, shape (dof,), rad/s: what needs more is a jump.
+            period_s: of the cycle.
+            command_s: between two targets.
+        """
+        super().__init__(limits.dof)
+        rates = limits.max_velocity, limits.max_acceleration, limits.max_jerk
+        self.interpolator = make_interpolator(kind, limits.dof, period_s, *rates)
+        self.chunks = ChunkInterpolator(limits.dof, period_s, *rates)
+        self.chunked = False
+        self.time_s = 0.0  # Of the chunks' reference.
+        self.names = tuple(limits.names)
+        self.period_s = period_s
+        self.command_s = command_s
+        for joint in range(self.dof):
+            self.fastest[joint] = safe_velocity[joint]
+            self.last[joint] = self.heading[joint] = 0.0
+        self.spoilt_chunk = False
+
+    def explain(self):
+        return f"a streamed {'chunk' if self.spoilt_chunk else 'joint target'} is not finite"
+
+    cdef void c_begin(self, const double* command) noexcept nogil:
+        self.chunked = False
+        self.interpolator.c_begin(command)
+        memcpy(self.last, command, self.dof * sizeof(double))
+        self.c_copy_reference()
+
+    cdef int c_take(self, const Setpoint* setpoint, double interval_s) noexcept nogil:
+        cdef const double* target = setpoint.joints
+        cdef const double* velocity = setpoint.joint_velocity if setpoint.feed_forward[0] else NULL
+        cdef int joint
+        if not c_is_finite(target, self.dof) or (
+            velocity != NULL and not c_is_finite(velocity, self.dof)
+        ):
+            self.spoilt_chunk = False
+            return NOT_FINITE
+        if c_joint_jump(target, self.last, self.dof, interval_s, self.fastest) >= 0:
+            return JUMP
+        if self.chunked:
+            self.c_begin(self.ref)
+        for joint in range(self.dof):
+            self.heading[joint] = target[joint] - self.ref[joint]
+            self.last[joint] = target[joint]
+        self.interpolator.c_aim(target, velocity, self.command_s)
+        self.c_copy_reference()
+        return FINE
+
+    cdef int c_take_chunk(self, const Chunk* chunk, double robot_time_s) noexcept nogil:
+        """Timed targets from now on; or what is wrong with them."""
+        cdef double points[MAX_CHUNK * MAX_DOF]
+        cdef int dof = self.dof, joint, index
+        cdef int count = <int>min(chunk.count[0], <unsigned long long>MAX_CHUNK)
+        for index in range(count):
+            memcpy(points + index * dof, chunk.points + index * chunk.point_size, dof * sizeof(double))
+        if not (c_is_finite(chunk.times_s, count) and c_is_finite(points, count * dof)):
+            self.spoilt_chunk = True
+            return NOT_FINITE
+        self.time_s = robot_time_s - self.period_s  # The reference is that of the cycle before.
+        if count and chunk.times_s[count - 1] > robot_time_s + LONGEST_CHUNK_S:
+            return LATE
+        if self.c_chunk_jumps(chunk.times_s, points, count):
+            return JUMP
+        if not self.chunked:
+            self.chunks.c_begin(self.ref)
+        if self.chunks.c_take(chunk.times_s, points, count, self.time_s) != 0:
+            return LATE
+        self.chunked = True
+        self.c_copy_reference()
+        for joint in range(dof):
+            self.last[joint] = points[(count - 1) * dof + joint]
+            self.heading[joint] = self.last[joint] - self.ref[joint]
+        return FINE
+
+    cdef bint c_chunk_jumps(self, const double* times_s, const double* points, int count) noexcept nogil:
+        """Whether the targets that are still ahead would take a joint faster than it can be."""
+        cdef double at_s = self.time_s - SLACK_S
+        cdef const double* here = self.ref
+        cdef const double* there
+        cdef int index, joint
+        for index in range(count):
+            if not times_s[index] > self.time_s:
+                continue
+            there = points + index * self.dof
+            for joint in range(self.dof):
+                if fabs(there[joint] - here[joint]) > self.fastest[joint] * (times_s[index] - at_s):
+                    return True
+            here = there
+            at_s = times_s[index]
+        return False
+
+    cdef void c_advance(self, const double* external_effort, const double* wrench) noexcept nogil:
+        if self.chunked:
+            self.time_s += self.period_s
+            self.chunks.c_advance(self.time_s)
+        else:
+            self.interpolator.c_advance()
+        self.c_copy_reference()
+
+    cdef void c_copy_reference(self) noexcept nogil:
+        """The reference is that of whichever is followed."""
+        cdef const double* followed = self.chunks.ref if self.chunked else self.interpolator.ref
+        memcpy(self.ref, followed, 3 * self.dof * sizeof(double))
+
+    cdef void c_heading(self, double* step) noexcept nogil:
+        memcpy(step, self.heading, self.dof * sizeof(double))
+
+    cdef long long c_late(self) noexcept nogil:
+        """Waypoints that were dropped because their time had passed."""
+        return self.chunks.late
+
+    cdef long long c_starved(self) noexcept nogil:
+        """How often the waypoints of a chunk ran out."""
+        return self.chunks.starved

@@ -1,0 +1,34 @@
+from cobot.arrays cimport MAX_DOF
+from rtloop.generators.rates cimport Rates
+from rtloop.inboxes.point_queue cimport PointQueue
+from rtloop.sources.servo_base cimport ServoSource
+
+cdef enum:
+    PIECES = 512  # Of the curve ahead; with points at 1 kHz, half a second.
+
+
+cdef class ThroughPoints(ServoSource):
+    cdef Rates rates
+    cdef double usual[2]
+    # The pieces from `first` to before `count` are ahead or under the arm.
+    cdef int first, count
+    cdef double ends[PIECES]  # σ at the end of each.
+    cdef double spans[PIECES]
+    cdef double highest_rates[PIECES]  # The highest rate on each.
+    cdef double speeds[PIECES][2]  # The highest joint speeds on each, by the limits of acceleration and jerk.
+    cdef object coefficient_rows  # (PIECES, 6, dof)
+    cdef double* coefficients
+    cdef double knot[3 * MAX_DOF]  # The curve's end: position, and derivatives by σ.
+    cdef double pending[MAX_DOF]  # The point after it, with its span and time; there is one if the span > 0.
+    cdef double pending_span, pending_time_s, pending_age_s
+    cdef bint hungry  # Points have come since the last underrun.
+    cdef double distance, rate, slope  # σ, and its derivatives by time.
+
+    cdef void c_rest(self) noexcept nogil
+    cdef void c_move_on(self, double end) noexcept nogil
+    cdef double c_max_rate(self, double slope, double bend) noexcept nogil
+    cdef void c_extend(self) noexcept nogil
+    cdef void c_close(self, const double* following, double following_span) noexcept nogil
+    cdef void c_find_knot(self, const double* following, double following_span) noexcept nogil
+    cdef void c_measure(self, int number, double span) noexcept nogil
+    cdef void c_make_room(self) noexcept nogil

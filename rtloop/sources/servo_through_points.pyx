@@ -1,0 +1,249 @@
+"""Mode 5: through all points in their order, as fast as they say, or as fast as the limits permit.
+
+The points are joined by a curve q(σ) that is continuous to the second derivative; σ is the time that the
+points state, made longer where a joint could not be so fast. σ moves on at a rate r from 0 to 1 that is
+continuous to its derivative, as on a planned path (`rtloop.planned.path_clock`): so is the whole, and what
+changes the rate leaves neither the curve nor any point out. The curve's own share of acceleration and
+jerk, q'' r² and q''' r³, bounds r on each piece, and the share that its changes may take, q' r' and
+q' r'', bounds these.
+
+The curve is known up to the last point but one, for the next one decides about the direction at the last.
+What lies ahead of that is braked for at all times: a stream that ends ends at rest in its last point.
+"""
+
+from libc.math cimport cbrt, fabs, sqrt
+from libc.string cimport memcpy, memmove, memset
+
+from cobot.arrays cimport MAX_DOF, doubles
+from cobot.polynomials cimport ORDER, quintic_at, quintic_between, quintic_peaks
+from rtloop.generators.otg cimport OTG_OK, Problem, Profile, otg_position, profile_at
+from rtloop.generators.rates cimport take_rates
+from rtloop.inboxes.point_queue cimport PointQueue, ServoPoint
+from rtloop.sources.servo_base cimport MAX_POINTS, ServoSource
+from rtloop.sources.source cimport FINE, NOT_FINITE
+
+import numpy as np
+
+# Shares of acceleration and jerk, for what the curve does, and for what the changes of its rate do.
+cdef double CURVE_SHARE = 0.5
+cdef double RATE_SHARE = 0.5
+cdef double VELOCITY_SHARE = 0.98
+# The rate's changes are always slow enough for this joint velocity: a faster point may come.
+cdef double USUAL_RAD_S = 0.2
+cdef double MIN_RATE = 1e-4
+cdef double REST = 1e-9
+# The next point is waited for so many times the last one's time, and a little more, before it is the last.
+cdef double PATIENCE = 2.0
+cdef double GRACE_S = 0.01
+# A piece is looked at in so many places, its ends included.
+cdef int PLACES = 7
+
+
+cdef class ThroughPoints(ServoSource):
+    """The curve ahead, and how far the arm is along it. Real-time safe."""
+
+    def __init__(self, limits, double period_s):
+        super().__init__(limits, limits.max_velocity, period_s)
+        take_rates(limits, &self.rates)
+        self.usual = [USUAL_RAD_S / limits.max_acceleration.min(), USUAL_RAD_S / limits.max_jerk.min()]
+        self.coefficient_rows = np.zeros((PIECES, ORDER, self.dof))
+        self.coefficients = doubles(self.coefficient_rows, PIECES * ORDER * self.dof)
+        self.first = self.count = 0
+        memset(self.knot, 0, sizeof(self.knot))
+        memset(self.pending, 0, sizeof(self.pending))
+        self.pending_span = self.pending_time_s = self.pending_age_s = 0.0
+        self.hungry = False
+        self.distance = self.rate = self.slope = 0.0
+
+    cdef long long c_buffered(self) noexcept nogil:
+        return self.count - self.first + (self.pending_span > 0.0)
+
+    cdef void c_begin(self, const double* command) noexcept nogil:
+        """The arm may be moving: then the safety layer brings it to rest here."""
+        memset(self.ref, 0, 3 * self.dof * sizeof(double))
+        memcpy(self.ref, command, self.dof * sizeof(double))
+        memset(self.knot, 0, sizeof(self.knot))
+        memcpy(self.knot, command, self.dof * sizeof(double))
+        memcpy(self.last, command, self.dof * sizeof(double))
+        self.first = self.count = 0
+        self.pending_span = 0.0
+        self.hungry = False
+        self.distance = self.rate = self.slope = 0.0
+
+    cdef int c_fetch(self, PointQueue queue) noexcept nogil:
+        cdef ServoPoint point
+        cdef int number
+        self.pending_age_s += self.period_s
+        for number in range(MAX_POINTS):
+            if self.count - self.first >= PIECES - 1:
+                return FINE
+            if not queue.c_next(&point):
+                break
+            if not self.c_read(&point):
+                return NOT_FINITE
+            self.taken += 1
+            self.c_extend()
+        if self.pending_span > 0.0 and self.pending_age_s > PATIENCE * self.pending_time_s + GRACE_S:
+            self.c_close(NULL, 0.0)
+        return FINE
+
+    cdef void c_advance(self, const double* external_effort, const double* wrench) noexcept nogil:
+        cdef double values[3 * MAX_DOF]
+        cdef double span, ahead
+        cdef int joint, dof = self.dof
+        if self.first == self.count:
+            self.c_rest()
+            return
+        self.c_move_on(self.ends[self.count - 1])
+        while self.first < self.count - 1 and self.distance > self.ends[self.first]:
+            self.first += 1
+        span = self.spans[self.first]
+        ahead = min(max(span - self.ends[self.first] + self.distance, 0.0), span)
+        quintic_at(self.coefficients + self.first * ORDER * dof, dof, ahead, span, values)
+        for joint in range(dof):
+            self.ref[joint] = values[joint]
+            self.ref[dof + joint] = values[dof + joint] * self.rate
+            self.ref[2 * dof + joint] = (
+                values[2 * dof + joint] * (self.rate * self.rate) + values[dof + joint] * self.slope
+            )
+        if self.rate == 0.0 and self.distance == self.ends[self.count - 1]:
+            self.first = self.count
+
+    cdef void c_heading(self, double* step) noexcept nogil:
+        memset(step, 0, self.dof * sizeof(double))
+
+    cdef void c_rest(self) noexcept nogil:
+        """At the end of the curve."""
+        memset(self.ref + self.dof, 0, 2 * self.dof * sizeof(double))
+        if self.hungry and self.pending_span == 0.0:
+            self.hungry = False
+            self.underruns += 1
+
+    cdef void c_move_on(self, double end) noexcept nogil:
+        """One period on along the curve, so that it can come to rest at its end."""
+        cdef Problem problem
+        cdef Profile profile
+        cdef double there[3]
+        cdef double speeds[2]
+        cdef int piece, kind
+        cdef bint arrives
+        speeds = self.usual
+        for piece in range(self.first, self.count):
+            for kind in range(2):
+                speeds[kind] = max(speeds[kind], self.speeds[piece][kind])
+        problem.position, problem.velocity, problem.acceleration = self.distance, self.rate, self.slope
+        problem.target_position, problem.target_velocity = end, 0.0
+        problem.max_acceleration = max(RATE_SHARE / speeds[0], fabs(self.slope))
+        problem.min_acceleration = -problem.max_acceleration
+        problem.max_jerk = RATE_SHARE / speeds[1]
+        problem.max_velocity = self.c_max_rate(RATE_SHARE / speeds[0], problem.max_jerk)
+        problem.min_velocity = -problem.max_velocity
+        arrives = otg_position(&problem, &profile) != OTG_OK or profile.duration < self.period_s
+        if not arrives:
+            profile_at(&profile, self.period_s, there)
+            self.distance, self.rate, self.slope = there[0], max(there[1], 0.0), there[2]
+            arrives = end - self.distance < REST and self.rate < REST
+        if arrives:
+            self.distance, self.rate, self.slope = end, 0.0, 0.0
+
+    cdef double c_max_rate(self, double slope, double bend) noexcept nogil:
+        """The highest rate on all pieces that the arm may come to before it could be slower."""
+        cdef double rate = self.rate + 0.5 * self.slope * fabs(self.slope) / bend
+        cdef double way = rate * (self.period_s + rate / slope + slope / bend)
+        cdef double most = self.highest_rates[self.first]
+        cdef int piece
+        if self.waits:
+            return MIN_RATE
+        for piece in range(self.first, self.count):
+            most = min(most, self.highest_rates[piece])
+            if not self.ends[piece] < self.distance + way:
+                break
+        return max(most, MIN_RATE)
+
+    cdef void c_extend(self) noexcept nogil:
+        """One more point, `target`: the curve is known up to the one before."""
+        cdef const double* here = self.pending if self.pending_span > 0.0 else self.knot
+        cdef double span = self.time_s
+        cdef int joint
+        memcpy(self.last, self.target, self.dof * sizeof(double))
+        self.hungry = True
+        for joint in range(self.dof):
+            span = max(
+                span, fabs(self.target[joint] - here[joint]) / (VELOCITY_SHARE * self.rates.velocity[joint])
+            )
+        if self.pending_span > 0.0:
+            self.c_close(self.target, span)
+        memcpy(self.pending, self.target, self.dof * sizeof(double))
+        self.pending_span, self.pending_time_s, self.pending_age_s = span, self.time_s, 0.0
+
+    cdef void c_close(self, const double* following, double following_span) noexcept nogil:
+        """The curve goes on to the pending point, in a direction that the following one decides about."""
+        cdef double start[3 * MAX_DOF]
+        cdef double span = self.pending_span, begin
+        cdef int joint, number, dof = self.dof
+        if self.first == self.count:  # Nothing moves: any direction will do.
+            self.first = self.count = 0
+            self.distance = 0.0
+            for joint in range(dof):
+                self.knot[dof + joint] = (self.pending[joint] - self.knot[joint]) / span
+                self.knot[2 * dof + joint] = 0.0
+        elif self.count == PIECES:
+            self.c_make_room()
+        memcpy(start, self.knot, sizeof(start))
+        self.c_find_knot(following, following_span)
+        number = self.count
+        quintic_between(start, self.knot, dof, span, self.coefficients + number * ORDER * dof)
+        self.c_measure(number, span)
+        begin = self.ends[number - 1] if number else 0.0
+        self.spans[number] = span
+        self.ends[number] = begin + span
+        self.count = number + 1
+        self.pending_span = 0.0
+
+    cdef void c_find_knot(self, const double* following, double following_span) noexcept nogil:
+        """The knot goes over to the pending point; without a following one it is the last."""
+        cdef double span = self.pending_span, both = span + following_span
+        cdef double before, after
+        cdef int joint, dof = self.dof
+        for joint in range(dof):
+            before = (self.pending[joint] - self.knot[joint]) / span
+            self.knot[joint] = self.pending[joint]
+            if following == NULL:
+                self.knot[dof + joint] = before
+                self.knot[2 * dof + joint] = 0.0
+            else:
+                after = (following[joint] - self.pending[joint]) / following_span
+                self.knot[dof + joint] = (before * following_span + after * span) / both
+                self.knot[2 * dof + joint] = 2.0 * (after - before) / both
+
+    cdef void c_measure(self, int number, double span) noexcept nogil:
+        """How fast the arm may go along a piece, and what the changes of that have to reckon with."""
+        cdef double peaks[3 * MAX_DOF]
+        cdef double first = 0.0, second = 0.0, third = 0.0
+        cdef int joint, dof = self.dof
+        quintic_peaks(self.coefficients + number * ORDER * dof, dof, span, PLACES, peaks)
+        self.speeds[number] = [0.0, 0.0]
+        for joint in range(dof):
+            first = max(first, peaks[joint] / self.rates.velocity[joint])
+            second = max(second, peaks[dof + joint] / self.rates.acceleration[joint])
+            third = max(third, peaks[2 * dof + joint] / self.rates.jerk[joint])
+            self.speeds[number][0] = max(self.speeds[number][0], peaks[joint] / self.rates.acceleration[joint])
+            self.speeds[number][1] = max(self.speeds[number][1], peaks[joint] / self.rates.jerk[joint])
+        self.highest_rates[number] = min(1.0, VELOCITY_SHARE / max(first, 1e-9))
+        self.highest_rates[number] = min(self.highest_rates[number], sqrt(CURVE_SHARE / max(second, 1e-9)))
+        self.highest_rates[number] = min(self.highest_rates[number], cbrt(CURVE_SHARE / max(third, 1e-9)))
+
+    cdef void c_make_room(self) noexcept nogil:
+        """Forget the pieces that lie behind; σ begins anew where the arm is."""
+        cdef int first = self.first, kept = self.count - self.first, piece
+        cdef Py_ssize_t row = ORDER * self.dof
+        cdef double origin = self.ends[first] - self.spans[first]
+        memmove(self.ends, self.ends + first, kept * sizeof(double))
+        memmove(self.spans, self.spans + first, kept * sizeof(double))
+        memmove(self.highest_rates, self.highest_rates + first, kept * sizeof(double))
+        memmove(self.speeds, self.speeds + first, kept * sizeof(self.speeds[0]))
+        memmove(self.coefficients, self.coefficients + first * row, kept * row * sizeof(double))
+        for piece in range(kept):
+            self.ends[piece] -= origin
+        self.distance -= origin
+        self.first, self.count = 0, kept

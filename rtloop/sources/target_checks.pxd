@@ -1,0 +1,26 @@
+from libc.math cimport isfinite
+
+
+# What the interval between two commands is taken for when thresholds are made of it.
+cdef enum:
+    POSE_PASSES = 0
+    POSE_JUMPS = 1
+    POSE_TURNS = 2
+
+cdef double SLACK_S
+
+cdef inline bint c_is_finite(const double* values, int count) noexcept nogil:
+    """Whether all values are numbers; of none at all they are."""
+    cdef int index
+    for index in range(count):
+        if not isfinite(values[index]):
+            return False
+    return True
+
+cdef double c_clamped_interval(double interval_s) noexcept nogil
+cdef int c_joint_jump(
+    const double* target, const double* last, int dof, double interval_s, const double* max_velocity
+) noexcept nogil
+cdef int c_pose_jump(
+    const double* pose, const double* last, double interval_s, double max_linear, double max_angular
+) noexcept nogil

@@ -1,0 +1,140 @@
+"""What a streamed command has to pass.
+
+A pose is shape (7,): x, y, z in m and a quaternion (w, x, y, z) of any sign.
+"""
+
+from libc.math cimport INFINITY, fabs, sqrt
+
+from cobot.arrays cimport doubles
+from cobot.robot.quaternion cimport quat_between
+
+import numpy as np
+
+# No sender means more than this, in rad/s, m/s and rad/s: what would need more between two commands is a jump.
+JOINT_VELOCITY = 10.0
+LINEAR_VELOCITY = 10.0
+ANGULAR_VELOCITY = 50.0
+# The time between two commands, before there are two, and the bounds for what is measured.
+DEFAULT_INTERVAL_S = 0.01
+SHORTEST_INTERVAL_S = 0.001
+LONGEST_INTERVAL_S = 0.1
+# A command may have been meant so much later than its predecessor than it came.
+cdef double SLACK_S = 0.01
+
+cdef double _JOINT_VELOCITY = JOINT_VELOCITY
+cdef double _SHORTEST_S = SHORTEST_INTERVAL_S
+cdef double _LONGEST_S = LONGEST_INTERVAL_S
+
+
+cdef double c_clamped_interval(double interval_s) noexcept nogil:
+    """The interval that thresholds are made of: neither a burst nor a pause makes them extreme."""
+    return min(max(interval_s, _SHORTEST_S), _LONGEST_S)
+
+
+cdef double joint_threshold(double interval_s, double max_velocity) noexcept nogil:
+    return min(_JOINT_VELOCITY * interval_s, max_velocity * (interval_s + SLACK_S))
+
+
+cdef int c_joint_jump(
+    const double* target, const double* last, int dof, double interval_s, const double* max_velocity
+) noexcept nogil:
+    """The first joint that would have to jump from the last target to this one, -1 if none has to.
+
+    max_velocity: the robot's own, shape (dof,), rad/s, or NULL. It is allowed `SLACK_S` more time: that a
+    sender is not punctual is no jump.
+    """
+    cdef double within_s = c_clamped_interval(interval_s)
+    cdef double most
+    cdef int joint
+    for joint in range(dof):
+        most = joint_threshold(within_s, max_velocity[joint] if max_velocity != NULL else INFINITY)
+        if not fabs(target[joint] - last[joint]) <= most:  # Also what is no number.
+            return joint
+    return -1
+
+
+cdef double distance_between(const double* first, const double* second) noexcept nogil:
+    cdef double x = first[0] - second[0], y = first[1] - second[1], z = first[2] - second[2]
+    return sqrt(x * x + y * y + z * z)
+
+
+cdef double angle_between(const double* first, const double* second) noexcept nogil:
+    cdef double turn[3]
+    quat_between(first, second, turn)
+    return sqrt(turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2])
+
+
+cdef int c_pose_jump(
+    const double* pose, const double* last, double interval_s, double max_linear, double max_angular
+) noexcept nogil:
+    """Whether the TCP would have to jump, or to turn at once, from the last pose to this one."""
+    cdef double within_s = c_clamped_interval(interval_s)
+    if not distance_between(pose, last) <= max_linear * within_s:
+        return POSE_JUMPS
+    if not angle_between(pose + 3, last + 3) <= max_angular * within_s:
+        return POSE_TURNS
+    return POSE_PASSES
+
+
+def angular_distance(first, second):
+    """The angle in [0, π] between two orientations (w, x, y, z), rad."""
+    first, second = np.array(first, float), np.array(second, float)
+    return angle_between(doubles(first, 4), doubles(second, 4))
+
+
+def is_finite(values):
+    """Whether all values are numbers; of none at all they are."""
+    return bool(np.isfinite(values).all())
+
+
+def clamped_interval(double interval_s):
+    """The interval that thresholds are made of: neither a burst nor a pause makes them extreme."""
+    return c_clamped_interval(interval_s)
+
+
+def joint_jump(target, last, interval_s=DEFAULT_INTERVAL_S, max_velocity=None, names=()):
+    """Whether a joint would have to jump from the last target to this one; "" if none has to.
+
+    Args:
+        target, last: shape (dof,), rad.
+        interval_s: between the two commands.
+        max_velocity: the robot's own, shape (dof,), rad/s. It is allowed `SLACK_S` more time: that a sender
+            is not punctual is no jump.
+        names: of the joints, for the text.
+    """
+    if target.shape != last.shape:
+        return f"{target.size} joints instead of {last.size}"
+    if not last.size:
+        return ""
+    target, last = np.array(target, float), np.array(last, float)
+    rates = None if max_velocity is None else np.array(max_velocity, float)
+    cdef const double* fastest = NULL if rates is None else doubles(rates, last.size)
+    cdef int joint = c_joint_jump(
+        doubles(target, last.size), doubles(last, last.size), last.size, interval_s, fastest
+    )
+    if joint < 0:
+        return ""
+    name = names[joint] if names else f"joint{joint + 1}"
+    most = joint_threshold(c_clamped_interval(interval_s), INFINITY if rates is None else fastest[joint])
+    step = abs(target[joint] - last[joint])
+    return f"{name} would jump by {step:.4f} rad, allowed are {most:.4f} rad"
+
+
+def cartesian_jump(
+    pose, last, interval_s=DEFAULT_INTERVAL_S, max_linear=LINEAR_VELOCITY, max_angular=ANGULAR_VELOCITY
+):
+    """Whether the TCP would have to jump from the last pose to this one, `interval_s` between the two."""
+    if pose.shape != (7,) or last.shape != (7,):
+        return f"{pose.size} numbers instead of 7"
+    pose, last = np.array(pose, float), np.array(last, float)
+    cdef const double* here = doubles(last, 7)
+    cdef const double* there = doubles(pose, 7)
+    cdef int jump = c_pose_jump(there, here, interval_s, max_linear, max_angular)
+    within_s = c_clamped_interval(interval_s)
+    if jump == POSE_JUMPS:
+        distance = distance_between(there, here)
+        return f"the TCP would jump by {distance:.4f} m, allowed are {max_linear * within_s:.4f} m"
+    if jump == POSE_TURNS:
+        angle, most = angle_between(there + 3, here + 3), max_angular * within_s
+        return f"the TCP would turn by {angle:.4f} rad at once, allowed are {most:.4f} rad"
+    return ""
