@@ -11,8 +11,11 @@ import platform
 from collections.abc import Callable, Iterator
 
 from benchmarks import (
+    crowd,
     cycle,
     dds,
+    hot,
+    idle,
     latency,
     modes,
     planning,
@@ -28,6 +31,9 @@ from benchmarks.table import HEADER, Row
 BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "compute": lambda quick: cycle.compute(1 if quick else 5, 5.0 if quick else 12.0),
     "modes": lambda quick: modes.modes(1 if quick else 2, 3.0 if quick else 8.0),
+    "hot": lambda quick: hot.hot(1 if quick else 5),
+    "idle": lambda quick: idle.idle(5.0 if quick else 30.0),
+    "crowd": lambda quick: crowd.crowd(20.0 if quick else 600.0),
     "wake_up": lambda quick: cycle.wake_up(2 if quick else 13, 5.0 if quick else 12.0),
     "latency": lambda quick: latency.commands(400 if quick else 3000, 2 if quick else 10),
     "servo": lambda quick: servo.servo(100 if quick else 1000, 5.0 if quick else 12.0),

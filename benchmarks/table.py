@@ -14,7 +14,7 @@ class Row:
 
     Attributes:
         columns: what the values are, where they are not p50, p99 and p99.9.
-        ratio_of: which of the columns the ratio and the aim are about.
+        ratio_of: which of the columns the ratio and the aim are about; "" for each of them.
     """
 
     name: str
@@ -24,19 +24,20 @@ class Row:
     against: str
     against_values: Sequence[float]
     ratio_of: str
-    ratio: float
+    ratios: Sequence[float]
     aim: str
 
     def __str__(self) -> str:
         ours, theirs = (" / ".join(_short(v) for v in row) for row in (self.values, self.against_values))
         unit = self.unit if self.columns == PERCENTILES else " / ".join(self.columns)
-        return (
-            f"| {self.name} | {unit} | {ours} | {self.against} | {theirs} "
-            f"| {_short(self.ratio)} ({self.ratio_of}) | {self.aim} |"
-        )
+        ratios = " / ".join(_short(ratio) for ratio in self.ratios)
+        which = f" ({self.ratio_of})" if self.ratio_of else ""
+        return f"| {self.name} | {unit} | {ours} | {self.against} | {theirs} | {ratios}{which} | {self.aim} |"
 
 
 PERCENTILES = ("p50", "p99", "p99.9")
+EACH = "each"
+"""Of the columns, for a ratio."""
 HEADER = (
     "| Figure | Unit or columns | p50 / p99 / p99.9 | Compared with | p50 / p99 / p99.9 | Ratio | Aim |\n"
     "|---|---|---|---|---|---|---|"
@@ -60,11 +61,15 @@ def row(
     ratio_of: str = "",
     aim: str = "",
 ) -> Row:
-    """A row whose ratio is ours by theirs, in the named column: the first one without a name."""
+    """A row whose ratio is ours by theirs, in the named column; in all of them for `EACH`, and without a name
+    in the first one.
+    """
+    ratios = [ours / theirs for ours, theirs in zip(values, against_values, strict=True)]
+    if ratio_of == EACH:
+        return Row(name, unit, columns, values, against, against_values, "", ratios, aim)
     ratio_of = ratio_of or columns[0]
-    column = columns.index(ratio_of)
-    ratio = values[column] / against_values[column]
-    return Row(name, unit, columns, values, against, against_values, ratio_of, ratio, aim)
+    chosen = [ratios[columns.index(ratio_of)]]
+    return Row(name, unit, columns, values, against, against_values, ratio_of, chosen, aim)
 
 
 def _short(value: float) -> str:
