@@ -19,7 +19,7 @@ BUSY = "while True: pass"
 
 
 def idle(slice_s: float) -> Iterator[Row]:
-    """HOLD, in slices that alternate with a bare loop's: with the computer to itself, and beside two busy loops."""
+    """HOLD, in slices that alternate with a bare loop's: alone, and beside two busy loops."""
     with service() as run:
         memory = reader(run)
         process = run.child("rtloop")

@@ -6,9 +6,13 @@ import ctypes
 import gc
 import os
 from dataclasses import dataclass
+from pathlib import Path
 
 _MCL_CURRENT = 1
 _MCL_FUTURE = 2
+_MCL_ONFAULT = 4
+_NEEDED = ("libmujoco", "libpython", "libc.so", "libc-", "libm.so", "libm-", "/bin/python", "_umath")
+"""Parts of the names of what a cycle may run for the first time at a bad moment, beside our own modules."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,11 +41,37 @@ def prepare(priority: int, cpu: int | None) -> Permissions:
     except OSError as exc:
         sched_fifo = False
         refused.append(f"SCHED_FIFO {priority}: {exc.strerror}, needs CAP_SYS_NICE")
+    problem = _lock_memory()
+    if problem:
+        refused.append(f"locked memory: {problem}, needs CAP_IPC_LOCK")
+    return Permissions(sched_fifo, not problem, "; ".join(refused))
+
+
+def _lock_memory() -> str:
+    """Lock every page once it has been touched, and the code that a cycle may need at once; "" or why not.
+
+    To populate what is only reserved, as MCL_FUTURE alone does, would take five times the memory.
+    """
     libc = ctypes.CDLL(None, use_errno=True)
-    memory_locked = libc.mlockall(_MCL_CURRENT | _MCL_FUTURE) == 0
-    if not memory_locked:
-        refused.append(f"locked memory: {os.strerror(ctypes.get_errno())}, needs CAP_IPC_LOCK")
-    return Permissions(sched_fifo, memory_locked, "; ".join(refused))
+    everything = _MCL_CURRENT | _MCL_FUTURE
+    if libc.mlockall(everything | _MCL_ONFAULT) != 0 and libc.mlockall(everything) != 0:
+        return os.strerror(ctypes.get_errno())
+    for address, size in _code():
+        libc.mlock(ctypes.c_void_p(address), ctypes.c_size_t(size))
+    return ""
+
+
+def _code() -> list[tuple[int, int]]:
+    """Address and size of the mappings of compiled modules of ours and of `_NEEDED`."""
+    ours = [str(Path(__file__).parents[1] / package) + os.sep for package in ("cobot", "rtloop")]
+    found = []
+    for line in Path("/proc/self/maps").read_text(encoding="utf-8", errors="replace").splitlines():
+        span, permissions, _, _, _, *path = line.split(maxsplit=5)
+        name = path[0] if path else ""
+        if permissions.startswith("r") and any(part in name for part in (*_NEEDED, *ours)):
+            begin, end = (int(edge, 16) for edge in span.split("-"))
+            found.append((begin, end - begin))
+    return found
 
 
 def freeze_garbage() -> None:
