@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cobot.layout import Interpolation, Stream
+from cobot.ipc.layout import Interpolation, Stream
 from cobot.types import Array
 from golden.stage import Stage, scenario
 

@@ -8,18 +8,18 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from cobot.kinematics import inverse
 from cobot.planners import WaypointRequest, plan, plan_waypoints
 from cobot.planners.request import MotionRequest
 from cobot.planners.time_law import timed
-from cobot.robot import Robot
+from cobot.robot.description import RobotDescription
+from cobot.robot.inverse_kinematics import inverse
 from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName, Pose, Scaling, Waypoint
 
 MOVE = np.array([0.6, 0.2, -0.3, 0.4, 0.2, -0.3, 0.5])
 
 
-def make(robot: Robot) -> dict[str, Array]:
+def make(robot: RobotDescription) -> dict[str, Array]:
     """Plan and solve all of it."""
     home = np.array(robot.positions["home"].joints)
     made = _places(robot, home)
@@ -31,7 +31,7 @@ def make(robot: Robot) -> dict[str, Array]:
     return made
 
 
-def _places(robot: Robot, home: Array) -> dict[str, Array]:
+def _places(robot: RobotDescription, home: Array) -> dict[str, Array]:
     pose = robot.model.forward(home)
     made = {"home_pose": np.concatenate([pose.position, pose.quaternion])}
     before = home
@@ -57,7 +57,7 @@ def _places(robot: Robot, home: Array) -> dict[str, Array]:
     return made
 
 
-def _motions(robot: Robot, home: Array) -> dict[str, Trajectory]:
+def _motions(robot: RobotDescription, home: Array) -> dict[str, Trajectory]:
     def planned(planner: PlannerName, goal: Array | Pose, speed: float) -> Trajectory:
         found = plan(robot, MotionRequest(home, goal, planner, Scaling(speed), seed=1))
         assert found is not None
@@ -88,7 +88,7 @@ def _motions(robot: Robot, home: Array) -> dict[str, Trajectory]:
     }
 
 
-def _curve(robot: Robot, home: Array) -> Trajectory:
+def _curve(robot: RobotDescription, home: Array) -> Trajectory:
     """A smooth detour through four points, timed at the limits."""
     random = np.random.default_rng(5)
     points = np.vstack([home, home + random.uniform(-0.3, 0.3, (4, 7))])
@@ -96,7 +96,9 @@ def _curve(robot: Robot, home: Array) -> Trajectory:
     return timed(make_interp_spline(np.linspace(0.0, 1.0, 5), points, k=4), limits, 60)
 
 
-def _zigzag(robot: Robot, home: Array, amplitude_rad: float, step_s: float, turns: int) -> Trajectory:
+def _zigzag(
+    robot: RobotDescription, home: Array, amplitude_rad: float, step_s: float, turns: int
+) -> Trajectory:
     corners = [home + amplitude_rad * (-1) ** i * (i > 0) for i in range(turns)]
     points = [Waypoint(corner.tolist(), step_s * i, None, None, str(i)) for i, corner in enumerate(corners)]
     return plan_waypoints(

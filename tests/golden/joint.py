@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from cobot.layout import Command, Interpolation, Stream
+from cobot.ipc.layout import Command, Interpolation, Stream
 from cobot.types import Array
 from golden.stage import Stage, scenario
 

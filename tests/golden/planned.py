@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cobot.layout import Command
+from cobot.ipc.layout import Command
 from golden.stage import Stage, scenario
 
 LATE_NS = 1_100_000

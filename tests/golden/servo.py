@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cobot.layout import POINTS, ServoMode
-from cobot.realtime.writer import PointWriter
+from cobot.ipc.layout import POINTS, ServoMode
+from cobot.ipc.stream_writer import PointWriter
 from cobot.types import Array
 from golden.joint import SHARES
 from golden.stage import Stage, scenario

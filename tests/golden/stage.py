@@ -13,10 +13,10 @@ import numpy as np
 from rig import Rig
 
 from cobot.config import Settings
-from cobot.layout import Stream
-from cobot.realtime.writer import PointWriter
-from cobot.robot import Robot
-from cobot.shm import RobotMemory, text
+from cobot.ipc.layout import Stream
+from cobot.ipc.shm import RobotMemory, text
+from cobot.ipc.stream_writer import PointWriter
+from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array
 
@@ -109,7 +109,7 @@ class Stage(Rig):
     def __init__(
         self,
         settings: Settings,
-        robot: Robot,
+        robot: RobotDescription,
         inputs: dict[str, Array],
         *,
         simulated: bool = False,
@@ -223,7 +223,11 @@ def load_inputs() -> dict[str, Array]:
 
 
 def play(
-    settings: Settings, robot: Robot, inputs: dict[str, Array], name: str, shift: Array | float = 0.0
+    settings: Settings,
+    robot: RobotDescription,
+    inputs: dict[str, Array],
+    name: str,
+    shift: Array | float = 0.0,
 ) -> dict[str, np.ndarray]:
     """What comes of a scenario.
 

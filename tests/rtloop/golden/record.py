@@ -22,7 +22,7 @@ from golden import ensemble, inputs, stage
 from golden.scenarios import SCENARIOS
 
 from cobot.config import load_settings
-from cobot.robot import load_robot
+from cobot.robot.description import load_robot
 
 MEMBERS = (("", 0.0), ("Nehalem", 0.0), ("Haswell", 0.0), ("", 1e-13), ("", -3e-14))
 """BLAS kernel, and how far from their place the joints start, rad; the first is what is recorded."""

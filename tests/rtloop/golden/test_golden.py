@@ -15,8 +15,8 @@ from golden import ensemble, stage
 from golden.scenarios import SCENARIOS
 
 from cobot.config import Settings
-from cobot.layout import Intervention
-from cobot.robot import Robot
+from cobot.ipc.layout import Intervention
+from cobot.robot.description import RobotDescription
 from cobot.types import Array
 
 ROWS = ("position", "velocity", "acceleration")
@@ -55,7 +55,7 @@ def test_every_scenario_is_recorded(recorded: np.lib.npyio.NpzFile) -> None:
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_the_core_does_what_it_did(
     settings: Settings,
-    robot: Robot,
+    robot: RobotDescription,
     inputs: dict[str, Array],
     recorded: np.lib.npyio.NpzFile,
     name: str,
