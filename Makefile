@@ -54,7 +54,7 @@ $(VENV)/.run-stamp: requirements.lock requirements-build.lock pyproject.toml
 	@echo "cobot: making $(VENV)"
 	@rm -rf build
 	@$(PYTHON) -m venv --clear $(VENV)
-	@echo "cobot: installing $$(cat requirements.lock requirements-build.lock | grep '==' | sort -u | wc -l) packages (about a minute)"
+	@echo "cobot: installing $$(cat requirements.lock requirements-build.lock | sed -n 's/==.*//p' | sort -u | wc -l) packages (about a minute)"
 	@$(PIP) install --require-hashes --requirement requirements.lock --requirement requirements-build.lock
 	@touch $@
 

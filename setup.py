@@ -99,6 +99,7 @@ class Compile(build_ext):
     def run(self) -> None:
         from Cython.Build import cythonize
         from Cython.Build.Dependencies import create_dependency_tree
+        from Cython.Compiler.Errors import CompileError
 
         if self.inplace:
             self._remove_orphans()
@@ -111,14 +112,17 @@ class Compile(build_ext):
             if lacking := preflight():
                 sys.exit(lacking)
             print(f"cobot: compiling {stale} of {len(self.extensions)} modules", flush=True)
-        translated = cythonize(
-            self.extensions,
-            nthreads=min(PROCESSORS, stale),
-            build_dir=str(GENERATED),
-            compiler_directives=DIRECTIVES,
-            force=self.force,
-            quiet=True,
-        )
+        try:
+            translated = cythonize(
+                self.extensions,
+                nthreads=min(PROCESSORS, stale),
+                build_dir=str(GENERATED),
+                compiler_directives=DIRECTIVES,
+                force=self.force,
+                quiet=True,
+            )
+        except CompileError as error:  # Cython has said where and why.
+            sys.exit(f"cobot: {error} does not compile")
         for each, into in zip(self.extensions, translated, strict=True):
             each.sources, each.depends = into.sources, ["setup.py"]
         super().run()
