@@ -52,7 +52,6 @@ $(VENV)/.run-stamp: requirements.lock requirements-build.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("cobot needs Python 3.11 or newer, this is " + sys.version.split()[0]) if sys.version_info < (3, 11) else 0'
 	@$(PYTHON) setup.py preflight
 	@echo "cobot: making $(VENV)"
-	@rm -rf build
 	@$(PYTHON) -m venv --clear $(VENV)
 	@echo "cobot: installing $$(cat requirements.lock requirements-build.lock | sed -n 's/==.*//p' | sort -u | wc -l) packages (about a minute)"
 	@$(PIP) install --require-hashes --requirement requirements.lock --requirement requirements-build.lock

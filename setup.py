@@ -56,8 +56,10 @@ from setuptools.command.build import build  # noqa: E402
 from setuptools.command.build_ext import build_ext  # noqa: E402
 
 PACKAGES = ("cobot", "rtloop", "app", "ros2", "sequences")
-GENERATED = Path("build", "cython")
 SANITIZE = bool(os.environ.get("COBOT_SANITIZE"))
+GENERATED, MADE = Path("build", "cython"), Path("build", "sanitized" if SANITIZE else "compiled")
+# When one of them changes, everything is compiled anew.
+SETTINGS = [name for name in ("setup.py", "requirements-build.lock") if Path(name).exists()]
 PROCESSORS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 DIRECTIVES = {
@@ -87,24 +89,39 @@ def extension(source: Path) -> Extension:
     )
 
 
+def settings_changed() -> float:
+    return max(Path(name).stat().st_mtime for name in SETTINGS)
+
+
 class Compile(build_ext):
-    """Translates and compiles the modules that are older than what they are made of, on all processors."""
+    """Translates and compiles the modules that are older than what they are made of, on all processors.
+
+    What it makes stays in MADE, from where it gets beside the sources, into an editable install or a wheel.
+    """
 
     def finalize_options(self) -> None:
         super().finalize_options()
         self.parallel = self.parallel or PROCESSORS
-        if self.inplace:  # An editable install then finds what `build_ext --inplace` has made.
-            self.build_lib, self.build_temp = str(Path("build", "inplace")), str(Path("build", "objects"))
+        self.wanted_in, self.build_lib, self.build_temp = self.build_lib, str(MADE), str(MADE / "objects")
 
     def run(self) -> None:
+        if self.inplace:
+            self._remove_orphans()
+        self._translate()
+        super().run()
+        self.build_lib = self.wanted_in
+        if not self.inplace:
+            for output in map(Path, self.get_outputs()):
+                output.parent.mkdir(parents=True, exist_ok=True)
+                self.copy_file(str(MADE / output.relative_to(self.build_lib)), str(output))
+
+    def _translate(self) -> None:
         from Cython.Build import cythonize
         from Cython.Build.Dependencies import create_dependency_tree
         from Cython.Compiler.Errors import CompileError
 
-        if self.inplace:
-            self._remove_orphans()
-        for generated in GENERATED.rglob("*.c"):  # translated with other settings, perhaps
-            if generated.stat().st_mtime < Path("setup.py").stat().st_mtime:
+        for generated in GENERATED.rglob("*.c"):  # They may have been translated with other settings.
+            if generated.stat().st_mtime < settings_changed():
                 generated.unlink()
         tree = create_dependency_tree()
         stale = sum(self.force or self._is_stale(each, tree) for each in self.extensions)
@@ -124,13 +141,12 @@ class Compile(build_ext):
         except CompileError as error:  # Cython has said where and why.
             sys.exit(f"cobot: {error} does not compile")
         for each, into in zip(self.extensions, translated, strict=True):
-            each.sources, each.depends = into.sources, ["setup.py"]
-        super().run()
+            each.sources, each.depends = into.sources, SETTINGS
 
     def _is_stale(self, each: Extension, tree) -> bool:
         *package, module = each.name.split(".")
         made = Path(self.build_lib, *package, self.get_ext_filename(module))
-        newest = max(tree.newest_dependency(each.sources[0])[0], Path("setup.py").stat().st_mtime)
+        newest = max(tree.newest_dependency(each.sources[0])[0], settings_changed())
         return not made.exists() or made.stat().st_mtime < newest
 
     def _remove_orphans(self) -> None:

@@ -17,7 +17,18 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-COPIED = ("cobot", "rtloop", "app", "ros2", "sequences", "config", "tests", "pyproject.toml", "setup.py")
+COPIED = (
+    "cobot",
+    "rtloop",
+    "app",
+    "ros2",
+    "sequences",
+    "config",
+    "tests",
+    "pyproject.toml",
+    "setup.py",
+    "requirements-build.lock",
+)
 # Every file here works compiled modules with valid and with invalid input.
 TESTS = ("tests/cobot/test_arrays.py",)
 LIMIT_S = 1200
@@ -70,6 +81,8 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
             shutil.copytree(ROOT / name, folder / name, ignore=unread)
         else:
             shutil.copy2(ROOT / name, folder)
+    if (ROOT / "build" / "cython").exists():  # It is translated already.
+        shutil.copytree(ROOT / "build" / "cython", folder / "build" / "cython")
     (folder / "cobot" / "faulty.pyx").write_text(FAULTY)
     build = [sys.executable, "setup.py", "--quiet", "build_ext", "--inplace"]
     environment = {**os.environ, "COBOT_SANITIZE": "1"}
