@@ -60,11 +60,11 @@ def servo(repetitions: int, duration_s: float) -> Iterator[Row]:
 def _latencies(memory: RobotMemory, mode: ServoMode, count: int, random: np.random.Generator) -> list[float]:
     """Milliseconds from each point to the publication of the first changed cycle."""
     stream, points = StreamWriter(memory), PointWriter(memory)
-    wish = nominal_session(memory.info.read())
-    wish["stream"] = Stream.CARTESIAN if mode in FORCE_MODES else Stream.JOINT_IMPEDANCE
-    wish["interpolation"], wish["decimation"] = Interpolation.NONE, 1
-    wish["servo_mode"], wish["watchdog_s"] = mode, 5.0
-    number = stream.begin(wish, int(memory.requests.read()["stops"]))
+    request = nominal_session(memory.info.read())
+    request["stream"] = Stream.CARTESIAN if mode in FORCE_MODES else Stream.JOINT_IMPEDANCE
+    request["interpolation"], request["decimation"] = Interpolation.NONE, 1
+    request["servo_mode"], request["watchdog_s"] = mode, 5.0
+    number = stream.begin(request, int(memory.requests.read()["stops"]))
     try:
         _wait_for(memory, stream, number)
         points.begin(number)

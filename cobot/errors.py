@@ -13,6 +13,9 @@ CobotError
 │   ├── MotionStopped        somebody or something stopped it
 │   └── MotionTimeout        it did not arrive and settle within its time
 ├── ConflictError        something else owns the motion
+├── NotSupportedError    this product cannot honour the call
+├── DeviceError          a device, a port or a peer refused or broke off
+│   └── DeviceTimeout        it did not answer in the time given
 ├── PayloadError         a body is larger than the service takes
 ├── MediaTypeError       a body is of another type than the endpoint takes
 ├── UnavailableError     a process, a file in shared memory or a device does not answer
@@ -81,6 +84,18 @@ class MotionTimeout(ExecutionError):
 
 class ConflictError(CobotError):
     code = "conflict"
+
+
+class NotSupportedError(CobotError):
+    code = "not_supported"
+
+
+class DeviceError(CobotError):
+    code = "device"
+
+
+class DeviceTimeout(DeviceError):
+    code = "device_timeout"
 
 
 class PayloadError(CobotError):

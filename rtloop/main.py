@@ -95,6 +95,7 @@ def _describe(memory: RobotMemory, robot: RobotDescription, backend: Backend) ->
     """Publish what robot this is."""
     data, limits = memory.info.data, robot.limits
     data["model"] = encoded(robot.model.name, 64)
+    data["period_s"] = memory.period_s
     data["joint_names"] = [encoded(name, 64) for name in limits.names]
     for name in INFO_LIMITS:
         data[name] = getattr(limits, name)

@@ -21,11 +21,15 @@ from cobot.strict import sentence, shown
 log = logging.getLogger("cobot.service")
 
 STATUS: dict[type[CobotError], int] = {
+    CobotError: 500,
     errors.InputError: 422,
     errors.NotFoundError: 404,
     errors.PlanningError: 422,
     errors.ExecutionError: 409,
     errors.ConflictError: 409,
+    errors.NotSupportedError: 501,
+    errors.DeviceError: 502,
+    errors.DeviceTimeout: 504,
     errors.PayloadError: 413,
     errors.MediaTypeError: 415,
     errors.UnavailableError: 503,

@@ -12,7 +12,7 @@ from pydantic import Field, ValidationError
 from app.api.schemas import Finite
 from cobot.errors import InputError
 from cobot.ipc.layout import CHUNK_POINTS, Interpolation, Intervention, Stream, chunk_dtype
-from cobot.ipc.session_rules import MOVE_S, nominal_session
+from cobot.ipc.session_rules import MOVE_S, decimation, nominal_session
 from cobot.ipc.shm import text
 from cobot.strict import StrictModel, sentences, shown
 from cobot.types import LoopMode, vector
@@ -46,15 +46,15 @@ class OpenSession(StrictModel):
     posture: Numbers | None = None
 
     def record(self, info: np.ndarray) -> np.ndarray:
-        """The session that is wished for; what is not said is nominal."""
-        wish = nominal_session(info)
-        wish["stream"] = Stream[self.stream.upper()]
-        wish["interpolation"] = Interpolation[self.interpolation.upper()]
-        wish["decimation"] = round(1000.0 / self.inner_control_hz)
-        wish["force_in_tcp"] = self.force_in_tcp
+        """The session that is asked for; what is not said is nominal."""
+        request = nominal_session(info)
+        request["stream"] = Stream[self.stream.upper()]
+        request["interpolation"] = Interpolation[self.interpolation.upper()]
+        request["decimation"] = decimation(self.inner_control_hz, float(info["period_s"]))
+        request["force_in_tcp"] = self.force_in_tcp
         for name in VECTORS:
-            _set(wish, name, getattr(self, name), name)
-        return wish
+            _set(request, name, getattr(self, name), name)
+        return request
 
 
 VECTORS = [name for name, field in OpenSession.model_fields.items() if field.default is None]

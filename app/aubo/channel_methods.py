@@ -8,10 +8,9 @@ import struct
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from app.aubo.codes import Code, ServiceError
 from app.aubo.registry import camel_case, service
 from app.services.devices.channels import TIMEOUT_S, Channel
-from cobot.errors import InputError
+from cobot.errors import DeviceError, InputError
 from cobot.strict import shown
 
 if TYPE_CHECKING:
@@ -150,9 +149,9 @@ async def read_ascii_float(channel: Channel, number: int, timeout: float = TIMEO
     try:
         values = [float(part) for part in text.split(",")]
     except ValueError as exc:
-        raise ServiceError(Code.DEVICE, f"{channel.name}: {shown(text)} is no list of numbers") from exc
+        raise DeviceError(f"{channel.name}: {shown(text)} is no list of numbers") from exc
     if len(values) != number:
-        raise ServiceError(Code.DEVICE, f"{channel.name}: {number} numbers were due, {len(values)} came")
+        raise DeviceError(f"{channel.name}: {number} numbers were due, {len(values)} came")
     return values
 
 

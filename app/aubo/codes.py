@@ -78,7 +78,6 @@ OF_ERROR: dict[type[CobotError], Code] = {
     errors.CollisionError: Code.COLLISION,
     errors.PlanningTimeout: Code.PLANNING_TIMEOUT,
     errors.ExecutionError: Code.EXECUTION,
-    errors.NotFoundError: Code.NOT_FOUND,
     errors.MotionStopped: Code.STOPPED,
     errors.MotionTimeout: Code.MOTION_TIMEOUT,
     errors.ConflictError: Code.CONFLICT,
@@ -89,29 +88,12 @@ OF_ERROR: dict[type[CobotError], Code] = {
     errors.SharedMemoryError: Code.SHARED_MEMORY,
     errors.LayoutError: Code.LAYOUT,
     errors.TornReadError: Code.TORN_READ,
+    errors.NotSupportedError: Code.NOT_SUPPORTED,
+    errors.DeviceError: Code.DEVICE,
+    errors.DeviceTimeout: Code.DEVICE_TIMEOUT,
 }
-
-
-class ServiceError(CobotError):
-    """A refusal with a code of its own, for what the error tree has no class for.
-
-    Args:
-        number: never `Code.OK`.
-        text: one sentence: what, where, the value and the limit.
-    """
-
-    def __init__(self, number: Code, text: str) -> None:
-        super().__init__(text)
-        self.number = number
-
-
-def not_supported(text: str) -> ServiceError:
-    """To raise when this product cannot honour a call; `text` says why, and what does it instead."""
-    return ServiceError(Code.NOT_SUPPORTED, text)
 
 
 def code_of(error: CobotError) -> Code:
     """The code of an error, by the most specific class in its ancestry."""
-    if isinstance(error, ServiceError):
-        return error.number
     return next(OF_ERROR[kind] for kind in type(error).__mro__ if kind in OF_ERROR)

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from app.aubo.codes import not_supported
 from app.aubo.registry import Json, service
 from app.services.motion.frames import transform
-from cobot.errors import InputError
+from cobot.errors import InputError, NotSupportedError
 
 if TYPE_CHECKING:
     from app.robot_services import Services
@@ -88,7 +87,7 @@ def set_target_force(
         valid = ", ".join(f"{each} {each.name.lower()}" for each in TaskFrame)
         raise InputError(f"there is no frame_type {frame_type}; valid are: {valid}")
     if frame_type in (TaskFrame.POINT_FORCE, TaskFrame.MOTION_FORCE):
-        raise not_supported(
+        raise NotSupportedError(
             f"frame_type {frame_type}: no force frame turns with a point or a motion here; use 2 or 4"
         )
     position, turn = transform(feature or [0.0] * 6, "feature").as_components()
@@ -106,7 +105,7 @@ def set_dynamic_model(robot: Services, m: list[float], d: list[float], k: list[f
         k: stiffness, N/m and N·m/rad, 6 values, up to the nominal one; 0 or empty for that.
     """
     if any(m):
-        raise not_supported(f"m must be empty or zeros: the arm's own inertia counts, got {m}")
+        raise NotSupportedError(f"m must be empty or zeros: the arm's own inertia counts, got {m}")
     robot.force.set_impedance(d, k)
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from app.aubo.codes import not_supported
 from app.aubo.registry import service
+from cobot.errors import NotSupportedError
 
 if TYPE_CHECKING:
     from app.robot_services import Services
@@ -36,7 +36,7 @@ async def modbus_add_signal(
         sequential_mode: requests to a device always go one after the other, so this changes nothing.
     """
     if device_info.lstrip().lower().startswith(("rtu", "/dev")):
-        raise not_supported(f"device_info: {device_info!r}: only Modbus TCP is there, as HOST,PORT")
+        raise NotSupportedError(f"device_info: {device_info!r}: only Modbus TCP is there, as HOST,PORT")
     robot.equipment.modbus.add(device_info, slave_number, signal_address, signal_type, signal_name)
 
 

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from app.aubo.codes import not_supported
 from app.aubo.poses import pose_of
 from app.aubo.registry import Json, Origin, service
-from cobot.errors import InputError, NotFoundError
+from cobot.errors import InputError, NotFoundError, NotSupportedError
 from cobot.ipc.layout import ServoMode
 from cobot.planners.rated import RatedMove
 from cobot.robot.limits import check_positions
@@ -341,6 +340,6 @@ async def _add(
 
 def _require_fastest(acceleration: float, limit: float, unit: str) -> None:
     if acceleration != 0.0 and acceleration < limit:
-        raise not_supported(
+        raise NotSupportedError(
             f"a stop is as fast as the limits permit: give 0, or from {limit:g} {unit}, not {acceleration:g}"
         )

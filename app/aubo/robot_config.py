@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from app.aubo.codes import not_supported
 from app.aubo.poses import as_list, numbers_of, pose_of, pose_of_seven
 from app.aubo.registry import Json, service
-from cobot.errors import InputError, LimitError
+from cobot.errors import InputError, LimitError, NotSupportedError
 from cobot.types import Array, CartesianLimits, JointLimits
 
 if TYPE_CHECKING:
@@ -276,7 +275,7 @@ def set_gravity(robot: Services, gravity: list[float]) -> None:
     if len(gravity) != 3:
         raise InputError(f"gravity must be [x, y, z], got {len(gravity)} numbers")
     if np.abs(np.array(gravity) - present).max() > SAME:
-        raise not_supported(
+        raise NotSupportedError(
             f"gravity is part of the model's file and stays {as_list(present)} m/s² while the arm runs"
         )
 
@@ -303,7 +302,7 @@ def set_payload(robot: Services, m: float, cog: list[float], aom: list[float], i
         inertia: [xx, xy, xz, yy, yz, zz], kg·m².
     """
     if abs(m) > SAME:
-        raise not_supported(
+        raise NotSupportedError(
             f"a payload of {m:g} kg belongs into the model's file: it cannot change while it runs"
         )
 
@@ -327,7 +326,7 @@ def set_collision_level(robot: Services, level: int) -> None:
         level: 0.
     """
     if level != 0:
-        raise not_supported(
+        raise NotSupportedError(
             "there are no collision levels; rt.tracking_error_rad in the settings is what stops the arm"
         )
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from app.aubo.codes import not_supported
 from app.aubo.registry import service
+from cobot.errors import NotSupportedError
 from cobot.types import LoopMode
 
 if TYPE_CHECKING:
@@ -40,14 +40,14 @@ async def release_robot_brake(robot: Services) -> None:
 async def poweroff(robot: Services) -> None:
     """Not supported: the drives are on while the real-time process runs."""
     del robot
-    raise not_supported(NO_BRAKES)
+    raise NotSupportedError(NO_BRAKES)
 
 
 @service(CLASS)
 async def lock_robot_brake(robot: Services) -> None:
     """Not supported: the drives are on while the real-time process runs."""
     del robot
-    raise not_supported(NO_BRAKES)
+    raise NotSupportedError(NO_BRAKES)
 
 
 @service(CLASS)
@@ -64,7 +64,9 @@ def backdrive(robot: Services, enable: bool) -> None:
         enable: whether it shall be.
     """
     del robot, enable
-    raise not_supported("the arm has no brakes to be pushed against; a joint torque stream is what gives way")
+    raise NotSupportedError(
+        "the arm has no brakes to be pushed against; a joint torque stream is what gives way"
+    )
 
 
 @service(CLASS)
@@ -76,7 +78,7 @@ def freedrive(robot: Services, enable: bool) -> None:
     """
     del robot
     if enable:
-        raise not_supported("stream joint torques of 0 instead: then the arm can be moved by hand")
+        raise NotSupportedError("stream joint torques of 0 instead: then the arm can be moved by hand")
 
 
 @service(CLASS)
@@ -131,7 +133,7 @@ def set_operational_mode(robot: Services, mode: str) -> None:
     """
     del robot
     if mode != "Automatic":
-        raise not_supported(
+        raise NotSupportedError(
             f"there is no operational mode {mode!r}, only Automatic: there is no teach pendant"
         )
 
@@ -154,7 +156,7 @@ def set_sim(robot: Services, enable: bool) -> None:
         enable: whether the arm shall be simulated.
     """
     if enable != robot.equipment.simulated:
-        raise not_supported("the setting rt.backend decides whether the arm is simulated, at the start")
+        raise NotSupportedError("the setting rt.backend decides whether the arm is simulated, at the start")
 
 
 @service(CLASS)
@@ -165,11 +167,11 @@ def start_record(robot: Services, file: str) -> None:
         file: its name.
     """
     del robot, file
-    raise not_supported(RECORDINGS)
+    raise NotSupportedError(RECORDINGS)
 
 
 @service(CLASS)
 def stop_record(robot: Services) -> None:
     """Not supported: sequences record."""
     del robot
-    raise not_supported(RECORDINGS)
+    raise NotSupportedError(RECORDINGS)

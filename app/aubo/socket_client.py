@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from app.aubo import channel_methods as methods
-from app.aubo.codes import Code, ServiceError
 from app.aubo.registry import service
 from app.services.devices.channels import TIMEOUT_S, Channel
-from cobot.errors import InputError
+from cobot.errors import DeviceError, InputError
 from cobot.strict import shown
 
 if TYPE_CHECKING:
@@ -61,7 +60,7 @@ async def get_var(channel: Channel, name: str, timeout: float = TIMEOUT_S) -> in
             return int(value)
     except ValueError:
         pass  # said below
-    raise ServiceError(Code.DEVICE, f"{channel.name}: {shown(line)} came for GET {name}")
+    raise DeviceError(f"{channel.name}: {shown(line)} came for GET {name}")
 
 
 async def set_var(channel: Channel, name: str, value: int) -> None:

@@ -32,15 +32,15 @@ class Control(ABC, Generic[State]):
     process ends, however it ends.
     """
 
-    def __init__(self, transport: Transport, wish: np.ndarray) -> None:
+    def __init__(self, transport: Transport, request: np.ndarray) -> None:
         self._transport = transport
         self._dof = transport.dof
-        self._stream = Stream(int(wish["stream"]))
+        self._stream = Stream(int(request["stream"]))
         self._turn = threading.Lock()
         self._setpoint = np.zeros((), setpoint_dtype(self._dof))
         self._chunk = np.zeros((), chunk_dtype(self._dof))
         self._ended = False
-        self._session = transport.open_session(wish)
+        self._session = transport.open_session(request)
         self._setpoint["session"] = self._chunk["session"] = self._session
 
     def __enter__(self) -> Self:

@@ -302,7 +302,7 @@ class Robot(SessionSettings):
         """
         self._describe(Stream.JOINT_IMPEDANCE, inner_control_hz, interpolate_cmds, interpolation)
         self._require_mode(*modes.JOINT_STREAMS)
-        control = JointImpedanceControl(self._transport, self._wish)
+        control = JointImpedanceControl(self._transport, self._request)
         self._control = control
         return control
 
@@ -320,7 +320,7 @@ class Robot(SessionSettings):
         """
         self._describe(Stream.CARTESIAN, inner_control_hz, interpolate_cmds, interpolation)
         self._require_mode(*modes.CARTESIAN_STREAMS)
-        control = CartesianMotionForceControl(self._transport, self._wish)
+        control = CartesianMotionForceControl(self._transport, self._request)
         self._control = control
         return control
 
@@ -333,7 +333,7 @@ class Robot(SessionSettings):
         """
         self._describe(Stream.JOINT_TORQUE, 1000, False, None)
         self._require_mode(Mode.RT_JOINT_TORQUE)
-        control = JointTorqueControl(self._transport, self._wish)
+        control = JointTorqueControl(self._transport, self._request)
         self._control = control
         return control
 

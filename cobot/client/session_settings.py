@@ -9,7 +9,14 @@ import numpy as np
 from cobot.client.modes import CoordType
 from cobot.errors import InputError
 from cobot.ipc.layout import Interpolation, Stream
-from cobot.ipc.session_rules import DAMPING_RATIO, NO_FRAME, nominal_session
+from cobot.ipc.session_rules import (
+    DAMPING_RATIO,
+    NO_FRAME,
+    damping_flaw,
+    decimation,
+    nominal_session,
+    stiffness_flaw,
+)
 from cobot.types import Array, vector
 
 
@@ -23,7 +30,7 @@ class SessionSettings:
     def __init__(self, info: np.ndarray) -> None:
         self._limits_of = info
         self._dof = len(info["max_velocity"])
-        self._wish = nominal_session(info)
+        self._request = nominal_session(info)
 
     def set_joint_impedance(self, K_q: Sequence[float], Z_q: Sequence[float] | None = None) -> None:
         """Stiffness (N·m/rad, up to `info().K_q_nom`) and damping ratio (0.3 to 1) of the joints.
@@ -43,11 +50,11 @@ class SessionSettings:
 
     def set_max_contact_wrench(self, wrench: Sequence[float]) -> None:
         """The external force and torque at the TCP beyond which a session ends: N, N·m, above 0."""
-        self._wish["max_contact_wrench"] = _positive(wrench, 6, "wrench")
+        self._request["max_contact_wrench"] = _positive(wrench, 6, "wrench")
 
     def set_max_contact_torque(self, torques: Sequence[float]) -> None:
         """The external joint torques beyond which a session ends: N·m, above 0."""
-        self._wish["max_contact_torque"] = _positive(torques, self._dof, "torques")
+        self._request["max_contact_torque"] = _positive(torques, self._dof, "torques")
 
     def set_force_control_axis(
         self, axes: Sequence[bool], max_vel: Sequence[float] = (1.0, 1.0, 1.0)
@@ -60,8 +67,8 @@ class SessionSettings:
         """
         if len(axes) != 6 or not all(isinstance(axis, bool | np.bool_) for axis in axes):
             raise InputError(f"axes must be 6 times True or False, got {list(axes)}")
-        self._wish["force_velocity"][:3] = _positive(max_vel, 3, "max_vel")
-        self._wish["force_axes"] = axes
+        self._request["force_velocity"][:3] = _positive(max_vel, 3, "max_vel")
+        self._request["force_axes"] = axes
 
     def set_force_control_frame(self, coord: CoordType, T: Sequence[float] = NO_FRAME) -> None:
         """The frame of the force axes: x, y, z in m, w, x, y, z, in the world or in the TCP's frame.
@@ -71,8 +78,8 @@ class SessionSettings:
         frame = vector(T, 7, name="T")
         if abs(float(np.linalg.norm(frame[3:])) - 1.0) > 1e-3:
             raise InputError(f"the quaternion of T must have length 1, got {frame[3:].tolist()}")
-        self._wish["force_in_tcp"] = CoordType(coord) is CoordType.TCP
-        self._wish["force_frame"] = frame
+        self._request["force_in_tcp"] = CoordType(coord) is CoordType.TCP
+        self._request["force_frame"] = frame
 
     def set_null_space_posture(self, ref_pos: Sequence[float]) -> None:
         """The joint angles (rad) that the arm keeps near to as far as the TCP leaves it free."""
@@ -82,7 +89,7 @@ class SessionSettings:
             raise InputError(
                 f"ref_pos must be from {low.tolist()} to {high.tolist()}, got {posture.tolist()}"
             )
-        self._wish["posture"] = posture
+        self._request["posture"] = posture
 
     def _describe(self, stream: Stream, rate_hz: float, interpolate: bool, interpolation: str | None) -> None:
         if not 1 <= rate_hz <= 1000:
@@ -91,25 +98,23 @@ class SessionSettings:
         valid = [kind.name.lower() for kind in Interpolation]
         if name not in valid:
             raise InputError(f"there is no interpolation {name!r}; valid are: {', '.join(valid)}")
-        self._wish["stream"] = stream
-        self._wish["interpolation"] = Interpolation[name.upper()]
-        self._wish["decimation"] = round(1000 / rate_hz)
+        self._request["stream"] = stream
+        self._request["interpolation"] = Interpolation[name.upper()]
+        self._request["decimation"] = decimation(rate_hz, float(self._limits_of["period_s"]))
 
     def _set_impedance(
         self, prefix: str, stiffness: Sequence[float], damping: Sequence[float] | None, *names: str
     ) -> None:
         nominal = self._limits_of[f"{prefix}stiffness"]
         values = vector(stiffness, len(nominal), name=names[0])
-        if not ((values > 0.0) & (values <= nominal)).all():
-            raise InputError(
-                f"{names[0]} must be above 0 and at the most {nominal.tolist()}, got {values.tolist()}"
-            )
+        if flaw := stiffness_flaw(names[0], values, nominal):
+            raise InputError(flaw)
         ratios = vector(
             [DAMPING_RATIO] * len(nominal) if damping is None else damping, len(nominal), name=names[1]
         )
-        if not ((ratios >= 0.3) & (ratios <= 1.0)).all():
-            raise InputError(f"{names[1]} must be from 0.3 to 1, got {ratios.tolist()}")
-        self._wish[f"{prefix}stiffness"], self._wish[f"{prefix}damping_ratio"] = values, ratios
+        if flaw := damping_flaw(names[1], ratios):
+            raise InputError(flaw)
+        self._request[f"{prefix}stiffness"], self._request[f"{prefix}damping_ratio"] = values, ratios
 
     SetJointImpedance, SetCartesianImpedance = set_joint_impedance, set_cartesian_impedance
     SetMaxContactWrench, SetMaxContactTorque = set_max_contact_wrench, set_max_contact_torque

@@ -42,11 +42,11 @@ class Transport(Protocol):
         """
         ...
 
-    def open_session(self, wish: np.ndarray) -> int:
+    def open_session(self, request: np.ndarray) -> int:
         """Begin to stream.
 
         Args:
-            wish: record of `cobot.ipc.layout.session_dtype`; number, process and count of stops are filled
+            request: record of `cobot.ipc.layout.session_dtype`; number, process and count of stops are filled
                 in.
 
         Returns:
@@ -107,13 +107,13 @@ class SharedMemoryTransport:
             raise UnavailableError(f"robot {self.robot!r}: rtloop has published nothing for {age_s:.1f} s")
         return record
 
-    def open_session(self, wish: np.ndarray) -> int:
+    def open_session(self, request: np.ndarray) -> int:
         state = self.state()
         if state["session"]:
             raise ConflictError(
                 f"the arm is in mode {LoopMode(int(state['mode'])).name}: somebody streams already"
             )
-        number = self._writer.begin(wish, int(state["stops_seen"]))
+        number = self._writer.begin(request, int(state["stops_seen"]))
         try:
             self._await_session(number)
         except (ExecutionError, UnavailableError):

@@ -79,9 +79,9 @@ class WebSocketTransport:
             )
         return record(self._newest, self.dof)
 
-    def open_session(self, wish: np.ndarray) -> int:
+    def open_session(self, request: np.ndarray) -> int:
         self._session = self._error = None
-        self._send(packed(Kind.SESSION, 0, wish))
+        self._send(packed(Kind.SESSION, 0, request))
         number = self._wait(self._session_or_error, "answered")
         answered_s = time.monotonic()
         # The service has seen the session in a state before it answered; the next one has it too.

@@ -209,6 +209,7 @@ def info_dtype(dof: int) -> np.dtype:
     return np.dtype(
         [
             ("model", INFO_TEXT),
+            ("period_s", "f8"),  # of the cycle
             ("joint_names", INFO_TEXT, (dof,)),
             ("min_position", *joints),
             ("max_position", *joints),

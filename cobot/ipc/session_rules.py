@@ -13,6 +13,10 @@ from cobot.ipc.layout import CHUNK_POINTS, Stream, session_dtype
 from cobot.types import Array
 
 DAMPING_RATIO = 0.7
+DAMPING_RATIOS = (0.3, 1.0)
+"""The range of damping ratios: below it the arm would swing, above it a cycle could not follow."""
+MAX_DECIMATION = 1000
+"""A target is taken every so many cycles at the least often."""
 NO_FRAME = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 MOVE_S = (0.001, 600.0)
 """The shortest and the longest duration of a `move_to_pose`."""
@@ -36,22 +40,42 @@ def nominal_session(info: np.ndarray) -> np.ndarray:
     Returns:
         `cobot.ipc.layout.session_dtype`; stream, interpolation and decimation are still 0.
     """
-    wish = np.zeros((), session_dtype(len(info["max_velocity"])))
-    wish["stiffness"], wish["cartesian_stiffness"] = info["stiffness"], info["cartesian_stiffness"]
-    wish["damping_ratio"], wish["cartesian_damping_ratio"] = DAMPING_RATIO, DAMPING_RATIO
-    wish["max_contact_torque"], wish["max_contact_wrench"] = np.inf, np.inf
-    wish["force_velocity"] = 1.0
-    wish["force_frame"] = NO_FRAME
-    wish["posture"] = np.nan
-    return wish
+    request = np.zeros((), session_dtype(len(info["max_velocity"])))
+    request["stiffness"], request["cartesian_stiffness"] = info["stiffness"], info["cartesian_stiffness"]
+    request["damping_ratio"], request["cartesian_damping_ratio"] = DAMPING_RATIO, DAMPING_RATIO
+    request["max_contact_torque"], request["max_contact_wrench"] = np.inf, np.inf
+    request["force_velocity"] = 1.0
+    request["force_frame"] = NO_FRAME
+    request["posture"] = np.nan
+    return request
 
 
-def check_session(wish: np.ndarray, info: np.ndarray) -> None:
+def decimation(command_hz: float, period_s: float) -> int:
+    """Every how many cycles of this period a target is taken from a client that sends so many per second."""
+    return min(max(round(1.0 / (command_hz * period_s)), 1), MAX_DECIMATION)
+
+
+def stiffness_flaw(name: str, values: Array, nominal: Array) -> str:
+    """What is wrong with stiffnesses, N·m/rad or N/m, given the nominal ones; "" if nothing is."""
+    if ((values > 0.0) & (values <= nominal)).all():
+        return ""
+    return f"{name} must be above 0 and at the most {nominal.tolist()}, got {values.tolist()}"
+
+
+def damping_flaw(name: str, values: Array) -> str:
+    """What is wrong with damping ratios; "" if nothing is."""
+    low, high = DAMPING_RATIOS
+    if ((values >= low) & (values <= high)).all():
+        return ""
+    return f"{name} must be from {low:g} to {high:g}, got {values.tolist()}"
+
+
+def check_session(request: np.ndarray, info: np.ndarray) -> None:
     """What rtloop does not look at itself; the force frame's quaternion is normalised."""
-    if not np.isin(wish["force_axes"], (0.0, 1.0)).all():
-        raise InputError(f"force_axes must be 0 or 1 each, got {wish['force_axes'].tolist()}")
-    _normalise(wish["force_frame"], "force_frame")
-    posture, low, high = wish["posture"], info["min_position"], info["max_position"]
+    if not np.isin(request["force_axes"], (0.0, 1.0)).all():
+        raise InputError(f"force_axes must be 0 or 1 each, got {request['force_axes'].tolist()}")
+    _normalise(request["force_frame"], "force_frame")
+    posture, low, high = request["posture"], info["min_position"], info["max_position"]
     if not (np.isnan(posture).all() or ((posture >= low) & (posture <= high)).all()):
         raise InputError(f"posture must be from {low.tolist()} to {high.tolist()}, got {posture.tolist()}")
 

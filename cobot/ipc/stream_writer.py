@@ -26,11 +26,11 @@ class StreamWriter:
     def __init__(self, memory: RobotMemory) -> None:
         self._memory = memory
 
-    def begin(self, wish: np.ndarray, stops: int) -> int:
+    def begin(self, request: np.ndarray, stops: int) -> int:
         """Ask rtloop for a session; then `answer` tells, and `release` is due in any case.
 
         Args:
-            wish: `cobot.ipc.layout.session_dtype`; its number, process and count of stops are filled in.
+            request: `cobot.ipc.layout.session_dtype`; its number, process and count of stops are filled in.
             stops: requested so far: rtloop refuses a session that a stop has overtaken.
 
         Returns:
@@ -44,9 +44,9 @@ class StreamWriter:
         number = _after(int(memory.session.salvage()["number"]))
         if number == int(memory.session_ack.salvage()["session"]):
             number = _after(number)  # the block was spoilt, and this one has been answered before
-        wish["number"], wish["open"], wish["pid"], wish["stops"] = number, 1, os.getpid(), stops
+        request["number"], request["open"], request["pid"], request["stops"] = number, 1, os.getpid(), stops
         memory.stream_requests.salvage()
-        memory.session.data[...] = wish
+        memory.session.data[...] = request
         memory.session.publish()
         return number
 

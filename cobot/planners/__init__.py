@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from cobot.errors import InputError, LimitError, PlanningError
+from cobot.errors import LimitError, PlanningError
 from cobot.planners.chomp import plan_chomp
 from cobot.planners.circ import plan_circ
 from cobot.planners.lin import plan_lin
 from cobot.planners.ptp import plan_ptp
-from cobot.planners.request import MotionRequest, is_there, validate
+from cobot.planners.request import MotionRequest, check_via, is_there, validate
 from cobot.planners.waypoints import WaypointRequest, plan_waypoints
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import inverse
@@ -42,8 +42,7 @@ def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
         PlanningError: there is no such motion, or this planner does not find one.
     """
     robot.collision.check_position(request.start, "the start")
-    if request.via is not None and request.planner is not PlannerName.CIRC:
-        raise InputError(f"via is for planner circ only, not for {request.planner}")
+    check_via(request.planner, request.via)
     if request.planner in PATH_PLANNERS:
         trajectory = PATH_PLANNERS[request.planner](robot, request)
     else:

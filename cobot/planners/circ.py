@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from cobot.errors import InputError, PlanningError
 from cobot.planners.cartesian import TcpPath, follow, turn_between, turned
-from cobot.planners.request import MotionRequest
+from cobot.planners.request import MotionRequest, check_via
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array, Pose
@@ -24,8 +24,10 @@ def plan_circ(robot: RobotDescription, request: MotionRequest) -> Trajectory | N
         InputError: no `via`, or the goal is not a pose.
         PlanningError: the three points define no circle, or from `follow`.
     """
-    if not isinstance(request.goal, Pose) or request.via is None:
+    check_via(request.planner, request.via)
+    if not isinstance(request.goal, Pose):
         raise InputError("circ needs a pose as its goal and via, a point (x, y, z) on the arc")
+    assert request.via is not None
     return follow(robot, request, arc(robot.model.forward(request.start), request.via, request.goal))
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cobot.errors import InputError
 from cobot.robot.description import RobotDescription
 from cobot.robot.feasibility import check_limits
 from cobot.trajectory import Trajectory
@@ -38,6 +39,18 @@ class MotionRequest:
         """The share of the joint limits that this motion may use."""
         scaling = self.scaling
         return robot.limits.scaled(scaling.speed, scaling.acceleration, scaling.jerk)
+
+
+def check_via(planner: PlannerName, via: object) -> None:
+    """A point on the arc is what circ needs and no other planner takes.
+
+    Raises:
+        InputError: there is none for circ, or one for another planner.
+    """
+    if via is None and planner is PlannerName.CIRC:
+        raise InputError("via: is missing; planner circ needs a point on its arc")
+    if via is not None and planner is not PlannerName.CIRC:
+        raise InputError(f"via: is for planner circ only, not for {planner}")
 
 
 def validate(

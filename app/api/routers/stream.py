@@ -204,10 +204,10 @@ class Connection:
         self._binary = frame.format == "binary"
         self._ticker = Ticker(frame.rate_hz, self._tick)
 
-    async def _open(self, wish: np.ndarray) -> None:
+    async def _open(self, request: np.ndarray) -> None:
         client = self._socket.client
         name = f"WS {self._socket.url.path}" + (f" from {client.host}:{client.port}" if client else "")
-        session = self._session = await self._streams.open(wish, name, self._timeout_s)
+        session = self._session = await self._streams.open(request, name, self._timeout_s)
         self._answer("session", number=session.number)
         session.ended.add_done_callback(
             lambda ended: self._answer("session_ended", number=session.number, reason=ended.result())

@@ -6,8 +6,7 @@ import asyncio
 from collections.abc import Awaitable, Callable
 from typing import Any, TypeVar
 
-from app.aubo.codes import Code, ServiceError
-from cobot.errors import ConflictError, InputError, LimitError
+from cobot.errors import ConflictError, DeviceError, DeviceTimeout, InputError, LimitError, NotFoundError
 from cobot.strict import shown
 
 BUFFER_BYTES = 65_536
@@ -60,7 +59,7 @@ class Channel:
         """Hand the bytes over.
 
         Raises:
-            ServiceError: the device is gone, or takes them too slowly.
+            DeviceError: the device is gone, or takes them too slowly.
         """
 
         async def send() -> None:
@@ -107,9 +106,7 @@ class Channel:
             return await self._reader.readuntil(end)
         except asyncio.LimitOverrunError as exc:  # the buffer would stay full for ever
             await self._reader.readexactly(exc.consumed)
-            raise ServiceError(
-                Code.DEVICE, f"{self.name}: no {end!r} in {exc.consumed} bytes, which are dropped"
-            ) from exc
+            raise DeviceError(f"{self.name}: no {end!r} in {exc.consumed} bytes, which are dropped") from exc
 
     async def _read(self, timeout_s: float, read: Callable[[], Awaitable[bytes]], missing: str) -> bytes:
         async def take_turn() -> bytes:
@@ -123,11 +120,11 @@ class Channel:
         try:
             return await asyncio.wait_for(work(), timeout_s)
         except TimeoutError as exc:
-            raise ServiceError(Code.DEVICE_TIMEOUT, f"{self.name}: {missing} within {timeout_s:g} s") from exc
+            raise DeviceTimeout(f"{self.name}: {missing} within {timeout_s:g} s") from exc
         except asyncio.IncompleteReadError as exc:
-            raise ServiceError(Code.DEVICE, f"{self.name}: the connection has ended") from exc
+            raise DeviceError(f"{self.name}: the connection has ended") from exc
         except OSError as exc:
-            raise ServiceError(Code.DEVICE, f"{self.name}: {exc.strerror or exc}") from exc
+            raise DeviceError(f"{self.name}: {exc.strerror or exc}") from exc
 
 
 class Channels:
@@ -141,13 +138,11 @@ class Channels:
         """One of them.
 
         Raises:
-            ServiceError: there is none of that name; lists those that are.
+            NotFoundError: there is none of that name; lists those that are.
         """
         if name not in self._open:
             there = ", ".join(sorted(self._open)) or "none"
-            raise ServiceError(
-                Code.NOT_FOUND, f"there is no open {self._kind} {shown(name)}; open are: {there}"
-            )
+            raise NotFoundError(f"there is no open {self._kind} {shown(name)}; open are: {there}")
         return self._open[name]
 
     def require_place(self, name: str) -> None:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from app.aubo.codes import not_supported
-from cobot.errors import InputError, LimitError
+from cobot.errors import InputError, LimitError, NotSupportedError
 
 DIGITAL = {"standard": 16, "tool": 4, "configurable": 8}
 """How many inputs, and how many outputs, each group has; they are numbered from 0."""
@@ -41,7 +40,7 @@ class IoBanks:
         """The values of a group.
 
         Raises:
-            ServiceError: the arm is not simulated.
+            NotSupportedError: the arm is not simulated.
         """
         self._require_simulation()
         return self._digital[way, group]
@@ -106,7 +105,7 @@ class IoBanks:
 
     def _require_simulation(self) -> None:
         if not self._simulated:
-            raise not_supported("inputs and outputs are simulated with the arm, and this arm is none")
+            raise NotSupportedError("inputs and outputs are simulated with the arm, and this arm is none")
 
 
 def _checked(index: int, count: int) -> int:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from app.aubo.codes import Code, ServiceError
 from app.services.devices.modbus_device import Device, Kind, Signal
-from cobot.errors import ConflictError, InputError, LimitError
+from cobot.errors import ConflictError, DeviceError, InputError, LimitError, NotFoundError
 from cobot.strict import shown
 
 DEFAULT_PORT = 502
@@ -56,7 +55,7 @@ class Modbus:
         """Forget a signal.
 
         Raises:
-            ServiceError: there is none.
+            NotFoundError: there is none.
         """
         signal = self.signal(name)
         device = self._device(signal)
@@ -76,11 +75,11 @@ class Modbus:
         """One of them.
 
         Raises:
-            ServiceError: there is none; lists those that are.
+            NotFoundError: there is none; lists those that are.
         """
         if name not in self._signals:
             there = ", ".join(self._signals) or "none"
-            raise ServiceError(Code.NOT_FOUND, f"there is no signal {shown(name)}; there are: {shown(there)}")
+            raise NotFoundError(f"there is no signal {shown(name)}; there are: {shown(there)}")
         return self._signals[name]
 
     def signals(self) -> list[Signal]:
@@ -91,11 +90,11 @@ class Modbus:
         """What the device has, as read last.
 
         Raises:
-            ServiceError: there is no such signal, or its device does not answer, with why.
+            NotFoundError: there is no such signal, or its device does not answer, with why.
         """
         signal = self.signal(name)
         if signal.problem:
-            raise ServiceError(Code.DEVICE, f"{name}: {signal.problem}")
+            raise DeviceError(f"{name}: {signal.problem}")
         return signal.value
 
     async def write(self, name: str, value: int) -> None:
@@ -103,7 +102,7 @@ class Modbus:
 
         Raises:
             InputError: an input, or a value that does not fit.
-            ServiceError: no such signal; the device is not there, does not answer, or refuses.
+            DeviceError: no such signal; the device is not there, does not answer, or refuses.
         """
         signal = self.signal(name)
         match signal.kind:

@@ -13,7 +13,7 @@ from pymodbus.constants import ExcCodes
 from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ModbusPDU
 
-from app.aubo.codes import Code, ServiceError
+from cobot.errors import DeviceError
 
 TIMEOUT_S = 1.0
 FREQUENCY_HZ = 10.0
@@ -85,14 +85,14 @@ class Device:
         """Set an output.
 
         Raises:
-            ServiceError: the device is not there, does not answer, or refuses.
+            DeviceError: the device is not there, does not answer, or refuses.
         """
         if not self._client.connected:
-            raise ServiceError(Code.DEVICE, f"{self} is not connected: {signal.problem}")
+            raise DeviceError(f"{self} is not connected: {signal.problem}")
         async with self._turn:
             problem = await self._request(signal, value)
         if problem:
-            raise ServiceError(Code.DEVICE, f"{signal.name} at {self}: {problem}")
+            raise DeviceError(f"{signal.name} at {self}: {problem}")
         signal.due_s = 0.0
         self.hurry()
 

@@ -8,8 +8,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from app.aubo.codes import Code, ServiceError
-from cobot.errors import InputError, LimitError
+from cobot.errors import InputError, LimitError, NotFoundError
 from cobot.strict import shown
 
 COUNT = 128
@@ -140,10 +139,10 @@ class Variables:
         """Forget a variable.
 
         Raises:
-            ServiceError: there is none.
+            NotFoundError: there is none.
         """
         if self._values.pop(name, None) is None:
-            raise ServiceError(Code.NOT_FOUND, f"there is no variable {shown(name)}")
+            raise NotFoundError(f"there is no variable {shown(name)}")
 
     def watchdog(self, name: str) -> Watchdog | None:
         return self._watchdogs.get(name)

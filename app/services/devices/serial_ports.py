@@ -9,9 +9,8 @@ from typing import Any
 
 import serial
 
-from app.aubo.codes import Code, ServiceError
 from app.services.devices.channels import BUFFER_BYTES, TIMEOUT_S, Channel, Channels
-from cobot.errors import InputError
+from cobot.errors import DeviceError, DeviceTimeout, InputError
 
 DEVICES = Path("/dev")
 PARITIES = (serial.PARITY_NONE, serial.PARITY_ODD, serial.PARITY_EVEN)
@@ -35,7 +34,7 @@ class SerialPorts(Channels):
 
         Raises:
             InputError, ConflictError: wrong values, or a name that is taken.
-            ServiceError: it cannot be opened, with what the system says.
+            DeviceError: it cannot be opened, with what the system says.
         """
         if stop_bits not in STOP_BITS:
             raise InputError(f"stop_bits must be 1, 1.5 or 2, got {stop_bits:g}")
@@ -58,9 +57,9 @@ class SerialPorts(Channels):
                 OPEN_TIMEOUT_S,
             )
         except TimeoutError as exc:
-            raise ServiceError(Code.DEVICE_TIMEOUT, f"{device} does not open") from exc
+            raise DeviceTimeout(f"{device} does not open") from exc
         except (OSError, ValueError) as exc:  # pyserial's errors are OSErrors
-            raise ServiceError(Code.DEVICE, f"{device}: {exc}") from exc
+            raise DeviceError(f"{device}: {exc}") from exc
         self.add(name, _Port(port).channel(f"serial port {name} ({device})"))
 
 

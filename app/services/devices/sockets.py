@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import asyncio
 
-from app.aubo.codes import Code, ServiceError
 from app.services.devices.channels import BUFFER_BYTES, TIMEOUT_S, Channel, Channels, checked_timeout
-from cobot.errors import InputError
+from cobot.errors import DeviceError, DeviceTimeout, InputError
 
 
 class Sockets(Channels):
@@ -20,7 +19,7 @@ class Sockets(Channels):
 
         Raises:
             InputError, ConflictError: a wrong port or name, or one that is taken.
-            ServiceError: nobody answers, with what the system says.
+            DeviceError: nobody answers, with what the system says.
         """
         if not 1 <= port <= 65535:
             raise InputError(f"port must be from 1 to 65535, got {port}")
@@ -32,11 +31,9 @@ class Sockets(Channels):
                 asyncio.open_connection(host, port, limit=BUFFER_BYTES), timeout_s
             )
         except TimeoutError as exc:
-            raise ServiceError(
-                Code.DEVICE_TIMEOUT, f"{where} has not answered within {timeout_s:g} s"
-            ) from exc
+            raise DeviceTimeout(f"{where} has not answered within {timeout_s:g} s") from exc
         except (OSError, UnicodeError) as exc:  # a host name of strange letters
-            raise ServiceError(Code.DEVICE, f"{where}: {exc}") from exc
+            raise DeviceError(f"{where}: {exc}") from exc
 
         async def write(data: bytes) -> None:
             await writer.drain()  # what was left of an earlier call has to go first, or it would pile up

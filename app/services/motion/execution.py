@@ -25,6 +25,7 @@ from cobot.errors import (
 )
 from cobot.ipc.layout import MotionResult
 from cobot.planners import MotionRequest
+from cobot.planners.request import check_via
 from cobot.robot.description import RobotDescription
 from cobot.robot.frames import pose_from_abc
 from cobot.robot.limits import check_positions
@@ -124,10 +125,7 @@ class MotionService:
         base = self._robot.base_frame
         if (frame or self._settings.default_frame) != base:
             raise InputError(f"frame_id: there is no frame {frame!r}; valid are: {base}, or empty for it")
-        if via is None and planner == PlannerName.CIRC:
-            raise InputError("via: is missing; planner circ needs a point on its arc")
-        if via is not None and planner != PlannerName.CIRC:
-            raise InputError(f"via: is for planner circ only, not for {planner}")
+        check_via(PlannerName(planner), via)
         point = None if via is None else np.array(via)
         return Goal(pose_from_abc(*position, *abc), scaling, PlannerName(planner), point)
 

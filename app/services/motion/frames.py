@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from app.aubo.codes import Code, ServiceError
-from cobot.errors import ConflictError, InputError, LimitError
+from cobot.errors import ConflictError, InputError, LimitError, NotFoundError
 from cobot.strict import shown
 from cobot.types import vector
 
@@ -51,7 +50,7 @@ class Frames:
 
         Raises:
             ConflictError: there is one of that name.
-            InputError, ServiceError: a wrong name, or no such parent.
+            InputError, NotFoundError: a wrong name, or no such parent.
         """
         if not 1 <= len(name) <= MAX_NAME:
             raise InputError(f"a name has from 1 to {MAX_NAME} characters, got {shown(name)}")
@@ -66,7 +65,7 @@ class Frames:
         """Hang a frame, and all below it, on another one; it stays where it is in the world.
 
         Raises:
-            ServiceError: there is no such frame or parent.
+            NotFoundError: there is no such frame or parent.
             ConflictError: the parent hangs on the frame itself.
         """
         frame = self._frame(name)
@@ -94,7 +93,7 @@ class Frames:
         """Take a frame away.
 
         Raises:
-            ServiceError: there is none.
+            NotFoundError: there is none.
             ConflictError: others hang on it.
         """
         self._frame(name)
@@ -120,7 +119,7 @@ class Frames:
         """Where one frame is in another.
 
         Raises:
-            ServiceError: there is no such frame.
+            NotFoundError: there is no such frame.
         """
         return self._in_world(reference).inv() * self._in_world(name)
 
@@ -146,6 +145,4 @@ class Frames:
 
     def _require(self, name: str) -> None:
         if name != WORLD and name not in self._frames:
-            raise ServiceError(
-                Code.NOT_FOUND, f"there is no frame {shown(name)}; there are: {', '.join(self.names())}"
-            )
+            raise NotFoundError(f"there is no frame {shown(name)}; there are: {', '.join(self.names())}")

@@ -15,11 +15,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from app.aubo.codes import Code, ServiceError
 from app.services.motion.frames import Frames
 from app.services.motion.ownership import Caller, Claim
 from app.services.motion.speed_override import Pace
-from cobot.errors import CobotError, ConflictError, InputError, LimitError, MotionStopped
+from cobot.errors import CobotError, ConflictError, InputError, LimitError, MotionStopped, NotFoundError
 from cobot.planners.rated import RatedMove
 from cobot.robot.limits import check_positions
 from cobot.strict import shown
@@ -100,11 +99,11 @@ class SyncService:
         """The robots of a group.
 
         Raises:
-            ServiceError: there is none; lists those that are.
+            NotFoundError: there is none; lists those that are.
         """
         if name not in self.groups:
             there = ", ".join(self.groups) or "none"
-            raise ServiceError(Code.NOT_FOUND, f"there is no group {shown(name)}; there are: {there}")
+            raise NotFoundError(f"there is no group {shown(name)}; there are: {there}")
         return self.groups[name]
 
     def targets(self, robots: tuple[str, ...], joints: list[float], a: float, v: float) -> dict[str, Target]:
@@ -142,7 +141,7 @@ class SyncService:
             undo: forget segments that wait, where otherwise they are a reason to refuse.
 
         Raises:
-            ServiceError: it is not on.
+            NotFoundError: it is not on.
             ConflictError: a segment waits for a robot.
         """
         sync = self._sync(number)
@@ -249,7 +248,7 @@ class SyncService:
     def _sync(self, number: int) -> _Sync:
         if number not in self._syncs:
             there = ", ".join(map(str, self._syncs)) or "none"
-            raise ServiceError(Code.NOT_FOUND, f"there is no synchronous motion {number}; on are: {there}")
+            raise NotFoundError(f"there is no synchronous motion {number}; on are: {there}")
         return self._syncs[number]
 
     def _target(self, name: str, joints: Array, a: float, v: float) -> Target:

@@ -6,11 +6,10 @@ import asyncio
 from enum import StrEnum
 from pathlib import Path
 
-from app.aubo.codes import Code, ServiceError
 from app.services.motion.ownership import Ownership
 from app.services.motion.stopping import StopService
 from app.services.programs.sequences import SequenceOrder, SequenceService
-from cobot.errors import ConflictError, InputError
+from cobot.errors import ConflictError, ExecutionError, InputError, NotFoundError
 from cobot.launch.process import RUN_MODULE
 
 SUFFIXES = (".json", ".lua")
@@ -75,7 +74,7 @@ class ProgramService:
 
         Raises:
             InputError: the name leads out of the folder, or the program has a mistake, with where.
-            ServiceError: there is no such program.
+            NotFoundError: there is no such program.
             ConflictError: a program runs.
         """
         if self.running:
@@ -133,7 +132,7 @@ class ProgramService:
         """End the program and the motion; returns when the arm rests, and when there is nothing to end.
 
         Raises:
-            ServiceError: the arm is not known to be at rest, with why.
+            ExecutionError: the arm is not known to be at rest, with why.
         """
         self._underway = RunState.STOPPING
         try:
@@ -141,7 +140,7 @@ class ProgramService:
         finally:
             self._underway = None
         if not stopped.success:
-            raise ServiceError(Code.EXECUTION, stopped.message)
+            raise ExecutionError(stopped.message)
 
     def _require_running(self) -> None:
         if not self.running:
@@ -159,7 +158,7 @@ class ProgramService:
         if path.suffix not in SUFFIXES:
             raise InputError(f"program: {name!r} must end in {' or '.join(SUFFIXES)}")
         if not there:
-            raise ServiceError(Code.NOT_FOUND, f"program: there is no {name!r} in {folder}")
+            raise NotFoundError(f"program: there is no {name!r} in {folder}")
         return path
 
 

@@ -13,7 +13,14 @@ from app.services.state.link import RobotLink
 from app.services.streaming.sessions import Session, StreamService
 from cobot.errors import CobotError, ConflictError, InputError, LimitError
 from cobot.ipc.layout import Interpolation, Stream, setpoint_dtype
-from cobot.ipc.session_rules import DAMPING_RATIO, NO_FRAME, nominal_session
+from cobot.ipc.session_rules import (
+    DAMPING_RATIO,
+    NO_FRAME,
+    damping_flaw,
+    decimation,
+    nominal_session,
+    stiffness_flaw,
+)
 from cobot.robot.description import RobotDescription
 from cobot.types import Array, vector
 
@@ -24,7 +31,6 @@ STOP_TIMEOUT_S = 3.0
 MAX_VELOCITY = (0.1, 0.1, 0.1, 0.5, 0.5, 0.5)
 """The fastest that force control moves by default: m/s, rad/s."""
 NO_LIMIT = (np.inf,) * 6
-DAMPING_RATIOS = (0.3, 1.0)
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
@@ -57,15 +63,15 @@ class ForceSettings:
     thresholds: tuple[float, ...] = NO_LIMIT
     limits: tuple[float, ...] = NO_LIMIT
 
-    def describe(self, wish: np.ndarray) -> None:
+    def describe(self, request: np.ndarray) -> None:
         """Write all that is fixed when a session begins into a record of `cobot.ipc.layout.session_dtype`."""
-        wish["force_axes"] = self.axes
-        wish["force_velocity"] = self.max_velocity
+        request["force_axes"] = self.axes
+        request["force_velocity"] = self.max_velocity
         if self.stiffness is not None:
-            wish["cartesian_stiffness"] = self.stiffness
-        wish["cartesian_damping_ratio"] = self.damping_ratio
-        wish["force_in_tcp"], wish["force_frame"] = self.in_tcp, self.frame
-        wish["max_contact_wrench"] = self.limits
+            request["cartesian_stiffness"] = self.stiffness
+        request["cartesian_damping_ratio"] = self.damping_ratio
+        request["force_in_tcp"], request["force_frame"] = self.in_tcp, self.frame
+        request["max_contact_wrench"] = self.limits
 
 
 class ForceService:
@@ -188,16 +194,13 @@ class ForceService:
         """
         ratio = vector(damping_ratio or [0.0] * 6, 6, name="damping ratio")
         ratio = np.where(ratio == 0.0, DAMPING_RATIO, ratio)
-        least, most = DAMPING_RATIOS
-        if not ((ratio >= least) & (ratio <= most)).all():
-            raise LimitError(f"the damping ratio must be from {least} to {most}, got {ratio.tolist()}")
+        if flaw := damping_flaw("the damping ratio", ratio):
+            raise LimitError(flaw)
         nominal = self._streams.info["cartesian_stiffness"]
         wanted = vector(stiffness or [0.0] * 6, 6, name="stiffness")
         wanted = np.where(wanted == 0.0, nominal, wanted)
-        if not ((wanted >= 0.0) & (wanted <= nominal)).all():
-            raise LimitError(
-                f"the stiffness must be above 0 and at the most {nominal.tolist()}, got {wanted.tolist()}"
-            )
+        if nominal.any() and (flaw := stiffness_flaw("the stiffness", wanted, nominal)):
+            raise LimitError(flaw)
         self._change(damping_ratio=tuple(ratio.tolist()), stiffness=tuple(wanted.tolist()))
 
     def set_thresholds(self, thresholds: list[float]) -> None:
@@ -236,11 +239,11 @@ class ForceService:
         self.settings = changed
 
     async def _open(self) -> None:
-        wish = nominal_session(self._streams.info)
-        wish["stream"], wish["interpolation"] = Stream.CARTESIAN, Interpolation.NONE
-        wish["decimation"] = max(1, round(PERIOD_S / self._streams.period_s))
-        self.settings.describe(wish)
-        self._session = await self._streams.open(wish, NAME, SESSION_TIMEOUT_S)
+        request = nominal_session(self._streams.info)
+        request["stream"], request["interpolation"] = Stream.CARTESIAN, Interpolation.NONE
+        request["decimation"] = decimation(1.0 / PERIOD_S, self._streams.period_s)
+        self.settings.describe(request)
+        self._session = await self._streams.open(request, NAME, SESSION_TIMEOUT_S)
         self._sequence = 0
         # Held is the pose that the arm is commanded to have: the measured one sags by what pushes at it.
         pose = self._robot.model.forward(self._link.state().commanded_position)

@@ -312,7 +312,9 @@ class ServoService:
             while True:
                 self._last = None
                 try:
-                    return await self._streams.open(self._wish(request), NAME, OPEN_TIMEOUT_S, stops)
+                    return await self._streams.open(
+                        self._session_request(request), NAME, OPEN_TIMEOUT_S, stops
+                    )
                 except ConflictError:
                     if time.monotonic() > deadline_s:
                         raise
@@ -322,19 +324,19 @@ class ServoService:
                 await self._force.take_back()
             raise
 
-    def _wish(self, request: SetMode) -> np.ndarray:
-        wish = nominal_session(self._streams.info)
-        wish["servo_mode"], wish["watchdog_s"] = request.mode, request.watchdog_s
-        wish["interpolation"], wish["decimation"] = Interpolation.NONE, 1
-        wish["stream"] = Stream.JOINT_IMPEDANCE
+    def _session_request(self, request: SetMode) -> np.ndarray:
+        asked = nominal_session(self._streams.info)
+        asked["servo_mode"], asked["watchdog_s"] = request.mode, request.watchdog_s
+        asked["interpolation"], asked["decimation"] = Interpolation.NONE, 1
+        asked["stream"] = Stream.JOINT_IMPEDANCE
         if request.mode in FORCE_MODES:
-            wish["stream"] = Stream.CARTESIAN
+            asked["stream"] = Stream.CARTESIAN
             settings = self._force.settings
             if settings.enabled:
-                settings.describe(wish)
+                settings.describe(asked)
             else:
-                replace(settings, axes=(False,) * 6).describe(wish)
-        return wish
+                replace(settings, axes=(False,) * 6).describe(asked)
+        return asked
 
     def _fail(self, reason: str) -> None:
         """The session could not begin: what has waited for it is refused."""

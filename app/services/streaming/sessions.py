@@ -166,11 +166,13 @@ class StreamService:
                 return newest, block.data
         return publication, None
 
-    async def open(self, wish: np.ndarray, name: str, timeout_s: float, stops: int | None = None) -> Session:
+    async def open(
+        self, request: np.ndarray, name: str, timeout_s: float, stops: int | None = None
+    ) -> Session:
         """Begin a session.
 
         Args:
-            wish: `cobot.ipc.layout.session_dtype`.
+            request: `cobot.ipc.layout.session_dtype`.
             name: of the client, for people.
             timeout_s: for rtloop's answer.
             stops: `RobotLink.stops` when the session was asked for, if that was not now.
@@ -182,7 +184,7 @@ class StreamService:
             ExecutionError: rtloop refuses, with its reason.
             UnavailableError: it does not answer.
         """
-        check_session(wish, self.info)
+        check_session(request, self.info)
         last = self.session
         if last is not None and self._link.state().session != last.number:
             await asyncio.shield(
@@ -192,13 +194,15 @@ class StreamService:
         with contextlib.ExitStack() as stack:
             claim = stack.enter_context(self._ownership.claim(caller))
             await self._motion.ready()
-            number = self._writer.begin(wish, claim.stops if stops is None else stops)
+            number = self._writer.begin(request, claim.stops if stops is None else stops)
             stack.callback(self._writer.release)
             with contextlib.ExitStack() as undo:
                 undo.callback(self._writer.end)
                 await self._begun(number, timeout_s)
                 undo.pop_all()
-            session = Session(number, Stream(int(wish["stream"])), name, self._link.memory.dof, self._writer)
+            session = Session(
+                number, Stream(int(request["stream"])), name, self._link.memory.dof, self._writer
+            )
             # From here claim and blocks belong to the task that follows the session to its end.
             task = asyncio.create_task(self._follow(session, stack.pop_all()))
             self._tasks.add(task)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from app.aubo.codes import MEANINGS, OF_ERROR, Code, ServiceError, code_of, not_supported
+from app.aubo.codes import MEANINGS, OF_ERROR, Code, code_of
 from cobot import errors
 from cobot.errors import CobotError
 
@@ -39,8 +39,3 @@ def test_an_error_is_answered_with_the_code_of_its_class(kind: type[CobotError])
         pass
 
     assert code_of(kind("why")) == code_of(Special("why")) == OF_ERROR[kind]
-
-
-def test_a_refusal_brings_its_own_code() -> None:
-    assert code_of(not_supported("why")) == Code.NOT_SUPPORTED
-    assert code_of(ServiceError(Code.DEVICE, "why")) == Code.DEVICE

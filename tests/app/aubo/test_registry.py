@@ -16,9 +16,9 @@ from typing import Any
 import pytest
 
 from app.aubo import classes, registry
-from app.aubo.codes import Code, not_supported
+from app.aubo.codes import Code
 from app.aubo.registry import REGISTRY, Answer, Int64, Json, Origin, call, service
-from cobot.errors import LimitError
+from cobot.errors import LimitError, NotSupportedError
 
 ROBOT: Any = SimpleNamespace(ownership=SimpleNamespace(stops=3))
 
@@ -169,7 +169,7 @@ def test_an_error_has_its_code_and_an_integer_result_repeats_it(caplog: pytest.L
         service("Test", name=name)(function)
 
     failing("limit", LimitError("too far"), int)
-    failing("unsupported", not_supported("no such thing"), None)
+    failing("unsupported", NotSupportedError("no such thing"), None)
     failing("text", LimitError("too far"), str)
     failing("list", LimitError("too far"), list[float])
     failing("broken", ZeroDivisionError("secret"), int)

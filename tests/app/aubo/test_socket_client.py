@@ -153,7 +153,7 @@ def test_what_a_server_does_not_take_fails_and_does_not_pile_up(
     server: Server, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async def check() -> None:
-        monkeypatch.setattr("app.services.channels.Channel.send.__defaults__", (0.1,))
+        monkeypatch.setattr("app.services.devices.channels.Channel.send.__defaults__", (0.1,))
         ask, equipment = await connected(server)
         piece, sent = "x" * 4_000_000, 0
         while (answer := await ask.answer("socketSendString", value=piece)).code == Code.OK:

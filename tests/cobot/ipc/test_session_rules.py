@@ -36,9 +36,9 @@ def setpoint(**values: Any) -> np.ndarray:
 
 
 def test_a_nominal_session_passes(info: np.ndarray) -> None:
-    wish = nominal_session(info)
-    check_session(wish, info)
-    np.testing.assert_array_equal(wish["stiffness"], info["stiffness"])
+    request = nominal_session(info)
+    check_session(request, info)
+    np.testing.assert_array_equal(request["stiffness"], info["stiffness"])
 
 
 @pytest.mark.parametrize(
@@ -56,10 +56,10 @@ def test_a_nominal_session_passes(info: np.ndarray) -> None:
 def test_a_session_that_rtloop_would_not_look_at_is_refused(
     info: np.ndarray, field: str, value: object
 ) -> None:
-    wish = nominal_session(info)
-    wish[field] = value
+    request = nominal_session(info)
+    request[field] = value
     with pytest.raises(InputError, match=field):
-        check_session(wish, info)
+        check_session(request, info)
 
 
 @pytest.mark.parametrize("poison", [np.nan, np.inf, -np.inf])

@@ -317,11 +317,11 @@ def test_a_pose_out_of_reach_is_an_error_of_joint_planners_too(robot: RobotDescr
     [
         ("lin", "joints", None, "lin needs a pose as its goal, not joint angles"),
         ("circ", "joints", (0.5, 0.1, 0.5), "circ needs a pose as its goal and via"),
-        ("circ", "pose", None, "circ needs a pose as its goal and via"),
-        ("lin", "pose", (0.5, 0.1, 0.5), "via is for planner circ only, not for lin"),
-        ("ptp", "pose", (0.5, 0.1, 0.5), "via is for planner circ only, not for ptp"),
-        ("ompl", "joints", (0.5, 0.1, 0.5), "via is for planner circ only, not for ompl"),
-        ("chomp", "pose", (0.5, 0.1, 0.5), "via is for planner circ only, not for chomp"),
+        ("circ", "pose", None, "via: is missing; planner circ needs a point on its arc"),
+        ("lin", "pose", (0.5, 0.1, 0.5), "via: is for planner circ only, not for lin"),
+        ("ptp", "pose", (0.5, 0.1, 0.5), "via: is for planner circ only, not for ptp"),
+        ("ompl", "joints", (0.5, 0.1, 0.5), "via: is for planner circ only, not for ompl"),
+        ("chomp", "pose", (0.5, 0.1, 0.5), "via: is for planner circ only, not for chomp"),
     ],
 )
 def test_what_a_planner_cannot_do_is_an_error_and_never_anothers_work(

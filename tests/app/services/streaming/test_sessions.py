@@ -57,7 +57,7 @@ def streams(
     planning.close()
 
 
-def wish(streams: StreamService, **values: Any) -> np.ndarray:
+def request(streams: StreamService, **values: Any) -> np.ndarray:
     made = nominal_session(streams.info)
     made["stream"], made["interpolation"], made["decimation"] = (
         Stream.JOINT_IMPEDANCE,
@@ -80,11 +80,11 @@ async def stepping(rig: Rig, work: Any) -> Any:
 
 def test_a_session_owns_the_motion_until_the_arm_rests(rig: Rig, streams: StreamService) -> None:
     async def live() -> None:
-        session = await stepping(rig, streams.open(wish(streams), NAME, 1.0))
+        session = await stepping(rig, streams.open(request(streams), NAME, 1.0))
         assert streams.session is session
         assert rig.mode is LoopMode.JOINT_IMPEDANCE
         with pytest.raises(ConflictError, match="in use by WS test"):
-            await streams.open(wish(streams), "WS other", 1.0)
+            await streams.open(request(streams), "WS other", 1.0)
         target = np.zeros((), setpoint_dtype(7))
         target["number"], target["joints"] = 1, rig.home + 0.001
         session.take_setpoint(1, target)
@@ -96,7 +96,7 @@ def test_a_session_owns_the_motion_until_the_arm_rests(rig: Rig, streams: Stream
         assert reason == "the client has ended the session"
         assert rig.mode is LoopMode.HOLD
         assert streams.session is None
-        again = await stepping(rig, streams.open(wish(streams), "WS other", 1.0))
+        again = await stepping(rig, streams.open(request(streams), "WS other", 1.0))
         assert again.number == session.number + 1
 
     asyncio.run(live())
@@ -104,7 +104,7 @@ def test_a_session_owns_the_motion_until_the_arm_rests(rig: Rig, streams: Stream
 
 def test_a_wrong_or_late_target_changes_nothing(rig: Rig, streams: StreamService) -> None:
     async def live() -> None:
-        session = await stepping(rig, streams.open(wish(streams), NAME, 1.0))
+        session = await stepping(rig, streams.open(request(streams), NAME, 1.0))
         before = rig.memory.setpoint.sequence
         target = np.zeros((), setpoint_dtype(7))
         target["number"], target["joints"] = 1, np.nan
@@ -127,14 +127,14 @@ def test_a_wrong_or_late_target_changes_nothing(rig: Rig, streams: StreamService
 def test_rtloops_refusal_is_told_and_the_arm_stays_free(rig: Rig, streams: StreamService) -> None:
     async def live() -> None:
         with pytest.raises(ExecutionError, match="stiffness must be above 0"):
-            await stepping(rig, streams.open(wish(streams, stiffness=1e9), NAME, 1.0))
+            await stepping(rig, streams.open(request(streams, stiffness=1e9), NAME, 1.0))
         with pytest.raises(InputError, match="force_axes"):
-            await streams.open(wish(streams, force_axes=2.0), NAME, 1.0)
+            await streams.open(request(streams, force_axes=2.0), NAME, 1.0)
         with pytest.raises(UnavailableError, match=r"rtloop has not answered for 0\.05 s"):
-            await streams.open(wish(streams), NAME, 0.05)
+            await streams.open(request(streams), NAME, 0.05)
         rig.step(50)  # what was not answered for does not begin later
         assert rig.mode is LoopMode.HOLD
-        await stepping(rig, streams.open(wish(streams), NAME, 1.0))
+        await stepping(rig, streams.open(request(streams), NAME, 1.0))
 
     asyncio.run(live())
 
@@ -143,12 +143,12 @@ def test_there_is_no_session_in_estop(rig: Rig, streams: StreamService) -> None:
     rig.request("estops")
     rig.step(10)
     with pytest.raises(NotReadyError, match="e-stop requested"):
-        asyncio.run(streams.open(wish(streams), NAME, 1.0))
+        asyncio.run(streams.open(request(streams), NAME, 1.0))
 
 
 def test_a_lost_client_has_its_time_and_then_the_session_ends(rig: Rig, streams: StreamService) -> None:
     async def live() -> None:
-        session = await stepping(rig, streams.open(wish(streams), NAME, 1.0))
+        session = await stepping(rig, streams.open(request(streams), NAME, 1.0))
         streams.lose(session)
         assert not session.over
         assert (await stepping(rig, asyncio.wait_for(session.ended, 10.0))) == (

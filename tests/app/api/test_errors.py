@@ -1,0 +1,51 @@
+"""The one mapping of errors to HTTP statuses.
+
+Oracle: the tree of `cobot.errors` itself, walked class by class, and RFC 9110's classes of statuses.
+"""
+
+from __future__ import annotations
+
+import asyncio
+
+import httpx
+import pytest
+from fastapi import FastAPI
+
+from app.api.errors import STATUS, install, status_of
+from cobot import errors
+from cobot.errors import CobotError
+
+TREE = [each for each in vars(errors).values() if isinstance(each, type) and issubclass(each, CobotError)]
+
+
+@pytest.mark.parametrize("kind", TREE)
+def test_every_error_of_the_tree_is_answered_with_its_status_code_and_sentence(
+    kind: type[CobotError],
+) -> None:
+    app = FastAPI()
+    install(app)
+
+    @app.get("/")
+    async def fail() -> None:
+        raise kind("joint1 is 9 rad, allowed is -2.97 to 2.97 rad")
+
+    async def ask() -> httpx.Response:
+        async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://cobot") as client:
+            return await client.get("/")
+
+    answer = asyncio.run(ask())
+    assert answer.status_code == status_of(kind("why"))
+    assert answer.json() == {"detail": "joint1 is 9 rad, allowed is -2.97 to 2.97 rad", "code": kind.code}
+
+
+@pytest.mark.parametrize("kind", TREE)
+def test_what_the_caller_can_mend_is_a_4xx_and_what_he_cannot_a_5xx(kind: type[CobotError]) -> None:
+    theirs = (errors.InputError, errors.PlanningError, errors.ExecutionError, errors.ConflictError)
+    bodies = (errors.PayloadError, errors.MediaTypeError)
+    assert status_of(kind("why")) // 100 == (4 if issubclass(kind, theirs + bodies) else 5)
+
+
+def test_an_error_that_somebody_derives_is_answered_as_its_ancestor() -> None:
+    for kind, status in STATUS.items():
+        special = type("Special", (kind,), {})
+        assert status_of(special("why")) == status

@@ -1,0 +1,111 @@
+"""The compiled modules under the address and undefined-behaviour sanitizers, with the tests that work them.
+
+A copy of the checkout is compiled with COBOT_SANITIZE=1, and the tests run there in a process of their own.
+Leaks are not looked for: the interpreter keeps much until it ends.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+COPIED = (
+    "cobot",
+    "rtloop",
+    "app",
+    "ros2",
+    "sequences",
+    "config",
+    "tests",
+    "pyproject.toml",
+    "setup.py",
+    "requirements-build.lock",
+)
+# Every file here works compiled modules with valid and with invalid input.
+TESTS = ("tests/cobot/test_arrays.py",)
+LIMIT_S = 1200
+# What the sanitizers must find, or the whole test says nothing.
+FAULTY = """
+from cobot.arrays cimport doubles
+
+def read(array, Py_ssize_t index):
+    return doubles(array, 1)[index]
+
+def whole(double value):
+    return <int>value
+"""
+
+
+def runtime(name: str) -> Path:
+    """A library of the compiler's."""
+    command = shlex.split(os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc")
+    if not shutil.which(command[0]):
+        command = ["gcc"]
+    asked = [*command, f"-print-file-name={name}"]
+    return Path(subprocess.run(asked, capture_output=True, text=True, check=True).stdout.strip())
+
+
+def in_copy(copy: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    # libstdc++ comes first because libasan looks for its `throw` once, at the start.
+    environment = {
+        **os.environ,
+        "LD_PRELOAD": f"{runtime('libasan.so')} {runtime('libstdc++.so.6')}",
+        "ASAN_OPTIONS": "detect_leaks=0",
+        "UBSAN_OPTIONS": "print_stacktrace=1",
+        "PYTHONMALLOC": "malloc",  # Each object of Python's has its own bounds then.
+        "PYTHONPATH": str(copy),
+    }
+    command = [sys.executable, *arguments]
+    return subprocess.run(
+        command, cwd=copy, env=environment, capture_output=True, text=True, check=False, timeout=LIMIT_S
+    )
+
+
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A checkout whose compiled modules are watched."""
+    if not runtime("libasan.so").is_absolute() or not runtime("libubsan.so").is_absolute():
+        pytest.skip("the compiler has no sanitizers")
+    folder = tmp_path_factory.mktemp("sanitized")
+    for name in COPIED:
+        if (ROOT / name).is_dir():
+            unread = shutil.ignore_patterns("__pycache__", "*.so")
+            shutil.copytree(ROOT / name, folder / name, ignore=unread)
+        else:
+            shutil.copy2(ROOT / name, folder)
+    if (ROOT / "build" / "cython").exists():  # It is translated already.
+        shutil.copytree(ROOT / "build" / "cython", folder / "build" / "cython")
+    (folder / "cobot" / "faulty.pyx").write_text(FAULTY)
+    build = [sys.executable, "setup.py", "--quiet", "build_ext", "--inplace"]
+    environment = {**os.environ, "COBOT_SANITIZE": "1"}
+    subprocess.run(build, cwd=folder, env=environment, check=True, timeout=LIMIT_S)
+    return folder
+
+
+@pytest.mark.timeout(2 * LIMIT_S)
+def test_the_sanitizers_find_nothing_in_the_compiled_modules(copy: Path) -> None:
+    result = in_copy(copy, "-m", "pytest", "-x", *TESTS)
+    assert result.returncode == 0, result.stdout[-10000:] + result.stderr[-10000:]
+
+
+@pytest.mark.timeout(2 * LIMIT_S)
+@pytest.mark.parametrize(
+    ("call", "finding"),
+    [
+        ("read(numpy.zeros(7), 7)", "heap-buffer-overflow"),
+        ("whole(float('nan'))", "outside the range of representable values"),
+    ],
+)
+def test_the_sanitizers_see_the_compiled_modules(copy: Path, call: str, finding: str) -> None:
+    code = f"import numpy; from cobot.faulty import read, whole; read(numpy.zeros(7), 6); {call}"
+    result = in_copy(copy, "-c", code)
+    assert result.returncode != 0
+    assert finding in result.stderr
