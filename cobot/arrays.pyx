@@ -1,0 +1,83 @@
+"""Addresses of arrays, for compiled code that works on them without Python's objects.
+
+An address is taken once, and the buffer is released again at once: whoever takes it keeps the array
+alive as an attribute for as long, and never resizes it.
+"""
+
+from cpython.buffer cimport (
+    PyBUF_C_CONTIGUOUS, PyBUF_FORMAT, PyBUF_WRITABLE, PyBuffer_Release, PyObject_CheckBuffer, PyObject_GetBuffer,
+)
+from libc.stdint cimport uintptr_t
+from libc.string cimport strcmp
+
+
+cdef double* doubles(object array, Py_ssize_t size) except NULL:
+    """The first number of a C-contiguous, writable array of at least `size` float64.
+
+    Raises:
+        TypeError: it is no array, or one of other numbers.
+        ValueError: it is too short, not contiguous, read-only or not aligned.
+    """
+    cdef Py_buffer view
+    cdef void* address
+    cdef Py_ssize_t found
+    cdef bint are_doubles
+    _open(array, PyBUF_C_CONTIGUOUS | PyBUF_WRITABLE | PyBUF_FORMAT, &view)
+    address = view.buf
+    found = view.len // <Py_ssize_t>sizeof(double)
+    are_doubles = view.format != NULL and strcmp(view.format, b"d") == 0
+    PyBuffer_Release(&view)
+    if not are_doubles:
+        raise TypeError(f"an array of float64 is needed, not one of {_numbers_of(array)}")
+    if <uintptr_t>address % sizeof(double):
+        raise ValueError("the array's numbers are not aligned in memory")
+    _require(address, found, size, "numbers")
+    return <double*>address
+
+
+cdef char* bytes_of(object buffer, Py_ssize_t size) except NULL:
+    """The first byte of a C-contiguous, writable buffer of at least `size` bytes.
+
+    Raises:
+        TypeError: it is no buffer.
+        ValueError: it is too short, not contiguous or read-only.
+    """
+    cdef Py_buffer view
+    _open(buffer, PyBUF_C_CONTIGUOUS | PyBUF_WRITABLE, &view)
+    cdef char* address = <char*>view.buf
+    cdef Py_ssize_t found = view.len
+    PyBuffer_Release(&view)
+    _require(address, found, size, "bytes")
+    return address
+
+
+cdef int _open(object buffer, int flags, Py_buffer* view) except -1:
+    if not PyObject_CheckBuffer(buffer):
+        raise TypeError(f"an array or a buffer is needed, not {type(buffer).__name__}")
+    try:
+        PyObject_GetBuffer(buffer, view, flags)
+    except (BufferError, ValueError) as error:
+        raise ValueError(f"a contiguous, writable array is needed: {error}") from None
+    return 0
+
+
+cdef int _require(void* address, Py_ssize_t found, Py_ssize_t size, str unit) except -1:
+    if address == NULL:
+        raise ValueError("an empty buffer has no address")
+    if found < size:
+        raise ValueError(f"at least {size} {unit} are needed, not {found}")
+    return 0
+
+
+cdef str _numbers_of(object array):
+    return str(getattr(array, "dtype", None) or memoryview(array).format)
+
+
+def address_of_doubles(array: object, size: int) -> int:
+    """What compiled code gets from `doubles`, as a number."""
+    return <uintptr_t>doubles(array, size)
+
+
+def address_of_bytes(buffer: object, size: int) -> int:
+    """What compiled code gets from `bytes_of`, as a number."""
+    return <uintptr_t>bytes_of(buffer, size)

@@ -1,0 +1,142 @@
+"""What pyproject.toml cannot say: which modules are compiled, and how.
+
+    python setup.py preflight            says in one sentence what the build lacks (needs nothing installed)
+    python setup.py build_ext --inplace  compiles what has changed, beside the sources
+
+With COBOT_SANITIZE=1 the modules report invalid memory accesses and undefined behaviour
+(tests/test_sanitizers.py).
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import sys
+import sysconfig
+from pathlib import Path
+
+
+def preflight() -> str | None:
+    """What is missing to compile, as a sentence; None if nothing is."""
+    if compiler() is None:
+        return "cobot needs a C compiler: install gcc or clang (Debian: apt-get install gcc), or set CC"
+    if not Path(sysconfig.get_path("include"), "Python.h").exists():
+        return (
+            f"cobot needs the C headers of Python {sys.version_info[0]}.{sys.version_info[1]} "
+            f"(Debian: apt-get install python3-dev): there is no Python.h in {sysconfig.get_path('include')}"
+        )
+    return None
+
+
+def compiler() -> str | None:
+    """The command of the C compiler: CC, or the one Python was built with, or the first that is found."""
+    chosen = os.environ.get("CC")
+    commands = [chosen] if chosen else [sysconfig.get_config_var("CC") or "cc", "gcc", "clang"]
+    return next((command for command in commands if shutil.which(shlex.split(command)[0])), None)
+
+
+if __name__ == "__main__" and sys.argv[1:] == ["preflight"]:
+    sys.exit(preflight())
+
+from importlib.util import find_spec  # noqa: E402
+
+from setuptools import Extension, setup  # noqa: E402
+from setuptools.command.build import build  # noqa: E402
+from setuptools.command.build_ext import build_ext  # noqa: E402
+
+PACKAGES = ("cobot", "rtloop", "app", "ros2", "sequences")
+GENERATED = Path("build", "cython")
+SANITIZE = bool(os.environ.get("COBOT_SANITIZE"))
+PROCESSORS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+DIRECTIVES = {
+    "language_level": 3,
+    "boundscheck": False,
+    "wraparound": False,
+    "initializedcheck": False,
+    "nonecheck": False,
+    "cdivision": True,
+}
+# A product and a sum stay two roundings, so that every processor computes the same figures. NaN and
+# infinity keep their meaning: never -ffast-math.
+ARITHMETIC = ["-fno-math-errno", "-ffp-contract=off"]
+SANITIZERS = ["-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all"]
+
+
+def extension(source: Path) -> Extension:
+    mujoco = find_spec("mujoco")
+    headers = [str(Path(place, "include")) for place in (mujoco and mujoco.submodule_search_locations) or []]
+    level = ["-O1", "-g", "-fno-omit-frame-pointer", *SANITIZERS] if SANITIZE else ["-O2", "-g0"]
+    return Extension(
+        ".".join(source.with_suffix("").parts),
+        [str(source)],
+        include_dirs=headers,
+        extra_compile_args=[*level, *ARITHMETIC],
+        extra_link_args=SANITIZERS if SANITIZE else [],
+    )
+
+
+class Compile(build_ext):
+    """Translates and compiles the modules that are older than what they are made of, on all processors."""
+
+    def finalize_options(self) -> None:
+        super().finalize_options()
+        self.parallel = self.parallel or PROCESSORS
+        if self.inplace:  # An editable install then finds what `build_ext --inplace` has made.
+            self.build_lib, self.build_temp = str(Path("build", "inplace")), str(Path("build", "objects"))
+
+    def run(self) -> None:
+        from Cython.Build import cythonize
+        from Cython.Build.Dependencies import create_dependency_tree
+
+        if self.inplace:
+            self._remove_orphans()
+        for generated in GENERATED.rglob("*.c"):  # translated with other settings, perhaps
+            if generated.stat().st_mtime < Path("setup.py").stat().st_mtime:
+                generated.unlink()
+        tree = create_dependency_tree()
+        stale = sum(self.force or self._is_stale(each, tree) for each in self.extensions)
+        if stale:
+            print(f"cobot: compiling {stale} of {len(self.extensions)} modules", flush=True)
+        translated = cythonize(
+            self.extensions,
+            nthreads=min(PROCESSORS, stale),
+            build_dir=str(GENERATED),
+            compiler_directives=DIRECTIVES,
+            force=self.force,
+            quiet=True,
+        )
+        for each, into in zip(self.extensions, translated, strict=True):
+            each.sources, each.depends = into.sources, ["setup.py"]
+        super().run()
+
+    def _is_stale(self, each: Extension, tree) -> bool:
+        *package, module = each.name.split(".")
+        made = Path(self.build_lib, *package, self.get_ext_filename(module))
+        newest = max(tree.newest_dependency(each.sources[0])[0], Path("setup.py").stat().st_mtime)
+        return not made.exists() or made.stat().st_mtime < newest
+
+    def _remove_orphans(self) -> None:
+        """A compiled module whose source is gone would still be imported, before a .py file of its name."""
+        suffix = sysconfig.get_config_var("EXT_SUFFIX")
+        for package in PACKAGES:
+            for compiled in Path(package).rglob("*" + suffix):
+                if not compiled.with_name(compiled.name.removesuffix(suffix) + ".pyx").exists():
+                    compiled.unlink()
+
+
+class Build(build):
+    """A wheel is made from nothing: what an earlier one left in build/lib would get into this one."""
+
+    def run(self) -> None:
+        shutil.rmtree(self.build_lib, ignore_errors=True)
+        super().run()
+
+
+if __name__ == "__main__":
+    if not os.environ.get("CC") and (found := compiler()):
+        os.environ["CC"] = found
+    sources = sorted(source for package in PACKAGES for source in Path(package).rglob("*.pyx"))
+    commands = {"build": Build, "build_ext": Compile}
+    setup(ext_modules=[extension(source) for source in sources], cmdclass=commands)
