@@ -5,14 +5,20 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: run setup setup-dev test lint bench lock clean help
+# Every module that is compiled, and what the compiled ones beside them belong to: without their last names.
+PACKAGES := cobot rtloop app ros2 sequences
+CYTHON   := $(shell find $(PACKAGES) -name '*.pyx' -o -name '*.pxd')
+MODULES  := $(sort $(patsubst %.pyx,%,$(filter %.pyx,$(CYTHON))))
+COMPILED := $(sort $(foreach file,$(shell find $(PACKAGES) -name '*.so'),$(firstword $(subst ., ,$(file)))))
+
+.PHONY: run setup setup-dev test lint bench lock clean help FORCE
 
 run: setup ## start the service and the simulated robot on http://localhost:8007
 	$(BIN)/cobot run
 
-setup: $(VENV)/.run-stamp ## make the virtual environment that `make run` uses
+setup: $(VENV)/.install-stamp ## make the virtual environment that `make run` uses
 
-setup-dev: $(VENV)/.dev-stamp ## add what the tests and benchmarks need
+setup-dev: setup $(VENV)/.dev-stamp ## add what the tests and benchmarks need
 
 test: setup-dev lint ## lint, types, import contract, unit, property and end-to-end tests
 	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --ignore tests/e2e/realtime
@@ -21,31 +27,47 @@ test: setup-dev lint ## lint, types, import contract, unit, property and end-to-
 lint: setup-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	PATH="$(BIN):$$PATH" cython-lint $(CYTHON)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
 bench: setup-dev ## print the benchmark table
 	$(BIN)/python -m benchmarks
 
+COMPILE_LOCK = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate
+
 lock: setup-dev ## resolve the pinned versions and hashes anew
-	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
-	    pyproject.toml -o requirements.lock
-	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
-	    --extra dev -c requirements.lock pyproject.toml -o requirements-dev.lock
+	$(COMPILE_LOCK) pyproject.toml -o requirements.lock
+	$(BIN)/python setup.py requirements | $(COMPILE_LOCK) -c requirements.lock - -o requirements-build.lock
+	$(COMPILE_LOCK) --extra dev -c requirements.lock -c requirements-build.lock pyproject.toml -o requirements-dev.lock
 
 clean:
 	rm -rf $(VENV) build *.egg-info
+	find $(PACKAGES) -name '*.so' -delete
 
 help:
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/'
 
-$(VENV)/.run-stamp: requirements.lock pyproject.toml
+$(VENV)/.run-stamp: requirements.lock requirements-build.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("cobot needs Python 3.11 or newer, this is " + sys.version.split()[0]) if sys.version_info < (3, 11) else 0'
-	$(PYTHON) -m venv --clear $(VENV)
-	$(PIP) install --require-hashes --requirement requirements.lock
-	$(PIP) install --no-deps --editable .
-	touch $@
+	@$(PYTHON) setup.py preflight
+	@echo "cobot: making $(VENV)"
+	@rm -rf build
+	@$(PYTHON) -m venv --clear $(VENV)
+	@echo "cobot: installing $$(cat requirements.lock requirements-build.lock | grep '==' | sort -u | wc -l) packages (about a minute)"
+	@$(PIP) install --require-hashes --requirement requirements.lock --requirement requirements-build.lock
+	@touch $@
+
+# What has not changed is not compiled again, so the modules are looked through even if only one is missing.
+$(VENV)/.build-stamp: $(VENV)/.run-stamp setup.py $(CYTHON) $(if $(filter-out $(MODULES),$(COMPILED))$(filter-out $(COMPILED),$(MODULES)),FORCE)
+	@$(BIN)/python setup.py --quiet build_ext --inplace
+	@touch $@
+
+$(VENV)/.install-stamp: $(VENV)/.run-stamp | $(VENV)/.build-stamp
+	@$(PIP) install --no-build-isolation --no-deps --editable .
+	@touch $@
 
 $(VENV)/.dev-stamp: $(VENV)/.run-stamp requirements-dev.lock
-	$(PIP) install --require-hashes --requirement requirements-dev.lock
-	touch $@
+	@echo "cobot: installing what the tests and benchmarks need"
+	@$(PIP) install --require-hashes --requirement requirements-dev.lock
+	@touch $@

@@ -1,6 +1,7 @@
 """What pyproject.toml cannot say: which modules are compiled, and how.
 
     python setup.py preflight            says in one sentence what the build lacks (needs nothing installed)
+    python setup.py requirements         prints what pyproject.toml says the build needs
     python setup.py build_ext --inplace  compiles what has changed, beside the sources
 
 With COBOT_SANITIZE=1 the modules report invalid memory accesses and undefined behaviour
@@ -36,8 +37,17 @@ def compiler() -> str | None:
     return next((command for command in commands if shutil.which(shlex.split(command)[0])), None)
 
 
+def requirements() -> str:
+    """One a line, for the lock file."""
+    import tomllib
+
+    return "\n".join(tomllib.loads(Path("pyproject.toml").read_text())["build-system"]["requires"])
+
+
 if __name__ == "__main__" and sys.argv[1:] == ["preflight"]:
     sys.exit(preflight())
+if __name__ == "__main__" and sys.argv[1:] == ["requirements"]:
+    sys.exit(print(requirements()))
 
 from importlib.util import find_spec  # noqa: E402
 
@@ -98,6 +108,8 @@ class Compile(build_ext):
         tree = create_dependency_tree()
         stale = sum(self.force or self._is_stale(each, tree) for each in self.extensions)
         if stale:
+            if lacking := preflight():
+                sys.exit(lacking)
             print(f"cobot: compiling {stale} of {len(self.extensions)} modules", flush=True)
         translated = cythonize(
             self.extensions,
