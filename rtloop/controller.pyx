@@ -21,7 +21,7 @@ from cobot.ipc.shm import text
 from cobot.types import LoopMode
 from rtloop.backends import BackendError
 from rtloop.modes import STREAMING, TRANSITIONS
-from rtloop.planned.path import RefusedError, load
+from rtloop.planned.loading import RefusedError, load
 
 # How far a motion may start from the commanded position: planning rounds, the safety layer smooths.
 START_TOLERANCE_RAD = 1e-3

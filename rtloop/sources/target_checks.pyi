@@ -1,0 +1,26 @@
+from cobot.types import Array
+
+JOINT_VELOCITY: float
+LINEAR_VELOCITY: float
+ANGULAR_VELOCITY: float
+DEFAULT_INTERVAL_S: float
+SHORTEST_INTERVAL_S: float
+LONGEST_INTERVAL_S: float
+
+def angular_distance(first: Array, second: Array) -> float: ...
+def is_finite(values: Array) -> bool: ...
+def clamped_interval(interval_s: float) -> float: ...
+def joint_jump(
+    target: Array,
+    last: Array,
+    interval_s: float = ...,
+    max_velocity: Array | None = None,
+    names: tuple[str, ...] = (),
+) -> str: ...
+def cartesian_jump(
+    pose: Array,
+    last: Array,
+    interval_s: float = ...,
+    max_linear: float = ...,
+    max_angular: float = ...,
+) -> str: ...
