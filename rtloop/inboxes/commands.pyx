@@ -11,9 +11,8 @@ from cobot.ipc.shm import encoded
 UNREADABLE_CYCLES = 100
 """After so many tries a command is given up: its writer died while writing it."""
 
-cdef enum:
-    # No clock gets there, and differences of what lies within cannot overflow.
-    FAR_NS = 1LL << 62
+# No clock gets there, and differences of what lies within cannot overflow.
+cdef long long FAR_NS = 1LL << 62
 
 
 cdef class CommandInbox:

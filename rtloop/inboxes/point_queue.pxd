@@ -1,7 +1,7 @@
 from libc.stdint cimport uint64_t
 
 from cobot.arrays cimport MAX_DOF
-from cobot.ipc.seqlock cimport Mapped
+from cobot.ipc.seqlock cimport Block, Mapped
 from rtloop.inboxes.stream cimport Inbox
 
 cdef struct ServoPoint:  # see `cobot.ipc.layout.point_dtype`
@@ -14,7 +14,7 @@ cdef struct ServoPoint:  # see `cobot.ipc.layout.point_dtype`
 cdef class PointQueue:
     cdef Inbox _head
     cdef list _points
-    cdef object _point  # the private copy of the point read last
+    cdef Block _point  # the private copy of the point read last
     cdef Mapped* _places  # of the ring's points; all have `_point` as their private copy
     cdef int _dof
     cdef unsigned long long _session
@@ -31,6 +31,8 @@ cdef class PointQueue:
     cdef double* _gain
     cdef double* _joints
 
+    cdef int _take_places(self) except -1
+    cdef bint _next(self) noexcept nogil
     cdef bint c_poll(self) noexcept nogil
     cdef bint c_next(self, ServoPoint* out) noexcept nogil
     cdef long long c_waiting(self) noexcept nogil
