@@ -65,7 +65,7 @@ cdef class StatePublisher:
     cdef void c_publish(
         self, const StateScalars* scalars, const double* measured_values, const double* command
     ) noexcept nogil
-    # What the safety layer has counted, one number for each kind of intervention; to be called when it changes.
+    # What the safety layer has counted, a number for each kind of intervention; to be called when it changes.
     cdef void c_set_interventions(self, const uint64_t* counts, const int64_t* moments_ns) noexcept nogil
     cdef void _find_tcp(self) noexcept nogil
     cdef void _smooth_effort_rate(self) noexcept nogil

@@ -187,10 +187,9 @@ cdef int _require_layout() except -1:
     record = np.zeros((), list(STATE_SCALARS))
     if record.dtype.itemsize != sizeof(StateScalars):
         raise LayoutError(f"the state's scalars take {record.dtype.itemsize} bytes in the layout alone")
-    expected = {name: -number if kind == "i8" else number for number, (name, kind) in enumerate(STATE_SCALARS)}
-    for name, value in expected.items():
-        record[name] = value
+    for number, (name, kind) in enumerate(STATE_SCALARS):
+        record[name] = -number if kind == "i8" else number
     memcpy(&scalars, bytes_of(record, sizeof(StateScalars)), sizeof(StateScalars))
-    if scalars != expected:
+    if scalars != {name: record[name].item() for name, _ in STATE_SCALARS}:
         raise LayoutError("the state's scalars are others in the layout")
     return 0

@@ -26,7 +26,7 @@ cdef class Block:
     cdef unsigned long long c_sequence(self) noexcept nogil
     cdef bint c_try_read(self) noexcept nogil
     cdef void c_publish(self) noexcept nogil
-    # The address of a field in the private copy; `c_unsigned`, `c_signed`, `c_doubles` say of what kind it is.
+    # The address of a field in the private copy; the other three also see to it that it is of that kind.
     cdef char* c_field(self, str name) except NULL
     cdef uint64_t* c_unsigned(self, str name) except NULL
     cdef int64_t* c_signed(self, str name) except NULL

@@ -1,7 +1,5 @@
 """What the service asks of rtloop through shared memory."""
 
-from libc.stdint cimport int64_t, uint64_t
-
 from cobot.ipc.seqlock cimport Block
 from rtloop.inboxes.stream cimport Inbox
 

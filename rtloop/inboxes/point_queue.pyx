@@ -8,8 +8,6 @@ from cobot.arrays cimport checked_dof
 from cobot.ipc.seqlock cimport Block, try_read
 from rtloop.inboxes.stream cimport Inbox
 
-import numpy as np
-
 from cobot.ipc import layout
 
 UNREADABLE_CYCLES = 100
