@@ -5,10 +5,10 @@ Oracle: the kernel's own CLOCK_MONOTONIC.
 
 from __future__ import annotations
 
+import signal
 import time
 
 import numpy as np
-import pytest
 from rig import Rig
 
 from cobot.config import Settings
@@ -34,12 +34,39 @@ def test_a_cycle_never_begins_before_its_deadline() -> None:
     assert min(clock.wait(moving=True) for _ in range(50)) >= 0
 
 
-def test_the_fast_clock_does_not_wait_while_the_arm_moves(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock, waits = FastClock(1e-3), []
-    monkeypatch.setattr(RealtimeClock, "wait", lambda self, *, moving: waits.append(moving) or 0)
-    for moving in (True, True, False, False, True):
+def test_a_signal_does_not_end_the_wait() -> None:
+    signals: list[int] = []
+    before = signal.signal(signal.SIGALRM, lambda number, _: signals.append(number))
+    try:
+        clock = RealtimeClock(50e-3)
+        signal.setitimer(signal.ITIMER_REAL, 5e-3, 5e-3)
+        begun_s = time.monotonic()
+        assert clock.wait(moving=True) >= 0
+        assert time.monotonic() - begun_s >= 50e-3
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    assert signals, "it was heeded all the same"
+
+
+def test_the_fast_clock_does_not_wait_while_the_arm_moves() -> None:
+    clock, period_s = FastClock(20e-3), 20e-3
+
+    def waited_s(*, moving: bool) -> float:
+        begun_s = time.monotonic()
         assert clock.wait(moving=moving) == 0
-    assert waits == [False, False], "in step with the real clock when it does not move on a path"
+        return time.monotonic() - begun_s
+
+    moving_s = [waited_s(moving=True) for _ in range(1000)]
+    assert sum(moving_s) < 1000 * period_s / 2
+    begun_s = time.monotonic()
+    assert waited_s(moving=False) >= 0.99 * period_s, "in step with the real clock when it does not move"
+    waited_s(moving=False)
+    assert time.monotonic() - begun_s >= 1.99 * period_s
+    assert min(waited_s(moving=True) for _ in range(10)) < period_s / 2
+    time.sleep(3 * period_s)
+    assert waited_s(moving=False) >= 0.99 * period_s, "nothing is caught up of the time in which it moved"
+    assert clock.overruns == 0
 
 
 def test_every_cycle_is_in_the_histograms(settings: Settings, robot: RobotDescription) -> None:

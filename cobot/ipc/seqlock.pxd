@@ -1,0 +1,33 @@
+from libc.stdint cimport int64_t, uint64_t
+
+
+cdef struct Mapped:
+    # A record: where it lies in shared memory, and the private copy of who reads or writes it.
+    uint64_t* counter
+    uint64_t* checksum
+    char* shared
+    char* copy
+    size_t size  # bytes of the record
+
+cdef uint64_t sequence_of(const Mapped* record) noexcept nogil
+cdef bint try_read(const Mapped* record) noexcept nogil
+cdef void publish(const Mapped* record) noexcept nogil
+
+
+cdef class Block:
+    cdef readonly str name
+    cdef readonly object data
+    cdef readonly object buffer
+    cdef readonly object _head
+    cdef readonly object _shared
+    cdef Mapped mapped
+    cdef char* c_data  # the private copy
+
+    cdef unsigned long long c_sequence(self) noexcept nogil
+    cdef bint c_try_read(self) noexcept nogil
+    cdef void c_publish(self) noexcept nogil
+    # The address of a field in the private copy; the other three also see to it that it is of that kind.
+    cdef char* c_field(self, str name) except NULL
+    cdef uint64_t* c_unsigned(self, str name) except NULL
+    cdef int64_t* c_signed(self, str name) except NULL
+    cdef double* c_doubles(self, str name) except NULL

@@ -1,0 +1,29 @@
+from mmap import mmap
+
+import numpy as np
+
+READ_TRIES: int
+
+def checksum(record: object) -> int: ...
+
+class Block:
+    """One record of the given dtype at an offset of a mapped file.
+
+    `data` is this process's private copy: a writer fills it and calls `publish`, a reader calls
+    `read` and finds the newest consistent record in it; `buffer` are its bytes, shape (size,), writable.
+    """
+
+    name: str
+    data: np.ndarray
+    buffer: np.ndarray
+    _head: memoryview
+    _shared: memoryview
+    def __init__(self, memory: mmap, offset: int, dtype: np.dtype, name: str) -> None: ...
+    @staticmethod
+    def size(dtype: np.dtype) -> int: ...
+    @property
+    def sequence(self) -> int: ...
+    def publish(self) -> None: ...
+    def try_read(self) -> bool: ...
+    def salvage(self) -> np.ndarray: ...
+    def read(self) -> np.ndarray: ...

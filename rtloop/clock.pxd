@@ -1,0 +1,24 @@
+from posix.time cimport CLOCK_MONOTONIC, clock_gettime, timespec
+
+
+cdef inline long long monotonic_ns() noexcept nogil:
+    """CLOCK_MONOTONIC, as `time.monotonic_ns`."""
+    cdef timespec now
+    clock_gettime(CLOCK_MONOTONIC, &now)
+    return <long long>now.tv_sec * 1_000_000_000 + now.tv_nsec
+
+
+cdef class Clock:
+    cdef public long long overruns
+
+    # By how many nanoseconds the cycle begins too late; below 0 the negative errno of a sleep that failed.
+    cdef long long c_wait(self, bint moving) noexcept nogil
+
+
+cdef class RealtimeClock(Clock):
+    cdef long long _period_ns
+    cdef readonly long long _deadline_ns  # of the next cycle; 0 before the first wait
+
+
+cdef class FastClock(Clock):
+    cdef RealtimeClock _real

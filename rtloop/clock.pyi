@@ -1,0 +1,16 @@
+class Clock:
+    """Paces the cycle. Real-time safe.
+
+    Attributes:
+        overruns: periods that were missed because a cycle began too late.
+    """
+
+    overruns: int
+    def wait(self, *, moving: bool) -> int: ...
+
+class RealtimeClock(Clock):
+    _deadline_ns: int
+    def __init__(self, period_s: float) -> None: ...
+
+class FastClock(Clock):
+    def __init__(self, period_s: float) -> None: ...

@@ -1,0 +1,31 @@
+from libc.stdint cimport int64_t, uint64_t
+
+from rtloop.inboxes.stream cimport Inbox
+
+cdef enum Request:  # bits of what `c_poll_requests` returns
+    STOP = 1
+    ESTOP = 2
+
+
+cdef class CommandInbox:
+    cdef Inbox _requests
+    cdef Inbox _heartbeat
+    cdef Inbox _head
+    cdef list _commands
+    cdef list _acks
+    cdef readonly unsigned long long stops
+    cdef readonly unsigned long long estops
+    cdef readonly unsigned long long command_seen
+    cdef unsigned long long _torn  # of commands, and what the last rtloop has counted
+    cdef long long _beat_ns
+    cdef unsigned long long _newest
+    cdef int _unreadable
+    cdef uint64_t* _counted_stops
+    cdef uint64_t* _counted_estops
+    cdef int64_t* _beat
+    cdef uint64_t* _newest_id
+
+    cdef int c_poll_requests(self) noexcept nogil
+    cdef double c_service_silence_s(self, long long now_ns) noexcept nogil
+    cdef bint c_has_command(self) noexcept nogil
+    cdef unsigned long long c_torn_reads(self) noexcept nogil

@@ -1,0 +1,120 @@
+"""What the service asks of rtloop through shared memory."""
+
+from cobot.ipc.seqlock cimport Block
+from rtloop.inboxes.stream cimport Inbox
+
+from cobot.ipc.layout import RING, Ack
+from cobot.ipc.shm import encoded
+
+UNREADABLE_CYCLES = 100
+"""After so many tries a command is given up: its writer died while writing it."""
+
+# No clock gets there, and differences of what lies within cannot overflow.
+cdef long long FAR_NS = 1LL << 62
+
+
+cdef class CommandInbox:
+    """Reads requests, heartbeat and commands; each costs next to nothing while it does not change.
+
+    Real-time safe. A read that is torn is counted and repeated in the next cycle.
+
+    Attributes:
+        stops, estops: the counters of requests seen so far.
+        command_seen: the number of the last command taken.
+        torn_reads: how often a block was not consistent.
+    """
+
+    def __init__(self, memory):
+        self._requests = Inbox(memory.requests)
+        self._heartbeat = Inbox(memory.heartbeat)
+        self._head = Inbox(memory.head)
+        self._commands = memory.commands
+        self._acks = memory.acks
+        self._counted_stops = self._requests.block.c_unsigned("stops")
+        self._counted_estops = self._requests.block.c_unsigned("estops")
+        self._beat = self._heartbeat.block.c_signed("monotonic_ns")
+        self._newest_id = self._head.block.c_unsigned("id")
+        last = memory.state.data
+        self.stops = int(last["stops_seen"])
+        self.estops = int(last["estops_seen"])
+        self.command_seen = int(last["command_seen"])
+        self._torn = int(last["torn_reads"])
+
+    @property
+    def torn_reads(self):
+        return self.c_torn_reads()
+
+    def poll_requests(self):
+        """Whether a stop, whether an e-stop was requested since the last call."""
+        cdef int asked = self.c_poll_requests()
+        return bool(asked & STOP), bool(asked & ESTOP)
+
+    def service_silence_s(self, long long now_ns):
+        """How long ago the service gave a sign of life."""
+        return self.c_service_silence_s(now_ns)
+
+    def next_command(self):
+        """The next command, or None. It is taken when it is acknowledged."""
+        if not self.c_has_command():
+            return None
+        number = max(self.command_seen + 1, int(self._newest) - RING + 1)
+        cdef Block block = self._commands[number % RING]
+        if block.c_try_read() and int(block.data["id"]) == number:
+            self._unreadable = 0
+            return block.data
+        self._torn += 1
+        self._unreadable += 1
+        if self._unreadable > UNREADABLE_CYCLES:
+            self._unreadable = 0
+            self.acknowledge(number, Ack.REJECTED, "the command could not be read")
+        return None
+
+    def refuse_pending(self, reason):
+        """Answer what was sent to an rtloop that has died: it was meant for where the arm was then."""
+        if self._head.block.c_try_read():
+            newest = int(self._newest_id[0])
+            for number in range(max(self.command_seen + 1, newest - RING + 1), newest + 1):
+                self.acknowledge(number, Ack.REJECTED, reason)
+
+    def acknowledge(self, number, result, message=""):
+        """Answer a command."""
+        self.command_seen = number
+        cdef Block ack = self._acks[number % RING]
+        ack.data["id"] = number
+        ack.data["result"] = result
+        ack.data["message"] = encoded(message)
+        ack.c_publish()
+
+    cdef int c_poll_requests(self) noexcept nogil:
+        cdef int asked = 0
+        if not self._requests.c_changed():
+            return 0
+        if self._counted_stops[0] != self.stops:
+            asked |= STOP
+        if self._counted_estops[0] != self.estops:
+            asked |= ESTOP
+        self.stops, self.estops = self._counted_stops[0], self._counted_estops[0]
+        return asked
+
+    cdef double c_service_silence_s(self, long long now_ns) noexcept nogil:
+        if self._heartbeat.c_changed():
+            self._beat_ns = self._beat[0]
+        if -FAR_NS < self._beat_ns < FAR_NS:
+            return <double>(now_ns - self._beat_ns) * 1e-9
+        return (<double>now_ns - <double>self._beat_ns) * 1e-9  # of a wild writer
+
+    cdef bint c_has_command(self) noexcept nogil:
+        cdef int news = self._head.c_look()
+        if news < 0:
+            return False
+        if news:
+            self._newest = self._newest_id[0]
+        return self._newest > self.command_seen
+
+    cdef unsigned long long c_torn_reads(self) noexcept nogil:
+        return (
+            self._torn
+            + <unsigned long long>self._requests.torn_reads
+            + <unsigned long long>self._heartbeat.torn_reads
+            + <unsigned long long>self._head.torn_reads
+        )

@@ -1,0 +1,42 @@
+import numpy as np
+
+from cobot.ipc.layout import Ack
+from cobot.ipc.seqlock import Block
+from cobot.ipc.shm import RobotMemory
+
+class Inbox:
+    """A block that somebody else writes, read when it has changed. Real-time safe.
+
+    Attributes:
+        readable: whether `data` is what somebody has written; if not, it is tried again in the next cycle.
+        torn_reads: how often it was not consistent.
+    """
+
+    readable: bool
+    torn_reads: int
+    def __init__(self, block: Block) -> None: ...
+    @property
+    def data(self) -> np.ndarray: ...
+    def changed(self) -> bool: ...
+
+class StreamInbox:
+    """The blocks of the streaming client. Real-time safe.
+
+    Attributes:
+        session, setpoint, chunk: what it wants, see `cobot.ipc.layout`.
+        session_seen: number of the session that was answered last.
+    """
+
+    session: Inbox
+    setpoint: Inbox
+    chunk: Inbox
+    session_seen: int
+    def __init__(self, memory: RobotMemory) -> None: ...
+    @property
+    def torn_reads(self) -> int: ...
+    @property
+    def finishes(self) -> bool: ...
+    def asks(self) -> bool: ...
+    def wants(self, number: int) -> bool: ...
+    def estop_requested(self) -> bool: ...
+    def answer(self, result: Ack, message: str = "") -> None: ...

@@ -1,0 +1,83 @@
+from libc.stdint cimport int64_t, uint32_t, uint64_t
+
+from cobot.arrays cimport MAX_DOF
+from cobot.ipc.seqlock cimport Block
+from cobot.robot.chain cimport Chain
+
+cdef struct StateScalars:  # `cobot.ipc.layout.STATE_SCALARS`, which says what they are
+    uint64_t cycle
+    double robot_time_s
+    uint64_t mode
+    uint64_t settled
+    uint64_t motion_id
+    uint64_t motion_result
+    uint64_t slot
+    double path_time_s
+    double path_duration_s
+    double path_rate
+    int64_t deceleration_monotonic_ns
+    uint64_t stops_seen
+    uint64_t estops_seen
+    uint64_t command_seen
+    uint64_t session
+    uint64_t setpoint_seen
+    uint64_t move_seen
+    uint64_t move_running
+    uint64_t chunk_seen
+    uint64_t point_seen
+    uint64_t points_taken
+    uint64_t points_dropped
+    uint64_t points_buffered
+    uint64_t underruns
+    uint64_t overruns
+    uint64_t torn_reads
+    int64_t monotonic_ns
+    int64_t measured_monotonic_ns
+
+
+cdef class StatePublisher:
+    cdef Block _block
+    cdef Chain _chain
+    cdef int _dof
+    cdef double _smoothing
+    cdef double _per_period
+    cdef double _effort_before[MAX_DOF]
+    # Fields of the block's private copy.
+    cdef StateScalars* scalars  # a controller may fill them in here, or hand `c_publish` its own
+    cdef double* _measured
+    cdef double* _velocity
+    cdef double* _effort
+    cdef double* _commanded
+    cdef double* _tcp
+    cdef double* _tcp_velocity
+    cdef double* _effort_rate
+    cdef uint64_t* _interventions
+    cdef int64_t* _intervened_ns
+    # For `publish`, which asks Python objects.
+    cdef object _controller
+    cdef object _clock
+    cdef object _reason
+    cdef object _counted
+
+    # Publish a cycle. `monotonic_ns` is filled in here.
+    #     measured_values: as `rtloop.backends.Measured.values`, 5 dof + 12 numbers
+    #     command: 3 dof numbers: rad, rad/s, rad/s²
+    cdef void c_publish(
+        self, const StateScalars* scalars, const double* measured_values, const double* command
+    ) noexcept nogil
+    # What the safety layer has counted, a number for each kind of intervention; to be called when it changes.
+    cdef void c_set_interventions(self, const uint64_t* counts, const int64_t* moments_ns) noexcept nogil
+    cdef void _find_tcp(self) noexcept nogil
+    cdef void _smooth_effort_rate(self) noexcept nogil
+
+
+cdef class Statistics:
+    cdef Block _block
+    cdef Block _info
+    cdef uint32_t* _counts  # a row of HISTOGRAM_BUCKETS for each phase
+    cdef double* _max_us
+    cdef uint64_t _cycles
+    cdef uint64_t* _published_cycles
+
+    cdef void c_count(self, int phase, long long duration_ns) noexcept nogil
+    cdef void c_cycle_done(self) noexcept nogil

@@ -1,0 +1,195 @@
+"""What rtloop tells the world: the state of each cycle, and the statistics of all."""
+
+from libc.stdint cimport int64_t, uint32_t, uint64_t
+from libc.string cimport memcpy, memmove
+
+from cobot.arrays cimport MAX_DOF, bytes_of, checked_dof, doubles
+from cobot.ipc.seqlock cimport Block
+from cobot.robot.chain cimport Chain
+from rtloop.clock cimport monotonic_ns
+
+import numpy as np
+
+from cobot.errors import LayoutError
+from cobot.ipc.layout import HISTOGRAM_BUCKETS, STATE_SCALARS, Intervention, Phase
+from cobot.ipc.shm import encoded
+from rtloop.backends import JOINT_ROWS
+
+STATISTICS_CYCLES = 500
+EFFORT_RATE_S = 0.01
+"""Time constant of the effort's derivative."""
+
+cdef uint64_t _statistics_cycles = STATISTICS_CYCLES
+cdef int _phases = len(Phase)
+cdef int _buckets = HISTOGRAM_BUCKETS
+cdef int _kinds = len(Intervention)
+cdef int _joint_rows = JOINT_ROWS
+
+
+cdef class StatePublisher:
+    """Writes the state block. Real-time safe."""
+
+    def __init__(self, memory, model, controller, clock):
+        """
+        Raises:
+            InputError: more joints than compiled code has room for.
+            LayoutError: `StateScalars` is not what the layout says.
+        """
+        cdef Block block = memory.state
+        _require_layout()
+        self._dof = checked_dof(memory.dof)
+        self._block = block
+        self._chain = Chain(model.mj, model._base, model.tcp_site)
+        self._smoothing = memory.period_s / EFFORT_RATE_S
+        self._per_period = 1.0 / memory.period_s
+        self.scalars = <StateScalars*>block.c_unsigned("cycle")
+        # What is measured stands together, and so do the three commanded rows.
+        self._measured = block.c_doubles("position")
+        self._velocity, self._effort = block.c_doubles("velocity"), block.c_doubles("effort")
+        self._commanded = block.c_doubles("commanded_position")
+        self._tcp, self._tcp_velocity = block.c_doubles("tcp"), block.c_doubles("tcp_velocity")
+        self._effort_rate = block.c_doubles("effort_rate")
+        self._interventions = block.c_unsigned("interventions")
+        self._intervened_ns = block.c_signed("intervened_ns")
+        self._controller = controller
+        self._clock = clock
+        self._counted = -1
+
+    def publish(self, cycle, double robot_time_s, measured, measured_ns):
+        """Publish what was measured in this cycle, and what the controller made of it.
+
+        Args:
+            measured_ns: CLOCK_MONOTONIC when it was read.
+        """
+        controller = self._controller
+        safety = controller.safety
+        if safety.counted != self._counted:
+            self._counted = safety.counted
+            self.c_set_interventions(
+                <uint64_t*>bytes_of(safety.interventions, _kinds * 8),
+                <int64_t*>bytes_of(safety.intervened_ns, _kinds * 8),
+            )
+        if controller.reason is not self._reason:
+            self.set_reason(controller.reason)
+        self._collect()
+        self.scalars.cycle, self.scalars.robot_time_s = cycle, robot_time_s
+        self.scalars.measured_monotonic_ns = measured_ns
+        cdef const double* values = doubles(measured.values, _joint_rows * self._dof + 12)
+        cdef const double* command = doubles(safety.command, 3 * self._dof)
+        self.c_publish(self.scalars, values, command)
+
+    def set_reason(self, reason):
+        """Why the mode is what it is; to be called when it changes."""
+        self._reason = reason
+        self._block.data["reason"] = encoded(reason)
+
+    def _collect(self):
+        """Most scalars, from the controller and what belongs to it."""
+        cdef StateScalars* out = self.scalars
+        controller = self._controller
+        commands, path_clock, streaming = controller.commands, controller.clock, controller.streaming
+        out.mode, out.settled, out.slot = controller.mode, controller.settled, controller.slot
+        out.motion_id, out.motion_result = controller.motion_id, controller.motion_result
+        out.path_time_s, out.path_rate = path_clock.path_time_s, path_clock.rate
+        out.path_duration_s = controller.path.duration_s
+        out.deceleration_monotonic_ns = controller.deceleration_ns
+        out.stops_seen, out.estops_seen = commands.stops, commands.estops
+        out.command_seen = commands.command_seen
+        out.session, out.setpoint_seen = streaming.session, streaming.setpoint_seen
+        out.move_seen, out.move_running = streaming.move_seen, streaming.move_running
+        out.chunk_seen = streaming.chunk_seen
+        seen, taken, dropped, ahead, underruns = streaming.point_counts
+        out.point_seen, out.points_taken, out.points_dropped = seen, taken, dropped
+        out.points_buffered, out.underruns = ahead, underruns
+        out.overruns = self._clock.overruns
+        out.torn_reads = commands.torn_reads + streaming.torn_reads
+
+    cdef void c_publish(
+        self, const StateScalars* scalars, const double* measured_values, const double* command
+    ) noexcept nogil:
+        memmove(self.scalars, scalars, sizeof(StateScalars))
+        memcpy(self._measured, measured_values, (_joint_rows * self._dof + 12) * sizeof(double))
+        memcpy(self._commanded, command, 3 * self._dof * sizeof(double))
+        self._find_tcp()
+        self._smooth_effort_rate()
+        self.scalars.monotonic_ns = monotonic_ns()
+        self._block.c_publish()
+
+    cdef void c_set_interventions(self, const uint64_t* counts, const int64_t* moments_ns) noexcept nogil:
+        memcpy(self._interventions, counts, _kinds * sizeof(uint64_t))
+        memcpy(self._intervened_ns, moments_ns, _kinds * sizeof(int64_t))
+
+    cdef void _find_tcp(self) noexcept nogil:
+        """Pose and velocity of the TCP, as measured."""
+        cdef double jacobian[6 * MAX_DOF]
+        cdef double rate
+        cdef int row, joint
+        self._chain.c_forward_jacobian(self._measured, self._tcp, jacobian)
+        for row in range(6):
+            rate = 0.0
+            for joint in range(self._dof):
+                rate += jacobian[row * self._dof + joint] * self._velocity[joint]
+            self._tcp_velocity[row] = rate
+
+    cdef void _smooth_effort_rate(self) noexcept nogil:
+        cdef double change
+        cdef int joint
+        for joint in range(self._dof):
+            change = (self._effort[joint] - self._effort_before[joint]) * self._per_period
+            self._effort_before[joint] = self._effort[joint]
+            self._effort_rate[joint] += (change - self._effort_rate[joint]) * self._smoothing
+
+
+cdef class Statistics:
+    """Histograms of the cycle's phases, in the statistics block. Real-time safe."""
+
+    def __init__(self, memory):
+        cdef Block block = memory.statistics
+        self._block = block
+        self._info = memory.info
+        self._counts = <uint32_t*>block.c_field("histogram")
+        self._max_us = block.c_doubles("max_us")
+        self._published_cycles = block.c_unsigned("cycles")
+
+    def count(self, int phase, long long duration_ns):
+        """One more sample of a phase."""
+        self.c_count(phase, duration_ns)
+
+    def cycle_done(self):
+        """Publish twice a second: the block is large, and its copy counts as compute time.
+
+        So is what robot this is, although it stays the same: what a wild writer has spoilt is mended. The two
+        are published in different cycles, for the sake of the longest one.
+        """
+        self.c_cycle_done()
+
+    cdef void c_count(self, int phase, long long duration_ns) noexcept nogil:
+        cdef long long microseconds = duration_ns // 1000
+        cdef long long bucket = microseconds if 0 <= microseconds < _buckets else _buckets - 1
+        if not 0 <= phase < _phases:
+            return
+        self._counts[phase * _buckets + bucket] += 1
+        if microseconds > self._max_us[phase]:
+            self._max_us[phase] = <double>microseconds
+
+    cdef void c_cycle_done(self) noexcept nogil:
+        self._cycles += 1
+        if self._cycles % _statistics_cycles == 0:
+            self._published_cycles[0] = self._cycles
+            self._block.c_publish()
+        elif self._cycles % _statistics_cycles == _statistics_cycles // 2:
+            self._info.c_publish()
+
+
+cdef int _require_layout() except -1:
+    """That the fields of `StateScalars` are those of the layout, in their order and of their kind."""
+    cdef StateScalars scalars
+    record = np.zeros((), list(STATE_SCALARS))
+    if record.dtype.itemsize != sizeof(StateScalars):
+        raise LayoutError(f"the state's scalars take {record.dtype.itemsize} bytes in the layout alone")
+    for number, (name, kind) in enumerate(STATE_SCALARS):
+        record[name] = -number if kind == "i8" else number
+    memcpy(&scalars, bytes_of(record, sizeof(StateScalars)), sizeof(StateScalars))
+    if scalars != {name: record[name].item() for name, _ in STATE_SCALARS}:
+        raise LayoutError("the state's scalars are others in the layout")
+    return 0
