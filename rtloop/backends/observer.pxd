@@ -10,6 +10,7 @@ cdef class Observer:
     cdef int _rubbing[MAX_DOF]
     cdef double _damping[MAX_DOF]
     cdef double _before[MAX_DOF]
+    cdef double _change[MAX_DOF]  # of the velocity in the last period
     cdef double _share, _rate_hz
     cdef const double* _jacobian
     cdef readonly object effort, wrench, friction

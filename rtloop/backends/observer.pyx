@@ -57,14 +57,13 @@ cdef class Observer:
 
     cdef void c_update(self) noexcept nogil:
         cdef mjData* data = self._data
-        cdef double change[MAX_DOF]
         cdef double momentum[MAX_DOF]  # M (dq' - dq)
         cdef double external
         cdef int i, dof = self._dof
         for i in range(dof):
-            change[i] = data.qvel[i] - self._before[i]
+            self._change[i] = data.qvel[i] - self._before[i]
             self._before[i] = data.qvel[i]
-        mj_mulM(self._model, data, momentum, change)
+        mj_mulM(self._model, data, momentum, self._change)
         # MuJoCo's forces of constraint: equalities, then dry friction, if a model does not switch it off.
         if data.nf >= self._rubbing_count:
             for i in range(self._rubbing_count):

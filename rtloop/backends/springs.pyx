@@ -19,6 +19,7 @@ from libc.math cimport sqrt
 import numpy as np
 
 from cobot.arrays cimport MAX_DOF, checked_dof, doubles
+from cobot.robot.chain cimport Chain
 from cobot.robot.linear cimport cholesky_solve, eigen_symmetric
 from cobot.robot.mujoco cimport data_of, mj_solveM, mju_rotVecQuat, mju_subQuat, model_of
 
@@ -62,6 +63,7 @@ cdef class Springs:
         self._owners = robot, data, jacobian
         self._model, self._data = model_of(robot.mj), data_of(data)
         self._jacobian = doubles(jacobian, 6 * self._dof)
+        self._chain = Chain(robot.mj, robot._base, robot.tcp_site)
         self.joint_stiffness, self.tcp_stiffness = nominal_stiffness(robot)
 
     def use(self, impedance: object) -> None:
