@@ -22,6 +22,7 @@ __all__ = [
     "make_backend",
 ]
 
+
 class BackendError(Exception):
     """A device does not answer, refuses or reports a fault; the text goes to the user as the reason."""
 

@@ -11,6 +11,8 @@ cdef class Measured:
 
 
 cdef class CompiledBackend:
+    cdef int _dof
     cdef bint read_in_python, write_in_python
+    cdef double* _values_of(self, Measured measured) except NULL
     cdef int c_read(self, double* values) noexcept nogil
     cdef int c_write(self, const double* command) noexcept nogil

@@ -45,4 +45,11 @@ class CompiledBackend:
     `c_read(values)` fills the buffer of a `Measured`, `c_write(command)` takes the rows position, velocity
     and acceleration. Each returns 0, or another number when nothing was done and the Python method is to be
     called instead: it raises BackendError with the reason, or is that of a subclass written in Python.
+    Measured and commanded are for as many joints as the backend has.
     """
+
+    def try_read(self, measured: Measured) -> bool:
+        """What the loop does first: False if it is to call `read`."""
+
+    def try_write(self, command: Array) -> bool:
+        """Likewise; `command` is shape (3, dof)."""

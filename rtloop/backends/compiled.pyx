@@ -1,4 +1,4 @@
-"""What the cycle and a compiled backend share: the measured values, and reading and writing without Python."""
+"""What the cycle and a compiled backend share: the measured values, reading and writing without Python."""
 
 from types import FunctionType
 
@@ -31,6 +31,18 @@ cdef class CompiledBackend:
         # A subclass in Python that reads or writes in its own way is asked, each time.
         self.read_in_python = isinstance(getattr(type(self), "read", None), FunctionType)
         self.write_in_python = isinstance(getattr(type(self), "write", None), FunctionType)
+
+    def try_read(self, Measured measured not None) -> bool:
+        return self.c_read(self._values_of(measured)) == 0
+
+    def try_write(self, command: object) -> bool:
+        return self.c_write(doubles(command, 3 * self._dof)) == 0
+
+    cdef double* _values_of(self, Measured measured) except NULL:
+        """Raises ValueError: they are those of an arm with other joints."""
+        if measured.dof != self._dof:
+            raise ValueError(f"measured values of {measured.dof} joints, not {self._dof}")
+        return measured.c_values
 
     cdef int c_read(self, double* values) noexcept nogil:
         return 1

@@ -6,7 +6,7 @@ from rtloop.backends.springs cimport Springs
 
 
 cdef class MujocoBackend(CompiledBackend):
-    cdef int _dof, _tcp, _tcp_body
+    cdef int _tcp, _tcp_body
     cdef const mjModel* _c_model
     cdef mjData* _c_data
     cdef readonly object _model, _data, _position

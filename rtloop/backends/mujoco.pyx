@@ -49,6 +49,7 @@ cdef class MujocoBackend(CompiledBackend):
         self._model.opt.timestep = settings.rt.period_s
         self._model.actuator_ctrlrange[:] = np.stack([-limits.max_effort, limits.max_effort], axis=1)
         self._data = mujoco.MjData(self._model)
+        mujoco.set_mjcb_time(None)  # nobody reads MuJoCo's timers, for which it asks the time again and again
         self._c_model, self._c_data = model_of(self._model), data_of(self._data)
         self._position = self._data.qpos
         self._tcp = self._model.site(names.tcp).id
@@ -116,9 +117,7 @@ cdef class MujocoBackend(CompiledBackend):
     def read(self, Measured measured not None) -> None:
         if self._read_fails:
             raise BackendError(self._fail_read or self._drive_fault)
-        if measured.dof != self._dof:
-            raise ValueError(f"measured values of {measured.dof} joints, not {self._dof}")
-        self._take(measured.c_values)
+        self._take(self._values_of(measured))
 
     def write(self, command: object) -> None:
         if self._write_fails:

@@ -63,7 +63,7 @@ cdef class Springs:
         self._owners = robot, data, jacobian
         self._model, self._data = model_of(robot.mj), data_of(data)
         self._jacobian = doubles(jacobian, 6 * self._dof)
-        self._chain = Chain(robot.mj, robot._base, robot.tcp_site)
+        self._chain = robot.chain
         self.joint_stiffness, self.tcp_stiffness = nominal_stiffness(robot)
 
     def use(self, impedance: object) -> None:
