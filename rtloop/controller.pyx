@@ -11,7 +11,7 @@ from libc.string cimport memcpy, memset
 from cobot.arrays cimport MAX_DOF, doubles
 from rtloop.backends.compiled cimport Measured
 from rtloop.publisher cimport StateScalars
-from rtloop.streaming.feed cimport NO_PROBLEM, Feed, PointFeed, TargetFeed
+from rtloop.streaming.feed cimport NO_PROBLEM, Feed
 
 import numpy as np
 
@@ -217,9 +217,6 @@ cdef class Controller:
 
     cdef void c_describe(self, StateScalars* state) noexcept nogil:
         """Fill in what the state block says of the controller and its parts."""
-        cdef Session streaming = self.streaming
-        cdef TargetFeed targets = streaming.targets
-        cdef PointFeed points = streaming.points
         state.mode = self._mode
         state.settled = self.settled
         state.motion_id = self.motion_id
@@ -232,23 +229,8 @@ cdef class Controller:
         state.stops_seen = self.commands.stops
         state.estops_seen = self.commands.estops
         state.command_seen = self.commands.command_seen
-        state.session = streaming.session
-        state.setpoint_seen = state.move_seen = state.move_running = state.chunk_seen = 0
-        state.point_seen = state.points_taken = state.points_dropped = 0
-        state.points_buffered = state.underruns = 0
-        if streaming.has_targets:
-            state.setpoint_seen = targets.setpoint_seen
-            state.move_seen = targets.move_seen
-            state.move_running = targets.c_move_running()
-            state.chunk_seen = targets.chunk_seen
-        elif streaming.has_points:
-            state.point_seen = points.queue.seen
-            state.points_taken = points.points.taken
-            state.points_dropped = points.points.dropped + points.queue.lost
-            if streaming.session:
-                state.points_buffered = points.queue.c_waiting() + points.points.c_buffered()
-            state.underruns = points.points.underruns
-        state.torn_reads = self.commands.torn_reads + streaming.c_torn_reads()
+        state.torn_reads = self.commands.c_torn_reads() + self.streaming.c_torn_reads()
+        self.streaming.c_describe(state)
 
     def _latch(self, mode, reason):
         if self.mode is mode or not self._enter(mode, reason):
@@ -406,13 +388,14 @@ cdef class Controller:
         return ""
 
     cdef void c_follow_path(self) noexcept nogil:
-        cdef PathClock clock = self.clock
-        clock.c_advance(self.path)
-        if self._mode != TRAJECTORY and clock.c_stuck():
+        """Where the path is in this cycle, until its end, or until it has come to rest."""
+        cdef bint stopping = self._mode != TRAJECTORY
+        self.clock.c_advance(self.path)
+        if stopping and self.clock.c_stuck():
             self.c_brake()
             return
-        self.path.c_evaluate(clock.path_time_s, clock.rate, clock.rate_slope, self._desired)
-        if clock.path_time_s >= self.path.duration_s or (self._mode != TRAJECTORY and clock.c_at_rest()):
+        self.path.c_evaluate(self.clock.path_time_s, self.clock.rate, self.clock.rate_slope, self._desired)
+        if self.clock.path_time_s >= self.path.duration_s or (stopping and self.clock.c_at_rest()):
             self._guide = NOTHING
             memset(self._desired + self._dof, 0, 2 * self._dof * sizeof(double))
 

@@ -3,7 +3,7 @@
 from cpython.exc cimport PyErr_CheckSignals
 from libc.math cimport fabs, isfinite
 
-from rtloop.backends.compiled cimport CompiledBackend, Measured
+from rtloop.backends.compiled cimport MEASURED_ROWS, CompiledBackend, Measured
 from rtloop.clock cimport Clock, monotonic_ns
 from rtloop.controller cimport Controller
 from rtloop.publisher cimport StatePublisher, Statistics
@@ -120,7 +120,7 @@ cdef class ControlLoop:
         self.c_write()
         written_ns = monotonic_ns()
         self._cycle += 1
-        self._state.heed(self.controller)
+        self._state.c_heed(self.controller.safety, self.controller.reason)
         self.c_publish(robot_time_s)
         statistics.c_count(WAKEUP, late_ns)
         statistics.c_count(READ, read_ns - begun_ns)
@@ -140,7 +140,7 @@ cdef class ControlLoop:
             except BackendError as exc:
                 self.controller.fault(f"reading from the robot failed: {exc}")
                 return False
-        for index in range(fresh.size):
+        for index in range(MEASURED_ROWS * fresh.dof + 12):
             square += fresh.c_values[index] * fresh.c_values[index]
         if not isfinite(square):
             self.controller.fault("the robot reports a value that is not finite")

@@ -3,6 +3,7 @@ from libc.stdint cimport int64_t, uint32_t, uint64_t
 from cobot.arrays cimport MAX_DOF
 from cobot.ipc.seqlock cimport Block
 from cobot.robot.chain cimport Chain
+from rtloop.safety.limiter cimport Safety
 
 cdef struct StateScalars:  # `cobot.ipc.layout.STATE_SCALARS`, which says what they are
     uint64_t cycle
@@ -43,7 +44,7 @@ cdef class StatePublisher:
     cdef double _per_period
     cdef double _effort_before[MAX_DOF]
     # Fields of the block's private copy.
-    cdef StateScalars* scalars  # a controller may fill them in here, or hand `c_publish` its own
+    cdef StateScalars* scalars
     cdef double* _measured
     cdef double* _velocity
     cdef double* _effort
@@ -54,10 +55,8 @@ cdef class StatePublisher:
     cdef uint64_t* _interventions
     cdef int64_t* _intervened_ns
     # For `publish`, which asks Python objects.
-    cdef object _controller
-    cdef object _clock
-    cdef object _reason
-    cdef object _counted
+    cdef str _reason
+    cdef long long _counted
 
     # Publish a cycle. `monotonic_ns` is filled in here.
     #     measured_values: as `rtloop.backends.Measured.values`, 5 dof + 12 numbers
@@ -66,7 +65,7 @@ cdef class StatePublisher:
         self, const StateScalars* scalars, const double* measured_values, const double* command
     ) noexcept nogil
     # What the safety layer has counted, a number for each kind of intervention; to be called when it changes.
-    cdef void c_set_interventions(self, const uint64_t* counts, const int64_t* moments_ns) noexcept nogil
+    cdef void c_heed(self, Safety safety, str reason) except *
     cdef void _find_tcp(self) noexcept nogil
     cdef void _smooth_effort_rate(self) noexcept nogil
 

@@ -29,7 +29,7 @@ cdef int _joint_rows = JOINT_ROWS
 cdef class StatePublisher:
     """Writes the state block. Real-time safe."""
 
-    def __init__(self, memory, model, controller, clock):
+    def __init__(self, memory, model):
         """
         Raises:
             InputError: more joints than compiled code has room for.
@@ -39,7 +39,7 @@ cdef class StatePublisher:
         _require_layout()
         self._dof = checked_dof(memory.dof)
         self._block = block
-        self._chain = Chain(model.mj, model._base, model.tcp_site)
+        self._chain = model.chain
         self._smoothing = memory.period_s / EFFORT_RATE_S
         self._per_period = 1.0 / memory.period_s
         self.scalars = <StateScalars*>block.c_unsigned("cycle")
@@ -51,58 +51,17 @@ cdef class StatePublisher:
         self._effort_rate = block.c_doubles("effort_rate")
         self._interventions = block.c_unsigned("interventions")
         self._intervened_ns = block.c_signed("intervened_ns")
-        self._controller = controller
-        self._clock = clock
         self._counted = -1
 
-    def publish(self, cycle, double robot_time_s, measured, measured_ns):
-        """Publish what was measured in this cycle, and what the controller made of it.
-
-        Args:
-            measured_ns: CLOCK_MONOTONIC when it was read.
-        """
-        controller = self._controller
-        safety = controller.safety
+    cdef void c_heed(self, Safety safety, str reason) except *:
+        """Take over what the safety layer has counted, and why the mode is what it is, when these change."""
         if safety.counted != self._counted:
             self._counted = safety.counted
-            self.c_set_interventions(
-                <uint64_t*>bytes_of(safety.interventions, _kinds * 8),
-                <int64_t*>bytes_of(safety.intervened_ns, _kinds * 8),
-            )
-        if controller.reason is not self._reason:
-            self.set_reason(controller.reason)
-        self._collect()
-        self.scalars.cycle, self.scalars.robot_time_s = cycle, robot_time_s
-        self.scalars.measured_monotonic_ns = measured_ns
-        cdef const double* values = doubles(measured.values, _joint_rows * self._dof + 12)
-        cdef const double* command = doubles(safety.command, 3 * self._dof)
-        self.c_publish(self.scalars, values, command)
-
-    def set_reason(self, reason):
-        """Why the mode is what it is; to be called when it changes."""
-        self._reason = reason
-        self._block.data["reason"] = encoded(reason)
-
-    def _collect(self):
-        """Most scalars, from the controller and what belongs to it."""
-        cdef StateScalars* out = self.scalars
-        controller = self._controller
-        commands, path_clock, streaming = controller.commands, controller.clock, controller.streaming
-        out.mode, out.settled, out.slot = controller.mode, controller.settled, controller.slot
-        out.motion_id, out.motion_result = controller.motion_id, controller.motion_result
-        out.path_time_s, out.path_rate = path_clock.path_time_s, path_clock.rate
-        out.path_duration_s = controller.path.duration_s
-        out.deceleration_monotonic_ns = controller.deceleration_ns
-        out.stops_seen, out.estops_seen = commands.stops, commands.estops
-        out.command_seen = commands.command_seen
-        out.session, out.setpoint_seen = streaming.session, streaming.setpoint_seen
-        out.move_seen, out.move_running = streaming.move_seen, streaming.move_running
-        out.chunk_seen = streaming.chunk_seen
-        seen, taken, dropped, ahead, underruns = streaming.point_counts
-        out.point_seen, out.points_taken, out.points_dropped = seen, taken, dropped
-        out.points_buffered, out.underruns = ahead, underruns
-        out.overruns = self._clock.overruns
-        out.torn_reads = commands.torn_reads + streaming.torn_reads
+            memcpy(self._interventions, safety.c_interventions, _kinds * sizeof(uint64_t))
+            memcpy(self._intervened_ns, safety.c_intervened_ns, _kinds * sizeof(int64_t))
+        if reason is not self._reason:
+            self._reason = reason
+            self._block.data["reason"] = encoded(reason)
 
     cdef void c_publish(
         self, const StateScalars* scalars, const double* measured_values, const double* command
@@ -114,10 +73,6 @@ cdef class StatePublisher:
         self._smooth_effort_rate()
         self.scalars.monotonic_ns = monotonic_ns()
         self._block.c_publish()
-
-    cdef void c_set_interventions(self, const uint64_t* counts, const int64_t* moments_ns) noexcept nogil:
-        memcpy(self._interventions, counts, _kinds * sizeof(uint64_t))
-        memcpy(self._intervened_ns, moments_ns, _kinds * sizeof(int64_t))
 
     cdef void _find_tcp(self) noexcept nogil:
         """Pose and velocity of the TCP, as measured."""

@@ -95,9 +95,10 @@ cdef class CartesianSource(Source):
         self.limiter = PoseLimiter(period_s, within)
         self.move = MinJerkMove(np.array([0.0, 0, 0, 1, 0, 0, 0]), np.array([0.0, 0, 0, 1, 0, 0, 0]), 1.0, period_s)
         self.move_running = False
-        self.tcp_velocity = [within.max_linear_velocity, within.max_angular_velocity]
-        self.tcp_acceleration = [within.max_linear_acceleration, within.max_angular_acceleration]
-        self.tcp_jerk = [within.max_linear_jerk, within.max_angular_jerk]
+        self.tcp_velocity[0], self.tcp_velocity[1] = within.max_linear_velocity, within.max_angular_velocity
+        self.tcp_acceleration[0] = within.max_linear_acceleration
+        self.tcp_acceleration[1] = within.max_angular_acceleration
+        self.tcp_jerk[0], self.tcp_jerk[1] = within.max_linear_jerk, within.max_angular_jerk
         for joint in range(self.dof):
             self.lowest[joint], self.highest[joint] = limits.min_position[joint], limits.max_position[joint]
             self.max_velocity[joint] = limits.max_velocity[joint]
@@ -119,8 +120,10 @@ cdef class CartesianSource(Source):
             force.gain[axis] = FORCE_RATE_RAD_S / stiffest if stiffest else 0.0
         force.enabled = bool((request["force_axes"] > 0.0).any())
         force.in_tcp = bool(request["force_in_tcp"])
-        force.origin = [float(value) for value in request["force_frame"][:3]]
-        force.orientation = [float(value) for value in request["force_frame"][3:]]
+        for axis in range(3):
+            force.origin[axis] = request["force_frame"][axis]
+        for axis in range(4):
+            force.orientation[axis] = request["force_frame"][3 + axis]
         quat_to_matrix(force.orientation, force.turn)
 
     def explain(self):
@@ -261,7 +264,7 @@ cdef class CartesianSource(Source):
         cdef double error[TASK]
         cdef double jacobian[TASK * MAX_DOF]
         cdef int joint, axis
-        self.c_distance_to(self.goal if self.move_running else self.last, here, error, jacobian)
+        self.c_distance_to(&self.goal[0] if self.move_running else &self.last[0], here, error, jacobian)
         solve_damped(jacobian, self.dof, error)
         for joint in range(self.dof):
             step[joint] = 0.0

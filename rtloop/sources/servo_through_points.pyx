@@ -45,7 +45,8 @@ cdef class ThroughPoints(ServoSource):
     def __init__(self, limits, double period_s):
         super().__init__(limits, limits.max_velocity, period_s)
         take_rates(limits, &self.rates)
-        self.usual = [USUAL_RAD_S / limits.max_acceleration.min(), USUAL_RAD_S / limits.max_jerk.min()]
+        self.usual[0] = USUAL_RAD_S / limits.max_acceleration.min()
+        self.usual[1] = USUAL_RAD_S / limits.max_jerk.min()
         self.coefficient_rows = np.zeros((PIECES, ORDER, self.dof))
         self.coefficients = doubles(self.coefficient_rows, PIECES * ORDER * self.dof)
         self.first = self.count = 0
@@ -127,7 +128,7 @@ cdef class ThroughPoints(ServoSource):
         cdef double speeds[2]
         cdef int piece, kind
         cdef bint arrives
-        speeds = self.usual
+        memcpy(speeds, self.usual, sizeof(speeds))
         for piece in range(self.first, self.count):
             for kind in range(2):
                 speeds[kind] = max(speeds[kind], self.speeds[piece][kind])
@@ -162,7 +163,7 @@ cdef class ThroughPoints(ServoSource):
 
     cdef void c_extend(self) noexcept nogil:
         """One more point, `target`: the curve is known up to the one before."""
-        cdef const double* here = self.pending if self.pending_span > 0.0 else self.knot
+        cdef const double* here = &self.pending[0] if self.pending_span > 0.0 else &self.knot[0]
         cdef double span = self.time_s
         cdef int joint
         memcpy(self.last, self.target, self.dof * sizeof(double))
@@ -222,7 +223,7 @@ cdef class ThroughPoints(ServoSource):
         cdef double first = 0.0, second = 0.0, third = 0.0
         cdef int joint, dof = self.dof
         quintic_peaks(self.coefficients + number * ORDER * dof, dof, span, PLACES, peaks)
-        self.speeds[number] = [0.0, 0.0]
+        memset(self.speeds[number], 0, sizeof(self.speeds[number]))
         for joint in range(dof):
             first = max(first, peaks[joint] / self.rates.velocity[joint])
             second = max(second, peaks[dof + joint] / self.rates.acceleration[joint])

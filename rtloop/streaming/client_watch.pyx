@@ -2,7 +2,13 @@
 
 import os
 
-from posix.poll cimport POLLIN, poll, pollfd
+cdef extern from "<poll.h>" nogil:
+    struct pollfd:
+        int fd
+        short events
+        short revents
+    int POLLIN
+    int poll(pollfd* asked, unsigned long count, int timeout_ms)
 
 
 cdef class ClientWatch:

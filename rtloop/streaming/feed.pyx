@@ -48,13 +48,14 @@ cdef class Feed:
 
     cdef void c_watch_surroundings(self) noexcept nogil:
         """Slow down near the surroundings, and hold where the arm would come to rest too near to them."""
-        cdef CollisionMonitor monitor = self.monitor
-        monitor.c_look(self.safety.c_command)
-        if monitor.share < 1.0 and not self.slowed:
+        cdef double share
+        self.monitor.c_look(self.safety.c_command)
+        share = self.monitor.share
+        if share < 1.0 and not self.slowed:
             self.safety.c_count(COUNT_PROXIMITY)
-        self.slowed = monitor.share < 1.0
-        self.safety.c_slow_down(monitor.share)
-        if monitor.blocked and not self.holding:
+        self.slowed = share < 1.0
+        self.safety.c_slow_down(share)
+        if self.monitor.blocked and not self.holding:
             self.blocked = True
             self.c_hold(COUNT_COLLISION)
 

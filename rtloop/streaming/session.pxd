@@ -1,5 +1,6 @@
 from rtloop.inboxes.point_queue cimport PointQueue
 from rtloop.inboxes.stream cimport StreamInbox
+from rtloop.publisher cimport StateScalars
 from rtloop.safety.limiter cimport Safety
 from rtloop.streaming.client_watch cimport ClientWatch
 from rtloop.streaming.collision_monitor cimport CollisionMonitor
@@ -25,5 +26,6 @@ cdef class Session:
     cdef ContactMonitor _contact_monitor
 
     cdef void c_advance(self, const double* external, double robot_time_s) noexcept nogil
+    cdef void c_describe(self, StateScalars* state) noexcept nogil
     cdef long long c_torn_reads(self) noexcept nogil
     cdef bint c_from_service(self) noexcept nogil

@@ -204,19 +204,37 @@ cdef class Session:
             external: torques that the surroundings exert on the joints (dof,), N·m, and behind them their
                 wrench at the TCP (6,), N and N·m.
         """
-        cdef Feed feed = self.feed
         self._cycle += 1
         if not self.box.c_wants(self.session):
-            feed.problem = CLIENT_ENDED
+            self.feed.problem = CLIENT_ENDED
         elif self._cycle % ALIVE_CYCLES == 0 and self._client.c_gone():
-            feed.problem = CLIENT_DIED
-        feed.c_advance(external, external + feed.source.dof, robot_time_s)
+            self.feed.problem = CLIENT_DIED
+        self.feed.c_advance(external, external + self.feed.source.dof, robot_time_s)
         if self._contact_monitor.c_exceeded(external):
             self._safety.c_count(COUNT_CONTACT)
-            feed.problem = CONTACT
-        feed.c_watch_surroundings()
-        if self.has_points and feed.holding:
-            feed.c_end(OBSTACLE)
+            self.feed.problem = CONTACT
+        self.feed.c_watch_surroundings()
+        if self.has_points and self.feed.holding:
+            self.feed.c_end(OBSTACLE)
+
+    cdef void c_describe(self, StateScalars* state) noexcept nogil:
+        """Fill in what the state block says of the session; what it counted stays until the next one begins."""
+        state.session = self.session
+        state.setpoint_seen = state.move_seen = state.move_running = state.chunk_seen = 0
+        state.point_seen = state.points_taken = state.points_dropped = 0
+        state.points_buffered = state.underruns = 0
+        if self.has_targets:
+            state.setpoint_seen = self.targets.setpoint_seen
+            state.move_seen = self.targets.move_seen
+            state.move_running = self.targets.c_move_running()
+            state.chunk_seen = self.targets.chunk_seen
+        elif self.has_points:
+            state.point_seen = self._queue.seen
+            state.points_taken = self.points.points.taken
+            state.points_dropped = self.points.points.dropped + self._queue.lost
+            if self.session:
+                state.points_buffered = self._queue.c_waiting() + self.points.points.c_buffered()
+            state.underruns = self.points.points.underruns
 
     cdef long long c_torn_reads(self) noexcept nogil:
         """`torn_reads`."""
