@@ -14,6 +14,7 @@ from rtloop.sources.servo_modes import make_servo
 from rtloop.sources.torque import TorqueSource
 from rtloop.streaming.session_checks import session_refusal
 
+from rtloop.sources.source cimport Source
 from rtloop.streaming.feed cimport CLIENT_DIED, CLIENT_ENDED, CONTACT, NO_PROBLEM, OBSTACLE, SERVO_WATCHDOG
 
 MODES = {
@@ -151,13 +152,13 @@ cdef class Session:
         points = make_servo(
             ServoMode(int(request["servo_mode"])), self._stream_limits, self._limits.max_velocity, self._period_s
         )
-        source = self._source(stream, request, limits, points)
+        cdef Source source = self._source(stream, request, limits, points)
         if isinstance(self._backend, ImpedanceControlled):
             self._backend.set_impedance(self._impedance(stream, request, command))
         self._contact_monitor.begin(request["max_contact_torque"], request["max_contact_wrench"])
         self._collision_monitor.begin(touching=bool(request["force_axes"].any()))
         self._safety.use(limits, catch_up=np.inf if joints else CATCH_UP_RAD_S)
-        source.begin(command)
+        source.c_begin(self._safety.c_command)
         shared = self._safety, self._collision_monitor, self.box
         self.has_points = points is not None
         self.has_targets = not self.has_points
