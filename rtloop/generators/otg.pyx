@@ -7,7 +7,7 @@ One module, though it is long: solver and profile are one translation unit, so t
 How the position interface works. All quantities are divided by the jerk limit: the jerk is 1, an acceleration
 is the time to reach it. A motion up raises the acceleration to a peak, lets it fall, and raises it to zero:
 
-    jerk +1 from a0 to `rise`, hold (only at the limit), jerk −1 to −`sink`, hold (only at the limit), +1 to 0.
+    jerk +1 from a0 to `rise`, hold if at the limit, jerk −1 to −`sink`, hold if at the limit, +1 to 0.
 
 With the end state given, these motions form one family with one parameter. The family begins with the
 shortest change of velocity alone, of displacement D0, and along it the duration T never decreases. A motion
@@ -22,8 +22,8 @@ virtual one while `rise` is negative). By the maximum principle
     dD/dT = H = w + rise · sink / 2,
 
 and H first decreases and then increases while `rise` is negative, and increases from `rise` = 0 on. So D has
-at most one maximum before it grows for good, known in closed form; every root is bracketed alone, and Newton's
-method finds it. When w has come to the velocity limit, the family goes on with a cruise.
+at most one maximum before it grows for good, known in closed form; every root is bracketed alone, and
+Newton's method finds it. When w has come to the velocity limit, the family goes on with a cruise.
 
 As long as nothing is held, the velocities give rise² − sink² = kappa, a constant, so that everything is
 rational in the duration of the fall, sigma = rise + sink. Sigma is the family's parameter, with holds as
@@ -148,8 +148,8 @@ cdef inline void _begin(
     Family* family, double velocity, double acceleration, double end_velocity,
     double max_acceleration, double max_deceleration,
 ) noexcept nogil:
-    """The target's velocity may differ by rounding from the one to which the acceleration's way to zero leads:
-    that is no reason for more. A ramp for it would take as long as the rounding's square root."""
+    """The target's velocity may differ by rounding from the one to which the acceleration's way to zero
+    leads: that is no reason for more. A ramp for it would take as long as the rounding's square root."""
     cdef double half_square = 0.5 * acceleration * acceleration
     cdef double change = end_velocity - velocity
     cdef double direct = half_square if acceleration > 0.0 else -half_square
@@ -166,7 +166,8 @@ cdef inline void _begin(
 
 
 cdef inline void _ramp(double change, double limit, double* peak, double* hold) noexcept nogil:
-    """The fastest change of velocity between two zeros of the acceleration: its peak, and how long it holds."""
+    """The fastest change of velocity between two zeros of the acceleration: its peak, and how long it is
+    held."""
     peak[0] = sqrt(fmax(change, 0.0))
     hold[0] = 0.0
     if peak[0] > limit:
@@ -289,47 +290,56 @@ cdef inline void _hold_both(const Family* family, double way, Shape* shape) noex
     shape.rise_hold += longer * low / high
 
 
+cdef inline bint _find_below_zero(
+    const Family* family, double displacement, double tolerance, double* low, Shape* shape
+) noexcept nogil:
+    """The motion sought if `rise` is negative in it. Else `low` and `shape` become those where it is zero."""
+    cdef double split = fmin(sqrt(-family.kappa), family.max_deceleration), maximum
+    if _gain(family, shape) > 0.0:
+        maximum = _first_maximum(family, low[0], split)
+        if maximum > low[0]:
+            _at_sigma(family, maximum, shape)
+            if _displacement(family, shape) >= displacement - tolerance:
+                _solve(family, displacement, low[0], maximum, shape)
+                return True
+            low[0] = maximum
+    _at_sigma(family, split, shape)
+    if _displacement(family, shape) >= displacement:
+        _solve(family, displacement, low[0], split, shape)
+        return True
+    low[0] = split
+    return False
+
+
 cdef bint _find(
     const Family* family, double displacement, double tolerance, double max_velocity, Shape* shape
 ) noexcept nogil:
-    """The first motion of the family with this displacement; whether there is one. Expects the first motion of
-    all in `shape`, and a displacement not below that one's.
+    """The first motion of the family with this displacement; whether there is one. Expects the first motion
+    of all in `shape`, and a displacement not below that one's.
 
     Where D first decreases, or has come to its maximum, a displacement that is greater by the tolerance would
     take much longer: a detour, for what may be rounding. It is neglected there.
     """
-    cdef double low = shape.rise + shape.sink, split, way, gain
     cdef double both = family.max_acceleration + family.max_deceleration
-    cdef double a0 = family.start_acceleration, start = _displacement(family, shape)
+    cdef double a0 = family.start_acceleration, low = shape.rise + shape.sink, high
+    cdef double way = displacement - _displacement(family, shape)
     cdef Shape end
-    way, gain = displacement - start, _gain(family, shape)
-    if way <= 0.0 or (gain < 0.0 and way <= tolerance):
+    if way <= 0.0 or (way <= tolerance and _gain(family, shape) < 0.0):
         return True
-    if family.falls and a0 < 0.0:  # `rise` begins below zero.
+    if family.falls and a0 < 0.0:
         if shape.sink_hold == 0.0:
             low = -family.kappa / (shape.sink - a0)  # The same without cancellation.
-        split = fmin(sqrt(-family.kappa), family.max_deceleration)
-        if gain > 0.0:
-            way = _first_maximum(family, low, split)
-            if way > low:
-                _at_sigma(family, way, &end)
-                if _displacement(family, &end) >= displacement - tolerance:
-                    _solve(family, displacement, low, way, shape)
-                    return True
-                low = way
-        _at_sigma(family, split, shape)
-        start = _displacement(family, shape)
-        if start >= displacement:
-            _solve(family, displacement, low, split, shape)
+        if _find_below_zero(family, displacement, tolerance, &low, shape):
             return True
-        low = split
+        way = displacement - _displacement(family, shape)
+    high = low + 1.000001 * _beyond(way, _gain(family, shape))
     _ramp(max_velocity - family.start_velocity, family.max_acceleration, &end.rise, &end.rise_hold)
     _ramp(max_velocity - family.end_velocity, family.max_deceleration, &end.sink, &end.sink_hold)
     way = displacement - _displacement(family, &end)
     if way >= 0.0:
-        end.cruise = way / max_velocity if way > 0.0 else 0.0
         shape[0] = end
-        return end.cruise >= 0.0
+        shape.cruise = way / max_velocity if way > 0.0 else 0.0
+        return shape.cruise >= 0.0
     if end.rise + end.sink >= both:
         _at_sigma(family, both, &end)
         way = displacement - _displacement(family, &end)
@@ -337,8 +347,7 @@ cdef bint _find(
             _hold_both(family, way, &end)
             shape[0] = end
             return True
-    gain = _gain(family, shape)
-    _solve(family, displacement, low, fmin(end.rise + end.sink, low + 1.000001 * _beyond(displacement - start, gain)), shape)
+    _solve(family, displacement, low, fmin(high, end.rise + end.sink), shape)
     return True
 
 
@@ -373,7 +382,9 @@ cdef inline bint _too_fast(double v, double a, const Limits* limits) noexcept no
     )
 
 
-cdef inline void _brake_velocity(double v, double a, const Limits* limits, double* fall, double* hold) noexcept nogil:
+cdef inline void _brake_velocity(
+    double v, double a, const Limits* limits, double* fall, double* hold
+) noexcept nogil:
     """Jerk −1, then the least acceleration, until the velocity is at its upper limit, or until it would end
     below the lower one."""
     cdef double least = limits.min_acceleration, until
@@ -403,8 +414,8 @@ cdef inline void _brake_acceleration(
 
 
 cdef inline int _brake(double v, double a, const Limits* limits, double* fall, double* hold) noexcept nogil:
-    """Durations of what brings a state within the limits: jerk −1 and then 0. Returns 1, or −1 if mirrored, or
-    0 if there is nothing to do."""
+    """Durations of what brings a state within the limits: jerk −1 and then 0. Returns 1, or −1 if mirrored,
+    or 0 if there is nothing to do."""
     cdef Limits mirrored = _mirrored(limits)
     if a > limits.max_acceleration:
         _brake_acceleration(v, a, limits, fall, hold)
@@ -445,8 +456,8 @@ cdef inline bint _valid(const Problem* problem) noexcept nogil:
 cdef inline void _move(
     Profile* profile, State* state, double jerk, double max_velocity, const Shape* shape
 ) noexcept nogil:
-    """Append the phases of a motion up, or of its mirror image if the jerk is negative. Accelerations, and the
-    velocity of the cruise, are set anew where they are known: over a long phase rounding would add up."""
+    """Append the phases of a motion up, or of its mirror image if the jerk is negative. Accelerations, and
+    the velocity of the cruise, are set anew where they are known: over a long phase rounding would add up."""
     _append(profile, state, shape.rise - state.acceleration / jerk, jerk)
     state.acceleration = shape.rise * jerk
     _append(profile, state, shape.rise_hold, 0.0)
@@ -477,10 +488,10 @@ cdef inline bint _close(double is_, double wanted, double scale) noexcept nogil:
 
 
 cdef int otg_velocity(const Problem* problem, Profile* profile) noexcept nogil:
-    """The shortest way from a state to the target's velocity, at acceleration zero. An acceleration beyond the
-    limits is first brought to the limit."""
+    """The shortest way from a state to the target's velocity, at acceleration zero. An acceleration beyond
+    the limits is first brought to the limit."""
     cdef double jerk = problem.max_jerk, high = problem.max_acceleration, low = problem.min_acceleration
-    cdef double target = problem.target_velocity
+    cdef double target = problem.target_velocity, scale = fabs(problem.velocity) + high - low
     cdef Family family
     cdef Shape shape
     cdef State state
@@ -499,9 +510,9 @@ cdef int otg_velocity(const Problem* problem, Profile* profile) noexcept nogil:
     _shortest(&family, &shape)
     _move(profile, &state, jerk, 0.0, &shape)
     profile.end_position, profile.end_velocity = state.position, target
-    if not _close(state.velocity, target, fabs(problem.velocity) + high - low) or not isfinite(state.position):
-        return OTG_NO_SOLUTION
-    return OTG_OK
+    if _close(state.velocity, target, scale) and isfinite(state.position):
+        return OTG_OK
+    return OTG_NO_SOLUTION
 
 
 cdef inline bint _plan(
@@ -545,7 +556,8 @@ cdef int otg_position(const Problem* problem, Profile* profile) noexcept nogil:
     side = _brake(state.velocity / unit, state.acceleration / unit, &limits, &fall, &hold)
     if side:
         _append(profile, &state, fall, -side * unit)
-        state.acceleration = fmin(fmax(state.acceleration, problem.min_acceleration), problem.max_acceleration)
+        state.acceleration = fmax(state.acceleration, problem.min_acceleration)
+        state.acceleration = fmin(state.acceleration, problem.max_acceleration)
         _append(profile, &state, hold, 0.0)
     if not _plan(&state, problem, &limits, &shape, &jerk):
         return OTG_NO_SOLUTION
@@ -633,7 +645,9 @@ cdef inline void _tighten(Problem* line, const Problem* axis, double ratio) noex
         line.max_jerk = fmin(line.max_jerk, axis.max_jerk / fabs(ratio))
 
 
-cdef inline void _scale(const Profile* line, const Problem* axis, double ratio, Profile* profile) noexcept nogil:
+cdef inline void _scale(
+    const Profile* line, const Problem* axis, double ratio, Profile* profile
+) noexcept nogil:
     """The motion of an axis that moves in proportion to another one."""
     cdef double start = line.position[0]
     cdef int i
@@ -666,11 +680,12 @@ cdef inline bint _fits(const Problem* line, const Problem* problems, int n) noex
 
 
 cdef int otg_vector(const Problem* problems, int n, Profile* profiles) noexcept nogil:
-    """On a straight line, and in phase, if offset, velocities and acceleration of all axes lie on one: as fast
-    as the limits of all axes permit along it. Else each axis for itself. The first result that is not OTG_OK
-    if an axis has no motion."""
+    """On a straight line, and in phase, if offset, velocities and acceleration of all axes lie on one: as
+    fast as the limits of all axes permit along it. Else each axis for itself. The first result that is not
+    OTG_OK if an axis has no motion."""
     cdef Problem line
     cdef Profile motion
+    cdef double ratio
     cdef int i, quantity = 0, axis = 0, result
     for i in range(n):
         if not _valid_position(&problems[i]):
@@ -678,12 +693,12 @@ cdef int otg_vector(const Problem* problems, int n, Profile* profiles) noexcept 
     if _line(problems, n, &quantity, &axis):
         line = problems[axis]
         for i in range(n):
-            _tighten(&line, &problems[i], _quantity(&problems[i], quantity) / _quantity(&line, quantity))
+            ratio = _quantity(&problems[i], quantity) / _quantity(&line, quantity)
+            _tighten(&line, &problems[i], ratio)
         if _fits(&line, problems, n) and otg_position(&line, &motion) == OTG_OK:
             for i in range(n):
-                _scale(
-                    &motion, &problems[i], _quantity(&problems[i], quantity) / _quantity(&line, quantity), &profiles[i]
-                )
+                ratio = _quantity(&problems[i], quantity) / _quantity(&line, quantity)
+                _scale(&motion, &problems[i], ratio, &profiles[i])
             return OTG_OK
     for i in range(n):
         result = otg_position(&problems[i], &profiles[i])
