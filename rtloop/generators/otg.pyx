@@ -234,8 +234,8 @@ cdef void _solve(
 ) noexcept nogil:
     """The motion of this displacement, in a bracket with one root: Newton's method from above."""
     cdef double sigma = high, following, off, slope
-    cdef int i
-    for i in range(MAX_ITERATIONS):
+    cdef int _i
+    for _i in range(MAX_ITERATIONS):
         slope = _at_sigma(family, sigma, shape) * _gain(family, shape)
         off = _displacement(family, shape) - displacement
         if off > 0.0:
@@ -648,7 +648,7 @@ cdef bint _cruise(
     cdef double itself = state.velocity + 0.5 * state.acceleration * fabs(state.acceleration)
     cdef double low = fmin(itself, target), high = fmax(itself, target), following
     cdef double outside = 0.0
-    cdef int i
+    cdef int _i
     out.velocity = low
     _cruise_at(state, target, limits, duration_s, out)
     if out.duration >= 0.0 and out.displacement >= displacement:
@@ -658,7 +658,7 @@ cdef bint _cruise(
         _cruise_at(state, target, limits, duration_s, out)
         if out.duration >= 0.0 and out.displacement <= displacement:
             outside, low, high = 1.0, high, fmax(high, limits.max_velocity)
-    for i in range(MAX_ITERATIONS):
+    for _i in range(MAX_ITERATIONS):
         following = out.velocity - (out.displacement - displacement) / out.slope
         if out.duration < 0.0 and outside != 0.0:
             if outside > 0.0:
