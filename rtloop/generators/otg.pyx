@@ -2,7 +2,8 @@
 """Online trajectory generation for single axes: time-optimal motion under limits of jerk and acceleration,
 and of velocity where a position is the target. C alone: no allocation, no exceptions, bounded work.
 
-One module, though it is long: solver and profile are one translation unit, so that the compiler can inline.
+One module, though it is long: what it is made of is small and called often, and within one translation unit
+the compiler inlines it.
 
 How the position interface works. All quantities are divided by the jerk limit: the jerk is 1, an acceleration
 is the time to reach it. A motion up raises the acceleration to a peak, lets it fall, and raises it to zero:
@@ -28,6 +29,9 @@ Newton's method finds it. When w has come to the velocity limit, the family goes
 As long as nothing is held, the velocities give rise² − sink² = kappa, a constant, so that everything is
 rational in the duration of the fall, sigma = rise + sink. Sigma is the family's parameter, with holds as
 well, up to the motion that only just meets both limits.
+
+Axes together are brought along a straight line where that is possible, else synchronised in time: the faster
+ones cruise at a lower velocity.
 
 A state beyond the limits is first brought within them, by the rules of Ruckig, the reference of the tests.
 Vocabulary: Berscheid and Kröger, Jerk-limited Real-time Trajectory Generation with Arbitrary Target States,
@@ -230,8 +234,8 @@ cdef void _solve(
 ) noexcept nogil:
     """The motion of this displacement, in a bracket with one root: Newton's method from above."""
     cdef double sigma = high, following, off, slope
-    cdef int i
-    for i in range(MAX_ITERATIONS):
+    cdef int _i
+    for _i in range(MAX_ITERATIONS):
         slope = _at_sigma(family, sigma, shape) * _gain(family, shape)
         off = _displacement(family, shape) - displacement
         if off > 0.0:
@@ -541,35 +545,173 @@ cdef inline bint _plan(
     return True
 
 
+cdef inline void _enter(
+    const Problem* problem, const Limits* limits, Profile* profile, State* state
+) noexcept nogil:
+    """Bring the state within the limits."""
+    cdef double unit = problem.max_jerk, fall = 0.0, hold = 0.0
+    cdef int side = _brake(state.velocity / unit, state.acceleration / unit, limits, &fall, &hold)
+    if side:
+        _append(profile, state, fall, -side * unit)
+        state.acceleration = fmax(state.acceleration, problem.min_acceleration)
+        state.acceleration = fmin(state.acceleration, problem.max_acceleration)
+        _append(profile, state, hold, 0.0)
+
+
+cdef inline int _finish(const Problem* problem, Profile* profile, const State* state) noexcept nogil:
+    """The result: whether the last phase has led to the target."""
+    cdef double scale = fabs(problem.velocity) + problem.max_velocity - problem.min_velocity
+    profile.end_position, profile.end_velocity = problem.target_position, problem.target_velocity
+    if _close(state.velocity, problem.target_velocity, scale) and _close(
+        state.position, problem.target_position, fabs(problem.position) + profile.duration * scale
+    ):
+        return OTG_OK
+    return OTG_NO_SOLUTION
+
+
 cdef int otg_position(const Problem* problem, Profile* profile) noexcept nogil:
     """The shortest way from a state to the target's position and velocity, at acceleration zero. What is
     beyond the limits is first brought within them, as fast as possible."""
-    cdef double unit = problem.max_jerk, jerk = 0.0, fall = 0.0, hold = 0.0, scale
+    cdef double jerk = 0.0
     cdef Limits limits
     cdef Shape shape
     cdef State state
-    cdef int side
     _start(problem, profile, &state)
     if not _valid_position(problem):
         return OTG_INVALID
     limits = _limits(problem)
-    side = _brake(state.velocity / unit, state.acceleration / unit, &limits, &fall, &hold)
-    if side:
-        _append(profile, &state, fall, -side * unit)
-        state.acceleration = fmax(state.acceleration, problem.min_acceleration)
-        state.acceleration = fmin(state.acceleration, problem.max_acceleration)
-        _append(profile, &state, hold, 0.0)
+    _enter(problem, &limits, profile, &state)
     if not _plan(&state, problem, &limits, &shape, &jerk):
         return OTG_NO_SOLUTION
     _move(profile, &state, jerk, problem.max_velocity if jerk > 0.0 else problem.min_velocity, &shape)
-    profile.end_position, profile.end_velocity = problem.target_position, problem.target_velocity
-    scale = fabs(problem.velocity) + problem.max_velocity - problem.min_velocity
-    if (
-        _close(state.velocity, problem.target_velocity, scale)
-        and _close(state.position, problem.target_position, fabs(problem.position) + profile.duration * scale)
+    return _finish(problem, profile, &state)
+
+
+# --- A given duration ---
+
+
+cdef struct Ramp:  # The fastest change of velocity to or from a cruise.
+    double side  # 1 for one up, −1 for one down.
+    double peak, hold
+
+
+cdef struct Cruise:  # A motion of two ramps with a cruise in between.
+    Ramp first, last
+    double velocity, duration
+    double displacement, slope  # The latter by the velocity, for the same duration of the whole.
+
+
+cdef inline Ramp _ramp_to(double change, const Limits* limits) noexcept nogil:
+    cdef Ramp ramp
+    ramp.side = 1.0 if change >= 0.0 else -1.0
+    _ramp(
+        fabs(change),
+        limits.max_acceleration if change >= 0.0 else -limits.min_acceleration,
+        &ramp.peak,
+        &ramp.hold,
+    )
+    return ramp
+
+
+cdef inline void _cruise_at(
+    const State* state, double target, const Limits* limits, double duration_s, Cruise* out
+) noexcept nogil:
+    """The motion of this duration with the velocity in `out`. If its cruise is of negative duration there is
+    none. The state is in units of the jerk limit."""
+    cdef double v = state.velocity, a = state.acceleration, cruise = out.velocity
+    cdef double side = 1.0 if cruise >= v + 0.5 * a * fabs(a) else -1.0
+    cdef double lead = side * a  # How long the first ramp would have gone on before the start.
+    cdef double change = cruise - (v - side * 0.5 * a * a), first, last
+    out.first = _ramp_to(side * fmax(side * change, 0.0), limits)
+    out.first.side = side
+    out.last = _ramp_to(target - cruise, limits)
+    first, last = 2.0 * out.first.peak + out.first.hold, 2.0 * out.last.peak + out.last.hold
+    out.duration = duration_s - first + lead - last
+    # That of a cruise all the time, less what the ramps lack of it: each, in the mean, half of its change.
+    out.displacement = (
+        cruise * duration_s - 0.5 * change * first + change * lead - a * a * a / 6.0
+        + 0.5 * (target - cruise) * last
+    )
+    out.slope = duration_s + lead - 1.5 * (out.first.peak + out.last.peak) - out.first.hold - out.last.hold
+
+
+cdef bint _cruise(
+    const State* state, double target, double displacement, const Limits* limits, double duration_s,
+    Cruise* out,
+) noexcept nogil:
+    """The velocity of the cruise with which a motion of this duration has this displacement.
+
+    The displacement grows with the velocity, as all velocities do. A cruise below both the velocity to which
+    the start leads by itself and the target's, or above both, is the shorter the farther off it is; where
+    there is none, it is too far off.
+    """
+    cdef double itself = state.velocity + 0.5 * state.acceleration * fabs(state.acceleration)
+    cdef double low = fmin(itself, target), high = fmax(itself, target), following
+    cdef double outside = 0.0
+    cdef int _i
+    out.velocity = low
+    _cruise_at(state, target, limits, duration_s, out)
+    if out.duration >= 0.0 and out.displacement >= displacement:
+        outside, high, low = -1.0, low, fmin(low, limits.min_velocity)
+    else:
+        out.velocity = high
+        _cruise_at(state, target, limits, duration_s, out)
+        if out.duration >= 0.0 and out.displacement <= displacement:
+            outside, low, high = 1.0, high, fmax(high, limits.max_velocity)
+    for _i in range(MAX_ITERATIONS):
+        following = out.velocity - (out.displacement - displacement) / out.slope
+        if out.duration < 0.0 and outside != 0.0:
+            if outside > 0.0:
+                high = out.velocity
+            else:
+                low = out.velocity
+            following = 0.5 * (low + high)
+        elif out.displacement > displacement:
+            high = out.velocity
+        else:
+            low = out.velocity
+        if not low <= following <= high:
+            following = 0.5 * (low + high)
+        if fabs(following - out.velocity) <= 4e-16 * fabs(out.velocity):
+            break
+        out.velocity = following
+        _cruise_at(state, target, limits, duration_s, out)
+    return out.duration >= -1e-15 * duration_s
+
+
+cdef inline void _append_ramp(Profile* profile, State* state, double jerk, const Ramp* ramp) noexcept nogil:
+    """To acceleration zero."""
+    jerk *= ramp.side
+    _append(profile, state, ramp.peak - state.acceleration / jerk, jerk)
+    state.acceleration = ramp.peak * jerk
+    _append(profile, state, ramp.hold, 0.0)
+    _append(profile, state, ramp.peak, -jerk)
+    state.acceleration = 0.0
+
+
+cdef int otg_position_in(const Problem* problem, double duration_s, Profile* profile) noexcept nogil:
+    """As `otg_position`, but in a duration that is longer: with a cruise at a lower velocity. That is the way
+    Ruckig synchronises axes in time, where such a cruise exists."""
+    cdef double unit = problem.max_jerk, target = problem.target_velocity / unit
+    cdef Limits limits
+    cdef State state, scaled
+    cdef Cruise cruise
+    _start(problem, profile, &state)
+    if not _valid_position(problem) or not isfinite(duration_s):
+        return OTG_INVALID
+    limits = _limits(problem)
+    _enter(problem, &limits, profile, &state)
+    scaled.velocity, scaled.acceleration = state.velocity / unit, state.acceleration / unit
+    if not _cruise(
+        &scaled, target, (problem.target_position - state.position) / unit, &limits,
+        duration_s - profile.duration, &cruise,
     ):
-        return OTG_OK
-    return OTG_NO_SOLUTION
+        return OTG_NO_SOLUTION
+    _append_ramp(profile, &state, unit, &cruise.first)
+    _append(profile, &state, cruise.duration, 0.0)
+    _append_ramp(profile, &state, unit, &cruise.last)
+    profile.duration = duration_s
+    return _finish(problem, profile, &state)
 
 
 cdef int otg_step(const Problem* problem, double period_s, double* out) noexcept nogil:
@@ -679,14 +821,31 @@ cdef inline bint _fits(const Problem* line, const Problem* problems, int n) noex
     return False
 
 
+cdef int otg_synchronised(const Problem* problems, int n, Profile* profiles) noexcept nogil:
+    """All axes arrive together with the slowest one, each with a cruise at a lower velocity; one for which
+    there is none arrives earlier. The first result that is not OTG_OK if an axis has no motion."""
+    cdef Profile slower
+    cdef double duration_s = 0.0
+    cdef int i, result
+    for i in range(n):
+        result = otg_position(&problems[i], &profiles[i])
+        if result != OTG_OK:
+            return result
+        duration_s = fmax(duration_s, profiles[i].duration)
+    for i in range(n):
+        if profiles[i].duration < duration_s:
+            if otg_position_in(&problems[i], duration_s, &slower) == OTG_OK:
+                profiles[i] = slower
+    return OTG_OK
+
+
 cdef int otg_vector(const Problem* problems, int n, Profile* profiles) noexcept nogil:
     """On a straight line, and in phase, if offset, velocities and acceleration of all axes lie on one: as
-    fast as the limits of all axes permit along it. Else each axis for itself. The first result that is not
-    OTG_OK if an axis has no motion."""
+    fast as the limits of all axes permit along it. Else they arrive together, see `otg_synchronised`."""
     cdef Problem line
     cdef Profile motion
     cdef double ratio
-    cdef int i, quantity = 0, axis = 0, result
+    cdef int i, quantity = 0, axis = 0
     for i in range(n):
         if not _valid_position(&problems[i]):
             return OTG_INVALID
@@ -700,11 +859,7 @@ cdef int otg_vector(const Problem* problems, int n, Profile* profiles) noexcept 
                 ratio = _quantity(&problems[i], quantity) / _quantity(&line, quantity)
                 _scale(&motion, &problems[i], ratio, &profiles[i])
             return OTG_OK
-    for i in range(n):
-        result = otg_position(&problems[i], &profiles[i])
-        if result != OTG_OK:
-            return result
-    return OTG_OK
+    return otg_synchronised(problems, n, profiles)
 
 
 # --- Python, for the tests ---
@@ -774,8 +929,9 @@ def step(row, double period_s):
     return result, (out[0], out[1], out[2])
 
 
-def vector(rows):
-    """The result, and the motions of at most 16 axes, of rows in the order of `Problem`."""
+def vector(rows, in_phase=True):
+    """The result, and the motions of at most 16 axes, of rows in the order of `Problem`; unless in phase they
+    are only synchronised."""
     cdef Problem[16] problems
     cdef Profile[16] profiles
     cdef AxisProfile motion
@@ -784,7 +940,10 @@ def vector(rows):
         raise ValueError(f"{n} axes; 1 to 16 are possible")
     for i in range(n):
         problems[i] = _problem(rows[i])
-    result = otg_vector(problems, n, profiles)
+    if in_phase:
+        result = otg_vector(problems, n, profiles)
+    else:
+        result = otg_synchronised(problems, n, profiles)
     motions = []
     for i in range(n):
         motion = AxisProfile()
