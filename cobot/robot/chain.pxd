@@ -1,0 +1,24 @@
+"""The kinematics of a serial arm, for compiled code; see `chain.pyx`."""
+
+from cobot.arrays cimport MAX_DOF
+
+
+cdef class Chain:
+    cdef readonly int dof
+    cdef int _count                       # joints on the way to the TCP; the others do not move it
+    cdef int _joint[MAX_DOF]              # of these, the column each has in the joint vector
+    cdef bint _slides[MAX_DOF]
+    cdef double _rest[MAX_DOF]            # the joint's position at which the fixed parts are as they are
+    cdef double _turn[MAX_DOF + 1][9]     # fixed parts: rotation before each joint, and after the last one
+    cdef double _offset[MAX_DOF + 1][3]
+    cdef object _joints, _pose, _rotation, _jacobian
+    cdef double* _c_joints
+    cdef double* _c_pose
+    cdef double* _c_rotation
+    cdef double* _c_jacobian
+
+    cdef void c_forward(self, const double* joints, double* pose7) noexcept nogil
+    cdef void c_forward_jacobian(self, const double* joints, double* pose7, double* jacobian) noexcept nogil
+    cdef void c_place(
+        self, const double* joints, double* position, double* rotation, double* jacobian
+    ) noexcept nogil

@@ -1,0 +1,214 @@
+"""The kinematics of a serial arm as a few hundred products, for the real-time cycle and the planners alike.
+
+Taken from a MuJoCo model once: whatever does not move between two joints is one fixed part. Each part ends in
+a frame whose z is the axis of the next joint, so that a joint's turn mixes two columns of a matrix, and the
+Jacobian needs no more than these axes and where they are (Siciliano, Sciavicco, Villani, Oriolo, "Robotics",
+2009, equation 3.30). Poses are those of the TCP in the base frame.
+"""
+
+from libc.math cimport cos, sin
+from libc.string cimport memcpy, memset
+
+import mujoco
+import numpy as np
+
+from cobot.arrays cimport MAX_DOF, checked_dof, doubles
+from cobot.robot.quaternion cimport cross3, quat_from_matrix
+
+from cobot.errors import InputError
+
+
+cdef class Chain:
+    """Forward kinematics and Jacobian. Joint vectors are shape (dof,), rad (m for a slide).
+
+    The methods for Python work in one scratch memory: not thread safe. Those for compiled code are.
+
+    Attributes:
+        dof: the number of joints.
+    """
+
+    def __init__(self, mj, int base, int site):
+        """Of a `mujoco.MjModel`, the index of the body that is the base, and that of the site at the TCP.
+
+        Raises:
+            InputError: there are too many joints, or other ones than hinges and slides.
+        """
+        if mj.njnt > MAX_DOF:
+            raise InputError(f"{mj.njnt} joints, at the most {MAX_DOF}")
+        if mj.nq != mj.njnt or mj.nv != mj.njnt:
+            raise InputError("a joint of the model is neither a hinge nor a slide")
+        self.dof = mj.njnt
+        self._joints, self._pose = np.zeros(self.dof), np.zeros(7)
+        self._rotation, self._jacobian = np.zeros((3, 3)), np.zeros((6, self.dof))
+        self._c_joints, self._c_pose = doubles(self._joints, self.dof), doubles(self._pose, 7)
+        self._c_rotation = doubles(self._rotation, 9)
+        self._c_jacobian = doubles(self._jacobian, 6 * self.dof)
+        self._fold(mj, base, site)
+
+    def _fold(self, mj, int base, int site):
+        """Walk from the world to the TCP and keep what is fixed between two joints as one part."""
+        turn, offset = _inverse(*_standing(mj, base))
+        for body in _way_to(mj, mj.site_bodyid[site]):
+            turn, offset = turn @ _matrix(mj.body_quat[body]), offset + turn @ mj.body_pos[body]
+            for joint in range(mj.body_jntadr[body], mj.body_jntadr[body] + mj.body_jntnum[body]):
+                aligned = _with_z_along(mj.jnt_axis[joint])
+                self._add_joint(mj, joint, turn @ aligned, offset + turn @ mj.jnt_pos[joint])
+                # What follows is seen from the joint's frame, whose origin is the anchor.
+                turn, offset = aligned.T, -aligned.T @ mj.jnt_pos[joint]
+        offset = offset + turn @ mj.site_pos[site]
+        self._set_part(self._count, turn @ _matrix(mj.site_quat[site]), offset)
+
+    def _add_joint(self, mj, int joint, turn, offset):
+        cdef int index = self._count
+        self._joint[index] = joint
+        self._slides[index] = mj.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
+        self._rest[index] = mj.qpos0[joint]
+        self._set_part(index, turn, offset)
+        self._count += 1
+
+    def _set_part(self, int index, turn, offset):
+        cdef int i
+        for i in range(9):
+            self._turn[index][i] = turn[i // 3, i % 3]
+        for i in range(3):
+            self._offset[index][i] = offset[i]
+
+    cdef void c_forward(self, const double* joints, double* pose7) noexcept nogil:
+        """x, y, z (m) and w, x, y, z of the TCP."""
+        cdef double rotation[9]
+        self.c_place(joints, pose7, rotation, NULL)
+        quat_from_matrix(rotation, &pose7[3])
+
+    cdef void c_forward_jacobian(self, const double* joints, double* pose7, double* jacobian) noexcept nogil:
+        """The pose, and the Jacobian, 6 × dof row by row: vx vy vz (m/s) wx wy wz (rad/s) per rad/s."""
+        cdef double rotation[9]
+        self.c_place(joints, pose7, rotation, jacobian)
+        quat_from_matrix(rotation, &pose7[3])
+
+    cdef void c_place(
+        self, const double* joints, double* position, double* rotation, double* jacobian
+    ) noexcept nogil:
+        """Position, rotation matrix (3 × 3, row by row) and, unless it is NULL, the Jacobian."""
+        cdef double axis[MAX_DOF][3]
+        cdef double anchor[MAX_DOF][3]
+        cdef double here[3]
+        cdef double turn[9]
+        cdef double angle
+        cdef int index, i
+        memcpy(here, self._offset[0], sizeof(here))
+        memcpy(turn, self._turn[0], sizeof(turn))
+        for index in range(self._count):
+            for i in range(3):
+                axis[index][i] = turn[3 * i + 2]
+            angle = joints[self._joint[index]] - self._rest[index]
+            if self._slides[index]:
+                for i in range(3):
+                    here[i] += angle * axis[index][i]
+            else:
+                _turn_about_z(turn, cos(angle), sin(angle))
+            memcpy(anchor[index], here, sizeof(here))
+            _append(turn, here, self._turn[index + 1], self._offset[index + 1])
+        memcpy(position, here, sizeof(here))
+        memcpy(rotation, turn, sizeof(turn))
+        if jacobian != NULL:
+            self._columns(axis, anchor, here, jacobian)
+
+    cdef void _columns(
+        self, double[3]* axis, double[3]* anchor, double* tcp, double* jacobian
+    ) noexcept nogil:
+        """A hinge moves the TCP around its axis, a slide along it."""
+        cdef double arm[3]
+        cdef double linear[3]
+        cdef int index, i, column
+        if self._count < self.dof:
+            memset(jacobian, 0, 6 * self.dof * sizeof(double))
+        for index in range(self._count):
+            column = self._joint[index]
+            for i in range(3):
+                arm[i] = tcp[i] - anchor[index][i]
+            cross3(axis[index], arm, linear)
+            for i in range(3):
+                jacobian[i * self.dof + column] = axis[index][i] if self._slides[index] else linear[i]
+                jacobian[(3 + i) * self.dof + column] = 0.0 if self._slides[index] else axis[index][i]
+
+    def forward_into(self, joints, out):
+        """The TCP's pose, x, y, z (m) and w, x, y, z, into `out`, shape (7,)."""
+        self._joints[...] = joints
+        self.c_forward(self._c_joints, self._c_pose)
+        np.copyto(out, self._pose)
+
+    def solve(self, joints):
+        """Position (3,), rotation matrix (3, 3) and Jacobian (6, dof); the next call overwrites all of them."""
+        self._joints[...] = joints
+        self.c_place(self._c_joints, self._c_pose, self._c_rotation, self._c_jacobian)
+        return self._pose[:3], self._rotation, self._jacobian
+
+    def poses(self, rows):
+        """The TCP's poses, shape (n, 7), at joints of shape (n, dof)."""
+        given = np.array(rows, dtype=np.float64).reshape(-1, self.dof)  # a copy, so contiguous and writable
+        out = np.empty((len(given), 7))
+        if len(given) == 0:
+            return out
+        cdef Py_ssize_t count = len(given), row
+        cdef const double* joints = doubles(given, count * self.dof)
+        cdef double* poses = doubles(out, count * 7)
+        with nogil:
+            for row in range(count):
+                self.c_forward(&joints[row * self.dof], &poses[7 * row])
+        return out
+
+
+cdef inline void _turn_about_z(double* turn, double c, double s) noexcept nogil:
+    """turn = turn Rz: the columns x and y are mixed."""
+    cdef double x, y
+    cdef int i
+    for i in range(0, 9, 3):
+        x, y = turn[i], turn[i + 1]
+        turn[i] = c * x + s * y
+        turn[i + 1] = c * y - s * x
+
+
+cdef inline void _append(double* turn, double* here, const double* part, const double* offset) noexcept nogil:
+    """Go on by a fixed part: here += turn offset, turn = turn part."""
+    cdef double x, y, z
+    cdef int i, j
+    for i in range(3):
+        x, y, z = turn[3 * i], turn[3 * i + 1], turn[3 * i + 2]
+        here[i] += x * offset[0] + y * offset[1] + z * offset[2]
+        for j in range(3):
+            turn[3 * i + j] = x * part[j] + y * part[3 + j] + z * part[6 + j]
+
+
+def _way_to(mj, body):
+    """The bodies from the first one below the world to this one."""
+    bodies = []
+    while body > 0:
+        bodies.insert(0, int(body))
+        body = mj.body_parentid[body]
+    return bodies
+
+
+def _standing(mj, body):
+    """Rotation and position in the world of a body that no joint moves."""
+    turn, offset = np.eye(3), np.zeros(3)
+    for each in _way_to(mj, body):
+        turn, offset = turn @ _matrix(mj.body_quat[each]), offset + turn @ mj.body_pos[each]
+    return turn, offset
+
+
+def _inverse(turn, offset):
+    return turn.T, -turn.T @ offset
+
+
+def _matrix(quaternion):
+    out = np.empty(9)
+    mujoco.mju_quat2Mat(out, quaternion)
+    return out.reshape(3, 3)
+
+
+def _with_z_along(axis):
+    """A rotation matrix whose last column is the axis."""
+    axis = axis / np.linalg.norm(axis)
+    across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    across /= np.linalg.norm(across)
+    return np.column_stack([across, np.cross(axis, across), axis])
