@@ -22,3 +22,6 @@ cdef class Chain:
     cdef void c_place(
         self, const double* joints, double* position, double* rotation, double* jacobian
     ) noexcept nogil
+    cdef void _columns(
+        self, const double* axes, const double* anchors, const double* tcp, double* jacobian
+    ) noexcept nogil

@@ -33,11 +33,9 @@ cdef class Chain:
         Raises:
             InputError: there are too many joints, or other ones than hinges and slides.
         """
-        if mj.njnt > MAX_DOF:
-            raise InputError(f"{mj.njnt} joints, at the most {MAX_DOF}")
         if mj.nq != mj.njnt or mj.nv != mj.njnt:
             raise InputError("a joint of the model is neither a hinge nor a slide")
-        self.dof = mj.njnt
+        self.dof = checked_dof(mj.njnt)
         self._joints, self._pose = np.zeros(self.dof), np.zeros(7)
         self._rotation, self._jacobian = np.zeros((3, 3)), np.zeros((6, self.dof))
         self._c_joints, self._c_pose = doubles(self._joints, self.dof), doubles(self._pose, 7)
@@ -47,6 +45,7 @@ cdef class Chain:
 
     def _fold(self, mj, int base, int site):
         """Walk from the world to the TCP and keep what is fixed between two joints as one part."""
+        self._count = 0
         turn, offset = _inverse(*_standing(mj, base))
         for body in _way_to(mj, mj.site_bodyid[site]):
             turn, offset = turn @ _matrix(mj.body_quat[body]), offset + turn @ mj.body_pos[body]
@@ -89,8 +88,8 @@ cdef class Chain:
         self, const double* joints, double* position, double* rotation, double* jacobian
     ) noexcept nogil:
         """Position, rotation matrix (3 × 3, row by row) and, unless it is NULL, the Jacobian."""
-        cdef double axis[MAX_DOF][3]
-        cdef double anchor[MAX_DOF][3]
+        cdef double axes[3 * MAX_DOF]
+        cdef double anchors[3 * MAX_DOF]
         cdef double here[3]
         cdef double turn[9]
         cdef double angle
@@ -99,37 +98,39 @@ cdef class Chain:
         memcpy(turn, self._turn[0], sizeof(turn))
         for index in range(self._count):
             for i in range(3):
-                axis[index][i] = turn[3 * i + 2]
+                axes[3 * index + i] = turn[3 * i + 2]
             angle = joints[self._joint[index]] - self._rest[index]
             if self._slides[index]:
                 for i in range(3):
-                    here[i] += angle * axis[index][i]
+                    here[i] += angle * axes[3 * index + i]
             else:
                 _turn_about_z(turn, cos(angle), sin(angle))
-            memcpy(anchor[index], here, sizeof(here))
+            memcpy(&anchors[3 * index], here, sizeof(here))
             _append(turn, here, self._turn[index + 1], self._offset[index + 1])
         memcpy(position, here, sizeof(here))
         memcpy(rotation, turn, sizeof(turn))
         if jacobian != NULL:
-            self._columns(axis, anchor, here, jacobian)
+            self._columns(axes, anchors, here, jacobian)
 
     cdef void _columns(
-        self, double[3]* axis, double[3]* anchor, double* tcp, double* jacobian
+        self, const double* axes, const double* anchors, const double* tcp, double* jacobian
     ) noexcept nogil:
         """A hinge moves the TCP around its axis, a slide along it."""
+        cdef const double* axis
         cdef double arm[3]
         cdef double linear[3]
+        cdef bint slides
         cdef int index, i, column
         if self._count < self.dof:
             memset(jacobian, 0, 6 * self.dof * sizeof(double))
         for index in range(self._count):
-            column = self._joint[index]
+            axis, slides, column = &axes[3 * index], self._slides[index], self._joint[index]
             for i in range(3):
-                arm[i] = tcp[i] - anchor[index][i]
-            cross3(axis[index], arm, linear)
+                arm[i] = tcp[i] - anchors[3 * index + i]
+            cross3(axis, arm, linear)
             for i in range(3):
-                jacobian[i * self.dof + column] = axis[index][i] if self._slides[index] else linear[i]
-                jacobian[(3 + i) * self.dof + column] = 0.0 if self._slides[index] else axis[index][i]
+                jacobian[i * self.dof + column] = axis[i] if slides else linear[i]
+                jacobian[(3 + i) * self.dof + column] = 0.0 if slides else axis[i]
 
     def forward_into(self, joints, out):
         """The TCP's pose, x, y, z (m) and w, x, y, z, into `out`, shape (7,)."""
