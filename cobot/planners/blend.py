@@ -76,8 +76,8 @@ def overlap(
     corner = robot.model.forward(first.end).position
 
     def away(trajectory: Trajectory, times_s: Array) -> Array:
-        places = [robot.model.forward(joints).position for joints in trajectory.sample(times_s)]
-        return np.asarray(np.linalg.norm(np.array(places) - corner, axis=1))
+        places = robot.model.poses(trajectory.sample(times_s))[:, :3]
+        return np.asarray(np.linalg.norm(places - corner, axis=1))
 
     into = np.linspace(0.0, longest_s, SAMPLES + 1)
     outside = (away(first, first.duration_s - into) > radius_m) | (away(second, into) > radius_m)

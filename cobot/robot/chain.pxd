@@ -5,6 +5,7 @@ from cobot.arrays cimport MAX_DOF
 
 cdef class Chain:
     cdef readonly int dof
+    cdef readonly object base_rotation
     cdef int _count                       # joints on the way to the TCP; the others do not move it
     cdef int _joint[MAX_DOF]              # of these, the column each has in the joint vector
     cdef bint _slides[MAX_DOF]

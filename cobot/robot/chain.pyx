@@ -25,6 +25,7 @@ cdef class Chain:
 
     Attributes:
         dof: the number of joints.
+        base_rotation: of the base frame in the world, shape (3, 3).
     """
 
     def __init__(self, mj, int base, int site):
@@ -46,7 +47,8 @@ cdef class Chain:
     def _fold(self, mj, int base, int site):
         """Walk from the world to the TCP and keep what is fixed between two joints as one part."""
         self._count = 0
-        turn, offset = _inverse(*_standing(mj, base))
+        self.base_rotation, position = _standing(mj, base)
+        turn, offset = self.base_rotation.T, -self.base_rotation.T @ position
         for body in _way_to(mj, mj.site_bodyid[site]):
             turn, offset = turn @ _matrix(mj.body_quat[body]), offset + turn @ mj.body_pos[body]
             for joint in range(mj.body_jntadr[body], mj.body_jntadr[body] + mj.body_jntnum[body]):
@@ -139,7 +141,7 @@ cdef class Chain:
         np.copyto(out, self._pose)
 
     def solve(self, joints):
-        """Position (3,), rotation matrix (3, 3) and Jacobian (6, dof); the next call overwrites all of them."""
+        """Position (3,), rotation matrix (3, 3) and Jacobian (6, dof); all are overwritten by the next call."""
         self._joints[...] = joints
         self.c_place(self._c_joints, self._c_pose, self._c_rotation, self._c_jacobian)
         return self._pose[:3], self._rotation, self._jacobian
@@ -195,10 +197,6 @@ def _standing(mj, body):
     for each in _way_to(mj, body):
         turn, offset = turn @ _matrix(mj.body_quat[each]), offset + turn @ mj.body_pos[each]
     return turn, offset
-
-
-def _inverse(turn, offset):
-    return turn.T, -turn.T @ offset
 
 
 def _matrix(quaternion):

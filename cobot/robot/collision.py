@@ -56,7 +56,7 @@ class CollisionChecker:
         self._mj = copy(model.mj)
         self._mj.geom_margin[:] = margin_m
         self._data = mujoco.MjData(self._mj)
-        self.pairs = _pairs(self._mj)
+        self.pairs = geom_pairs(self._mj)
 
     def is_free(self, joints: Array) -> bool:
         """Whether nothing is nearer than the margin. About 5 µs."""
@@ -149,7 +149,7 @@ def _shown(joints: Array) -> str:
     return "[" + ", ".join(f"{value:.3f}" for value in joints) + "]"
 
 
-def _pairs(model: mujoco.MjModel) -> list[tuple[int, int]]:
+def geom_pairs(model: mujoco.MjModel) -> list[tuple[int, int]]:
     """The pairs of geoms that MuJoCo's own filter lets collide."""
     excluded = {tuple(sorted((int(s) >> 16, int(s) & 0xFFFF))) for s in model.exclude_signature}
     pairs = []

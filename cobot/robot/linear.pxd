@@ -101,13 +101,13 @@ cdef inline void eigen_symmetric(double* a, int n, double* values, double* vecto
     none is left that counts. A is overwritten. The vectors' signs, and the vectors of equal values, are not
     those of LAPACK.
     """
-    cdef int i, p, q, sweep
+    cdef int i, p, q, _sweep
     cdef bint done
     for i in range(n * n):
         vectors[i] = 0.0
     for i in range(n):
         vectors[i * n + i] = 1.0
-    for sweep in range(30):
+    for _sweep in range(30):
         done = True
         for p in range(n - 1):
             for q in range(p + 1, n):

@@ -1,4 +1,4 @@
-"""The robot's kinematics and dynamics, computed by MuJoCo from an MJCF or URDF file."""
+"""The robot's kinematics and dynamics, of an MJCF or URDF file as MuJoCo reads it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from cobot.errors import ConfigError
+from cobot.errors import ConfigError, InputError
+from cobot.robot.chain import Chain
+from cobot.robot.dynamics import Dynamics
+from cobot.robot.quaternion import from_matrix
 from cobot.types import Array, JointLimits, Pose
 
 
@@ -22,12 +25,13 @@ class RobotModel:
         mj: MuJoCo's model.
         limits: the joint limits, which also give the joints' order.
         tcp_site: index of the TCP among the model's sites.
+        chain: the kinematics, which compiled code calls without Python.
+        dynamics: inertia and bias forces, likewise.
     """
 
     def __init__(self, mj: mujoco.MjModel, limits: JointLimits, base: str, tcp: str) -> None:
         self.mj = mj
         self.limits = limits
-        self._data = mujoco.MjData(mj)
         self._base = _named(mj, mujoco.mjtObj.mjOBJ_BODY, base, "robot.base_frame")
         joints = [mj.joint(index).name for index in range(mj.njnt)]
         if tuple(joints) != limits.names or mj.nv != limits.dof or mj.nq != limits.dof:
@@ -35,20 +39,15 @@ class RobotModel:
                 f"the model's joints must be those of the limits, hinges in the same order: "
                 f"{', '.join(joints)} against {', '.join(limits.names)}"
             )
-        self._tcp = self.tcp_site = _tcp_site(mj, tcp)
-        self._jacobian = np.zeros((6, limits.dof))
-        mujoco.mj_kinematics(mj, self._data)
-        self._base_rotation = self._data.xmat[self._base].reshape(3, 3).copy()
-        self._base_position = self._data.xpos[self._base].copy()
-        # MuJoCo makes a new view at each access; these stay valid as long as the data.
-        self._joints = self._data.qpos
-        self._tcp_position = self._data.site_xpos[self._tcp]
-        self._tcp_rotation = self._data.site_xmat[self._tcp]
-        self._base_at_origin = bool(
-            np.array_equal(self._base_rotation, np.eye(3)) and not self._base_position.any()
-        )
+        self.tcp_site = _tcp_site(mj, tcp)
         if mj.body_weldid[self._base] != 0:
             raise ConfigError(f"robot.base_frame: {base!r} must not move with the joints")
+        try:
+            self.chain = Chain(mj, self._base, self.tcp_site)
+        except InputError as exc:
+            raise ConfigError(str(exc)) from exc
+        self.dynamics = Dynamics(mj)
+        self._given = np.zeros(limits.dof)
         moved = np.abs(self.jacobian(np.full(limits.dof, 0.5))).max(axis=0) > 0.0
         if not moved.all():
             still = ", ".join(name for name, moves in zip(limits.names, moved, strict=True) if not moves)
@@ -77,14 +76,12 @@ class RobotModel:
 
     def flange_in_tcp(self) -> Array:
         """x, y, z (m) and w, x, y, z of the site `flange` in the TCP's frame; without one it is the TCP."""
-        out = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
         flange = mujoco.mj_name2id(self.mj, mujoco.mjtObj.mjOBJ_SITE, "flange")
-        if flange >= 0:
-            mujoco.mj_kinematics(self.mj, self._data)
-            turn = self._tcp_rotation.reshape(3, 3).T
-            out[:3] = turn @ (self._data.site_xpos[flange] - self._tcp_position)
-            mujoco.mju_mat2Quat(out[3:], (turn @ self._data.site_xmat[flange].reshape(3, 3)).ravel())
-        return out
+        if flange < 0:
+            return np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+        position, turn, _ = self.chain.solve(self.mj.qpos0)
+        other, other_turn, _ = Chain(self.mj, self._base, flange).solve(self.mj.qpos0)
+        return np.array([*(turn.T @ (other - position)), *from_matrix((turn.T @ other_turn).ravel().tolist())])
 
     def with_tool(self, tool: Array) -> RobotModel:
         """The same arm with its TCP elsewhere.
@@ -92,7 +89,7 @@ class RobotModel:
         Args:
             tool: shape (7,), x, y, z (m) and w, x, y, z: the new TCP in the frame of this one.
         """
-        mj, site = copy.copy(self.mj), self._tcp
+        mj, site = copy.copy(self.mj), self.tcp_site
         position, turn = np.empty(3), np.empty(4)
         mujoco.mju_rotVecQuat(position, np.asarray(tool[:3]), mj.site_quat[site])
         mujoco.mju_mulQuat(turn, mj.site_quat[site], np.asarray(tool[3:]))
@@ -113,15 +110,8 @@ class RobotModel:
 
     def forward_into(self, joints: Array, out: Array) -> None:
         """`forward` for the real-time cycle: x, y, z (m) and w, x, y, z into `out`, shape (7,)."""
-        np.copyto(self._joints, joints)
-        mujoco.mj_kinematics(self.mj, self._data)
-        if self._base_at_origin:
-            np.copyto(out[:3], self._tcp_position)
-            mujoco.mju_mat2Quat(out[3:], self._tcp_rotation)
-        else:
-            turn = self._base_rotation.T
-            out[:3] = turn @ (self._tcp_position - self._base_position)
-            mujoco.mju_mat2Quat(out[3:], (turn @ self._tcp_rotation.reshape(3, 3)).ravel())
+        np.copyto(self._given, joints)
+        self.chain.forward_into(joints, out)
 
     def velocity_into(self, velocity: Array, out: Array) -> None:
         """The TCP's velocity, m/s and rad/s in the base frame, into `out`; see `present_jacobian`."""
@@ -129,13 +119,7 @@ class RobotModel:
 
     def present_jacobian(self) -> Array:
         """`jacobian` for the joints that were given to `forward_into` last; overwritten by the next call."""
-        mujoco.mj_comPos(self.mj, self._data)
-        linear, angular = self._jacobian[:3], self._jacobian[3:]
-        mujoco.mj_jacSite(self.mj, self._data, linear, angular, self._tcp)
-        if not self._base_at_origin:
-            linear[:] = self._base_rotation.T @ linear
-            angular[:] = self._base_rotation.T @ angular
-        return self._jacobian
+        return self.chain.solve(self._given)[2]
 
     def jacobian(self, joints: Array) -> Array:
         """Shape (6, dof): rows vx vy vz (m/s) wx wy wz (rad/s) of the TCP, per rad/s, in the base frame."""
@@ -146,18 +130,17 @@ class RobotModel:
 
         The Jacobian is overwritten by the next call.
         """
-        position, rotation = self._solve(joints)
-        return position, rotation, self.present_jacobian()
+        np.copyto(self._given, joints)
+        position, rotation, jacobian = self.chain.solve(joints)
+        return position.copy(), rotation.copy(), jacobian
+
+    def poses(self, joints: Array) -> Array:
+        """The TCP's poses in the base frame, shape (n, 7), x, y, z (m) and w, x, y, z, at joints (n, dof)."""
+        return self.chain.poses(joints)
 
     def mass_matrix(self, joints: Array) -> Array:
         """Joint-space inertia, shape (dof, dof), kg·m², the drives' inertia (armature) included."""
-        self._data.qpos[:] = joints
-        mujoco.mj_kinematics(self.mj, self._data)
-        mujoco.mj_comPos(self.mj, self._data)
-        mujoco.mj_crb(self.mj, self._data)
-        full = np.zeros((self.dof, self.dof))
-        mujoco.mj_fullM(self.mj, self._data, full)
-        return full
+        return self.dynamics.mass_matrix(joints)
 
     def gravity_torques(self, joints: Array) -> Array:
         """What the drives need to hold the arm still, shape (dof,), N·m."""
@@ -167,24 +150,12 @@ class RobotModel:
         """What the drives need to move on without acceleration, shape (dof,), N·m: gravity, Coriolis and
         centrifugal forces, without friction.
         """
-        self._data.qpos[:] = joints
-        self._data.qvel[:] = velocity
-        mujoco.mj_fwdPosition(self.mj, self._data)
-        mujoco.mj_fwdVelocity(self.mj, self._data)
-        return np.array(self._data.qfrc_bias)
+        return self.dynamics.bias_torques(joints, velocity)
 
     @property
     def gravity(self) -> Array:
         """The acceleration of free fall, shape (3,), m/s², in the base frame."""
-        return np.asarray(self._base_rotation.T @ self.mj.opt.gravity)
-
-    def _solve(self, joints: Array) -> tuple[Array, Array]:
-        data = self._data
-        data.qpos[:] = joints
-        mujoco.mj_kinematics(self.mj, data)
-        turn = self._base_rotation.T
-        position = turn @ (data.site_xpos[self._tcp] - self._base_position)
-        return position, turn @ data.site_xmat[self._tcp].reshape(3, 3)
+        return np.asarray(self.chain.base_rotation.T @ self.mj.opt.gravity)
 
 
 def _compile(path: Path, tcp: str) -> mujoco.MjModel:

@@ -18,6 +18,15 @@ cdef extern from "mujoco/mujoco.h" nogil:
         mjJNT_HINGE
 
     enum:
+        mjGEOM_PLANE
+        mjGEOM_SPHERE
+        mjGEOM_CAPSULE
+        mjGEOM_ELLIPSOID
+        mjGEOM_CYLINDER
+        mjGEOM_BOX
+        mjGEOM_MESH
+
+    enum:
         mjSENS_FORCE
         mjSENS_TORQUE
 
@@ -51,6 +60,7 @@ cdef extern from "mujoco/mujoco.h" nogil:
         int64_t neq
         int64_t nsensor
         int64_t nsensordata
+        int64_t narena
         mjOption opt
         double* qpos0
         int* body_parentid
@@ -71,7 +81,10 @@ cdef extern from "mujoco/mujoco.h" nogil:
         double* dof_armature
         double* dof_damping
         double* dof_frictionloss
+        int* geom_type
         int* geom_bodyid
+        double* geom_size
+        double* geom_rbound
         int* site_bodyid
         double* site_pos
         double* site_quat
@@ -149,6 +162,8 @@ cdef extern from "mujoco/mujoco.h" nogil:
         double* efc_vel
         double* efc_force
 
+    mjModel* mj_copyModel(mjModel* dest, const mjModel* src)
+    void mj_deleteModel(mjModel* m)
     mjData* mj_makeData(const mjModel* m)
     mjData* mj_copyData(mjData* dest, const mjModel* m, const mjData* src)
     void mj_resetData(const mjModel* m, mjData* d)
@@ -195,3 +210,20 @@ cdef inline const mjModel* model_of(object model) except NULL:
 cdef inline mjData* data_of(object data) except NULL:
     """Of a `mujoco.MjData`, which the caller keeps alive."""
     return <mjData*><uintptr_t>data._address
+
+
+cdef inline mjData* kinematic_data_of(const mjModel* model) except NULL:
+    """New memory for kinematics, inertia and distances; freed by `mj_deleteData`.
+
+    A model reserves an arena for the contacts and constraints of a simulation, 13 MB for the shipped arm,
+    and a real-time process keeps all of it resident. These computations need some kB of it.
+    """
+    cdef mjModel* small = mj_copyModel(NULL, model)
+    if small == NULL:
+        raise MemoryError("no memory for a copy of the model")
+    small.narena = min(small.narena, <int64_t>1 << 20)
+    cdef mjData* data = mj_makeData(small)
+    mj_deleteModel(small)
+    if data == NULL:
+        raise MemoryError("no memory for the model's data")
+    return data

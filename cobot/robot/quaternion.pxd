@@ -8,7 +8,7 @@ from libc.math cimport atan2, cos, sin, sqrt, tan
 
 cdef extern from *:
     """
-    /* Below it a series to the second order is exact to the last bit, and quotients of small numbers are not. */
+    /* Below it a series of second order is exact to the last bit, and quotients of small numbers are not. */
     static const double COBOT_SMALL_RAD = 1e-4;
     """
     const double SMALL_ANGLE_RAD "COBOT_SMALL_RAD"

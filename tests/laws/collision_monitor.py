@@ -1,4 +1,4 @@
-"""Keeps a stream out of the arm itself and its surroundings."""
+"""What `rtloop.streaming.collision_monitor` computes, in numpy, with all distances by MuJoCo."""
 
 from __future__ import annotations
 
@@ -11,23 +11,14 @@ from cobot.robot.model import RobotModel
 from cobot.types import Array, JointLimits
 
 LOOK_CYCLES = 4
-"""The distances are looked at every so many cycles: at 1 m/s, every 4 mm."""
 MIN_SHARE = 0.1
-"""Of the velocities, next to an obstacle."""
 APPROACH_M = 1e-5
-"""By which a distance has to shrink to count as an approach."""
 PROBE_RAD = 0.02
 NEAR_M = 0.01
-"""Beyond the margin: where links slow down for each other, and what counts when a way out is looked for."""
 
 
 class CollisionMonitor:
-    """Looks at the place where the arm could come to rest. Real-time safe.
-
-    Attributes:
-        share: of the velocities that is permitted, from `MIN_SHARE` to 1.
-        blocked: whether the arm would come to rest nearer than the margin.
-    """
+    """The compiled monitor's attributes and methods."""
 
     def __init__(self, model: RobotModel, section: StreamingSection, limits: JointLimits) -> None:
         self._mj = model.mj

@@ -1,0 +1,49 @@
+"""Inertia and bias forces in memory of their own. Oracle: MuJoCo's forward pass, by its own bindings."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from cobot.robot.description import RobotDescription
+from cobot.robot.dynamics import Dynamics
+from cobot.types import Array
+
+COUNT = 100_000
+
+
+@pytest.fixture
+def states(robot: RobotDescription) -> Array:
+    """Shape (COUNT, 2, dof): joints and velocities."""
+    return np.random.default_rng(5).uniform(-3.0, 3.0, (COUNT, 2, robot.model.dof))
+
+
+def test_the_mass_matrix_is_that_of_mujoco(robot: RobotDescription, states: Array) -> None:
+    mj, dynamics = robot.model.mj, Dynamics(robot.model.mj)
+    data, full = mujoco.MjData(mj), np.zeros((mj.nv, mj.nv))
+    for joints, _ in states:
+        data.qpos[:] = joints
+        mujoco.mj_kinematics(mj, data)
+        mujoco.mj_comPos(mj, data)
+        mujoco.mj_crb(mj, data)
+        mujoco.mj_fullM(mj, data, full)
+        assert abs(dynamics.mass_matrix(joints) - full).max() < 1e-12
+
+
+def test_bias_torques_are_those_of_the_whole_forward_pass(robot: RobotDescription, states: Array) -> None:
+    mj, dynamics = robot.model.mj, Dynamics(robot.model.mj)
+    data = mujoco.MjData(mj)
+    for joints, velocity in states[:20_000]:
+        data.qpos[:], data.qvel[:] = joints, velocity
+        mujoco.mj_fwdPosition(mj, data)
+        mujoco.mj_fwdVelocity(mj, data)
+        torques = dynamics.bias_torques(joints, velocity)
+        assert abs(torques - data.qfrc_bias).max() < 1e-12 * max(1.0, abs(torques).max())
+
+
+def test_values_that_are_not_finite_end_nothing(robot: RobotDescription) -> None:
+    for strange in (np.nan, np.inf, 1e300):
+        robot.model.dynamics.mass_matrix(np.full(7, strange))
+        robot.model.dynamics.bias_torques(np.zeros(7), np.full(7, strange))
+        robot.model.forward(np.zeros(7))
