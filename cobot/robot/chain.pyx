@@ -141,7 +141,7 @@ cdef class Chain:
         np.copyto(out, self._pose)
 
     def solve(self, joints):
-        """Position (3,), rotation matrix (3, 3) and Jacobian (6, dof); all are overwritten by the next call."""
+        """Position (3,), rotation matrix (3, 3), Jacobian (6, dof): all are overwritten by the next call."""
         self._joints[...] = joints
         self.c_place(self._c_joints, self._c_pose, self._c_rotation, self._c_jacobian)
         return self._pose[:3], self._rotation, self._jacobian

@@ -81,7 +81,8 @@ class RobotModel:
             return np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
         position, turn, _ = self.chain.solve(self.mj.qpos0)
         other, other_turn, _ = Chain(self.mj, self._base, flange).solve(self.mj.qpos0)
-        return np.array([*(turn.T @ (other - position)), *from_matrix((turn.T @ other_turn).ravel().tolist())])
+        orientation = from_matrix((turn.T @ other_turn).ravel().tolist())
+        return np.array([*(turn.T @ (other - position)), *orientation])
 
     def with_tool(self, tool: Array) -> RobotModel:
         """The same arm with its TCP elsewhere.
