@@ -1,6 +1,9 @@
+import numpy as np
+
 from cobot.ipc.layout import Phase
 from cobot.ipc.shm import RobotMemory
 from cobot.robot.model import RobotModel
+from cobot.types import Array
 from rtloop.backends import Measured
 from rtloop.clock import Clock
 from rtloop.controller import Controller
@@ -16,6 +19,7 @@ class StatePublisher:
     ) -> None: ...
     def publish(self, cycle: int, robot_time_s: float, measured: Measured, measured_ns: int) -> None: ...
     def set_reason(self, reason: str) -> None: ...
+    def publish_values(self, scalars: np.ndarray, measured_values: Array, command: Array) -> None: ...
 
 class Statistics:
     """Histograms of the cycle's phases, in the statistics block. Real-time safe."""

@@ -94,6 +94,12 @@ cdef class StatePublisher:
             self._effort_before[joint] = self._effort[joint]
             self._effort_rate[joint] += (change - self._effort_rate[joint]) * self._smoothing
 
+    def publish_values(self, scalars, measured_values, command):
+        """`c_publish` of arrays; the scalars are a record of `cobot.ipc.layout.STATE_SCALARS`."""
+        cdef StateScalars* given = <StateScalars*>bytes_of(scalars, sizeof(StateScalars))
+        cdef double* values = doubles(measured_values, _joint_rows * self._dof + 12)
+        self.c_publish(given, values, doubles(command, 3 * self._dof))
+
 
 cdef class Statistics:
     """Histograms of the cycle's phases, in the statistics block. Real-time safe."""

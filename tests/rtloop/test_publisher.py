@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rig import Rig
 from running import unique_name
 
 import rtloop.publisher
+from cobot.config import Settings
 from cobot.errors import LayoutError
-from cobot.ipc.layout import HISTOGRAM_BUCKETS, STATE_SCALARS, Intervention, Phase
+from cobot.ipc.layout import HISTOGRAM_BUCKETS, STATE_SCALARS, Command, Intervention, Phase
 from cobot.ipc.shm import RobotMemory, Role, text
 from cobot.robot.description import RobotDescription
 from rtloop.backends import Measured
@@ -20,6 +22,7 @@ from rtloop.publisher import EFFORT_RATE_S, STATISTICS_CYCLES, StatePublisher, S
 CYCLES = 100_000
 COMPARED = 1000
 PERIOD_S = 1e-3
+SCALARS = np.dtype(list(STATE_SCALARS))
 
 
 @pytest.fixture
@@ -34,74 +37,56 @@ def memories(robot: RobotDescription) -> Iterator[list[RobotMemory]]:
         memory.close()
 
 
-class Core:
-    """What a publisher asks of a controller and its parts."""
-
-    def __init__(self, dof: int) -> None:
-        self.mode, self.settled, self.motion_id, self.motion_result, self.slot = 1, True, 3, 4, 5
-        self.clock = SimpleNamespace(path_time_s=0.25, rate=0.75)
-        self.path = SimpleNamespace(duration_s=1.25)
-        self.deceleration_ns = 10
-        self.commands = SimpleNamespace(stops=11, estops=12, command_seen=2**64 - 1, torn_reads=20)
-        self.streaming = SimpleNamespace(
-            session=14,
-            setpoint_seen=15,
-            move_seen=16,
-            move_running=True,
-            chunk_seen=18,
-            point_counts=(19, 20, 21, 22, 23),
-            torn_reads=5,
-        )
-        self.safety = SimpleNamespace(
-            command=np.zeros((3, dof)),
-            interventions=np.zeros(len(Intervention), np.uint64),
-            intervened_ns=np.zeros(len(Intervention), np.int64),
-            counted=0,
-        )
-        self.reason = ""
+def publisher_of(memory: RobotMemory, robot: RobotDescription) -> StatePublisher:
+    return StatePublisher(memory, robot.model, None, None)
 
 
-EXPECTED = {
-    "cycle": 7, "robot_time_s": 0.5, "mode": 1, "settled": 1, "motion_id": 3, "motion_result": 4, "slot": 5,
-    "path_time_s": 0.25, "path_duration_s": 1.25, "path_rate": 0.75, "deceleration_monotonic_ns": 10,
-    "stops_seen": 11, "estops_seen": 12, "command_seen": 2**64 - 1, "session": 14, "setpoint_seen": 15,
-    "move_seen": 16, "move_running": 1, "chunk_seen": 18, "point_seen": 19, "points_taken": 20,
-    "points_dropped": 21, "points_buffered": 22, "underruns": 23, "overruns": 24, "torn_reads": 25,
-    "measured_monotonic_ns": 26,
-}  # fmt: skip
-
-
-def test_every_scalar_arrives_in_its_place(memories: list[RobotMemory], robot: RobotDescription) -> None:
-    core, measured = Core(robot.limits.dof), Measured(robot.limits.dof)
+def test_every_value_arrives_in_its_place(memories: list[RobotMemory], robot: RobotDescription) -> None:
     random = np.random.default_rng(31)
-    measured.values[:] = random.normal(size=measured.values.shape)
-    core.safety.command[:] = random.normal(size=core.safety.command.shape)
-    publisher = StatePublisher(memories[0], robot.model, core, SimpleNamespace(overruns=24))
-    publisher.publish(7, 0.5, measured, 26)
-    state = memories[1].state.read()
-    assert {name for name, _ in STATE_SCALARS} == {*EXPECTED, "monotonic_ns"}
-    assert {name: state[name].item() for name in EXPECTED} == EXPECTED
-    for name in ("position", "velocity", "effort", "desired_effort", "external_effort", "wrench", "sensor"):
-        np.testing.assert_array_equal(state[name], getattr(measured, name))
-    for name, row in zip(("position", "velocity", "acceleration"), core.safety.command, strict=True):
-        np.testing.assert_array_equal(state[f"commanded_{name}"], row)
-
-
-def test_reason_and_interventions_are_those_of_the_last_change(
-    memories: list[RobotMemory], robot: RobotDescription
-) -> None:
-    core, measured = Core(robot.limits.dof), Measured(robot.limits.dof)
-    publisher = StatePublisher(memories[0], robot.model, core, SimpleNamespace(overruns=0))
-    for number, reason in enumerate(("", "stop requested", "é" * 200, "é" * 200, "")):
-        core.reason = reason
-        core.safety.interventions += np.uint64(number)
-        core.safety.intervened_ns[:] = -number
-        core.safety.counted += number
-        publisher.publish(number, 0.0, measured, 0)
+    publisher = publisher_of(memories[0], robot)
+    for _ in range(1000):
+        scalars = np.frombuffer(random.bytes(SCALARS.itemsize), SCALARS).reshape(()).copy()
+        measured = Measured(robot.limits.dof)
+        measured.values[:] = random.normal(size=measured.values.shape)
+        command = random.normal(size=(3, robot.limits.dof))
+        before_ns = time.monotonic_ns()
+        publisher.publish_values(scalars, measured.values, command)
         state = memories[1].state.read()
-        assert text(state["reason"]) == reason[:100]
-        np.testing.assert_array_equal(state["interventions"], core.safety.interventions)
-        np.testing.assert_array_equal(state["intervened_ns"], core.safety.intervened_ns)
+        assert before_ns <= state["monotonic_ns"] <= time.monotonic_ns()
+        scalars["monotonic_ns"] = state["monotonic_ns"]
+        assert state.tobytes()[: SCALARS.itemsize] == scalars.tobytes()
+        for name in ("position", "velocity", "effort", "desired_effort", "external_effort"):
+            np.testing.assert_array_equal(state[name], getattr(measured, name))
+        np.testing.assert_array_equal(state["wrench"], measured.wrench)
+        np.testing.assert_array_equal(state["sensor"], measured.sensor)
+        for name, row in zip(("position", "velocity", "acceleration"), command, strict=True):
+            np.testing.assert_array_equal(state[f"commanded_{name}"], row)
+
+
+def test_reason_and_interventions_are_those_of_this_cycle(
+    settings: Settings, robot: RobotDescription
+) -> None:
+    rig = Rig(settings, robot)
+    reader = RobotMemory.attach(rig.memory.robot, Role.READER)
+    try:
+        reasons = set()
+        for cycle in range(200):
+            if cycle in (20, 120):
+                rig.request("estops" if cycle == 20 else "stops")
+            if cycle in (60, 160):
+                rig.send(Command.RESET)
+            rig.loopback.offset[:] = 0.5 if 100 <= cycle < 150 else 0.0
+            rig.step()
+            state = reader.state.read()
+            reasons.add(rig.reason)
+            assert text(state["reason"]) == rig.reason
+            assert state["interventions"].tolist() == rig.interventions
+            assert (state["intervened_ns"] > 0).tolist() == (state["interventions"] > 0).tolist()
+        assert len(reasons) == 3, "none, the e-stop, what is wrong with the tracking"
+        assert rig.interventions[Intervention.TRACKING] == 1
+    finally:
+        reader.close()
+        rig.close()
 
 
 def test_tcp_and_effort_rate_are_those_of_the_plain_laws(
@@ -109,22 +94,20 @@ def test_tcp_and_effort_rate_are_those_of_the_plain_laws(
 ) -> None:
     random = np.random.default_rng(32)
     dof, limits = robot.limits.dof, robot.limits
-    positions = random.uniform(limits.min_position, limits.max_position, (CYCLES, dof))
-    velocities, efforts = random.normal(size=(2, CYCLES, dof)) * 3.0
-    core, measured = Core(dof), Measured(dof)
-    publisher = StatePublisher(memories[0], robot.model, core, SimpleNamespace(overruns=0))
+    values = random.normal(size=(CYCLES, Measured(dof).values.size)) * 3.0
+    values[:, :dof] = random.uniform(limits.min_position, limits.max_position, (CYCLES, dof))
+    publisher, scalars, command = publisher_of(memories[0], robot), np.zeros((), SCALARS), np.zeros((3, dof))
     rates, state = np.empty((CYCLES, dof)), memories[0].state.data
     tcp, velocity = np.empty(7), np.empty(6)
-    for cycle in range(CYCLES):
-        measured.position[:], measured.velocity[:] = positions[cycle], velocities[cycle]
-        measured.effort[:] = efforts[cycle]
-        publisher.publish(cycle, 0.0, measured, 0)
+    for cycle, measured in enumerate(values):
+        publisher.publish_values(scalars, measured, command)
         rates[cycle] = state["effort_rate"]
         if cycle % (CYCLES // COMPARED) == 0:
-            robot.model.forward_into(positions[cycle], tcp)
-            robot.model.velocity_into(velocities[cycle], velocity)
+            robot.model.forward_into(measured[:dof], tcp)
+            robot.model.velocity_into(measured[dof : 2 * dof], velocity)
             np.testing.assert_allclose(state["tcp"], tcp, rtol=1e-12, atol=1e-12)
             np.testing.assert_allclose(state["tcp_velocity"], velocity, rtol=1e-12, atol=1e-11)
+    efforts = values[:, 2 * dof : 3 * dof]
     expected, rate = np.empty((CYCLES, dof)), np.zeros(dof)
     changes = np.diff(efforts, axis=0, prepend=np.zeros((1, dof))) / PERIOD_S
     for cycle in range(CYCLES):
@@ -175,4 +158,4 @@ def test_a_publisher_does_not_start_with_another_layout_than_that_of_the_state(
             scalars.append(("one_more", "u8"))
     monkeypatch.setattr(rtloop.publisher, "STATE_SCALARS", tuple(scalars))
     with pytest.raises(LayoutError, match="scalars"):
-        StatePublisher(memories[0], robot.model, Core(robot.limits.dof), SimpleNamespace(overruns=0))
+        publisher_of(memories[0], robot)

@@ -266,8 +266,8 @@ def test_a_mixture_of_two_states_never_has_the_checksum_of_one() -> None:
             second[name] += 1_000_000
         for name in ("position", "velocity", "effort", "commanded_position", "tcp"):
             second[name] += random.normal(size=second[name].shape) * 1e-6
-        one, other = (np.frombuffer(record.tobytes(), np.uint8) for record in (first, second))
-        from_other = np.repeat(random.random((2000, lines)) < 0.5, CACHE_LINE, axis=1)[:, : dtype.itemsize]
+        one, other = (np.frombuffer(record.tobytes(), np.uint64) for record in (first, second))
+        from_other = np.repeat(random.random((2000, lines)) < 0.5, CACHE_LINE // 8, axis=1)[:, : len(one)]
         mixed = np.where(from_other, other, one)
         mixed = mixed[(mixed != one).any(axis=1) & (mixed != other).any(axis=1)]
         taken = {checksum(one.copy()), checksum(other.copy())}
