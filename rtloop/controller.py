@@ -19,7 +19,8 @@ from cobot.types import Array, LoopMode
 from rtloop.backends import Backend, BackendError, Measured
 from rtloop.inboxes.commands import CommandInbox
 from rtloop.modes import STREAMING, TRANSITIONS
-from rtloop.planned.path import Path, RefusedError, load
+from rtloop.planned.loading import RefusedError, load
+from rtloop.planned.path import Path
 from rtloop.planned.path_clock import PathClock
 from rtloop.safety.limiter import Safety
 from rtloop.streaming.session import Streaming

@@ -19,6 +19,7 @@ from cobot.planners.time_law import timed
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import LoopMode, PlannerName, Scaling, Waypoint
+from rtloop.planned.path import Path
 from rtloop.planned.path_clock import PathClock
 
 ROUNDING = 1.005
@@ -213,20 +214,15 @@ def test_a_path_for_which_there_is_no_profile_at_all_is_given_up_and_raises_noth
 ) -> None:
     """Ruckig raises errors of several classes on limits that are all but zero."""
 
-    class Racing:
-        duration_s = 1e9
-
-        def sample(self, times_s: np.ndarray) -> np.ndarray:
-            return np.full((3, len(times_s), 7), speed)
-
-        def breakpoints(self, from_s: float, to_s: float) -> np.ndarray:
-            return np.zeros(0)
-
+    racing = Path(1, 7)
+    racing.breakpoints_s[1] = 1e9
+    racing.coefficients[0, :, 1:4] = speed * np.array([1.0, 1 / 2, 1 / 6])  # all derivatives are the speed
+    racing.begin(1)
     clock = PathClock(robot.limits, 1e-3)
     clock.request(0.0)
     cycles = 0
     while not clock.stuck:
-        clock.advance(Racing())  # type: ignore[arg-type]
+        clock.advance(racing)
         cycles += 1
     assert 300 < cycles < 600
     assert clock.rate == 1.0

@@ -1,0 +1,35 @@
+"""What other compiled modules call: pursuits in a frame that moves. See moving_frame.pyx."""
+
+from rtloop.generators.otg cimport Problem, Profile
+
+cdef struct Motion:  # Of one axis: m or rad, and s.
+    double position, velocity, acceleration
+
+cdef struct Ladder:  # Shares of the jerk limit, the gentlest first.
+    int count
+    double share[4]
+    double patience_s  # How long the way may take on all rungs but the last.
+
+
+cdef inline Motion moved(Motion motion, double time_s) noexcept nogil:
+    """Where something is after a time, or before if that is negative, at a constant acceleration."""
+    cdef Motion there = motion
+    there.position += time_s * (motion.velocity + 0.5 * time_s * motion.acceleration)
+    there.velocity += time_s * motion.acceleration
+    return there
+
+
+cdef inline Motion difference(Motion motion, Motion other) noexcept nogil:
+    cdef Motion between = motion
+    between.position -= other.position
+    between.velocity -= other.velocity
+    between.acceleration -= other.acceleration
+    return between
+
+
+cdef void to_rest_in_frame(
+    Problem* problem, Motion state, Motion frame, double due_s, double max_velocity, double max_acceleration
+) noexcept nogil
+cdef bint plan_gently(
+    Problem* problems, Profile* profiles, const double* max_jerk, int n, const Ladder* ladder, bint overshoots
+) noexcept nogil

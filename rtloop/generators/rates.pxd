@@ -1,0 +1,18 @@
+"""The rates of all joints, as compiled code keeps them."""
+
+from cobot.arrays cimport MAX_DOF, checked_dof
+
+cdef struct Rates:  # rad/s, rad/s², rad/s³
+    double velocity[MAX_DOF]
+    double acceleration[MAX_DOF]
+    double jerk[MAX_DOF]
+
+
+cdef inline int take_rates(object limits, Rates* rates) except -1:
+    """Those of a `JointLimits`. Returns the number of joints, of which there must not be too many."""
+    cdef int joint, dof = checked_dof(limits.dof)
+    for joint in range(dof):
+        rates.velocity[joint] = limits.max_velocity[joint]
+        rates.acceleration[joint] = limits.max_acceleration[joint]
+        rates.jerk[joint] = limits.max_jerk[joint]
+    return dof

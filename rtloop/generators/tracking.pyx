@@ -1,0 +1,184 @@
+"""From where the arm is towards something else, a period at a time, within the limits.
+
+States are those of all joints, shape (3, dof): rad, rad/s, rad/s².
+"""
+
+from libc.math cimport fabs, fmax, fmin, sqrt
+
+import numpy as np
+
+from cobot.arrays cimport MAX_DOF, checked_dof, doubles
+from rtloop.generators.moving_frame cimport Ladder, Motion, moved, plan_gently, to_rest_in_frame
+from rtloop.generators.otg cimport (
+    OTG_OK, Problem, Profile, otg_position, otg_velocity, profile_at, profile_extrema,
+)
+from rtloop.generators.rates cimport Rates, take_rates
+
+# Of the limit: a profile that arrives at the limit itself has no room for a rounding.
+cdef double TARGET_VELOCITY = 0.99
+# Of the limits, for the motion of what is pursued: the rest is for the pursuit.
+cdef double ALONG = 0.9
+cdef double ROUNDING = 1e-9  # rad/s and rad/s²: this is rest.
+# Shares of the jerk limit for a pursuit that goes along with a request: the first that is done in this time.
+# The rest of the limit is for the request's own jerk.
+cdef Ladder GENTLENESS
+GENTLENESS.count = 4
+GENTLENESS.share = [0.03, 0.1, 0.3, 0.6]
+GENTLENESS.patience_s = 0.2
+
+
+cdef inline double _clipped(double value, double bound) noexcept nogil:
+    return fmin(fmax(value, -bound), bound)
+
+
+cdef class Tracker:
+    def __cinit__(self, dof, period_s):
+        self.dof = checked_dof(dof)
+        self.period_s = period_s
+        self.ahead = np.zeros((3, dof))
+        self.c_ahead = doubles(self.ahead, 3 * dof)
+
+    def brake(self, state, limits):
+        cdef Rates rates
+        take_rates(limits, &rates)
+        return self.c_brake(doubles(state, 3 * self.dof), &rates)
+
+    def approach(self, state, target, velocity, limits, max_velocity, bounds):
+        cdef Rates rates
+        cdef int dof = take_rates(limits, &rates)
+        lowest, highest = bounds
+        self.c_approach(
+            doubles(state, 3 * dof), doubles(target, dof), doubles(velocity, dof), &rates,
+            doubles(max_velocity, dof), doubles(lowest, dof), doubles(highest, dof),
+        )
+
+    def along(self, state, request, limits, share, catch_up):
+        cdef Rates rates
+        take_rates(limits, &rates)
+        size = 3 * self.dof
+        return self.c_along(doubles(state, size), doubles(request, size), &rates, share, catch_up)
+
+    cdef bint c_brake(self, const double* state, const Rates* rates) noexcept nogil:
+        """Towards rest as fast as the limits permit; whether it is reached."""
+        cdef int joint, dof = self.dof
+        cdef double* ahead = self.c_ahead
+        cdef bint at_rest = True
+        for joint in range(dof):
+            self._pose(joint, state, rates)
+            if otg_velocity(&self.problem[joint], &self.profile[joint]) == OTG_OK:
+                self._step(joint)
+            else:  # Of numbers that are all but zero there may be no profile.
+                ahead[joint] = state[joint]
+                ahead[dof + joint] = ahead[2 * dof + joint] = 0.0
+            at_rest = at_rest and fabs(ahead[dof + joint]) <= ROUNDING
+            at_rest = at_rest and fabs(ahead[2 * dof + joint]) <= ROUNDING
+        if at_rest:
+            for joint in range(dof, 3 * dof):
+                ahead[joint] = 0.0
+        return at_rest
+
+    cdef void c_approach(
+        self, const double* state, const double* target, const double* velocity, const Rates* rates,
+        const double* max_velocity, const double* lowest, const double* highest,
+    ) noexcept nogil:
+        """Towards a target, to arrive there with this velocity or a lower one.
+
+        No faster than can be on the way: there is no going back for a run-up.
+        """
+        cdef int joint
+        cdef double way, most, arrival
+        cdef bint passes = False
+        for joint in range(self.dof):
+            self._pose(joint, state, rates)
+            way = target[joint] - state[joint]
+            most = fmin(sqrt(rates.acceleration[joint] * fabs(way)), TARGET_VELOCITY * max_velocity[joint])
+            arrival = _clipped(velocity[joint], most)
+            if way * arrival < 0.0:
+                arrival = 0.0
+            passes = passes or arrival != 0.0
+            self.problem[joint].target_position = target[joint]
+            self.problem[joint].target_velocity = arrival
+            self.problem[joint].max_velocity = max_velocity[joint]
+            self.problem[joint].min_velocity = -max_velocity[joint]
+        if not self._reach():
+            self.c_brake(state, rates)
+            return
+        if passes and self._leaves(lowest, highest):  # A short run-up, for want of jerk.
+            for joint in range(self.dof):
+                self.problem[joint].target_velocity = 0.0
+            if not self._reach():
+                self.c_brake(state, rates)
+                return
+        for joint in range(self.dof):
+            self._step(joint)
+
+    cdef bint c_along(
+        self, const double* state, const double* request, const Rates* rates, double share, double catch_up
+    ) noexcept nogil:
+        """Towards a request that moves: in a frame that moves with it, the difference goes to zero."""
+        cdef int joint, dof = self.dof
+        cdef double* ahead = self.c_ahead
+        cdef double max_velocity, max_acceleration
+        cdef Motion here, frame
+        cdef Motion frames[MAX_DOF]
+        cdef Problem* problem
+        cdef bint moving = False
+        for joint in range(dof):
+            max_velocity, max_acceleration = share * rates.velocity[joint], rates.acceleration[joint]
+            frame.position = request[joint]
+            frame.velocity = _clipped(request[dof + joint], ALONG * max_velocity)
+            frame.acceleration = _clipped(request[2 * dof + joint], ALONG * max_acceleration)
+            here.position, here.velocity = state[joint], state[dof + joint]
+            here.acceleration = state[2 * dof + joint]
+            problem = &self.problem[joint]
+            to_rest_in_frame(problem, here, frame, self.period_s, max_velocity, max_acceleration)
+            problem.max_velocity = fmin(problem.max_velocity, catch_up)
+            problem.min_velocity = fmax(problem.min_velocity, -catch_up)
+            moving = moving or frame.velocity != 0.0
+            frames[joint] = frame
+        # What stands still is not overshot.
+        if not plan_gently(self.problem, self.profile, rates.jerk, dof, &GENTLENESS, moving):
+            return False
+        for joint in range(dof):
+            self._step(joint)
+            ahead[joint] += frames[joint].position
+            ahead[dof + joint] += frames[joint].velocity
+            ahead[2 * dof + joint] += frames[joint].acceleration
+        return True
+
+    cdef void _pose(self, int joint, const double* state, const Rates* rates) noexcept nogil:
+        """The problem of a joint from its state to rest: a position and its velocities are the caller's."""
+        cdef Problem* problem = &self.problem[joint]
+        problem.position, problem.velocity = state[joint], state[self.dof + joint]
+        problem.acceleration = state[2 * self.dof + joint]
+        problem.target_position = problem.target_velocity = 0.0
+        problem.max_velocity, problem.min_velocity = rates.velocity[joint], -rates.velocity[joint]
+        problem.max_acceleration = rates.acceleration[joint]
+        problem.min_acceleration = -rates.acceleration[joint]
+        problem.max_jerk = rates.jerk[joint]
+
+    cdef bint _reach(self) noexcept nogil:
+        """Whether there is a way for all joints."""
+        cdef int joint
+        for joint in range(self.dof):
+            if otg_position(&self.problem[joint], &self.profile[joint]) != OTG_OK:
+                return False
+        return True
+
+    cdef bint _leaves(self, const double* lowest, const double* highest) noexcept nogil:
+        """Whether the way leads beyond these positions."""
+        cdef int joint
+        cdef double extrema[2]
+        for joint in range(self.dof):
+            profile_extrema(&self.profile[joint], extrema)
+            if extrema[0] < lowest[joint] or extrema[1] > highest[joint]:
+                return True
+        return False
+
+    cdef void _step(self, int joint) noexcept nogil:
+        """Where the profile is one period later."""
+        cdef double there[3]
+        profile_at(&self.profile[joint], self.period_s, there)
+        self.c_ahead[joint] = there[0]
+        self.c_ahead[self.dof + joint] = there[1]
+        self.c_ahead[2 * self.dof + joint] = there[2]

@@ -1,0 +1,112 @@
+"""How a trajectory gets from shared memory into a path: copied and verified, a piece in each cycle."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator
+
+import numpy as np
+
+from cobot.ipc.shm import Slot
+from cobot.trajectory import ORDER
+from cobot.types import Array, JointLimits
+from rtloop.planned.path import Path
+from rtloop.safety.limiter import POSITION_TOLERANCE_RAD
+
+PIECE_SEGMENTS = 96
+PIECE_TIMES = 4096
+"""How much is copied and checked in one cycle: 32 kB with seven joints, some tens of microseconds."""
+PLACES = np.linspace(0.0, 1.0, 9)
+"""Of a segment, at which its positions are looked at; `Path.stays_within` does so quickly."""
+REST_TOLERANCE = 1e-3
+"""What a motion may have left of velocity (rad/s) and acceleration (rad/s²) at its ends."""
+
+
+class RefusedError(Exception):
+    """A trajectory in shared memory is not one that may be followed; the text says why."""
+
+
+def load(
+    path: Path, slot: Slot, motion_id: int, start: Array, tolerance_rad: float, limits: JointLimits
+) -> Iterator[None]:
+    """Copy a slot into a path and verify it: a generator that does a piece at each step. Real-time safe.
+
+    Velocities and accelerations beyond the limits can be caught on the way; a joint stop ahead can not.
+
+    Args:
+        start: where the motion has to begin, shape (dof,), rad.
+        limits: whose positions no motion may leave.
+
+    Raises:
+        RefusedError: at any step.
+    """
+    segments = _read_head(path, slot, motion_id)
+    checksum = 0
+    for begin in range(0, segments + 1, PIECE_TIMES):
+        end = min(begin + PIECE_TIMES, segments + 1)
+        piece = path.breakpoints_s[begin:end]
+        piece[:] = slot.breakpoints_s[begin:end]
+        checksum = zlib.crc32(piece.data, checksum)
+        if not path.increases(begin, end):
+            raise RefusedError("the trajectory's breakpoints do not start at 0 and increase")
+        yield
+    low, high = limits.min_position - POSITION_TOLERANCE_RAD, limits.max_position + POSITION_TOLERANCE_RAD
+    for begin in range(0, segments, PIECE_SEGMENTS):
+        end = min(begin + PIECE_SEGMENTS, segments)
+        piece = path.coefficients[begin:end]
+        piece[:] = slot.coefficients[begin:end]
+        checksum = zlib.crc32(piece.data, checksum)
+        if not path.is_finite(begin, end):
+            raise RefusedError("the trajectory has a coefficient that is not finite")
+        if not path.stays_within(begin, end, low, high):
+            _refuse_positions(piece, path.breakpoints_s[begin : end + 1], limits)
+        yield
+    if checksum != int(slot.head.data["checksum"]):
+        raise RefusedError("the trajectory's checksum is wrong")
+    path.begin(segments)
+    _check_ends(path, start, tolerance_rad)
+
+
+def _read_head(path: Path, slot: Slot, motion_id: int) -> int:
+    """The number of segments."""
+    if not slot.head.try_read():
+        raise RefusedError("the trajectory slot is inconsistent")
+    segments, found = int(slot.head.data["segments"]), int(slot.head.data["motion_id"])
+    if found != motion_id:
+        raise RefusedError(f"the slot holds motion {found}, not {motion_id}")
+    if not 1 <= segments <= len(path.coefficients):
+        raise RefusedError(
+            f"the trajectory has {segments} segments, possible are 1 to {len(path.coefficients)}"
+        )
+    return segments
+
+
+def _refuse_positions(piece: Array, times_s: Array, limits: JointLimits) -> None:
+    """Say which joint goes how far beyond its stops."""
+    powers = (np.diff(times_s)[:, None, None] * PLACES[:, None]) ** np.arange(ORDER)  # segment, place, power
+    positions = np.matmul(powers, piece.transpose(0, 2, 1))  # segment, place, joint
+    beyond = np.maximum(positions - limits.max_position, limits.min_position - positions)
+    segment, place, joint = np.unravel_index(beyond.argmax(), beyond.shape)
+    time_s = times_s[segment] + PLACES[place] * (times_s[segment + 1] - times_s[segment])
+    position = positions[segment, place, joint]
+    raise RefusedError(
+        f"{time_s:.3f} s into the motion {limits.names[joint]} would be at {position:.4f} rad, "
+        f"allowed is {limits.min_position[joint]:g} to {limits.max_position[joint]:g} rad"
+    )
+
+
+def _check_ends(path: Path, start: Array, tolerance_rad: float) -> None:
+    """Both ends at rest, the start where the arm is; leaves the path at its start."""
+    found = np.zeros((3, len(start)))
+    for where, path_time_s in (("end", path.duration_s), ("start", 0.0)):
+        path.begin(path.segments)
+        path.evaluate(path_time_s, 1.0, 0.0, found)
+        if not np.abs(found[1:]).max() <= REST_TOLERANCE:
+            raise RefusedError(f"the trajectory is not at rest at its {where}")
+    off = np.abs(found[0] - start)
+    joint = int(off.argmax())
+    if not off[joint] <= tolerance_rad:
+        raise RefusedError(
+            f"the trajectory starts {off[joint]:.4f} rad from where joint {joint + 1} is, "
+            f"allowed are {tolerance_rad} rad"
+        )

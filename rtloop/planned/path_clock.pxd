@@ -1,0 +1,27 @@
+from cobot.arrays cimport MAX_DOF
+from rtloop.generators.otg cimport Profile
+from rtloop.generators.rates cimport Rates
+from rtloop.planned.path cimport Path
+
+
+cdef class PathClock:
+    cdef readonly double path_time_s, rate, rate_slope, target_rate
+    cdef int dof
+    cdef double period_s, patience_s
+    cdef Rates rates
+    cdef Profile profile, candidate
+    cdef double profile_target, profile_s  # time into the profile; negative: there is none
+    cdef bint pending
+    cdef int rung
+    cdef double waited_s
+
+    cdef void c_reset(self) noexcept nogil
+    cdef bint c_at_rest(self) noexcept nogil
+    cdef bint c_slowing(self) noexcept nogil
+    cdef bint c_stuck(self) noexcept nogil
+    cdef void c_request(self, double rate) noexcept nogil
+    cdef void c_advance(self, Path path) noexcept nogil
+    cdef void _try_rung(self, Path path) noexcept nogil
+    cdef bint _plan(self, Path path) noexcept nogil
+    cdef bint _admissible(self, Path path) noexcept nogil
+    cdef bint _holds(self, Path path, double path_time_s, double rate, double slope, double bend) noexcept nogil

@@ -1,0 +1,230 @@
+"""Path time: how far the arm is along its motion, and how fast it moves on.
+
+The joints are at q = P(s) for the path time s, and s advances at a rate r = ds/dt in [0, 1]. Stop,
+pause, resume and speed override change r and nothing else, so none of them leaves the path. With
+derivatives of P by s,
+
+    dq/dt = P' r      d²q/dt² = P'' r² + P' r'      d³q/dt³ = P''' r³ + 3 P'' r r' + P' r''
+
+so a change of the rate must itself be smooth, and slow enough for what the path is doing meanwhile.
+"""
+
+from libc.math cimport fabs, fmax, fmin
+
+from cobot.arrays cimport MAX_DOF
+from rtloop.generators.otg cimport MAX_PHASES, OTG_OK, Problem, otg_velocity, profile_at
+from rtloop.generators.rates cimport take_rates
+from rtloop.planned.path cimport MAX_BREAKPOINTS, Path
+
+cdef enum:
+    RUNGS = 10
+    SAMPLES = 11  # Places in each phase of a profile where the joints' acceleration and jerk are looked at.
+
+# Fractions of the steepest profile that are tried, one a cycle.
+cdef double[RUNGS] LADDER = [1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.12, 0.08, 0.05, 0.03]
+cdef double SIDE_S = 1e-9
+# Of the limits; the rest is for what lies between two samples.
+cdef double SHARE = 0.99
+# Of the rate, 1/s and 1/s²: where the arm hardly moves, any rate would be admissible.
+cdef double MAX_ACCELERATION = 50.0
+cdef double MAX_JERK = 2000.0
+# Of a profile: a gentler one is not taken, for somebody waits for the stop.
+cdef double LONGEST_S = 2.0
+
+
+cdef struct Place:  # On the way of a candidate: the path time, the rate and its first two derivatives.
+    double path_time_s, rate, slope, bend
+
+
+cdef class PathClock:
+    def __cinit__(self, limits, double period_s):
+        cdef int joint
+        cdef double braking_s
+        self.dof = take_rates(limits, &self.rates)
+        self.period_s = period_s
+        for joint in range(self.dof):
+            braking_s = self.rates.velocity[joint] / self.rates.acceleration[joint]
+            braking_s += self.rates.acceleration[joint] / self.rates.jerk[joint]
+            self.patience_s = fmax(self.patience_s, braking_s)
+        self.c_reset()
+
+    def reset(self):
+        self.c_reset()
+
+    def request(self, double rate):
+        self.c_request(rate)
+
+    def advance(self, Path path not None):
+        if path.dof != self.dof:
+            raise ValueError(f"a path of {path.dof} joints for an arm of {self.dof}")
+        self.c_advance(path)
+
+    @property
+    def at_rest(self):
+        return self.c_at_rest()
+
+    @property
+    def slowing(self):
+        return self.c_slowing()
+
+    @property
+    def stuck(self):
+        return self.c_stuck()
+
+    cdef void c_reset(self) noexcept nogil:
+        """Back to the beginning of a path, at full rate."""
+        self.path_time_s, self.rate, self.rate_slope, self.target_rate = 0.0, 1.0, 0.0, 1.0
+        self.profile_s = -1.0
+        self.pending = False
+        self.rung = 0
+        self.waited_s = 0.0
+
+    cdef bint c_at_rest(self) noexcept nogil:
+        """Whether path time stands still, and nothing is about to change that."""
+        return self.rate == 0.0 and self.profile_s < 0.0 and not self.pending
+
+    cdef bint c_slowing(self) noexcept nogil:
+        """Whether a profile towards the target rate is under way."""
+        return self.profile_s >= 0.0
+
+    cdef bint c_stuck(self) noexcept nogil:
+        """Whether the path has left no room to change the rate for as long as a joint at its limits would
+        have taken to come to rest. Only a path beyond the limits should do that.
+        """
+        return self.pending and self.waited_s > self.patience_s
+
+    cdef void c_request(self, double rate) noexcept nogil:
+        """Go over to another rate, as soon and as fast as the joints permit."""
+        if rate != self.target_rate:
+            self.target_rate = rate
+            self.pending = True
+            self.rung = 0
+            self.waited_s = 0.0
+
+    cdef void c_advance(self, Path path) noexcept nogil:
+        """One period on."""
+        cdef double there[3]
+        if self.pending:
+            self._try_rung(path)
+        if self.profile_s < 0.0:
+            self.path_time_s += self.rate * self.period_s
+        else:
+            self.profile_s += self.period_s
+            profile_at(&self.profile, self.profile_s, there)
+            self.path_time_s, self.rate, self.rate_slope = there[0], there[1], there[2]
+            if self.profile_s >= self.profile.duration:
+                self.rate, self.rate_slope, self.profile_s = self.profile_target, 0.0, -1.0
+        self.path_time_s = fmin(self.path_time_s, path.duration_s)
+
+    cdef void _try_rung(self, Path path) noexcept nogil:
+        """Take this cycle's candidate if it holds; if not, the next cycle tries a gentler one."""
+        self.waited_s += self.period_s
+        if self._plan(path) and self._admissible(path):
+            self.profile = self.candidate
+            self.profile_target, self.profile_s, self.pending = self.target_rate, 0.0, False
+        else:
+            self.rung = (self.rung + 1) % RUNGS
+
+    cdef bint _plan(self, Path path) noexcept nogil:
+        """Whether there is a candidate on this rung."""
+        cdef int joint
+        cdef double steepest = MAX_ACCELERATION, jerk = MAX_JERK, speed
+        cdef double derivatives[3 * MAX_DOF]
+        cdef Problem problem
+        path.c_sample(self.path_time_s, derivatives)
+        for joint in range(self.dof):
+            speed = fabs(derivatives[joint]) + 1e-9
+            steepest = fmin(steepest, self.rates.acceleration[joint] / speed)
+            jerk = fmin(jerk, self.rates.jerk[joint] / speed)
+        problem.position, problem.velocity = self.path_time_s, self.rate
+        problem.acceleration = self.rate_slope
+        problem.target_position, problem.target_velocity = 0.0, self.target_rate
+        problem.min_velocity, problem.max_velocity = -2.0, 2.0  # Not used by this interface.
+        # Never below the present slope: else a phase in front would first bring it below.
+        problem.max_acceleration = fmax(steepest * LADDER[self.rung], fabs(self.rate_slope) * (1.0 + 1e-9))
+        problem.min_acceleration = -problem.max_acceleration
+        problem.max_jerk = jerk * LADDER[self.rung]
+        return otg_velocity(&problem, &self.candidate) == OTG_OK and self.candidate.duration <= LONGEST_S
+
+    cdef bint _admissible(self, Path path) noexcept nogil:
+        """Whether the joints' acceleration and jerk hold all along the candidate."""
+        cdef Place places[MAX_PHASES * SAMPLES]
+        cdef Place at
+        cdef double breaks[MAX_BREAKPOINTS]
+        cdef int i, count = _places(&self.candidate, places)
+        for i in range(count):
+            if not self._holds(path, places[i].path_time_s, places[i].rate, places[i].slope, places[i].bend):
+                return False
+        if count == 0:
+            return True
+        # The path's jerk steps at its breakpoints: both sides of each are looked at too.
+        for i in range(path.c_breakpoints(places[0].path_time_s, places[count - 1].path_time_s, breaks)):
+            at = _interpolated(places, count, breaks[i])
+            if not self._holds(path, breaks[i] - SIDE_S, at.rate, at.slope, at.bend):
+                return False
+            if not self._holds(path, breaks[i] + SIDE_S, at.rate, at.slope, at.bend):
+                return False
+        return True
+
+    cdef bint _holds(self, Path path, double path_time_s, double rate, double slope, double bend) noexcept nogil:
+        """Whether all joints keep their limits here.
+
+        Where the path by itself exceeds the share at this rate, it may, but not by more.
+        """
+        cdef int joint
+        cdef double own_acceleration, own_jerk, acceleration, jerk, first, second
+        cdef double derivatives[3 * MAX_DOF]
+        path.c_sample(path_time_s, derivatives)
+        for joint in range(self.dof):
+            first, second = derivatives[joint], derivatives[self.dof + joint]
+            own_acceleration = second * (rate * rate)
+            own_jerk = derivatives[2 * self.dof + joint] * (rate * rate * rate)
+            acceleration = fabs(own_acceleration + first * slope)
+            jerk = fabs(own_jerk + 3.0 * second * rate * slope + first * bend)
+            if not acceleration <= fmax(SHARE * self.rates.acceleration[joint], fabs(own_acceleration)):
+                return False
+            if not jerk <= fmax(SHARE * self.rates.jerk[joint], fabs(own_jerk)):
+                return False
+        return True
+
+
+cdef int _places(const Profile* profile, Place* places) noexcept nogil:
+    """The places of a candidate that are looked at; how many."""
+    cdef int phase, sample, count = 0
+    cdef double t, velocity, acceleration, jerk
+    for phase in range(profile.count):
+        if not profile.duration_s[phase] > 0.0:
+            continue
+        velocity, acceleration = profile.velocity[phase], profile.acceleration[phase]
+        jerk = profile.jerk[phase]
+        for sample in range(SAMPLES):
+            t = profile.duration_s[phase] * sample / (SAMPLES - 1)
+            places[count].path_time_s = profile.position[phase] + t * (
+                velocity + t * (acceleration / 2.0 + t * jerk / 6.0)
+            )
+            places[count].rate = velocity + t * (acceleration + t * jerk / 2.0)
+            places[count].slope = acceleration + t * jerk
+            places[count].bend = jerk
+            count += 1
+    return count
+
+
+cdef Place _interpolated(const Place* places, int count, double path_time_s) noexcept nogil:
+    """Linearly between the places on both sides of a path time."""
+    cdef int low = 0, high = count - 1, middle
+    cdef double share
+    cdef Place at, after
+    while high - low > 1:
+        middle = (low + high) // 2
+        if places[middle].path_time_s <= path_time_s:
+            low = middle
+        else:
+            high = middle
+    at, after = places[low], places[high]
+    share = path_time_s - at.path_time_s
+    if after.path_time_s > at.path_time_s:
+        share /= after.path_time_s - at.path_time_s
+    at.rate += share * (after.rate - at.rate)
+    at.slope += share * (after.slope - at.slope)
+    at.bend += share * (after.bend - at.bend)
+    return at

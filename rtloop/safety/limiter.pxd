@@ -1,0 +1,50 @@
+from cobot.arrays cimport MAX_DOF
+from rtloop.generators.moving_frame cimport Motion
+from rtloop.generators.rates cimport Rates
+from rtloop.generators.tracking cimport Tracker
+
+
+cdef class Safety:
+    cdef readonly object command, position, velocity, acceleration, interventions, intervened_ns
+    cdef readonly bint pursuing
+    cdef public long long now_ns
+    cdef readonly long long counted
+    cdef double* c_command  # (3, dof)
+    cdef unsigned long long* c_interventions
+    cdef long long* c_intervened_ns
+    cdef object _limits  # whose positions hold
+    cdef object _request  # a copy of what Python code requests
+    cdef double* c_request
+    cdef int dof
+    cdef double period_s, share, catch_up
+    cdef Rates own  # of the arm: it brakes with these
+    cdef Rates used
+    cdef double lowest[MAX_DOF]  # positions, with their tolerance
+    cdef double highest[MAX_DOF]
+    cdef double calm_low[MAX_DOF]  # from where, no faster than this, there is nothing to foresee
+    cdef double calm_high[MAX_DOF]
+    cdef double calm_speed[MAX_DOF]
+    cdef double calm_acceleration[MAX_DOF]
+    cdef double past[3][MAX_DOF]  # positions let through before, the newest last
+    cdef double pursued[3 * MAX_DOF]  # where the pursuit is, (3, dof)
+    cdef unsigned int caught  # kinds in this pursuit, a bit each
+    cdef Tracker tracker
+
+    cdef bint c_apply(self, const double* request, bint streamed) noexcept nogil
+    cdef bint c_brake(self) noexcept nogil
+    cdef void c_slow_down(self, double share) noexcept nogil
+    cdef void c_count(self, int kind) noexcept nogil
+    cdef int _excess(self) noexcept nogil
+    cdef int _foresee(self) noexcept nogil
+    cdef bint _is_calm(self) noexcept nogil
+    cdef bint _meets(self) noexcept nogil
+    cdef bint _catch(self, const double* request, int excess, int ahead, bint streamed) noexcept nogil
+    cdef void _catch_kind(self, int kind) noexcept nogil
+    cdef void _approach(self, const double* request, bint streamed) noexcept nogil
+    cdef bint _pursue_along(self, const double* request) noexcept nogil
+    cdef void _let_through_pursuit(self) noexcept nogil
+    cdef void _remember(self) noexcept nogil
+    cdef void _find_calm(self) noexcept nogil
+    cdef void _state(self, double* state) noexcept nogil
+    cdef double _step_of(self, int joint) noexcept nogil
+    cdef double _way(self, int joint, double speed, double acceleration) noexcept nogil

@@ -1,0 +1,363 @@
+"""The last thing before a command is written: the same code in every mode and for every backend.
+
+A command within the limits passes bit for bit. What is not finite is refused and latches an e-stop;
+what goes beyond position, velocity, acceleration or jerk is caught: from then on the output is a
+jerk-limited pursuit of the request that stays within all limits, until the request can be reached
+in one step again. What is streamed may change its mind at any time: there the limits are tighter, the
+pursuit goes along with the request's velocity, and a joint that could no longer stop before its limit
+slows down before it gets there.
+
+Commands have the shape (3, dof): position, velocity and acceleration of all joints, rad and s.
+"""
+
+from libc.math cimport INFINITY, copysign, fabs, fmax, fmin, isfinite, sqrt
+from libc.string cimport memcpy, memset
+
+import numpy as np
+
+from cobot.arrays cimport MAX_DOF, bytes_of, checked_dof, doubles
+from rtloop.generators.moving_frame cimport Motion
+from rtloop.generators.rates cimport Rates, take_rates
+from rtloop.generators.tracking cimport Tracker
+
+from cobot.ipc.layout import Intervention
+
+POSITION_TOLERANCE_RAD = 1e-5
+# Less so much that a pursuit which ends there is within the tolerance although it is rounded.
+cdef double POSITION_TOLERANCE = POSITION_TOLERANCE_RAD * (1.0 - 1e-9)
+# Relative, on the rates: planners drive exactly at the limits, and the differences of four positions
+# carry the rounding of numbers of the order of 1 rad, divided by the period cubed.
+cdef double TOLERANCE = 0.01
+# Of what the jerk limits let the acceleration change by, for the step from a pursuit to the request: with
+# all of it there would be none left for the request's next step.
+cdef double MEETING = 0.5
+# Of the way to rest, and on top: what is known of the acceleration is rounded, and a cycle old.
+cdef double WAY_SHARE = 1.05
+cdef double WAY_RAD = 5e-5
+# Of the velocity limits. With an acceleration of no more than √(j v) the velocity can grow by v/2 until that
+# is taken back, which leaves it below the limit.
+cdef double CALM = 0.6
+
+cdef enum:
+    NOTHING = -1  # No kind of intervention.
+
+cdef int NOT_FINITE = Intervention.NOT_FINITE, POSITION = Intervention.POSITION
+cdef int VELOCITY = Intervention.VELOCITY, ACCELERATION = Intervention.ACCELERATION, JERK = Intervention.JERK
+
+cdef enum:
+    ROWS = 6
+# What is checked, in this order: the position, its first to third difference, and the rates that the command
+# states.
+cdef int[ROWS] KINDS = [POSITION, VELOCITY, ACCELERATION, JERK, VELOCITY, ACCELERATION]
+
+
+cdef inline Motion _motion(double oldest, double last, double newest, double rate) noexcept nogil:
+    """Of three positions in a row: the velocity is that of half a period ago, the acceleration that of a
+    period ago."""
+    cdef Motion motion
+    motion.position = newest
+    motion.velocity = rate * (newest - last)
+    motion.acceleration = rate * rate * ((newest - last) - (last - oldest))
+    return motion
+
+
+cdef class Safety:
+    def __cinit__(self, limits, period_s):
+        dof = checked_dof(limits.dof)
+        self.dof = dof
+        self.period_s = period_s
+        self.command = np.zeros((3, dof))
+        self.position, self.velocity, self.acceleration = self.command
+        self.c_command = doubles(self.command, 3 * dof)
+        self._request = np.zeros((3, dof))
+        self.c_request = doubles(self._request, 3 * dof)
+        kinds = len(Intervention)
+        self.interventions = np.zeros(kinds, np.uint64)
+        self.intervened_ns = np.zeros(kinds, np.int64)
+        self.c_interventions = <unsigned long long*>bytes_of(self.interventions, 8 * kinds)
+        self.c_intervened_ns = <long long*>bytes_of(self.intervened_ns, 8 * kinds)
+        self.tracker = Tracker(dof, period_s)
+        self._limits = limits
+        take_rates(limits, &self.own)
+        self.use(limits)
+
+    def use(self, limits, double share=1.0, double catch_up=INFINITY):
+        take_rates(limits, &self.used)
+        self.share, self.catch_up = share, catch_up
+        self._find_calm()
+
+    def slow_down(self, double share):
+        self.c_slow_down(share)
+
+    def reset(self, position):
+        reach = self._limits.including(position)
+        memset(self.c_command, 0, 3 * self.dof * sizeof(double))
+        for joint in range(self.dof):
+            self.lowest[joint] = reach.min_position[joint] - POSITION_TOLERANCE
+            self.highest[joint] = reach.max_position[joint] + POSITION_TOLERANCE
+            self.c_command[joint] = position[joint]
+            for i in range(3):
+                self.past[i][joint] = position[joint]
+        self._find_calm()
+        self.pursuing = False
+        self.caught = 0
+
+    def apply(self, request, *, bint streamed=False):
+        self._request[:] = request
+        return self.c_apply(self.c_request, streamed)
+
+    def brake(self):
+        return self.c_brake()
+
+    def count(self, int kind):
+        if not 0 <= kind < len(self.interventions):
+            raise IndexError(f"there is no intervention {kind}")
+        self.c_count(kind)
+
+    cdef void c_slow_down(self, double share) noexcept nogil:
+        if share != self.share:
+            self.share = share
+            self._find_calm()
+
+    cdef void c_count(self, int kind) noexcept nogil:
+        self.c_interventions[kind] += 1
+        self.c_intervened_ns[kind] = self.now_ns
+        self.counted += 1
+
+    cdef bint c_apply(self, const double* request, bint streamed) noexcept nogil:
+        """Let a command through, or the nearest that is safe; the result is in `c_command`.
+
+        Args:
+            streamed: nobody knows what comes next.
+
+        Returns:
+            False when the request is not finite: the caller has to latch an e-stop.
+        """
+        cdef int excess, ahead
+        memcpy(self.c_command, request, 3 * self.dof * sizeof(double))
+        excess = self._excess()
+        ahead = self._foresee() if streamed and excess == ROWS else NOTHING
+        if excess == ROWS and ahead == NOTHING and (not self.pursuing or self._meets()):
+            self.pursuing = False
+            self._remember()
+            return True
+        return self._catch(request, excess, ahead, streamed)
+
+    cdef bint c_brake(self) noexcept nogil:
+        """Come to rest from wherever the arm is, each joint for itself, as fast as the limits permit.
+
+        Returns:
+            Whether it is at rest.
+        """
+        cdef double state[3 * MAX_DOF]
+        self._state(state)
+        cdef bint at_rest = self.tracker.c_brake(state, &self.own)
+        self._let_through_pursuit()
+        return at_rest
+
+    cdef int _excess(self) noexcept nogil:
+        """The first row in which the command is beyond its limits at some joint, ROWS if there is none.
+
+        What is not a number is beyond every limit.
+        """
+        cdef int joint, row, first = ROWS
+        cdef double rate = 1.0 / self.period_s, most = 1.0 + TOLERANCE
+        cdef double max_velocity, max_acceleration, before, jerk
+        cdef Motion motion
+        for joint in range(self.dof):
+            max_velocity = most * (self.share * self.used.velocity[joint])
+            max_acceleration = most * self.used.acceleration[joint]
+            motion = _motion(self.past[1][joint], self.past[2][joint], self.c_command[joint], rate)
+            before = _motion(self.past[0][joint], self.past[1][joint], self.past[2][joint], rate).acceleration
+            jerk = rate * (motion.acceleration - before)
+            if not self.lowest[joint] <= motion.position <= self.highest[joint]:
+                row = 0
+            elif not fabs(motion.velocity) <= max_velocity:
+                row = 1
+            elif not fabs(motion.acceleration) <= max_acceleration:
+                row = 2
+            elif not fabs(jerk) <= most * self.used.jerk[joint]:
+                row = 3
+            elif not fabs(self.c_command[self.dof + joint]) <= max_velocity:
+                row = 4
+            elif not fabs(self.c_command[2 * self.dof + joint]) <= max_acceleration:
+                row = 5
+            else:
+                continue
+            first = min(first, row)
+        return first
+
+    cdef int _foresee(self) noexcept nogil:
+        """What the command would lead to, if not now: a joint that could come to rest only beyond its limit,
+        or one whose acceleration could not be taken back before its velocity limit.
+        """
+        cdef int joint, found = NOTHING
+        cdef double rate = 1.0 / self.period_s, most = (1.0 + 0.5 * TOLERANCE) * self.share
+        cdef double velocity, peak, way
+        cdef Motion motion
+        if self._is_calm():
+            return NOTHING
+        for joint in range(self.dof):
+            motion = _motion(self.past[1][joint], self.past[2][joint], self.c_command[joint], rate)
+            velocity = motion.velocity + 0.5 * self.period_s * motion.acceleration
+            peak = velocity + motion.acceleration * fabs(motion.acceleration) / (2.0 * self.used.jerk[joint])
+            if fabs(peak) > most * self.used.velocity[joint]:
+                return VELOCITY
+            # The second difference is that of one cycle ago.
+            way = self._way(joint, fabs(velocity), fabs(motion.acceleration) + self._step_of(joint))
+            if motion.position + way > self.highest[joint] and (velocity > 0.0 or motion.acceleration > 0.0):
+                found = POSITION
+            if motion.position - way < self.lowest[joint] and (velocity < 0.0 or motion.acceleration < 0.0):
+                found = POSITION
+        return found
+
+    cdef bint _is_calm(self) noexcept nogil:
+        """Whether the command is where there is nothing to foresee, whatever comes next."""
+        cdef int joint
+        cdef double rate = 1.0 / self.period_s
+        cdef Motion motion
+        for joint in range(self.dof):
+            motion = _motion(self.past[1][joint], self.past[2][joint], self.c_command[joint], rate)
+            if not (
+                self.calm_low[joint] <= motion.position <= self.calm_high[joint]
+                and fabs(motion.velocity) <= self.calm_speed[joint]
+                and fabs(motion.acceleration) <= self.calm_acceleration[joint]
+            ):
+                return False
+        return True
+
+    cdef bint _meets(self) noexcept nogil:
+        """Whether the pursuit has come so close that going over to the request keeps the jerk limits."""
+        cdef int joint
+        cdef double rate = 1.0 / self.period_s, acceleration, most
+        for joint in range(self.dof):
+            acceleration = _motion(
+                self.past[1][joint], self.past[2][joint], self.c_command[joint], rate
+            ).acceleration
+            most = MEETING * self._step_of(joint)
+            if not (
+                fabs(acceleration - self.pursued[2 * self.dof + joint]) <= most
+                and fabs(acceleration - self.c_command[2 * self.dof + joint]) <= most
+            ):
+                return False
+        return True
+
+    cdef bint _catch(self, const double* request, int excess, int ahead, bint streamed) noexcept nogil:
+        """Pursue what may not pass. Returns whether it is finite: what is not is braked for."""
+        cdef int i
+        cdef bint finite = True
+        if not self.pursuing:
+            self.caught = 0
+        for i in range(3 * self.dof):
+            finite = finite and isfinite(request[i])
+        if not finite:
+            self._catch_kind(NOT_FINITE)
+            self.c_brake()
+            return False
+        if excess < ROWS:
+            self._catch_kind(KINDS[excess])
+        elif ahead != NOTHING:
+            self._catch_kind(ahead)
+        if not streamed or ahead == POSITION or not self._pursue_along(request):
+            self._approach(request, streamed)
+        return True
+
+    cdef void _catch_kind(self, int kind) noexcept nogil:
+        """Count a kind once in each pursuit."""
+        if not self.caught & (<unsigned int>1 << kind):
+            self.caught |= <unsigned int>1 << kind
+            self.c_count(kind)
+
+    cdef void _approach(self, const double* request, bint streamed) noexcept nogil:
+        """Pursue a request as a place: to arrive with its velocity if it is streamed and can be stopped after
+        that, else to rest."""
+        cdef int joint
+        cdef double state[3 * MAX_DOF]
+        cdef double target[MAX_DOF]
+        cdef double velocity[MAX_DOF]
+        cdef double max_velocity[MAX_DOF]
+        cdef double wanted, reach
+        for joint in range(self.dof):
+            wanted = request[self.dof + joint]
+            target[joint] = fmin(fmax(request[joint], self.lowest[joint]), self.highest[joint])
+            velocity[joint] = 0.0
+            if streamed and target[joint] == request[joint]:
+                reach = target[joint] + copysign(self._way(joint, fabs(wanted), 0.0), wanted)
+                if self.lowest[joint] <= reach <= self.highest[joint]:
+                    velocity[joint] = wanted
+            max_velocity[joint] = fmin(self.share * self.used.velocity[joint], fabs(wanted) + self.catch_up)
+        self._state(state)
+        self.tracker.c_approach(
+            state, target, velocity, &self.used, max_velocity, self.lowest, self.highest
+        )
+        self._let_through_pursuit()
+
+    cdef bint _pursue_along(self, const double* request) noexcept nogil:
+        """Pursue a request that moves, if that keeps the limits; if not, nothing has been let through."""
+        cdef int joint
+        cdef double state[3 * MAX_DOF]
+        for joint in range(self.dof):
+            if not self.lowest[joint] <= request[joint] <= self.highest[joint]:
+                return False
+        self._state(state)
+        if not self.tracker.c_along(state, request, &self.used, self.share, self.catch_up):
+            return False
+        memcpy(self.c_command, self.tracker.c_ahead, 3 * self.dof * sizeof(double))
+        if self._excess() != ROWS or self._foresee() != NOTHING:
+            return False
+        self._let_through_pursuit()
+        return True
+
+    cdef void _let_through_pursuit(self) noexcept nogil:
+        memcpy(self.c_command, self.tracker.c_ahead, 3 * self.dof * sizeof(double))
+        memcpy(self.pursued, self.tracker.c_ahead, 3 * self.dof * sizeof(double))
+        self.pursuing = True
+        self._remember()
+
+    cdef void _remember(self) noexcept nogil:
+        memcpy(self.past[0], self.past[1], self.dof * sizeof(double))
+        memcpy(self.past[1], self.past[2], self.dof * sizeof(double))
+        memcpy(self.past[2], self.c_command, self.dof * sizeof(double))
+
+    cdef void _find_calm(self) noexcept nogil:
+        """The positions, velocities and accelerations from which there is nothing to foresee."""
+        cdef int joint
+        cdef double speed, acceleration, way
+        for joint in range(self.dof):
+            speed = CALM * self.share * self.used.velocity[joint]
+            acceleration = fmin(self.used.acceleration[joint], sqrt(self.used.jerk[joint] * speed))
+            way = self._way(joint, speed, acceleration + self._step_of(joint))
+            self.calm_low[joint], self.calm_high[joint] = self.lowest[joint] + way, self.highest[joint] - way
+            self.calm_speed[joint], self.calm_acceleration[joint] = speed, acceleration
+
+    cdef void _state(self, double* state) noexcept nogil:
+        """What the arm really does, whatever was stated.
+
+        Of the last three positions, which give the velocity half a period ago; a pursuit knows it exactly.
+        """
+        cdef int joint
+        cdef double rate = 1.0 / self.period_s
+        cdef Motion motion
+        if self.pursuing:
+            memcpy(state, self.pursued, 3 * self.dof * sizeof(double))
+            return
+        for joint in range(self.dof):
+            motion = _motion(self.past[0][joint], self.past[1][joint], self.past[2][joint], rate)
+            state[joint] = motion.position
+            state[self.dof + joint] = motion.velocity + 0.5 * self.period_s * motion.acceleration
+            state[2 * self.dof + joint] = motion.acceleration
+
+    cdef double _step_of(self, int joint) noexcept nogil:
+        """The largest step of a joint's acceleration from cycle to cycle."""
+        return self.used.jerk[joint] * self.period_s
+
+    cdef double _way(self, int joint, double speed, double acceleration) noexcept nogil:
+        """How far a joint gets until it rests: a bound that is simple and never too short.
+
+        The acceleration is taken back to zero, which may add speed; then the joint brakes. For the largest
+        speed v, the limits a and j, v²/2a + va/2j holds for short and for long ways.
+        """
+        cdef double jerk = self.used.jerk[joint], most = self.used.acceleration[joint]
+        cdef double peak = speed + 1.5 * self.period_s * acceleration
+        peak += acceleration * acceleration / (2.0 * jerk)
+        return WAY_SHARE * peak * (acceleration / jerk + peak / (2.0 * most) + most / (2.0 * jerk)) + WAY_RAD
