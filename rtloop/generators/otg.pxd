@@ -1,0 +1,35 @@
+"""What other compiled modules call: jerk-limited, time-optimal motion of single axes. See otg.pyx."""
+
+cdef enum:
+    MAX_PHASES = 9  # Two that brake to within the limits, and seven.
+
+cdef enum OtgResult:
+    OTG_OK = 0
+    OTG_INVALID = 1  # A number is not finite, a limit is not of its sign, the target's velocity is beyond it.
+    OTG_NO_SOLUTION = 2  # The target cannot be reached within the limits.
+
+cdef struct Problem:  # Of one axis: m or rad, and s.
+    double position, velocity, acceleration
+    double target_position, target_velocity  # The target's acceleration is zero.
+    double min_velocity, max_velocity  # The velocity interface does not use them.
+    double min_acceleration, max_acceleration
+    double max_jerk
+
+cdef struct Profile:  # Phases of constant jerk, each from a state.
+    int count
+    double duration
+    double duration_s[MAX_PHASES]
+    double jerk[MAX_PHASES]
+    double position[MAX_PHASES]
+    double velocity[MAX_PHASES]
+    double acceleration[MAX_PHASES]
+    double end_position, end_velocity  # It goes on from here with this velocity.
+
+cdef int otg_position(const Problem* problem, Profile* profile) noexcept nogil
+cdef int otg_velocity(const Problem* problem, Profile* profile) noexcept nogil
+cdef int otg_step(const Problem* problem, double period_s, double* out) noexcept nogil
+cdef int otg_position_in(const Problem* problem, double duration_s, Profile* profile) noexcept nogil
+cdef int otg_synchronised(const Problem* problems, int n, Profile* profiles) noexcept nogil
+cdef int otg_vector(const Problem* problems, int n, Profile* profiles) noexcept nogil
+cdef void profile_at(const Profile* profile, double time_s, double* out) noexcept nogil
+cdef void profile_extrema(const Profile* profile, double* out) noexcept nogil
