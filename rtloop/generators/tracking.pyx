@@ -8,9 +8,9 @@ from libc.math cimport fabs, fmax, fmin, sqrt
 import numpy as np
 
 from cobot.arrays cimport MAX_DOF, checked_dof, doubles
-from rtloop.generators.moving_frame cimport Ladder, Motion, moved, plan_gently, to_rest_in_frame
+from rtloop.generators.moving_frame cimport Ladder, Motion, plan_gently, to_rest_in_frame
 from rtloop.generators.otg cimport (
-    OTG_OK, Problem, Profile, otg_position, otg_velocity, profile_at, profile_extrema,
+    OTG_OK, Problem, otg_position, otg_velocity, profile_at, profile_extrema,
 )
 from rtloop.generators.rates cimport Rates, take_rates
 

@@ -68,10 +68,8 @@ class Watch:
         rows += [command[..., 1, :], command[..., 2, :]]
         values = np.stack(rows, axis=-2)
         limits = self.limits
-        most = (1.0 + TOLERANCE) * np.array(
-            [self.max_velocity, limits.max_acceleration, limits.max_jerk, self.max_velocity]
-            + [limits.max_acceleration]
-        )
+        rates = [self.max_velocity, limits.max_acceleration, limits.max_jerk]
+        most = (1.0 + TOLERANCE) * np.array([*rates, *rates[:2]])
         high, low = np.vstack([self.highest, most]), np.vstack([self.lowest, -most])
         beyond = ~((values >= low) & (values <= high)).all(axis=-1)  # what is no number too
         found: Array = np.where(beyond.any(axis=-1), KINDS[beyond.argmax(axis=-1)], NOTHING)

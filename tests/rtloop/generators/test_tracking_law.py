@@ -20,8 +20,12 @@ ALIKE = 0.999
 
 def limits_of(random: np.random.Generator) -> JointLimits:
     names = tuple(f"joint{i}" for i in range(DOF))
-    velocity, acceleration, jerk = (random.uniform(low, high, DOF) for low, high in ((1, 4), (2, 12), (20, 200)))
-    return JointLimits(names, -np.full(DOF, 3.0), np.full(DOF, 3.0), velocity, acceleration, jerk, np.ones(DOF))
+    velocity, acceleration, jerk = (
+        random.uniform(low, high, DOF) for low, high in ((1, 4), (2, 12), (20, 200))
+    )
+    return JointLimits(
+        names, -np.full(DOF, 3.0), np.full(DOF, 3.0), velocity, acceleration, jerk, np.ones(DOF)
+    )
 
 
 def state_of(limits: JointLimits, random: np.random.Generator, level: float) -> Array:
@@ -72,7 +76,9 @@ def test_both_go_along_with_a_request_alike() -> None:
     requests = []
     for state in states:
         off = random.choice([1e-4, 1e-2, 0.3]) * random.uniform(-1.0, 1.0, (3, DOF))
-        requests.append((state + off * np.array([[1.0], [3.0], [10.0]])) * [[1.0], [random.choice([0, 1])], [1.0]])
+        requests.append(
+            (state + off * np.array([[1.0], [3.0], [10.0]])) * [[1.0], [random.choice([0, 1])], [1.0]]
+        )
 
     def step(tracker: PlainTracker | Tracker, k: int) -> bool:
         return tracker.along(states[k], requests[k], limits, 0.9, (np.inf, 0.5)[k % 2])

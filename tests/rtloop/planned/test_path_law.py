@@ -1,4 +1,4 @@
-"""The compiled path and path clock against their laws in numpy and Ruckig (`laws.path`, `laws.path_clock`)."""
+"""The compiled path and path clock against their laws in numpy and Ruckig: `laws.path`, `laws.path_clock`."""
 
 from __future__ import annotations
 
@@ -69,8 +69,8 @@ def test_the_breakpoints_between_two_times_are_those_of_the_law() -> None:
 
 
 def test_the_rate_changes_as_the_law_says(robot: RobotDescription) -> None:
-    """Which profile is taken, and when: paths from slow ones to some beyond the limits. Each profile is judged
-    at a hundred places and seven joints."""
+    """Which profile is taken, and when, on paths from slow ones to some beyond the limits. Each profile is
+    judged at a hundred places of seven joints."""
     random = np.random.default_rng(24)
     changed = 0
     for scale in (0.05, 0.1, 0.2, 0.3, 0.5, 3.0) * 2:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from laws.limiter import NOTHING
+from laws.limiter import NOTHING, Watch
 from laws.limiter import Safety as PlainSafety
-from laws.limiter import Watch
 
 from cobot.errors import InputError
 from cobot.ipc.layout import Intervention
