@@ -8,9 +8,9 @@ from libc.math cimport fabs, fmax, fmin, sqrt
 import numpy as np
 
 from cobot.arrays cimport MAX_DOF, checked_dof, doubles
-from rtloop.generators.moving_frame cimport Ladder, Motion, moved, plan_gently, to_rest_in_frame
+from rtloop.generators.moving_frame cimport Ladder, Motion, plan_gently, to_rest_in_frame
 from rtloop.generators.otg cimport (
-    OTG_OK, Problem, Profile, otg_position, otg_velocity, profile_at, profile_extrema,
+    OTG_OK, Problem, otg_position, otg_velocity, profile_at, profile_extrema,
 )
 from rtloop.generators.rates cimport Rates, take_rates
 
@@ -41,22 +41,27 @@ cdef class Tracker:
     def brake(self, state, limits):
         cdef Rates rates
         take_rates(limits, &rates)
-        return self.c_brake(doubles(state, 3 * self.dof), &rates)
+        own = self._copy(state)
+        return self.c_brake(doubles(own, own.size), &rates)
 
     def approach(self, state, target, velocity, limits, max_velocity, bounds):
         cdef Rates rates
-        cdef int dof = take_rates(limits, &rates)
-        lowest, highest = bounds
-        self.c_approach(
-            doubles(state, 3 * dof), doubles(target, dof), doubles(velocity, dof), &rates,
-            doubles(max_velocity, dof), doubles(lowest, dof), doubles(highest, dof),
-        )
+        take_rates(limits, &rates)
+        own = self._copy([*state, target, velocity, max_velocity, *bounds])
+        cdef double* row = doubles(own, own.size)
+        cdef int n = self.dof
+        self.c_approach(row, row + 3 * n, row + 4 * n, &rates, row + 5 * n, row + 6 * n, row + 7 * n)
 
     def along(self, state, request, limits, share, catch_up):
         cdef Rates rates
         take_rates(limits, &rates)
-        size = 3 * self.dof
-        return self.c_along(doubles(state, size), doubles(request, size), &rates, share, catch_up)
+        own = self._copy([*state, *request])
+        cdef double* row = doubles(own, own.size)
+        return self.c_along(row, row + 3 * self.dof, &rates, share, catch_up)
+
+    def _copy(self, rows):
+        """Rows of all joints in an array of their own, which compiled code can read."""
+        return np.array(rows, dtype=np.float64, order="C").reshape(-1, self.dof)
 
     cdef bint c_brake(self, const double* state, const Rates* rates) noexcept nogil:
         """Towards rest as fast as the limits permit; whether it is reached."""

@@ -1,6 +1,7 @@
 cdef enum:
     ORDER = 6  # Coefficients of a quintic.
-    MAX_BREAKPOINTS = 24  # That a stop looks at: where they are closer together, the path is smooth between them.
+    # That a stop looks at: where they are closer together, the path is smooth between them.
+    MAX_BREAKPOINTS = 24
 
 
 cdef class Path:

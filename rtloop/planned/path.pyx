@@ -105,7 +105,7 @@ cdef class Path:
     cdef int c_breakpoints(self, double from_s, double to_s, double* out) noexcept nogil:
         """The path's breakpoints between two path times, at the most `MAX_BREAKPOINTS` of them; how many."""
         cdef Py_ssize_t begin = self._breakpoints_before(from_s, False)
-        cdef Py_ssize_t end = self._breakpoints_before(to_s, False), each
+        cdef Py_ssize_t end = self._breakpoints_before(to_s, False)
         cdef Py_ssize_t every = 1 + max(end - begin, 0) // MAX_BREAKPOINTS
         cdef int count = 0
         while begin < end and count < MAX_BREAKPOINTS:

@@ -24,4 +24,6 @@ cdef class PathClock:
     cdef void _try_rung(self, Path path) noexcept nogil
     cdef bint _plan(self, Path path) noexcept nogil
     cdef bint _admissible(self, Path path) noexcept nogil
-    cdef bint _holds(self, Path path, double path_time_s, double rate, double slope, double bend) noexcept nogil
+    cdef bint _holds(
+        self, Path path, double path_time_s, double rate, double slope, double bend
+    ) noexcept nogil

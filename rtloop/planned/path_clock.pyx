@@ -166,7 +166,9 @@ cdef class PathClock:
                 return False
         return True
 
-    cdef bint _holds(self, Path path, double path_time_s, double rate, double slope, double bend) noexcept nogil:
+    cdef bint _holds(
+        self, Path path, double path_time_s, double rate, double slope, double bend
+    ) noexcept nogil:
         """Whether all joints keep their limits here.
 
         Where the path by itself exceeds the share at this rate, it may, but not by more.

@@ -17,7 +17,7 @@ import numpy as np
 
 from cobot.arrays cimport MAX_DOF, bytes_of, checked_dof, doubles
 from rtloop.generators.moving_frame cimport Motion
-from rtloop.generators.rates cimport Rates, take_rates
+from rtloop.generators.rates cimport take_rates
 from rtloop.generators.tracking cimport Tracker
 
 from cobot.ipc.layout import Intervention
