@@ -9,6 +9,8 @@ from cpython.buffer cimport PyBuffer_Release, PyObject_CheckBuffer, PyObject_Get
 from libc.stdint cimport uintptr_t
 from libc.string cimport strcmp
 
+from cobot.errors import InputError
+
 
 cdef double* doubles(object array, Py_ssize_t size) except NULL:
     """The first number of a C-contiguous, writable array of at least `size` float64.
@@ -48,6 +50,17 @@ cdef char* bytes_of(object buffer, Py_ssize_t size) except NULL:
     PyBuffer_Release(&view)
     _require(address, found, size, "bytes")
     return address
+
+
+cdef int checked_dof(Py_ssize_t dof) except -1:
+    """The number of joints.
+
+    Raises:
+        InputError: more than compiled code has room for.
+    """
+    if dof > MAX_DOF:
+        raise InputError(f"{dof} joints, at the most {MAX_DOF}")
+    return <int>dof
 
 
 cdef int _open(object buffer, int flags, Py_buffer* view) except -1:
