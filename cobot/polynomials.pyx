@@ -59,10 +59,10 @@ cdef inline void _basis(int order, double s, double duration_s, double* basis) n
     """Of a derivative by time, (6,): what each coefficient is multiplied with."""
     cdef double power = 1.0
     cdef int i
-    for i in range(order):
-        power /= duration_s
     for i in range(ORDER):
         basis[i] = 0.0
+        if i < order:
+            power /= duration_s
     for i in range(order, ORDER):
         basis[i] = FACTOR[order][i] * power
         power *= s
@@ -92,8 +92,8 @@ cdef void quintic_at(
 cdef void quintic_peaks(
     const double* coefficients, int n, double duration_s, int places, double* peaks
 ) noexcept nogil:
-    """The greatest amounts of velocity, acceleration and jerk, (3, n), at equidistant places from the start to
-    the end, at least two."""
+    """The greatest amounts of velocity, acceleration and jerk, (3, n), at equidistant places from the start
+    to the end, at least two."""
     cdef double basis[ORDER]
     cdef double amount
     cdef int order, place, i

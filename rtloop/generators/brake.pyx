@@ -2,8 +2,6 @@
 
 from libc.math cimport fabs
 
-import numpy as np
-
 from cobot.arrays cimport doubles
 from rtloop.generators.interpolation cimport clipped, copy_row, plain
 from rtloop.generators.otg cimport OTG_OK, Problem, otg_velocity, profile_at

@@ -5,7 +5,7 @@ from rtloop.generators.brake cimport Brake
 
 cdef enum:
     LONGEST_CHUNK = 64  # Waypoints; as many of older chunks may still be ahead.
-    SUPPORT = 3  # Waypoints already passed that the spline still runs through: a new chunk hardly moves its start.
+    SUPPORT = 3  # Passed waypoints that the spline still runs through: a new chunk hardly moves its start.
     MAX_WAYPOINTS = 131  # All of these.
 
 cdef enum ChunkRefusal:
@@ -41,7 +41,9 @@ cdef class ChunkInterpolator:
     cdef double refused_s
 
     cdef void c_begin(self, const double* state) noexcept nogil
-    cdef int c_take(self, const double* times_s, const double* points, int count, double now_s) noexcept nogil
+    cdef int c_take(
+        self, const double* times_s, const double* points, int count, double now_s
+    ) noexcept nogil
     cdef void c_advance(self, double now_s) noexcept nogil
     cdef int _flaw(self, const double* times_s, const double* points, int count) noexcept nogil
     cdef int _index(self, double time_s) noexcept nogil

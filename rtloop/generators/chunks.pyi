@@ -1,4 +1,4 @@
-"""Action chunks: a policy sends its next waypoints, each with the time at which it is meant: see chunks.pyx."""
+"""Action chunks: a policy sends its next waypoints, each with its time. See chunks.pyx."""
 
 from cobot.types import Array
 

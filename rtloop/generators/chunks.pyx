@@ -20,6 +20,9 @@ from cobot.errors import InputError
 cdef enum:
     PLACES = 11  # In a blend, where velocity, acceleration and jerk are looked at.
 
+# Relative: the last two waypoints have the same acceleration, and rounding must not decide between them.
+cdef double TIE = 1e-9
+
 
 cdef class ChunkInterpolator:
     """Follows chunks of waypoints. Real-time safe. See chunks.pyi."""
@@ -42,13 +45,15 @@ cdef class ChunkInterpolator:
         self.count = 0
         self._start_brake()
 
-    cdef int c_take(self, const double* times_s, const double* points, int count, double now_s) noexcept nogil:
+    cdef int c_take(
+        self, const double* times_s, const double* points, int count, double now_s
+    ) noexcept nogil:
         """Replace what lies ahead from the first of these waypoints, (count,) and (count, n), on that is not
         past.
 
         Returns:
-            `CHUNK_TAKEN`, or why the chunk is refused, which `refusal` says in words; then nothing has changed
-            but `late`.
+            `CHUNK_TAKEN`, or why the chunk is refused, which `refusal` says in words; then nothing has
+            changed but `late`.
         """
         # What is due within this period is past: nothing can lead there any more.
         cdef double soon_s = now_s + self.period_s
@@ -127,8 +132,8 @@ cdef class ChunkInterpolator:
         return i
 
     cdef void _connect(self, double now_s, int first) noexcept nogil:
-        """Quintics from the reference to the first waypoint in reach, from `first` on, and from there from one
-        to the next."""
+        """Quintics from the reference to the first waypoint in reach, from `first` on, and from there from
+        one to the next."""
         cdef int i, n = self.n, knot = self._first_in_reach(now_s, first)
         self.knots_s[0], self.knots_s[1] = now_s, self.times_s[knot]
         quintic_between(
@@ -157,7 +162,7 @@ cdef class ChunkInterpolator:
             excess = self._excess(coefficients, self.times_s[i] - now_s)
             if excess <= 1.0:
                 return i
-            if excess < least:
+            if excess < least * (1.0 - TIE):
                 best, least = i, excess
         return best
 
@@ -210,11 +215,11 @@ cdef class ChunkInterpolator:
 
 
 cdef void spline_rates(const double* times_s, int count, int n, double* ends) noexcept nogil:
-    """Velocity and acceleration at the knots of the cubic spline through points whose first and last pieces are
-    parabolas; a single point is one to rest at, and two make one piece, which is straight.
+    """Velocity and acceleration at the knots of the cubic spline through points whose first and last pieces
+    are parabolas; a single point is one to rest at, and two make one piece, which is straight.
 
-    The velocities solve a tridiagonal system (C. de Boor, "A Practical Guide to Splines", chapter IV), here by
-    elimination without pivoting (L. Thomas): every inner row's diagonal outweighs the rest of its row.
+    The velocities solve a tridiagonal system (C. de Boor, "A Practical Guide to Splines", chapter IV), here
+    by elimination without pivoting (L. Thomas): every inner row's diagonal outweighs the rest of its row.
 
     Args:
         times_s: (count,), at most `MAX_WAYPOINTS`.

@@ -17,7 +17,8 @@ cdef Ladder GENTLE
 GENTLE.count = 4
 GENTLE.share = [0.03, 0.1, 0.3, 1.0]
 GENTLE.patience_s = 0.25
-cdef double MAX_PROFILE_S = 7600.0  # Of a longer one, to a target beyond anything, rounding is all that is left.
+# Of a longer profile, to a target beyond anything, rounding is all that is left.
+cdef double MAX_PROFILE_S = 7600.0
 
 
 cdef class OnlineTrajectory(Interpolator):

@@ -9,12 +9,16 @@ cdef class PoseInterpolator:
     cdef double[6] last, target, velocity  # in the chart
     cdef double[4] last_orientation, origin
 
-    cdef void c_begin(self, const double* pose, const double* twist, const double* acceleration) noexcept nogil
+    cdef void c_begin(
+        self, const double* pose, const double* twist, const double* acceleration
+    ) noexcept nogil
     cdef void c_aim(self, const double* pose, const double* twist, double duration_s) noexcept nogil
     cdef void c_advance(self) noexcept nogil
     cdef void c_twist(self, double* out) noexcept nogil
     cdef void c_acceleration(self, double* out) noexcept nogil
-    cdef void _state_at_origin(self, const double* twist, const double* acceleration, double* out) noexcept nogil
+    cdef void _state_at_origin(
+        self, const double* twist, const double* acceleration, double* out
+    ) noexcept nogil
     cdef void _write(self) noexcept nogil
 
 cdef class MinJerkMove:

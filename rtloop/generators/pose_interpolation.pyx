@@ -57,7 +57,9 @@ cdef class PoseInterpolator:
         )
         self.last_orientation[0] = self.origin[0] = 1.0
 
-    cdef void c_begin(self, const double* pose, const double* twist, const double* acceleration) noexcept nogil:
+    cdef void c_begin(
+        self, const double* pose, const double* twist, const double* acceleration
+    ) noexcept nogil:
         """Start here, forget all commands, and hold (what moves is brought to rest). NULL is no motion."""
         cdef double state[18]
         memcpy(self.c_pose, pose, 7 * sizeof(double))
@@ -100,8 +102,8 @@ cdef class PoseInterpolator:
         quat_angular_velocity(ref + 3, ref + 9, out + 3)
 
     cdef void c_acceleration(self, double* out) noexcept nogil:
-        """Of this cycle, (6,): m/s² and rad/s². Of the angular part, terms are missing that are of second order
-        in the turn since the newest command."""
+        """Of this cycle, (6,): m/s² and rad/s². Of the angular part, terms are missing that are of second
+        order in the turn since the newest command."""
         cdef const double* ref = self.chart.ref
         memcpy(out, ref + 12, 3 * sizeof(double))
         quat_angular_acceleration(ref + 3, ref + 9, ref + 15, out + 3)

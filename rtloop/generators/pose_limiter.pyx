@@ -11,7 +11,7 @@ from rtloop.generators.interpolation cimport clipped, plain
 from rtloop.generators.moving_frame cimport Motion, to_rest_in_frame
 from rtloop.generators.otg cimport OTG_OK, Problem, otg_step
 
-cdef double TOLERANCE = 1e-3  # Relative, of what passes as it is: differences of positions carry their rounding.
+cdef double TOLERANCE = 1e-3  # Relative, of what passes as it is: differences of positions are rounded.
 cdef double MIN_SHARE = 0.25  # Of a limit that an axis across the direction of motion has for corrections.
 cdef double LEAD_S = 0.2  # What is missing counts this much of a velocity when the direction is chosen.
 cdef double SHARE = 0.9  # Of the limits, while it catches up.
@@ -25,8 +25,13 @@ cdef class PoseLimiter:
 
     A request that keeps the limits passes bit for bit. One that does not is pursued in a frame that moves
     with it, so that it is caught up with, and one that stands still is not overshot. The axes of the pursuit
-    lie along and across the direction of motion, and each has its part of the limits, so that the norms hold:
-    from rest to rest the way is a straight line and a turn about a fixed axis.
+    lie along and across the direction of motion, each with its part of the limits, so that the norms hold,
+    and each is planned for itself: from rest to rest the way is a straight line and a turn about one axis.
+
+    Before, the axes were those of the base frame, and Ruckig made them arrive together. Where a request
+    jumped while the TCP moved, their velocities added up to 1.2 times the limit; and what Ruckig makes of an
+    axis that is all but there decided about the direction of the next cycle, so that motions could not be
+    repeated by another generator that is as exact.
     """
 
     def __init__(self, double period_s, limits):
@@ -93,7 +98,7 @@ cdef class PoseLimiter:
         memcpy(self.rate, rate, sizeof(rate))
 
     cdef void _follow(self, const double* step, const double* own, const double* own_rate) noexcept nogil:
-        """Towards a request that moves like this, or one that has jumped there, as well as the limits permit."""
+        """Towards a request that moves like this, or that has jumped there, as well as the limits permit."""
         cdef double moving[6]
         cdef double moving_rate[6]
         cdef double rest[6]
@@ -143,7 +148,8 @@ cdef class PoseLimiter:
         self._share(part, axes, shares, velocities)
         for i in range(3):
             if not self._pursue_axis(
-                &axes[3 * i], shares[i], velocities[i], part, step + first, own + first, own_rate + first, &ahead[3 * i]
+                &axes[3 * i], shares[i], velocities[i], part,
+                step + first, own + first, own_rate + first, &ahead[3 * i],
             ):
                 return False
         for i in range(3):
@@ -188,7 +194,8 @@ cdef class PoseLimiter:
         cdef Motion state, frame
         cdef Problem problem
         state.position = 0.0
-        state.velocity, state.acceleration = _dot(axis, self.c_twist + 3 * part), _dot(axis, &self.rate[3 * part])
+        state.velocity = _dot(axis, self.c_twist + 3 * part)
+        state.acceleration = _dot(axis, &self.rate[3 * part])
         frame.position = _dot(axis, step)
         frame.velocity = clipped(_dot(axis, own), ALONG * max_velocity)
         frame.acceleration = clipped(_dot(axis, own_rate), ALONG * max_acceleration)

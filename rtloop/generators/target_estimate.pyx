@@ -8,7 +8,7 @@ import numpy as np
 from cobot.arrays cimport doubles
 from rtloop.generators.interpolation cimport clipped, copy_row, plain
 
-cdef double CRUISE = 0.99  # Of the velocity limit, for the velocity at a target: the rest is to catch up with.
+cdef double CRUISE = 0.99  # Of the velocity limit, for the velocity at a target; the rest is to catch up.
 
 
 def fit(int count):
@@ -63,7 +63,9 @@ cdef class Estimate:
         cdef const double* weights
         cdef double slope, curvature, off
         first = MAX_TARGETS - min(self.known + 1, MAX_TARGETS)
-        memmove(self.targets[first], self.targets[first + 1], (MAX_TARGETS - 1 - first) * sizeof(self.targets[0]))
+        memmove(
+            self.targets[first], self.targets[first + 1], (MAX_TARGETS - 1 - first) * sizeof(self.targets[0])
+        )
         self.known = min(self.known + 1, window)
         first = MAX_TARGETS - self.known
         weights = c_fits + 2 * MAX_TARGETS * self.known
