@@ -20,4 +20,5 @@ cdef class CollisionMonitor:
     cdef char* _c_blocking
 
     cdef void c_look(self, const double* command) noexcept nogil
+    cdef bint c_leads_away(self, const double* position, const double* heading) noexcept nogil
     cdef void _judge(self) noexcept nogil

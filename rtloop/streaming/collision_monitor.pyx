@@ -111,22 +111,30 @@ cdef class CollisionMonitor:
                 )
 
     def leads_away(self, position, heading):
-        """Whether a joint step in this direction, shape (dof,), comes no nearer to what has blocked the way,
-        nor to anything that is as near as that.
+        """`c_leads_away`, for a position and a joint step of shape (dof,), rad."""
+        here, step = np.array(position, dtype=np.float64), np.array(heading, dtype=np.float64)
+        return self.c_leads_away(doubles(here, self._dof), doubles(step, self._dof))
+
+    cdef bint c_leads_away(self, const double* position, const double* heading) noexcept nogil:
+        """Whether a joint step in this direction comes no nearer to what has blocked the way, nor to anything
+        that is as near as that.
         """
-        cdef double* here = self._c_here
-        cdef double* there = self._c_there
+        cdef double there[MAX_DOF]
+        cdef double longest = PROBE_RAD
+        cdef double before
         cdef int index
-        longest = float(np.abs(heading).max())
-        step = heading * (PROBE_RAD / longest) if longest > PROBE_RAD else heading
-        begin, end = np.array(position, dtype=np.float64), np.asarray(position + step, dtype=np.float64)
-        if not self._distances.c_find(doubles(begin, self._dof), here):
+        for index in range(self._dof):
+            longest = max(longest, fabs(heading[index]))
+        for index in range(self._dof):
+            there[index] = position[index] + heading[index] * (PROBE_RAD / longest)
+        if not self._distances.c_find(position, self._c_here):
             return False
-        if not self._distances.c_find(doubles(end, self._dof), there):
+        if not self._distances.c_find(there, self._c_there):
             return False
         for index in range(self._distances.count):
-            if self._c_blocking[index] or here[index] < self._margin_m + NEAR_M:
-                if not there[index] >= here[index] - APPROACH_M:
+            before = self._c_here[index]
+            if self._c_blocking[index] or before < self._margin_m + NEAR_M:
+                if not self._c_there[index] >= before - APPROACH_M:
                     return False
         return True
 
