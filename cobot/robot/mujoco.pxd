@@ -136,6 +136,7 @@ cdef extern from "mujoco/mujoco.h" nogil:
         double* xpos
         double* xquat
         double* xmat
+        double* xipos
         double* xanchor
         double* xaxis
         double* geom_xpos
@@ -195,11 +196,14 @@ cdef extern from "mujoco/mujoco.h" nogil:
                     const double* point, int body, double* qfrc_target)
     double mj_geomDistance(const mjModel* m, mjData* d, int geom1, int geom2, double distmax, double* fromto)
 
+    int mju_cholFactor(double* mat, int n, double mindiag)
+    void mju_cholSolve(double* res, const double* mat, const double* vec, int n)
     void mju_mat2Quat(double* quat, const double* mat)
     void mju_mulQuat(double* res, const double* quat1, const double* quat2)
     void mju_negQuat(double* res, const double* quat)
     void mju_quat2Mat(double* res, const double* quat)
     void mju_rotVecQuat(double* res, const double* vec, const double* quat)
+    void mju_subQuat(double* res, const double* qa, const double* qb)
 
 
 cdef inline const mjModel* model_of(object model) except NULL:

@@ -6,47 +6,25 @@ import importlib
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
-import numpy as np
-
 from cobot.config import Settings
 from cobot.errors import ConfigError
+from cobot.robot import mujoco_library as mujoco_library
 from cobot.types import Array, JointLimits
+from rtloop.backends.compiled import JOINT_ROWS, Measured
 
-JOINT_ROWS = 5
-"""Of `Measured.joints`."""
+__all__ = [
+    "JOINT_ROWS",
+    "Backend",
+    "BackendError",
+    "Impedance",
+    "ImpedanceControlled",
+    "Measured",
+    "make_backend",
+]
 
 
 class BackendError(Exception):
     """A device does not answer, refuses or reports a fault; the text goes to the user as the reason."""
-
-
-class Measured:
-    """What a robot reports in one cycle, in one buffer: a single product finds what is not finite.
-
-    External means: what the surroundings do to the arm, as far as the device can tell it from its
-    own weight and motion; zeros if it cannot.
-
-    Attributes:
-        values: all of it, shape (5 dof + 12,).
-        joints: the five rows that follow, shape (5, dof).
-        position, velocity: rad, rad/s.
-        effort: torques of the drives, N·m.
-        desired_effort: torques that the drives were told to produce, N·m.
-        external_effort: torques that the surroundings exert on the joints, N·m.
-        wrench: force and torque that the surroundings exert at the TCP, shape (6,), N and N·m, in the base
-            frame.
-        external: the external torques and the wrench, shape (dof + 6,).
-        sensor: raw readings of a force-torque sensor at the flange, shape (6,), N and N·m, in the TCP's
-            frame: tool weight and inertia are in them.
-    """
-
-    def __init__(self, dof: int) -> None:
-        self.values = np.zeros(JOINT_ROWS * dof + 12)
-        self.joints = self.values[: JOINT_ROWS * dof].reshape(JOINT_ROWS, dof)
-        self.position, self.velocity, self.effort, self.desired_effort, self.external_effort = self.joints
-        self.wrench = self.values[JOINT_ROWS * dof :][:6]
-        self.external = self.values[(JOINT_ROWS - 1) * dof : JOINT_ROWS * dof + 6]
-        self.sensor = self.values[JOINT_ROWS * dof :][6:]
 
 
 class Backend(Protocol):

@@ -1,0 +1,53 @@
+from cobot.arrays cimport MAX_DOF
+from cobot.robot.mujoco cimport mjData, mjModel
+from rtloop.backends.compiled cimport CompiledBackend, Measured
+from rtloop.backends.observer cimport Observer
+from rtloop.backends.springs cimport Springs
+
+
+cdef class MujocoBackend(CompiledBackend):
+    cdef int _tcp, _tcp_body
+    cdef const mjModel* _c_model
+    cdef mjData* _c_data
+    cdef readonly object _model, _data, _position
+    cdef readonly object nominal_stiffness, nominal_cartesian_stiffness
+    cdef double _base_rotation[9]
+    cdef bint _base_turned
+    cdef object _jacobian
+    cdef double* _c_jacobian
+    cdef Observer _observer
+    cdef Springs _springs
+    # Position control: stiffness and damping of each joint, N·m/rad and N·m s/rad.
+    cdef double _stiffness[MAX_DOF]
+    cdef double _damping[MAX_DOF]
+    cdef double _joint_damping[MAX_DOF]
+    cdef double _friction[MAX_DOF]
+    cdef double _command[3 * MAX_DOF]
+    cdef double _pull[MAX_DOF]
+    cdef bint _yielding  # an impedance is set
+    cdef bint _changing  # to another one, at the next command
+    cdef readonly object _transition
+    cdef double* _c_transition
+    cdef double _transition_from[MAX_DOF]
+    cdef int _transition_cycles, _transition_left
+    cdef Measured _reported
+    cdef int _force_address, _torque_address  # in MuJoCo's sensor readings; negative: the model has none
+    cdef double _from_sensors[36]
+    cdef str _fail_read, _fail_write, _drive_fault
+    cdef bint _read_fails, _write_fails
+    cdef object _push, _jump
+    cdef double* _c_push
+    cdef double* _c_jump
+    cdef bint _pushing
+    cdef public bint stale, not_finite
+    cdef void _take(self, double* values) noexcept nogil
+    cdef void _step(self, const double* command) noexcept nogil
+    cdef void _find_jacobian(self) noexcept nogil
+    cdef void _find_pull(self) noexcept nogil
+    cdef void _pull_stiffly(self) noexcept nogil
+    cdef void _begin_transition(self) noexcept nogil
+    cdef void _fade_transition(self) noexcept nogil
+    cdef void _exert_push(self) noexcept nogil
+    cdef void _report(self) noexcept nogil
+    cdef void _read_sensors(self, double* wrench) noexcept nogil
+    cdef _find_sensors(self)

@@ -1,0 +1,356 @@
+"""A simulated torque-controlled arm: MuJoCo's dynamics under joint impedance control.
+
+The drives get, each cycle,
+
+    tau = M(q) ddq_cmd + bias(q, dq) + friction + springs
+
+clamped to the effort limits. In position control the springs are K (q_cmd - q) + D (dq_cmd - dq), stiff,
+and the friction is what the model knows at dq_cmd. On a planned motion the first three terms do the work
+and the springs see only what the model does not know; pushed, the arm yields by force over stiffness. With
+an `Impedance` the springs are softer, and such an arm's torque sensors, behind the gears, let the drives
+make up for most of the dry friction that was really there in the last cycle.
+"""
+
+from libc.math cimport NAN
+from libc.string cimport memcpy
+
+import mujoco
+import numpy as np
+
+from cobot.arrays cimport MAX_DOF, checked_dof, doubles
+from cobot.robot.mujoco cimport data_of, mj_jacSite, mj_mulM, mj_step1, mj_step2, mjData, model_of
+from rtloop.backends.compiled cimport MEASURED_ROWS, CompiledBackend, Measured
+from rtloop.backends.observer cimport Observer
+from rtloop.backends.springs cimport Springs
+
+from cobot.robot.model import RobotModel
+from rtloop.backends import BackendError
+
+# Of each joint about its inertia at the start. 60 rad/s gives some 5000 N·m/rad in the large joints and 500
+# in the small ones, the range in which the LBR's own joint impedance works, and is a hundredth of the rate
+# of a 1 kHz cycle, far from what discrete damping would make unstable.
+cdef double NATURAL_FREQUENCY_RAD_S = 60.0
+cdef double DAMPING_RATIO = 0.7
+# Commanded speed over which the compensation of dry friction grows to its full value.
+cdef double FRICTION_VELOCITY_RAD_S = 0.01
+# Share of the measured dry friction that is made up for: all of it would leave a joint without any.
+cdef double FRICTION_SHARE = 0.9
+# Time in which the arm goes over to another impedance.
+cdef double TRANSITION_S = 0.1
+
+
+cdef class MujocoBackend(CompiledBackend):
+    def __init__(self, settings: object, limits: object) -> None:
+        cdef int i, dof = checked_dof(limits.dof)
+        names = settings.robot
+        robot = RobotModel.load(names.model, limits, base=names.base_frame, tcp=names.tcp)
+        self._dof = dof
+        self._model = robot.mj
+        self._model.opt.timestep = settings.rt.period_s
+        self._model.actuator_ctrlrange[:] = np.stack([-limits.max_effort, limits.max_effort], axis=1)
+        self._data = mujoco.MjData(self._model)
+        mujoco.set_mjcb_time(None)  # nobody reads MuJoCo's timers, for which it asks the time again and again
+        self._c_model, self._c_data = model_of(self._model), data_of(self._data)
+        self._position = self._data.qpos
+        self._tcp = self._model.site(names.tcp).id
+        self._tcp_body = self._model.site_bodyid[self._tcp]
+        mujoco.mj_kinematics(self._model, self._data)
+        base_rotation = self._data.body(names.base_frame).xmat.copy()
+        for i in range(9):
+            self._base_rotation[i] = base_rotation[i]
+        self._base_turned = not np.array_equal(base_rotation, np.eye(3).ravel())
+        self._jacobian = np.zeros((6, dof))
+        self._c_jacobian = doubles(self._jacobian, 6 * dof)
+        self._observer = Observer(self._model, self._data, self._jacobian)
+        self._springs = Springs(robot, self._data, self._jacobian)
+        self.nominal_stiffness = self._springs.joint_stiffness
+        self.nominal_cartesian_stiffness = self._springs.tcp_stiffness
+        for i in range(dof):
+            self._joint_damping[i] = self._c_model.dof_damping[i]
+            self._friction[i] = self._c_model.dof_frictionloss[i]
+        self._transition = np.zeros(dof)
+        self._c_transition = doubles(self._transition, dof)
+        self._transition_cycles = round(TRANSITION_S / settings.rt.period_s)
+        self._reported = Measured(dof)
+        self._force_address = self._torque_address = -1
+        self._fail_read = self._fail_write = self._drive_fault = ""
+        self.push, self.jump = np.zeros(6), np.zeros(dof)
+
+    def open(self, initial_position: object) -> None:
+        cdef int i
+        self._position[:] = initial_position
+        self._data.qvel[:] = 0.0
+        mujoco.mj_forward(self._model, self._data)
+        inertia = np.zeros((self._dof, self._dof))
+        mujoco.mj_fullM(self._model, self._data, inertia)
+        for i in range(self._dof):
+            self._stiffness[i] = inertia[i, i] * NATURAL_FREQUENCY_RAD_S**2
+            self._damping[i] = inertia[i, i] * 2.0 * DAMPING_RATIO * NATURAL_FREQUENCY_RAD_S
+            self._command[i] = self._position[i]
+            self._command[self._dof + i] = self._command[2 * self._dof + i] = 0.0
+        self._data.ctrl[:] = self._data.qfrc_bias
+        mujoco.mj_forward(self._model, self._data)
+        self._transition[:] = 0.0
+        self._transition_left = 0
+        self._find_jacobian()
+        self._observer.reset()
+        self._find_sensors()
+        self._report()
+
+    def enable(self) -> None:
+        if self._drive_fault:
+            raise BackendError(self._drive_fault)
+
+    def set_impedance(self, impedance: object) -> None:
+        # The torque stays what it is: the difference of the springs, and of what is commanded next, goes into
+        # a term that fades. It does so even when an impedance is set in each cycle, only slower.
+        cdef int i
+        if not self._changing:
+            self._find_pull()
+            for i in range(self._dof):
+                self._transition_from[i] = self._pull[i] + self._c_transition[i]
+        self._yielding = impedance is not None
+        if self._yielding:
+            self._springs.use(impedance)
+        self._changing = True
+
+    def read(self, Measured measured not None) -> None:
+        if self._read_fails:
+            raise BackendError(self._fail_read or self._drive_fault)
+        self._take(self._values_of(measured))
+
+    def write(self, command: object) -> None:
+        if self._write_fails:
+            self._data.qvel[:] = 0.0  # a robot that is told nothing puts its brakes on
+            raise BackendError(self._fail_write)
+        self._step(doubles(command, 3 * self._dof))
+
+    def disable(self) -> None:
+        """The simulated arm has no brakes: it is simply no longer stepped."""
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+    @property
+    def fail_read(self) -> str:
+        return self._fail_read
+
+    @fail_read.setter
+    def fail_read(self, reason: str) -> None:
+        self._fail_read = reason
+        self._read_fails = bool(self._fail_read or self._drive_fault)
+
+    @property
+    def drive_fault(self) -> str:
+        return self._drive_fault
+
+    @drive_fault.setter
+    def drive_fault(self, reason: str) -> None:
+        self._drive_fault = reason
+        self._read_fails = bool(self._fail_read or self._drive_fault)
+
+    @property
+    def fail_write(self) -> str:
+        return self._fail_write
+
+    @fail_write.setter
+    def fail_write(self, reason: str) -> None:
+        self._fail_write = reason
+        self._write_fails = bool(reason)
+
+    @property
+    def push(self) -> object:
+        return self._push
+
+    @push.setter
+    def push(self, wrench: object) -> None:
+        self._c_push = doubles(wrench, 6)
+        self._push = wrench
+
+    @property
+    def jump(self) -> object:
+        return self._jump
+
+    @jump.setter
+    def jump(self, offset: object) -> None:
+        self._c_jump = doubles(offset, self._dof)
+        self._jump = offset
+
+    cdef int c_read(self, double* values) noexcept nogil:
+        if self._read_fails or self.read_in_python:
+            return 1
+        self._take(values)
+        return 0
+
+    cdef int c_write(self, const double* command) noexcept nogil:
+        if self._write_fails or self.write_in_python:
+            return 1
+        self._step(command)
+        return 0
+
+    cdef void _take(self, double* values) noexcept nogil:
+        if not self.stale:
+            self._report()
+        memcpy(values, self._reported.c_values, (MEASURED_ROWS * self._dof + 12) * sizeof(double))
+
+    cdef void _step(self, const double* command) noexcept nogil:
+        """One period: M and bias are of its beginning, and so is the torque."""
+        cdef mjData* data = self._c_data
+        cdef double inertia[MAX_DOF]
+        cdef int i, dof = self._dof
+        mj_step1(self._c_model, data)
+        self._find_jacobian()
+        memcpy(self._command, command, 3 * dof * sizeof(double))
+        self._find_pull()
+        if self._changing:
+            self._begin_transition()
+        mj_mulM(self._c_model, data, inertia, command + 2 * dof)
+        self._fade_transition()
+        for i in range(dof):
+            data.ctrl[i] = self._pull[i] + inertia[i] + self._c_transition[i] + data.qfrc_bias[i]
+        self._exert_push()
+        mj_step2(self._c_model, data)
+        self._observer.c_update()
+
+    cdef void _find_jacobian(self) noexcept nogil:
+        """Of the TCP in the base frame, for all that follows in this cycle."""
+        cdef int row, i, half, dof = self._dof
+        cdef const double* turn = self._base_rotation
+        cdef double column[3]
+        cdef double* part
+        mj_jacSite(self._c_model, self._c_data, self._c_jacobian, self._c_jacobian + 3 * dof, self._tcp)
+        if not self._base_turned:
+            return
+        for half in range(2):
+            part = self._c_jacobian + half * 3 * dof
+            for i in range(dof):
+                for row in range(3):
+                    column[row] = part[row * dof + i]
+                for row in range(3):
+                    part[row * dof + i] = (
+                        turn[row] * column[0] + turn[3 + row] * column[1] + turn[6 + row] * column[2]
+                    )
+
+    cdef void _find_pull(self) noexcept nogil:
+        """Springs and friction towards the command."""
+        cdef int i
+        if not self._yielding:
+            self._pull_stiffly()
+            return
+        self._springs.c_torques(self._command, self._pull)
+        for i in range(self._dof):
+            self._pull[i] += (
+                self._joint_damping[i] * self._command[self._dof + i]
+                - FRICTION_SHARE * self._observer.c_friction[i]
+            )
+
+    cdef void _pull_stiffly(self) noexcept nogil:
+        """In position control."""
+        cdef const double* position = self._c_data.qpos
+        cdef const double* velocity = self._c_data.qvel
+        cdef const double* wanted = self._command + self._dof
+        cdef double friction
+        cdef int i
+        for i in range(self._dof):
+            friction = self._friction[i] / FRICTION_VELOCITY_RAD_S * wanted[i]
+            if friction > self._friction[i]:
+                friction = self._friction[i]
+            elif friction < -self._friction[i]:
+                friction = -self._friction[i]
+            self._pull[i] = (
+                self._stiffness[i] * (self._command[i] - position[i])
+                + self._damping[i] * (wanted[i] - velocity[i])
+                + self._joint_damping[i] * wanted[i]
+                + friction
+            )
+
+    cdef void _begin_transition(self) noexcept nogil:
+        cdef int i
+        self._changing = False
+        for i in range(self._dof):
+            self._transition_from[i] -= self._pull[i]
+        self._transition_left = self._transition_cycles
+
+    cdef void _fade_transition(self) noexcept nogil:
+        cdef int i
+        cdef double share
+        if self._transition_left == 0:
+            return
+        self._transition_left -= 1
+        share = <double>self._transition_left / <double>self._transition_cycles
+        for i in range(self._dof):
+            self._c_transition[i] = self._transition_from[i] * share
+
+    cdef void _exert_push(self) noexcept nogil:
+        """MuJoCo wants it at the body's centre of mass, in the world frame."""
+        cdef const double* push = self._c_push
+        cdef const double* turn = self._base_rotation
+        cdef double* force = self._c_data.xfrc_applied + 6 * self._tcp_body
+        cdef double lever[3]
+        cdef bint pushing = False
+        cdef int i
+        for i in range(6):
+            pushing |= push[i] != 0.0
+        if not (pushing or self._pushing):
+            return
+        self._pushing = pushing
+        for i in range(3):
+            force[i] = turn[3 * i] * push[0] + turn[3 * i + 1] * push[1] + turn[3 * i + 2] * push[2]
+            force[3 + i] = turn[3 * i] * push[3] + turn[3 * i + 1] * push[4] + turn[3 * i + 2] * push[5]
+            lever[i] = self._c_data.site_xpos[3 * self._tcp + i] - self._c_data.xipos[3 * self._tcp_body + i]
+        force[3] += lever[1] * force[2] - lever[2] * force[1]
+        force[4] += lever[2] * force[0] - lever[0] * force[2]
+        force[5] += lever[0] * force[1] - lever[1] * force[0]
+
+    cdef void _report(self) noexcept nogil:
+        cdef const mjData* data = self._c_data
+        cdef double* values = self._reported.c_values
+        cdef int i, dof = self._dof
+        for i in range(dof):
+            values[i] = data.qpos[i] + self._c_jump[i]
+            values[dof + i] = data.qvel[i]
+            values[2 * dof + i] = NAN if self.not_finite else data.actuator_force[i]  # the torque, clamped
+            values[3 * dof + i] = data.ctrl[i]
+            values[4 * dof + i] = self._observer.c_effort[i]
+        values += MEASURED_ROWS * dof
+        memcpy(values, self._observer.c_wrench, 6 * sizeof(double))
+        self._read_sensors(values + 6)
+
+    cdef void _read_sensors(self, double* wrench) noexcept nogil:
+        """The flange's, about the TCP in its frame; zero without sensors."""
+        cdef double readings[6]
+        cdef double product
+        cdef int row, i
+        if self._force_address < 0:
+            return
+        memcpy(readings, self._c_data.sensordata + self._force_address, 3 * sizeof(double))
+        memcpy(readings + 3, self._c_data.sensordata + self._torque_address, 3 * sizeof(double))
+        for row in range(6):
+            product = 0.0
+            for i in range(6):
+                product += self._from_sensors[6 * row + i] * readings[i]
+            wrench[row] = product
+
+    cdef _find_sensors(self):
+        """What turns the readings of MuJoCo's sensors `flange_force` and `flange_torque`, if the model has
+        them, into a wrench about the TCP in its frame, shape (6, 6).
+
+        MuJoCo says what holds the flange; the surroundings do the opposite.
+        """
+        cdef double* turns = self._from_sensors
+        model, data = self._model, self._data
+        names = {model.sensor(index).name: index for index in range(model.nsensor)}
+        if not {"flange_force", "flange_torque"} <= names.keys():
+            return
+        site = model.sensor_objid[names["flange_force"]]
+        rotation, to_tcp = (data.site_xmat[i].reshape(3, 3) for i in (site, self._tcp))
+        x, y, z = to_tcp.T @ (data.site_xpos[site] - data.site_xpos[self._tcp])
+        lever = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        turn = -to_tcp.T @ rotation
+        whole = np.block([[turn, np.zeros((3, 3))], [lever @ turn, turn]])
+        cdef int i
+        for i in range(36):
+            turns[i] = whole.flat[i]
+        self._force_address, self._torque_address = (
+            model.sensor_adr[names[name]] for name in ("flange_force", "flange_torque")
+        )

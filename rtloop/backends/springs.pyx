@@ -1,0 +1,203 @@
+"""How the simulated arm gives way: springs and dampers on its joints or on its TCP.
+
+Joint impedance, with D_i = 2 Z_i sqrt(K_i M_ii):
+
+    tau = K (q_cmd - q) + D (dq_cmd - dq)
+
+Cartesian impedance, with the pose error e and L = (J M⁻¹ J')⁻¹, the inertia that is felt at the TCP:
+
+    tau = J' (K e + D J (dq_cmd - dq)) + (1 - J' L J M⁻¹) tau_null
+
+The second term lets springs on the joints act where they do not accelerate the TCP (Khatib 1987). D is
+found along the axes in which K and L are both diagonal (double diagonalisation: Albu-Schäffer, Ott, Frese
+and Hirzinger, ICRA 2003), so that no configuration is damped less than asked for, nor so much that a
+1 kHz cycle could not follow.
+"""
+
+from libc.math cimport sqrt
+
+import numpy as np
+
+from cobot.arrays cimport MAX_DOF, checked_dof, doubles
+from cobot.robot.chain cimport Chain
+from cobot.robot.linear cimport cholesky_solve, eigen_symmetric
+from cobot.robot.mujoco cimport data_of, mj_solveM, mju_rotVecQuat, mju_subQuat, model_of
+
+# Of the stiffest springs on the least inertia that they meet, rad/s. A 1 kHz cycle carries ten times the
+# stiffness and more before it becomes unstable.
+NOMINAL_FREQUENCY_RAD_S = 100.0
+# Postures in which the least inertia is looked for.
+POSTURES = 200
+# What holds the null space has this share of the nominal frequency: soft, for near a singularity some of it
+# reaches the TCP.
+NULL_FREQUENCY_SHARE = 0.2
+NULL_DAMPING_RATIO = 1.0
+# 1/kg: where the TCP is heavier than the inverse of this, the arm is singular and its joints' own springs
+# take over.
+cdef double MIN_MOBILITY = 1e-4
+# (rad/s)²: slower motions are damped no more than this one.
+cdef double MIN_SQUARED_FREQUENCY = 1.0
+
+
+def nominal_stiffness(robot):
+    """Of the joints, shape (dof,), N·m/rad, and of the TCP, shape (6,), N/m and N·m/rad; zero where it
+    cannot move.
+    """
+    limits = robot.limits
+    postures = np.random.default_rng(0).uniform(
+        limits.min_position, limits.max_position, (POSTURES, limits.dof)
+    )
+    inertia, mobility = np.full(limits.dof, np.inf), np.zeros(6)
+    for posture in postures:
+        mass, jacobian = robot.mass_matrix(posture), robot.jacobian(posture)
+        inertia = np.minimum(inertia, mass.diagonal())
+        mobility = np.maximum(mobility, (jacobian @ np.linalg.solve(mass, jacobian.T)).diagonal())
+    moves = mobility > 1e-9
+    cartesian = np.divide(1.0, mobility, out=np.zeros(6), where=moves)
+    return NOMINAL_FREQUENCY_RAD_S**2 * inertia, NOMINAL_FREQUENCY_RAD_S**2 * cartesian
+
+
+cdef class Springs:
+    def __init__(self, robot: object, data: object, jacobian: object) -> None:
+        self._dof = checked_dof(robot.dof)
+        self._owners = robot, data, jacobian
+        self._model, self._data = model_of(robot.mj), data_of(data)
+        self._jacobian = doubles(jacobian, 6 * self._dof)
+        self._chain = robot.chain
+        self.joint_stiffness, self.tcp_stiffness = nominal_stiffness(robot)
+
+    def use(self, impedance: object) -> None:
+        if impedance.cartesian:
+            stiffness = self.joint_stiffness * NULL_FREQUENCY_SHARE**2
+            ratio = np.full(self._dof, NULL_DAMPING_RATIO)
+            self._use_on_tcp(np.broadcast_to(impedance.stiffness, 6), impedance.damping_ratio)
+        else:
+            stiffness = np.broadcast_to(impedance.stiffness, self._dof)
+            ratio = np.broadcast_to(impedance.damping_ratio, self._dof)
+        cdef int i
+        for i in range(self._dof):
+            self._stiffness[i] = stiffness[i]
+            self._damping_squared[i] = stiffness[i] * (2.0 * ratio[i]) ** 2
+        self._cartesian = impedance.cartesian
+
+    def torques(self, command: object) -> object:
+        torques = np.zeros(self._dof)
+        self.c_torques(doubles(command, 2 * self._dof), doubles(torques, self._dof))
+        return torques
+
+    cdef _use_on_tcp(self, stiffness, damping_ratio):
+        ratio = np.broadcast_to(damping_ratio, 6)
+        cdef int i
+        for i in range(6):
+            self._tcp_stiffness[i] = stiffness[i]
+            self._stiffness_roots[i] = sqrt(self._tcp_stiffness[i])
+            self._damping_roots[i] = sqrt(2.0 * ratio[i]) * self._stiffness_roots[i]
+
+    cdef void c_torques(self, const double* command, double* torques) noexcept nogil:
+        """Towards `command`, position and velocity, from MuJoCo's present state, N·m."""
+        cdef double velocity_error[MAX_DOF]
+        cdef double inertia
+        cdef int i, dof = self._dof
+        for i in range(dof):
+            velocity_error[i] = command[dof + i] - self._data.qvel[i]
+            inertia = self._data.M[self._model.M_rowadr[i] + self._model.M_rownnz[i] - 1]  # its diagonal
+            torques[i] = (
+                self._stiffness[i] * (command[i] - self._data.qpos[i])
+                + sqrt(self._damping_squared[i] * inertia) * velocity_error[i]
+            )
+        if self._cartesian:
+            self._pull_tcp(command, velocity_error, torques)
+
+    cdef void _pull_tcp(
+        self, const double* position, const double* velocity_error, double* torques
+    ) noexcept nogil:
+        """Keep of the joints' springs what does not move the TCP, and add the TCP's own."""
+        cdef double force[6]
+        cdef double pull
+        cdef int i, row, dof = self._dof
+        self._find_mobility()
+        self._damp(velocity_error, force)
+        self._add_pull(position, force)
+        self._take_from_null_space(torques, force)
+        for i in range(dof):
+            pull = 0.0
+            for row in range(6):
+                pull += self._jacobian[row * dof + i] * force[row]
+            torques[i] += pull
+
+    cdef void _find_mobility(self) noexcept nogil:
+        cdef int row, column, i, dof = self._dof
+        cdef double product
+        mj_solveM(self._model, self._data, self._response, self._jacobian, 6)
+        for row in range(6):
+            for column in range(row + 1):
+                product = 0.0
+                for i in range(dof):
+                    product += self._response[row * dof + i] * self._jacobian[column * dof + i]
+                self._mobility[6 * row + column] = self._mobility[6 * column + row] = product
+
+    cdef void _damp(self, const double* velocity_error, double* force) noexcept nogil:
+        """What the dampers do: D = B V W^(-1/2) V' B with sqrt(K) L⁻¹ sqrt(K) = V W V', and B² = 2 Z K."""
+        cdef double curvature[36]
+        cdef double axes[36]
+        cdef double squared_frequencies[6]
+        cdef double along[6]
+        cdef double[6] roots
+        cdef int row, column, i
+        for row in range(6):
+            for column in range(6):
+                curvature[6 * row + column] = (
+                    self._mobility[6 * row + column]
+                    * self._stiffness_roots[row] * self._stiffness_roots[column]
+                )
+        eigen_symmetric(curvature, 6, squared_frequencies, axes)
+        for row in range(6):
+            along[row] = 0.0
+            for i in range(self._dof):
+                along[row] += self._jacobian[row * self._dof + i] * velocity_error[i]
+            along[row] *= self._damping_roots[row]
+            force[row] = 0.0
+        for column in range(6):
+            roots[column] = 0.0
+            for row in range(6):
+                roots[column] += along[row] * axes[6 * row + column]
+            if not squared_frequencies[column] >= MIN_SQUARED_FREQUENCY:
+                squared_frequencies[column] = MIN_SQUARED_FREQUENCY
+            roots[column] /= sqrt(squared_frequencies[column])
+            for row in range(6):
+                force[row] += axes[6 * row + column] * roots[column]
+        for row in range(6):
+            force[row] *= self._damping_roots[row]
+
+    cdef void _add_pull(self, const double* position, double* force) noexcept nogil:
+        """What the springs do, from where the TCP is to where it should be: translation and rotation
+        vector, base frame.
+        """
+        cdef double there[7]
+        cdef double here[7]
+        cdef double error[6]
+        cdef int i
+        self._chain.c_forward(position, there)
+        self._chain.c_forward(self._data.qpos, here)
+        for i in range(3):
+            error[i] = there[i] - here[i]
+        mju_subQuat(error + 3, there + 3, here + 3)  # in the TCP's own frame
+        mju_rotVecQuat(error + 3, error + 3, here + 3)
+        for i in range(6):
+            force[i] += self._tcp_stiffness[i] * error[i]
+
+    cdef void _take_from_null_space(self, const double* torques, double* force) noexcept nogil:
+        """The force L J M⁻¹ tau_null, with which the joints' springs would move the TCP."""
+        cdef double mobility[36]
+        cdef double moved[6]
+        cdef int row, i
+        for i in range(36):
+            mobility[i] = self._mobility[i]
+        for row in range(6):
+            mobility[7 * row] += MIN_MOBILITY
+            moved[row] = 0.0
+            for i in range(self._dof):
+                moved[row] += self._response[row * self._dof + i] * torques[i]
+        cholesky_solve(mobility, 6, moved)
+        for row in range(6):
+            force[row] -= moved[row]
