@@ -19,7 +19,6 @@ from libc.math cimport sqrt
 import numpy as np
 
 from cobot.arrays cimport MAX_DOF, checked_dof, doubles
-from cobot.robot.chain cimport Chain
 from cobot.robot.linear cimport cholesky_solve, eigen_symmetric
 from cobot.robot.mujoco cimport data_of, mj_solveM, mju_rotVecQuat, mju_subQuat, model_of
 

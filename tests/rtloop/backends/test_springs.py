@@ -247,11 +247,22 @@ def test_pressed_on_a_surface_the_wrench_is_the_contact_force(
         arm.command[0] = POSTURES[0] + share * (down - POSTURES[0])
         arm.step()
     arm.step(1500)
-    touching = contact_wrench(arm)
+    touching = mean_contact_wrench(arm, 100)
     assert touching[2] == pytest.approx(2000.0 * 0.02, rel=0.05)
     assert near(arm.measured.wrench[:3], touching[:3])
     np.testing.assert_allclose(arm.measured.wrench[3:], touching[3:], atol=0.05 * 0.05 * touching[2])
     assert np.abs(arm.measured.velocity).max() < 1e-3
+
+
+def mean_contact_wrench(arm: Arm, cycles: int) -> Array:
+    """What the next cycles have in common: pressed flat on a surface, the corners of the flange bear the load
+    in turns, which the observer, with its lag of 10 ms, does not follow.
+    """
+    wrenches = []
+    for _ in range(cycles):
+        arm.step()
+        wrenches.append(contact_wrench(arm))
+    return np.mean(wrenches, axis=0)
 
 
 def contact_wrench(arm: Arm) -> Array:
