@@ -30,7 +30,7 @@ COPIED = (
     "requirements-build.lock",
 )
 # Every file here works compiled modules with valid and with invalid input.
-TESTS = ("tests/cobot/test_arrays.py",)
+TESTS = ("tests/cobot/test_arrays.py", "tests/rtloop/backends/test_compiled.py")
 LIMIT_S = 1200
 # What the sanitizers must find, or the whole test says nothing.
 FAULTY = """

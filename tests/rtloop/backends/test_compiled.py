@@ -11,7 +11,7 @@ import pytest
 from cobot.config import Settings
 from cobot.errors import InputError
 from cobot.robot.description import RobotDescription
-from rtloop.backends import BackendError, Measured
+from rtloop.backends import BackendError, Impedance, Measured
 from rtloop.backends.compiled import CompiledBackend
 from rtloop.backends.mujoco import MujocoBackend
 
@@ -71,11 +71,16 @@ def test_more_joints_than_there_is_room_for_are_refused() -> None:
         Measured(17)
 
 
+@pytest.mark.parametrize("cartesian", [None, False, True])
 def test_without_python_the_same_is_read_and_written(
-    settings: Settings, robot: RobotDescription, backend: MujocoBackend
+    settings: Settings, robot: RobotDescription, backend: MujocoBackend, cartesian: bool | None
 ) -> None:
     other, command = opened(MujocoBackend, settings, robot), command_at_home(robot)
     one, two = Measured(7), Measured(7)
+    if cartesian is not None:
+        stiffness = 0.3 * (backend.nominal_cartesian_stiffness if cartesian else backend.nominal_stiffness)
+        for arm in (backend, other):
+            arm.set_impedance(Impedance(cartesian, stiffness, np.full(len(stiffness), 0.7)))
     for cycle in range(200):
         command[0, 3] += 1e-3 * np.sin(0.1 * cycle)
         backend.write(command)
