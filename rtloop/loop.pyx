@@ -80,9 +80,13 @@ cdef class ControlLoop:
 
     def run(self, ending):
         """Cycle until `ending` holds a reason and the arm has come to rest."""
-        cdef long long end_cycle = 0
+        cdef long long end_cycle = 0, late_ns
+        cdef bint moving
         while True:
-            self.c_step(self._clock.c_wait(self.controller.c_moving()))
+            moving = self.controller.c_moving()
+            with nogil:
+                late_ns = self._clock.c_wait(moving)
+            self.c_step(late_ns)
             PyErr_CheckSignals()
             if ending:
                 if end_cycle == 0:

@@ -16,7 +16,8 @@ cdef class Session:
     cdef TargetFeed targets
     cdef PointFeed points
     cdef bint has_targets, has_points
-    cdef object _backend, _limits, _stream_limits, _tcp_limits, _model
+    cdef public object _backend  # Whether it can give way is asked when a session begins.
+    cdef object _limits, _stream_limits, _tcp_limits, _model
     cdef double _period_s
     cdef long long _timeout_cycles, _cycle
     cdef Safety _safety

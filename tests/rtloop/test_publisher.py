@@ -38,7 +38,7 @@ def memories(robot: RobotDescription) -> Iterator[list[RobotMemory]]:
 
 
 def publisher_of(memory: RobotMemory, robot: RobotDescription) -> StatePublisher:
-    return StatePublisher(memory, robot.model, None, None)
+    return StatePublisher(memory, robot.model)
 
 
 def test_every_value_arrives_in_its_place(memories: list[RobotMemory], robot: RobotDescription) -> None:
