@@ -30,7 +30,15 @@ COPIED = (
     "requirements-build.lock",
 )
 # Every file here works compiled modules with valid and with invalid input.
-TESTS = ("tests/cobot/test_arrays.py", "tests/rtloop/backends/test_compiled.py")
+TESTS = (
+    "tests/cobot/test_arrays.py",
+    "tests/cobot/robot/test_chain.py",
+    "tests/cobot/robot/test_distances.py",
+    "tests/cobot/robot/test_dynamics.py",
+    "tests/cobot/robot/test_linear.py",
+    "tests/cobot/robot/test_quaternion.py",
+    "tests/rtloop/streaming/test_collision_monitor.py",
+)
 LIMIT_S = 1200
 # What the sanitizers must find, or the whole test says nothing.
 FAULTY = """
