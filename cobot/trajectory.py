@@ -14,35 +14,13 @@ from math import comb
 import numpy as np
 
 from cobot.errors import InputError
+from cobot.polynomials import EXPONENTS, FACTORS, HERMITE
 from cobot.types import Array
 
 ORDER = 6
 """Coefficients per polynomial: a quintic in ascending powers of the time since the segment's start."""
 
-_FACTORS = np.array(
-    [
-        [np.prod(np.arange(power - k + 1, power + 1)) if power >= k else 0.0 for power in range(ORDER)]
-        for k in range(4)
-    ]
-)
-_EXPONENTS = np.array([[max(power - k, 0) for power in range(ORDER)] for k in range(4)])
-
 _CHOOSE = np.array([[comb(k, j) for j in range(ORDER - 1)] for k in range(ORDER - 1)], dtype=np.float64)
-
-_HERMITE = np.linalg.inv(
-    np.array(
-        [
-            [1, 0, 0, 0, 0, 0],
-            [0, 1, 0, 0, 0, 0],
-            [0, 0, 2, 0, 0, 0],
-            [1, 1, 1, 1, 1, 1],
-            [0, 1, 2, 3, 4, 5],
-            [0, 0, 2, 6, 12, 20],
-        ],
-        dtype=np.float64,
-    )
-)
-"""Maps (p0, v0, a0, p1, v1, a1) on the unit interval to coefficients."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +103,7 @@ class Trajectory:
         times = np.clip(np.asarray(times_s, dtype=np.float64), 0.0, self.duration_s)
         index = np.clip(np.searchsorted(self.breakpoints_s, times, side="right") - 1, 0, self.segments - 1)
         local = times - self.breakpoints_s[index]
-        powers = _FACTORS[derivative] * local[:, None] ** _EXPONENTS[derivative]
+        powers = FACTORS[derivative] * local[:, None] ** EXPONENTS[derivative]
         return np.asarray(np.einsum("ijk,ik->ij", self.coefficients[index], powers))
 
     def extrema(self, derivative: int = 0) -> tuple[Array, Array]:
@@ -191,12 +169,12 @@ class Trajectory:
 
     def _unit_polynomials(self, derivative: int) -> Array:
         """Coefficients (n, dof, 6 − derivative) of a derivative, in time scaled to [0, 1] per segment."""
-        rows = self.coefficients[:, :, derivative:] * _FACTORS[derivative, derivative:]
+        rows = self.coefficients[:, :, derivative:] * FACTORS[derivative, derivative:]
         return np.asarray(rows * self._durations()[:, None, None] ** np.arange(ORDER - derivative))
 
     def _at_ends(self) -> Array:
         """Shape (2, 3, n, dof): at the start and the end of each segment, orders 0 to 2."""
-        starts = [self.coefficients[:, :, k] * _FACTORS[k, k] for k in range(3)]
+        starts = [self.coefficients[:, :, k] * FACTORS[k, k] for k in range(3)]
         stops = [self._unit_polynomials(k).sum(axis=2) for k in range(3)]
         return np.array([starts, stops])
 
@@ -220,7 +198,7 @@ def from_hermite(times_s: Array, positions: Array, velocities: Array, accelerati
         ],
         axis=-1,
     )
-    unit = values @ _HERMITE.T
+    unit = values @ HERMITE.T
     return Trajectory(times, unit / duration[:, :, None] ** np.arange(ORDER))
 
 

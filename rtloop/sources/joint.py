@@ -12,7 +12,7 @@ from cobot.robot.model import RobotModel
 from cobot.types import Array, JointLimits
 from rtloop.backends import Measured
 from rtloop.generators.chunks import ChunkInterpolator
-from rtloop.generators.interpolation import make_interpolator
+from rtloop.generators.factory import make_interpolator
 from rtloop.sources.target_checks import SLACK_S, is_finite, joint_jump
 
 LONGEST_CHUNK_S = 600.0

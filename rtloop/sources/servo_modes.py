@@ -7,7 +7,7 @@ import numpy as np
 from cobot.ipc.layout import Intervention, ServoMode
 from cobot.types import Array, JointLimits
 from rtloop.backends import Measured
-from rtloop.generators.smooth_interpolation import OnlineTrajectory
+from rtloop.generators.online_trajectory import OnlineTrajectory
 from rtloop.inboxes.point_queue import PointQueue
 from rtloop.sources.servo_base import MAX_POINTS, PointReader
 from rtloop.sources.servo_law import ServoLaw

@@ -18,10 +18,10 @@ from math import cbrt, sqrt
 import numpy as np
 import ruckig
 
+from cobot import polynomials
 from cobot.ipc.layout import Intervention
 from cobot.types import Array, JointLimits
 from rtloop.backends import Measured
-from rtloop.generators.smooth_interpolation import EXPONENTS, FACTORS, HERMITE, Quintics
 from rtloop.inboxes.point_queue import PointQueue
 from rtloop.sources.servo_base import MAX_POINTS, PointReader
 
@@ -37,16 +37,8 @@ REST = 1e-9
 PATIENCE = 2.0
 GRACE_S = 0.01
 """Times the last point's time, and on top: so long the next one is waited for before it is the last."""
-PLACES = np.linspace(0.0, 1.0, 7)
-DERIVATIVES = np.stack(
-    [
-        FACTORS[1] * PLACES[:, None] ** EXPONENTS[1],
-        FACTORS[2] * PLACES[:, None] ** EXPONENTS[2],
-        np.array([0, 0, 0, 6, 24, 60]) * PLACES[:, None] ** np.array([0, 0, 0, 0, 1, 2]),
-    ]
-)
-"""Of a quintic's powers by s in [0, 1], first to third, at places in it: shape (3, places, 6)."""
-POWERS = np.array([[1.0], [2.0], [3.0]])
+PLACES = 7
+"""On a piece, where its derivatives are looked at."""
 
 
 class ThroughPoints(PointReader):
@@ -61,7 +53,6 @@ class ThroughPoints(PointReader):
         self._problem = ruckig.InputParameter(1)
         self._output = ruckig.OutputParameter(1)
         self._problem.target_velocity = self._problem.target_acceleration = [0.0]
-        self._quintics = Quintics()
         # The pieces from `_first` to before `_count` are ahead or under the arm.
         self._ends = np.zeros(PIECES)  # σ at the end of each
         self._spans = np.zeros(PIECES)
@@ -74,7 +65,6 @@ class ThroughPoints(PointReader):
         self._pending_span = self._pending_time_s = self._pending_age_s = 0.0
         self._hungry = False  # points have come since the last underrun
         self._distance = self._rate = self._slope = 0.0
-        self._ends_block = np.zeros((6, dof))
         self._values = np.zeros((3, dof))
 
     @property
@@ -120,7 +110,7 @@ class ThroughPoints(PointReader):
         piece, span = self._first, float(self._spans[self._first])
         ahead = min(max(span - float(self._ends[piece]) + self._distance, 0.0), span)
         values = self._values
-        self._quintics.evaluate(self._coefficients[piece], ahead, span, values)
+        polynomials.evaluate(self._coefficients[piece], ahead, span, values)
         position, velocity, acceleration = self.reference
         np.copyto(position, values[0])
         np.multiply(values[1], self._rate, out=velocity)
@@ -182,9 +172,8 @@ class ThroughPoints(PointReader):
             self._knot[1] = (self._pending - self._knot[0]) / self._pending_span
         elif self._count == PIECES:
             self._make_room()
-        span, ends = self._pending_span, self._ends_block
+        span, start = self._pending_span, self._knot.copy()
         before = (self._pending - self._knot[0]) / span
-        ends[:3] = self._knot
         self._knot[0] = self._pending
         if following is None:
             self._knot[1], self._knot[2] = before, 0.0
@@ -193,17 +182,9 @@ class ThroughPoints(PointReader):
             both = span + following_span
             self._knot[1] = (before * following_span + after * span) / both
             self._knot[2] = 2.0 * (after - before) / both
-        ends[3:] = self._knot
-        # From the start on, so that a joint that does not move does not move by a rounding either.
-        start = ends[0].copy()
-        ends[0] = 0.0
-        ends[3] -= start
-        ends[1::3] *= span
-        ends[2::3] *= span * span
         number = self._count
-        np.dot(HERMITE, ends, out=self._coefficients[number])
+        self._coefficients[number] = polynomials.between(start, self._knot, span)
         self._measure(number, span)
-        self._coefficients[number, 0] = start
         self._spans[number] = span
         begin = float(self._ends[number - 1]) if number else 0.0
         self._ends[number] = begin + span
@@ -212,8 +193,7 @@ class ThroughPoints(PointReader):
 
     def _measure(self, number: int, span: float) -> None:
         """How fast the arm may go along a piece, and what the changes of that have to reckon with."""
-        derivatives = np.abs(DERIVATIVES @ self._coefficients[number]).max(axis=1)
-        derivatives /= span**POWERS
+        derivatives = polynomials.peaks(self._coefficients[number], span, PLACES)
         first, second, third = (derivatives / self._bounds).max(axis=1).tolist()
         self._rates[number] = min(
             1.0,

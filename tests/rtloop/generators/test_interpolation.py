@@ -18,7 +18,8 @@ from hypothesis import strategies as st
 from cobot.ipc.layout import Interpolation
 from cobot.robot.description import RobotDescription
 from cobot.types import Array, JointLimits
-from rtloop.generators.interpolation import Interpolator, make_interpolator
+from rtloop.generators.factory import make_interpolator
+from rtloop.generators.interpolation import Interpolator
 
 PERIOD_S = 1e-3
 KINDS = list(Interpolation)

@@ -1,50 +1,11 @@
-"""A reference for every cycle, made of commands that come less often.
-
-Each kind answers in its own way what happens until the next command is due: nothing (`Hold`), a constant
-velocity (`Linear`), a smooth polynomial (`Quintic`), the fastest profile that keeps the limits of velocity,
-acceleration and jerk (`OnlineTrajectory`). The coordinates are joints (rad) or a chart of poses; SI units.
-"""
+"""What `rtloop.generators.interpolation` computes, in numpy."""
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
+from laws.smooth_interpolation import EARLY
 
-from cobot.ipc.layout import Interpolation
 from cobot.types import Array
-from rtloop.generators.smooth_interpolation import EARLY, OnlineTrajectory, Quintic
-
-
-class Interpolator(Protocol):
-    """Turns commands into references. Real-time safe.
-
-    Attributes:
-        reference: where to be in this cycle, shape (3, n): position, velocity, acceleration. Owned here,
-            overwritten by each call.
-    """
-
-    reference: Array
-
-    def begin(self, state: Array) -> None:
-        """Start here, shape (3, n), forget all commands, and hold (what moves is brought to rest)."""
-        ...
-
-    def rebase(self, state: Array, target: Array) -> None:
-        """The present reference and the last target in other coordinates; an `aim` has to follow."""
-        ...
-
-    def aim(self, target: Array, velocity: Array | None, duration_s: float) -> None:
-        """A new command, shape (n,), to be reached `duration_s` from now: one command period.
-
-        Args:
-            velocity: at the target, as the sender states it; None: estimated where it is needed.
-        """
-        ...
-
-    def advance(self) -> None:
-        """One period on."""
-        ...
 
 
 class Hold:
@@ -110,20 +71,3 @@ class Linear:
             position += self._start
         else:
             position[:] = self._target
-
-
-def make_interpolator(
-    kind: Interpolation,
-    n: int,
-    period_s: float,
-    max_velocity: Array,
-    max_acceleration: Array,
-    max_jerk: Array,
-) -> Interpolator:
-    """An interpolator of n coordinates; the limits are shape (n,), in units of the coordinates."""
-    if kind is Interpolation.NONE:
-        return Hold(n, period_s)
-    if kind is Interpolation.LINEAR:
-        return Linear(n, period_s)
-    smooth = Quintic if kind is Interpolation.QUINTIC else OnlineTrajectory
-    return smooth(n, period_s, max_velocity, max_acceleration, max_jerk)

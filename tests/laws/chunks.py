@@ -1,21 +1,17 @@
-"""Action chunks: a policy sends its next waypoints, each with the time at which it is meant.
-
-The reference runs through the waypoints on a cubic spline. Where a chunk takes over, a quintic leads from the
-reference as it is to the first waypoint that can be reached within the limits; velocity and acceleration
-of both ends are met, so the whole is continuous to the acceleration.
-"""
+"""What `rtloop.generators.chunks` computes, in numpy."""
 
 from __future__ import annotations
 
 import numpy as np
+from laws.smooth_interpolation import EXPONENTS, FACTORS, HERMITE, Brake, Quintics
 
 from cobot.types import Array
-from rtloop.generators.smooth_interpolation import EXPONENTS, FACTORS, HERMITE, Brake, Quintics
 
 LONGEST_CHUNK = 64
 """Waypoints; as many of older chunks may still be ahead."""
 SUPPORT = 3
 """Waypoints already passed that the spline still runs through: a new chunk hardly moves its beginning."""
+TIE = 1e-9
 SAMPLES = np.linspace(0.0, 1.0, 11)
 """Places in a blend where velocity, acceleration and jerk are looked at."""
 BASES = FACTORS * SAMPLES[:, None, None] ** EXPONENTS
@@ -129,7 +125,8 @@ class ChunkInterpolator:
         rates /= (times_s - now_s)[:, None] ** np.array([1, 2, 3])[:, None, None]
         excess = (rates / self._rates[:, None]).max(axis=(0, 2))
         reached = excess <= 1.0
-        knot = int(reached.argmax() if reached.any() else excess.argmin())
+        reached = reached if reached.any() else excess * (1.0 - TIE) <= excess.min()
+        knot = int(reached.argmax())
         rest = joined(ends[knot:-1], ends[knot + 1 :], np.diff(times_s[knot:]))
         self._coefficients = HERMITE @ np.concatenate([blends[knot : knot + 1], rest])
         self._knots_s = np.concatenate([[now_s], times_s[knot:]])

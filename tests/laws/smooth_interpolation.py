@@ -1,16 +1,12 @@
-"""References that are continuous to the acceleration: what they are made of, and the two kinds.
-
-Coordinates, units and methods are those of `rtloop.generators.interpolation.Interpolator`. Long, for a
-stream that ends is brought to rest by both in the same way.
-"""
+"""What `rtloop.generators.brake`, `.online_trajectory` and `.quintic` compute, in numpy and with Ruckig."""
 
 from __future__ import annotations
 
 import numpy as np
 import ruckig
+from laws.target_estimate import Estimate
 
 from cobot.types import Array
-from rtloop.generators.target_estimate import Estimate
 
 EARLY = 1e-6
 """Of a cycle: what ends this little after a cycle ends in it."""

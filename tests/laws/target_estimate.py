@@ -1,4 +1,4 @@
-"""What a stream of targets does at its end: velocity and acceleration, estimated."""
+"""What `rtloop.generators.target_estimate` computes, in numpy."""
 
 from __future__ import annotations
 

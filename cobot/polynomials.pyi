@@ -1,0 +1,25 @@
+"""Quintic polynomials: their bases, and how motions of several coordinates are made of them.
+
+A quintic leads from one state, shape (3, n): position, velocity and acceleration, to another in a given time.
+Its coefficients, shape (6, n), are those of the powers of s, the share of that time, in [0, 1].
+
+Attributes:
+    FACTORS, EXPONENTS: shape (4, 6), of the powers of s in a polynomial and in its first three derivatives.
+    HERMITE: shape (6, 6): coefficients on [0, 1] from the value and two derivatives by s at 0, then at 1.
+"""
+
+from cobot.types import Array
+
+FACTORS: Array
+EXPONENTS: Array
+HERMITE: Array
+
+def between(start: Array, end: Array, duration_s: float) -> Array:
+    """The coefficients of the quintic between two states."""
+
+def evaluate(coefficients: Array, time_s: float, duration_s: float, out: Array) -> None:
+    """Position, velocity and acceleration, shape (3, n), so long after the start."""
+
+def peaks(coefficients: Array, duration_s: float, places: int) -> Array:
+    """The greatest amounts of velocity, acceleration and jerk, shape (3, n), at so many equidistant places
+    from the start to the end."""

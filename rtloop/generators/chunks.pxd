@@ -1,0 +1,55 @@
+"""What other compiled modules call: a reference through timed waypoints. See chunks.pyx."""
+
+from cobot.arrays cimport MAX_DOF
+from rtloop.generators.brake cimport Brake
+
+cdef enum:
+    LONGEST_CHUNK = 64  # Waypoints; as many of older chunks may still be ahead.
+    SUPPORT = 3  # Passed waypoints that the spline still runs through: a new chunk hardly moves its start.
+    MAX_WAYPOINTS = 131  # All of these.
+
+cdef enum ChunkRefusal:
+    CHUNK_TAKEN = 0
+    CHUNK_SHAPE = 1
+    CHUNK_NOT_FINITE = 2
+    CHUNK_TIMES = 3
+    CHUNK_PAST = 4
+    CHUNK_FULL = 5
+
+cdef class ChunkInterpolator:
+    cdef readonly object reference  # (3, n): position, velocity, acceleration.
+    cdef double* ref
+    cdef readonly long long late, starved
+    cdef int n
+    cdef double period_s
+    cdef double[3][MAX_DOF] bounds
+    cdef Brake brake
+    # The waypoints, some of them passed, and what the spline does there.
+    cdef int count
+    cdef double[MAX_WAYPOINTS] times_s
+    cdef object waypoints  # (MAX_WAYPOINTS, 3, n): position, velocity, acceleration.
+    cdef double* ends
+    # The pieces; the first knot is where the newest chunk took over.
+    cdef int pieces, piece
+    cdef double[MAX_WAYPOINTS + 1] knots_s
+    cdef object quintics  # (MAX_WAYPOINTS, 6, n)
+    cdef double* coefficients
+    cdef bint braking
+    # What the sentence of a refusal tells.
+    cdef int refused
+    cdef long long refused_count
+    cdef double refused_s
+
+    cdef void c_begin(self, const double* state) noexcept nogil
+    cdef int c_take(
+        self, const double* times_s, const double* points, int count, double now_s
+    ) noexcept nogil
+    cdef void c_advance(self, double now_s) noexcept nogil
+    cdef int _flaw(self, const double* times_s, const double* points, int count) noexcept nogil
+    cdef int _index(self, double time_s) noexcept nogil
+    cdef void _connect(self, double now_s, int first) noexcept nogil
+    cdef int _first_in_reach(self, double now_s, int first) noexcept nogil
+    cdef double _excess(self, const double* coefficients, double duration_s, double enough) noexcept nogil
+    cdef void _start_brake(self) noexcept nogil
+
+cdef void spline_rates(const double* times_s, int count, int n, double* ends) noexcept nogil

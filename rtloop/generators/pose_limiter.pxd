@@ -1,0 +1,29 @@
+"""What other compiled modules call: the TCP's own limits. See pose_limiter.pyx."""
+
+cdef class PoseLimiter:
+    cdef readonly object pose, twist, acceleration
+    cdef readonly bint limited
+    cdef double* c_pose  # (7,): x, y, z, w, x, y, z.
+    cdef double* c_twist
+    cdef double* c_acceleration
+    cdef double period_s
+    cdef double[3][2] bounds  # Velocity, acceleration and jerk; linear and angular.
+    cdef double[7] last  # request
+    cdef double[6] own  # velocity of the requests
+    cdef int differing  # cycles in which it may still be another than the twist
+
+    cdef void c_begin(self, const double* pose, const double* twist) noexcept nogil
+    cdef void c_step(self, const double* pose) noexcept nogil
+    cdef void _follow(self, const double* step, const double* own, const double* own_rate) noexcept nogil
+    cdef bint _pursue(self, const double* step, const double* own, const double* own_rate) noexcept nogil
+    cdef bint _pursue_part(
+        self, int part, const double* step, const double* own, const double* own_rate,
+        double* move, double* twist, double* rate,
+    ) noexcept nogil
+    cdef void _share(self, int part, const double* axes, double* shares, double* velocities) noexcept nogil
+    cdef bint _pursue_axis(
+        self, const double* axis, double share, double max_velocity, int part,
+        const double* step, const double* own, const double* own_rate, double* ahead,
+    ) noexcept nogil
+    cdef void _move(self, const double* move) noexcept nogil
+    cdef bint _within(self, const double* row, int order, double factor, double more) noexcept nogil

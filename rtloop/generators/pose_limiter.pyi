@@ -1,0 +1,27 @@
+"""The TCP's own limits: of velocity, acceleration and jerk, linear and angular, by norm."""
+
+import numpy.typing as npt
+
+from cobot.types import Array, CartesianLimits
+
+class PoseLimiter:
+    """Follows a pose within the limits. Real-time safe. See pose_limiter.pyx.
+
+    Attributes:
+        pose: shape (7,), m and (w, x, y, z).
+        twist: its velocity, shape (6,), m/s and rad/s, in the base frame.
+        acceleration: the rate of the twist, shape (6,), m/s² and rad/s².
+        limited: whether the pose is not the request.
+    """
+
+    pose: Array
+    twist: Array
+    acceleration: Array
+    limited: bool
+
+    def __init__(self, period_s: float, limits: CartesianLimits) -> None: ...
+    def begin(self, pose: Array, twist: npt.ArrayLike = 0.0) -> None:
+        """Start here, with this motion."""
+
+    def step(self, pose: Array) -> None:
+        """One period on, towards this pose."""

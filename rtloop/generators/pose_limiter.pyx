@@ -1,0 +1,276 @@
+"""The TCP's own limits: of velocity, acceleration and jerk, linear and angular, by norm."""
+
+from libc.math cimport fabs, fmax, fmin, sqrt
+from libc.string cimport memcpy, memset
+
+import numpy as np
+
+from cobot.arrays cimport doubles
+from cobot.robot.quaternion cimport cross3, quat_between, quat_exp, quat_normalised, quat_product
+from rtloop.generators.interpolation cimport clipped, plain
+from rtloop.generators.moving_frame cimport Motion, to_rest_in_frame
+from rtloop.generators.otg cimport OTG_OK, Problem, otg_step
+
+cdef double TOLERANCE = 1e-3  # Relative, of what passes as it is: differences of positions are rounded.
+cdef double MIN_SHARE = 0.25  # Of a limit that an axis across the direction of motion has for corrections.
+cdef double LEAD_S = 0.2  # What is missing counts this much of a velocity when the direction is chosen.
+cdef double SHARE = 0.9  # Of the limits, while it catches up.
+cdef double ALONG = 0.9  # Of that, for the motion of what is pursued.
+cdef double REST = 1e-9
+cdef double MIN_ACROSS = 1e-3  # m/s or rad/s: of less the direction is a matter of rounding.
+
+
+cdef class PoseLimiter:
+    """Follows a pose within the limits. Real-time safe. See pose_limiter.pyi.
+
+    A request that keeps the limits passes bit for bit. One that does not is pursued in a frame that moves
+    with it, so that it is caught up with, and one that stands still is not overshot. The axes of the pursuit
+    lie along and across the direction of motion, each with its part of the limits, so that the norms hold,
+    and each is planned for itself: from rest to rest the way is a straight line and a turn about one axis.
+
+    Before, the axes were those of the base frame, and Ruckig made them arrive together. Where a request
+    jumped while the TCP moved, their velocities added up to 1.2 times the limit; and what Ruckig makes of an
+    axis that is all but there decided about the direction of the next cycle, so that motions could not be
+    repeated by another generator that is as exact.
+    """
+
+    def __init__(self, double period_s, limits):
+        self.pose, self.twist = np.array([0.0, 0, 0, 1, 0, 0, 0]), np.zeros(6)
+        self.acceleration = np.zeros(6)
+        self.c_pose, self.c_twist = doubles(self.pose, 7), doubles(self.twist, 6)
+        self.c_acceleration = doubles(self.acceleration, 6)
+        self.last[3] = 1.0
+        self.period_s = period_s
+        self.bounds = [
+            [limits.max_linear_velocity, limits.max_angular_velocity],
+            [limits.max_linear_acceleration, limits.max_angular_acceleration],
+            [limits.max_linear_jerk, limits.max_angular_jerk],
+        ]
+
+    cdef void c_begin(self, const double* pose, const double* twist) noexcept nogil:
+        """Start here, with this motion; NULL is none."""
+        memcpy(self.c_pose, pose, 7 * sizeof(double))
+        memcpy(self.last, pose, 7 * sizeof(double))
+        memset(self.c_twist, 0, 6 * sizeof(double))
+        if twist != NULL:
+            memcpy(self.c_twist, twist, 6 * sizeof(double))
+        memcpy(self.own, self.c_twist, 6 * sizeof(double))
+        memset(self.c_acceleration, 0, 6 * sizeof(double))
+        self.differing = 0
+        self.limited = False
+
+    cdef void c_step(self, const double* pose) noexcept nogil:
+        """One period on, towards this pose."""
+        cdef double step[6]
+        cdef double velocity[6]
+        cdef double rate[6]
+        cdef double change[6]
+        cdef double own[6]
+        cdef double own_rate[6]
+        cdef double period_s = self.period_s
+        cdef int i
+        _way(self.c_pose, pose, step)
+        for i in range(6):
+            velocity[i] = step[i] / period_s
+            rate[i] = (velocity[i] - self.c_twist[i]) / period_s
+            change[i] = (rate[i] - self.c_acceleration[i]) / period_s
+            own[i], own_rate[i] = velocity[i], rate[i]  # of the requests, where the last ones have passed
+        if self.differing:
+            self.differing -= 1
+            _way(self.last, pose, own)
+            for i in range(6):
+                own[i] /= period_s
+                own_rate[i] = (own[i] - self.own[i]) / period_s
+                change[i] = fmax(fabs(change[i]), fabs(rate[i] - own_rate[i]) / period_s)
+        memcpy(self.last, pose, 7 * sizeof(double))
+        memcpy(self.own, own, sizeof(own))
+        self.limited = not (
+            self._within(velocity, 0, 1.0 + TOLERANCE, REST)
+            and self._within(rate, 1, 1.0 + TOLERANCE, REST)
+            and self._within(change, 2, 1.0 + TOLERANCE, REST)
+        )
+        if self.limited:
+            self.differing = 3
+            self._follow(step, own, own_rate)
+            return
+        memcpy(self.c_pose, pose, 7 * sizeof(double))
+        memcpy(self.c_twist, velocity, sizeof(velocity))
+        memcpy(self.c_acceleration, rate, sizeof(rate))
+
+    cdef void _follow(self, const double* step, const double* own, const double* own_rate) noexcept nogil:
+        """Towards a request that moves like this, or that has jumped there, as well as the limits permit."""
+        cdef double moving[6]
+        cdef double moving_rate[6]
+        cdef double rest[6]
+        cdef int i
+        memset(rest, 0, sizeof(rest))
+        memcpy(moving, own, sizeof(moving))
+        memcpy(moving_rate, own_rate, sizeof(moving_rate))
+        for i in range(2):
+            if _norm(own + 3 * i) > self.bounds[0][i] or _norm(own_rate + 3 * i) > self.bounds[1][i]:
+                memset(&moving[3 * i], 0, 3 * sizeof(double))
+                memset(&moving_rate[3 * i], 0, 3 * sizeof(double))
+        if self._pursue(step, moving, moving_rate) or self._pursue(step, rest, rest):
+            return
+        memset(self.c_acceleration, 0, 6 * sizeof(double))
+        for i in range(6):
+            rest[i] = self.period_s * self.c_twist[i]
+        self._move(rest)
+
+    cdef bint _pursue(self, const double* step, const double* own, const double* own_rate) noexcept nogil:
+        """Bring the difference to a request that moves like this to zero; whether there is a way."""
+        cdef double move[6]
+        cdef double twist[6]
+        cdef double rate[6]
+        cdef int part
+        for part in range(2):
+            if not self._pursue_part(part, step, own, own_rate, move, twist, rate):
+                return False
+        memcpy(self.c_twist, twist, sizeof(twist))
+        memcpy(self.c_acceleration, rate, sizeof(rate))
+        self._move(move)
+        return True
+
+    cdef bint _pursue_part(
+        self, int part, const double* step, const double* own, const double* own_rate,
+        double* move, double* twist, double* rate,
+    ) noexcept nogil:
+        """The linear or the angular part, along and across the direction of motion: each axis for itself."""
+        cdef double axes[9]
+        cdef double shares[3]
+        cdef double direction[3]
+        cdef double ahead[9]
+        cdef double velocities[3]
+        cdef int first = 3 * part, i
+        for i in range(3):
+            direction[i] = own[first + i] + step[first + i] / LEAD_S
+        _look_along(direction, self.c_twist + first, axes)
+        self._share(part, axes, shares, velocities)
+        for i in range(3):
+            if not self._pursue_axis(
+                &axes[3 * i], shares[i], velocities[i], part,
+                step + first, own + first, own_rate + first, &ahead[3 * i],
+            ):
+                return False
+        for i in range(3):
+            move[first + i] = axes[i] * ahead[0] + axes[3 + i] * ahead[3] + axes[6 + i] * ahead[6]
+            twist[first + i] = axes[i] * ahead[1] + axes[3 + i] * ahead[4] + axes[6 + i] * ahead[7]
+            rate[first + i] = axes[i] * ahead[2] + axes[3 + i] * ahead[5] + axes[6 + i] * ahead[8]
+        return True
+
+    cdef void _share(self, int part, const double* axes, double* shares, double* velocities) noexcept nogil:
+        """Each axis's part of the limits of acceleration and jerk, of norm 1, and its velocity limit.
+
+        What moves across the direction needs its part to be brought to rest, and the speed that it still
+        gains before, as its acceleration has to be taken back first, is missing along the direction.
+        """
+        cdef double most_velocity = SHARE * self.bounds[0][part]
+        cdef double velocity[3]
+        cdef double rate[3]
+        cdef double norm, peak, left = most_velocity * most_velocity
+        cdef int i
+        for i in range(3):
+            velocity[i] = _dot(axes + 3 * i, self.c_twist + 3 * part)
+            rate[i] = _dot(axes + 3 * i, self.c_acceleration + 3 * part)
+            shares[i] = fmax(fabs(velocity[i]) / self.bounds[0][part], fabs(rate[i]) / self.bounds[1][part])
+            shares[i] = fmin(fmax(shares[i], MIN_SHARE), 1.0) if i > 0 else 1.0
+        norm = _norm(shares)
+        for i in range(3):
+            shares[i] /= norm
+            velocities[i] = most_velocity * shares[i]
+            if i > 0:
+                peak = 0.5 * rate[i] * fabs(rate[i]) / (SHARE * shares[i] * self.bounds[2][part])
+                peak = fmax(fabs(velocity[i]), fabs(velocity[i] + peak))
+                left -= peak * peak
+        velocities[0] = fmax(sqrt(fmax(left, 0.0)), MIN_SHARE * most_velocity)
+
+    cdef bint _pursue_axis(
+        self, const double* axis, double share, double max_velocity, int part,
+        const double* step, const double* own, const double* own_rate, double* ahead,
+    ) noexcept nogil:
+        """Position from here, velocity and acceleration one period later, on one axis with its part of the
+        limits; whether there is a way."""
+        cdef double max_acceleration = SHARE * share * self.bounds[1][part]
+        cdef Motion state, frame
+        cdef Problem problem
+        state.position = 0.0
+        state.velocity = _dot(axis, self.c_twist + 3 * part)
+        state.acceleration = _dot(axis, self.c_acceleration + 3 * part)
+        frame.position = _dot(axis, step)
+        frame.velocity = clipped(_dot(axis, own), ALONG * max_velocity)
+        frame.acceleration = clipped(_dot(axis, own_rate), ALONG * max_acceleration)
+        to_rest_in_frame(&problem, state, frame, self.period_s, max_velocity, max_acceleration)
+        problem.max_jerk = SHARE * share * self.bounds[2][part]
+        if otg_step(&problem, self.period_s, ahead) != OTG_OK:
+            return False
+        ahead[0] += frame.position
+        ahead[1] += frame.velocity
+        ahead[2] += frame.acceleration
+        return True
+
+    cdef void _move(self, const double* move) noexcept nogil:
+        cdef double turn[4]
+        cdef double turned[4]
+        cdef int i
+        for i in range(3):
+            self.c_pose[i] += move[i]
+        quat_exp(move + 3, turn)
+        quat_product(turn, self.c_pose + 3, turned)
+        quat_normalised(turned, self.c_pose + 3)
+
+    cdef bint _within(self, const double* row, int order, double factor, double more) noexcept nogil:
+        """Whether both parts of a derivative keep the limits; False for what is no number, too."""
+        return (
+            _norm(row) <= factor * self.bounds[order][0] + more
+            and _norm(row + 3) <= factor * self.bounds[order][1] + more
+        )
+
+    def begin(self, pose, twist=0.0):
+        here, motion = plain(pose, (7,)), plain(twist, (6,))
+        self.c_begin(doubles(here, 7), doubles(motion, 6))
+
+    def step(self, pose):
+        there = plain(pose, (7,))
+        self.c_step(doubles(there, 7))
+
+
+cdef inline double _norm(const double* v) noexcept nogil:
+    return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+
+
+cdef inline void _way(const double* start, const double* end, double* out) noexcept nogil:
+    """From one pose to another: m, and a rotation vector, in the base frame."""
+    cdef int i
+    for i in range(3):
+        out[i] = end[i] - start[i]
+    quat_between(start + 3, end + 3, out + 3)
+
+
+cdef inline double _dot(const double* a, const double* b) noexcept nogil:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+cdef inline void _look_along(const double* direction, const double* velocity, double* axes) noexcept nogil:
+    """Three axes, one a row: the first along the direction, the second across it as the velocity is."""
+    cdef double norm = _norm(direction), along
+    cdef int i, least = 0
+    memset(axes, 0, 9 * sizeof(double))
+    if not norm > REST:
+        axes[0] = axes[4] = axes[8] = 1.0
+        return
+    for i in range(3):
+        axes[i] = direction[i] / norm
+    along = _dot(axes, velocity)
+    for i in range(3):
+        axes[3 + i] = velocity[i] - along * axes[i]
+    norm = _norm(axes + 3)
+    if not norm > MIN_ACROSS:
+        for i in range(1, 3):
+            if fabs(axes[i]) < fabs(axes[least]):
+                least = i
+        for i in range(3):
+            axes[3 + i] = (1.0 if i == least else 0.0) - axes[least] * axes[i]
+        norm = _norm(axes + 3)
+    for i in range(3):
+        axes[3 + i] /= norm
+    cross3(axes, axes + 3, axes + 6)

@@ -1,0 +1,83 @@
+"""Quintics. Oracle: numpy's polynomials, and the six equations of a quintic between two states."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cobot.polynomials import EXPONENTS, FACTORS, HERMITE, between, evaluate, peaks
+from cobot.types import Array
+
+COLUMNS, ROUNDS = 5000, 20
+
+
+def states(seed: int) -> tuple[np.random.Generator, Array, Array, float]:
+    """Of so many coordinates at both ends, and a duration."""
+    rng = np.random.default_rng(seed)
+    scale = np.array([1.0, 2.0, 20.0])[:, None]
+    ends = rng.uniform(-scale, scale, (2, 3, COLUMNS))
+    return rng, ends[0], ends[1], float(rng.uniform(1e-3, 2.0))
+
+
+def values(coefficients: Array, order: int, s: Array | float, duration_s: float) -> Array:
+    """The derivative of an order by time, shape (n,) or (n, places)."""
+    rows = np.polynomial.polynomial.polyder(coefficients, order, axis=0)
+    return np.asarray(np.polynomial.polynomial.polyval(s, rows) / duration_s**order)
+
+
+def test_the_bases_are_those_of_derivatives_and_of_the_six_equations_at_both_ends() -> None:
+    for order in range(4):
+        for power in range(6):
+            basis = np.polynomial.Polynomial.basis(power)
+            expected = basis.deriv(order) if order else basis
+            for s in (0.0, 0.3, 1.0):
+                found = FACTORS[order, power] * s ** EXPONENTS[order, power]
+                assert found == pytest.approx(expected(s), abs=1e-15)
+    ends = [[FACTORS[k, p] * s ** EXPONENTS[k, p] for p in range(6)] for s in (0.0, 1.0) for k in range(3)]
+    np.testing.assert_allclose(np.array(ends) @ HERMITE, np.eye(6), atol=1e-13)
+
+
+@pytest.mark.parametrize("seed", range(ROUNDS))
+def test_a_quintic_leads_from_one_state_to_the_other(seed: int) -> None:
+    _, start, end, duration_s = states(seed)
+    scale = np.array([[1.0], [duration_s], [duration_s**2]])
+    expected = HERMITE @ np.concatenate([start * scale, end * scale])
+    coefficients = between(start, end, duration_s)
+    np.testing.assert_allclose(coefficients, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
+    for state, time_s in ((start, 0.0), (end, duration_s)):
+        out = np.zeros((3, COLUMNS))
+        evaluate(coefficients, time_s, duration_s, out)
+        np.testing.assert_allclose(out * scale, state * scale, atol=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("seed", range(ROUNDS))
+def test_values_and_peaks_are_those_of_numpy(seed: int) -> None:
+    rng, start, end, duration_s = states(seed)
+    coefficients, s = between(start, end, duration_s), float(rng.uniform(0.0, 1.0))
+    out = np.zeros((3, COLUMNS))
+    evaluate(coefficients, s * duration_s, duration_s, out)
+    largest = np.abs(coefficients).max() * 60.0
+    for order in range(3):
+        expected = values(coefficients, order, s, duration_s)
+        np.testing.assert_allclose(out[order], expected, atol=1e-12 * largest / duration_s**order)
+    found = peaks(coefficients, duration_s, 11)
+    for order in (1, 2, 3):
+        everywhere = values(coefficients, order, np.linspace(0.0, 1.0, 11), duration_s)
+        expected = np.abs(everywhere).max(axis=-1)
+        np.testing.assert_allclose(found[order - 1], expected, atol=1e-12 * largest / duration_s**order)
+
+
+def test_what_does_not_move_does_not_move_by_a_rounding_either() -> None:
+    rest = np.zeros((3, 1000))
+    rest[0] = np.random.default_rng(1).normal(size=1000)
+    coefficients, out = between(rest, rest, 0.033), np.zeros((3, 1000))
+    for time_s in np.linspace(0.0, 0.033, 34):
+        evaluate(coefficients, float(time_s), 0.033, out)
+        np.testing.assert_array_equal(out, rest)
+
+
+def test_what_is_no_number_is_a_peak_that_is_none() -> None:
+    coefficients = np.zeros((6, 2))
+    coefficients[3, 1] = np.nan
+    assert np.isnan(peaks(coefficients, 1.0, 5)[:, 1]).all()
+    assert not peaks(coefficients, 1.0, 5)[:, 0].any()

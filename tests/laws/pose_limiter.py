@@ -1,0 +1,144 @@
+"""What `rtloop.generators.pose_limiter` computes, in numpy.
+
+The profiles are those of `rtloop.generators.otg`, which has Ruckig for its oracle: of states that are all but
+zero Ruckig itself makes profiles that are off by its tolerances, and here there are many.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cobot.robot.quaternion import between, exp, normalised, product
+from cobot.types import Array, CartesianLimits
+from rtloop.generators import otg
+
+TOLERANCE, REST = 1e-3, 1e-9
+MIN_SHARE, LEAD_S = 0.25, 0.2
+SHARE, ALONG = 0.9, 0.9
+MIN_ACROSS = 1e-3
+
+
+class PoseLimiter:
+    """Follows a pose within the limits."""
+
+    def __init__(self, period_s: float, limits: CartesianLimits) -> None:
+        self.pose, self.twist = np.array([0.0, 0, 0, 1, 0, 0, 0]), np.zeros(6)
+        self.limited = False
+        self._period_s = period_s
+        self._most = np.array(
+            [
+                [limits.max_linear_velocity, limits.max_angular_velocity],
+                [limits.max_linear_acceleration, limits.max_angular_acceleration],
+                [limits.max_linear_jerk, limits.max_angular_jerk],
+            ]
+        )
+        self.acceleration = np.zeros(6)
+        self._last = self.pose.copy()
+        self._own = np.zeros(6)
+        self._differing = 0
+
+    def begin(self, pose: Array, twist: Array) -> None:
+        self.pose[:] = self._last[:] = pose
+        self.twist[:] = self._own[:] = twist
+        self.acceleration[:] = 0.0
+        self._differing = 0
+        self.limited = False
+
+    def step(self, pose: Array) -> None:
+        step = _way(self.pose, pose)
+        velocity = step / self._period_s
+        rate = (velocity - self.twist) / self._period_s
+        change = (rate - self.acceleration) / self._period_s
+        own, own_rate = velocity, rate
+        if self._differing:
+            self._differing -= 1
+            own = _way(self._last, pose) / self._period_s
+            own_rate = (own - self._own) / self._period_s
+            change = np.maximum(np.abs(change), np.abs(rate - own_rate) / self._period_s)
+        self._last, self._own = pose.copy(), own
+        norms = _norms(np.array([velocity, rate, change]))
+        self.limited = not bool((norms <= (1.0 + TOLERANCE) * self._most + REST).all())
+        if self.limited:
+            self._differing = 3
+            jumped = np.repeat((_norms(np.array([own, own_rate])) > self._most[:2]).any(axis=0), 3)
+            moving = np.where(jumped, 0.0, own), np.where(jumped, 0.0, own_rate)
+            if not self._pursue(step, *moving) and not self._pursue(step, np.zeros(6), np.zeros(6)):
+                self.acceleration[:] = 0.0
+                self._move(self._period_s * self.twist)
+        else:
+            self.pose, self.twist, self.acceleration = pose.copy(), velocity, rate
+
+    def _pursue(self, step: Array, own: Array, own_rate: Array) -> bool:
+        ahead = np.zeros((3, 6))
+        for part in (0, 1):
+            rows = slice(3 * part, 3 * part + 3)
+            motion = np.array([step[rows], own[rows], own_rate[rows]])
+            here = np.array([self.twist[rows], self.acceleration[rows]])
+            axes = _axes(motion[1] + motion[0] / LEAD_S, here[0])
+            bounds = self._bounds(part, here @ axes.T)
+            found = self._planned(motion @ axes.T, here @ axes.T, *bounds)
+            if found is None:
+                return False
+            ahead[:, rows] = found @ axes
+        self.twist, self.acceleration = ahead[1], ahead[2]
+        self._move(ahead[0])
+        return True
+
+    def _bounds(self, part: int, here: Array) -> Array:
+        """Velocity, acceleration and jerk for each axis."""
+        velocity, acceleration, jerk = SHARE * self._most[:, part]
+        shares = np.clip((np.abs(here) * SHARE / [[velocity], [acceleration]]).max(axis=0), MIN_SHARE, 1.0)
+        shares[0] = 1.0
+        shares /= np.linalg.norm(shares)
+        peaks = here[0] + 0.5 * here[1] * np.abs(here[1]) / (jerk * shares)
+        peaks = np.maximum(np.abs(peaks), np.abs(here[0]))[1:]
+        velocities = velocity * shares
+        velocities[0] = max(np.sqrt(max(velocity**2 - np.sum(peaks**2), 0.0)), MIN_SHARE * velocity)
+        return np.array([velocities, acceleration * shares, jerk * shares])
+
+    def _planned(
+        self, motion: Array, here: Array, velocity: Array, acceleration: Array, jerk: Array
+    ) -> Array | None:
+        period_s = self._period_s
+        step = motion[0]
+        own = np.clip(motion[1], -ALONG * velocity, ALONG * velocity)
+        own_rate = np.clip(motion[2], -ALONG * acceleration, ALONG * acceleration)
+        before = step - period_s * (own - 0.5 * period_s * own_rate)
+        off = np.array([-before, here[0] - own + period_s * own_rate, here[1] - own_rate])
+        lowest, highest = (
+            [-velocity - own, -acceleration - own_rate],
+            [velocity - own, acceleration - own_rate],
+        )
+        zero = np.zeros(3)
+        rows = [*off, zero, zero, lowest[0], highest[0], lowest[1], highest[1], jerk]
+        found = [otg.step(row, period_s) for row in np.transpose(rows).tolist()]
+        if any(result for result, _ in found):
+            return None
+        return np.asarray(np.transpose([ahead for _, ahead in found]) + np.array([step, own, own_rate]))
+
+    def _move(self, move: Array) -> None:
+        self.pose[:3] += move[:3]
+        self.pose[3:] = normalised(product(exp(move[3:].tolist()), self.pose[3:].tolist()))
+
+
+def _axes(direction: Array, velocity: Array) -> Array:
+    """The first row along the direction, the second across it as the velocity is."""
+    norm = np.linalg.norm(direction)
+    if not norm > REST:
+        return np.eye(3)
+    along = direction / norm
+    across = velocity - (along @ velocity) * along
+    if not np.linalg.norm(across) > MIN_ACROSS:
+        least = np.argmin(np.abs(along))
+        across = np.eye(3)[least] - along[least] * along
+    across = across / np.linalg.norm(across)
+    return np.array([along, across, np.cross(along, across)])
+
+
+def _way(start: Array, end: Array) -> Array:
+    return np.concatenate([end[:3] - start[:3], between(start[3:].tolist(), end[3:].tolist())])
+
+
+def _norms(rows: Array) -> Array:
+    """Of the linear and the angular part of each row, shape (k, 2)."""
+    return np.asarray(np.sqrt(np.square(rows).reshape(len(rows), 2, 3).sum(axis=2)))
