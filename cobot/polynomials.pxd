@@ -11,5 +11,5 @@ cdef void quintic_at(
     const double* coefficients, int n, double time_s, double duration_s, double* out
 ) noexcept nogil
 cdef void quintic_peaks(
-    const double* coefficients, int n, double duration_s, int places, double* peaks
+    const double* coefficients, int n, int order, double duration_s, int places, double* peaks
 ) noexcept nogil

@@ -56,23 +56,21 @@ cdef void quintic_between(
 
 
 cdef inline void _basis(int order, double s, double duration_s, double* basis) noexcept nogil:
-    """Of a derivative by time, (6,): what each coefficient is multiplied with."""
+    """Of a derivative by time, (6,): what each coefficient from that of its order on is multiplied with."""
     cdef double power = 1.0
-    cdef int i
-    for i in range(ORDER):
-        basis[i] = 0.0
-        if i < order:
-            power /= duration_s
+    cdef int i, _
+    for _ in range(order):
+        power /= duration_s
     for i in range(order, ORDER):
         basis[i] = FACTOR[order][i] * power
         power *= s
 
 
-cdef inline double _sum(const double* basis, const double* coefficients, int n) noexcept nogil:
+cdef inline double _sum(int order, const double* basis, const double* coefficients, int n) noexcept nogil:
     """The highest power first: the lowest one is the largest in a motion, and is rounded once."""
     cdef double sum = 0.0
     cdef int i
-    for i in range(ORDER - 1, -1, -1):
+    for i in range(ORDER - 1, order - 1, -1):
         sum += basis[i] * coefficients[i * n]
     return sum
 
@@ -86,26 +84,25 @@ cdef void quintic_at(
     for order in range(3):
         _basis(order, time_s / duration_s, duration_s, basis)
         for i in range(n):
-            out[order * n + i] = _sum(basis, coefficients + i, n)
+            out[order * n + i] = _sum(order, basis, coefficients + i, n)
 
 
 cdef void quintic_peaks(
-    const double* coefficients, int n, double duration_s, int places, double* peaks
+    const double* coefficients, int n, int order, double duration_s, int places, double* peaks
 ) noexcept nogil:
-    """The greatest amounts of velocity, acceleration and jerk, (3, n), at equidistant places from the start
-    to the end, at least two."""
+    """The greatest amounts of a derivative, (n,), at equidistant places from the start to the end, at least
+    two."""
     cdef double basis[ORDER]
     cdef double amount
-    cdef int order, place, i
-    for order in range(3):
+    cdef int place, i
+    for i in range(n):
+        peaks[i] = 0.0
+    for place in range(places):
+        _basis(order, place / <double>(places - 1), duration_s, basis)
         for i in range(n):
-            peaks[order * n + i] = 0.0
-        for place in range(places):
-            _basis(order + 1, place / <double>(places - 1), duration_s, basis)
-            for i in range(n):
-                amount = fabs(_sum(basis, coefficients + i, n))
-                if amount > peaks[order * n + i] or amount != amount:  # what is no number stays
-                    peaks[order * n + i] = amount
+            amount = fabs(_sum(order, basis, coefficients + i, n))
+            if amount > peaks[i] or amount != amount:  # what is no number stays
+                peaks[i] = amount
 
 
 def between(start, end, double duration_s):
@@ -124,5 +121,8 @@ def evaluate(coefficients, double time_s, double duration_s, out):
 def peaks(coefficients, double duration_s, int places):
     cdef int n = np.shape(coefficients)[1]
     out = np.empty((3, n))
-    quintic_peaks(doubles(coefficients, ORDER * n), n, duration_s, places, doubles(out, 3 * n))
+    cdef double* rows = doubles(out, 3 * n)
+    cdef int order
+    for order in range(3):
+        quintic_peaks(doubles(coefficients, ORDER * n), n, order + 1, duration_s, places, rows + order * n)
     return out

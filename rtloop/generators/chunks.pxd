@@ -49,7 +49,7 @@ cdef class ChunkInterpolator:
     cdef int _index(self, double time_s) noexcept nogil
     cdef void _connect(self, double now_s, int first) noexcept nogil
     cdef int _first_in_reach(self, double now_s, int first) noexcept nogil
-    cdef double _excess(self, const double* coefficients, double duration_s) noexcept nogil
+    cdef double _excess(self, const double* coefficients, double duration_s, double enough) noexcept nogil
     cdef void _start_brake(self) noexcept nogil
 
 cdef void spline_rates(const double* times_s, int count, int n, double* ends) noexcept nogil

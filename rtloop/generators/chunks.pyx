@@ -159,23 +159,24 @@ cdef class ChunkInterpolator:
         cdef int i, best = first, n = self.n
         for i in range(first, self.count):
             quintic_between(self.ref, self.ends + 3 * n * i, n, self.times_s[i] - now_s, coefficients)
-            excess = self._excess(coefficients, self.times_s[i] - now_s)
+            excess = self._excess(coefficients, self.times_s[i] - now_s, max(least, 1.0))
             if excess <= 1.0:
                 return i
             if excess < least * (1.0 - TIE):
                 best, least = i, excess
         return best
 
-    cdef double _excess(self, const double* coefficients, double duration_s) noexcept nogil:
-        """The largest share of a limit that a quintic takes, infinite for what is no number."""
-        cdef double peaks[3 * MAX_DOF]
+    cdef double _excess(self, const double* coefficients, double duration_s, double enough) noexcept nogil:
+        """The largest share of a limit that a quintic takes, or infinity if that is more than enough, or is
+        no number. The jerk is looked at first: mostly it decides."""
+        cdef double peaks[MAX_DOF]
         cdef double share, most = 0.0
-        cdef int row, i, n = self.n
-        quintic_peaks(coefficients, n, duration_s, PLACES, peaks)
-        for row in range(3):
-            for i in range(n):
-                share = peaks[row * n + i] / self.bounds[row][i]
-                if share != share:
+        cdef int order, i
+        for order in range(3, 0, -1):
+            quintic_peaks(coefficients, self.n, order, duration_s, PLACES, peaks)
+            for i in range(self.n):
+                share = peaks[i] / self.bounds[order - 1][i]
+                if not share <= enough:
                     return INFINITY
                 most = max(most, share)
         return most

@@ -1,16 +1,16 @@
 """What other compiled modules call: the TCP's own limits. See pose_limiter.pyx."""
 
 cdef class PoseLimiter:
-    cdef readonly object pose, twist
+    cdef readonly object pose, twist, acceleration
     cdef readonly bint limited
     cdef double* c_pose  # (7,): x, y, z, w, x, y, z.
     cdef double* c_twist
+    cdef double* c_acceleration
     cdef double period_s
     cdef double[3][2] bounds  # Velocity, acceleration and jerk; linear and angular.
-    cdef double[6] rate  # of the twist
     cdef double[7] last  # request
-    cdef double[6] own, own_rate  # velocity and its rate, of the requests
-    cdef int differing  # cycles in which these may still be others than the twist and its rate
+    cdef double[6] own  # velocity of the requests
+    cdef int differing  # cycles in which it may still be another than the twist
 
     cdef void c_begin(self, const double* pose, const double* twist) noexcept nogil
     cdef void c_step(self, const double* pose) noexcept nogil

@@ -10,11 +10,13 @@ class PoseLimiter:
     Attributes:
         pose: shape (7,), m and (w, x, y, z).
         twist: its velocity, shape (6,), m/s and rad/s, in the base frame.
+        acceleration: the rate of the twist, shape (6,), m/s² and rad/s².
         limited: whether the pose is not the request.
     """
 
     pose: Array
     twist: Array
+    acceleration: Array
     limited: bool
 
     def __init__(self, period_s: float, limits: CartesianLimits) -> None: ...

@@ -36,7 +36,9 @@ cdef class PoseLimiter:
 
     def __init__(self, double period_s, limits):
         self.pose, self.twist = np.array([0.0, 0, 0, 1, 0, 0, 0]), np.zeros(6)
+        self.acceleration = np.zeros(6)
         self.c_pose, self.c_twist = doubles(self.pose, 7), doubles(self.twist, 6)
+        self.c_acceleration = doubles(self.acceleration, 6)
         self.last[3] = 1.0
         self.period_s = period_s
         self.bounds = [
@@ -53,8 +55,7 @@ cdef class PoseLimiter:
         if twist != NULL:
             memcpy(self.c_twist, twist, 6 * sizeof(double))
         memcpy(self.own, self.c_twist, 6 * sizeof(double))
-        memset(self.rate, 0, sizeof(self.rate))
-        memset(self.own_rate, 0, sizeof(self.own_rate))
+        memset(self.c_acceleration, 0, 6 * sizeof(double))
         self.differing = 0
         self.limited = False
 
@@ -72,7 +73,7 @@ cdef class PoseLimiter:
         for i in range(6):
             velocity[i] = step[i] / period_s
             rate[i] = (velocity[i] - self.c_twist[i]) / period_s
-            change[i] = (rate[i] - self.rate[i]) / period_s
+            change[i] = (rate[i] - self.c_acceleration[i]) / period_s
             own[i], own_rate[i] = velocity[i], rate[i]  # of the requests, where the last ones have passed
         if self.differing:
             self.differing -= 1
@@ -83,7 +84,6 @@ cdef class PoseLimiter:
                 change[i] = fmax(fabs(change[i]), fabs(rate[i] - own_rate[i]) / period_s)
         memcpy(self.last, pose, 7 * sizeof(double))
         memcpy(self.own, own, sizeof(own))
-        memcpy(self.own_rate, own_rate, sizeof(own_rate))
         self.limited = not (
             self._within(velocity, 0, 1.0 + TOLERANCE, REST)
             and self._within(rate, 1, 1.0 + TOLERANCE, REST)
@@ -95,7 +95,7 @@ cdef class PoseLimiter:
             return
         memcpy(self.c_pose, pose, 7 * sizeof(double))
         memcpy(self.c_twist, velocity, sizeof(velocity))
-        memcpy(self.rate, rate, sizeof(rate))
+        memcpy(self.c_acceleration, rate, sizeof(rate))
 
     cdef void _follow(self, const double* step, const double* own, const double* own_rate) noexcept nogil:
         """Towards a request that moves like this, or that has jumped there, as well as the limits permit."""
@@ -112,7 +112,7 @@ cdef class PoseLimiter:
                 memset(&moving_rate[3 * i], 0, 3 * sizeof(double))
         if self._pursue(step, moving, moving_rate) or self._pursue(step, rest, rest):
             return
-        memset(self.rate, 0, sizeof(self.rate))
+        memset(self.c_acceleration, 0, 6 * sizeof(double))
         for i in range(6):
             rest[i] = self.period_s * self.c_twist[i]
         self._move(rest)
@@ -127,7 +127,7 @@ cdef class PoseLimiter:
             if not self._pursue_part(part, step, own, own_rate, move, twist, rate):
                 return False
         memcpy(self.c_twist, twist, sizeof(twist))
-        memcpy(self.rate, rate, sizeof(rate))
+        memcpy(self.c_acceleration, rate, sizeof(rate))
         self._move(move)
         return True
 
@@ -171,7 +171,7 @@ cdef class PoseLimiter:
         cdef int i
         for i in range(3):
             velocity[i] = _dot(axes + 3 * i, self.c_twist + 3 * part)
-            rate[i] = _dot(axes + 3 * i, &self.rate[3 * part])
+            rate[i] = _dot(axes + 3 * i, self.c_acceleration + 3 * part)
             shares[i] = fmax(fabs(velocity[i]) / self.bounds[0][part], fabs(rate[i]) / self.bounds[1][part])
             shares[i] = fmin(fmax(shares[i], MIN_SHARE), 1.0) if i > 0 else 1.0
         norm = _norm(shares)
@@ -195,7 +195,7 @@ cdef class PoseLimiter:
         cdef Problem problem
         state.position = 0.0
         state.velocity = _dot(axis, self.c_twist + 3 * part)
-        state.acceleration = _dot(axis, &self.rate[3 * part])
+        state.acceleration = _dot(axis, self.c_acceleration + 3 * part)
         frame.position = _dot(axis, step)
         frame.velocity = clipped(_dot(axis, own), ALONG * max_velocity)
         frame.acceleration = clipped(_dot(axis, own_rate), ALONG * max_acceleration)

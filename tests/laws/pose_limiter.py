@@ -32,15 +32,15 @@ class PoseLimiter:
                 [limits.max_linear_jerk, limits.max_angular_jerk],
             ]
         )
-        self._rate = np.zeros(6)
+        self.acceleration = np.zeros(6)
         self._last = self.pose.copy()
-        self._own, self._own_rate = np.zeros((2, 6))
+        self._own = np.zeros(6)
         self._differing = 0
 
     def begin(self, pose: Array, twist: Array) -> None:
         self.pose[:] = self._last[:] = pose
         self.twist[:] = self._own[:] = twist
-        self._rate[:] = self._own_rate[:] = 0.0
+        self.acceleration[:] = 0.0
         self._differing = 0
         self.limited = False
 
@@ -48,14 +48,14 @@ class PoseLimiter:
         step = _way(self.pose, pose)
         velocity = step / self._period_s
         rate = (velocity - self.twist) / self._period_s
-        change = (rate - self._rate) / self._period_s
+        change = (rate - self.acceleration) / self._period_s
         own, own_rate = velocity, rate
         if self._differing:
             self._differing -= 1
             own = _way(self._last, pose) / self._period_s
             own_rate = (own - self._own) / self._period_s
             change = np.maximum(np.abs(change), np.abs(rate - own_rate) / self._period_s)
-        self._last, self._own, self._own_rate = pose.copy(), own, own_rate
+        self._last, self._own = pose.copy(), own
         norms = _norms(np.array([velocity, rate, change]))
         self.limited = not bool((norms <= (1.0 + TOLERANCE) * self._most + REST).all())
         if self.limited:
@@ -63,24 +63,24 @@ class PoseLimiter:
             jumped = np.repeat((_norms(np.array([own, own_rate])) > self._most[:2]).any(axis=0), 3)
             moving = np.where(jumped, 0.0, own), np.where(jumped, 0.0, own_rate)
             if not self._pursue(step, *moving) and not self._pursue(step, np.zeros(6), np.zeros(6)):
-                self._rate[:] = 0.0
+                self.acceleration[:] = 0.0
                 self._move(self._period_s * self.twist)
         else:
-            self.pose, self.twist, self._rate = pose.copy(), velocity, rate
+            self.pose, self.twist, self.acceleration = pose.copy(), velocity, rate
 
     def _pursue(self, step: Array, own: Array, own_rate: Array) -> bool:
         ahead = np.zeros((3, 6))
         for part in (0, 1):
             rows = slice(3 * part, 3 * part + 3)
             motion = np.array([step[rows], own[rows], own_rate[rows]])
-            here = np.array([self.twist[rows], self._rate[rows]])
+            here = np.array([self.twist[rows], self.acceleration[rows]])
             axes = _axes(motion[1] + motion[0] / LEAD_S, here[0])
             bounds = self._bounds(part, here @ axes.T)
             found = self._planned(motion @ axes.T, here @ axes.T, *bounds)
             if found is None:
                 return False
             ahead[:, rows] = found @ axes
-        self.twist, self._rate = ahead[1], ahead[2]
+        self.twist, self.acceleration = ahead[1], ahead[2]
         self._move(ahead[0])
         return True
 

@@ -302,7 +302,7 @@ def test_moves_between_random_poses() -> None:
 def test_poses_within_the_limits_of_the_tcp() -> None:
     within = CartesianLimits(0.5, 2.0, 20.0, 1.0, 5.0, 40.0)
     compared = 0
-    for seed in range(170):
+    for seed in range(290):
         rng = np.random.default_rng(seed)
         one, other = PoseLimiterLaw(PERIOD_S, within), PoseLimiter(PERIOD_S, within)
         start, twist = random_poses(rng, 1)[:, 0], rng.normal(size=6) * rng.choice([0.0, 0.1])
@@ -310,7 +310,7 @@ def test_poses_within_the_limits_of_the_tcp() -> None:
         other.begin(start, twist)
         wanted = start.copy()
         drift = rng.normal(size=6) * rng.choice([0.0, 3e-4, 1e-3])
-        for cycle in range(100):
+        for cycle in range(50):
             if cycle % 50 == 20:
                 wanted = random_poses(rng, 1)[:, 0]
             wanted[:3] += drift[:3]
@@ -318,10 +318,17 @@ def test_poses_within_the_limits_of_the_tcp() -> None:
             one.step(wanted)
             other.step(wanted)
             assert one.limited == other.limited
-            # A rounding of a position is 1e-10 m/s² when it is divided by the period's square, and adds up.
-            close(other.pose, one.pose, 1e3)
-            close(other.twist, one.twist, 1e6)
-            compared += 6
+            close(other.pose, one.pose, 1.0)
+            close(other.twist, one.twist, 1e3)
+            # A rounding of a position is 1e-10 m/s² when it is divided by the square of the period.
+            close(other.acceleration, one.acceleration, 1e6)
+            # The fastest way to correct next to nothing takes the root of it: this must not add up.
+            one.pose, one.twist, one.acceleration = (
+                other.pose.copy(),
+                other.twist.copy(),
+                other.acceleration.copy(),
+            )
+            compared += 7
     assert compared > 100_000
 
 
