@@ -30,7 +30,12 @@ COPIED = (
     "requirements-build.lock",
 )
 # Every file here works compiled modules with valid and with invalid input.
-TESTS = ("tests/cobot/test_arrays.py",)
+TESTS = (
+    "tests/cobot/test_arrays.py",
+    "tests/rtloop/generators/test_tracking_law.py",
+    "tests/rtloop/planned/test_path_law.py",
+    "tests/rtloop/safety/test_limiter_law.py",
+)
 LIMIT_S = 1200
 # What the sanitizers must find, or the whole test says nothing.
 FAULTY = """
