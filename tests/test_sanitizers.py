@@ -32,12 +32,9 @@ COPIED = (
 # Every file here works compiled modules with valid and with invalid input.
 TESTS = (
     "tests/cobot/test_arrays.py",
-    "tests/cobot/robot/test_chain.py",
-    "tests/cobot/robot/test_distances.py",
-    "tests/cobot/robot/test_dynamics.py",
-    "tests/cobot/robot/test_linear.py",
-    "tests/cobot/robot/test_quaternion.py",
-    "tests/rtloop/streaming/test_collision_monitor.py",
+    "tests/rtloop/generators/test_tracking_law.py",
+    "tests/rtloop/planned/test_path_law.py",
+    "tests/rtloop/safety/test_limiter_law.py",
 )
 LIMIT_S = 1200
 # What the sanitizers must find, or the whole test says nothing.

@@ -126,8 +126,8 @@ class Tracker:
 
     def _leaves(self, lowest: Array, highest: Array) -> bool:
         """Whether the way leads beyond these positions."""
-        bounds = zip(self._output.trajectory.position_extrema, lowest, highest, strict=True)
-        return any(bound.min < low or bound.max > high for bound, low, high in bounds)
+        least, greatest = _extrema(self._output.trajectory)
+        return bool((least < lowest).any() or (greatest > highest).any())
 
     def _start(self, state: Array, limits: JointLimits, max_velocity: Array) -> None:
         problem = self._problem
@@ -146,5 +146,26 @@ class Tracker:
 def _overshoots(off: Array, way: ruckig.Trajectory) -> bool:
     """Whether a way to zero goes beyond it, or farther off than its start."""
     highest, lowest = np.maximum(off, 0.0) + ROUNDING, np.minimum(off, 0.0) - ROUNDING
-    bounds = zip(way.position_extrema, lowest, highest, strict=True)
-    return any(bound.min < low or bound.max > high for bound, low, high in bounds)
+    least, greatest = _extrema(way)
+    return bool((least < lowest).any() or (greatest > highest).any())
+
+
+def _extrema(way: ruckig.Trajectory) -> tuple[Array, Array]:
+    """Of the positions, each shape (dof,). Ruckig's own misses some in phases without jerk."""
+    profiles = [profile for (profile,) in zip(*way.profiles, strict=True)]
+    parts = [part for profile in profiles for part in (profile.brake, profile)]
+    t, p, v, a, j = (
+        np.array([(list(getattr(part, name)) + [0.0] * 7)[:7] for part in parts]).reshape(len(profiles), 14)
+        for name in "tpvaj"
+    )
+    root = np.sqrt(a * a - 2.0 * j * v)
+    with np.errstate(all="ignore"):
+        times = np.stack([0.0 * t, t, -2.0 * v / (a + root), -2.0 * v / (a - root)])
+    inside = (times >= 0.0) & (times <= t) & (t > 0.0)
+    positions = p + times * (v + times * (a / 2.0 + times * j / 6.0))
+    lowest, highest = np.where(inside, positions, np.inf), np.where(inside, positions, -np.inf)
+    here = np.array([profile.pf for profile in profiles])
+    return (
+        np.minimum(lowest.min(axis=(0, 2)), here),
+        np.maximum(highest.max(axis=(0, 2)), here),
+    )

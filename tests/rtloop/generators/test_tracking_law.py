@@ -13,9 +13,8 @@ from rtloop.generators.tracking import Tracker
 PERIOD_S = 1e-3
 DOF = 16
 CALLS = 6250  # of 16 joints: 100,000 problems
-ALIKE = 0.999
-"""Ruckig accepts ends 1e-8 rad beside the target, and misses the fastest way once in thousands; see
-`test_otg`."""
+ALIKE = 0.9999
+"""Ruckig accepts ends 1e-8 rad beside the target, and once in many thousands misses the fastest way."""
 
 
 def limits_of(random: np.random.Generator) -> JointLimits:
@@ -57,7 +56,7 @@ def test_both_approach_a_target_alike() -> None:
     states = [state_of(limits, random, random.choice([0.0, 0.5, 0.9])) for _ in range(CALLS)]
     aims = [
         (
-            (state[0] + random.choice([1e-4, 1e-2, 1.0]) * random.uniform(-1.0, 1.0, DOF)).clip(*bounds),
+            (state[0] + random.choice([1e-4, 1e-2, 1.0]) * random.uniform(-1.0, 1.0, DOF)).clip(-2.99, 2.99),
             random.choice([0.0, 1.0]) * random.uniform(-1.2, 1.2, DOF) * limits.max_velocity,
         )
         for state in states
