@@ -221,8 +221,11 @@ cdef class ThroughPoints(ServoSource):
         """How fast the arm may go along a piece, and what the changes of that have to reckon with."""
         cdef double peaks[3 * MAX_DOF]
         cdef double first = 0.0, second = 0.0, third = 0.0
-        cdef int joint, dof = self.dof
-        quintic_peaks(self.coefficients + number * ORDER * dof, dof, span, PLACES, peaks)
+        cdef int joint, order, dof = self.dof
+        for order in range(3):
+            quintic_peaks(
+                self.coefficients + number * ORDER * dof, dof, order + 1, span, PLACES, peaks + order * dof
+            )
         memset(self.speeds[number], 0, sizeof(self.speeds[number]))
         for joint in range(dof):
             first = max(first, peaks[joint] / self.rates.velocity[joint])

@@ -293,5 +293,5 @@ def test_circ_out_of_reach_says_at_what_percentage_of_the_arc(robot: RobotDescri
 
 def test_a_via_is_three_numbers_for_circ_only(robot: RobotDescription) -> None:
     goal = moved(pose_of(work(robot)), np.array([0.0, 0.1, 0.0]), np.zeros(3))
-    with pytest.raises(InputError, match=r"via, a point \(x, y, z\) on the arc"):
+    with pytest.raises(InputError, match="via: is missing; planner circ needs a point on its arc"):
         plan(robot, MotionRequest(work(robot), goal, PlannerName.CIRC, FULL))
