@@ -7,10 +7,10 @@ frame.
 from libc.math cimport cbrt, fabs, isfinite, sqrt
 from libc.string cimport memcpy, memset
 
-from cobot.arrays cimport MAX_DOF
+from cobot.arrays cimport MAX_DOF, doubles
 from cobot.robot.linear cimport cholesky_solve
 from cobot.robot.quaternion cimport cross3, quat_between, quat_product, quat_rotated, quat_to_matrix
-from rtloop.sources.source cimport FINE, JUMP, NOT_FINITE, Setpoint, Source
+from rtloop.sources.source cimport FINE, JUMP, NOT_FINITE, Setpoint, Source, flaw_of
 from rtloop.sources.target_checks cimport (
     POSE_PASSES,
     SLACK_S,
@@ -131,6 +131,22 @@ cdef class CartesianSource(Source):
             return f"the streamed quaternion's norm is {self.spoilt_norm:.4f}, not 1"
         return "a streamed pose, wrench or velocity is not finite"
 
+    def press(self, wrench):
+        """Exert this from now on, shape (6,), in the force frame; what is not finite is not taken."""
+        wanted = np.array(wrench, float)
+        self.c_press(doubles(wanted, TASK))
+
+    def start_move(self, pose, double duration_s):
+        """Go to a pose by a minimum-jerk motion, one that is under way to the same pose goes on; what is wrong
+        with it, or None.
+        """
+        goal = np.array(pose, float)
+        return flaw_of(self.c_start_move(doubles(goal, 7), duration_s))
+
+    def cancel_move(self):
+        """Forget the move; where the arm goes next is for the next target to say."""
+        self.c_cancel_move()
+
     cdef void c_begin(self, const double* command) noexcept nogil:
         cdef double twist[TASK]
         cdef int joint, axis
@@ -192,12 +208,12 @@ cdef class CartesianSource(Source):
         fastest[1] = min(FASTEST_ANGULAR, norm3(reach + 3) * slack)
 
     cdef void c_press(self, const double* wrench) noexcept nogil:
-        """Exert this from now on, in the force frame; what is not finite is not taken."""
+        """`press`."""
         if c_is_finite(wrench, TASK):
             memcpy(self.force.wrench, wrench, sizeof(self.force.wrench))
 
     cdef int c_start_move(self, const double* pose, double duration_s) noexcept nogil:
-        """Go to a pose by a minimum-jerk motion; one that is under way to the same pose goes on."""
+        """`start_move`."""
         cdef bint same = self.move_running
         cdef int index
         if not self.c_is_pose(pose, self.force.wrench, self.force.wrench) or not isfinite(duration_s):
@@ -211,7 +227,7 @@ cdef class CartesianSource(Source):
         return FINE
 
     cdef void c_cancel_move(self) noexcept nogil:
-        """Forget the move; where the arm goes next is for the next target to say."""
+        """`cancel_move`."""
         self.move_running = False
 
     cdef double c_shortest_move_s(self, const double* pose) noexcept nogil:

@@ -4,7 +4,18 @@ from libc.math cimport fabs
 from libc.string cimport memcpy
 
 from cobot.arrays cimport MAX_DOF
-from rtloop.sources.source cimport FINE, JUMP, LATE, NOT_FINITE, Chunk, Setpoint, Source
+from cobot.ipc.seqlock cimport Block
+from rtloop.sources.source cimport (
+    FINE,
+    JUMP,
+    LATE,
+    NOT_FINITE,
+    Chunk,
+    Setpoint,
+    Source,
+    chunk_fields,
+    flaw_of,
+)
 from rtloop.sources.target_checks cimport SLACK_S, c_is_finite, c_joint_jump
 
 from cobot.ipc.layout import CHUNK_POINTS
@@ -46,6 +57,21 @@ cdef class JointSource(Source):
 
     def explain(self):
         return f"a streamed {'chunk' if self.spoilt_chunk else 'joint target'} is not finite"
+
+    @property
+    def late(self):
+        """Waypoints that were dropped because their time had passed."""
+        return self.c_late()
+
+    @property
+    def starved(self):
+        """How often the waypoints of a chunk ran out."""
+        return self.c_starved()
+
+    def take_chunk(self, Block chunk not None, double robot_time_s):
+        """Timed targets, in a block's private copy, from now on; what is wrong with them, or None."""
+        cdef Chunk fields = chunk_fields(chunk)
+        return flaw_of(self.c_take_chunk(&fields, robot_time_s))
 
     cdef void c_begin(self, const double* command) noexcept nogil:
         self.chunked = False
@@ -133,9 +159,9 @@ cdef class JointSource(Source):
         memcpy(step, self.heading, self.dof * sizeof(double))
 
     cdef long long c_late(self) noexcept nogil:
-        """Waypoints that were dropped because their time had passed."""
+        """`late`."""
         return self.chunks.late
 
     cdef long long c_starved(self) noexcept nogil:
-        """How often the waypoints of a chunk ran out."""
+        """`starved`."""
         return self.chunks.starved

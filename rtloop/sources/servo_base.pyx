@@ -4,7 +4,7 @@ from libc.math cimport fabs, isfinite
 from libc.string cimport memcpy
 
 from rtloop.inboxes.point_queue cimport PointQueue, ServoPoint
-from rtloop.sources.source cimport FINE, Source
+from rtloop.sources.source cimport FINE, Source, flaw_of
 from rtloop.sources.target_checks cimport c_is_finite, c_joint_jump
 
 cdef double LONGEST_TIME_S = 10.0
@@ -19,6 +19,7 @@ cdef class ServoSource(Source):
         taken: points that the reference has gone for.
         dropped: points that were jumps.
         underruns: how often it had to wait for a point.
+        buffered: points that it has read and not gone for yet.
     """
 
     def __init__(self, limits, safe_velocity, double period_s):
@@ -35,12 +36,20 @@ cdef class ServoSource(Source):
     def explain(self):
         return "a servo point is not finite"
 
+    @property
+    def buffered(self):
+        return self.c_buffered()
+
+    def fetch(self, PointQueue queue not None):
+        """Read what this cycle needs; NOT_FINITE if it makes no sense, None if it does."""
+        return flaw_of(self.c_fetch(queue))
+
     cdef int c_fetch(self, PointQueue queue) noexcept nogil:
-        """Read what this cycle needs; NOT_FINITE if it makes no sense."""
+        """`fetch`."""
         return FINE
 
     cdef long long c_buffered(self) noexcept nogil:
-        """Points that it has read and not gone for yet."""
+        """`buffered`."""
         return 0
 
     cdef void c_follow(self, const double* command) noexcept nogil:

@@ -39,6 +39,7 @@ cdef enum:
 
 cdef Setpoint setpoint_fields(Block block)
 cdef Chunk chunk_fields(Block block)
+cdef object flaw_of(int code)
 
 
 cdef class Source:

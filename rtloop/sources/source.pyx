@@ -6,6 +6,7 @@ from cobot.arrays cimport MAX_DOF, doubles
 from cobot.ipc.seqlock cimport Block
 
 from cobot.errors import InputError
+from cobot.ipc.layout import Intervention
 
 
 cdef Setpoint setpoint_fields(Block block):
@@ -38,11 +39,17 @@ cdef Chunk chunk_fields(Block block):
     return fields
 
 
+cdef object flaw_of(int code):
+    """What is wrong with a target, for who asks in Python: an `Intervention`, or None."""
+    return None if code == FINE else Intervention(code - 1)
+
+
 cdef class Source:
     """Follows a stream of targets. Everything that begins with `c_` is real-time safe.
 
     Attributes:
         reference: where the joints should be in this cycle, shape (3, dof): rad, rad/s, rad/s².
+        heading: a joint step towards the last target, shape (dof,), rad: only its direction counts.
     """
 
     def __init__(self, int dof):
@@ -55,6 +62,32 @@ cdef class Source:
     def explain(self):
         """Why the last target was NOT_FINITE: what streamed it was no number."""
         return ""
+
+    def begin(self, command):
+        """Go on from what is commanded, shape (3, dof)."""
+        rows = np.array(command, float)
+        self.c_begin(doubles(rows, 3 * self.dof))
+
+    def take(self, Block setpoint not None, double interval_s):
+        """The target in a block's private copy, so long after the last one; what is wrong with it, or None."""
+        cdef Setpoint fields = setpoint_fields(setpoint)
+        return flaw_of(self.c_take(&fields, interval_s))
+
+    def advance(self, external_effort, wrench):
+        """One period on, while the surroundings exert torques (dof,) and a wrench (6,): N·m, N, base frame."""
+        torques, exerted = np.array(external_effort, float), np.array(wrench, float)
+        self.c_advance(doubles(torques, self.dof), doubles(exerted, 6))
+
+    def follow(self, command):
+        """What the safety layer has made of the reference, shape (3, dof)."""
+        rows = np.array(command, float)
+        self.c_follow(doubles(rows, 3 * self.dof))
+
+    @property
+    def heading(self):
+        step = np.zeros(self.dof)
+        self.c_heading(doubles(step, self.dof))
+        return step
 
     cdef void c_begin(self, const double* command) noexcept nogil:
         """Go on from what is commanded, shape (3, dof)."""

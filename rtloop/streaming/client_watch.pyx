@@ -31,8 +31,12 @@ cdef class ClientWatch:
             os.close(self.descriptor)
             self.descriptor = -1
 
-    cdef bint c_gone(self) noexcept nogil:
+    def gone(self):
         """Whether the process has ended. Real-time safe: the kernel answers at once."""
+        return self.c_gone()
+
+    cdef bint c_gone(self) noexcept nogil:
+        """`gone`."""
         cdef pollfd asked
         asked.fd = self.descriptor
         asked.events = POLLIN

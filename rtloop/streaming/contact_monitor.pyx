@@ -2,6 +2,10 @@
 
 from libc.math cimport INFINITY, fabs
 
+from cobot.arrays cimport checked_dof, doubles
+
+import numpy as np
+
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
@@ -11,7 +15,7 @@ cdef class ContactMonitor:
     def __init__(self, names):
         """names: of the joints, for the words."""
         self.names = tuple(names)
-        self.dof = len(self.names)
+        self.dof = checked_dof(len(self.names))
         self.worst = 0
         self.found = 0.0
 
@@ -27,8 +31,13 @@ cdef class ContactMonitor:
         unit = "N·m" if joint else "N or N·m"
         return f"contact: {self.found:.1f} {unit} {where}, allowed are {self.largest[self.worst]:g}"
 
-    cdef bint c_exceeded(self, const double* external) noexcept nogil:
+    def exceeded(self, external):
         """Whether the torques (dof,) and the wrench (6,) that stand in a row exceed what is permitted."""
+        row = np.array(external, float)
+        return self.c_exceeded(doubles(row, self.dof + 6))
+
+    cdef bint c_exceeded(self, const double* external) noexcept nogil:
+        """`exceeded`."""
         cdef double excess, most = -INFINITY
         cdef int index, worst = 0
         for index in range(self.dof + 6):

@@ -21,7 +21,7 @@ cdef class Feed:
     cdef readonly bint holding
     cdef readonly bint not_finite
     cdef readonly Source source
-    cdef Problem problem
+    cdef readonly Problem problem
     cdef Safety safety
     cdef CollisionMonitor monitor
     cdef StreamInbox box

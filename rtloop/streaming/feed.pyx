@@ -4,9 +4,11 @@ A target that makes no sense, silence, and an arm that would come to rest too ne
 where it is: a stream of setpoints goes on with the next target, a servo session ends.
 """
 
+import numpy as np
+
 from cobot.ipc.layout import Intervention
 
-from cobot.arrays cimport MAX_DOF
+from cobot.arrays cimport MAX_DOF, doubles
 from rtloop.sources.source cimport FINE, NOT_FINITE, chunk_fields, setpoint_fields
 
 cdef int COUNT_NOT_FINITE = Intervention.NOT_FINITE
@@ -30,6 +32,7 @@ cdef class Feed:
     Attributes:
         holding: whether the arm shall come to rest and wait for the next target.
         not_finite: whether the client has streamed what is no number; `source.explain` has the words.
+        problem: why the session cannot go on, 0 while it can; see `Problem` in feed.pxd.
     """
 
     def __init__(self, Source source, Safety safety, CollisionMonitor monitor, StreamInbox box,
@@ -42,12 +45,21 @@ cdef class Feed:
         self.problem = NO_PROBLEM
         self.holding = self.not_finite = self.blocked = self.slowed = False
 
+    def advance(self, external_effort, wrench, double robot_time_s):
+        """One period on, while the surroundings exert torques (dof,) and a wrench (6,): N·m, N, base frame."""
+        torques, exerted = np.array(external_effort, float), np.array(wrench, float)
+        self.c_advance(doubles(torques, self.source.dof), doubles(exerted, 6), robot_time_s)
+
+    def watch_surroundings(self):
+        """Slow down near the surroundings, and hold where the arm would come to rest too near to them."""
+        self.c_watch_surroundings()
+
     cdef void c_advance(self, const double* external_effort, const double* wrench,
                         double robot_time_s) noexcept nogil:
-        """One period on; then `holding`, `problem` and `source.reference` say what to do."""
+        """`advance`; then `holding`, `problem` and `source.reference` say what to do."""
 
     cdef void c_watch_surroundings(self) noexcept nogil:
-        """Slow down near the surroundings, and hold where the arm would come to rest too near to them."""
+        """`watch_surroundings`."""
         cdef double share
         self.monitor.c_look(self.safety.c_command)
         share = self.monitor.share
