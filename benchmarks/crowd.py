@@ -1,4 +1,4 @@
-"""Three robots beside two busy loops on one computer: what is late, and whether a cycle of ours made it so."""
+"""Three robots beside two busy loops on one computer: what is late, and whether our cycles made it so."""
 
 from __future__ import annotations
 

@@ -431,7 +431,9 @@ cdef class Controller:
             )
         elif self._jump:
             self.safety.count(Intervention.TRACKING)
-            self.fault(f"the measured position has jumped by {self._jump:.3f} rad within a cycle, as no arm can")
+            self.fault(
+                f"the measured position has jumped by {self._jump:.3f} rad within a cycle, as no arm can"
+            )
 
     cdef bint c_settle(self, const double* velocity, bint fresh) noexcept nogil:
         """Count how long the arm has been still; whether a motion or a stream may have ended."""

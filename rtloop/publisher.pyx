@@ -5,7 +5,6 @@ from libc.string cimport memcpy, memmove
 
 from cobot.arrays cimport MAX_DOF, bytes_of, checked_dof, doubles
 from cobot.ipc.seqlock cimport Block
-from cobot.robot.chain cimport Chain
 from rtloop.clock cimport monotonic_ns
 
 import numpy as np

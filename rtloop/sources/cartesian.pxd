@@ -56,5 +56,9 @@ cdef class CartesianSource(Source):
     cdef const double* c_next_pose(self, const double* external_effort, const double* wrench) noexcept nogil
     cdef void c_step_joints(self, const double* pose, const double* wrench) noexcept nogil
     cdef void c_pull_at_posture(self, double* step) noexcept nogil
-    cdef void c_distance_to(self, const double* pose, double* here, double* error, double* jacobian) noexcept nogil
-    cdef void c_replace_by_force(self, const double* here, const double* wrench, double* error) noexcept nogil
+    cdef void c_distance_to(
+        self, const double* pose, double* here, double* error, double* jacobian
+    ) noexcept nogil
+    cdef void c_replace_by_force(
+        self, const double* here, const double* wrench, double* error
+    ) noexcept nogil

@@ -93,7 +93,8 @@ cdef class CartesianSource(Source):
             within.max_angular_jerk,
         )
         self.limiter = PoseLimiter(period_s, within)
-        self.move = MinJerkMove(np.array([0.0, 0, 0, 1, 0, 0, 0]), np.array([0.0, 0, 0, 1, 0, 0, 0]), 1.0, period_s)
+        nowhere = np.array([0.0, 0, 0, 1, 0, 0, 0])
+        self.move = MinJerkMove(nowhere, nowhere, 1.0, period_s)
         self.move_running = False
         self.tcp_velocity[0], self.tcp_velocity[1] = within.max_linear_velocity, within.max_angular_velocity
         self.tcp_acceleration[0] = within.max_linear_acceleration
@@ -294,7 +295,7 @@ cdef class CartesianSource(Source):
         cdef double here[7]
         cdef double error[TASK]
         cdef double step[MAX_DOF]
-        cdef double excess = 0.0, velocity, target
+        cdef double excess = 0.0, most, velocity, target
         cdef double* jacobian = self.jacobian
         cdef int dof = self.dof, joint, axis
         self.c_distance_to(pose, here, error, jacobian)
@@ -308,7 +309,8 @@ cdef class CartesianSource(Source):
         for joint in range(dof):
             for axis in range(TASK):
                 step[joint] += jacobian[axis * dof + joint] * error[axis]
-            excess = max(excess, fabs(step[joint]) / (VELOCITY_SHARE * self.max_velocity[joint] * self.period_s))
+            most = VELOCITY_SHARE * self.max_velocity[joint] * self.period_s
+            excess = max(excess, fabs(step[joint]) / most)
         for joint in range(dof):
             if excess > 1.0:
                 step[joint] /= excess
@@ -330,7 +332,9 @@ cdef class CartesianSource(Source):
                 &self.pull[joint], &self.pull[self.dof + joint], wanted, self.period_s / POSTURE_FILTER_S
             )
 
-    cdef void c_distance_to(self, const double* pose, double* here, double* error, double* jacobian) noexcept nogil:
+    cdef void c_distance_to(
+        self, const double* pose, double* here, double* error, double* jacobian
+    ) noexcept nogil:
         """From where the reference puts the TCP, in the base frame: m, rad; and the Jacobian there."""
         cdef int axis
         self.chain.c_forward_jacobian(self.ref, here, jacobian)
@@ -338,7 +342,9 @@ cdef class CartesianSource(Source):
             error[axis] = pose[axis] - here[axis]
         quat_between(here + 3, pose + 3, error + 3)
 
-    cdef void c_replace_by_force(self, const double* here, const double* wrench, double* error) noexcept nogil:
+    cdef void c_replace_by_force(
+        self, const double* here, const double* wrench, double* error
+    ) noexcept nogil:
         """Along the force axes, a step in proportion to what is missing of the force."""
         cdef ForceControl* force = &self.force
         cdef double orientation[4]

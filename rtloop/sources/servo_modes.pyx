@@ -3,7 +3,6 @@
 from libc.math cimport fabs, rint
 from libc.string cimport memcpy, memset
 
-from cobot.arrays cimport MAX_DOF
 from rtloop.generators.online_trajectory cimport OnlineTrajectory
 from rtloop.inboxes.point_queue cimport PointQueue, ServoPoint
 from rtloop.sources.servo_base cimport MAX_POINTS, ServoSource
@@ -46,9 +45,9 @@ cdef class Newest(ServoSource):
         cdef ServoPoint point
         cdef double interval_s
         cdef bint aimed = False
-        cdef int count
+        cdef int _count
         self.since_s += self.period_s
-        for count in range(MAX_POINTS):
+        for _count in range(MAX_POINTS):
             if not queue.c_next(&point):
                 break
             if not self.c_read(&point):
@@ -138,12 +137,12 @@ cdef class Buffered(ServoSource):
         """The point whose time this cycle is in."""
         cdef ServoPoint point
         cdef double stated_s
-        cdef int count, joint
+        cdef int _count
         self.since_s += self.period_s
         if self.waits or not (self.playing or self.c_may_begin(queue)):
             return FINE
         self.elapsed_s += self.period_s
-        for count in range(MAX_POINTS):
+        for _count in range(MAX_POINTS):
             if self.elapsed_s <= self.time_s * (1.0 + 1e-9):
                 return FINE
             if not queue.c_next(&point):

@@ -73,9 +73,9 @@ cdef class ThroughPoints(ServoSource):
 
     cdef int c_fetch(self, PointQueue queue) noexcept nogil:
         cdef ServoPoint point
-        cdef int number
+        cdef int _count
         self.pending_age_s += self.period_s
-        for number in range(MAX_POINTS):
+        for _count in range(MAX_POINTS):
             if self.count - self.first >= PIECES - 1:
                 return FINE
             if not queue.c_next(&point):
@@ -221,18 +221,19 @@ cdef class ThroughPoints(ServoSource):
         """How fast the arm may go along a piece, and what the changes of that have to reckon with."""
         cdef double peaks[3 * MAX_DOF]
         cdef double first = 0.0, second = 0.0, third = 0.0
+        cdef double* speeds = self.speeds[number]
         cdef int joint, order, dof = self.dof
         for order in range(3):
             quintic_peaks(
                 self.coefficients + number * ORDER * dof, dof, order + 1, span, PLACES, peaks + order * dof
             )
-        memset(self.speeds[number], 0, sizeof(self.speeds[number]))
+        speeds[0] = speeds[1] = 0.0
         for joint in range(dof):
             first = max(first, peaks[joint] / self.rates.velocity[joint])
             second = max(second, peaks[dof + joint] / self.rates.acceleration[joint])
             third = max(third, peaks[2 * dof + joint] / self.rates.jerk[joint])
-            self.speeds[number][0] = max(self.speeds[number][0], peaks[joint] / self.rates.acceleration[joint])
-            self.speeds[number][1] = max(self.speeds[number][1], peaks[joint] / self.rates.jerk[joint])
+            speeds[0] = max(speeds[0], peaks[joint] / self.rates.acceleration[joint])
+            speeds[1] = max(speeds[1], peaks[joint] / self.rates.jerk[joint])
         self.highest_rates[number] = min(1.0, VELOCITY_SHARE / max(first, 1e-9))
         self.highest_rates[number] = min(self.highest_rates[number], sqrt(CURVE_SHARE / max(second, 1e-9)))
         self.highest_rates[number] = min(self.highest_rates[number], cbrt(CURVE_SHARE / max(third, 1e-9)))

@@ -69,12 +69,12 @@ cdef class Source:
         self.c_begin(doubles(rows, 3 * self.dof))
 
     def take(self, Block setpoint not None, double interval_s):
-        """The target in a block's private copy, so long after the last one; what is wrong with it, or None."""
+        """The target in a block's private copy, so long after the last; what is wrong with it, or None."""
         cdef Setpoint fields = setpoint_fields(setpoint)
         return flaw_of(self.c_take(&fields, interval_s))
 
     def advance(self, external_effort, wrench):
-        """One period on, while the surroundings exert torques (dof,) and a wrench (6,): N·m, N, base frame."""
+        """One period on, while the surroundings exert torques (dof,), N·m, and a wrench (6,) in the base frame."""
         torques, exerted = np.array(external_effort, float), np.array(wrench, float)
         self.c_advance(doubles(torques, self.dof), doubles(exerted, 6))
 
@@ -97,7 +97,7 @@ cdef class Source:
         return FINE
 
     cdef void c_advance(self, const double* external_effort, const double* wrench) noexcept nogil:
-        """One period on, while the surroundings exert torques (dof,) and a wrench (6,): N·m, N, base frame."""
+        """One period on, while the surroundings exert torques (dof,), N·m, and a wrench (6,) in the base frame."""
 
     cdef void c_follow(self, const double* command) noexcept nogil:
         """What the safety layer has made of the reference, shape (3, dof)."""

@@ -10,7 +10,7 @@ from cobot.robot.quaternion cimport quat_between
 
 import numpy as np
 
-# No sender means more than this, in rad/s, m/s and rad/s: what would need more between two commands is a jump.
+# No sender means more than this, rad/s, m/s and rad/s: what would need more between two commands is a jump.
 JOINT_VELOCITY = 10.0
 LINEAR_VELOCITY = 10.0
 ANGULAR_VELOCITY = 50.0

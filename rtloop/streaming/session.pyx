@@ -130,7 +130,8 @@ cdef class Session:
             refusal = f"the arm is in mode {mode.name}"
         elif int(request["stops"]) != stops:
             refusal = "a stop was requested meanwhile"
-        refusal = refusal or session_refusal(request, self._backend) or self._client.begin(int(request["pid"]))
+        refusal = refusal or session_refusal(request, self._backend)
+        refusal = refusal or self._client.begin(int(request["pid"]))
         if not refusal:
             self._begin(request, command)
         self.box.answer(Ack.REJECTED if refusal else Ack.ACCEPTED, refusal)
@@ -149,9 +150,8 @@ cdef class Session:
         # Poses have limits of their own, torques have none but the robot's.
         joints = stream is Stream.JOINT_IMPEDANCE or int(request["servo_mode"]) != ServoMode.NONE
         limits = self._stream_limits if joints else self._limits
-        points = make_servo(
-            ServoMode(int(request["servo_mode"])), self._stream_limits, self._limits.max_velocity, self._period_s
-        )
+        mode = ServoMode(int(request["servo_mode"]))
+        points = make_servo(mode, self._stream_limits, self._limits.max_velocity, self._period_s)
         cdef Source source = self._source(stream, request, limits, points)
         if isinstance(self._backend, ImpedanceControlled):
             self._backend.set_impedance(self._impedance(stream, request, command))
@@ -219,7 +219,7 @@ cdef class Session:
             self.feed.c_end(OBSTACLE)
 
     cdef void c_describe(self, StateScalars* state) noexcept nogil:
-        """Fill in what the state block says of the session; what it counted stays until the next one begins."""
+        """Fill in what the state block says of the session; its counts stay until the next one begins."""
         state.session = self.session
         state.setpoint_seen = state.move_seen = state.move_running = state.chunk_seen = 0
         state.point_seen = state.points_taken = state.points_dropped = 0
