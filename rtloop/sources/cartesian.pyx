@@ -138,8 +138,8 @@ cdef class CartesianSource(Source):
         self.c_press(doubles(wanted, TASK))
 
     def start_move(self, pose, double duration_s):
-        """Go to a pose by a minimum-jerk motion, one that is under way to the same pose goes on; what is wrong
-        with it, or None.
+        """Go to a pose by a minimum-jerk motion, one that is under way to the same pose goes on; what is
+        wrong with it, or None.
         """
         goal = np.array(pose, float)
         return flaw_of(self.c_start_move(doubles(goal, 7), duration_s))

@@ -74,7 +74,7 @@ cdef class Source:
         return flaw_of(self.c_take(&fields, interval_s))
 
     def advance(self, external_effort, wrench):
-        """One period on, while the surroundings exert torques (dof,), N·m, and a wrench (6,) in the base frame."""
+        """One period on; the surroundings exert torques (dof,), N·m, and a wrench (6,) in the base frame."""
         torques, exerted = np.array(external_effort, float), np.array(wrench, float)
         self.c_advance(doubles(torques, self.dof), doubles(exerted, 6))
 
@@ -97,7 +97,7 @@ cdef class Source:
         return FINE
 
     cdef void c_advance(self, const double* external_effort, const double* wrench) noexcept nogil:
-        """One period on, while the surroundings exert torques (dof,), N·m, and a wrench (6,) in the base frame."""
+        """One period on; the surroundings exert torques (dof,), N·m, and a wrench (6,) in the base frame."""
 
     cdef void c_follow(self, const double* command) noexcept nogil:
         """What the safety layer has made of the reference, shape (3, dof)."""

@@ -46,7 +46,7 @@ cdef class Feed:
         self.holding = self.not_finite = self.blocked = self.slowed = False
 
     def advance(self, external_effort, wrench, double robot_time_s):
-        """One period on, while the surroundings exert torques (dof,), N·m, and a wrench (6,) in the base frame."""
+        """One period on; the surroundings exert torques (dof,), N·m, and a wrench (6,) in the base frame."""
         torques, exerted = np.array(external_effort, float), np.array(wrench, float)
         self.c_advance(doubles(torques, self.source.dof), doubles(exerted, 6), robot_time_s)
 
