@@ -195,6 +195,7 @@ class VirtualService:
 
     Attributes:
         name: of the (first) robot.
+        names: of all.
         rigs: by name.
         app: the application.
         lines: what it has logged.
@@ -203,6 +204,7 @@ class VirtualService:
     def __init__(self, folder: Path, robots: int = 1, more: str = "", capacity: int = CAPACITY) -> None:
         """more: YAML of further settings."""
         names = [unique_name() for _ in range(robots)]
+        self.names = names
         self.name = names[0]
         several = f"robots: [{', '.join(f'{{name: {name}}}' for name in names)}]\n"
         self.config = folder / f"{self.name}.yaml"
@@ -321,7 +323,7 @@ class VirtualService:
         return found
 
     def healthy(self) -> bool:
-        return bool(self.health()["status"] == "ok")
+        return all(each["status"] == "ok" for each in self.health()["robots"].values())
 
     def joints(self) -> list[float]:
         return list(self.get("/robot/joint_states").raise_for_status().json()["position"])
