@@ -138,11 +138,13 @@ class Cycle:
 
     Attributes:
         stopped: nothing goes on, as if its process were stopped.
+        watch: called after each cycle.
     """
 
     def __init__(self, rig: Rig, loop: VirtualLoop, clock: VirtualClock) -> None:
         self.rig, self._loop, self._clock = rig, loop, clock
         self.stopped = False
+        self.watch: Callable[[], None] = lambda: None
         state = rig.memory.state.data
         self._real = {name: state[name].copy() for name in self._STAMPS}
         self._virtual = {name: np.zeros_like(state[name]) for name in self._STAMPS}
@@ -163,6 +165,7 @@ class Cycle:
             self._pass_heartbeat()
             self.rig.loop.step()
             self._pass_state()
+            self.watch()
 
     def _pass_heartbeat(self) -> None:
         block = self.rig.memory.heartbeat
@@ -403,6 +406,12 @@ class Socket:
         if first["type"] == "websocket.http.response.start":
             raise Refused(first["status"], service.run(self._next())["body"])
         assert first["type"] == "websocket.accept", first
+
+    def __enter__(self) -> Socket:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     async def _serve(self, app: FastAPI, path: str, headers: dict[str, str]) -> None:
         scope = {

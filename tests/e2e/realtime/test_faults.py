@@ -7,7 +7,6 @@ system's exit statuses and process table.
 
 from __future__ import annotations
 
-import json
 import os
 import resource
 import signal
@@ -15,7 +14,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -64,16 +63,6 @@ time.time_ns = lambda: now_ns() + random.randrange(-10**17, 10**17)
 """
 
 
-class FaultyRun(Run):
-    """With a simulation that can break."""
-
-    def start(self) -> subprocess.Popen[str]:
-        usual = self.config.read_text(encoding="utf-8")
-        faulty = usual.replace("rt: {", "rt: {backend: 'faulty_backend:FaultyBackend', ")
-        self.config.write_text(faulty, encoding="utf-8")
-        return super().start()
-
-
 class PreparedRun(Run):
     """Not started yet."""
 
@@ -83,32 +72,6 @@ class PreparedRun(Run):
 @pytest.fixture(scope="module")
 def limits() -> JointLimits:
     return robots.load_robot(load_settings()).limits
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
-    """One for all tests here, on a simulation that can break."""
-    folder = tmp_path_factory.mktemp("faults")
-    faults = folder / "faults.json"
-    faults.write_text("{}", encoding="utf-8")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("COBOT_FAULTS", str(faults))
-        patch.setenv("PYTHONPATH", str(BACKENDS))
-        with answering(FaultyRun(folder, clock="realtime")) as started:
-            yield started
-
-
-@pytest.fixture
-def device(service: Run) -> Callable[..., None]:
-    """Break and mend the simulated device."""
-    file = service.config.parent / "faults.json"
-
-    def set_faults(**values: object) -> None:
-        new = file.with_suffix(".new")
-        new.write_text(json.dumps(values), encoding="utf-8")
-        new.replace(file)
-
-    return set_faults
 
 
 @pytest.fixture
@@ -303,44 +266,6 @@ def test_an_rtloop_that_dies_with_its_state_spoilt_comes_back_with_an_estop(
     memory.close()
     record.forget(0)  # nobody knows where the arm was
     require_recovery(service, record, *TASKS)
-
-
-@pytest.mark.parametrize("task", TASKS)
-@pytest.mark.parametrize(
-    ("fault", "reason"),
-    [
-        ({"fail_read": "no answer"}, "reading from the robot failed: no answer"),
-        ({"fail_write": "no answer"}, "writing to the robot failed: no answer"),
-        ({"stale": True}, "has reported the same values"),
-        ({"jump": [0.0, 0.05, 0.0, 0.0, 0.0, 0.0, 0.0]}, "has jumped by 0.0"),
-        ({"not_finite": True}, "the robot reports a value that is not finite"),
-        ({"drive_fault": "drive 3 hot"}, "drive 3 hot"),
-    ],
-    ids=lambda value: "-".join(value) if isinstance(value, dict) else "",
-)
-def test_a_device_that_fails_is_reported_and_may_be_used_again(
-    service: Run,
-    record: Record,
-    device: Callable[..., None],
-    task: str,
-    fault: dict[str, object],
-    reason: str,
-) -> None:
-    good = {"fail_read": "", "fail_write": "", "drive_fault": "", "stale": False, "not_finite": False}
-    try:
-        with doing(service, task) as done:
-            device(**fault)
-            service.until(lambda: robot_health(service).get("mode") == "FAULT")
-            problems = service.health()["problems"]  # type: ignore[index]
-            assert reason in str(problems)
-            stopped = httpx.post(f"{service.url}/stop", timeout=WAIT_S).json()
-            assert stopped["at_rest"] == bool({"fail_write", "jump"} & fault.keys()), "if it can be measured"
-            if task == "stream":
-                _, error = done.process.communicate(timeout=WAIT_S)
-                assert reason in error or "UnavailableError" in error
-    finally:
-        device(**good, jump=[0.0] * 7)
-    require_recovery(service, record, task)
 
 
 def test_setpoints_as_fast_as_a_computer_can_send_them_change_nothing(service: Run, record: Record) -> None:
