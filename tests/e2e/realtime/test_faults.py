@@ -31,8 +31,7 @@ from cobot.config import load_settings
 from cobot.errors import MotionStopped
 from cobot.ipc.shm import RobotMemory, Role
 from cobot.robot import description as robots
-from cobot.types import JointLimits
-from cobot.types import Mode as LoopMode
+from cobot.types import JointLimits, LoopMode
 from rtloop.modes import STREAMING
 
 BACKENDS = Path(__file__).parents[2] / "backends"
