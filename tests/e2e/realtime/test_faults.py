@@ -73,6 +73,13 @@ def limits() -> JointLimits:
     return robots.load_robot(load_settings()).limits
 
 
+@pytest.fixture(scope="module")
+def hasty(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
+    """One that notices pauses as it does as shipped."""
+    with answering(Run(tmp_path_factory.mktemp("hasty"), clock="realtime", patient=False)) as started:
+        yield started
+
+
 @pytest.fixture
 def record(service: Run, limits: JointLimits) -> Iterator[Record]:
     with watched(name(service), limits, 0.001) as made:
@@ -207,8 +214,13 @@ def test_a_client_that_is_killed_leaves_an_arm_at_rest(service: Run, record: Rec
     [("app", "motion"), ("app", "stream"), ("rtloop", "motion"), ("rtloop", "stream"), ("client", "stream")],
 )
 def test_a_process_that_is_paused_does_not_harm_the_arm(
-    service: Run, record: Record, which: str, task: str, pause_s: float
+    hasty: Run, limits: JointLimits, which: str, task: str, pause_s: float
 ) -> None:
+    with watched(name(hasty), limits, 0.001) as record:
+        pause(hasty, record, which, task, pause_s)
+
+
+def pause(service: Run, record: Record, which: str, task: str, pause_s: float) -> None:
     with doing(service, task) as done:
         victim = child(service, which, done)
         victim.suspend()
