@@ -1,4 +1,4 @@
-"""When the service and the cycle give up on each other and on their clients, to the millisecond of robot time.
+"""When service and cycle give up on each other and on their clients, to the millisecond of robot time.
 
 Oracle: the settings as shipped, and the virtual clock.
 """
