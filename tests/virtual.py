@@ -11,18 +11,17 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import selectors
 import time
 from collections.abc import Callable, Coroutine, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
-from urllib.parse import urlsplit
 
 import httpx
 import numpy as np
-from fastapi import FastAPI
+from asgi import Socket, SynchronousTransport, gathered
 from rig import Rig
 from running import WAIT_S, unique_name
+from virtual_time import VirtualClock, VirtualLoop
 
 from app.main import create_app
 from app.services.motion.planning import PlanningService
@@ -37,82 +36,6 @@ Result = TypeVar("Result")
 URL = "http://robot.test"
 CAPACITY = 20_000
 POLL_S = 0.01
-
-
-class _NoFiles(selectors.DefaultSelector):
-    """Waits for no file: it only has the time go on to when the loop wants to be woken."""
-
-    def __init__(self, wait: Callable[[float | None], None]) -> None:
-        super().__init__()
-        self._wait = wait
-
-    def select(self, timeout: float | None = None) -> list[Any]:
-        self._wait(timeout)
-        return []
-
-
-class VirtualLoop(asyncio.SelectorEventLoop):
-    """An event loop that never waits: when nothing is ready, its time jumps to its next timer."""
-
-    def __init__(self) -> None:
-        self._now_s = 1000.0
-        super().__init__(_NoFiles(self._pass))
-
-    def time(self) -> float:
-        return self._now_s
-
-    def run_in_executor(self, executor: Any, function: Any, *arguments: Any) -> Any:  # type: ignore[override]
-        """At once, in this thread: no time goes by."""
-        future = self.create_future()
-        try:
-            future.set_result(function(*arguments))
-        except Exception as exc:  # noqa: BLE001 - it belongs to who awaits the future
-            future.set_exception(exc)
-        return future
-
-    def _pass(self, timeout: float | None) -> None:
-        assert timeout is not None, "nothing will ever happen: everybody waits for somebody else"
-        self._now_s += timeout
-
-
-class VirtualClock:
-    """`cobot.clock.Clock` on a virtual loop. A thread's sleep has the loop go on."""
-
-    def __init__(self, loop: VirtualLoop) -> None:
-        self._loop = loop
-        self._epoch_ns = time.time_ns() - self.now_ns()
-
-    def now_s(self) -> float:
-        return self._loop.time()
-
-    def now_ns(self) -> int:
-        return round(self._loop.time() * 1e9)
-
-    def wall_ns(self) -> int:
-        return self._epoch_ns + self.now_ns()
-
-    def sleep(self, seconds: float) -> None:
-        self._loop.run_until_complete(asyncio.sleep(seconds))
-
-    def ticker(self, rate_hz: float, on_tick: Callable[[int], None]) -> VirtualTicks:
-        return VirtualTicks(self._loop, 1.0 / rate_hz, on_tick)
-
-
-class VirtualTicks:
-    """Ticks on the loop's own timers."""
-
-    def __init__(self, loop: VirtualLoop, period_s: float, on_tick: Callable[[int], None]) -> None:
-        self._loop, self._period_s, self._on_tick = loop, period_s, on_tick
-        self._due_s = loop.time() + period_s
-        self._timer = loop.call_at(self._due_s, self._tick)
-
-    def close(self) -> None:
-        self._timer.cancel()
-
-    def _tick(self) -> None:
-        self._due_s += self._period_s
-        self._timer = self._loop.call_at(self._due_s, self._tick)
-        self._on_tick(1)
 
 
 class PlanningHere(PlanningService):
@@ -271,7 +194,7 @@ class VirtualService:
         for task in left:
             task.cancel()
         if left:
-            self.run(_gathered(left))
+            self.run(gathered(left))
         self.loop.close()
         for rig in self.rigs.values():
             rig.close()
@@ -339,7 +262,7 @@ class VirtualService:
 
     def client(self, url: str) -> Client:
         """The Python client of REST."""
-        return Client(url, transport=_Synchronous(self))
+        return Client(url, transport=SynchronousTransport(self))
 
     def connect(self, path: str, **headers: str) -> Socket:
         """A WebSocket."""
@@ -353,114 +276,6 @@ class _Lines(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         self._lines.append(f"{record.levelname} {record.getMessage()}")
-
-
-class _Synchronous(httpx.BaseTransport):
-    """httpx's synchronous client at a virtual service."""
-
-    def __init__(self, service: VirtualService) -> None:
-        self._service = service
-
-    def handle_request(self, request: httpx.Request) -> httpx.Response:
-        content = request.read()
-        answer = self._service.run(
-            self._service.asking(
-                request.method, str(request.url), headers=dict(request.headers), content=content
-            )
-        )
-        return httpx.Response(answer.status_code, headers=answer.headers, content=answer.content)
-
-
-async def _gathered(tasks: set[asyncio.Task[Any]]) -> None:
-    await asyncio.gather(*tasks, return_exceptions=True)
-
-
-class Refused(Exception):
-    """The service has denied a WebSocket."""
-
-    def __init__(self, status: int, body: bytes) -> None:
-        super().__init__(f"HTTP {status}")
-        self.status, self.body = status, body
-
-
-class Closed(Exception):
-    """The service has closed a WebSocket; the code says why."""
-
-
-class Socket:
-    """A client's end of a WebSocket to the application; at most `unread` messages wait for who does not read.
-
-    Raises:
-        Refused: the service does not accept it.
-    """
-
-    _ports = iter(range(50_000, 60_000))
-
-    def __init__(self, service: VirtualService, path: str, headers: dict[str, str]) -> None:
-        self._service = service
-        self._inbox: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
-        self._outbox: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
-        self._inbox.put_nowait({"type": "websocket.connect"})
-        self._task = service.begin(self._serve(service.app, path, headers))
-        first = service.run(self._next())
-        if first["type"] == "websocket.http.response.start":
-            raise Refused(first["status"], service.run(self._next())["body"])
-        assert first["type"] == "websocket.accept", first
-
-    def __enter__(self) -> Socket:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    async def _serve(self, app: FastAPI, path: str, headers: dict[str, str]) -> None:
-        scope = {
-            "type": "websocket",
-            "asgi": {"version": "3.0", "spec_version": "2.4"},
-            "http_version": "1.1",
-            "scheme": "ws",
-            "path": path,
-            "raw_path": path.encode(),
-            "query_string": b"",
-            "root_path": "",
-            "headers": [
-                (name.lower().encode(), value.encode())
-                for name, value in {"host": urlsplit(URL).netloc, **headers}.items()
-            ],
-            "client": ("127.0.0.1", next(self._ports)),
-            "server": ("robot.test", 80),
-            "subprotocols": [],
-            "state": {},
-            "extensions": {"websocket.http.response": {}},
-        }
-        try:
-            await app(scope, self._inbox.get, self._outbox.put)
-        finally:
-            self._outbox.put_nowait({"type": "websocket.close", "code": 1006})
-
-    async def _next(self) -> dict[str, Any]:
-        return await asyncio.wait_for(self._outbox.get(), WAIT_S)
-
-    def send(self, frame: str | bytes) -> None:
-        """Time does not go on: the service reads it when it next has its turn."""
-        kind = "text" if isinstance(frame, str) else "bytes"
-        self._inbox.put_nowait({"type": "websocket.receive", kind: frame})
-
-    def recv(self, timeout_s: float = WAIT_S) -> str | bytes:
-        """The next frame; time goes on until there is one."""
-        del timeout_s
-        message = self._service.run(self._next())
-        if message["type"] == "websocket.close":
-            if self._task.done():
-                self._task.result()
-            raise Closed(message["code"])
-        text = message.get("text")
-        return text if text is not None else message["bytes"]
-
-    def close(self) -> None:
-        """As a client that goes."""
-        self._inbox.put_nowait({"type": "websocket.disconnect", "code": 1000})
-        self._service.run(_gathered({self._task}))
 
 
 @contextlib.contextmanager

@@ -12,8 +12,9 @@ from typing import Any
 
 import httpx
 import pytest
+from asgi import Refused
 from streaming_client import Frames
-from virtual import Refused, VirtualService, virtual_service
+from virtual import VirtualService, virtual_service
 
 from cobot import Robot
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from streaming_client import Frames
 from virtual import VirtualService, virtual_service
+from virtual_time import VirtualClock, VirtualLoop
 
 from cobot.types import LoopMode
 
@@ -47,8 +48,6 @@ def send(service: VirtualService, seconds: float) -> None:
 
 def test_a_day_goes_by_when_nothing_waits_for_a_cycle() -> None:
     """Of the tests' own loop: what it costs is the timers, not the time."""
-    from virtual import VirtualClock, VirtualLoop
-
     loop = VirtualLoop()
     clock = VirtualClock(loop)
     begun_s, wall_ns = clock.now_s(), clock.wall_ns()

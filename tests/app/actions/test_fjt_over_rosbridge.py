@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from asgi import Socket
 from running import WAIT_S
-from virtual import Socket, VirtualService, virtual_service
+from virtual import VirtualService, virtual_service
 
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 HOME = np.array([0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0])

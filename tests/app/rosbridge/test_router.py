@@ -11,8 +11,9 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from asgi import Refused
 from running import WAIT_S
-from virtual import Refused, VirtualService, virtual_service
+from virtual import VirtualService, virtual_service
 
 
 @pytest.fixture(scope="module")

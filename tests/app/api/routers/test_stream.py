@@ -15,11 +15,12 @@ import httpx
 import numpy as np
 import pytest
 import yaml
+from asgi import Refused
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from running import WAIT_S
 from streaming_client import Frames
-from virtual import Refused, VirtualService, virtual_service
+from virtual import VirtualService, virtual_service
 
 from cobot.ipc.layout import chunk_dtype, session_dtype, setpoint_dtype, state_dtype
 
