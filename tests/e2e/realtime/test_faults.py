@@ -11,48 +11,24 @@ import os
 import resource
 import signal
 import subprocess
-import sys
-import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
-import httpx
 import numpy as np
-import psutil
 import pytest
 from faults import BLOCKS, Record, spoil, watched
 from running import WAIT_S, Run, answering
+from tasks import TASKS, child, doing, name, require_recovery, robot_health
 
 from cobot import Mode, Robot
 from cobot.config import load_settings
 from cobot.errors import MotionStopped
 from cobot.ipc.shm import RobotMemory, Role
 from cobot.robot import description as robots
-from cobot.types import JointLimits, LoopMode
-from rtloop.modes import STREAMING
+from cobot.types import JointLimits
 
 BACKENDS = Path(__file__).parents[2] / "backends"
-HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
-GOALS = [[0.8, 0.3, -0.3, -1.2, 0.3, 1.2, 0.5], HOME]
-BUSY = {LoopMode.TRAJECTORY, *STREAMING}
-
-CLIENT = """
-import math, sys, time
-from cobot import Mode, Robot
-robot = Robot(sys.argv[1], verbose=False)
-robot.switch_mode(Mode.RT_JOINT_IMPEDANCE)
-with robot.start_joint_impedance_control(100) as control:
-    home = control.get_state().q
-    print("streaming", flush=True)
-    begin = time.monotonic()
-    while True:
-        angle = 0.1 * (1.0 - math.cos(2.0 * (time.monotonic() - begin)))
-        control.set_target_joints([q + angle for q in home[:1]] + list(home[1:]))
-        time.sleep(0.01)
-"""
 WILD_CLOCK = """
 import random, time
 random.seed(1)
@@ -73,110 +49,10 @@ def limits() -> JointLimits:
     return robots.load_robot(load_settings()).limits
 
 
-@pytest.fixture(scope="module")
-def hasty(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
-    """One that notices pauses as it does as shipped."""
-    with answering(Run(tmp_path_factory.mktemp("hasty"), clock="realtime", patient=False)) as started:
-        yield started
-
-
 @pytest.fixture
 def record(service: Run, limits: JointLimits) -> Iterator[Record]:
     with watched(name(service), limits, 0.001) as made:
         yield made
-
-
-def name(run: Run) -> str:
-    return run.memory.name.removeprefix("cobot-")
-
-
-def robot_health(run: Run) -> dict[str, Any]:
-    health = run.health()
-    return health["robot"] if health is not None else {}  # type: ignore[return-value]
-
-
-class Motion:
-    """A planned motion, begun by an HTTP client that waits for its end."""
-
-    def __init__(self, run: Run) -> None:
-        self._run = run
-        self.answer: httpx.Response | Exception | None = None
-        here = np.array(run.joints())
-        self._goal = max(GOALS, key=lambda goal: np.abs(here - goal).max())
-        self._client = threading.Thread(target=self._move)
-        self._client.start()
-        run.until(lambda: robot_health(run).get("mode") == "TRAJECTORY")
-        time.sleep(0.3)
-
-    def _move(self) -> None:
-        body = {"joints": self._goal, "speed": 0.15}
-        try:
-            self.answer = httpx.post(f"{self._run.url}/robot/move/joints", json=body, timeout=WAIT_S)
-        except httpx.TransportError as exc:
-            self.answer = exc
-
-    def end(self) -> None:
-        httpx.post(f"{self._run.url}/stop", timeout=WAIT_S)
-        self._client.join(WAIT_S)
-        assert not self._client.is_alive()
-
-
-class Streaming:
-    """A client that streams joints, a process of its own."""
-
-    def __init__(self, run: Run) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", CLIENT, name(run)],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        assert self.process.stdout is not None
-        if self.process.stdout.readline() != "streaming\n":
-            pytest.fail(self.process.communicate()[1])
-        time.sleep(0.5)
-
-    def end(self) -> None:
-        self.process.kill()
-        self.process.communicate()
-
-
-TASKS = {"motion": Motion, "stream": Streaming}
-
-
-@contextmanager
-def doing(run: Run, task: str) -> Iterator[Any]:
-    made = TASKS[task](run)
-    try:
-        yield made
-    finally:
-        made.end()
-
-
-def require_recovery(run: Run, record: Record, *tasks: str) -> None:
-    """The arm can do the task as before; no limit was violated at any time."""
-    run.until(lambda: robot_health(run).get("mode") in ("HOLD", "ESTOP", "FAULT"))
-    run.until(lambda: reset(run) and run.healthy())
-    for task in tasks:
-        before = len(record.modes)
-        with doing(run, task):
-            pass
-        assert BUSY & set(record.modes[before:])
-        run.until(lambda: robot_health(run).get("mode") == "HOLD")
-    assert record.violations() == []
-    assert len(record.cycles) > 500
-
-
-def reset(run: Run) -> bool:
-    return httpx.post(f"{run.url}/robot/reset", timeout=WAIT_S).status_code == 200
-
-
-def child(run: Run, which: str, task: Any) -> psutil.Process:
-    if which == "client":
-        return psutil.Process(task.process.pid)
-    found = run.child(which)
-    assert found is not None
-    return found
 
 
 @pytest.mark.parametrize("task", TASKS)
@@ -209,26 +85,16 @@ def test_a_client_that_is_killed_leaves_an_arm_at_rest(service: Run, record: Rec
 
 
 @pytest.mark.parametrize("pause_s", [0.2, 2.0])
-@pytest.mark.parametrize(
-    ("which", "task"),
-    [("app", "motion"), ("app", "stream"), ("rtloop", "motion"), ("rtloop", "stream"), ("client", "stream")],
-)
+@pytest.mark.parametrize(("which", "task"), [("app", "motion"), ("app", "stream"), ("client", "stream")])
 def test_a_process_that_is_paused_does_not_harm_the_arm(
-    hasty: Run, limits: JointLimits, which: str, task: str, pause_s: float
+    service: Run, record: Record, which: str, task: str, pause_s: float
 ) -> None:
-    with watched(name(hasty), limits, 0.001) as record:
-        pause(hasty, record, which, task, pause_s)
-
-
-def pause(service: Run, record: Record, which: str, task: str, pause_s: float) -> None:
     with doing(service, task) as done:
         victim = child(service, which, done)
         victim.suspend()
         time.sleep(pause_s)
         victim.resume()
-        if which == "rtloop":
-            service.until(lambda: "the computer is too slow or too busy" in " ".join(record.reasons))
-        elif which == "app" and task == "motion" and pause_s > 1.0:
+        if which == "app" and task == "motion" and pause_s > 1.0:
             service.until(lambda: "the service has been silent for" in " ".join(record.reasons))
         elif which == "client" and pause_s > 1.0:
             interventions = service.health()["interventions"]  # type: ignore[index]
