@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 import httpx
 import psutil
 
-WAIT_S = 60.0
+WAIT_S = 120.0
 PATIENT = "pause_to_stop_s: 1.0, overruns_to_stop: 1000, service_timeout_s: 1.0"
 """rtloop stops the arm when its computer pauses, is too slow, or the service falls silent. Where a test is
 about something else, a busy computer shall not make that happen. These are as patient as the settings permit,

@@ -57,10 +57,21 @@ class Motion:
         self.answer: httpx.Response | Exception | None = None
         here = np.array(run.joints())
         self._goal = max(GOALS, key=lambda goal: np.abs(here - goal).max())
+        self._begin()
+        run.until(self._seen)
+        time.sleep(0.3)
+
+    def _begin(self) -> None:
         self._client = threading.Thread(target=self._move)
         self._client.start()
-        run.until(lambda: robot_health(run).get("mode") == "TRAJECTORY")
-        time.sleep(0.3)
+
+    def _seen(self) -> bool:
+        """Whether the arm moves. What a busy computer has stopped before anybody looked is begun again."""
+        if robot_health(self._run).get("mode") == "TRAJECTORY":
+            return True
+        if not self._client.is_alive():
+            self._begin()
+        return False
 
     def _move(self) -> None:
         body = {"joints": self._goal, "speed": 0.15}

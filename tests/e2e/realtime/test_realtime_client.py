@@ -5,9 +5,12 @@ Oracles: what REST says about the same arm; pinocchio's kinematics; the numbers 
 
 from __future__ import annotations
 
+import json
+import socket
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import httpx
 import numpy as np
@@ -99,3 +102,25 @@ def test_stop_may_be_called_many_times_and_from_threads(robot: Robot) -> None:
         list(pool.map(lambda _: control.stop(), range(16)))
     control.stop()
     assert not control.is_running()
+
+
+def test_a_client_that_goes_away_stops_the_arm(service: Run) -> None:
+    """An HTTP client, in the middle of its motion."""
+
+    def health() -> dict[str, Any]:
+        found: dict[str, Any] = httpx.get(f"{service.url}/health", timeout=WAIT_S).json()
+        return found
+
+    service.go_home()
+    body = json.dumps({"joints": [1.5, 0.5, 0, -1.57, 0, 1.57, 0], "speed": 0.01}).encode()
+    host, port = service.url.removeprefix("http://").split(":")
+    with socket.create_connection((host, int(port))) as client:
+        client.sendall(
+            b"POST /robot/move/joints HTTP/1.1\r\nHost: cobot\r\nContent-Type: application/json\r\n"
+            + f"Content-Length: {len(body)}\r\n\r\n".encode()
+            + body
+        )
+        until(lambda: health()["robot"]["mode"] == "TRAJECTORY")
+    until(lambda: health()["robot"]["mode"] == "HOLD")
+    assert health()["robot"]["motion_result"] == "STOPPED"
+    until(lambda: health()["service"]["motion"] is None)

@@ -366,7 +366,7 @@ def test_a_silent_clients_arm_comes_to_rest_and_the_log_and_health_say_so(
     before = health(run)["interventions"]["command_timeout"]
     sway(run, client, 0.6)
     run.until(lambda: health(run)["interventions"]["command_timeout"] == before + 1)
-    assert 0.0 <= health(run)["last_interventions_s"]["command_timeout"] < WAIT_S
+    assert 0.0 <= health(run)["last_interventions_s"]["command_timeout"] < 1.0
     assert health(run)["last_interventions_s"]["not_finite"] is None
     run.until(lambda: "intervention command_timeout at " in run.output)
     client.target(HOME)
