@@ -86,7 +86,7 @@ class Cycle:
         self._timer = self._loop.call_at(self._due_s, self._step)
         if not self.stopped:
             self._pass_heartbeat()
-            self.rig.loop.step()
+            self.rig.step()
             self._pass_state()
             self.watch()
 
