@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import gc
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
@@ -46,6 +47,7 @@ from app.services.streaming.force import ForceService
 from app.services.streaming.servo import ServoService
 from app.services.streaming.sessions import StreamService
 from cobot.addresses import address
+from cobot.clock import SYSTEM, Clock
 from cobot.config import Endpoint, Settings, load_endpoints
 from cobot.robot.description import RobotDescription, load_robot
 
@@ -59,18 +61,41 @@ SWAGGER = {
 }
 
 
-def create_app(settings: Settings, config: Path | None, base_url: str) -> FastAPI:
+Planner = Callable[[Path | None, int, str], PlanningService]
+
+
+@dataclass(frozen=True, slots=True)
+class Outside:
+    """What the services of all robots are given from outside; see `create_app`."""
+
+    config: Path | None
+    base_url: str
+    clock: Clock
+    planner: Planner
+
+
+def create_app(
+    settings: Settings,
+    config: Path | None,
+    base_url: str,
+    clock: Clock = SYSTEM,
+    planner: Planner = PlanningService,
+) -> FastAPI:
     """The application. Long, as it is the list of its parts, in the order in which they need each other.
 
     Args:
         config: the settings' file, for the planning processes.
         base_url: where the sequence runner finds this service.
+        clock: that all services go by.
+        planner: makes what a robot plans with, from the settings' file, the number of workers and its name.
 
     Raises:
         ConfigError: the configuration is wrong.
     """
     endpoints = load_endpoints(settings.web.endpoints)
     robots = {name: load_robot(each) for name, each in settings.each.items()}
+    outside = Outside(config, base_url, clock, planner)
+    tcps = {name: each.robot.tcp for name, each in settings.each.items()}
 
     @contextlib.asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
@@ -78,16 +103,14 @@ def create_app(settings: Settings, config: Path | None, base_url: str) -> FastAP
         async with contextlib.AsyncExitStack() as stack:
             app.state.robots = {
                 name: await stack.enter_async_context(
-                    _serving(each, endpoints, robots[name], config, base_url, len(robots), sync)
+                    _serving(each, endpoints, robots[name], outside, len(robots), sync)
                 )
                 for name, each in settings.each.items()
             }
             app.state.services = app.state.robots[settings.robot.name]
             sync.robots.update(app.state.robots)
             stack.callback(sync.close)
-            app.state.hub = await stack.enter_async_context(
-                serving(app.state.robots, {name: each.robot.tcp for name, each in settings.each.items()})
-            )
+            app.state.hub = await stack.enter_async_context(serving(app.state.robots, tcps, clock))
             gc.collect()
             gc.freeze()
             yield
@@ -154,18 +177,17 @@ async def _serving(
     settings: Settings,
     endpoints: dict[str, Endpoint],
     robot: RobotDescription,
-    config: Path | None,
-    base_url: str,
+    outside: Outside,
     robots: int,
     sync: SyncService,
 ) -> AsyncIterator[Services]:
     """One robot's services, for as long as the context lasts."""
     label = f"{robot.name}: " if robots > 1 else ""
-    link = RobotLink(robot.name, settings.web.stale_after_s, label)
-    planning = PlanningService(config, settings.planning.workers, robot.name)
+    link = RobotLink(robot.name, settings.web.stale_after_s, label, outside.clock)
+    planning = outside.planner(outside.config, settings.planning.workers, robot.name)
     warming = asyncio.create_task(planning.warm_up())
     async with link.heartbeat(), reporting(link):
-        url = address(base_url, robot.name) if robots > 1 else base_url
+        url = address(outside.base_url, robot.name) if robots > 1 else outside.base_url
         services = _services(settings, endpoints, robot, link, planning, url, sync)
         yield services
         services.servo.close()

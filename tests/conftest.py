@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import hypothesis
 import pytest
 from rig import Rig
 
 from cobot.config import Settings, load_settings
 from cobot.robot.description import RobotDescription, load_robot
+
+# The same examples in every run, on every computer: a test that fails by chance teaches nobody.
+hypothesis.settings.register_profile("cobot", derandomize=True, deadline=None, database=None)
+hypothesis.settings.load_profile("cobot")
 
 
 @pytest.fixture(scope="session")

@@ -72,7 +72,8 @@ class Rig:
         memory: RobotMemory | None = None,
         start: Array | None = None,
     ) -> None:
-        rt = settings.rt.model_copy(update={"trajectory_capacity": CAPACITY})
+        capacity = CAPACITY if memory is None else len(memory.slots[0].coefficients)
+        rt = settings.rt.model_copy(update={"trajectory_capacity": capacity})
         self.settings = settings.model_copy(update={"rt": rt})
         self.robot = robot
         self.limits = robot.limits

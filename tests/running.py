@@ -17,7 +17,11 @@ from typing import Any, TypeVar
 import httpx
 import psutil
 
-WAIT_S = 60.0
+WAIT_S = 120.0
+PATIENT = "pause_to_stop_s: 1.0, overruns_to_stop: 1000, service_timeout_s: 1.0"
+"""rtloop stops the arm when its computer pauses, is too slow, or the service falls silent. Where a test is
+about something else, a busy computer shall not make that happen. These are as patient as the settings permit,
+but for a service that was killed, which is to be missed before there is another."""
 _numbers = itertools.count()
 R = TypeVar("R", bound="Run")
 
@@ -42,11 +46,18 @@ class Run:
     """One `cobot run` with a robot name, a port and folders of its own."""
 
     def __init__(
-        self, folder: Path, clock: str = "fast", ros_domain: int | None = None, ros_elsewhere: bool = False
+        self,
+        folder: Path,
+        clock: str = "fast",
+        ros_domain: int | None = None,
+        *,
+        ros_elsewhere: bool = False,
+        patient: bool = True,
     ) -> None:
         """With a ROS domain it is on ROS 2 too, which takes the start a second.
 
         ros_elsewhere: also for other computers.
+        patient: see `PATIENT`; else all is as shipped.
         """
         self.name = robot = unique_name()
         self.memory = Path("/dev/shm") / f"cobot-{robot}"
@@ -54,7 +65,7 @@ class Run:
         self.config.write_text(
             f"robot: {{name: {robot}}}\nlogs: logs\n"
             "sequences: {recordings: recordings, programs: programs}\n"
-            f"rt: {{trajectory_capacity: 200000, clock: {clock}}}\n"
+            f"rt: {{trajectory_capacity: 200000, clock: {clock}{', ' + PATIENT if patient else ''}}}\n"
             "web: {port: 0}\nplanning: {workers: 1}\n"
             f"ros: {{enabled: {str(ros_domain is not None).lower()}, domain_id: {ros_domain or 0}, "
             f"localhost_only: {str(not ros_elsewhere).lower()}}}\n",
@@ -149,7 +160,7 @@ class Pair(Run):
         self.config = folder / f"{self.left}.yaml"
         self.config.write_text(
             "logs: logs\nsequences: {recordings: recordings, programs: programs}\nweb: {port: 0}\n"
-            "rt: {trajectory_capacity: 20000}\nplanning: {workers: 1}\n"
+            f"rt: {{trajectory_capacity: 20000, {PATIENT}}}\nplanning: {{workers: 1}}\n"
             f"robots: [{{name: {self.left}}}, {{name: {self.right}{second}}}]\nros: {{enabled: false}}\n",
             encoding="utf-8",
         )

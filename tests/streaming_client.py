@@ -4,28 +4,25 @@ from __future__ import annotations
 
 import json
 import struct
-from typing import Any
+from typing import Any, Self
 
 from running import WAIT_S
 from websockets.sync.client import ClientConnection, connect
 
 
-class StreamClient:
-    """One connection; states that come in between are skipped when an answer is waited for."""
+class Frames:
+    """What is said on one connection; states that come in between are skipped when an answer is waited for.
 
-    def __init__(self, url: str, path: str = "/robot/stream", **options: Any) -> None:
-        self.socket: ClientConnection = connect(
-            f"ws{url.removeprefix('http')}{path}",
-            proxy=None,
-            compression=None,
-            close_timeout=0.5,
-            legacy=True,
-            **options,
-        )
+    Args:
+        socket: has `send`, `recv` and `close`.
+    """
+
+    def __init__(self, socket: Any) -> None:
+        self.socket = socket
         self.hello = json.loads(self.socket.recv(WAIT_S))
         self.number = 0
 
-    def __enter__(self) -> StreamClient:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -72,3 +69,15 @@ class StreamClient:
         while (answer := self.answer())["type"] != "session_ended":
             pass
         return answer
+
+
+class StreamClient(Frames):
+    """Over the network."""
+
+    socket: ClientConnection
+
+    def __init__(self, url: str, path: str = "/robot/stream", **options: Any) -> None:
+        address = f"ws{url.removeprefix('http')}{path}"
+        super().__init__(
+            connect(address, proxy=None, compression=None, close_timeout=0.5, legacy=True, **options)
+        )

@@ -13,7 +13,6 @@ import contextlib
 import itertools
 import logging
 import math
-import time
 from collections.abc import AsyncIterator, Sequence
 from dataclasses import replace
 
@@ -92,7 +91,7 @@ class FollowJointTrajectory:
             self._ownership.require_free(None)
         await self._link.ready_state(READY_S)
         try:
-            wanted = await asyncio.to_thread(read_goal, goal, self._limits, time.time())
+            wanted = await asyncio.to_thread(read_goal, goal, self._limits, self._wall_s())
         except GoalError as exc:  # whatever runs goes on
             handle.accept()
             return self._failed(handle, exc)
@@ -104,6 +103,9 @@ class FollowJointTrajectory:
                 return self._failed(handle, exc)
         handle.status = GoalStatus.SUCCEEDED
         return {"error_code": int(ErrorCode.SUCCESSFUL), "error_string": ""}
+
+    def _wall_s(self) -> float:
+        return self._link.clock.wall_ns() * 1e-9
 
     @contextlib.asynccontextmanager
     async def _turn(self, handle: GoalHandle) -> AsyncIterator[Run]:
@@ -136,7 +138,7 @@ class FollowJointTrajectory:
             state = await self._motion.ready()
             trajectory = await self._planned(claim, goal, state, streamed=settings.mode != ServoMode.NONE)
             if goal.start_s is not None:
-                await claim.unless_interrupted(run.sleep(goal.start_s - time.time()))
+                await claim.unless_interrupted(run.sleep(goal.start_s - self._wall_s()))
             run.proceed()
             if settings.mode is ServoMode.NONE:
                 await self._follow(claim, goal, trajectory, handle)
@@ -199,36 +201,38 @@ class FollowJointTrajectory:
         finally:
             watcher.cancel()
         state = self._link.state()
-        handle.feedback(on_path(trajectory, trajectory.duration_s, 0.0, state).feedback(self._limits.names))
+        stamp_ns = self._link.clock.wall_ns()
+        progress = on_path(trajectory, trajectory.duration_s, 0.0, state, stamp_ns)
+        handle.feedback(progress.feedback(self._limits.names))
         await self._arrived(claim, goal, trajectory)
 
     async def _watch(self, claim: Claim, goal: FjtGoal, trajectory: Trajectory, handle: GoalHandle) -> None:
         """Tell the client, and end the motion where it leaves the tolerances."""
-        begun_s, paused_s = time.monotonic(), claim.pace.paused_s
+        begun_s, paused_s = self._link.clock.now_s(), claim.pace.paused_s
         latest_s = self._latest_s(goal, trajectory)
         for turn in itertools.count():
             with contextlib.suppress(CobotError):
                 state = self._link.state()
                 if state.motion_id == claim.motion_id:
                     rate = float(self._link.memory.state.data["path_rate"])
-                    progress = on_path(trajectory, state.path_time_s, rate, state)
+                    progress = on_path(trajectory, state.path_time_s, rate, state, self._link.clock.wall_ns())
                     self._judge(claim, goal, progress)
                     if turn % FEEDBACK_EVERY == 0:
                         handle.feedback(progress.feedback(self._limits.names))
-                    elapsed_s = time.monotonic() - begun_s - (claim.pace.paused_s - paused_s)
+                    elapsed_s = self._link.clock.now_s() - begun_s - (claim.pace.paused_s - paused_s)
                     if elapsed_s > latest_s and self._under_way(goal, trajectory, state):
                         claim.interrupt(GoalViolated(goal.late))
             await asyncio.sleep(WATCH_S)
 
     async def _arrived(self, claim: Claim, goal: FjtGoal, trajectory: Trajectory) -> None:
         """Wait for goal_tolerance where it is tighter than what counts as arrived."""
-        deadline_s = time.monotonic() + min(goal.late_s, ARRIVAL_S)
+        deadline_s = self._link.clock.now_s() + min(goal.late_s, ARRIVAL_S)
         while True:
             state = self._link.state()
             off = goal.end.violation(trajectory.end - state.position, -state.velocity, self._limits.names)
             if not off:
                 return
-            if time.monotonic() > deadline_s:
+            if self._link.clock.now_s() > deadline_s:
                 raise GoalViolated(f"at the end {off} by goal_tolerance")
             claim.proceed()
             await asyncio.sleep(WATCH_S)

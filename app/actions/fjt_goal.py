@@ -89,7 +89,7 @@ class FjtGoal:
 
     Attributes:
         points: in the robot's order of joints.
-        start_s: when to begin, as `time.time`; None for at once.
+        start_s: when to begin, s since 1970; None for at once.
         path, end: tolerances.
         late_s: how much later than its last point says the arm may arrive, s; infinite for no matter.
     """
@@ -111,7 +111,7 @@ def read_goal(goal: Message, limits: JointLimits, now_s: float) -> FjtGoal:
     """The goal of a complete message (see `cobot.ros.messages`).
 
     Args:
-        now_s: `time.time`.
+        now_s: the time of day, s since 1970.
 
     Raises:
         GoalError: what is wrong with it, and its code.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 
 from app.actions.fjt_goal import FjtGoal, Message
@@ -13,8 +12,14 @@ from cobot.types import Array
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How the arm stands to its trajectory at one moment: rad, rad/s, rad/s², shape (dof,) each."""
+    """How the arm stands to its trajectory at one moment: rad, rad/s, rad/s², shape (dof,) each.
 
+    Attributes:
+        stamp_ns: the moment, ns since 1970.
+        time_s: of the trajectory.
+    """
+
+    stamp_ns: int
     time_s: float
     desired: tuple[Array, Array, Array]
     actual: tuple[Array, Array]
@@ -30,8 +35,7 @@ class Progress:
 
     def feedback(self, names: tuple[str, ...]) -> Message:
         """control_msgs/action/FollowJointTrajectory_Feedback; ROS's defaults are left out."""
-        stamp = time.time_ns()
-        sec, nanosec = divmod(stamp, 1_000_000_000)
+        sec, nanosec = divmod(self.stamp_ns, 1_000_000_000)
         return {
             "header": {"stamp": {"sec": sec, "nanosec": nanosec}},
             "joint_names": list(names),
@@ -52,7 +56,7 @@ class Progress:
         return point
 
 
-def on_path(trajectory: Trajectory, time_s: float, rate: float, state: RobotState) -> Progress:
+def on_path(trajectory: Trajectory, time_s: float, rate: float, state: RobotState, stamp_ns: int) -> Progress:
     """At a time of the trajectory, of which `rate` goes by per second of the clock."""
     desired = [trajectory.sample([time_s], order)[0] * rate**order for order in range(3)]
-    return Progress(time_s, (desired[0], desired[1], desired[2]), (state.position, state.velocity))
+    return Progress(stamp_ns, time_s, (desired[0], desired[1], desired[2]), (state.position, state.velocity))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import itertools
-import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -114,7 +113,7 @@ async def stream(
     spacing_s = min(CYCLE_S, period_s) if settings.mode is ServoMode.BUFFERED_1MS else period_s
     watchdog_s = max(WATCHDOG_S, 5.0 * period_s)
     session = await servo.begin(settings.mode, watchdog_s, period_s, stops=stops, owner=OWNER)
-    begun_s = time.monotonic()
+    begun_s = link.clock.now_s()
     latest_s = trajectory.duration_s + min(goal.late_s, ARRIVAL_S)
     told = 0
     try:
@@ -125,10 +124,12 @@ async def stream(
             times_s = [until_s - spacing_s * n for n in reversed(range(round(period_s / spacing_s)))]
             for point in trajectory.sample(times_s).tolist():
                 await servo.point(point, time_s=settings.time_s or spacing_s, owner=OWNER)
-            await run.sleep(begun_s + until_s - time.monotonic())
-            elapsed_s = time.monotonic() - begun_s
+            await run.sleep(begun_s + until_s - link.clock.now_s())
+            elapsed_s = link.clock.now_s() - begun_s
             rate = float(elapsed_s < trajectory.duration_s)
-            progress = on_path(trajectory, min(elapsed_s, trajectory.duration_s), rate, link.state())
+            progress = on_path(
+                trajectory, min(elapsed_s, trajectory.duration_s), rate, link.state(), link.clock.wall_ns()
+            )
             if violation := progress.path_violation(goal, names):
                 raise PathViolated(f"{violation} by path_tolerance")
             if elapsed_s >= told * FEEDBACK_S:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import time
 import uuid
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -37,7 +36,7 @@ class Goal:
     Attributes:
         id: as chosen by who asked.
         status, result: the result is None until it is there.
-        accepted_ns: when, `time.time_ns`.
+        accepted_ns: when, ns since 1970.
         accepted: done when it was accepted, or with the exception that refused it.
         ended: set when the result is there.
     """
@@ -133,7 +132,7 @@ class ActionServer:
         """It is worked on."""
         if goal.accepted.done():
             return
-        goal.accepted_ns = time.time_ns()
+        goal.accepted_ns = self._hub.clock.wall_ns()
         cancelled = goal.handle.cancel_requested.is_set()
         goal.status = GoalStatus.CANCELING if cancelled else GoalStatus.EXECUTING
         goal.accepted.set_result(None)
@@ -182,7 +181,7 @@ class ActionServer:
             self._refuse(goal, Rejected("an error in cobot itself; its log has the details"))
         finally:
             self._refuse(goal, Rejected("the service ends"))
-            goal.result, goal.status, goal.ended_s = result, status, time.monotonic()
+            goal.result, goal.status, goal.ended_s = result, status, self._hub.clock.now_s()
             goal.ended.set()
             if goal.accepted_ns:
                 self._publish_status()
@@ -199,7 +198,7 @@ class ActionServer:
     def _forget(self) -> None:
         """Drop results that nobody has asked for in time, the oldest first."""
         ended = [goal for goal in self._goals.values() if not goal.running]
-        oldest_s = time.monotonic() - KEPT_S
+        oldest_s = self._hub.clock.now_s() - KEPT_S
         for index, goal in enumerate(ended):
             if goal.ended_s < oldest_s or index < len(ended) - MAX_KEPT:
                 del self._goals[goal.id]

@@ -18,6 +18,7 @@ from typing import Any
 from app.graph.action_server import ActionServer
 from app.graph.actions import Action, GoalStatus
 from app.graph.topics import Topics, absolute
+from cobot.clock import SYSTEM, Clock
 from cobot.errors import ConflictError, InputError, NotFoundError
 from cobot.ros.messages import Message, Messages
 from cobot.strict import shown
@@ -43,11 +44,13 @@ class Hub(Topics):
 
     Attributes:
         actions: by name.
+        clock: of the service.
         services: by name.
     """
 
-    def __init__(self, messages: Messages) -> None:
+    def __init__(self, messages: Messages, clock: Clock = SYSTEM) -> None:
         super().__init__(messages)
+        self.clock = clock
         self.actions: dict[str, ActionServer] = {}
         self.services: dict[str, Service] = {}
         self._loop = asyncio.get_running_loop()

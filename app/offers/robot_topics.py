@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from app.graph.graph import Hub
 from app.robot_services import Services
-from app.services.state.ticker import Ticker
+from cobot.clock import Ticks
 from cobot.ros.robot_messages import JOINT_STATES, POSE, STRING, TRANSFORMS, WRENCH, RobotMessages
 
 RATE_HZ = 100.0
@@ -27,9 +27,10 @@ class RobotTopics:
     def __init__(self, hub: Hub, services: Services, name: str, tcp: str, prefix: str = "") -> None:
         robot = services.robot
         self._streams = services.streams
-        self._ticker: Ticker | None = None
+        self._clock = services.link.clock
+        self._ticker: Ticks | None = None
         self._publication = self._ticks = 0
-        messages = RobotMessages(robot.model, robot.base_frame, tcp, prefix)
+        messages = RobotMessages(robot.model, robot.base_frame, tcp, prefix, self._clock)
         self._made = {
             hub.advertise(topic, type_, owner=self, local=local): make
             for topic, type_, make, local in (
@@ -61,7 +62,7 @@ class RobotTopics:
     def _demand(self, _: int) -> None:
         wanted = any(publisher.subscribers for publisher in (*self._made, self._status))
         if wanted and self._ticker is None:
-            self._ticker = Ticker(RATE_HZ, self._tick)
+            self._ticker = self._clock.ticker(RATE_HZ, self._tick)
         elif not wanted and self._ticker is not None:
             self._ticker.close()
             self._ticker = None

@@ -13,18 +13,21 @@ from app.graph.graph import Hub
 from app.offers.robot_topics import RobotTopics
 from app.robot_services import Services
 from app.rosbridge.rosapi import add_rosapi
+from cobot.clock import Clock
 from cobot.ros.messages import Message, Messages
 
 
 @contextlib.asynccontextmanager
-async def serving(robots: Mapping[str, Services], tcps: Mapping[str, str]) -> AsyncIterator[Hub]:
+async def serving(
+    robots: Mapping[str, Services], tcps: Mapping[str, str], clock: Clock
+) -> AsyncIterator[Hub]:
     """A hub for as long as the context lasts.
 
     Args:
         robots: the services of each robot by its name.
         tcps: the name of each robot's TCP.
     """
-    hub = Hub(Messages(interface_definitions()))
+    hub = Hub(Messages(interface_definitions()), clock)
     add_rosapi(hub)
     topics = []
     for name, services in robots.items():

@@ -5,7 +5,6 @@ Source: https://github.com/RobotWebTools/rosbridge_suite/tree/ros2/rosapi_msgs
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 
 from app.graph.graph import Hub
@@ -101,7 +100,7 @@ def _services(hub: Hub) -> dict[str, tuple[str, Callable[[Message], Message]]]:
         "action_servers": ("GetActionServers", lambda _: {"action_servers": list(hub.actions)}),
         "action_type": ("ActionType", lambda asked: {"type": action_types().get(asked["action"], UNKNOWN)}),
         "interfaces": ("Interfaces", lambda _: {"interfaces": sorted(hub.messages)}),
-        "get_time": ("GetTime", lambda _: {"time": _now()}),
+        "get_time": ("GetTime", lambda _: {"time": _now(hub)}),
         "get_ros_version": ("GetROSVersion", lambda _: {"version": 2, "distro": "humble"}),
         "message_details": ("MessageDetails", details("msg", "")),
         "service_request_details": ("ServiceRequestDetails", details("srv", "_Request")),
@@ -121,8 +120,8 @@ def _no_parameter(asked: Message) -> Message:
     raise NotFoundError(f"there is no parameter {shown(asked['name'])}: cobot's settings are files")
 
 
-def _now() -> Message:
-    sec, nanosec = divmod(time.time_ns(), 1_000_000_000)
+def _now(hub: Hub) -> Message:
+    sec, nanosec = divmod(hub.clock.wall_ns(), 1_000_000_000)
     return {"sec": sec, "nanosec": nanosec}
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from types import TracebackType
@@ -91,11 +90,11 @@ class Control(ABC, Generic[State]):
                 return
             self._ended = True
             self._transport.end_session()
-        deadline_s = time.monotonic() + REST_S
+        deadline_s = self._transport.clock.now_s() + REST_S
         while int(self._transport.state()["session"]) == self._session:
-            if time.monotonic() > deadline_s:
+            if self._transport.clock.now_s() > deadline_s:
                 raise ExecutionError(f"the arm has not come to rest within {REST_S:g} s")
-            time.sleep(POLL_S / 10)
+            self._transport.clock.sleep(POLL_S / 10)
 
     def _publish(self, counter: str, **fields: object) -> None:
         """Have rtloop take these fields of the setpoint, the others as they are; or change nothing at all."""
@@ -253,11 +252,11 @@ class CartesianMotionForceControl(Control[CartesianState]):
             Whether it has ended within the timeout.
         """
         self.move_to_pose(pose, duration_sec)
-        deadline_s = time.monotonic() + (timeout_sec or np.inf)
+        deadline_s = self._transport.clock.now_s() + (timeout_sec or np.inf)
         while self.is_moving():
-            if time.monotonic() > deadline_s:
+            if self._transport.clock.now_s() > deadline_s:
                 return False
-            time.sleep(POLL_S)
+            self._transport.clock.sleep(POLL_S)
         return True
 
     def is_moving(self) -> bool:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import threading
-import time
 from collections.abc import Callable
 
 from cobot.client import Client
 from cobot.client.rest import Json
+from cobot.clock import SYSTEM, Clock
 from cobot.errors import CobotError
 
 BEGIN_S = 15.0
@@ -20,7 +20,8 @@ Run = Callable[[Client], Json]
 class Plan:
     """The plan that was begun last. Its failure after its beginning is raised by the next `begin`."""
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Clock = SYSTEM) -> None:
+        self._clock = clock
         self._thread: threading.Thread | None = None
         self._error: CobotError | None = None
 
@@ -55,9 +56,9 @@ class Plan:
 
         thread = self._thread = threading.Thread(target=work, daemon=True)
         thread.start()
-        deadline_s = time.monotonic() + BEGIN_S
-        while thread.is_alive() and motion_id() == before and time.monotonic() < deadline_s:
-            time.sleep(POLL_S)
+        deadline_s = self._clock.now_s() + BEGIN_S
+        while thread.is_alive() and motion_id() == before and self._clock.now_s() < deadline_s:
+            self._clock.sleep(POLL_S)
         if not thread.is_alive():
             self._raise_error()
 

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -29,6 +28,7 @@ from cobot.client.session_settings import SessionSettings
 from cobot.client.states import RobotInfo, RobotStates, robot_info, robot_states
 from cobot.client.transport import SharedMemoryTransport, Transport
 from cobot.client.websocket import WebSocketTransport
+from cobot.clock import SYSTEM, Clock
 from cobot.errors import ConflictError, InputError, NotReadyError, UnavailableError
 from cobot.ipc.layout import Intervention, Stream
 from cobot.ipc.shm import text
@@ -61,6 +61,8 @@ class Robot(SessionSettings):
         retry_interval_sec: between tries.
         verbose: log the connection.
         lite: accepted; there is nothing to leave out.
+        clock: that the robot goes by.
+        client: makes a client of its service from the URL.
 
     Raises:
         UnavailableError: there is no such robot, or its rtloop does not answer.
@@ -75,13 +77,18 @@ class Robot(SessionSettings):
         retry_interval_sec: float = 1.0,
         verbose: bool = True,
         lite: bool = False,
+        *,
+        clock: Clock = SYSTEM,
+        client: Callable[[str], Client] = Client,
     ) -> None:
-        self._transport = _connect(serial_number, connect_retries, retry_interval_sec)
+        self._clock = clock
+        self._make_client = client
+        self._transport = _connect(serial_number, connect_retries, retry_interval_sec, clock)
         self._info = robot_info(self._transport.robot, self._transport.info)
         self._flange = self._transport.info["flange"].tolist()
         self._chosen = Mode.IDLE
         self._control: Control[Any] | None = None
-        self._plan = Plan()
+        self._plan = Plan(clock)
         self._closed = False
         super().__init__(self._transport.info)
         if verbose:
@@ -119,7 +126,7 @@ class Robot(SessionSettings):
         if control is not None:
             control.stop()
         if self._transport.url:
-            with Client(self._transport.url) as client:
+            with self._make_client(self._transport.url) as client:
                 client.stop()
         self._chosen = Mode.IDLE
 
@@ -143,19 +150,21 @@ class Robot(SessionSettings):
             NotReadyError: the cause persists, with the reason.
             UnavailableError: the service does not answer, or the arm does not rest within `timeout`, s.
         """
-        deadline_s = time.monotonic() + timeout
+        deadline_s = self._clock.now_s() + timeout
         with self._client() as client:
             while True:
                 try:
                     client.reset()
                     break
                 except NotReadyError:
-                    if time.monotonic() > deadline_s:
+                    if self._clock.now_s() > deadline_s:
                         raise
-                    time.sleep(0.1)
+                    self._clock.sleep(0.1)
         self._chosen = Mode.IDLE
-        while not self.operational() and time.monotonic() < deadline_s:  # the state is older than the answer
-            time.sleep(0.001)
+        while (
+            not self.operational() and self._clock.now_s() < deadline_s
+        ):  # the state is older than the answer
+            self._clock.sleep(0.001)
         return self.operational()
 
     def switch_mode(self, mode: Mode) -> None:
@@ -343,7 +352,7 @@ class Robot(SessionSettings):
     def _client(self) -> contextlib.AbstractContextManager[Client]:
         if not self._transport.url:
             raise UnavailableError(f"robot {self._transport.robot!r} has no service: web.enabled is false")
-        return Client(self._transport.url)
+        return self._make_client(self._transport.url)
 
     def _state(self) -> np.ndarray:
         if self._closed:
@@ -374,13 +383,14 @@ class Robot(SessionSettings):
     ExecutePlan, ExecutePrimitive = execute_plan, execute_primitive
 
 
-def _connect(serial_number: str, retries: int, interval_s: float) -> Transport:
+def _connect(serial_number: str, retries: int, interval_s: float, clock: Clock) -> Transport:
     remote = serial_number.startswith(("http://", "https://"))
     for attempt in range(retries + 1):
         try:
-            return WebSocketTransport(serial_number) if remote else SharedMemoryTransport(serial_number)
+            transport = WebSocketTransport if remote else SharedMemoryTransport
+            return transport(serial_number, clock)
         except UnavailableError:
             if attempt == retries:
                 raise
-            time.sleep(interval_s)
+            clock.sleep(interval_s)
     raise InputError(f"connect_retries must be 0 or more, got {retries}")

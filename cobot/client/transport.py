@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import threading
-import time
 from typing import Protocol
 
 import numpy as np
 
+from cobot.clock import SYSTEM, Clock
 from cobot.errors import ConflictError, ExecutionError, TornReadError, UnavailableError
 from cobot.ipc.shm import FOLDER, RobotMemory, Role
 from cobot.ipc.stream_writer import StreamWriter
@@ -26,12 +26,14 @@ class Transport(Protocol):
         robot: its name.
         url: of its service, "" if it has none.
         dof: number of joints.
+        clock: that its robot goes by.
         info: record of `cobot.ipc.layout.info_dtype`.
     """
 
     robot: str
     url: str
     dof: int
+    clock: Clock
     info: np.ndarray
 
     def state(self) -> np.ndarray:
@@ -83,7 +85,8 @@ class Transport(Protocol):
 class SharedMemoryTransport:
     """The `Transport` on the robot's own computer."""
 
-    def __init__(self, robot: str) -> None:
+    def __init__(self, robot: str, clock: Clock = SYSTEM) -> None:
+        self.clock = clock
         try:
             self._memory = RobotMemory.attach(robot, Role.READER)
         except UnavailableError as exc:
@@ -102,7 +105,7 @@ class SharedMemoryTransport:
                 record = block.read().copy()
             except TornReadError as exc:
                 raise UnavailableError(f"robot {self.robot!r}: {exc}") from exc
-        age_s = (time.monotonic_ns() - int(record["monotonic_ns"])) * 1e-9
+        age_s = (self.clock.now_ns() - int(record["monotonic_ns"])) * 1e-9
         if block.sequence == 0 or age_s > STALE_S:
             raise UnavailableError(f"robot {self.robot!r}: rtloop has published nothing for {age_s:.1f} s")
         return record
@@ -152,12 +155,12 @@ class SharedMemoryTransport:
 
     def _await_session(self, number: int) -> None:
         """Wait for rtloop's answer, and for the first state in which the session is under way."""
-        deadline_s = time.monotonic() + ANSWER_S
+        deadline_s = self.clock.now_s() + ANSWER_S
         while (refusal := self._writer.answer(number)) is None:
-            if time.monotonic() > deadline_s:
+            if self.clock.now_s() > deadline_s:
                 raise UnavailableError(f"robot {self.robot!r}: rtloop has not answered for {ANSWER_S:g} s")
-            time.sleep(POLL_S)
+            self.clock.sleep(POLL_S)
         if refusal:
             raise ExecutionError(refusal)
-        while int(self.state()["session"]) != number and time.monotonic() < deadline_s:
-            time.sleep(POLL_S)
+        while int(self.state()["session"]) != number and self.clock.now_s() < deadline_s:
+            self.clock.sleep(POLL_S)

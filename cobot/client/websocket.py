@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import threading
-import time
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -16,6 +15,7 @@ from websockets.sync.client import ClientConnection, connect
 from cobot.addresses import path_at
 from cobot.client.rest import ERRORS
 from cobot.client.wire import PATH, Kind, packed, record
+from cobot.clock import SYSTEM, Clock
 from cobot.errors import CobotError, InputError, LayoutError, UnavailableError
 from cobot.ipc.layout import LAYOUT_VERSION, info_dtype
 
@@ -43,7 +43,8 @@ class WebSocketTransport:
         LayoutError: the service is of another version of cobot.
     """
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, url: str, clock: Clock = SYSTEM) -> None:
+        self.clock = clock
         self.url = url.rstrip("/")
         self._connection = _open(self.url)
         self._changed = threading.Condition()
@@ -72,7 +73,7 @@ class WebSocketTransport:
             raise
 
     def state(self) -> np.ndarray:
-        age_s = time.monotonic() - self._newest_s
+        age_s = self.clock.now_s() - self._newest_s
         if self._lost or age_s > STALE_S:
             raise UnavailableError(
                 f"{self.url}: {self._lost or f'no state of rtloop has come for {age_s:.1f} s'}"
@@ -83,7 +84,7 @@ class WebSocketTransport:
         self._session = self._error = None
         self._send(packed(Kind.SESSION, 0, request))
         number = self._wait(self._session_or_error, "answered")
-        answered_s = time.monotonic()
+        answered_s = self.clock.now_s()
         # The service has seen the session in a state before it answered; the next one has it too.
         self._wait(lambda: self._newest_s > answered_s or None, "sent a state of the session")
         self._sequence = 0
@@ -126,7 +127,7 @@ class WebSocketTransport:
             while True:
                 frame = self._connection.recv()
                 if isinstance(frame, bytes):
-                    self._newest, self._newest_s = frame, time.monotonic()
+                    self._newest, self._newest_s = frame, self.clock.now_s()
                 else:
                     self._take_answer(json.loads(frame))
                 with self._changed:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import time
 
 import mujoco
 import numpy as np
 
 from cobot.client.states import Values, cartesian_state
+from cobot.clock import SYSTEM, Clock
 from cobot.ipc.shm import text
 from cobot.robot.model import RobotModel
 from cobot.robot.quaternion import conjugate, product, rotated
@@ -32,9 +32,13 @@ class RobotMessages:
         base: the body that poses are given in.
         tcp: the site at the tool's centre.
         prefix: of the names of frames, "iiwa/" for example, where several robots share one tree.
+        clock: that the state's moments are on.
     """
 
-    def __init__(self, model: RobotModel, base: str, tcp: str, prefix: str = "") -> None:
+    def __init__(
+        self, model: RobotModel, base: str, tcp: str, prefix: str = "", clock: Clock = SYSTEM
+    ) -> None:
+        self._clock = clock
         self._model = model.mj
         self._data = mujoco.MjData(model.mj)
         self._limits = model.limits
@@ -49,7 +53,7 @@ class RobotMessages:
     def joint_state(self, state: np.ndarray) -> Message:
         """sensor_msgs/msg/JointState: measured, rad, rad/s, N·m."""
         return {
-            "header": _header(state, self._base),
+            "header": self._header(state, self._base),
             "name": self._names,
             "position": state["position"].tolist(),
             "velocity": state["velocity"].tolist(),
@@ -60,7 +64,7 @@ class RobotMessages:
         """geometry_msgs/msg/PoseStamped: the TCP in the base frame, measured."""
         x, y, z, *turn = state["tcp"].tolist()
         return {
-            "header": _header(state, self._base),
+            "header": self._header(state, self._base),
             "pose": {"position": _xyz([x, y, z]), "orientation": _orientation(turn)},
         }
 
@@ -68,7 +72,7 @@ class RobotMessages:
         """geometry_msgs/msg/WrenchStamped: what the surroundings exert at the TCP, in its frame."""
         wrench = cartesian_state(state).ext_wrench_in_tcp
         return {
-            "header": _header(state, self._tcp),
+            "header": self._header(state, self._tcp),
             "wrench": {"force": _xyz(wrench[:3]), "torque": _xyz(wrench[3:])},
         }
 
@@ -84,14 +88,14 @@ class RobotMessages:
 
     def transforms(self, state: np.ndarray) -> Message:
         """tf2_msgs/msg/TFMessage for /tf: each link that a joint moves, in its parent."""
-        stamp = _header(state, "")["stamp"]
+        stamp = self._header(state, "")["stamp"]
         self._place(state["position"])
         return {"transforms": [self._transform(body, stamp) for body in self._moving]}
 
     def static_transforms(self) -> Message:
         """tf2_msgs/msg/TFMessage for /tf_static: links that nothing moves, and the TCP."""
         self._place(np.zeros(len(self._names)))
-        stamp = _stamp(time.time_ns())
+        stamp = _stamp(self._clock.wall_ns())
         made = [self._transform(body, stamp) for body in self._fixed]
         holder = self._name(int(self._model.site_bodyid[self._tcp_site]))
         if holder != self._tcp:  # of a URDF the TCP is a link
@@ -115,14 +119,13 @@ class RobotMessages:
         turn = product(back, self._data.xquat[body].tolist())
         return _transform(self._name(parent), self._name(body), list(position), list(turn), stamp)
 
+    def _header(self, state: np.ndarray, frame: str) -> Message:
+        """With the moment of the measurement, on the clock of the wall."""
+        ago_ns = self._clock.now_ns() - int(state["measured_monotonic_ns"])
+        return {"stamp": _stamp(self._clock.wall_ns() - ago_ns), "frame_id": frame}
+
     def _name(self, body: int) -> str:
         return WORLD if body == 0 else self._prefix + link_name(self._model, body)
-
-
-def _header(state: np.ndarray, frame: str) -> Message:
-    """With the moment of the measurement, on the clock of the wall."""
-    ago_ns = time.monotonic_ns() - int(state["measured_monotonic_ns"])
-    return {"stamp": _stamp(time.time_ns() - ago_ns), "frame_id": frame}
 
 
 def _stamp(time_ns: int) -> Message:

@@ -6,7 +6,6 @@ service reports after a refusal.
 
 from __future__ import annotations
 
-import json
 import socket
 import threading
 import time
@@ -454,38 +453,6 @@ def test_stop_says_what_it_stopped_and_may_be_repeated(http: httpx.Client) -> No
     assert again["stopped"] == []
     lines = http.get("/trajectory/logs", params={"n": 5}).json()["lines"]
     assert any(f"motion {number}" in line and "POST /stop" in line for line in lines)
-
-
-def test_a_stopped_motion_answers_its_own_client_too(shared: Run, http: httpx.Client) -> None:
-    answers: list[Any] = []
-
-    def move() -> None:
-        body = {"joints": [1.5, 0.5, 0, -1.57, 0, 1.57, 0], "speed": 0.01}
-        answers.append(httpx.post(f"{shared.url}/robot/move/joints", json=body, timeout=WAIT_S).json())
-
-    mover = threading.Thread(target=move)
-    mover.start()
-    until(lambda: motion(http)["mode"] == "TRAJECTORY")
-    assert http.post("/stop").json()["at_rest"]
-    mover.join(WAIT_S)
-    assert answers[0]["success"] is False
-    assert answers[0]["code"] == "stopped"
-    assert "POST /stop" in answers[0]["message"]
-
-
-def test_a_client_that_goes_away_stops_the_arm(shared: Run, http: httpx.Client) -> None:
-    body = json.dumps({"joints": [1.5, 0.5, 0, -1.57, 0, 1.57, 0], "speed": 0.01}).encode()
-    host, port = shared.url.removeprefix("http://").split(":")
-    with socket.create_connection((host, int(port))) as client:
-        client.sendall(
-            b"POST /robot/move/joints HTTP/1.1\r\nHost: cobot\r\nContent-Type: application/json\r\n"
-            + f"Content-Length: {len(body)}\r\n\r\n".encode()
-            + body
-        )
-        until(lambda: motion(http)["mode"] == "TRAJECTORY")
-    until(lambda: motion(http)["mode"] == "HOLD")
-    assert motion(http)["motion_result"] == "STOPPED"
-    until(lambda: http.get("/health").json()["service"]["motion"] is None)
 
 
 def test_reads_answer_while_a_planner_thinks(shared: Run, http: httpx.Client) -> None:

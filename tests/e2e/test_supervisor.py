@@ -10,12 +10,22 @@ import signal
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import httpx
 import psutil
 import pytest
-from running import WAIT_S, Run
+from running import WAIT_S, Run, answering
+
+IDLE = -1
+
+
+@pytest.fixture(scope="module")
+def sturdy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
+    """One for the tests that kill its processes and leave it as it was."""
+    with answering(Run(tmp_path_factory.mktemp("sturdy"))) as started:
+        yield started
 
 
 def gone(processes: list[psutil.Process]) -> bool:
@@ -66,7 +76,8 @@ def test_a_second_start_is_refused_with_the_pid_of_the_first(shared: Run) -> Non
     assert shared.healthy()
 
 
-def test_a_killed_rtloop_is_restarted_where_the_arm_was(run: Run) -> None:
+def test_a_killed_rtloop_is_restarted_where_the_arm_was(sturdy: Run) -> None:
+    run = sturdy
     goal = [0.3, 0.2, 0.1, -1.4, 0.1, 1.3, 0.2]
     answer = httpx.post(f"{run.url}/robot/move/joints", json={"joints": goal, "speed": 1.0}, timeout=WAIT_S)
     assert answer.json()["success"], answer.text
@@ -82,7 +93,8 @@ def test_a_killed_rtloop_is_restarted_where_the_arm_was(run: Run) -> None:
     assert back.json()["success"], back.text
 
 
-def test_reads_answer_503_with_the_reason_while_rtloop_does_not_run(run: Run) -> None:
+def test_reads_answer_503_with_the_reason_while_rtloop_does_not_run(sturdy: Run) -> None:
+    run = sturdy
     rtloop = run.child("rtloop")
     assert rtloop is not None
     rtloop.suspend()
@@ -98,7 +110,8 @@ def test_reads_answer_503_with_the_reason_while_rtloop_does_not_run(run: Run) ->
     run.until(run.healthy)
 
 
-def test_a_motion_that_is_lost_sight_of_ends_when_rtloop_goes_on(run: Run) -> None:
+def test_a_motion_that_is_lost_sight_of_ends_when_rtloop_goes_on(sturdy: Run) -> None:
+    run = sturdy
     body = {"points": [{"positions": [0.5, 0, 0, -1.57, 0, 1.57, 0], "time_from_start": 2000.0}]}
     assert httpx.post(f"{run.url}/trajectory/send", json=body, timeout=WAIT_S).json()["status"] == "sent"
     rtloop = run.child("rtloop")
@@ -121,7 +134,8 @@ def test_a_motion_that_is_lost_sight_of_ends_when_rtloop_goes_on(run: Run) -> No
     run.until(stopped)
 
 
-def test_a_killed_service_is_restarted_and_the_arm_has_stopped(run: Run) -> None:
+def test_a_killed_service_is_restarted_and_the_arm_has_stopped(sturdy: Run) -> None:
+    run = sturdy
     body = {"points": [{"positions": [0.5, 0, 0, -1.57, 0, 1.57, 0], "time_from_start": 2000.0}]}
     assert httpx.post(f"{run.url}/trajectory/send", json=body, timeout=WAIT_S).json()["status"] == "sent"
     old = run.child("app")
@@ -135,6 +149,31 @@ def test_a_killed_service_is_restarted_and_the_arm_has_stopped(run: Run) -> None
     robot = health["robot"]
     assert isinstance(robot, dict)
     assert robot["mode"] == "HOLD"
+
+
+def test_a_motion_that_fails_in_the_background_is_visible(sturdy: Run) -> None:
+    run = sturdy
+    home = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
+
+    def ask(method: str, **fields: object) -> object:
+        answer = httpx.post(
+            f"{run.url}/{run.name}/MotionControl/{method}", json=fields, timeout=WAIT_S
+        ).json()
+        assert answer["code"] == 0, answer
+        return answer["result"]
+
+    ask("moveJoint", q=[2.0, *home[1:]], v=0.01)  # takes long
+    ask("moveJoint", q=home)
+    rtloop = run.child("rtloop")
+    assert rtloop is not None
+    rtloop.kill()
+    run.until(lambda: ask("getExecId") == IDLE)
+    assert "rtloop" in str(ask("getLastError"))
+    assert ask("getQueueSize") == 0
+    assert "the motion queue is emptied" in run.output
+    run.until(run.healthy)
+    ask("moveJoint", q=run.joints())  # and goes on working
+    run.until(lambda: ask("getExecId") == IDLE)
 
 
 def test_what_a_killed_supervisor_left_is_taken_over(run: Run) -> None:

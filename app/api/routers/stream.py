@@ -26,10 +26,10 @@ from app.api.stream_frames import (
     read_frame,
     state_frame,
 )
-from app.services.state.ticker import Ticker
 from app.services.streaming.sessions import Session, StreamService
 from cobot.client import wire
 from cobot.client.wire import Kind
+from cobot.clock import Ticks
 from cobot.errors import CobotError, InputError
 from cobot.ipc.layout import LAYOUT_VERSION, Stream
 
@@ -63,7 +63,7 @@ class Connection:
         self._session: Session | None = None
         self._answers: deque[str] = deque(maxlen=MAX_ANSWERS)
         self._wake = asyncio.Event()
-        self._ticker: Ticker | None = None
+        self._ticker: Ticks | None = None
         self._due = self._sequence = self._publication = 0
         self._binary = False
         self._place: dict[str, Any] = {}
@@ -202,7 +202,7 @@ class Connection:
         if self._ticker is not None:
             self._ticker.close()
         self._binary = frame.format == "binary"
-        self._ticker = Ticker(frame.rate_hz, self._tick)
+        self._ticker = self._streams.clock.ticker(frame.rate_hz, self._tick)
 
     async def _open(self, request: np.ndarray) -> None:
         client = self._socket.client

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -135,7 +134,7 @@ class MotionService:
         Raises:
             ConflictError, UnavailableError, InputError: nothing has moved.
         """
-        begun_s = time.monotonic()
+        begun_s = self._link.clock.now_s()
         planned_s = begun_s
         with self._ownership.claim(caller) as claim, watching(claim, caller):
             error: CobotError | None = None
@@ -150,13 +149,13 @@ class MotionService:
                     timeout_s=self._settings.timeout_s,
                 )
                 trajectory = await self.plan(claim, request, caller.timeout_s)
-                planned_s = time.monotonic()
+                planned_s = self._link.clock.now_s()
                 if trajectory is not None:
                     await self.start(claim, trajectory)
                     await self.arrival(claim)
             except (PlanningError, ExecutionError) as exc:
                 error = exc
-            now_s = time.monotonic()
+            now_s = self._link.clock.now_s()
             planning_s = (planned_s if planned_s > begun_s else now_s) - begun_s
             return Outcome(error, claim.motion_id, now_s - begun_s, planning_s)
 
@@ -199,7 +198,7 @@ class MotionService:
             UnavailableError: rtloop is gone.
         """
         give_up_s = float("inf")
-        begun_s = time.monotonic()
+        begun_s = self._link.clock.now_s()
         while True:
             try:
                 state = await self._link.fresh_state(STATE_TIMEOUT_S)
@@ -214,8 +213,8 @@ class MotionService:
                 break
             if claim.interruption is not None and give_up_s == float("inf"):
                 self._link.request_stop()
-                give_up_s = time.monotonic() + REST_TIMEOUT_S
-            if time.monotonic() > give_up_s:
+                give_up_s = self._link.clock.now_s() + REST_TIMEOUT_S
+            if self._link.clock.now_s() > give_up_s:
                 raise ExecutionError(
                     f"{claim.interruption}; the arm has not come to rest within {REST_TIMEOUT_S:.0f} s"
                 )

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import time
 from collections.abc import Coroutine, Iterator
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from app.services.motion.speed_override import MAX_PAUSE_S, Pace
 from app.services.state.link import RobotLink
+from cobot.clock import Clock
 from cobot.errors import ConflictError, ExecutionError, MotionStopped, MotionTimeout
 
 Result = TypeVar("Result")
@@ -44,6 +44,7 @@ class Claim:
         name: see `Caller`.
         stops: the link's count of stops when the claim was made.
         pace: of its motion.
+        since_s: when it was made, on `clock`.
         motion_id: once it runs.
         interruption: why it has to end early, once it has to; then `interrupted` is set.
         ended: set when it has.
@@ -52,7 +53,8 @@ class Claim:
     name: str
     stops: int
     pace: Pace
-    since_s: float = field(default_factory=time.monotonic)
+    clock: Clock
+    since_s: float
     motion_id: int | None = None
     interruption: ExecutionError | None = None
     interrupted: asyncio.Event = field(default_factory=asyncio.Event)
@@ -83,7 +85,7 @@ class Claim:
 
     def __str__(self) -> str:
         number = f", motion {self.motion_id}" if self.motion_id is not None else ""
-        return f"{self.name} (for {time.monotonic() - self.since_s:.1f} s{number})"
+        return f"{self.name} (for {self.clock.now_s() - self.since_s:.1f} s{number})"
 
 
 class Ownership:
@@ -147,7 +149,7 @@ class Ownership:
             ConflictError: somebody else owns it.
         """
         self.require_free(caller.token)
-        claim = Claim(caller.name, self._link.stops, self.pace)
+        claim = Claim(caller.name, self._link.stops, self.pace, self._link.clock, self._link.clock.now_s())
         if self.stops != caller.stops:
             claim.interrupt(MotionStopped("a stop was requested while the request was being read"))
         self._claim = claim
@@ -173,11 +175,11 @@ def watching(claim: Claim, caller: Caller) -> Iterator[None]:
     While motions are paused, the time does not go on.
     """
     before_s = claim.pace.paused_s
-    begun_s = time.monotonic()
+    begun_s = claim.clock.now_s()
 
     def left_s() -> float:
         paused_s = min(claim.pace.paused_s - before_s, MAX_PAUSE_S)
-        return begun_s + caller.timeout_s + paused_s - time.monotonic()
+        return begun_s + caller.timeout_s + paused_s - claim.clock.now_s()
 
     async def watch() -> None:
         while not caller.gone.is_set() and left_s() > 0.0:

@@ -11,7 +11,6 @@ import asyncio
 import contextlib
 import logging
 import math
-import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -106,9 +105,10 @@ class MotionQueue:
         if self._waiting:
             return self._waiting[0].number
         last = self._last
-        if last is None or (self.idle and (self.last_error or time.monotonic() > last.since_s + SHOWN_S)):
+        if last is None:
             return IDLE
-        return last.number
+        shown = self._link.clock.now_s() <= last.since_s + SHOWN_S
+        return IDLE if self.idle and (self.last_error or not shown) else last.number
 
     def _executed(self) -> int:
         with contextlib.suppress(UnavailableError):
@@ -185,7 +185,7 @@ class MotionQueue:
     ) -> int:
         trajectory = await self._motion.plan(claim, make(start), PLAN_TIMEOUT_S)
         number = 1 if self._last is None else self._last.number % LARGEST_NUMBER + 1
-        self._last = Accepted(number, name, trajectory, radius_m, time.monotonic())
+        self._last = Accepted(number, name, trajectory, radius_m, self._link.clock.now_s())
         self._end = start if trajectory is None else trajectory.end
         self._waiting.append(self._last)
         self.last_error = ""
@@ -216,7 +216,7 @@ class MotionQueue:
             claim.proceed()
             chain = self._chain()
             last = chain[-1]
-            waited = time.monotonic() > last.since_s + BLEND_WAIT_S and not self._turn.locked()
+            waited = self._link.clock.now_s() > last.since_s + BLEND_WAIT_S and not self._turn.locked()
             if (last.radius_m == 0.0 or waited) and not claim.pace.paused:
                 return chain
             await asyncio.sleep(POLL_S)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import time
 
 from app.services.state.link import POLL_S, RESTING, RobotLink
 from cobot.errors import ConflictError, ExecutionError, LimitError
@@ -40,7 +39,7 @@ class Pace:
     @property
     def paused_s(self) -> float:
         """How long all pauses were together, the present one included."""
-        return self._paused_s + (time.monotonic() - self._since_s if self.paused else 0.0)
+        return self._paused_s + (self._link.clock.now_s() - self._since_s if self.paused else 0.0)
 
     async def set_fraction(self, fraction: float) -> None:
         """Go along the path faster or slower: the motion that runs, and all that follow.
@@ -74,12 +73,12 @@ class Pace:
         if self._link.state().session:
             raise ConflictError("a stream has no path to pause on; end it, or POST /stop")
         if not self.paused:
-            self._since_s = time.monotonic()
+            self._since_s = self._link.clock.now_s()
             self.opened.clear()
         await self._apply()
-        deadline_s = time.monotonic() + REST_TIMEOUT_S
+        deadline_s = self._link.clock.now_s() + REST_TIMEOUT_S
         while not self._rests():
-            if time.monotonic() > deadline_s:
+            if self._link.clock.now_s() > deadline_s:
                 raise ExecutionError(f"the arm has not come to rest on its path within {REST_TIMEOUT_S:g} s")
             await asyncio.sleep(POLL_S)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import time
 from dataclasses import dataclass
 
 from app.services.motion.ownership import Ownership
@@ -63,7 +62,7 @@ class StopService:
 
     async def stop(self, timeout_s: float) -> Stopped:
         """End the sequence, the planning and the motion. Never fails: says what it could not confirm."""
-        begun_s = time.monotonic()
+        begun_s = self._link.clock.now_s()
         self._link.request_stop()
         orphan = self._orphan()
         claim = self._ownership.stop()
@@ -84,7 +83,7 @@ class StopService:
             stopped,
             None if state is None else state.position.tolist(),
             at_rest,
-            time.monotonic() - begun_s,
+            self._link.clock.now_s() - begun_s,
         )
 
     async def reset(self, timeout_s: float) -> None:
@@ -108,9 +107,9 @@ class StopService:
 
     async def _rest(self, timeout_s: float, problems: list[str]) -> RobotState | None:
         """The state once the arm is at rest, or the last one before the time was up."""
-        deadline_s = time.monotonic() + timeout_s
+        deadline_s = self._link.clock.now_s() + timeout_s
         state: RobotState | None = None
-        while time.monotonic() < deadline_s:
+        while self._link.clock.now_s() < deadline_s:
             try:
                 state = await self._link.fresh_state(0.5)
             except CobotError as exc:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import platform
-import time
 from dataclasses import dataclass
 from importlib.metadata import version
 
@@ -63,7 +62,7 @@ class HealthService:
         self._sequences = sequences
         self._streams = streams
         self._stale_s = stale_s
-        self._started_s = time.monotonic()
+        self._started_s = link.clock.now_s()
 
     def health(self) -> Health:
         """The health of this moment."""
@@ -91,7 +90,7 @@ class HealthService:
                 **_process(statistics),
             }
             interventions = dict(zip(KINDS, state.interventions, strict=True))
-            last_interventions_s = _seconds_since(state.intervened_ns)
+            last_interventions_s = _seconds_since(state.intervened_ns, self._link.clock.now_ns())
             session = self._session(state)
             cycle_us = _cycle_times(statistics)
             if not alive:
@@ -105,7 +104,7 @@ class HealthService:
             rtloop,
             {
                 "pid": os.getpid(),
-                "uptime_s": time.monotonic() - self._started_s,
+                "uptime_s": self._link.clock.now_s() - self._started_s,
                 "motion": self._ownership.owner,
             },
             {"status": self._sequences.status.status, "pid": self._sequences.status.pid},
@@ -126,9 +125,8 @@ class HealthService:
         return {"number": state.session, "client": client, "mode": state.mode.name, "refused": refused}
 
 
-def _seconds_since(moments_ns: list[int]) -> dict[str, float | None]:
+def _seconds_since(moments_ns: list[int], now_ns: int) -> dict[str, float | None]:
     """By kind of intervention; None for never."""
-    now_ns = time.monotonic_ns()
     seconds = ((now_ns - moment) * 1e-9 if moment else None for moment in moments_ns)
     return dict(zip(KINDS, seconds, strict=True))
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import time
 from collections.abc import AsyncIterator
-from datetime import datetime, timedelta
+from datetime import UTC, datetime
 
 from app.services.state.link import RobotLink, RobotState
+from cobot.clock import SYSTEM, Clock
 from cobot.errors import UnavailableError
 from cobot.ipc.layout import Intervention
 
@@ -23,8 +23,9 @@ log = logging.getLogger("cobot.interventions")
 class InterventionLog:
     """Logs the first of each kind in each episode, with its time."""
 
-    def __init__(self, label: str = "") -> None:
+    def __init__(self, label: str = "", clock: Clock = SYSTEM) -> None:
         self._label = label
+        self._clock = clock
         self._counts: list[int] = []
         self._last_ns = [0] * len(Intervention)
 
@@ -35,8 +36,9 @@ class InterventionLog:
             if count <= before:
                 continue
             if moment_ns - self._last_ns[kind] > EPISODE_S * 1e9:
-                ago = timedelta(microseconds=(time.monotonic_ns() - moment_ns) // 1000)
-                when = (datetime.now().astimezone() - ago).isoformat(timespec="milliseconds")
+                wall_ns = self._clock.wall_ns() - (self._clock.now_ns() - moment_ns)
+                moment = datetime.fromtimestamp(wall_ns * 1e-9, UTC).astimezone()
+                when = moment.isoformat(timespec="milliseconds")
                 name = kind.name.lower()
                 log.warning("%sintervention %s at %s, %d so far", self._label, name, when, count)
             self._last_ns[kind] = moment_ns
@@ -54,7 +56,7 @@ async def reporting(link: RobotLink) -> AsyncIterator[None]:
 
 
 async def _report(link: RobotLink) -> None:
-    seen = InterventionLog(link.label)
+    seen = InterventionLog(link.label, link.clock)
     while True:
         with contextlib.suppress(UnavailableError):
             seen.look(link.state())

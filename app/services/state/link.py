@@ -8,13 +8,13 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
-import time
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from cobot.addresses import address
+from cobot.clock import SYSTEM, Clock
 from cobot.errors import ConflictError, ExecutionError, NotReadyError, TornReadError, UnavailableError
 from cobot.ipc.layout import RING, SLOTS, STATE_SCALARS, STATE_STRUCT, Ack, Command, MotionResult
 from cobot.ipc.shm import RobotMemory, Role, text
@@ -38,7 +38,7 @@ class RobotState:
 
     Attributes:
         tcp: shape (7,): x, y, z in m, then w, x, y, z, in the base frame, as measured.
-        published_s: when it was published, `time.monotonic`.
+        published_s: when it was published, on the link's clock.
         age_s: how long ago that was.
         measured_age_s: how long ago the robot was read.
         session: the streaming session that moves the arm, 0 for none.
@@ -74,6 +74,7 @@ class RobotLink:
     """Reads the state, sends commands. Nothing in here waits on a lock.
 
     Attributes:
+        clock: of the service; its moments and those in shared memory can be compared.
         label: what log lines about this robot begin with; "" if it is the only one.
 
     Raises (constructor):
@@ -82,9 +83,10 @@ class RobotLink:
         LayoutError: its shared memory is another version's.
     """
 
-    def __init__(self, robot: str, stale_after_s: float, label: str = "") -> None:
+    def __init__(self, robot: str, stale_after_s: float, label: str = "", clock: Clock = SYSTEM) -> None:
         self.memory = RobotMemory.attach(robot, Role.SERVICE)
         self.label = label
+        self.clock = clock
         self._stale_after_s = stale_after_s
         self._take_over()
         self._command_turn = asyncio.Lock()
@@ -118,7 +120,7 @@ class RobotLink:
         block = self.memory.heartbeat
         block.data["pid"] = os.getpid()
         while True:
-            block.data["monotonic_ns"] = time.monotonic_ns()
+            block.data["monotonic_ns"] = self.clock.now_ns()
             block.publish()
             await asyncio.sleep(HEARTBEAT_S)
 
@@ -134,7 +136,7 @@ class RobotLink:
             raise UnavailableError(str(exc)) from exc
         if self.memory.state.sequence == 0:
             raise UnavailableError("rtloop has not started yet")
-        now_ns = time.monotonic_ns()
+        now_ns = self.clock.now_ns()
         scalars = dict(zip(SCALARS, STATE_STRUCT.unpack_from(self.memory.state.buffer.data), strict=True))
         return RobotState(
             mode=LoopMode(scalars["mode"]),
@@ -189,7 +191,7 @@ class RobotLink:
         Raises:
             UnavailableError: nothing fresh within the timeout, with how rtloop stands.
         """
-        deadline_s = time.monotonic() + timeout_s
+        deadline_s = self.clock.now_s() + timeout_s
         while True:
             try:
                 state = self.state()
@@ -198,7 +200,7 @@ class RobotLink:
                 problem = f"rtloop (pid {self._rtloop_pid()}) has published nothing for {state.age_s:.1f} s"
             except UnavailableError as exc:
                 problem = str(exc)
-            if time.monotonic() > deadline_s:
+            if self.clock.now_s() > deadline_s:
                 raise UnavailableError(f"{problem}; cobot run restarts it if it has died")
             await asyncio.sleep(0.01)
 
@@ -326,11 +328,11 @@ class RobotLink:
         self.memory.head.data["id"] = number
         self.memory.head.publish()
         ack = self.memory.acks[number % RING]
-        deadline_s = time.monotonic() + timeout_s
+        deadline_s = self.clock.now_s() + timeout_s
         answered = False
         try:
             while not (answered := ack.try_read() and int(ack.data["id"]) == number):
-                if time.monotonic() > deadline_s:
+                if self.clock.now_s() > deadline_s:
                     rtloop = f"rtloop (pid {self._rtloop_pid()})"
                     raise UnavailableError(f"{rtloop} has not answered a {kind.name} for {timeout_s:g} s")
                 await asyncio.sleep(POLL_S / 2)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import time
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
@@ -305,7 +304,7 @@ class ServoService:
 
     async def _begun(self, request: SetMode, stops: int) -> Session:
         """Ask rtloop, which refuses what a stop has overtaken; who is about to let go is waited for."""
-        deadline_s = time.monotonic() + PATIENCE_S
+        deadline_s = self._link.clock.now_s() + PATIENCE_S
         if request.mode in FORCE_MODES:
             await self._force.lend()
         try:
@@ -316,7 +315,7 @@ class ServoService:
                         self._session_request(request), NAME, OPEN_TIMEOUT_S, stops
                     )
                 except ConflictError:
-                    if time.monotonic() > deadline_s:
+                    if self._link.clock.now_s() > deadline_s:
                         raise
                 await asyncio.sleep(RETRY_S)
         except CobotError:
@@ -399,7 +398,7 @@ class ServoService:
     def _joints(self, point: Point) -> Sequence[float]:
         if not point.cartesian:
             return point.position
-        begun_s = time.monotonic()
+        begun_s = self._link.clock.now_s()
         if begun_s < self._no_inverse_before_s:
             raise BrokenRule(
                 Refusal.INVERSE_KINEMATICS, "not tried: the inverse kinematics of the point before has failed"
@@ -411,7 +410,7 @@ class ServoService:
             joints: list[float] = continued(self._robot.model, pose, near).tolist()
             return joints
         except CobotError as exc:
-            now_s = time.monotonic()
+            now_s = self._link.clock.now_s()
             self._no_inverse_before_s = now_s + FAILURE_COST * (now_s - begun_s)
             raise BrokenRule(Refusal.INVERSE_KINEMATICS, str(exc)) from None
 

@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import logging
 import math
-import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -14,6 +13,7 @@ import numpy as np
 from app.services.motion.execution import STATE_TIMEOUT_S, MotionService
 from app.services.motion.ownership import Caller, Ownership
 from app.services.state.link import POLL_S, RESTING, RobotLink
+from cobot.clock import Clock
 from cobot.errors import (
     CobotError,
     ConflictError,
@@ -137,6 +137,10 @@ class StreamService:
         return self._link.memory.robot
 
     @property
+    def clock(self) -> Clock:
+        return self._link.clock
+
+    @property
     def period_s(self) -> float:
         return self._link.memory.period_s
 
@@ -224,13 +228,13 @@ class StreamService:
 
     async def _begun(self, number: int, timeout_s: float) -> None:
         """Wait until rtloop has agreed, and a state shows it."""
-        deadline_s = time.monotonic() + timeout_s
+        deadline_s = self._link.clock.now_s() + timeout_s
         answer: str | None = None
         while answer is None or self._link.state().session != number:
             answer = self._writer.answer(number)
             if answer:
                 raise ExecutionError(answer)
-            if time.monotonic() > deadline_s:
+            if self._link.clock.now_s() > deadline_s:
                 raise UnavailableError(f"rtloop has not answered for {timeout_s:g} s")
             await asyncio.sleep(POLL_S / 2)
 

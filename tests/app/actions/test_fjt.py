@@ -11,8 +11,7 @@ import asyncio
 import json
 import math
 import re
-import time
-from collections.abc import Iterator
+from collections.abc import Coroutine, Iterator
 from types import SimpleNamespace
 from typing import Any
 
@@ -21,6 +20,8 @@ import pytest
 from rig import Rig
 from running import WAIT_S
 from scipy.interpolate import BPoly, CubicHermiteSpline, CubicSpline
+from virtual import Cycle, PlanningHere
+from virtual_time import VirtualClock, VirtualLoop
 
 from app.actions.fjt import FollowJointTrajectory
 from app.actions.fjt_goal import ErrorCode, FjtGoal, GoalError, read_goal
@@ -279,14 +280,17 @@ class Handle:
 
 
 class Stand:
-    """The action on a stepped cycle."""
+    """The action beside a cycle, both on virtual time."""
 
     def __init__(
         self, rig: Rig, robot: RobotDescription, settings: Settings, planning: PlanningService
     ) -> None:
-        rig.step(30)
+        self.loop = VirtualLoop()
+        self.clock = VirtualClock(self.loop)
         self.rig = rig
-        self.link = RobotLink(rig.memory.path.name.removeprefix("cobot-"), 60.0)
+        self.cycle = Cycle(rig, self.loop, self.clock)
+        self.clock.sleep(0.03)
+        self.link = RobotLink(rig.memory.path.name.removeprefix("cobot-"), 60.0, clock=self.clock)
         self.ownership = Ownership(self.link)
         self.motion = MotionService(robot, self.link, self.ownership, planning, settings.planning)
         self.streams = StreamService(self.link, self.ownership, self.motion, 0.5)
@@ -307,11 +311,21 @@ class Stand:
             0.01,
         )
 
+    def run(self, work: Coroutine[Any, Any, None]) -> None:
+        self.loop.run_until_complete(work)
+
+    def close(self) -> None:
+        self.servo.close()
+        self.streams.close()
+        self.cycle.close()
+        self.clock.sleep(0.0)
+        self.loop.close()
+        self.link.close()
+
     async def step_until(self, *tasks: asyncio.Task[Any]) -> None:
         async with asyncio.timeout(WAIT_S):
             while not all(task.done() for task in tasks):
-                self.rig.step(5)
-                await asyncio.sleep(0.0005)
+                await asyncio.sleep(0.005)
 
     async def send(self, message: dict[str, Any], handle: Handle) -> dict[str, Any]:
         """The result of a goal, the cycle stepped meanwhile."""
@@ -322,26 +336,23 @@ class Stand:
     async def until_moving(self) -> None:
         async with asyncio.timeout(WAIT_S):
             while self.rig.mode is not LoopMode.TRAJECTORY:
-                self.rig.step()
-                await asyncio.sleep(0.0005)
+                await asyncio.sleep(0.001)
             for _ in range(30):
-                self.rig.step(10)
-                await asyncio.sleep(0.0005)
+                await asyncio.sleep(0.01)
 
     async def until_free(self) -> None:
         """Until nobody owns the arm any more."""
         async with asyncio.timeout(WAIT_S):
             while self.ownership.owner is not None or self.rig.mode is not LoopMode.HOLD:
-                self.rig.step(5)
-                await asyncio.sleep(0.0005)
+                await asyncio.sleep(0.005)
 
     def to(self, offset: float, time_s: float = 2.0, **fields: Any) -> dict[str, Any]:
         return goal([point(self.rig.home + offset, time_s)], **fields)
 
 
 @pytest.fixture(scope="module")
-def planning() -> Iterator[PlanningService]:
-    made = PlanningService(None, 1)
+def planning(robot: RobotDescription) -> Iterator[PlanningService]:
+    made = PlanningHere(robot)
     yield made
     made.close()
 
@@ -352,9 +363,7 @@ def stand(
 ) -> Iterator[Stand]:
     made = Stand(rig, robot, settings, planning)
     yield made
-    made.servo.close()
-    made.streams.close()
-    made.link.close()
+    made.close()
 
 
 def test_a_goal_is_followed_through_its_points_and_told_about(stand: Stand) -> None:
@@ -372,7 +381,7 @@ def test_a_goal_is_followed_through_its_points_and_told_about(stand: Stand) -> N
         assert stand.ownership.owner is None
         assert max(share.max() for share in stand.rig.rates()) <= 1.0 + 1e-6
 
-    asyncio.run(live())
+    stand.run(live())
 
 
 def test_feedback_holds_desired_actual_and_error(stand: Stand) -> None:
@@ -393,7 +402,7 @@ def test_feedback_holds_desired_actual_and_error(stand: Stand) -> None:
             assert told["multi_dof_joint_names"] == []
         np.testing.assert_allclose(handle.told[-1]["desired"]["velocities"], 0.0)
 
-    asyncio.run(live())
+    stand.run(live())
 
 
 def test_a_goal_that_makes_no_sense_ends_with_its_code_and_leaves_the_running_one_alone(stand: Stand) -> None:
@@ -408,7 +417,7 @@ def test_a_goal_that_makes_no_sense_ends_with_its_code_and_leaves_the_running_on
         await stand.step_until(task)
         assert task.result()["error_code"] == 0
 
-    asyncio.run(live())
+    stand.run(live())
 
 
 @pytest.mark.parametrize(
@@ -429,7 +438,7 @@ def test_a_goal_that_is_no_motion_for_the_arm_is_aborted(stand: Stand, points: A
         assert handle.status is GoalStatus.ABORTED
         np.testing.assert_array_equal(stand.rig.commanded[-1], stand.rig.home)
 
-    asyncio.run(live())
+    stand.run(live())
 
 
 @pytest.mark.parametrize("mode", [0, 1])
@@ -447,7 +456,7 @@ def test_a_single_point_at_time_0_is_where_the_arm_is_or_no_goal(stand: Stand, m
         assert "the only point is at time 0, but joint" in result["error_string"]
         assert max(share.max() for share in stand.rig.rates()) <= 1.0 + 1e-6
 
-    asyncio.run(live())
+    stand.run(live())
 
 
 def test_too_fast_a_goal_is_slowed_down_if_it_may_be_late(stand: Stand) -> None:
@@ -461,7 +470,7 @@ def test_too_fast_a_goal_is_slowed_down_if_it_may_be_late(stand: Stand) -> None:
         assert result["error_code"] == ErrorCode.INVALID_GOAL
         assert "its limit is" in result["error_string"]
 
-    asyncio.run(live())
+    stand.run(live())
 
 
 def test_a_cancelled_goal_comes_to_rest_on_its_path(stand: Stand) -> None:
@@ -480,7 +489,7 @@ def test_a_cancelled_goal_comes_to_rest_on_its_path(stand: Stand) -> None:
         assert max(share.max() for share in stand.rig.rates()) <= 1.0 + 1e-6
         assert stand.ownership.owner is None
 
-    asyncio.run(live())
+    stand.run(live())
 
 
 def test_a_newer_goal_preempts_and_begins_where_the_arm_came_to_rest(stand: Stand) -> None:
@@ -498,7 +507,7 @@ def test_a_newer_goal_preempts_and_begins_where_the_arm_came_to_rest(stand: Stan
         assert (await stand.send(stand.to(0.0), third))["error_code"] == 0
         np.testing.assert_allclose(stand.rig.commanded[-1], stand.rig.home, atol=1e-9)
 
-    asyncio.run(live())
+    stand.run(live())
 
 
 def test_of_three_goals_the_newest_is_followed(stand: Stand) -> None:
@@ -517,7 +526,7 @@ def test_of_three_goals_the_newest_is_followed(stand: Stand) -> None:
         ]
         np.testing.assert_allclose(stand.rig.commanded[-1], stand.rig.home + 0.3, atol=1e-9)
 
-    asyncio.run(live())
+    stand.run(live())
 
 
 def test_an_arm_off_its_path_is_stopped(stand: Stand) -> None:
@@ -528,7 +537,7 @@ def test_an_arm_off_its_path_is_stopped(stand: Stand) -> None:
         await stand.until_moving()
         for _ in range(40):  # not at once: no arm jumps
             stand.rig.loopback.offset[2] += 0.0005
-            stand.rig.step(2)
+            await asyncio.sleep(0.002)
         await stand.step_until(task)
         assert task.result()["error_code"] == ErrorCode.PATH_TOLERANCE_VIOLATED, task.result()
         assert "joint3 is off by" in task.result()["error_string"]
@@ -536,7 +545,7 @@ def test_an_arm_off_its_path_is_stopped(stand: Stand) -> None:
         assert handle.status is GoalStatus.ABORTED
         assert stand.rig.commanded[-1][0] < stand.rig.home[0] + 0.4
 
-    asyncio.run(live())
+    stand.run(live())
 
 
 def test_an_arm_that_is_not_in_time_is_stopped(stand: Stand) -> None:
@@ -548,7 +557,7 @@ def test_an_arm_that_is_not_in_time_is_stopped(stand: Stand) -> None:
         assert result["error_code"] == ErrorCode.GOAL_TOLERANCE_VIOLATED
         assert "goal_time_tolerance (0.1 s)" in result["error_string"]
 
-    asyncio.run(live())
+    stand.run(live())
 
 
 def test_an_arm_that_arrives_beside_the_goal_violates_its_tolerance(stand: Stand) -> None:
@@ -563,7 +572,7 @@ def test_an_arm_that_arrives_beside_the_goal_violates_its_tolerance(stand: Stand
         assert task.result()["error_code"] == ErrorCode.GOAL_TOLERANCE_VIOLATED
         assert "joint2 is off by 0.0008 rad, 0.0005 are allowed" in task.result()["error_string"]
 
-    asyncio.run(live())
+    stand.run(live())
 
 
 def test_a_stop_interrupts_the_goal(stand: Stand) -> None:
@@ -577,28 +586,27 @@ def test_a_stop_interrupts_the_goal(stand: Stand) -> None:
         assert "POST /stop" in task.result()["error_string"]
         assert handle.status is GoalStatus.ABORTED
 
-    asyncio.run(live())
+    stand.run(live())
 
 
 def test_a_stamp_ahead_is_waited_for_and_can_be_cancelled(stand: Stand) -> None:
     async def live() -> None:
-        begin_s = time.time() + 1.0
+        begin_s = stand.clock.wall_ns() * 1e-9 + 1.0
         task = asyncio.create_task(stand.action.execute(stand.to(0.1, stamp=begin_s), Handle()))  # type: ignore[arg-type]
         await stand.until_moving()
-        assert time.time() >= begin_s
+        assert stand.clock.wall_ns() * 1e-9 >= begin_s
         await stand.step_until(task)
         assert task.result()["error_code"] == 0
         handle = Handle()
-        far = stand.to(0.2, stamp=time.time() + 300.0)
+        far = stand.to(0.2, stamp=stand.clock.wall_ns() * 1e-9 + 300.0)
         task = asyncio.create_task(stand.action.execute(far, handle))  # type: ignore[arg-type]
         while stand.ownership.owner is None:
-            stand.rig.step()
             await asyncio.sleep(0.001)
         handle.cancel_requested.set()
         await stand.step_until(task)
         assert handle.status is GoalStatus.CANCELED
 
-    asyncio.run(live())
+    stand.run(live())
 
 
 @pytest.mark.parametrize("mode", [0, 1, 5])
@@ -608,11 +616,10 @@ def test_a_stop_ends_a_goal_that_waits_for_its_stamp(stand: Stand, how: str, mod
         await stand.send(stand.to(0.02, 0.5), Handle())  # now the planner's process is there
         at, stand.servo.rules.fjt = stand.rig.commanded[-1], FjtControl(mode=ServoMode(mode))
         handle = Handle()
-        soon = stand.to(0.2, stamp=time.time() + 1.5)
+        soon = stand.to(0.2, stamp=stand.clock.wall_ns() * 1e-9 + 1.5)
         task = asyncio.create_task(stand.action.execute(soon, handle))  # type: ignore[arg-type]
         for _ in range(100):  # until it is planned
-            stand.rig.step()
-            await asyncio.sleep(0.005)
+            await asyncio.sleep(0.001)
         if how == "stop":
             stand.link.request_stop()
             stand.ownership.stop()
@@ -620,7 +627,7 @@ def test_a_stop_ends_a_goal_that_waits_for_its_stamp(stand: Stand, how: str, mod
             assert stand.ownership.owner is None  # at once, not when the stamp comes
         else:
             stand.link.request_estop()
-            stand.rig.step(50)
+            await asyncio.sleep(0.05)
             reset = asyncio.create_task(stand.link.reset(1.0))
             await stand.step_until(reset)
             reset.result()
@@ -629,7 +636,7 @@ def test_a_stop_ends_a_goal_that_waits_for_its_stamp(stand: Stand, how: str, mod
         assert "stop" in task.result()["error_string"]
         np.testing.assert_array_equal(stand.rig.commanded[-1], at)
 
-    asyncio.run(live())
+    stand.run(live())
 
 
 def test_who_has_nothing_to_do_with_the_goal_refuses_it(stand: Stand) -> None:
@@ -643,12 +650,12 @@ def test_who_has_nothing_to_do_with_the_goal_refuses_it(stand: Stand) -> None:
             await stand.action.execute(stand.to(0.1), handle)  # type: ignore[arg-type]
         stand.servo.rules.fjt = FjtControl()
         stand.rig.request("estops")
-        stand.rig.step(10)
+        await asyncio.sleep(0.01)
         with pytest.raises(NotReadyError, match="ESTOP"):
             await stand.action.execute(stand.to(0.1), handle)  # type: ignore[arg-type]
         assert not handle.accepted
 
-    asyncio.run(live())
+    stand.run(live())
 
 
 # As a servo session
@@ -670,7 +677,7 @@ def test_with_an_fjt_mode_the_points_of_a_servo_session_follow_the_same_curve(
         await stand.until_free()
         assert max(share.max() for share in stand.rig.rates()) <= 1.0 + 1e-6
 
-    asyncio.run(live())
+    stand.run(live())
 
 
 def test_a_cancelled_servo_session_comes_to_rest(stand: Stand) -> None:
@@ -679,8 +686,7 @@ def test_a_cancelled_servo_session_comes_to_rest(stand: Stand) -> None:
         handle = Handle()
         task = asyncio.create_task(stand.action.execute(stand.to(0.4, 5.0), handle))  # type: ignore[arg-type]
         while len(handle.told) < 5:
-            stand.rig.step(5)
-            await asyncio.sleep(0.0005)
+            await asyncio.sleep(0.005)
         handle.cancel_requested.set()
         await stand.step_until(task)
         assert handle.status is GoalStatus.CANCELED
@@ -688,7 +694,7 @@ def test_a_cancelled_servo_session_comes_to_rest(stand: Stand) -> None:
         assert 0.0 < np.abs(stand.rig.commanded[-1] - stand.rig.home).max() < 0.4
         assert max(share.max() for share in stand.rig.rates()) <= 1.0 + 1e-6
 
-    asyncio.run(live())
+    stand.run(live())
 
 
 def test_nobody_else_puts_points_into_the_servo_session_of_a_goal(stand: Stand) -> None:
@@ -697,8 +703,7 @@ def test_nobody_else_puts_points_into_the_servo_session_of_a_goal(stand: Stand) 
         handle = Handle()
         task = asyncio.create_task(stand.action.execute(stand.to(0.05, 1.0), handle))  # type: ignore[arg-type]
         while not handle.told:
-            stand.rig.step(5)
-            await asyncio.sleep(0.0005)
+            await asyncio.sleep(0.005)
         foreign = (stand.rig.home - 0.5).tolist()
         stand.servo.receive(json.dumps({"point_id": 1, "position": foreign}))
         with pytest.raises(InputError, match="points of follow_joint_trajectory only"):
@@ -708,7 +713,7 @@ def test_nobody_else_puts_points_into_the_servo_session_of_a_goal(stand: Stand) 
         assert task.result()["error_code"] == 0
         assert (np.array(stand.rig.commanded) >= stand.rig.home - 1e-3).all()
 
-    asyncio.run(live())
+    stand.run(live())
 
 
 def test_a_servo_session_that_somebody_ends_interrupts_the_goal(stand: Stand) -> None:
@@ -717,15 +722,14 @@ def test_a_servo_session_that_somebody_ends_interrupts_the_goal(stand: Stand) ->
         handle = Handle()
         task = asyncio.create_task(stand.action.execute(stand.to(0.4, 5.0), handle))  # type: ignore[arg-type]
         while not handle.told:
-            stand.rig.step(5)
-            await asyncio.sleep(0.0005)
+            await asyncio.sleep(0.005)
         stand.servo.receive('{"type": "servo_control", "command": "stop"}')
         await stand.step_until(task)
         assert handle.status is GoalStatus.ABORTED
         assert task.result()["error_code"] == ErrorCode.INTERRUPTED
         assert "stopped by servo_control" in task.result()["error_string"]
 
-    asyncio.run(live())
+    stand.run(live())
 
 
 def test_a_curve_beyond_the_limits_is_no_servo_session(stand: Stand) -> None:
@@ -736,4 +740,4 @@ def test_a_curve_beyond_the_limits_is_no_servo_session(stand: Stand) -> None:
         assert not stand.servo.active
         assert stand.servo.feedback()["points_received"] == 0
 
-    asyncio.run(live())
+    stand.run(live())

@@ -6,7 +6,6 @@ same arm; a client made of `websockets` and `json` for what a well-behaved clien
 
 from __future__ import annotations
 
-import contextlib
 import json
 import subprocess
 import sys
@@ -19,7 +18,7 @@ import httpx
 import numpy as np
 import pytest
 from running import WAIT_S, Run, until
-from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 SCRIPT = Path(__file__).parents[2] / "roslibpy_client.py"
@@ -148,50 +147,6 @@ def test_roslibpy_holds_a_servo_session_with_feedback_and_cancels_it(run: Run) -
     assert abs(run.joints()[0]) > 0.005  # it has moved
 
 
-def test_the_graph_for_gateways_follows_what_clients_do(run: Run) -> None:
-    with Client(run) as gateway, Client(run) as other:
-        gateway.send("cobot_gateway")
-        gateway.send("subscribe", topic="/cobot/graph", type="std_msgs/String")
-
-        def graph() -> dict[str, Any]:
-            return json.loads(gateway.next("publish")["msg"]["data"])
-
-        first = graph()
-        topics = {topic["name"]: topic for topic in first["topics"]}
-        assert topics[f"/{run.name}/joint_cmd"]["subscribers"] == 1
-        assert f"/{run.name}/joint_states" not in topics
-        services = {service["name"]: service["type"] for service in first["services"]}
-        assert services[f"/{run.name}/RobotConfig/getDof"] == "aubo_interfaces/srv/GetDof"
-        assert "int32 result" in first["definitions"]["aubo_interfaces/srv/GetDof"]
-        assert {"name": f"/{run.name}/servo_mode", "type": "aubo_interfaces/action/ServoMode"} in first[
-            "actions"
-        ]
-        gateway.send("advertise", topic="/mirrored", type="std_msgs/String")
-        other.send("subscribe", topic="/wanted", type="std_msgs/Bool")
-        seen = graph()
-        while "/wanted" not in {topic["name"] for topic in seen["topics"]}:
-            seen = graph()
-        assert "/mirrored" not in {topic["name"] for topic in seen["topics"]}
-
-
-def test_what_is_wrong_is_answered_and_the_connection_lives(run: Run) -> None:
-    with Client(run) as client:
-        for frame, sentence in (
-            ("{", "the message is not valid JSON"),
-            ("[1, 2]", "a message must be a JSON object"),
-            ('{"op": "fly"}', "there is no op 'fly'"),
-            ('{"op": "subscribe", "op": "publish"}', "the key 'op' stands twice"),
-            ("[" * 100_000, "nested too deeply"),
-            (b"\x00\x01", "CBOR is not supported"),
-            (" " * (4 * 2**20 + 1), "a message may have 4194304 characters, this one has 4194305"),
-        ):
-            client.socket.send(frame)
-            status = client.next("status")
-            assert status["level"] == "error"
-            assert sentence in status["msg"]
-        assert client.call("/rosapi/nodes")["values"] == {"nodes": ["/cobot"]}
-
-
 def test_a_large_message_arrives_and_one_beyond_all_bounds_closes(run: Run) -> None:
     text = "x" * 3_000_000
     with Client(run) as one, Client(run) as other:
@@ -254,28 +209,3 @@ def test_who_does_not_read_costs_a_bounded_memory_and_is_told_why(run: Run) -> N
         assert app.memory_info().rss - before < 150 * 2**20
         with pytest.raises(ConnectionClosed, match=r"1013.*reads its answers too slowly"):
             lazy.next("what never comes")
-
-
-def test_a_page_from_elsewhere_is_refused(run: Run) -> None:
-    with pytest.raises(InvalidStatus, match="422"):
-        Client(run, origin="http://elsewhere.example").__enter__()
-    with Client(run, origin=run.url) as own:
-        assert own.call("/rosapi/nodes")["result"]
-
-
-def test_there_are_only_so_many_clients(run: Run) -> None:
-    with contextlib.ExitStack() as stack:
-        for _ in range(31):
-            stack.enter_context(Client(run))
-        until(lambda: refused(run, stack))
-    until(lambda: not refused(run))
-
-
-def refused(run: Run, stack: contextlib.ExitStack | None = None) -> bool:
-    """Whether another client is; one that is not goes, or stays with the stack."""
-    with contextlib.ExitStack() as own:
-        try:
-            (stack or own).enter_context(Client(run))
-        except InvalidStatus as exc:
-            return exc.response.status_code == 503
-    return False

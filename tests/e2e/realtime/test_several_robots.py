@@ -19,9 +19,6 @@ import httpx
 import psutil
 import pytest
 from running import WAIT_S, Pair, unique_name
-from streaming_client import StreamClient
-from websockets.exceptions import InvalidStatus
-from websockets.sync.client import connect
 
 from cobot import Robot
 from cobot.client import Client
@@ -88,79 +85,6 @@ def joints(client: httpx.Client, robot: str) -> list[float]:
     return list(answer.json()["position"])
 
 
-def test_both_are_listed_and_the_first_is_the_default_one(pair: Pair, http: httpx.Client) -> None:
-    assert [(each["name"], each["default"]) for each in http.get("/robots").json()] == [
-        (pair.left, True),
-        (pair.right, False),
-    ]
-    health = http.get("/health").json()
-    assert list(health["robots"]) == [pair.left, pair.right]
-    assert health["robot"]["name"] == pair.left
-    assert http.get("/robot/positions").content == http.get(f"/robots/{pair.left}/positions").content
-
-
-def test_both_move_at_the_same_time_and_each_where_it_was_sent(pair: Pair, http: httpx.Client) -> None:
-    left = send(http, pair.left, 3.0)
-    right = send(http, pair.right, 3.0, [-value for value in AWAY[:3]] + HOME[3:])
-    assert moving(http, pair.left)
-    assert moving(http, pair.right)
-    pair.until(lambda: arrived(http, pair.left, left) and arrived(http, pair.right, right))
-    assert joints(http, pair.left) == pytest.approx(AWAY, abs=2e-3)
-    assert joints(http, pair.right) == pytest.approx([-0.4, -0.1, 0.0, *HOME[3:]], abs=2e-3)
-    assert http.get("/robot/joint_states").json()["position"] == pytest.approx(AWAY, abs=2e-3)
-
-
-def test_one_plans_and_moves_while_the_other_is_owned_by_somebody(pair: Pair, http: httpx.Client) -> None:
-    send(http, pair.left, 20.0)
-    refused = http.post("/robot/move/named", json={"name": "home"})
-    assert refused.status_code == 409
-    assert move(http, pair.right, AWAY).json()["success"]
-    assert moving(http, pair.left)
-
-
-def test_a_stop_with_a_name_stops_one_and_without_a_name_both(pair: Pair, http: httpx.Client) -> None:
-    left = send(http, pair.left, 6.0)
-    send(http, pair.right, 60.0)
-    stopped = http.post(f"/robots/{pair.right}/stop").json()
-    assert stopped["success"]
-    assert len(stopped["stopped"]) == 1
-    assert moving(http, pair.left)
-    pair.until(lambda: arrived(http, pair.left, left))
-    send(http, pair.left, 60.0, HOME)
-    send(http, pair.right, 60.0, HOME)
-    both = http.post("/stop").json()
-    assert both["success"]
-    assert [item.partition(": ")[0] for item in both["stopped"]] == [pair.left, pair.right]
-    assert not moving(http, pair.left)
-    assert not moving(http, pair.right)
-
-
-def test_an_emergency_stop_of_one_leaves_the_motion_of_the_other_alone(
-    pair: Pair, http: httpx.Client
-) -> None:
-    left = send(http, pair.left, 4.0)
-    with StreamClient(pair.url, path=f"/robots/{pair.right}/stream") as client:
-        assert client.hello["robot"] == pair.right
-        client.session()
-        client.send("estop")
-        pair.until(lambda: robot_health(http, pair.right)["mode"] == "ESTOP")
-        # until it rests, the session owns the arm
-        pair.until(lambda: robot_health(http, pair.right)["session"] is None)
-    assert moving(http, pair.left)
-    health = http.get("/health").json()
-    assert health["status"] == "ok"
-    assert {name: each["status"] for name, each in health["robots"].items()} == {
-        pair.left: "ok",
-        pair.right: "degraded",
-    }
-    refused = move(http, pair.right, AWAY).json()
-    assert refused["code"] == "not_ready"
-    assert refused["detail"].endswith(f"then POST /robots/{pair.right}/reset")
-    pair.until(lambda: arrived(http, pair.left, left))
-    assert http.post(f"/robots/{pair.right}/reset").json()["success"]
-    assert move(http, pair.right, AWAY).json()["success"]
-
-
 def test_a_killed_rtloop_leaves_the_motion_of_the_other_alone(pair: Pair, http: httpx.Client) -> None:
     left_process, old = rtloop(pair, pair.left), rtloop(pair, pair.right)
     assert left_process is not None
@@ -219,16 +143,6 @@ def test_a_sequence_moves_the_robot_at_whose_address_it_was_started(pair: Pair, 
     assert http.get("/sequences/status").json()["status"] == "idle"
 
 
-def test_an_unknown_name_is_refused_and_the_valid_ones_are_listed(pair: Pair, http: httpx.Client) -> None:
-    valid = f"there is no robot 'nobody'; valid are: {pair.left}, {pair.right}"
-    answer = move(http, "nobody", HOME)
-    assert (answer.status_code, answer.json()) == (404, {"detail": valid, "code": "not_found"})
-    with pytest.raises(InvalidStatus) as caught:
-        connect(f"ws{pair.url.removeprefix('http')}/robots/nobody/stream", proxy=None)
-    assert caught.value.response.status_code == 404
-    assert json.loads(caught.value.response.body) == {"detail": valid, "code": "not_found"}
-
-
 def test_the_python_clients_reach_either_robot(pair: Pair, http: httpx.Client) -> None:
     with Client(pair.url, robot=pair.right) as client:
         client.move_joints(AWAY, speed=0.8)
@@ -238,13 +152,6 @@ def test_the_python_clients_reach_either_robot(pair: Pair, http: httpx.Client) -
             assert robot.states().q == pytest.approx(AWAY, abs=2e-3)
     with Robot(pair.url, connect_retries=0) as robot:
         assert robot.states().q == pytest.approx(HOME, abs=2e-3)
-
-
-def test_stopping_a_robot_of_python_leaves_the_other_alone(pair: Pair, http: httpx.Client) -> None:
-    left = send(http, pair.left, 4.0)
-    with Robot(pair.right, connect_retries=0) as robot:
-        robot.stop()
-    pair.until(lambda: arrived(http, pair.left, left))
 
 
 def test_the_example_moves_both(pair: Pair, http: httpx.Client) -> None:
@@ -257,11 +164,6 @@ def test_the_example_moves_both(pair: Pair, http: httpx.Client) -> None:
         check=False,
     )
     assert ended.returncode == 0, ended.stdout + ended.stderr
-
-
-def test_what_they_log_says_whose_it_is(pair: Pair, http: httpx.Client) -> None:
-    right = send(http, pair.right, 2.0)
-    pair.until(lambda: f"{pair.right}: motion {right}: arrived and settled" in pair.output)
 
 
 def test_a_robot_that_cannot_start_does_not_keep_the_other_from_starting(tmp_path: Path) -> None:

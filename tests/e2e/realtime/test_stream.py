@@ -7,7 +7,6 @@ joint_limits.yaml, and numpy's differences of what was commanded in consecutive 
 from __future__ import annotations
 
 import contextlib
-import json
 import signal
 import socket
 import subprocess
@@ -21,14 +20,12 @@ import httpx
 import numpy as np
 import pytest
 import yaml
-from hypothesis import HealthCheck, example, given, settings
-from hypothesis import strategies as st
 from running import WAIT_S, Run, until
 from streaming_client import StreamClient
-from websockets.exceptions import ConnectionClosed, ConnectionClosedError, InvalidStatus
+from websockets.exceptions import ConnectionClosed, ConnectionClosedError
 
 from cobot import Mode, Robot
-from cobot.ipc.layout import chunk_dtype, session_dtype, setpoint_dtype, state_dtype
+from cobot.ipc.layout import state_dtype
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 CONFIG = Path(__file__).parents[3] / "config"
@@ -64,254 +61,6 @@ def sway(client: StreamClient, seconds: float, size_rad: float = 0.1) -> None:
         time.sleep(0.02)
 
 
-def test_the_first_frame_says_what_robot_this_is(client: StreamClient, run: Run) -> None:
-    hello = client.hello
-    assert (hello["type"], hello["robot"], hello["dof"]) == (
-        "hello",
-        run.memory.name.removeprefix("cobot-"),
-        7,
-    )
-    assert hello["joint_names"] == list(LIMITS)
-    assert str(hello["layout"]) == health(run)["versions"]["layout"]
-    assert (hello["period_s"], hello["command_timeout_s"]) == (0.001, 0.5)
-    for name in ("min_position", "max_position", "max_velocity", "max_acceleration", "max_jerk"):
-        assert hello[name] == [joint[name] for joint in LIMITS.values()], name
-
-
-def test_states_as_json_are_those_that_rest_shows(client: StreamClient, run: Run) -> None:
-    client.send("subscribe", rate_hz=50)
-    states = [client.state() for _ in range(10)]
-    sequence = [state["sequence"] for state in states]
-    assert sequence == sorted(set(sequence))
-    cycles = [state["cycle"] for state in states]
-    assert cycles == sorted(set(cycles))
-    assert states[-1]["mode"] == "HOLD"
-    assert states[-1]["interventions"].keys() == health(run)["interventions"].keys()
-    rest = httpx.get(f"{run.url}/robot/joint_states", timeout=WAIT_S).json()
-    np.testing.assert_allclose(states[-1]["position"], rest["position"], atol=1e-4)
-
-
-def test_binary_states_are_header_and_record(client: StreamClient) -> None:
-    client.send("subscribe", rate_hz=1000, format="binary")
-    frames = [client.socket.recv(WAIT_S) for _ in range(200)]
-    dtype = state_dtype(7)
-    assert {len(frame) for frame in frames} == {16 + dtype.itemsize}
-    heads = np.frombuffer(b"".join(frame[:16] for frame in frames), "<u4,<u4,<u8")
-    assert set(heads["f0"]) == {1}
-    assert set(heads["f1"]) == {client.hello["layout"]}
-    assert (np.diff(heads["f2"].astype(int)) >= 1).all()
-    states = np.concatenate([np.frombuffer(frame, dtype, 1, 16) for frame in frames])
-    assert (np.diff(states["cycle"].astype(int)) >= 1).all()
-    np.testing.assert_allclose(states["position"][-1], HOME, atol=2e-3)
-
-
-def test_targets_as_json_move_the_arm_and_an_end_brings_it_to_rest(client: StreamClient, run: Run) -> None:
-    number = client.session(inner_control_hz=50)
-    assert health(run)["session"]["number"] == number
-    way = np.array([0.1, 0.05, 0.0, 0.05, 0.0, -0.05, 0.1])
-    for share in np.linspace(0.0, 1.0, 50):
-        client.target(HOME + share * way, velocities=list(way) if share < 1.0 else [0.0] * 7)
-        time.sleep(0.02)
-    client.send("subscribe", rate_hz=100)
-    until(lambda: client.state()["setpoint_seen"] == client.number)
-    time.sleep(0.2)
-    assert client.ended() == {
-        "type": "session_ended",
-        "number": number,
-        "reason": "the client has ended the session",
-    }
-    assert health(run)["robot"]["settled"]
-    np.testing.assert_allclose(client.state()["commanded_position"], HOME + way, atol=5e-3)
-
-
-def test_binary_frames_do_the_same(client: StreamClient, run: Run) -> None:
-    wish = np.zeros((), session_dtype(7))
-    wish["stream"], wish["interpolation"], wish["decimation"] = 1, 1, 20
-    wish["stiffness"], wish["cartesian_stiffness"] = (
-        client.hello["stiffness"],
-        client.hello["cartesian_stiffness"],
-    )
-    wish["damping_ratio"] = wish["cartesian_damping_ratio"] = 0.7
-    wish["max_contact_torque"] = wish["max_contact_wrench"] = np.inf
-    wish["force_velocity"], wish["posture"] = 1.0, np.nan
-    wish["force_frame"][3] = 1.0
-    client.binary(2, 0, wish.tobytes())
-    assert client.answer()["type"] == "session"
-    setpoint = np.zeros((), setpoint_dtype(7))
-    for step in range(1, 51):
-        setpoint["number"] = step
-        setpoint["joints"] = np.array(HOME) + 0.002 * step
-        client.binary(3, step, setpoint.tobytes())
-        time.sleep(0.02)
-    client.send("subscribe", rate_hz=100)
-    until(lambda: client.state()["setpoint_seen"] == 50)
-    time.sleep(0.2)
-    np.testing.assert_allclose(client.state()["commanded_position"], np.array(HOME) + 0.1, atol=5e-3)
-    client.binary(6, 0)
-    assert client.until_ended()["reason"] == "the client has ended the session"
-
-
-def test_the_tcp_moves_to_a_pose_and_a_move_can_be_cancelled(client: StreamClient, run: Run) -> None:
-    client.session(stream="cartesian", inner_control_hz=50)
-    client.send("subscribe", rate_hz=50)
-    pose = client.state()["tcp"]
-    goal = [pose[0], pose[1] + 0.05, *pose[2:]]
-    client.send("move", sequence=1, pose=goal, duration_s=1.0)
-    until(lambda: client.state()["move_running"])
-    until(lambda: not client.state()["move_running"])
-    np.testing.assert_allclose(client.state()["tcp"][:3], goal[:3], atol=3e-3)
-    client.send("move", sequence=2, pose=pose, duration_s=20.0)
-    until(lambda: client.state()["move_running"])
-    client.send("cancel", sequence=3)
-    until(lambda: not client.state()["move_running"])
-    client.ended()
-
-
-WRONG = [
-    ("{", "input", "not valid JSON"),
-    ("[]", "input", "must be a JSON object"),
-    ("null", "input", "must be a JSON object"),
-    ('{"type": "jump"}', "input", "there is no frame of type 'jump'; valid are: subscribe, session"),
-    ('{"type": []}', "input", "there is no frame of type []"),
-    ('{"type": "end", "type": "end"}', "input", "the key 'type' stands twice"),
-    ('{"type": "subscribe", "rate_hz": 0}', "input", "rate_hz"),
-    ('{"type": "subscribe", "rate_hz": 1001}', "input", "rate_hz"),
-    ('{"type": "subscribe", "rate": 10}', "input", "unknown key 'rate' (did you mean 'rate_hz'?); valid"),
-    ('{"type": "target", "sequence": 99}', "input", "joints: is missing"),
-    ('{"type": "target", "sequence": 99, "joints": [0]}', "input", "joints must have 7 numbers"),
-    ('{"type": "target", "sequence": 99, "joints": [NaN, 0, 0, 0, 0, 0, 0]}', "input", "finite"),
-    ('{"type": "target", "sequence": 99, "joints": [1e999, 0, 0, 0, 0, 0, 0]}', "input", "finite"),
-    ('{"type": "target", "sequence": 99, "pose": [0]}', "input", "unknown key 'pose'"),
-    ('{"type": "target", "sequence": 0, "joints": [0, 0, 0, 0, 0, 0, 0]}', "input", "sequence"),
-    ('{"type": "chunk", "sequence": 99, "times_s": [2, 1], "points": [[0,0,0,0,0,0,0],[0,0,0,0,0,0,0]]}',
-     "input", "times_s must increase"),
-    ('{"type": "chunk", "sequence": 99, "times_s": [], "points": []}', "input", "from 1 to 64 points, got 0"),
-    ('{"type": "session"}', "conflict", "the robot is in use by WS /robot/stream from 127.0.0.1"),
-    (b"", "input", "16 bytes of header"),
-    (b"\0" * 16, "layout", "layout version 0"),
-]  # fmt: skip
-
-
-def test_wrong_frames_are_answered_and_change_nothing(client: StreamClient, run: Run) -> None:
-    client.session()
-    client.target(HOME)
-    for frame, code, words in WRONG:
-        client.socket.send(frame)
-        answer = client.answer()
-        assert (answer["type"], answer["code"]) == ("error", code), frame
-        assert words in answer["detail"], frame
-    layout = client.hello["layout"]
-    client.binary(9, 1)
-    assert "there is no binary frame of kind 9; valid are: 1 (state)" in client.answer()["detail"]
-    client.binary(3, 99, b"\0" * 7, layout)
-    assert client.answer() == {
-        "type": "error",
-        "code": "input",
-        "detail": f"a record setpoint has {setpoint_dtype(7).itemsize} bytes, got 7",
-        "about": "setpoint",
-        "sequence": 99,
-    }
-    poison = np.zeros((), setpoint_dtype(7))
-    poison["joints"] = np.nan
-    client.binary(3, 99, poison.tobytes())
-    assert "joints must be finite" in client.answer()["detail"]
-    client.target(HOME)  # and the session goes on
-    client.send("subscribe", rate_hz=100)
-    until(lambda: client.state()["setpoint_seen"] == client.number)
-    assert client.state()["mode"] == "JOINT_IMPEDANCE"
-    client.ended()
-    np.testing.assert_allclose(run.joints(), HOME, atol=2e-3)
-
-
-NAMES = st.sampled_from(["type", "sequence", "joints", "pose", "rate_hz", "stream", "times_s", "points", "x"])
-VALUES = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
-    | st.sampled_from(["target", "chunk", "move", "cancel", "subscribe", "session"]),
-    lambda inner: st.lists(inner, max_size=8) | st.dictionaries(NAMES, inner, max_size=4),
-    max_leaves=12,
-)  # fmt: skip
-FRAMES = (
-    st.dictionaries(NAMES, VALUES, max_size=5).map(json.dumps)
-    | st.text(max_size=40)
-    | st.binary(max_size=64)
-    | st.tuples(st.integers(0, 9), st.binary(max_size=2000)).map(
-        lambda made: made[0].to_bytes(4, "little") + b"\3\0\0\0" + made[1]
-    )
-)
-
-
-@settings(
-    max_examples=150,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
-@example(frame="[" * 60_000)
-@example(frame='{"type": "target", "sequence": 1e400}')
-@given(frame=FRAMES)
-def test_no_frame_without_a_session_moves_the_arm_or_ends_the_connection(
-    service: Run, shared_client: StreamClient, frame: str | bytes
-) -> None:
-    before = service.joints()
-    shared_client.socket.send(frame)
-    shared_client.send("end")  # is answered in any case: there is no session
-    while (answer := shared_client.answer())["about"] != "end":
-        assert answer["type"] == "error"
-    np.testing.assert_allclose(service.joints(), before, atol=2e-3)
-    assert health(service)["session"] is None
-
-
-@pytest.fixture(scope="module")
-def shared_client(service: Run) -> Iterator[StreamClient]:
-    with StreamClient(service.url) as connected:
-        yield connected
-
-
-def test_frames_out_of_order_are_refused_and_counted(client: StreamClient, run: Run) -> None:
-    client.session()
-    client.target(HOME)
-    client.target(HOME)
-    for stale in (2, 1):
-        client.send("target", sequence=stale, joints=[0.5, *HOME[1:]])
-        assert client.answer()["detail"] == f"sequence must increase: {stale} comes after 2"
-    assert health(run)["session"]["refused"] == 2
-    client.ended()
-    np.testing.assert_allclose(run.joints(), HOME, atol=2e-3)
-
-
-def test_a_second_client_may_look_but_not_stream(client: StreamClient, run: Run) -> None:
-    client.session()
-    with StreamClient(run.url) as other:
-        other.send("session")
-        answer = other.answer()
-        assert answer["code"] == "conflict"
-        assert "in use by WS /robot/stream from 127.0.0.1:" in answer["detail"]
-        other.target([1.0, *HOME[1:]])
-        assert "there is no session" in other.answer()["detail"]
-        other.send("estop")
-        assert "there is no session" in other.answer()["detail"]
-        other.send("subscribe", rate_hz=100)
-        assert other.state()["mode"] == "JOINT_IMPEDANCE"
-    client.ended()
-
-
-def test_motions_and_sequences_wait_for_a_session_and_learn_who_streams(
-    client: StreamClient, run: Run
-) -> None:
-    client.session()
-    sequence = {"config": ("s.json", json.dumps({"waypoints": []}), "application/json")}
-    answers = [
-        post(run, "/robot/move/named", name="home"),
-        post(run, "/trajectory/send", points=[{"positions": HOME, "time_from_start": 1.0}]),
-        httpx.post(f"{run.url}/sequences/start", files=sequence, timeout=WAIT_S),
-    ]
-    for answer in answers:
-        assert (answer.status_code, answer.json()["code"]) == (409, "conflict"), answer.text
-        assert "the robot is in use by WS /robot/stream from 127.0.0.1:" in answer.json()["detail"]
-    assert health(run)["service"]["motion"].startswith("WS /robot/stream from")
-    client.ended()
-
-
 def test_a_local_clients_session_has_the_same_rights(client: StreamClient, run: Run) -> None:
     script = (
         "import sys, time\nfrom cobot import Mode, Robot\n"
@@ -339,60 +88,6 @@ def test_a_local_clients_session_has_the_same_rights(client: StreamClient, run: 
         assert health(run)["session"] is None
         local.kill()
     client.session()
-    client.ended()
-
-
-def test_no_session_begins_during_a_motion(client: StreamClient, run: Run) -> None:
-    points = [{"positions": [0.5, *HOME[1:]], "time_from_start": 20.0}]
-    assert post(run, "/trajectory/send", points=points).status_code == 200
-    client.send("session")
-    answer = client.answer()
-    assert (answer["code"], answer["about"]) == ("conflict", "session")
-    assert "in use by POST /trajectory/send" in answer["detail"]
-    post(run, "/stop")
-    client.session()
-    client.ended()
-
-
-def test_a_stop_ends_the_session_and_everybody_learns_of_it(client: StreamClient, run: Run) -> None:
-    number = client.session(inner_control_hz=50)
-    sway(client, 0.6)
-    stopped = post(run, "/stop").json()
-    assert stopped["success"], stopped
-    assert stopped["stopped"][0].startswith("WS /robot/stream from 127.0.0.1:")
-    assert health(run)["session"] is None
-    assert client.until_ended() == {"type": "session_ended", "number": number, "reason": "stop requested"}
-    client.target(HOME)
-    assert client.answer()["code"] == "stopped"
-    client.session()
-    client.ended()
-
-
-def test_an_estop_of_the_client_is_latched(client: StreamClient, run: Run) -> None:
-    client.session(inner_control_hz=50)
-    sway(client, 0.6)
-    client.send("estop")
-    assert client.until_ended()["reason"] == "e-stop requested by the streaming client"
-    client.send("session")
-    assert client.answer()["code"] == "not_ready"
-    client.send("estop")
-    assert client.answer()["code"] == "conflict"
-    assert post(run, "/robot/reset").status_code == 200
-    client.session()
-    client.ended()
-
-
-def test_a_silent_clients_arm_comes_to_rest_and_the_log_and_health_say_so(
-    client: StreamClient, run: Run
-) -> None:
-    client.session(inner_control_hz=50)
-    before = health(run)["interventions"]["command_timeout"]
-    sway(client, 0.6)
-    until(lambda: health(run)["interventions"]["command_timeout"] == before + 1)
-    assert 0.0 <= health(run)["last_interventions_s"]["command_timeout"] < WAIT_S
-    assert health(run)["last_interventions_s"]["not_finite"] is None
-    run.until(lambda: "intervention command_timeout at " in run.output)
-    client.target(HOME)
     client.ended()
 
 
@@ -479,41 +174,6 @@ def test_a_client_that_does_not_read_costs_nothing_and_gets_the_newest(
     assert health(run)["status"] == "ok"
 
 
-def test_there_are_only_so_many_connections(run: Run) -> None:
-    clients: list[StreamClient] = []
-
-    def connect_many() -> None:
-        for _ in range(40):
-            clients.append(StreamClient(run.url))  # noqa: PERF401 - those before the last are closed below
-
-    try:
-        with pytest.raises(InvalidStatus) as refused:
-            connect_many()
-        assert refused.value.response.status_code == 503
-        assert json.loads(refused.value.response.body)["detail"] == "32 connections stream already"
-        assert 30 <= len(clients) <= 32, "other tests may have one"
-    finally:
-        for each in clients:
-            each.socket.close()
-    until(lambda: try_connect(run))
-
-
-def try_connect(run: Run) -> bool:
-    try:
-        StreamClient(run.url).socket.close()
-    except InvalidStatus:
-        return False
-    return True
-
-
-def test_a_page_of_somebody_elses_cannot_connect(run: Run) -> None:
-    with pytest.raises(InvalidStatus) as refused:
-        StreamClient(run.url, origin="http://evil.example")
-    assert "a page of http://evil.example may not move the robot" in refused.value.response.body.decode()
-    with StreamClient(run.url, origin=run.url) as page:
-        assert page.hello["type"] == "hello"
-
-
 def test_a_frame_that_is_too_large_ends_its_connection_only(client: StreamClient, run: Run) -> None:
     with StreamClient(run.url) as other:
         other.socket.send("x" * 70_000)
@@ -580,15 +240,6 @@ def test_sigterm_during_a_session_ends_everything_at_once(tmp_path: Path) -> Non
             assert word not in run.output
     finally:
         run.end()
-
-
-def test_a_chunk_of_poses_is_for_nobody(client: StreamClient) -> None:
-    client.session(stream="cartesian")
-    chunk = np.zeros((), chunk_dtype(7))
-    chunk["count"] = 1
-    client.binary(4, 1, chunk.tobytes())
-    assert "a cartesian stream takes no chunks" in client.answer()["detail"]
-    client.ended()
 
 
 @pytest.mark.parametrize("where", ["local", "remote"])

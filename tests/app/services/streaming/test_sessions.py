@@ -22,13 +22,13 @@ from app.services.motion.ownership import Ownership
 from app.services.motion.planning import PlanningService
 from app.services.state.interventions import InterventionLog
 from app.services.state.link import RobotLink
-from app.services.state.ticker import Ticker
 from app.services.streaming.sessions import StreamService
 from cobot.config import Settings
 from cobot.errors import ConflictError, ExecutionError, InputError, NotReadyError, UnavailableError
 from cobot.ipc.layout import Interpolation, Intervention, Stream, chunk_dtype, setpoint_dtype, state_dtype
 from cobot.ipc.session_rules import nominal_session
 from cobot.robot.description import RobotDescription
+from cobot.ticker import Ticker
 from cobot.types import LoopMode
 
 NAME = "WS test"

@@ -1,4 +1,4 @@
-"""Vendor services over HTTP, on the simulated robot.
+"""Vendor services over HTTP, on the simulated robot and on virtual time.
 
 Oracle: pinocchio for where the TCP is and what gravity asks of the joints; the REST endpoints for what the
 arm does; what the client of section 8 of the manual expects, call by call.
@@ -13,24 +13,27 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
-from running import WAIT_S, Run, until
 from scipy.spatial.transform import Rotation
 from second_opinion import second_robot
+from virtual import VirtualService, virtual_service
 
 from app.aubo.codes import Code
 
 IDLE = -1
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 SETTLED_RAD = 2e-3
+LATENCY_S = 0.002
+"""What a call takes: who polls sees the arm move."""
 
 
 class Robot:
     """The services of one robot: `robot("RobotConfig", "getDof")` is the result of a call that succeeds."""
 
-    def __init__(self, run: Run, http: httpx.Client) -> None:
-        self.name, self.http = run.name, http
+    def __init__(self, service: VirtualService) -> None:
+        self.name, self.http = service.name, service
 
     def post(self, robot_class: str, method: str, **fields: Any) -> httpx.Response:
+        self.http.sleep(LATENCY_S)
         return self.http.post(f"/{self.name}/{robot_class}/{method}", json=fields)
 
     def answer(self, robot_class: str, method: str, **fields: Any) -> dict[str, Any]:
@@ -67,25 +70,23 @@ class Robot:
                 seen.append(number)
             return bool(number == IDLE)
 
-        until(ended)
-        until(lambda: self("RobotState", "isSteady"))
+        self.http.until(ended)
+        self.http.until(lambda: self("RobotState", "isSteady"))
         return seen[:-1]
 
 
-@pytest.fixture
-def robot(shared: Run, http: httpx.Client) -> Iterator[Robot]:
-    yield from settled(Robot(shared, http))
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
+    """One for all tests here."""
+    with virtual_service(tmp_path_factory.mktemp("vendor")) as started:
+        yield started
 
 
 @pytest.fixture
-def slow(service: Run) -> Iterator[Robot]:
-    with httpx.Client(base_url=service.url, timeout=WAIT_S) as client:
-        robot = Robot(service, client)
-        client.post("/stop").raise_for_status()
-        yield from settled(robot)
-
-
-def settled(robot: Robot) -> Iterator[Robot]:
+def robot(service: VirtualService) -> Iterator[Robot]:
+    """At home, and as it was when it was started."""
+    service.go_home()
+    robot = Robot(service)
     yield robot
     robot("RobotConfig", "resetLimits")
     robot("RobotConfig", "setTcpOffset", offset=[0.0] * 6)
@@ -218,106 +219,89 @@ def test_a_line_that_leads_nowhere_is_refused_and_the_queue_goes_on(robot: Robot
     assert abs(robot.joints[0] - 0.1) < SETTLED_RAD
 
 
-def test_moves_follow_each_other_in_their_order(slow: Robot) -> None:
+def test_moves_follow_each_other_in_their_order(robot: Robot) -> None:
     for change in (0.2, -0.1, 0.1):
-        slow("MotionControl", "moveJoint", q=moved(HOME, j1=change), v=1.0, a=4.0)
-    assert slow("MotionControl", "getQueueSize") == 3
-    assert not slow("RobotState", "isSteady")
-    numbers = slow.done()
+        robot("MotionControl", "moveJoint", q=moved(HOME, j1=change), v=1.0, a=4.0)
+    assert robot("MotionControl", "getQueueSize") == 3
+    assert not robot("RobotState", "isSteady")
+    numbers = robot.done()
     assert numbers == list(range(numbers[0], numbers[0] + 3))
-    assert slow("MotionControl", "getQueueSize") == 0
-    assert abs(slow.joints[0] - 0.1) < SETTLED_RAD
+    assert robot("MotionControl", "getQueueSize") == 0
+    assert abs(robot.joints[0] - 0.1) < SETTLED_RAD
 
 
-def test_blended_moves_do_not_stop_in_between(slow: Robot) -> None:
-    slow("MotionControl", "moveJoint", q=HOME)
-    slow.done()
+def test_blended_moves_do_not_stop_in_between(robot: Robot) -> None:
+    robot("MotionControl", "moveJoint", q=HOME)
+    robot.done()
     corner, end = moved(HOME, j1=0.4), moved(HOME, j1=0.4, j4=0.4)
-    slow("MotionControl", "moveJoint", q=corner, v=0.5, a=1.0, blend_radius=0.05)
-    slow("MotionControl", "moveJoint", q=end, v=0.5, a=1.0)
+    robot("MotionControl", "moveJoint", q=corner, v=0.5, a=1.0, blend_radius=0.05)
+    robot("MotionControl", "moveJoint", q=end, v=0.5, a=1.0)
     speeds, nearest = [], np.inf
-    number = slow("MotionControl", "getExecId")
-    while (now := slow("MotionControl", "getExecId")) != IDLE:
-        joints = slow("RobotState", "getTargetJointPositions")
+    number = robot("MotionControl", "getExecId")
+    while (now := robot("MotionControl", "getExecId")) != IDLE:
+        joints = robot("RobotState", "getTargetJointPositions")
         nearest = min(nearest, float(np.abs(np.subtract(joints, corner)).max()))
         if now == number + 1 and abs(joints[3] - end[3]) > 0.2 and abs(joints[3] - HOME[3]) > 0.01:
-            speeds.append(np.abs(slow("RobotState", "getTargetJointSpeeds")).max())
+            speeds.append(np.abs(robot("RobotState", "getTargetJointSpeeds")).max())
     assert nearest > 1e-3  # the corner itself is left out
     assert speeds
     assert min(speeds) > 0.05
-    assert max(abs(a - b) for a, b in zip(slow.joints, end, strict=True)) < SETTLED_RAD
+    assert max(abs(a - b) for a, b in zip(robot.joints, end, strict=True)) < SETTLED_RAD
 
 
-def test_a_duration_decides_how_long_a_move_takes(slow: Robot) -> None:
-    slow("MotionControl", "moveJoint", q=moved(slow.joints, j1=0.2), duration=1.5)
-    number = slow("MotionControl", "getExecId")
-    assert slow("MotionControl", "getDuration", exec_id=number) == pytest.approx(1.5)
-    assert "no move 9999" in slow.fails(Code.NOT_FOUND, "MotionControl", "getDuration", exec_id=9999)
-    slow.done()
+def test_a_duration_decides_how_long_a_move_takes(robot: Robot) -> None:
+    robot("MotionControl", "moveJoint", q=moved(robot.joints, j1=0.2), duration=1.5)
+    number = robot("MotionControl", "getExecId")
+    assert robot("MotionControl", "getDuration", exec_id=number) == pytest.approx(1.5)
+    assert "no move 9999" in robot.fails(Code.NOT_FOUND, "MotionControl", "getDuration", exec_id=9999)
+    robot.done()
 
 
-def test_a_stop_empties_the_queue_and_says_so(slow: Robot) -> None:
-    slow("MotionControl", "moveJoint", q=moved(HOME, j1=1.0), v=0.3)
-    slow("MotionControl", "moveJoint", q=HOME, v=0.3)
-    until(lambda: abs(slow.joints[0]) > 0.05)
-    stopped = slow.http.post("/stop").json()
+def test_a_stop_empties_the_queue_and_says_so(robot: Robot) -> None:
+    robot("MotionControl", "moveJoint", q=moved(HOME, j1=1.0), v=0.3)
+    robot("MotionControl", "moveJoint", q=HOME, v=0.3)
+    robot.http.until(lambda: abs(robot.joints[0]) > 0.05)
+    stopped = robot.http.post("/stop").json()
     assert stopped["success"]
     assert "the motion queue" in stopped["message"]
-    assert slow("MotionControl", "getExecId") == IDLE
-    assert slow("MotionControl", "getQueueSize") == 0
-    assert "stopped by POST /stop" in slow("MotionControl", "getLastError")
-    assert slow("RobotState", "isSteady")
-    assert 0.05 < slow.joints[0] < 0.95
-    slow("MotionControl", "moveJoint", q=HOME)
-    slow.done()
-    assert slow("MotionControl", "getLastError") == ""
+    assert robot("MotionControl", "getExecId") == IDLE
+    assert robot("MotionControl", "getQueueSize") == 0
+    assert "stopped by POST /stop" in robot("MotionControl", "getLastError")
+    assert robot("RobotState", "isSteady")
+    assert 0.05 < robot.joints[0] < 0.95
+    robot("MotionControl", "moveJoint", q=HOME)
+    robot.done()
+    assert robot("MotionControl", "getLastError") == ""
 
 
-def test_a_motion_that_fails_in_the_background_is_visible(run: Run) -> None:
-    with httpx.Client(base_url=run.url, timeout=WAIT_S) as client:
-        robot = Robot(run, client)
-        robot("MotionControl", "moveJoint", q=moved(HOME, j1=2.0), v=0.01)  # takes long
-        robot("MotionControl", "moveJoint", q=HOME)
-        rtloop = run.child("rtloop")
-        assert rtloop is not None
-        rtloop.kill()
-        until(lambda: robot("MotionControl", "getExecId") == IDLE)
-        assert "rtloop" in robot("MotionControl", "getLastError")
-        assert robot("MotionControl", "getQueueSize") == 0
-        assert "the motion queue is emptied" in run.output
-        run.until(run.healthy)
-        robot("MotionControl", "moveJoint", q=robot.joints)  # and goes on working
-        robot.done()
-
-
-def test_stop_move_waits_on_the_path_until_start_move(slow: Robot) -> None:
+def test_stop_move_waits_on_the_path_until_start_move(robot: Robot) -> None:
     goal = moved(HOME, j1=0.8)
-    slow("MotionControl", "moveJoint", q=goal, v=0.4)
-    until(lambda: abs(slow.joints[0] - HOME[0]) > 0.05)
-    slow("MotionControl", "stopMove")
-    before = slow.joints
-    speeds = [np.abs(slow("RobotState", "getTargetJointSpeeds")).max() for _ in range(20)]
+    robot("MotionControl", "moveJoint", q=goal, v=0.4)
+    robot.http.until(lambda: abs(robot.joints[0] - HOME[0]) > 0.05)
+    robot("MotionControl", "stopMove")
+    before = robot.joints
+    speeds = [np.abs(robot("RobotState", "getTargetJointSpeeds")).max() for _ in range(20)]
     assert max(speeds) < 1e-9
-    assert slow("MotionControl", "getExecId") != IDLE
-    assert not slow("RobotState", "isSteady")
-    assert max(abs(a - b) for a, b in zip(slow.joints, before, strict=True)) < 1e-3
-    slow("MotionControl", "startMove")
-    slow.done()
-    assert max(abs(a - b) for a, b in zip(slow.joints, goal, strict=True)) < SETTLED_RAD
+    assert robot("MotionControl", "getExecId") != IDLE
+    assert not robot("RobotState", "isSteady")
+    assert max(abs(a - b) for a, b in zip(robot.joints, before, strict=True)) < 1e-3
+    robot("MotionControl", "startMove")
+    robot.done()
+    assert max(abs(a - b) for a, b in zip(robot.joints, goal, strict=True)) < SETTLED_RAD
 
 
 @pytest.mark.parametrize("method", ["clearPath", "stopJoint", "stopLine"])
-def test_what_ends_the_moves_leaves_the_arm_at_rest_and_free(slow: Robot, method: str) -> None:
-    slow("MotionControl", "moveJoint", q=moved(HOME, j1=-0.8), v=0.4)
-    slow("MotionControl", "moveJoint", q=HOME, v=0.4)
+def test_what_ends_the_moves_leaves_the_arm_at_rest_and_free(robot: Robot, method: str) -> None:
+    robot("MotionControl", "moveJoint", q=moved(HOME, j1=-0.8), v=0.4)
+    robot("MotionControl", "moveJoint", q=HOME, v=0.4)
     if method == "clearPath":
-        slow("MotionControl", "stopMove")
-    slow("MotionControl", method)
-    assert slow("MotionControl", "getExecId") == IDLE
-    assert slow("RobotState", "isSteady")
-    assert method in slow("MotionControl", "getLastError")
-    slow("MotionControl", "moveJoint", q=HOME)  # not waiting for startMove
-    slow.done()
+        robot("MotionControl", "stopMove")
+    robot("MotionControl", method)
+    assert robot("MotionControl", "getExecId") == IDLE
+    assert robot("RobotState", "isSteady")
+    assert method in robot("MotionControl", "getLastError")
+    robot("MotionControl", "moveJoint", q=HOME)  # not waiting for startMove
+    robot.done()
 
 
 def test_a_gentler_stop_than_the_limits_is_not_supported(robot: Robot) -> None:
@@ -326,56 +310,56 @@ def test_a_gentler_stop_than_the_limits_is_not_supported(robot: Robot) -> None:
     assert robot("MotionControl", "stopJoint", acc=31.0) == 0
 
 
-def test_the_speed_fraction_slows_down_what_runs(slow: Robot) -> None:
-    slow("MotionControl", "setSpeedFraction", fraction=0.5)
-    assert slow("MotionControl", "getSpeedFraction") == 0.5
-    goal = moved(slow.joints, j1=0.4)
-    slow("MotionControl", "moveJoint", q=goal, v=0.6, a=3.0)
+def test_the_speed_fraction_slows_down_what_runs(robot: Robot) -> None:
+    robot("MotionControl", "setSpeedFraction", fraction=0.5)
+    assert robot("MotionControl", "getSpeedFraction") == 0.5
+    goal = moved(robot.joints, j1=0.4)
+    robot("MotionControl", "moveJoint", q=goal, v=0.6, a=3.0)
     speeds = []
-    while slow("MotionControl", "getExecId") != IDLE:
-        speeds.append(np.abs(slow("RobotState", "getTargetJointSpeeds")).max())
+    while robot("MotionControl", "getExecId") != IDLE:
+        speeds.append(np.abs(robot("RobotState", "getTargetJointSpeeds")).max())
     assert 0.25 < max(speeds) <= 0.3 * (1 + 1e-6)
     for fraction in (0.0, 1.1, -0.5):
-        slow.fails(Code.LIMIT, "MotionControl", "setSpeedFraction", fraction=fraction)
+        robot.fails(Code.LIMIT, "MotionControl", "setSpeedFraction", fraction=fraction)
 
 
-def test_one_owner_at_a_time_also_here(slow: Robot) -> None:
-    slow("MotionControl", "moveJoint", q=moved(HOME, j1=0.5), v=0.3)
-    refused = slow.http.post("/robot/move/named", json={"name": "home"})
+def test_one_owner_at_a_time_also_here(robot: Robot) -> None:
+    robot("MotionControl", "moveJoint", q=moved(HOME, j1=0.5), v=0.3)
+    refused = robot.http.post("/robot/move/named", json={"name": "home"})
     assert refused.status_code == 409
     assert "the motion queue" in refused.json()["detail"]
-    slow.done()
-    slow("MotionControl", "setServoModeSelect", qmode=1, watchdog_timeout=5.0)
-    assert "a servo session" in slow.fails(Code.CONFLICT, "MotionControl", "moveJoint", q=HOME)
-    slow("MotionControl", "setServoModeSelect", qmode=0)
-    slow("MotionControl", "moveJoint", q=HOME)
-    slow.done()
+    robot.done()
+    robot("MotionControl", "setServoModeSelect", qmode=1, watchdog_timeout=5.0)
+    assert "a servo session" in robot.fails(Code.CONFLICT, "MotionControl", "moveJoint", q=HOME)
+    robot("MotionControl", "setServoModeSelect", qmode=0)
+    robot("MotionControl", "moveJoint", q=HOME)
+    robot.done()
 
 
 @pytest.mark.parametrize("cartesian", [False, True])
-def test_servo_points_move_the_arm(slow: Robot, cartesian: bool) -> None:
-    slow("MotionControl", "moveJoint", q=HOME)
-    slow.done()
+def test_servo_points_move_the_arm(robot: Robot, cartesian: bool) -> None:
+    robot("MotionControl", "moveJoint", q=HOME)
+    robot.done()
     goal = moved(HOME, j1=0.1, j4=0.05)
-    assert not slow("MotionControl", "isServoModeEnabled")
-    slow.fails(Code.CONFLICT, "MotionControl", "servoJoint", q=goal)
-    slow("MotionControl", "setServoModeSelect", qmode=1, watchdog_timeout=5.0)
-    assert slow("MotionControl", "isServoModeEnabled")
-    assert slow("MotionControl", "getServoMode") == slow("MotionControl", "getServoModeSelect") == 1
+    assert not robot("MotionControl", "isServoModeEnabled")
+    robot.fails(Code.CONFLICT, "MotionControl", "servoJoint", q=goal)
+    robot("MotionControl", "setServoModeSelect", qmode=1, watchdog_timeout=5.0)
+    assert robot("MotionControl", "isServoModeEnabled")
+    assert robot("MotionControl", "getServoMode") == robot("MotionControl", "getServoModeSelect") == 1
     if cartesian:
-        pose, _ = json.loads(slow("RobotAlgorithm", "forwardKinematics", q=goal))
-        slow("MotionControl", "servoCartesian", pose=pose)
+        pose, _ = json.loads(robot("RobotAlgorithm", "forwardKinematics", q=goal))
+        robot("MotionControl", "servoCartesian", pose=pose)
     else:
-        slow("MotionControl", "servoJoint", q=goal, t=0.02)
+        robot("MotionControl", "servoJoint", q=goal, t=0.02)
     place = tcp(goal)
-    until(lambda: np.linalg.norm(tcp(slow.joints) - place) < 1e-3)
-    assert json.loads(slow("MotionControl", "getServoFeedback"))["points_accepted"] == 1
-    slow.fails(Code.INPUT, "MotionControl", "servoJoint", q=goal[:5])
-    slow.fails(Code.UNREACHABLE, "MotionControl", "servoCartesian", pose=[3.0, 0, 0, 0, 0, 0])
-    slow("MotionControl", "setServoMode", enable=False)
-    assert not slow("MotionControl", "isServoModeEnabled")
-    assert slow("MotionControl", "getServoMode") == 0
-    slow.fails(Code.INPUT, "MotionControl", "setServoModeSelect", qmode=9)
+    robot.http.until(lambda: np.linalg.norm(tcp(robot.joints) - place) < 1e-3)
+    assert json.loads(robot("MotionControl", "getServoFeedback"))["points_accepted"] == 1
+    robot.fails(Code.INPUT, "MotionControl", "servoJoint", q=goal[:5])
+    robot.fails(Code.UNREACHABLE, "MotionControl", "servoCartesian", pose=[3.0, 0, 0, 0, 0, 0])
+    robot("MotionControl", "setServoMode", enable=False)
+    assert not robot("MotionControl", "isServoModeEnabled")
+    assert robot("MotionControl", "getServoMode") == 0
+    robot.fails(Code.INPUT, "MotionControl", "setServoModeSelect", qmode=9)
 
 
 def test_the_state_is_what_rest_and_another_library_say(robot: Robot) -> None:
@@ -418,14 +402,14 @@ def test_poses_are_those_of_the_tool(robot: Robot) -> None:
     assert (reached.inv() * Rotation.from_euler("xyz", goal[3:])).magnitude() < 5e-3
 
 
-def test_tightened_limits_are_kept_by_moves(slow: Robot) -> None:
-    slow("RobotConfig", "setJointMaxSpeeds", speeds=[0.2] * 7)
-    slow("RobotConfig", "setJointMaxPositions", positions=[0.5] * 5 + [1.6, 0.5])
-    slow.fails(Code.LIMIT, "MotionControl", "moveJoint", q=moved(HOME, j1=0.6))
-    slow("MotionControl", "moveJoint", q=moved(HOME, j1=0.3), v=1.0)
+def test_tightened_limits_are_kept_by_moves(robot: Robot) -> None:
+    robot("RobotConfig", "setJointMaxSpeeds", speeds=[0.2] * 7)
+    robot("RobotConfig", "setJointMaxPositions", positions=[0.5] * 5 + [1.6, 0.5])
+    robot.fails(Code.LIMIT, "MotionControl", "moveJoint", q=moved(HOME, j1=0.6))
+    robot("MotionControl", "moveJoint", q=moved(HOME, j1=0.3), v=1.0)
     speeds = []
-    while slow("MotionControl", "getExecId") != IDLE:
-        speeds.append(np.abs(slow("RobotState", "getTargetJointSpeeds")).max())
+    while robot("MotionControl", "getExecId") != IDLE:
+        speeds.append(np.abs(robot("RobotState", "getTargetJointSpeeds")).max())
     assert max(speeds) <= 0.2 * (1 + 1e-6)
 
 

@@ -1,0 +1,119 @@
+"""The WebSocket /rosbridge of the whole service, on virtual time; over a network: tests/e2e/realtime.
+
+Oracle: a client made of `json`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from asgi import Refused
+from running import WAIT_S
+from virtual import VirtualService, virtual_service
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
+    """One for all tests here."""
+    with virtual_service(tmp_path_factory.mktemp("rosbridge")) as started:
+        yield started
+
+
+class Client:
+    """A client of rosbridge that may do anything."""
+
+    def __init__(self, run: VirtualService, **headers: str) -> None:
+        self.socket = run.connect("/rosbridge", **headers)
+
+    def __enter__(self) -> Client:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.socket.close()
+
+    def send(self, op: str, **content: Any) -> None:
+        self.socket.send(json.dumps({"op": op, **content}))
+
+    def next(self, op: str) -> dict[str, Any]:
+        """The next message of this kind."""
+        while True:
+            message: dict[str, Any] = json.loads(self.socket.recv(WAIT_S))
+            if message["op"] == op:
+                return message
+
+    def call(self, name: str, args: Any = None) -> dict[str, Any]:
+        self.send("call_service", service=name, args=args)
+        return self.next("service_response")
+
+
+def test_the_graph_for_gateways_follows_what_clients_do(run: VirtualService) -> None:
+    with Client(run) as gateway, Client(run) as other:
+        gateway.send("cobot_gateway")
+        gateway.send("subscribe", topic="/cobot/graph", type="std_msgs/String")
+
+        def graph() -> dict[str, Any]:
+            return json.loads(gateway.next("publish")["msg"]["data"])
+
+        first = graph()
+        topics = {topic["name"]: topic for topic in first["topics"]}
+        assert topics[f"/{run.name}/joint_cmd"]["subscribers"] == 1
+        assert f"/{run.name}/joint_states" not in topics
+        services = {service["name"]: service["type"] for service in first["services"]}
+        assert services[f"/{run.name}/RobotConfig/getDof"] == "aubo_interfaces/srv/GetDof"
+        assert "int32 result" in first["definitions"]["aubo_interfaces/srv/GetDof"]
+        assert {"name": f"/{run.name}/servo_mode", "type": "aubo_interfaces/action/ServoMode"} in first[
+            "actions"
+        ]
+        gateway.send("advertise", topic="/mirrored", type="std_msgs/String")
+        other.send("subscribe", topic="/wanted", type="std_msgs/Bool")
+        seen = graph()
+        while "/wanted" not in {topic["name"] for topic in seen["topics"]}:
+            seen = graph()
+        assert "/mirrored" not in {topic["name"] for topic in seen["topics"]}
+
+
+def test_what_is_wrong_is_answered_and_the_connection_lives(run: VirtualService) -> None:
+    with Client(run) as client:
+        for frame, sentence in (
+            ("{", "the message is not valid JSON"),
+            ("[1, 2]", "a message must be a JSON object"),
+            ('{"op": "fly"}', "there is no op 'fly'"),
+            ('{"op": "subscribe", "op": "publish"}', "the key 'op' stands twice"),
+            ("[" * 100_000, "nested too deeply"),
+            (b"\x00\x01", "CBOR is not supported"),
+            (" " * (4 * 2**20 + 1), "a message may have 4194304 characters, this one has 4194305"),
+        ):
+            client.socket.send(frame)
+            status = client.next("status")
+            assert status["level"] == "error"
+            assert sentence in status["msg"]
+        assert client.call("/rosapi/nodes")["values"] == {"nodes": ["/cobot"]}
+
+
+def test_a_page_from_elsewhere_is_refused(run: VirtualService) -> None:
+    with pytest.raises(Refused, match="422"):
+        Client(run, origin="http://elsewhere.example")
+    with Client(run, origin=run.url) as own:
+        assert own.call("/rosapi/nodes")["result"]
+
+
+def test_there_are_only_so_many_clients(run: VirtualService) -> None:
+    with contextlib.ExitStack() as stack:
+        for _ in range(31):
+            stack.enter_context(Client(run))
+        run.until(lambda: refused(run, stack))
+    run.until(lambda: not refused(run))
+
+
+def refused(run: VirtualService, stack: contextlib.ExitStack | None = None) -> bool:
+    """Whether another client is; one that is not goes, or stays with the stack."""
+    with contextlib.ExitStack() as own:
+        try:
+            (stack or own).enter_context(Client(run))
+        except Refused as exc:
+            return exc.status == 503
+    return False

@@ -1,0 +1,122 @@
+"""Clients of an application that runs on virtual time: they speak to itself, without a network (ASGI)."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+
+import httpx
+from fastapi import FastAPI
+from running import WAIT_S
+
+if TYPE_CHECKING:
+    from virtual import VirtualService
+
+
+class SynchronousTransport(httpx.BaseTransport):
+    """httpx's synchronous client at a virtual service."""
+
+    def __init__(self, service: VirtualService) -> None:
+        self._service = service
+
+    def handle_request(self, request: httpx.Request) -> httpx.Response:
+        content = request.read()
+        answer = self._service.run(
+            self._service.asking(
+                request.method, str(request.url), headers=dict(request.headers), content=content
+            )
+        )
+        return httpx.Response(answer.status_code, headers=answer.headers, content=answer.content)
+
+
+class Refused(Exception):
+    """The service has denied a WebSocket."""
+
+    def __init__(self, status: int, body: bytes) -> None:
+        super().__init__(f"HTTP {status}")
+        self.status, self.body = status, body
+
+
+class Closed(Exception):
+    """The service has closed a WebSocket; the code says why."""
+
+
+class Socket:
+    """A client's end of a WebSocket to the application; at most `unread` messages wait for who does not read.
+
+    Raises:
+        Refused: the service does not accept it.
+    """
+
+    _ports = iter(range(50_000, 60_000))
+
+    def __init__(self, service: VirtualService, path: str, headers: dict[str, str]) -> None:
+        self._service = service
+        self._inbox: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+        self._outbox: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+        self._inbox.put_nowait({"type": "websocket.connect"})
+        self._task = service.begin(self._serve(service.app, path, headers))
+        first = service.run(self._next())
+        if first["type"] == "websocket.http.response.start":
+            raise Refused(first["status"], service.run(self._next())["body"])
+        assert first["type"] == "websocket.accept", first
+
+    def __enter__(self) -> Socket:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    async def _serve(self, app: FastAPI, path: str, headers: dict[str, str]) -> None:
+        scope = {
+            "type": "websocket",
+            "asgi": {"version": "3.0", "spec_version": "2.4"},
+            "http_version": "1.1",
+            "scheme": "ws",
+            "path": path,
+            "raw_path": path.encode(),
+            "query_string": b"",
+            "root_path": "",
+            "headers": [
+                (name.lower().encode(), value.encode())
+                for name, value in {"host": urlsplit(self._service.url).netloc, **headers}.items()
+            ],
+            "client": ("127.0.0.1", next(self._ports)),
+            "server": ("robot.test", 80),
+            "subprotocols": [],
+            "state": {},
+            "extensions": {"websocket.http.response": {}},
+        }
+        try:
+            await app(scope, self._inbox.get, self._outbox.put)
+        finally:
+            self._outbox.put_nowait({"type": "websocket.close", "code": 1006})
+
+    async def _next(self) -> dict[str, Any]:
+        return await asyncio.wait_for(self._outbox.get(), WAIT_S)
+
+    def send(self, frame: str | bytes) -> None:
+        """Time does not go on: the service reads it when it next has its turn."""
+        kind = "text" if isinstance(frame, str) else "bytes"
+        self._inbox.put_nowait({"type": "websocket.receive", kind: frame})
+
+    def recv(self, timeout_s: float = WAIT_S) -> str | bytes:
+        """The next frame; time goes on until there is one."""
+        del timeout_s
+        message = self._service.run(self._next())
+        if message["type"] == "websocket.close":
+            if self._task.done():
+                self._task.result()
+            raise Closed(message["code"])
+        text = message.get("text")
+        return text if text is not None else message["bytes"]
+
+    def close(self) -> None:
+        """As a client that goes."""
+        self._inbox.put_nowait({"type": "websocket.disconnect", "code": 1000})
+        self._service.run(gathered({self._task}))
+
+
+async def gathered(tasks: set[asyncio.Task[Any]]) -> None:
+    await asyncio.gather(*tasks, return_exceptions=True)
