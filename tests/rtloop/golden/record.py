@@ -78,8 +78,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(2) as pool:
         runs = list(pool.map(lambda number: play_member(folder, number, wanted.only), range(len(MEMBERS))))
     with np.load(stage.TRACES) as file:
-        kept = {key: file[key] for key in file.files if key.split("/")[0] not in wanted.only}
-    np.savez_compressed(stage.TRACES, **kept, **ensemble.with_spread(runs))
+        traces = {key: file[key] for key in file.files} | ensemble.with_spread(runs)
+    np.savez_compressed(stage.TRACES, **traces)
     print(f"{stage.TRACES}: {stage.TRACES.stat().st_size / 1e6:.2f} MB")
 
 
