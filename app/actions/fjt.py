@@ -24,7 +24,8 @@ from app.actions.fjt_run import ARRIVAL_S, FEEDBACK_S, SEND_PERIOD_S, FjtSetting
 from app.graph.actions import GoalHandle, GoalStatus, Rejected
 from app.services.motion.execution import MotionService
 from app.services.motion.ownership import Caller, Claim, Ownership
-from app.services.state.link import RobotLink, RobotState
+from app.services.state.link import RobotLink
+from app.services.state.robot_state import RobotState
 from app.services.streaming.servo import ServoService
 from cobot.config import RosSection
 from cobot.errors import CobotError, ExecutionError, InputError, LimitError, MotionStopped, PlanningError
@@ -214,8 +215,8 @@ class FollowJointTrajectory:
             with contextlib.suppress(CobotError):
                 state = self._link.state()
                 if state.motion_id == claim.motion_id:
-                    rate = float(self._link.memory.state.data["path_rate"])
-                    progress = on_path(trajectory, state.path_time_s, rate, state, self._link.clock.wall_ns())
+                    stamp_ns = self._link.clock.wall_ns()
+                    progress = on_path(trajectory, state.path_time_s, state.path_rate, state, stamp_ns)
                     self._judge(claim, goal, progress)
                     if turn % FEEDBACK_EVERY == 0:
                         handle.feedback(progress.feedback(self._limits.names))

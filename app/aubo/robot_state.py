@@ -11,7 +11,7 @@ import numpy as np
 
 from app.aubo.poses import as_list, numbers_of, pose_of_seven
 from app.aubo.registry import service
-from app.services.state.link import RESTING
+from app.services.state.robot_state import RESTING
 from cobot.ipc.layout import Intervention
 from cobot.types import Array, LoopMode
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from app.services.motion.ownership import Caller, Claim, Ownership, watching
 from app.services.motion.planning import PlanningService, PlanRequest
-from app.services.state.link import ACKNOWLEDGE_S, POLL_S, RobotLink, RobotState
+from app.services.state.link import ACKNOWLEDGE_S, POLL_S, RobotLink
+from app.services.state.robot_state import RobotState
 from cobot.config import PlanningSection
 from cobot.errors import (
     CobotError,

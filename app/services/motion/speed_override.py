@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 
-from app.services.state.link import POLL_S, RESTING, RobotLink
+from app.services.state.link import POLL_S, RobotLink
+from app.services.state.robot_state import RESTING
 from cobot.errors import ConflictError, ExecutionError, LimitError
 
 REST_TIMEOUT_S = 3.0
@@ -106,7 +107,7 @@ class Pace:
 
     def _rests(self) -> bool:
         state = self._link.state()
-        return state.mode in RESTING or float(self._link.memory.state.data["path_rate"]) == 0.0
+        return state.mode in RESTING or state.path_rate == 0.0
 
     async def _apply(self) -> None:
         try:

@@ -11,7 +11,8 @@ import numpy as np
 
 from app.services.motion.ownership import Ownership
 from app.services.programs.sequences import SequenceService
-from app.services.state.link import RobotLink, RobotState
+from app.services.state.link import RobotLink
+from app.services.state.robot_state import RobotState
 from app.services.streaming.sessions import StreamService
 from cobot.errors import UnavailableError
 from cobot.ipc.layout import LAYOUT_VERSION, Intervention, Phase

@@ -12,7 +12,8 @@ import numpy as np
 
 from app.services.motion.execution import STATE_TIMEOUT_S, MotionService
 from app.services.motion.ownership import Caller, Ownership
-from app.services.state.link import POLL_S, RESTING, RobotLink
+from app.services.state.link import POLL_S, RobotLink
+from app.services.state.robot_state import RESTING
 from cobot.clock import Clock
 from cobot.errors import (
     CobotError,
