@@ -110,7 +110,7 @@ def create_app(
             app.state.services = app.state.robots[settings.robot.name]
             sync.robots.update(app.state.robots)
             stack.callback(sync.close)
-            app.state.hub = await stack.enter_async_context(serving(app.state.robots, tcps, clock))
+            app.state.graph = await stack.enter_async_context(serving(app.state.robots, tcps, clock))
             gc.collect()
             gc.freeze()
             yield
@@ -215,7 +215,7 @@ def _services(
     sequence = SequenceService(ownership, link, settings.sequences, base_url, latest_s)
     streams = StreamService(link, ownership, motion, settings.streaming.command_timeout_s)
     stopping = StopService(link, ownership, sequence)
-    equipment = Equipment(link, stopping, ownership.pace, simulated=settings.rt.backend == "mujoco")
+    equipment = Equipment(link, stopping, ownership.speed_override, simulated=settings.rt.backend == "mujoco")
     vendor_settings = RobotSettings(robot)
     force = ForceService(robot, link, streams, stopping, equipment.traces.warn)
     servo = ServoService(robot, link, streams, force, vendor_settings)

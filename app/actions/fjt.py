@@ -209,7 +209,7 @@ class FollowJointTrajectory:
 
     async def _watch(self, claim: Claim, goal: FjtGoal, trajectory: Trajectory, handle: GoalHandle) -> None:
         """Tell the client, and end the motion where it leaves the tolerances."""
-        begun_s, paused_s = self._link.clock.now_s(), claim.pace.paused_s
+        begun_s, paused_s = self._link.clock.now_s(), claim.speed_override.paused_s
         latest_s = self._latest_s(goal, trajectory)
         for turn in itertools.count():
             with contextlib.suppress(CobotError):
@@ -220,7 +220,9 @@ class FollowJointTrajectory:
                     self._judge(claim, goal, progress)
                     if turn % FEEDBACK_EVERY == 0:
                         handle.feedback(progress.feedback(self._limits.names))
-                    elapsed_s = self._link.clock.now_s() - begun_s - (claim.pace.paused_s - paused_s)
+                    elapsed_s = (
+                        self._link.clock.now_s() - begun_s - (claim.speed_override.paused_s - paused_s)
+                    )
                     if elapsed_s > latest_s and self._under_way(goal, trajectory, state):
                         claim.interrupt(GoalViolated(goal.late))
             await asyncio.sleep(WATCH_S)

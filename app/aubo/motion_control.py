@@ -151,7 +151,7 @@ def get_speed_fraction(robot: Services) -> float:
     Returns:
         A share of their planned speed, from 0.01 to 1.
     """
-    return robot.ownership.pace.fraction
+    return robot.ownership.speed_override.fraction
 
 
 @service("MotionControl")
@@ -161,7 +161,7 @@ async def set_speed_fraction(robot: Services, fraction: float) -> None:
     Args:
         fraction: of the planned speed, from 0.01 to 1.
     """
-    await robot.ownership.pace.set_fraction(fraction)
+    await robot.ownership.speed_override.set_fraction(fraction)
 
 
 @service("MotionControl")
@@ -171,13 +171,13 @@ async def stop_move(robot: Services) -> None:
     With an empty queue it does nothing.
     """
     if not robot.queue.idle:
-        await robot.ownership.pace.pause()
+        await robot.ownership.speed_override.pause()
 
 
 @service("MotionControl")
 async def start_move(robot: Services) -> None:
     """Go on after stopMove."""
-    await robot.ownership.pace.resume()
+    await robot.ownership.speed_override.resume()
 
 
 @service("MotionControl")

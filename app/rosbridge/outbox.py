@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Any
 
-from app.graph.graph import Hub
+from app.graph.graph import Graph
 from app.graph.topics import Subscription
 from app.rosbridge.fragments import in_pieces
 from app.rosbridge.operations import MAX_QUEUE, Id, Subscribe
@@ -38,7 +38,7 @@ def dumps(content: Message) -> str:
 class Feed:
     """A topic on its way to one client, which may have subscribed several times: the widest wish counts."""
 
-    def __init__(self, hub: Hub, wish: Subscribe, wake: asyncio.Event, owner: object) -> None:
+    def __init__(self, graph: Graph, wish: Subscribe, wake: asyncio.Event, owner: object) -> None:
         self.topic = wish.topic
         self._wishes: dict[Id, Subscribe] = {}
         self._queue: deque[Message] = deque()
@@ -47,7 +47,7 @@ class Feed:
         self._due_s = 0.0
         self._timer: asyncio.TimerHandle | None = None
         self.add(wish)
-        self._subscription: Subscription = hub.subscribe(wish.topic, wish.type, self._take, owner=owner)
+        self._subscription: Subscription = graph.subscribe(wish.topic, wish.type, self._take, owner=owner)
 
     def add(self, wish: Subscribe) -> None:
         if wish.id not in self._wishes and len(self._wishes) >= MAX_WISHES:
@@ -157,18 +157,18 @@ class Outbox:
             if not found and not self._answers:
                 return
 
-    def subscribe(self, hub: Hub, wish: Subscribe, owner: object) -> None:
+    def subscribe(self, graph: Graph, wish: Subscribe, owner: object) -> None:
         """A wish for a topic.
 
         Raises:
-            InputError: see `Hub.subscribe`.
+            InputError: see `Graph.subscribe`.
             ConflictError: there are too many for this topic.
         """
         feed = self.feeds.get(wish.topic)
         if feed is None:
-            self.feeds[wish.topic] = Feed(hub, wish, self.wake, owner)
+            self.feeds[wish.topic] = Feed(graph, wish, self.wake, owner)
             return
-        if wish.type is not None and hub.messages.resolved(wish.type, "msg") != feed.type:
+        if wish.type is not None and graph.messages.resolved(wish.type, "msg") != feed.type:
             raise InputError(f"{wish.topic} is of type {feed.type}, not {wish.type}")
         feed.add(wish)
 

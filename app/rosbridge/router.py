@@ -11,7 +11,7 @@ from fastapi.responses import JSONResponse
 from app.api.dependencies import LARGE_BYTES, decoded, without_collection
 from app.api.errors import status_of
 from app.api.routers.stream import require_own_page
-from app.graph.graph import Hub
+from app.graph.graph import Graph
 from app.rosbridge.connection import MAX_MESSAGE, MAX_OBJECTS, Connection
 from cobot.errors import CobotError, InputError, PayloadError, UnavailableError
 
@@ -38,15 +38,15 @@ async def rosbridge(socket: WebSocket) -> None:
         return
     state.rosbridge_connections += 1
     try:
-        await _serve(socket, cast(Hub, state.hub), cast(asyncio.Lock, state.large_body))
+        await _serve(socket, cast(Graph, state.graph), cast(asyncio.Lock, state.large_body))
     finally:
         state.rosbridge_connections -= 1
 
 
-async def _serve(socket: WebSocket, hub: Hub, large: asyncio.Lock) -> None:
+async def _serve(socket: WebSocket, graph: Graph, large: asyncio.Lock) -> None:
     await socket.accept()
     client = socket.client
-    connection = Connection(hub, f"{client.host}:{client.port}" if client else "a client")
+    connection = Connection(graph, f"{client.host}:{client.port}" if client else "a client")
     work = [
         asyncio.create_task(each)
         for each in (

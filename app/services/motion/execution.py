@@ -185,11 +185,11 @@ class MotionService:
         Raises:
             ExecutionError, UnavailableError, InputError: see `RobotLink.start`.
         """
-        if claim.pace.paused:
-            await claim.unless_interrupted(claim.pace.opened.wait())
+        if claim.speed_override.paused:
+            await claim.unless_interrupted(claim.speed_override.opened.wait())
         claim.proceed()
         claim.motion_id = await self._link.start(trajectory, claim.stops)
-        await claim.pace.begun()
+        await claim.speed_override.begun()
 
     async def arrival(self, claim: Claim) -> None:
         """Wait until the motion has ended.

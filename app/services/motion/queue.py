@@ -177,7 +177,7 @@ class MotionQueue:
         claim = self._claim
         if claim is not None:
             claim.interrupt(MotionStopped(reason))
-            claim.pace.reset()
+            claim.speed_override.reset()
             await claim.ended.wait()
 
     async def _accept(
@@ -217,7 +217,7 @@ class MotionQueue:
             chain = self._chain()
             last = chain[-1]
             waited = self._link.clock.now_s() > last.since_s + BLEND_WAIT_S and not self._turn.locked()
-            if (last.radius_m == 0.0 or waited) and not claim.pace.paused:
+            if (last.radius_m == 0.0 or waited) and not claim.speed_override.paused:
                 return chain
             await asyncio.sleep(POLL_S)
         return []

@@ -15,13 +15,13 @@ MAX_PAUSE_S = 3600.0
 FRACTIONS = (0.01, 1.0)
 
 
-class Pace:
+class SpeedOverride:
     """Of one robot's motions; streams have none.
 
     Attributes:
         opened: set while motions may begin.
         fraction: of full speed.
-        others: the paces of the robots that move together with this one, which pause and go on with it.
+        others: the overrides of the robots that move together with this one, which pause and go on with it.
     """
 
     def __init__(self, link: RobotLink) -> None:
@@ -31,7 +31,7 @@ class Pace:
         self.opened = asyncio.Event()
         self.opened.set()
         self.fraction = 1.0
-        self.others: tuple[Pace, ...] = ()
+        self.others: tuple[SpeedOverride, ...] = ()
 
     @property
     def paused(self) -> bool:
@@ -68,7 +68,7 @@ class Pace:
             UnavailableError: rtloop does not answer.
             ExecutionError: it does not come to rest.
         """
-        await asyncio.gather(*(pace._pause() for pace in (self, *self.others)))
+        await asyncio.gather(*(override._pause() for override in (self, *self.others)))
 
     async def _pause(self) -> None:
         if self._link.state().session:
@@ -89,10 +89,10 @@ class Pace:
         Raises:
             UnavailableError: rtloop does not answer.
         """
-        paces = (self, *self.others)
-        for pace in paces:
-            pace.reset()
-        await asyncio.gather(*(pace._apply() for pace in paces))
+        overrides = (self, *self.others)
+        for override in overrides:
+            override.reset()
+        await asyncio.gather(*(override._apply() for override in overrides))
 
     def reset(self) -> None:
         """There is nothing left that was paused."""

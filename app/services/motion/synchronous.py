@@ -17,7 +17,7 @@ import numpy as np
 
 from app.services.motion.frames import Frames
 from app.services.motion.ownership import Caller, Claim
-from app.services.motion.speed_override import Pace
+from app.services.motion.speed_override import SpeedOverride
 from cobot.errors import CobotError, ConflictError, InputError, LimitError, MotionStopped, NotFoundError
 from cobot.planners.rated import RatedMove
 from cobot.robot.limits import check_positions
@@ -212,16 +212,20 @@ class SyncService:
                 *(self._plan(name, targets[name], claim) for name, claim in claims.items())
             )
             ways = {name: way for name, way in zip(targets, planned, strict=True) if way is not None}
-            while paused := [claim for claim in claims.values() if claim.pace.paused]:  # nobody goes ahead
-                await paused[0].unless_interrupted(paused[0].pace.opened.wait())
-            takes_s = {name: way.duration_s / claims[name].pace.fraction for name, way in ways.items()}
+            while paused := [
+                claim for claim in claims.values() if claim.speed_override.paused
+            ]:  # nobody goes ahead
+                await paused[0].unless_interrupted(paused[0].speed_override.opened.wait())
+            takes_s = {
+                name: way.duration_s / claims[name].speed_override.fraction for name, way in ways.items()
+            }
             longest_s = max(takes_s.values(), default=0.0)
             starts = [
                 self.robots[name].motion.start(claims[name], way.stretched(longest_s / takes_s[name]))
                 for name, way in ways.items()
             ]
             moving = {name: claims[name] for name in ways}
-            stack.enter_context(_in_step([claim.pace for claim in moving.values()]))
+            stack.enter_context(_in_step([claim.speed_override for claim in moving.values()]))
             begun = await asyncio.gather(*starts, return_exceptions=True)
             failed = next((each for each in begun if isinstance(each, BaseException)), None)
             if failed is not None:
@@ -287,15 +291,15 @@ class SyncService:
 
 
 @contextlib.contextmanager
-def _in_step(paces: list[Pace]) -> Iterator[None]:
+def _in_step(overrides: list[SpeedOverride]) -> Iterator[None]:
     """None of them pauses alone while the context lasts."""
-    for pace in paces:
-        pace.others = tuple(other for other in paces if other is not pace)
+    for override in overrides:
+        override.others = tuple(other for other in overrides if other is not override)
     try:
         yield
     finally:
-        for pace in paces:
-            pace.others = ()
+        for override in overrides:
+            override.others = ()
 
 
 def _stop(claims: dict[str, Claim], cause: BaseException) -> None:

@@ -54,7 +54,7 @@ class ProgramService:
             return self._underway
         if not self.running:
             return RunState.STOPPED
-        return RunState.PAUSED if self._ownership.pace.paused else RunState.RUNNING
+        return RunState.PAUSED if self._ownership.speed_override.paused else RunState.RUNNING
 
     @property
     def running(self) -> bool:
@@ -107,12 +107,12 @@ class ProgramService:
 
         Raises:
             ConflictError: no program runs, or it streams.
-            ExecutionError, UnavailableError: see `Pace.pause`.
+            ExecutionError, UnavailableError: see `SpeedOverride.pause`.
         """
         self._require_running()
         self._underway = RunState.PAUSING
         try:
-            await self._ownership.pace.pause()
+            await self._ownership.speed_override.pause()
         finally:
             self._underway = None
 
@@ -121,12 +121,12 @@ class ProgramService:
 
         Raises:
             ConflictError: nothing is paused.
-            UnavailableError: see `Pace.resume`.
+            UnavailableError: see `SpeedOverride.resume`.
         """
         self._require_running()
-        if not self._ownership.pace.paused:
+        if not self._ownership.speed_override.paused:
             raise ConflictError("the program is not paused")
-        await self._ownership.pace.resume()
+        await self._ownership.speed_override.resume()
 
     async def stop(self) -> None:
         """End the program and the motion; returns when the arm rests, and when there is nothing to end.

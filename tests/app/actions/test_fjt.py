@@ -64,7 +64,7 @@ def point(positions: Any, time_s: float, velocities: Any = (), accelerations: An
 
 
 def goal(points: list[dict[str, Any]], names: list[str] = NAMES, **fields: Any) -> dict[str, Any]:
-    """A complete message, as the hub hands it to the action."""
+    """A complete message, as the graph hands it to the action."""
     stamp = fields.pop("stamp", 0.0)
     trajectory = {
         "header": {"stamp": duration(stamp)},
@@ -263,7 +263,7 @@ def test_positions_alone_give_the_clamped_spline(robot: RobotDescription) -> Non
 
 
 class Handle:
-    """What the hub gives an action."""
+    """What the graph gives an action."""
 
     def __init__(self) -> None:
         self.goal_id = "0" * 32
@@ -552,7 +552,7 @@ def test_an_arm_that_is_not_in_time_is_stopped(stand: Stand) -> None:
     """The motion goes on at a hundredth of its speed, so that it cannot be in time."""
 
     async def live() -> None:
-        stand.ownership.pace.fraction = 0.01
+        stand.ownership.speed_override.fraction = 0.01
         result = await stand.send(stand.to(0.4, 1.5, goal_time_tolerance=duration(0.1)), Handle())
         assert result["error_code"] == ErrorCode.GOAL_TOLERANCE_VIOLATED
         assert "goal_time_tolerance (0.1 s)" in result["error_string"]
