@@ -17,7 +17,7 @@ from cobot.errors import InputError
 from cobot.types import Array
 
 ORDER = 6
-"""Coefficients per polynomial: a quintic in ascending powers of the time since the segment's start."""
+"""A quintic's six coefficients stand in ascending powers of the time since the segment's start."""
 
 _FACTORS = np.array(
     [
@@ -42,7 +42,7 @@ _HERMITE = np.linalg.inv(
         dtype=np.float64,
     )
 )
-"""Maps (p0, v0, a0, p1, v1, a1) on the unit interval to coefficients."""
+"""This matrix maps (p0, v0, a0, p1, v1, a1) on the unit interval to a quintic's coefficients."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,10 +24,10 @@ from ros2.rosbridge import Rosbridge
 
 GRAPH = "/cobot/graph"
 STATUS_OF_ACTIONS = "/_action/status"
-"""Ends the topics that ROS wants latched: who looks later sees the goals as they are."""
+"""Topics that end so are latched, as in ROS: who looks later sees the goals as they are."""
 DEPTH = 1000
 CODE_ERROR, CODE_UNAVAILABLE = 1, 50
-"""As in app.aubo.codes."""
+"""The codes of app.aubo.codes for an error in cobot itself and for a service that is away."""
 GOAL_ABORTED, CANCEL_REJECTED = 6, 1
 
 Made = TypeVar("Made", Service, Publisher, Subscription)

@@ -20,7 +20,7 @@ import numpy as np
 
 from app.actions.fjt_goal import ErrorCode, FjtGoal, GoalError, GoalViolated, Message, PathViolated, read_goal
 from app.actions.fjt_progress import Progress, on_path
-from app.actions.fjt_run import ARRIVAL_S, FEEDBACK_S, SEND_PERIOD_S, FjtSettings, Run, stream
+from app.actions.fjt_run import ARRIVAL_S, FEEDBACK_S, SEND_PERIOD_S, FjtSettings, Run, ServoExecution
 from app.graph.actions import GoalHandle, GoalStatus, Rejected
 from app.services.motion.execution import MotionService
 from app.services.motion.ownership import Caller, Claim, Ownership
@@ -37,11 +37,11 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array
 
 WATCH_S = 0.01
-"""Tolerances are judged so often."""
+"""How often the tolerances of a goal are judged, s."""
 FEEDBACK_EVERY = round(FEEDBACK_S / WATCH_S)
 READY_S = 1.0
 THERE_S = 0.5
-"""For the way to a goal where the arm is already, but for the tolerance of the start."""
+"""A goal whose only point is where the arm is already (to the tolerance of the start) takes so long, s."""
 PLAN_S = 30.0
 
 log = logging.getLogger("cobot.fjt")
@@ -69,6 +69,7 @@ class FollowJointTrajectory:
         self._ownership = ownership
         self._motion = motion
         self._servo = servo
+        self._streamed = ServoExecution(servo, link, robot.limits.names)
         self._configured = settings
         self._start_tolerance_rad = start_tolerance_rad
         self._newest: Run | None = None
@@ -144,8 +145,7 @@ class FollowJointTrajectory:
             if settings.mode is ServoMode.NONE:
                 await self._follow(claim, goal, trajectory, handle)
                 return
-        names, stops = self._limits.names, claim.stops
-        await stream(self._servo, self._link, names, run, goal, trajectory, settings, handle, stops)
+        await self._streamed.execute(run, goal, trajectory, settings, handle, claim.stops)
 
     async def _planned(self, claim: Claim, goal: FjtGoal, state: RobotState, *, streamed: bool) -> Trajectory:
         """The motion through all points, slowed down where the limits need it and the goal permits it."""

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from app.robot_services import Services
 
 STATE_TIMEOUT_S = 1.5
-"""How long a state is waited for, as GET /robot/joint_states does."""
+"""A state is waited for as long as GET /robot/joint_states waits, s."""
 PUSHED = (Intervention.TRACKING, Intervention.CONTACT)
 
 

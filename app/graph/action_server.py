@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 MAX_RUNNING = 16
 MAX_KEPT = 64
 KEPT_S = 900.0
-"""For so long, and no more than `MAX_KEPT`, results are kept for who asks late."""
+"""The newest `MAX_KEPT` results are kept for so long, for clients that ask late, s."""
 
 log = logging.getLogger("cobot.graph")
 

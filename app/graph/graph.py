@@ -25,7 +25,7 @@ from cobot.strict import shown
 
 GRAPH_TOPIC = "/cobot/graph"
 GRAPH_DELAY_S = 0.02
-"""What changes within this time is told at once."""
+"""Changes within this time are told together, s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -72,7 +72,7 @@ class Publisher:
 
 
 class Subscription:
-    """Somebody's wish for a topic's messages. Made by `Graph.subscribe`."""
+    """Somebody's subscription to a topic. Made by `Graph.subscribe`."""
 
     def __init__(
         self, topics: Topics, topic: _Topic, callback: Callable[[Message], None], owner: object

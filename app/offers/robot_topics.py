@@ -12,7 +12,7 @@ from cobot.ros.robot_messages import JOINT_STATES, POSE, STRING, TRANSFORMS, WRE
 
 RATE_HZ = 100.0
 STATUS_TICKS = 10
-"""The status comes at a tenth of the rate."""
+"""The status is published with every tenth state."""
 
 
 class RobotTopics:

@@ -21,19 +21,19 @@ from app.graph.topics import Publisher
 from app.rosbridge import operations as op
 from app.rosbridge.fragments import Assembly
 from app.rosbridge.offers import Offers
-from app.rosbridge.outbox import MAX_WISHES, Outbox
+from app.rosbridge.outbox import MAX_PER_TOPIC, Outbox
 from cobot.errors import CobotError, ConflictError, InputError, UnavailableError
 from cobot.ros.messages import Message
 from cobot.strict import shown
 
 MAX_MESSAGE = 4 * 2**20
-"""Characters."""
+"""A message may have so many characters."""
 MAX_OBJECTS = 30_000
-"""Of a message: each may become a hundred times as large, with all that ROS's defaults fill in."""
+"""A message may hold so many objects: with ROS's defaults each may become a hundred times as large."""
 MAX_PENDING = 1024
-"""Calls and goals of one client that are under way."""
+"""So many calls and goals of one client may be under way."""
 MAX_ENDS = 1024
-"""Topics that one client publishes; the same of those that it subscribes."""
+"""One client may publish so many topics, and subscribe so many."""
 LEVELS = ("none", "error", "warning", "info")
 
 log = logging.getLogger("cobot.rosbridge")
@@ -168,8 +168,8 @@ class Connection:
             self._publishers[topic] = publisher, {advertise_id}
         elif self._graph.messages.resolved(type_, "msg") != known[0].type:
             raise InputError(f"{topic} is of type {known[0].type}, not {type_}")
-        elif advertise_id not in known[1] and len(known[1]) >= MAX_WISHES:
-            raise ConflictError(f"a client may advertise one topic {MAX_WISHES} times")
+        elif advertise_id not in known[1] and len(known[1]) >= MAX_PER_TOPIC:
+            raise ConflictError(f"a client may advertise one topic {MAX_PER_TOPIC} times")
         else:
             known[1].add(advertise_id)
 

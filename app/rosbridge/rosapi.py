@@ -48,7 +48,7 @@ DEFINITIONS = {
     "rosapi_msgs/srv/DeleteParam": "string name\n---\n",
 }
 NODE = "/cobot"
-"""The graph has no nodes: all that it has is one's."""
+"""The service is one node: to rosapi, all that there is on the graph is its."""
 UNKNOWN = ""
 
 

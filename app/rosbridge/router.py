@@ -18,7 +18,7 @@ from cobot.errors import CobotError, InputError, PayloadError, UnavailableError
 PATH = "/rosbridge"
 MAX_CONNECTIONS = 32
 MAX_FRAME_BYTES = 2 * MAX_MESSAGE
-"""Beyond it the connection is closed; below, a message that is too large is an error like any other."""
+"""A larger frame closes the connection; a message that is too large, in a smaller frame, is an error only."""
 TRY_LATER = 1013
 
 router = APIRouter()

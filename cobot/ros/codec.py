@@ -19,7 +19,7 @@ from cobot.errors import InputError
 from cobot.strict import shown, unknown_key
 
 HIDDEN = "structure_needs_at_least_one_member"
-"""The one field of an empty message, for the wire's sake."""
+"""An empty message has this one field on the wire, as ROS 2's own generators give it."""
 OCTETS = frozenset({"uint8", "char"})
 INTEGERS = {
     "byte": (0, 255),

@@ -77,7 +77,7 @@ STANDARD = {
     "std_srvs/srv/Trigger": "---\nbool success\nstring message\n",
 }
 DEFAULTS: dict[str, dict[str, Any]] = {"geometry_msgs/msg/Quaternion": {"w": 1.0}}
-"""Of the standard messages, those with defaults other than zero."""
+"""The standard messages that have defaults other than zero, with these."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,14 +9,15 @@ from app.services.state.robot_state import RESTING
 from cobot.errors import ConflictError, ExecutionError, LimitError
 
 REST_TIMEOUT_S = 3.0
-"""For a motion that is to pause."""
+"""A motion that is to pause has to rest within this time, s."""
 MAX_PAUSE_S = 3600.0
-"""So much of a pause is not counted as time in which a motion could have arrived."""
+"""The timeout of a motion does not go on during its pauses, up to this in all, s."""
 FRACTIONS = (0.01, 1.0)
+"""The smallest and the largest fraction of full speed that may be set."""
 
 
 class SpeedOverride:
-    """Of one robot's motions; streams have none.
+    """The speed override of one robot's motions; streams have none.
 
     Attributes:
         opened: set while motions may begin.

@@ -18,7 +18,7 @@ from cobot.types import Scaling, Waypoint
 
 LOG_LINES = 300
 APPROACH = Scaling(0.25)
-"""The speed of `move_to_start`."""
+"""`move_to_start` goes at a quarter of full speed."""
 
 log = logging.getLogger("cobot.trajectories")
 

@@ -100,7 +100,7 @@ class ProgramService:
             content = await asyncio.to_thread(self._path(self.loaded).read_bytes)
         except OSError as exc:
             raise InputError(f"program: {self.loaded!r} cannot be read: {exc.strerror}") from exc
-        await self._sequences.start(SequenceOrder(content, 1, 0.0, "", "", "", "", self.loaded), stops)
+        await self._sequences.start(SequenceOrder(config=content, name=self.loaded), stops)
 
     async def pause(self) -> None:
         """Bring the arm to rest on its path; the program waits with its next motion.

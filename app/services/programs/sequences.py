@@ -38,12 +38,12 @@ class SequenceOrder:
     """
 
     config: bytes
-    n_iterations: int
-    delay_between_iterations_s: float
-    bag_path: str
-    topics: str
-    joints_action: str
-    pose_action: str
+    n_iterations: int = 1
+    delay_between_iterations_s: float = 0.0
+    bag_path: str = ""
+    topics: str = ""
+    joints_action: str = ""
+    pose_action: str = ""
     name: str = ""
 
 

@@ -30,7 +30,7 @@ from cobot.types import LoopMode
 
 MAX_CONNECTIONS = 32
 STATE_TRIES = 3
-"""Of a state that rtloop may be writing just now."""
+"""So often a state is read that rtloop may be writing just now."""
 
 log = logging.getLogger("cobot.streams")
 

@@ -458,7 +458,7 @@ def test_what_is_examined_is_taken_as_it_is() -> None:
 def test_one_topic_is_subscribed_and_advertised_only_so_often() -> None:
     async def test(graph: Graph, client: Client, other: Client) -> None:
         for op in ("subscribe", "advertise"):
-            for number in range(outbox.MAX_WISHES):
+            for number in range(outbox.MAX_PER_TOPIC):
                 client.ask(op, topic="/t", type=STRING, id=str(number))
             client.ask(op, topic="/t", type=STRING, id="0")  # said again
             assert not errors(client)
