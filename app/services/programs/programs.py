@@ -9,6 +9,7 @@ from pathlib import Path
 from app.services.motion.ownership import Ownership
 from app.services.motion.stopping import StopService
 from app.services.programs.sequences import SequenceOrder, SequenceService
+from app.services.programs.paths import below
 from cobot.errors import ConflictError, ExecutionError, InputError, NotFoundError
 from cobot.launch.process import RUN_MODULE
 
@@ -148,16 +149,10 @@ class ProgramService:
 
     def _path(self, name: str) -> Path:
         folder = self._folder.resolve()
-        try:
-            path = (folder / name).resolve()
-            there = path.is_file()
-        except (ValueError, OSError, RuntimeError) as exc:  # NUL bytes, names too long, circular links
-            raise InputError(f"program: {exc}") from exc
-        if path == folder or not path.is_relative_to(folder):
-            raise InputError(f"program: {name!r} is not below the programs folder {folder}")
+        path = below(folder, name, "program", "programs folder")
         if path.suffix not in SUFFIXES:
             raise InputError(f"program: {name!r} must end in {' or '.join(SUFFIXES)}")
-        if not there:
+        if not path.is_file():
             raise NotFoundError(f"program: there is no {name!r} in {folder}")
         return path
 

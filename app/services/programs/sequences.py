@@ -17,6 +17,7 @@ from typing import IO
 
 from app.services.motion.ownership import Ownership
 from app.services.state.link import RobotLink
+from app.services.programs.paths import below
 from cobot.config import SequencesSection
 from cobot.errors import ConflictError, InputError, MotionStopped, UnavailableError
 from cobot.launch.process import RUN_MODULE
@@ -158,14 +159,8 @@ class SequenceService:
         if not bag_path:
             return None
         folder = self._settings.recordings.resolve()
-        try:
-            path = (folder / bag_path).resolve()
-            exists = path.exists()
-        except (ValueError, OSError, RuntimeError) as exc:  # NUL bytes, names too long, circular links
-            raise InputError(f"bag_path: {exc}") from exc
-        if path == folder or not path.is_relative_to(folder):
-            raise InputError(f"bag_path: {bag_path!r} is not below the recordings folder {folder}")
-        if exists:
+        path = below(folder, bag_path, "bag_path", "recordings folder")
+        if path.exists():
             raise InputError(f"bag_path: {path} exists already; nothing is overwritten")
         return path
 
