@@ -8,8 +8,8 @@ from pathlib import Path
 
 from app.services.motion.ownership import Ownership
 from app.services.motion.stopping import StopService
-from app.services.programs.sequences import SequenceOrder, SequenceService
 from app.services.programs.paths import below
+from app.services.programs.sequences import SequenceOrder, SequenceService
 from cobot.errors import ConflictError, ExecutionError, InputError, NotFoundError
 from cobot.launch.process import RUN_MODULE
 

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import IO
 
 from app.services.motion.ownership import Ownership
-from app.services.state.link import RobotLink
 from app.services.programs.paths import below
+from app.services.state.link import RobotLink
 from cobot.config import SequencesSection
 from cobot.errors import ConflictError, InputError, MotionStopped, UnavailableError
 from cobot.launch.process import RUN_MODULE
