@@ -1,6 +1,6 @@
 """The service's end of the robot's shared memory.
 
-A long module, because only one may send commands: every one of them, and its acknowledgement, is here.
+Only one may send commands: every one of them, and its acknowledgement, is here.
 """
 
 from __future__ import annotations

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from goal_handle import ToldHandle
 from rig import Rig
 from running import WAIT_S
 from scipy.interpolate import BPoly, CubicHermiteSpline, CubicSpline
@@ -262,21 +263,11 @@ def test_positions_alone_give_the_clamped_spline(robot: RobotDescription) -> Non
 # Following
 
 
-class Handle:
-    """What the graph gives an action."""
-
-    def __init__(self) -> None:
-        self.goal_id = "0" * 32
-        self.cancel_requested = asyncio.Event()
-        self.status = GoalStatus.UNKNOWN
-        self.accepted = False
-        self.told: list[dict[str, Any]] = []
-
-    def accept(self) -> None:
-        self.accepted = True
+class Handle(ToldHandle):
+    """What it is told has to be a message."""
 
     def feedback(self, values: dict[str, Any]) -> None:
-        self.told.append(MESSAGES.checked(f"{TYPE}_Feedback", values))
+        super().feedback(MESSAGES.checked(f"{TYPE}_Feedback", values))
 
 
 class Stand:

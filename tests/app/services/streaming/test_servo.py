@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from goal_handle import ToldHandle
 from rig import Rig
 from second_opinion import second_robot
 
@@ -440,23 +441,6 @@ def test_fjt_control_is_kept_for_the_action(run: Run) -> None:
     run(test)
 
 
-class Handle:
-    """What an action sees of its goal."""
-
-    def __init__(self) -> None:
-        self.goal_id = "0" * 32
-        self.cancel_requested = asyncio.Event()
-        self.status = GoalStatus.UNKNOWN
-        self.accepted = False
-        self.told: list[dict[str, Any]] = []
-
-    def accept(self) -> None:
-        self.accepted = True
-
-    def feedback(self, values: dict[str, Any]) -> None:
-        self.told.append(values)
-
-
 GOAL = {"mode": 3, "watchdog_timeout": 0.3, "send_period": 0.01}
 
 
@@ -472,7 +456,7 @@ def test_the_actions_messages_have_the_fields_of_its_definition() -> None:
 
 def test_the_action_holds_a_session_open_until_it_is_cancelled(run: Run) -> None:
     async def test(bench: Bench) -> None:
-        action, handle = ServoModeAction("iiwa", bench.servo), Handle()
+        action, handle = ServoModeAction("iiwa", bench.servo), ToldHandle()
         assert action.name == "/iiwa/servo_mode"
         task = asyncio.ensure_future(action.execute(GOAL, handle))  # type: ignore[arg-type]
         await bench.active()
@@ -499,13 +483,13 @@ def test_the_action_is_refused_when_the_session_cannot_begin(run: Run) -> None:
     async def test(bench: Bench) -> None:
         action = ServoModeAction("iiwa", bench.servo)
         with pytest.raises(Rejected, match="from 1 to 7"):
-            await action.execute({**GOAL, "mode": 0}, Handle())  # type: ignore[arg-type]
+            await action.execute({**GOAL, "mode": 0}, ToldHandle())  # type: ignore[arg-type]
         with pytest.raises(InputError, match="from 0 to 7"):
-            await action.execute({**GOAL, "mode": 12}, Handle())  # type: ignore[arg-type]
+            await action.execute({**GOAL, "mode": 12}, ToldHandle())  # type: ignore[arg-type]
         bench.set_mode(1)
         await bench.active()
         with pytest.raises(Rejected, match="under way"):
-            await action.execute(GOAL, Handle())  # type: ignore[arg-type]
+            await action.execute(GOAL, ToldHandle())  # type: ignore[arg-type]
 
     run(test)
 
@@ -522,7 +506,7 @@ def test_the_action_says_how_its_session_has_ended(
     run: Run, how: str, status: GoalStatus, code: int, message: str
 ) -> None:
     async def test(bench: Bench) -> None:
-        handle = Handle()
+        handle = ToldHandle()
         work = ServoModeAction("iiwa", bench.servo).execute(GOAL, handle)  # type: ignore[arg-type]
         task = asyncio.ensure_future(work)
         await bench.active()
