@@ -24,7 +24,7 @@ from app.api.routers import robots as robots_router
 from app.api.routers import stream as stream_router
 from app.aubo import http as vendor_http
 from app.offers.robots_on_graph import serving
-from app.robot_services import Outside, Planner, serving_robot
+from app.robot_services import Planner, SharedParts, serving_robot
 from app.rosbridge import router as rosbridge_router
 from app.services.motion.planning import PlanningService
 from app.services.motion.synchronous import SyncService
@@ -66,7 +66,7 @@ def create_app(
 
     @contextlib.asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        outside = Outside(
+        shared = SharedParts(
             config=config,
             base_url=base_url,
             endpoints=endpoints,
@@ -77,12 +77,12 @@ def create_app(
         )
         async with contextlib.AsyncExitStack() as stack:
             app.state.robots = {
-                name: await stack.enter_async_context(serving_robot(each, robots[name], outside))
+                name: await stack.enter_async_context(serving_robot(each, robots[name], shared))
                 for name, each in settings.each.items()
             }
             app.state.services = app.state.robots[settings.robot.name]
-            outside.sync.robots.update(app.state.robots)
-            stack.callback(outside.sync.close)
+            shared.sync.robots.update(app.state.robots)
+            stack.callback(shared.sync.close)
             app.state.graph = await stack.enter_async_context(serving(app.state.robots, tcps, clock))
             gc.collect()
             gc.freeze()

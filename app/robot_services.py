@@ -36,8 +36,8 @@ Planner = Callable[[Path | None, int, str], PlanningService]
 
 
 @dataclass(frozen=True, slots=True)
-class Outside:
-    """What the services of all robots are given from outside; see `app.main.create_app`.
+class SharedParts:
+    """What the services of all robots have in common; see `app.main.create_app`.
 
     Attributes:
         sync: moves the robots together.
@@ -79,19 +79,19 @@ class Services:
 
 @contextlib.asynccontextmanager
 async def serving_robot(
-    settings: Settings, robot: RobotDescription, outside: Outside
+    settings: Settings, robot: RobotDescription, shared: SharedParts
 ) -> AsyncIterator[Services]:
     """One robot's services, for as long as the context lasts.
 
     Raises:
         UnavailableError, ConflictError, LayoutError: see `RobotLink`.
     """
-    label = f"{robot.name}: " if outside.several else ""
-    link = RobotLink(robot.name, settings.web.stale_after_s, label, outside.clock)
-    planning = outside.planner(outside.config, settings.planning.workers, robot.name)
+    label = f"{robot.name}: " if shared.several else ""
+    link = RobotLink(robot.name, settings.web.stale_after_s, label, shared.clock)
+    planning = shared.planner(shared.config, settings.planning.workers, robot.name)
     warming = asyncio.create_task(planning.warm_up())
     async with link.heartbeat(), reporting(link):
-        services = _services(settings, robot, outside, link, planning)
+        services = _services(settings, robot, shared, link, planning)
         yield services
         services.servo.close()
         services.force.close()
@@ -103,13 +103,17 @@ async def serving_robot(
 
 
 def _services(
-    settings: Settings, robot: RobotDescription, outside: Outside, link: RobotLink, planning: PlanningService
+    settings: Settings,
+    robot: RobotDescription,
+    shared: SharedParts,
+    link: RobotLink,
+    planning: PlanningService,
 ) -> Services:
     """Long, as it is the list of them, in the order in which they need each other."""
-    ends = outside.endpoints.items()
+    ends = shared.endpoints.items()
     slowest_s = max(end.timeout_s for name, end in ends if name.startswith("POST /robot/move/"))
     latest_s = slowest_s + LATEST_ANSWER_S + MAX_PAUSE_S
-    url = address(outside.base_url, robot.name) if outside.several else outside.base_url
+    url = address(shared.base_url, robot.name) if shared.several else shared.base_url
     tolerance_rad = settings.planning.start_tolerance_rad
     ownership = Ownership(link)
     motion = MotionService(robot, link, ownership, planning, settings.planning)
@@ -135,7 +139,7 @@ def _services(
         equipment=equipment,
         force=force,
         programs=ProgramService(settings.sequences.programs, ownership, sequences, stopping),
-        sync=outside.sync,
+        sync=shared.sync,
         planning=planning,
         settings=tool_and_limits,
         queue=MotionQueue(link, ownership, motion, planning, tool_and_limits),

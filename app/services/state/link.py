@@ -25,6 +25,8 @@ HEARTBEAT_S = 0.05
 POLL_S = 0.002
 ACKNOWLEDGE_S = 3.0
 """rtloop verifies the largest trajectory in about a second."""
+STATE_TRIES = 3
+"""So often a state is read that rtloop may be writing just now."""
 IN_THREAD_SEGMENTS = 2000
 """A longer trajectory is copied in a thread, so that nobody else waits."""
 
@@ -96,6 +98,17 @@ class RobotLink:
         if self.memory.state.sequence == 0:
             raise UnavailableError("rtloop has not started yet")
         return robot_state(record, self.memory.state.buffer.data, self.clock.now_ns())
+
+    def record_since(self, publication: int) -> tuple[int, np.ndarray | None]:
+        """The newest publication's number, and a copy of all of it if it is newer than this one."""
+        block = self.memory.state
+        for _ in range(STATE_TRIES):
+            newest = block.sequence
+            if newest == publication:
+                break
+            if block.try_read() and block.sequence == newest:  # or it is a later one, which would come twice
+                return newest, block.data.copy()
+        return publication, None
 
     def streamer(self) -> str | None:
         """Who streams to the arm, for people: the process that has opened the session."""
