@@ -5,8 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import gc
-from collections.abc import AsyncIterator, Callable
-from dataclasses import dataclass
+from collections.abc import AsyncIterator
 from importlib.metadata import version
 from pathlib import Path
 
@@ -16,7 +15,6 @@ from fastapi.routing import APIRoute, APIWebSocketRoute
 from fastapi_offline import FastAPIOffline
 from starlette.routing import BaseRoute
 
-from app.actions.fjt import FollowJointTrajectory
 from app.api import errors
 from app.api.body_limit import BodyLimit
 from app.api.openapi import with_limits
@@ -26,30 +24,13 @@ from app.api.routers import robots as robots_router
 from app.api.routers import stream as stream_router
 from app.aubo import http as vendor_http
 from app.offers.robots_on_graph import serving
-from app.robot_services import Services
+from app.robot_services import Planner, SharedParts, serving_robot
 from app.rosbridge import router as rosbridge_router
-from app.services.devices.equipment import Equipment
-from app.services.motion.execution import LATEST_ANSWER_S, MotionService
-from app.services.motion.ownership import Ownership
 from app.services.motion.planning import PlanningService
-from app.services.motion.queue import MotionQueue
-from app.services.motion.speed_override import MAX_PAUSE_S
-from app.services.motion.stopping import StopService
 from app.services.motion.synchronous import SyncService
-from app.services.motion.tool_and_limits import RobotSettings
-from app.services.motion.trajectories import TrajectoryService
-from app.services.programs.programs import ProgramService
-from app.services.programs.sequences import SequenceService
-from app.services.state.health import HealthService
-from app.services.state.interventions import reporting
-from app.services.state.link import RobotLink
-from app.services.streaming.force import ForceService
-from app.services.streaming.servo import ServoService
-from app.services.streaming.sessions import StreamService
-from cobot.addresses import address
 from cobot.clock import SYSTEM, Clock
 from cobot.config import Endpoint, Settings, load_endpoints
-from cobot.robot.description import RobotDescription, load_robot
+from cobot.robot.description import load_robot
 
 DESCRIPTION = """Moves a robot arm. Motions answer when the arm has arrived and settled: look at `success`.
 Lengths in m, angles in rad. **This is no safety system and there is no authentication.**"""
@@ -59,19 +40,6 @@ SWAGGER = {
     "tryItOutEnabled": True,
     "defaultModelsExpandDepth": -1,  # no list of models below the endpoints, which show theirs
 }
-
-
-Planner = Callable[[Path | None, int, str], PlanningService]
-
-
-@dataclass(frozen=True, slots=True)
-class Outside:
-    """What the services of all robots are given from outside; see `create_app`."""
-
-    config: Path | None
-    base_url: str
-    clock: Clock
-    planner: Planner
 
 
 def create_app(
@@ -94,23 +62,28 @@ def create_app(
     """
     endpoints = load_endpoints(settings.web.endpoints)
     robots = {name: load_robot(each) for name, each in settings.each.items()}
-    outside = Outside(config, base_url, clock, planner)
     tcps = {name: each.robot.tcp for name, each in settings.each.items()}
 
     @contextlib.asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        sync = SyncService()
+        shared = SharedParts(
+            config=config,
+            base_url=base_url,
+            endpoints=endpoints,
+            clock=clock,
+            planner=planner,
+            sync=SyncService(),
+            several=len(robots) > 1,
+        )
         async with contextlib.AsyncExitStack() as stack:
             app.state.robots = {
-                name: await stack.enter_async_context(
-                    _serving(each, endpoints, robots[name], outside, len(robots), sync)
-                )
+                name: await stack.enter_async_context(serving_robot(each, robots[name], shared))
                 for name, each in settings.each.items()
             }
             app.state.services = app.state.robots[settings.robot.name]
-            sync.robots.update(app.state.robots)
-            stack.callback(sync.close)
-            app.state.hub = await stack.enter_async_context(serving(app.state.robots, tcps, clock))
+            shared.sync.robots.update(app.state.robots)
+            stack.callback(shared.sync.close)
+            app.state.graph = await stack.enter_async_context(serving(app.state.robots, tcps, clock))
             gc.collect()
             gc.freeze()
             yield
@@ -170,73 +143,3 @@ def _enabled(route: BaseRoute, endpoints: dict[str, Endpoint]) -> bool:
     assert isinstance(route, APIRoute)
     (method,) = route.methods or {""}
     return endpoints[f"{method} {route.path}"].enabled
-
-
-@contextlib.asynccontextmanager
-async def _serving(
-    settings: Settings,
-    endpoints: dict[str, Endpoint],
-    robot: RobotDescription,
-    outside: Outside,
-    robots: int,
-    sync: SyncService,
-) -> AsyncIterator[Services]:
-    """One robot's services, for as long as the context lasts."""
-    label = f"{robot.name}: " if robots > 1 else ""
-    link = RobotLink(robot.name, settings.web.stale_after_s, label, outside.clock)
-    planning = outside.planner(outside.config, settings.planning.workers, robot.name)
-    warming = asyncio.create_task(planning.warm_up())
-    async with link.heartbeat(), reporting(link):
-        url = address(outside.base_url, robot.name) if robots > 1 else outside.base_url
-        services = _services(settings, endpoints, robot, link, planning, url, sync)
-        yield services
-        services.servo.close()
-        services.force.close()
-        services.equipment.close()
-        services.streams.close()
-    warming.cancel()
-    planning.close()
-    link.close()
-
-
-def _services(
-    settings: Settings,
-    endpoints: dict[str, Endpoint],
-    robot: RobotDescription,
-    link: RobotLink,
-    planning: PlanningService,
-    base_url: str,
-    sync: SyncService,
-) -> Services:
-    ownership = Ownership(link)
-    motion = MotionService(robot, link, ownership, planning, settings.planning)
-    slowest_s = max(end.timeout_s for name, end in endpoints.items() if name.startswith("POST /robot/move/"))
-    latest_s = slowest_s + LATEST_ANSWER_S + MAX_PAUSE_S
-    sequence = SequenceService(ownership, link, settings.sequences, base_url, latest_s)
-    streams = StreamService(link, ownership, motion, settings.streaming.command_timeout_s)
-    stopping = StopService(link, ownership, sequence)
-    equipment = Equipment(link, stopping, ownership.pace, simulated=settings.rt.backend == "mujoco")
-    vendor_settings = RobotSettings(robot)
-    force = ForceService(robot, link, streams, stopping, equipment.traces.warn)
-    servo = ServoService(robot, link, streams, force, vendor_settings)
-    tolerance_rad = settings.planning.start_tolerance_rad
-    return Services(
-        robot,
-        link,
-        ownership,
-        motion,
-        TrajectoryService(ownership, motion, tolerance_rad, link.label),
-        sequence,
-        stopping,
-        HealthService(settings.robot.name, link, ownership, sequence, streams, settings.web.stale_after_s),
-        streams,
-        equipment,
-        force,
-        ProgramService(settings.sequences.programs, ownership, sequence, stopping),
-        sync,
-        planning,
-        vendor_settings,
-        MotionQueue(link, ownership, motion, planning, vendor_settings),
-        servo,
-        FollowJointTrajectory(robot, link, ownership, motion, servo, settings.ros, tolerance_rad),
-    )

@@ -1,15 +1,20 @@
-"""What the service can do. Routers call one of these; only these touch shared memory."""
+"""What the service can do for one robot. Routers call one of these; only these touch shared memory."""
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 from app.actions.fjt import FollowJointTrajectory
 from app.services.devices.equipment import Equipment
-from app.services.motion.execution import MotionService
+from app.services.motion.execution import LATEST_ANSWER_S, MotionService
 from app.services.motion.ownership import Ownership
 from app.services.motion.planning import PlanningService
 from app.services.motion.queue import MotionQueue
+from app.services.motion.speed_override import MAX_PAUSE_S
 from app.services.motion.stopping import StopService
 from app.services.motion.synchronous import SyncService
 from app.services.motion.tool_and_limits import RobotSettings
@@ -17,14 +22,38 @@ from app.services.motion.trajectories import TrajectoryService
 from app.services.programs.programs import ProgramService
 from app.services.programs.sequences import SequenceService
 from app.services.state.health import HealthService
+from app.services.state.interventions import reporting
 from app.services.state.link import RobotLink
 from app.services.streaming.force import ForceService
 from app.services.streaming.servo import ServoService
 from app.services.streaming.sessions import StreamService
+from cobot.addresses import address
+from cobot.clock import Clock
+from cobot.config import Endpoint, Settings
 from cobot.robot.description import RobotDescription
+
+Planner = Callable[[Path | None, int, str], PlanningService]
 
 
 @dataclass(frozen=True, slots=True)
+class SharedParts:
+    """What the services of all robots have in common; see `app.main.create_app`.
+
+    Attributes:
+        sync: moves the robots together.
+        several: whether there is more than one, so that log lines and addresses have to say which.
+    """
+
+    config: Path | None
+    base_url: str
+    endpoints: dict[str, Endpoint]
+    clock: Clock
+    planner: Planner
+    sync: SyncService
+    several: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Services:
     """All services of one robot."""
 
@@ -46,3 +75,74 @@ class Services:
     queue: MotionQueue
     servo: ServoService
     fjt: FollowJointTrajectory
+
+
+@contextlib.asynccontextmanager
+async def serving_robot(
+    settings: Settings, robot: RobotDescription, shared: SharedParts
+) -> AsyncIterator[Services]:
+    """One robot's services, for as long as the context lasts.
+
+    Raises:
+        UnavailableError, ConflictError, LayoutError: see `RobotLink`.
+    """
+    label = f"{robot.name}: " if shared.several else ""
+    link = RobotLink(robot.name, settings.web.stale_after_s, label, shared.clock)
+    planning = shared.planner(shared.config, settings.planning.workers, robot.name)
+    warming = asyncio.create_task(planning.warm_up())
+    async with link.heartbeat(), reporting(link):
+        services = _services(settings, robot, shared, link, planning)
+        yield services
+        services.servo.close()
+        services.force.close()
+        services.equipment.close()
+        services.streams.close()
+    warming.cancel()
+    planning.close()
+    link.close()
+
+
+def _services(
+    settings: Settings,
+    robot: RobotDescription,
+    shared: SharedParts,
+    link: RobotLink,
+    planning: PlanningService,
+) -> Services:
+    """Long, as it is the list of them, in the order in which they need each other."""
+    ends = shared.endpoints.items()
+    slowest_s = max(end.timeout_s for name, end in ends if name.startswith("POST /robot/move/"))
+    latest_s = slowest_s + LATEST_ANSWER_S + MAX_PAUSE_S
+    url = address(shared.base_url, robot.name) if shared.several else shared.base_url
+    tolerance_rad = settings.planning.start_tolerance_rad
+    ownership = Ownership(link)
+    motion = MotionService(robot, link, ownership, planning, settings.planning)
+    sequences = SequenceService(ownership, link, settings.sequences, url, latest_s)
+    streams = StreamService(link, ownership, motion, settings.streaming.command_timeout_s)
+    stopping = StopService(link, ownership, sequences)
+    simulated = settings.rt.backend == "mujoco"
+    equipment = Equipment(link, stopping, ownership.speed_override, simulated=simulated)
+    tool_and_limits = RobotSettings(robot)
+    force = ForceService(robot, link, streams, stopping, equipment.traces.warn)
+    servo = ServoService(robot, link, streams, force, tool_and_limits)
+    stale_s = settings.web.stale_after_s
+    return Services(
+        robot=robot,
+        link=link,
+        ownership=ownership,
+        motion=motion,
+        trajectories=TrajectoryService(ownership, motion, tolerance_rad, link.label),
+        sequences=sequences,
+        stopping=stopping,
+        health=HealthService(settings.robot.name, link, ownership, sequences, streams, stale_s),
+        streams=streams,
+        equipment=equipment,
+        force=force,
+        programs=ProgramService(settings.sequences.programs, ownership, sequences, stopping),
+        sync=shared.sync,
+        planning=planning,
+        settings=tool_and_limits,
+        queue=MotionQueue(link, ownership, motion, planning, tool_and_limits),
+        servo=servo,
+        fjt=FollowJointTrajectory(robot, link, ownership, motion, servo, settings.ros, tolerance_rad),
+    )

@@ -31,9 +31,9 @@ Model = TypeVar("Model", bound=BaseModel)
 DEFAULT_SETTINGS = "pkg://config/cobot-setting.yaml"
 
 SECTIONS_OF_A_ROBOT = ("rt", "streaming", "planning")
-"""Whole sections that an entry in `robots` may change."""
+"""An entry in `robots` may change these sections as a whole."""
 MIN_STOP_S = 4.0
-"""A stop may take some 2.5 s, see rtloop."""
+"""POST /stop has to be given this timeout at least, s: a stop of the arm may take some 2.5 s."""
 ENDPOINTS = (
     "GET /robot/joint_states",
     "GET /robot/pose",

@@ -18,7 +18,7 @@ from cobot.polynomials import EXPONENTS, FACTORS, HERMITE
 from cobot.types import Array
 
 ORDER = 6
-"""Coefficients per polynomial: a quintic in ascending powers of the time since the segment's start."""
+"""A quintic's six coefficients stand in ascending powers of the time since the segment's start."""
 
 _CHOOSE = np.array([[comb(k, j) for j in range(ORDER - 1)] for k in range(ORDER - 1)], dtype=np.float64)
 

@@ -111,14 +111,11 @@ class JointLimits:
 
     def scaled(self, velocity: float, acceleration: float, jerk: float) -> JointLimits:
         """The same positions and efforts with the rates multiplied by the given fractions."""
-        return JointLimits(
-            self.names,
-            self.min_position,
-            self.max_position,
-            self.max_velocity * velocity,
-            self.max_acceleration * acceleration,
-            self.max_jerk * jerk,
-            self.max_effort,
+        return replace(
+            self,
+            max_velocity=self.max_velocity * velocity,
+            max_acceleration=self.max_acceleration * acceleration,
+            max_jerk=self.max_jerk * jerk,
         )
 
 

@@ -1,7 +1,7 @@
-"""Mirrors the hub of the web service to DDS: its services, its actions and its topics, both ways.
+"""Mirrors the graph of the web service to DDS: its services, its actions and its topics, both ways.
 
 What there is comes from the service's topic /cobot/graph, so nothing here knows any of it by name. A service
-of the hub becomes a ROS service, a topic that somebody publishes there is published here, and one that
+of the graph becomes a ROS service, a topic that somebody publishes there is published here, and one that
 somebody listens to there is subscribed here. No message comes back to where it came from: the service sends a
 gateway nothing that it has published itself, and a participant does not hear itself. Actions are services and
 topics.
@@ -24,10 +24,10 @@ from ros2.rosbridge import Rosbridge
 
 GRAPH = "/cobot/graph"
 STATUS_OF_ACTIONS = "/_action/status"
-"""Ends the topics that ROS wants latched: who looks later sees the goals as they are."""
+"""Topics that end so are latched, as in ROS: who looks later sees the goals as they are."""
 DEPTH = 1000
 CODE_ERROR, CODE_UNAVAILABLE = 1, 50
-"""As in app.aubo.codes."""
+"""The codes of app.aubo.codes for an error in cobot itself and for a service that is away."""
 GOAL_ABORTED, CANCEL_REJECTED = 6, 1
 
 Made = TypeVar("Made", Service, Publisher, Subscription)
@@ -55,7 +55,7 @@ class Gateway:
         await self.link.run()
 
     def publish(self, topic: str, type_: str, message: Message) -> bool:
-        """Publish on the hub; whether the service is there."""
+        """Publish on the graph; whether the service is there."""
         self.link.send({"op": "advertise", "topic": topic, "type": type_})
         return self.link.send({"op": "publish", "topic": topic, "msg": message})
 
@@ -86,7 +86,7 @@ class Gateway:
                 log.warning("a message on %s cannot be passed on: %s", topic, exc)
 
     def _mirror(self, graph: dict[str, Any]) -> None:
-        """Have exactly what the hub has."""
+        """Have exactly what the graph has."""
         messages = self._node.messages
         new = {name: text for name, text in graph["definitions"].items() if name not in messages.definitions}
         if new:

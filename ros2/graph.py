@@ -17,7 +17,7 @@ from ros2.rtps import Guid, Participant, Qos
 TOPIC = "ros_discovery_info"
 TYPE = "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_"
 DELAY_S = 0.02
-"""What changes within this time is told at once."""
+"""Changes within this time are told together, s."""
 
 
 class Graph:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 ENCLAVE = b"enclave=/;"
-"""User data of a participant."""
+"""A participant's user data, in which ROS 2 looks for its enclave."""
 
 
 def topic_name(topic: str) -> str:

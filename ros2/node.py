@@ -23,7 +23,7 @@ from ros2.rtps import Participant, PayloadError, Qos, RtpsError, Sample, SampleI
 Message = dict[str, Any]
 LARGE_BYTES = 1 << 16
 MAX_CALLS = 256
-"""Of one service at a time. Further requests wait."""
+"""So many calls of one service are worked on at a time; further requests wait."""
 CYCLONE = 0x0110
 CYCLONE_HEADER = slice(4, 20)
 """rmw_cyclonedds writes who asks into the payload: uint64 guid, int64 sequence number, after 4 bytes."""

@@ -25,9 +25,9 @@ Message = dict[str, Any]
 PATH = "/rosbridge"
 MAX_WAITING = 20_000
 MAX_CHARACTERS = 64 << 20
-"""Of what waits to be sent."""
+"""So many characters may wait to be sent."""
 MAX_CALLS = 240
-"""At a time; the service takes 256 of one client."""
+"""So many calls are under way at a time: the service takes 256 of one client."""
 MAX_RECEIVED = 64 << 20
 FIRST_RETRY_S = 0.05
 LAST_RETRY_S = 1.0

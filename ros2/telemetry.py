@@ -25,11 +25,11 @@ from cobot.ros.robot_messages import JOINT_STATES, POSE, STRING, TRANSFORMS, WRE
 from ros2.node import Node, Publisher
 
 IDLE_S = 0.02
-"""How often it is looked whether somebody listens."""
+"""While nobody listens, this process looks so often whether somebody does, s."""
 RETRY_S = 0.5
 _STAMP = struct.Struct("<iI")
 _STAMP_AT = 4
-"""Of the header's stamp, behind the four bytes that begin all CDR."""
+"""The header's stamp stands here, behind the four bytes that begin all CDR."""
 _SECOND_NS = 1_000_000_000
 
 log = logging.getLogger("cobot.ros2")

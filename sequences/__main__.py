@@ -88,17 +88,17 @@ def _run(arguments: argparse.Namespace) -> int:
     lua = arguments.lua or name.endswith(".lua")
     status = run(
         Run(
-            arguments.file,
-            name,
-            Limits(arguments.memory << 20, arguments.instructions) if lua else None,
-            arguments.url,
-            arguments.iterations,
-            arguments.delay,
-            arguments.motion_timeout,
-            arguments.bag,
-            arguments.topics,
-            os.environ.get(TOKEN_VARIABLE),
-            arguments.progress_fd,
+            file=arguments.file,
+            name=name,
+            lua=Limits(arguments.memory << 20, arguments.instructions) if lua else None,
+            url=arguments.url,
+            iterations=arguments.iterations,
+            delay_s=arguments.delay,
+            motion_timeout_s=arguments.motion_timeout,
+            bag=arguments.bag,
+            topics=arguments.topics,
+            token=os.environ.get(TOKEN_VARIABLE),
+            progress=arguments.progress_fd,
         )
     )
     if lua:  # a program that is stuck inside a function of Lua's own still has its thread

@@ -20,7 +20,7 @@ from cobot.errors import CobotError, InputError
 
 PRELUDE = Path(__file__).with_name("sandbox.lua")
 INTERVAL = 100_000
-"""Instructions between two looks at the limits: about a millisecond."""
+"""The limits are looked at after so many instructions: about a millisecond."""
 END_S = 0.3
 """How long a program that was told to end is waited for: it sees it within milliseconds, if at all."""
 HOST_ERROR = "the runner has failed: {}; this is a mistake of cobot's"

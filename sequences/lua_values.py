@@ -79,7 +79,7 @@ def _plain(value: Any, name: str, depth: int, room: list[int]) -> Any:
         raise InputError(f"{name} has more than {MAX_ITEMS} items")
     if all(isinstance(key, bytes) for key in items) and items:
         return {text(key, name): _plain(item, name, depth - 1, room) for key, item in items.items()}
-    if set(items) != set(range(1, len(items) + 1)):
+    if not all(type(key) is int for key in items) or set(items) != set(range(1, len(items) + 1)):
         raise InputError(f"{name} must have either the keys 1, 2, 3 ... or texts as keys")
     return [_plain(items[index], name, depth - 1, room) for index in range(1, len(items) + 1)]
 

@@ -22,9 +22,9 @@ MOTION_EVENTS = "/motion_events"
 TOPICS = {JOINT_STATES: "sensor_msgs/msg/JointState", MOTION_EVENTS: "std_msgs/msg/String"}
 PERIOD_S = 0.02
 POLL_TIMEOUT_S = 0.5
-"""Short, for a bag has to be closed before whoever sent SIGTERM loses patience."""
+"""A request may take so long, s: the bag has to be closed before whoever sent SIGTERM loses patience."""
 BAG_VERSION = 8
-"""Of the bag's metadata: the older and more widely read of the two that rosbags writes."""
+"""The version of the bag's metadata: the older and more widely read of the two that rosbags writes."""
 
 
 def parse_topics(text: str) -> list[str]:

@@ -32,7 +32,7 @@ BIGGEST_MESSAGE = 64 << 20
 STRING = "std_msgs/msg/String"
 _NUMBERS = ["Float32", "Float64", *(f"{sign}nt{bits}" for sign in ("I", "UI") for bits in (8, 16, 32, 64))]
 ATOMS = {f"std_msgs/msg/{name}" for name in ("Bool", "Byte", "Char", "String", *_NUMBERS)}
-"""Messages of one value, which a program sees as that value."""
+"""A program sees a message of one value as that value: these are the ones."""
 
 
 @dataclass(slots=True)

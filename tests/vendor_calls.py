@@ -42,7 +42,9 @@ class Caller:
 
 def equipped(**parts: Any) -> Any:
     """A robot with equipment and no arm."""
-    equipment = Equipment(*(parts.pop(name, None) for name in ("link", "stopping", "pace")), simulated=True)
+    equipment = Equipment(
+        *(parts.pop(name, None) for name in ("link", "stopping", "speed_override")), simulated=True
+    )
     return SimpleNamespace(equipment=equipment, **parts)
 
 

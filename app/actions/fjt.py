@@ -20,11 +20,12 @@ import numpy as np
 
 from app.actions.fjt_goal import ErrorCode, FjtGoal, GoalError, GoalViolated, Message, PathViolated, read_goal
 from app.actions.fjt_progress import Progress, on_path
-from app.actions.fjt_run import ARRIVAL_S, FEEDBACK_S, SEND_PERIOD_S, FjtSettings, Run, stream
+from app.actions.fjt_run import ARRIVAL_S, FEEDBACK_S, SEND_PERIOD_S, FjtSettings, Run, ServoExecution
 from app.graph.actions import GoalHandle, GoalStatus, Rejected
 from app.services.motion.execution import MotionService
 from app.services.motion.ownership import Caller, Claim, Ownership
-from app.services.state.link import RobotLink, RobotState
+from app.services.state.link import RobotLink
+from app.services.state.robot_state import RobotState
 from app.services.streaming.servo import ServoService
 from cobot.config import RosSection
 from cobot.errors import CobotError, ExecutionError, InputError, LimitError, MotionStopped, PlanningError
@@ -36,11 +37,11 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array
 
 WATCH_S = 0.01
-"""Tolerances are judged so often."""
+"""How often the tolerances of a goal are judged, s."""
 FEEDBACK_EVERY = round(FEEDBACK_S / WATCH_S)
 READY_S = 1.0
 THERE_S = 0.5
-"""For the way to a goal where the arm is already, but for the tolerance of the start."""
+"""A goal whose only point is where the arm is already (to the tolerance of the start) takes so long, s."""
 PLAN_S = 30.0
 
 log = logging.getLogger("cobot.fjt")
@@ -68,6 +69,7 @@ class FollowJointTrajectory:
         self._ownership = ownership
         self._motion = motion
         self._servo = servo
+        self._streamed = ServoExecution(servo, link, robot.limits.names)
         self._configured = settings
         self._start_tolerance_rad = start_tolerance_rad
         self._newest: Run | None = None
@@ -143,8 +145,7 @@ class FollowJointTrajectory:
             if settings.mode is ServoMode.NONE:
                 await self._follow(claim, goal, trajectory, handle)
                 return
-        names, stops = self._limits.names, claim.stops
-        await stream(self._servo, self._link, names, run, goal, trajectory, settings, handle, stops)
+        await self._streamed.execute(run, goal, trajectory, settings, handle, claim.stops)
 
     async def _planned(self, claim: Claim, goal: FjtGoal, state: RobotState, *, streamed: bool) -> Trajectory:
         """The motion through all points, slowed down where the limits need it and the goal permits it."""
@@ -208,18 +209,20 @@ class FollowJointTrajectory:
 
     async def _watch(self, claim: Claim, goal: FjtGoal, trajectory: Trajectory, handle: GoalHandle) -> None:
         """Tell the client, and end the motion where it leaves the tolerances."""
-        begun_s, paused_s = self._link.clock.now_s(), claim.pace.paused_s
+        begun_s, paused_s = self._link.clock.now_s(), claim.speed_override.paused_s
         latest_s = self._latest_s(goal, trajectory)
         for turn in itertools.count():
             with contextlib.suppress(CobotError):
                 state = self._link.state()
                 if state.motion_id == claim.motion_id:
-                    rate = float(self._link.memory.state.data["path_rate"])
-                    progress = on_path(trajectory, state.path_time_s, rate, state, self._link.clock.wall_ns())
+                    stamp_ns = self._link.clock.wall_ns()
+                    progress = on_path(trajectory, state.path_time_s, state.path_rate, state, stamp_ns)
                     self._judge(claim, goal, progress)
                     if turn % FEEDBACK_EVERY == 0:
                         handle.feedback(progress.feedback(self._limits.names))
-                    elapsed_s = self._link.clock.now_s() - begun_s - (claim.pace.paused_s - paused_s)
+                    elapsed_s = (
+                        self._link.clock.now_s() - begun_s - (claim.speed_override.paused_s - paused_s)
+                    )
                     if elapsed_s > latest_s and self._under_way(goal, trajectory, state):
                         claim.interrupt(GoalViolated(goal.late))
             await asyncio.sleep(WATCH_S)

@@ -19,7 +19,7 @@ from cobot.types import Array, JointLimits, Waypoint
 
 MAX_POINTS = 100_000
 LATE_START_S = 1.0
-"""A goal whose header.stamp has passed by no more begins at once."""
+"""A goal whose header.stamp is past by up to this begins at once; a later one is refused, s."""
 EARLIEST_START_S = 600.0
 Message = dict[str, Any]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from app.actions.fjt_goal import FjtGoal, Message
-from app.services.state.link import RobotState
+from app.services.state.robot_state import RobotState
 from cobot.trajectory import Trajectory
 from cobot.types import Array
 

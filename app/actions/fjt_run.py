@@ -20,16 +20,16 @@ from cobot.ipc.layout import ServoMode
 from cobot.trajectory import Trajectory
 
 FEEDBACK_S = 0.05
-"""20 Hz, the default of joint_trajectory_controller."""
+"""The feedback comes at 20 Hz, the default of joint_trajectory_controller."""
 SEND_PERIOD_S = 0.01
 WATCHDOG_S = 0.5
 OWNER = "follow_joint_trajectory"
 CYCLE_S = 0.001
-"""Of the points of servo mode 4, which are sent together once in a period."""
+"""The points of servo mode 4 are 1 ms apart; those of one sending period are sent together."""
 ARRIVAL_S = 5.0
 """How long a servo session is waited for that has got its last point, unless the goal says otherwise."""
 FINISHED = (0.005, 0.02)
-"""rad and rad/s: how near a servo session has to come to the end, where goal_tolerance says nothing."""
+"""How near a servo session has to come to the end where goal_tolerance says nothing: rad and rad/s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,60 +88,74 @@ class Run:
         self.proceed()
 
 
-async def stream(
-    servo: ServoService,
-    link: RobotLink,
-    names: tuple[str, ...],
-    run: Run,
-    goal: FjtGoal,
-    trajectory: Trajectory,
-    settings: FjtSettings,
-    handle: GoalHandle,
-    stops: int,
-) -> None:
-    """Have a goal's trajectory executed by a servo session, point by point; returns when the arm is there.
+class ServoExecution:
+    """Has goals executed by servo sessions, point by point.
 
     Args:
-        stops: `RobotLink.stops` when the arm was claimed for it.
-
-    Raises:
-        PathViolated, GoalViolated: see there.
-        MotionStopped: the session was ended, or `run` was.
-        CobotError: the session cannot begin, or does not take a point.
+        names: of the joints.
     """
-    period_s = settings.period_s
-    spacing_s = min(CYCLE_S, period_s) if settings.mode is ServoMode.BUFFERED_1MS else period_s
-    watchdog_s = max(WATCHDOG_S, 5.0 * period_s)
-    session = await servo.begin(settings.mode, watchdog_s, period_s, stops=stops, owner=OWNER)
-    begun_s = link.clock.now_s()
-    latest_s = trajectory.duration_s + min(goal.late_s, ARRIVAL_S)
-    told = 0
-    try:
-        for number in itertools.count(1):
-            if not servo.holds(session):
-                raise MotionStopped(f"the servo session has ended: {servo.reason}")
-            until_s = number * period_s
-            times_s = [until_s - spacing_s * n for n in reversed(range(round(period_s / spacing_s)))]
-            for point in trajectory.sample(times_s).tolist():
-                await servo.point(point, time_s=settings.time_s or spacing_s, owner=OWNER)
-            await run.sleep(begun_s + until_s - link.clock.now_s())
-            elapsed_s = link.clock.now_s() - begun_s
-            rate = float(elapsed_s < trajectory.duration_s)
-            progress = on_path(
-                trajectory, min(elapsed_s, trajectory.duration_s), rate, link.state(), link.clock.wall_ns()
-            )
-            if violation := progress.path_violation(goal, names):
-                raise PathViolated(f"{violation} by path_tolerance")
-            if elapsed_s >= told * FEEDBACK_S:
-                told = int(elapsed_s / (FEEDBACK_S)) + 1
-                handle.feedback(progress.feedback(names))
-            if rate == 0.0 and _finished(goal, progress):
-                return
-            if elapsed_s > latest_s:
-                raise GoalViolated(goal.late)
-    finally:
-        if servo.holds(session):
-            await servo.end(str(run.cause or "follow_joint_trajectory is done"))
+
+    def __init__(self, servo: ServoService, link: RobotLink, names: tuple[str, ...]) -> None:
+        self._servo = servo
+        self._link = link
+        self._names = names
+
+    async def execute(
+        self,
+        run: Run,
+        goal: FjtGoal,
+        trajectory: Trajectory,
+        settings: FjtSettings,
+        handle: GoalHandle,
+        stops: int,
+    ) -> None:
+        """Have a goal's trajectory executed; returns when the arm is there.
+
+        Args:
+            stops: `RobotLink.stops` when the arm was claimed for it.
+
+        Raises:
+            PathViolated, GoalViolated: see there.
+            MotionStopped: the session was ended, or `run` was.
+            CobotError: the session cannot begin, or does not take a point.
+        """
+        servo, clock, period_s = self._servo, self._link.clock, settings.period_s
+        spacing_s = min(CYCLE_S, period_s) if settings.mode is ServoMode.BUFFERED_1MS else period_s
+        watchdog_s = max(WATCHDOG_S, 5.0 * period_s)
+        session = await servo.begin(settings.mode, watchdog_s, period_s, stops=stops, owner=OWNER)
+        begun_s = clock.now_s()
+        latest_s = trajectory.duration_s + min(goal.late_s, ARRIVAL_S)
+        told = 0
+        try:
+            for number in itertools.count(1):
+                if not servo.holds(session):
+                    raise MotionStopped(f"the servo session has ended: {servo.reason}")
+                until_s = number * period_s
+                times_s = [until_s - spacing_s * n for n in reversed(range(round(period_s / spacing_s)))]
+                for point in trajectory.sample(times_s).tolist():
+                    await servo.point(point, time_s=settings.time_s or spacing_s, owner=OWNER)
+                await run.sleep(begun_s + until_s - clock.now_s())
+                elapsed_s = clock.now_s() - begun_s
+                progress = self._progress(goal, trajectory, elapsed_s)
+                if elapsed_s >= told * FEEDBACK_S:
+                    told = int(elapsed_s / FEEDBACK_S) + 1
+                    handle.feedback(progress.feedback(self._names))
+                if elapsed_s >= trajectory.duration_s and _finished(goal, progress):
+                    return
+                if elapsed_s > latest_s:
+                    raise GoalViolated(goal.late)
+        finally:
+            if servo.holds(session):
+                await servo.end(str(run.cause or "follow_joint_trajectory is done"))
+
+    def _progress(self, goal: FjtGoal, trajectory: Trajectory, elapsed_s: float) -> Progress:
+        """How the arm stands to the trajectory; raises `PathViolated` where that is too far away."""
+        rate = float(elapsed_s < trajectory.duration_s)
+        time_s, stamp_ns = min(elapsed_s, trajectory.duration_s), self._link.clock.wall_ns()
+        progress = on_path(trajectory, time_s, rate, self._link.state(), stamp_ns)
+        if violation := progress.path_violation(goal, self._names):
+            raise PathViolated(f"{violation} by path_tolerance")
+        return progress
 
 
 def _finished(goal: FjtGoal, progress: Progress) -> bool:

@@ -36,7 +36,7 @@ STATUS: dict[type[CobotError], int] = {
     errors.SharedMemoryError: 503,
     errors.ConfigError: 503,
 }
-"""By the most specific class in the error's ancestry."""
+"""The HTTP status of an error is that of the most specific of these classes that it belongs to."""
 
 
 class ErrorAnswer(BaseModel):

@@ -155,6 +155,20 @@ async def read_ascii_float(channel: Channel, number: int, timeout: float = TIMEO
     return values
 
 
+EVERY_CHANNEL = (
+    send_string,
+    send_line,
+    send_int,
+    send_byte,
+    send_all_string,
+    read_string,
+    read_line,
+    read_byte,
+    read_byte_list,
+)
+"""Sockets and serial ports alike have these services."""
+
+
 def register(
     robot_class: str,
     prefix: str,

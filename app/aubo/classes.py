@@ -42,7 +42,7 @@ MODULES = (
     system_info,
     robot_manage,
 )
-"""What registers services."""
+"""Importing these modules registers all services."""
 
 CLASSES: dict[str, str] = {
     "Math": "Poses [x, y, z, rx, ry, rz] (m, rad, fixed-axis roll, pitch, yaw) and quaternions [w, x, y, z].",
@@ -61,4 +61,4 @@ CLASSES: dict[str, str] = {
     "SystemInfo": "Versions and times.",
     "RobotManage": "Power, faults, modes.",
 }
-"""In the order of the documentation, with what it says of each."""
+"""All classes in the order of the documentation, with what it says of each."""

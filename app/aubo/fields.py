@@ -27,13 +27,13 @@ ROS_TYPES: dict[Any, str] = {
     list[str]: "string[]",
     None: "int32",
 }
-"""By annotation. json is a string on the wire, see `Field.ros_type`."""
+"""The ROS type of each annotation; json is a string on the wire, see `Field.ros_type`."""
 EMPTY: dict[str, Any] = {"bool": False, "int32": 0, "int64": 0, "float64": 0.0, "string": "", "json": ""}
-"""What ROS takes a field for that nobody has set; of lists the empty one."""
+"""The value of a field that nobody has set, as ROS has it; a list is empty then."""
 LARGEST = {"int32": 2**31 - 1, "int64": 2**63 - 1}
 REQUIRED: Any = inspect.Parameter.empty
 MAX_ITEMS = 65_536
-"""Of a list: each item is looked at on the event loop, for which a motion may wait only so long."""
+"""A list may have so many items: each is checked on the event loop, which motions wait for as well."""
 
 
 @dataclass(frozen=True, slots=True)

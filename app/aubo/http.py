@@ -48,7 +48,7 @@ EXAMPLES: dict[str, Any] = {
     **dict.fromkeys(("rpy", "rotv"), TURN),
     "quat": [1.0, 0.0, 0.0, 0.0],
 }
-"""What Swagger fills in for fields of these names; for others the default, or ROS's."""
+"""Swagger fills in these values for fields of these names; for others their default, or that of ROS."""
 
 
 class _VendorRoute(APIRoute):

@@ -20,7 +20,7 @@ PACKAGE = "aubo_interfaces"
 FOLDER = Path(__file__).parents[2] / "ros2_interfaces" / PACKAGE
 WIDTH = 110
 ACTIONS = {"ServoMode": ServoModeAction.definition}
-"""Texts of the vendor's own actions, by name."""
+"""The definitions of the vendor's own actions, by name."""
 
 PACKAGE_XML = """<?xml version="1.0"?>
 <package format="3">

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from app.robot_services import Services
 
 LENGTHS = (1e-9, 1e9)
-"""Of a quaternion that is normalized then."""
+"""A quaternion of a length in this range is normalized; any other is refused."""
 MAX_ALPHA = 1000.0
 
 

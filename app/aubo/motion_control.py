@@ -6,6 +6,7 @@ function that says what it takes and gives.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +21,21 @@ from cobot.types import Array, PlannerName, Pose
 
 if TYPE_CHECKING:
     from app.robot_services import Services
+
+
+@dataclass(frozen=True, slots=True)
+class Rate:
+    """How fast a move of the queue is, and how far from its end the next one may begin; see `move_joint`.
+
+    Attributes:
+        acceleration, velocity: rad/s² and rad/s of the fastest joint, or m/s² and m/s of the tool's tip.
+        duration_s: if above 0, how long the move takes; the two others do not count then.
+    """
+
+    acceleration: float
+    velocity: float
+    blend_radius_m: float
+    duration_s: float
 
 
 @service("MotionControl")
@@ -47,7 +63,7 @@ async def move_joint(
         raise InputError(f"q must have {limits.dof} angles, got {len(q)}")
     target = np.array(q)
     check_positions(limits, target)
-    await _add(robot, origin, "moveJoint", PlannerName.PTP, target, a, v, blend_radius, duration)
+    await _add(robot, origin, "moveJoint", PlannerName.PTP, target, Rate(a, v, blend_radius, duration))
 
 
 @service("MotionControl")
@@ -69,7 +85,8 @@ async def move_line(
         blend_radius: m, as of moveJoint.
         duration: s, up to a day; above 0 it takes exactly so long, and a and v do not count.
     """
-    await _add(robot, origin, "moveLine", PlannerName.LIN, pose_of(pose), a, v, blend_radius, duration)
+    rate = Rate(a, v, blend_radius, duration)
+    await _add(robot, origin, "moveLine", PlannerName.LIN, pose_of(pose), rate)
 
 
 @service("MotionControl")
@@ -94,7 +111,8 @@ async def move_circle(
         duration: s, up to a day; above 0 it takes exactly so long, and a and v do not count.
     """
     via, goal = pose_of(via_pose, "via_pose").position, pose_of(end_pose, "end_pose")
-    await _add(robot, origin, "moveCircle", PlannerName.CIRC, goal, a, v, blend_radius, duration, via)
+    rate = Rate(a, v, blend_radius, duration)
+    await _add(robot, origin, "moveCircle", PlannerName.CIRC, goal, rate, via)
 
 
 @service("MotionControl")
@@ -151,7 +169,7 @@ def get_speed_fraction(robot: Services) -> float:
     Returns:
         A share of their planned speed, from 0.01 to 1.
     """
-    return robot.ownership.pace.fraction
+    return robot.ownership.speed_override.fraction
 
 
 @service("MotionControl")
@@ -161,7 +179,7 @@ async def set_speed_fraction(robot: Services, fraction: float) -> None:
     Args:
         fraction: of the planned speed, from 0.01 to 1.
     """
-    await robot.ownership.pace.set_fraction(fraction)
+    await robot.ownership.speed_override.set_fraction(fraction)
 
 
 @service("MotionControl")
@@ -171,13 +189,13 @@ async def stop_move(robot: Services) -> None:
     With an empty queue it does nothing.
     """
     if not robot.queue.idle:
-        await robot.ownership.pace.pause()
+        await robot.ownership.speed_override.pause()
 
 
 @service("MotionControl")
 async def start_move(robot: Services) -> None:
     """Go on after stopMove."""
-    await robot.ownership.pace.resume()
+    await robot.ownership.speed_override.resume()
 
 
 @service("MotionControl")
@@ -322,20 +340,26 @@ async def _add(
     name: str,
     planner: PlannerName,
     goal: Array | Pose,
-    acceleration: float,
-    velocity: float,
-    radius_m: float,
-    duration_s: float,
+    rate: Rate,
     via: Array | None = None,
 ) -> None:
-    if duration_s < 0.0:
-        raise InputError(f"duration must not be negative, got {duration_s:g} s")
+    if rate.duration_s < 0.0:
+        raise InputError(f"duration must not be negative, got {rate.duration_s:g} s")
     envelope = robot.settings.envelope
 
     def move(start: Array) -> RatedMove:
-        return RatedMove(start, goal, planner, velocity, acceleration, envelope, via, duration_s)
+        return RatedMove(
+            start=start,
+            goal=goal,
+            planner=planner,
+            velocity=rate.velocity,
+            acceleration=rate.acceleration,
+            envelope=envelope,
+            via=via,
+            duration_s=rate.duration_s,
+        )
 
-    await robot.queue.add(name, move, radius_m, origin.stops, origin.token)
+    await robot.queue.add(name, move, rate.blend_radius_m, origin.stops, origin.token)
 
 
 def _require_fastest(acceleration: float, limit: float, unit: str) -> None:

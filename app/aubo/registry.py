@@ -97,7 +97,7 @@ class Answer:
 
 
 REGISTRY: dict[tuple[str, str], Service] = {}
-"""By (class, method). Complete once `app.aubo.classes` is imported."""
+"""All services by (class, method). Complete once `app.aubo.classes` is imported."""
 
 
 def service(robot_class: str, *, name: str | None = None) -> Callable[[Function], Function]:
@@ -216,7 +216,15 @@ def _described(robot_class: str, method: str, function: Function) -> Service:
     if not returns and signature.return_annotation not in (None, "None"):
         raise TypeError(f"{where}: its docstring has no Returns:")
     result = Field("result", kind, returns or "0, or the code of what went wrong")
-    return Service(robot_class, method, summary, fields, result, function, takes_origin)
+    return Service(
+        robot_class=robot_class,
+        method=method,
+        doc=summary,
+        parameters=fields,
+        result=result,
+        function=function,
+        takes_origin=takes_origin,
+    )
 
 
 def _field(where: str, parameter: inspect.Parameter, function: Function, documented: dict[str, str]) -> Field:

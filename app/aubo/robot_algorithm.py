@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 TIMEOUT_S = 20.0
 FEWEST_POSES = 3
 ALIKE = 1e-3
-"""Of the smallest singular value: below it the poses are turned too little to tell where the tip is."""
+"""Poses whose smallest singular value is below this are turned too little to tell where the tip is."""
 
 
 @service("RobotAlgorithm")

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from app.robot_services import Services
 
 SAME = 1e-3
-"""How near to the model's a gravity or a payload is to be taken for the same."""
-LEAST = 1e-3
-"""Of a rate that is set, and between two position limits: nothing could move at all."""
+"""A gravity or a payload that is so near to the model's is taken for the same, m/s² and kg."""
+SMALLEST = 1e-3
+"""A rate that is set, and the distance of two position limits, is no smaller: nothing could move at all."""
 
 
 @service("RobotConfig")
@@ -157,7 +157,7 @@ def set_joint_min_positions(robot: Services, positions: list[float]) -> None:
     """
     least = _each(robot, positions, "positions")
     _require(robot, least, robot.robot.limits.min_position, "positions", "rad", least=True)
-    _require(robot, least, _limits(robot).max_position - LEAST, "positions", "rad")
+    _require(robot, least, _limits(robot).max_position - SMALLEST, "positions", "rad")
     _set(robot, replace(_limits(robot), min_position=least))
 
 
@@ -170,7 +170,7 @@ def set_joint_max_positions(robot: Services, positions: list[float]) -> None:
     """
     most = _each(robot, positions, "positions")
     _require(robot, most, robot.robot.limits.max_position, "positions", "rad")
-    _require(robot, most, _limits(robot).min_position + LEAST, "positions", "rad", least=True)
+    _require(robot, most, _limits(robot).min_position + SMALLEST, "positions", "rad", least=True)
     _set(robot, replace(_limits(robot), max_position=most))
 
 
@@ -352,7 +352,7 @@ def _each(robot: Services, values: list[float], name: str) -> Array:
 def _rates(robot: Services, values: list[float], most: Array, name: str, unit: str) -> Array:
     rates = _each(robot, values, name)
     _require(robot, rates, most, name, unit)
-    _require(robot, rates, np.full(len(rates), LEAST), name, unit, least=True)
+    _require(robot, rates, np.full(len(rates), SMALLEST), name, unit, least=True)
     return rates
 
 
@@ -370,6 +370,6 @@ def _pair(values: list[float], most: tuple[float, float], name: str) -> tuple[fl
     if len(values) != 2:
         raise InputError(f"{name} must be [linear, angular], got {len(values)} numbers")
     for value, bound in zip(values, most, strict=True):
-        if not LEAST <= value <= bound:
-            raise LimitError(f"{name}: possible is from {LEAST} to {bound:g}, got {value:g}")
+        if not SMALLEST <= value <= bound:
+            raise LimitError(f"{name}: possible is from {SMALLEST} to {bound:g}, got {value:g}")
     return values[0], values[1]

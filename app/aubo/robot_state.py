@@ -11,7 +11,7 @@ import numpy as np
 
 from app.aubo.poses import as_list, numbers_of, pose_of_seven
 from app.aubo.registry import service
-from app.services.state.link import RESTING
+from app.services.state.robot_state import RESTING
 from cobot.ipc.layout import Intervention
 from cobot.types import Array, LoopMode
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from app.robot_services import Services
 
 STATE_TIMEOUT_S = 1.5
-"""How long a state is waited for, as GET /robot/joint_states does."""
+"""A state is waited for as long as GET /robot/joint_states waits, s."""
 PUSHED = (Intervention.TRACKING, Intervention.CONTACT)
 
 

@@ -50,15 +50,5 @@ methods.register(
     "serial",
     NAME,
     lambda robot, name: robot.equipment.serial_ports.get(name),
-    (
-        methods.send_string,
-        methods.send_line,
-        methods.send_int,
-        methods.send_byte,
-        methods.send_all_string,
-        methods.read_string,
-        methods.read_line,
-        methods.read_byte,
-        methods.read_byte_list,
-    ),
+    methods.EVERY_CHANNEL,
 )

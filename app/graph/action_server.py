@@ -20,14 +20,14 @@ from cobot.errors import CobotError
 from cobot.ros.messages import Message
 
 if TYPE_CHECKING:
-    from app.graph.graph import Hub
+    from app.graph.graph import Graph
 
 MAX_RUNNING = 16
 MAX_KEPT = 64
 KEPT_S = 900.0
-"""For so long, and no more than `MAX_KEPT`, results are kept for who asks late."""
+"""The newest `MAX_KEPT` results are kept for so long, for clients that ask late, s."""
 
-log = logging.getLogger("cobot.hub")
+log = logging.getLogger("cobot.graph")
 
 
 class Goal:
@@ -58,26 +58,26 @@ class Goal:
 
 
 class ActionServer:
-    """Serves one action on the hub.
+    """Serves one action on the graph.
 
     Args:
         owner: whose it is; None for the service's own.
     """
 
-    def __init__(self, hub: Hub, action: Action, owner: object = None) -> None:
+    def __init__(self, graph: Graph, action: Action, owner: object = None) -> None:
         self.action = action
         self.owner = owner = self if owner is None else owner
-        self._hub = hub
-        self._messages = hub.messages
+        self._graph = graph
+        self._messages = graph.messages
         self._goals: dict[uuid.UUID, Goal] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         below, type_ = f"{action.name}/_action", action.type_
-        self._feedback = hub.advertise(f"{below}/feedback", f"{type_}_FeedbackMessage", owner=owner)
-        self._status = hub.advertise(
+        self._feedback = graph.advertise(f"{below}/feedback", f"{type_}_FeedbackMessage", owner=owner)
+        self._status = graph.advertise(
             f"{below}/status", "action_msgs/msg/GoalStatusArray", latch=True, owner=owner
         )
         self._services = [
-            hub.add_service(f"{below}/{name}", service, function, owner=owner)
+            graph.add_service(f"{below}/{name}", service, function, owner=owner)
             for name, service, function in (
                 ("send_goal", f"{type_}_SendGoal", self._serve_send_goal),
                 ("get_result", f"{type_}_GetResult", self._serve_get_result),
@@ -132,7 +132,7 @@ class ActionServer:
         """It is worked on."""
         if goal.accepted.done():
             return
-        goal.accepted_ns = self._hub.clock.wall_ns()
+        goal.accepted_ns = self._graph.clock.wall_ns()
         cancelled = goal.handle.cancel_requested.is_set()
         goal.status = GoalStatus.CANCELING if cancelled else GoalStatus.EXECUTING
         goal.accepted.set_result(None)
@@ -158,7 +158,7 @@ class ActionServer:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
         for service in self._services:
-            self._hub.remove_service(service)
+            self._graph.remove_service(service)
         self._feedback.close()
         self._status.close()
 
@@ -181,7 +181,7 @@ class ActionServer:
             self._refuse(goal, Rejected("an error in cobot itself; its log has the details"))
         finally:
             self._refuse(goal, Rejected("the service ends"))
-            goal.result, goal.status, goal.ended_s = result, status, self._hub.clock.now_s()
+            goal.result, goal.status, goal.ended_s = result, status, self._graph.clock.now_s()
             goal.ended.set()
             if goal.accepted_ns:
                 self._publish_status()
@@ -198,7 +198,7 @@ class ActionServer:
     def _forget(self) -> None:
         """Drop results that nobody has asked for in time, the oldest first."""
         ended = [goal for goal in self._goals.values() if not goal.running]
-        oldest_s = self._hub.clock.now_s() - KEPT_S
+        oldest_s = self._graph.clock.now_s() - KEPT_S
         for index, goal in enumerate(ended):
             if goal.ended_s < oldest_s or index < len(ended) - MAX_KEPT:
                 del self._goals[goal.id]

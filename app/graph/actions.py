@@ -1,4 +1,4 @@
-"""What an action has to be, to be offered on the hub; `app.graph.action_server` does all the rest."""
+"""What an action has to be, to be offered on the graph; `app.graph.action_server` does all the rest."""
 
 from __future__ import annotations
 

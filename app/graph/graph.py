@@ -1,4 +1,4 @@
-"""The hub: topics, services and actions inside the web service, for every transport the same.
+"""The graph: topics, services and actions inside the web service, for every transport the same.
 
 Everything runs on the one event loop. What there is on it that another network may want to mirror is told on
 the topic /cobot/graph, as a JSON object in a std_msgs/msg/String: `topics` with name, type, publishers,
@@ -25,12 +25,12 @@ from cobot.strict import shown
 
 GRAPH_TOPIC = "/cobot/graph"
 GRAPH_DELAY_S = 0.02
-"""What changes within this time is told at once."""
+"""Changes within this time are told together, s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Service:
-    """A service on the hub: `type` is pkg/srv/Name, or pkg/action/Name_SendGoal and the like."""
+    """A service on the graph: `type` is pkg/srv/Name, or pkg/action/Name_SendGoal and the like."""
 
     name: str
     type: str
@@ -39,7 +39,7 @@ class Service:
     local: bool
 
 
-class Hub(Topics):
+class Graph(Topics):
     """Topics, services and actions. Made in the running event loop.
 
     Attributes:

@@ -20,11 +20,11 @@ from cobot.strict import shown
 _NAME = re.compile(r"(/[A-Za-z0-9_-]+)+")
 MAX_NAME = 255
 
-log = logging.getLogger("cobot.hub")
+log = logging.getLogger("cobot.graph")
 
 
 class Publisher:
-    """Somebody's right to publish on a topic. Made by `Hub.advertise`.
+    """Somebody's right to publish on a topic. Made by `Graph.advertise`.
 
     Attributes:
         latch: who subscribes later gets `last`.
@@ -72,7 +72,7 @@ class Publisher:
 
 
 class Subscription:
-    """Somebody's wish for a topic's messages. Made by `Hub.subscribe`."""
+    """Somebody's subscription to a topic. Made by `Graph.subscribe`."""
 
     def __init__(
         self, topics: Topics, topic: _Topic, callback: Callable[[Message], None], owner: object

@@ -1,18 +1,18 @@
-"""A robot's own topics on the hub.
+"""A robot's own topics on the graph.
 
 The DDS process has all but `status` and `joint_cmd` itself, straight from shared memory.
 """
 
 from __future__ import annotations
 
-from app.graph.graph import Hub
+from app.graph.graph import Graph
 from app.robot_services import Services
 from cobot.clock import Ticks
 from cobot.ros.robot_messages import JOINT_STATES, POSE, STRING, TRANSFORMS, WRENCH, RobotMessages
 
 RATE_HZ = 100.0
 STATUS_TICKS = 10
-"""The status comes at a tenth of the rate."""
+"""The status is published with every tenth state."""
 
 
 class RobotTopics:
@@ -24,7 +24,7 @@ class RobotTopics:
         prefix: of the frames' names.
     """
 
-    def __init__(self, hub: Hub, services: Services, name: str, tcp: str, prefix: str = "") -> None:
+    def __init__(self, graph: Graph, services: Services, name: str, tcp: str, prefix: str = "") -> None:
         robot = services.robot
         self._streams = services.streams
         self._clock = services.link.clock
@@ -32,7 +32,7 @@ class RobotTopics:
         self._publication = self._ticks = 0
         messages = RobotMessages(robot.model, robot.base_frame, tcp, prefix, self._clock)
         self._made = {
-            hub.advertise(topic, type_, owner=self, local=local): make
+            graph.advertise(topic, type_, owner=self, local=local): make
             for topic, type_, make, local in (
                 (f"/{name}/joint_states", JOINT_STATES, messages.joint_state, True),
                 (f"/{name}/tcp_pose", POSE, messages.pose, True),
@@ -40,7 +40,7 @@ class RobotTopics:
                 ("/tf", TRANSFORMS, messages.transforms, True),
             )
         }
-        self._status = hub.advertise(f"/{name}/status", STRING, owner=self)
+        self._status = graph.advertise(f"/{name}/status", STRING, owner=self)
         self._make_status = messages.status
         for publisher in (*self._made, self._status):
             publisher.on_demand = self._demand
@@ -48,9 +48,9 @@ class RobotTopics:
             ("/tf_static", TRANSFORMS, messages.static_transforms()),
             (f"/{name}/robot_description", STRING, messages.description()),
         ):
-            hub.advertise(topic, type_, latch=True, owner=self, local=True).publish(message)
+            graph.advertise(topic, type_, latch=True, owner=self, local=True).publish(message)
         servo = services.servo
-        hub.subscribe(
+        graph.subscribe(
             f"/{name}/joint_cmd", STRING, lambda message: servo.receive(message["data"]), owner=self
         )
 

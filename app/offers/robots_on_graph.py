@@ -1,4 +1,4 @@
-"""The hub with all that this service has to offer on it."""
+"""The graph with all that this service has to offer on it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from functools import partial
 from app.actions.servo_action import ServoModeAction
 from app.aubo.interfaces import PACKAGE, interface_definitions
 from app.aubo.registry import REGISTRY, call
-from app.graph.graph import Hub
+from app.graph.graph import Graph
 from app.offers.robot_topics import RobotTopics
 from app.robot_services import Services
 from app.rosbridge.rosapi import add_rosapi
@@ -20,32 +20,32 @@ from cobot.ros.messages import Message, Messages
 @contextlib.asynccontextmanager
 async def serving(
     robots: Mapping[str, Services], tcps: Mapping[str, str], clock: Clock
-) -> AsyncIterator[Hub]:
-    """A hub for as long as the context lasts.
+) -> AsyncIterator[Graph]:
+    """A graph for as long as the context lasts.
 
     Args:
         robots: the services of each robot by its name.
         tcps: the name of each robot's TCP.
     """
-    hub = Hub(Messages(interface_definitions()), clock)
-    add_rosapi(hub)
+    graph = Graph(Messages(interface_definitions()), clock)
+    add_rosapi(graph)
     topics = []
     for name, services in robots.items():
         prefix = f"{name}/" if len(robots) > 1 else ""
-        topics.append(RobotTopics(hub, services, name, tcps[name], prefix))
+        topics.append(RobotTopics(graph, services, name, tcps[name], prefix))
         for (robot_class, method), service in REGISTRY.items():
-            hub.add_service(
+            graph.add_service(
                 f"/{name}/{robot_class}/{method}",
                 f"{PACKAGE}/srv/{service.type_name}",
                 partial(_call, services, robot_class, method),
-                owner=hub,
+                owner=graph,
             )
-        hub.add_action(ServoModeAction(name, services.servo))
-        hub.add_action(services.fjt)
+        graph.add_action(ServoModeAction(name, services.servo))
+        graph.add_action(services.fjt)
     try:
-        yield hub
+        yield graph
     finally:
-        await hub.close()
+        await graph.close()
         for each in topics:
             each.close()
 

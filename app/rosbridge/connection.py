@@ -3,7 +3,7 @@
 All that it has advertised, subscribed and offered is its own and ends with it; goals that it has sent are
 cancelled then. Messages to it wait in an `Outbox`.
 
-One operation is ours: `{"op": "cobot_gateway"}` says that this client mirrors the hub to another network.
+One operation is ours: `{"op": "cobot_gateway"}` says that this client mirrors the graph to another network.
 What it advertises, subscribes and offers does not show in the topic /cobot/graph, by which it knows what to
 mirror, and what it publishes is not sent back to it.
 """
@@ -16,24 +16,24 @@ import uuid
 from collections.abc import Coroutine
 from typing import Any
 
-from app.graph.graph import Hub
+from app.graph.graph import Graph
 from app.graph.topics import Publisher
 from app.rosbridge import operations as op
 from app.rosbridge.fragments import Assembly
 from app.rosbridge.offers import Offers
-from app.rosbridge.outbox import MAX_WISHES, Outbox
+from app.rosbridge.outbox import MAX_PER_TOPIC, Outbox
 from cobot.errors import CobotError, ConflictError, InputError, UnavailableError
 from cobot.ros.messages import Message
 from cobot.strict import shown
 
 MAX_MESSAGE = 4 * 2**20
-"""Characters."""
+"""A message may have so many characters."""
 MAX_OBJECTS = 30_000
-"""Of a message: each may become a hundred times as large, with all that ROS's defaults fill in."""
+"""A message may hold so many objects: with ROS's defaults each may become a hundred times as large."""
 MAX_PENDING = 1024
-"""Calls and goals of one client that are under way."""
+"""So many calls and goals of one client may be under way."""
 MAX_ENDS = 1024
-"""Topics that one client publishes; the same of those that it subscribes."""
+"""One client may publish so many topics, and subscribe so many."""
 LEVELS = ("none", "error", "warning", "info")
 
 log = logging.getLogger("cobot.rosbridge")
@@ -46,14 +46,14 @@ class Connection:
         outbox: what is to be sent to it.
     """
 
-    def __init__(self, hub: Hub, name: str) -> None:
+    def __init__(self, graph: Graph, name: str) -> None:
         self.outbox = Outbox()
-        self._hub = hub
+        self._graph = graph
         self._name = name
         self._level = "error"
         self._fragments = Assembly(MAX_MESSAGE)
         self._publishers: dict[str, tuple[Publisher, set[op.Id]]] = {}
-        self._offers = Offers(hub, self.outbox, self)
+        self._offers = Offers(graph, self.outbox, self)
         self._goals: dict[op.Id, tuple[str, str]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
 
@@ -68,9 +68,9 @@ class Connection:
             value = getattr(asked, name)
             if name == "args":
                 value = self._arguments(value, type_)
-            return asked.model_copy(update={name: self._hub.messages.examined(type_, value)})
+            return asked.model_copy(update={name: self._graph.messages.examined(type_, value)})
         except (CobotError, RuntimeError):
-            return content  # a mistake, which `take` will find as well; or the hub has changed meanwhile
+            return content  # a mistake, which `take` will find as well; or the graph has changed meanwhile
 
     def take(self, content: Any) -> str | None:
         """A decoded message, or what `prepared` made of it. What is wrong with it is told to the client.
@@ -101,12 +101,12 @@ class Connection:
         """The client is gone."""
         self.outbox.close()
         for action, goal_id in self._goals.values():
-            if action in self._hub.actions:
-                self._hub.action(action).cancel(uuid.UUID(goal_id))
+            if action in self._graph.actions:
+                self._graph.action(action).cancel(uuid.UUID(goal_id))
         for publisher, _ in self._publishers.values():
             publisher.close()
         await self._offers.close()
-        self._hub.gateways.discard(self)
+        self._graph.gateways.discard(self)
 
     def _carry_out(self, asked: op.Operation) -> None:
         match asked:
@@ -120,7 +120,7 @@ class Connection:
                 _require_plain(asked.compression)
                 if asked.topic not in self.outbox.feeds and len(self.outbox.feeds) >= MAX_ENDS:
                     raise ConflictError(f"a client may subscribe {MAX_ENDS} topics")
-                self.outbox.subscribe(self._hub, asked, self)
+                self.outbox.subscribe(self._graph, asked, self)
             case op.Unsubscribe():
                 self.outbox.unsubscribe(asked.topic, asked.id)
             case op.Advertise():
@@ -148,12 +148,12 @@ class Connection:
             case op.Status():
                 log.info("%s says %s: %s", self._name, shown(asked.level), shown(asked.msg))
             case op.Gateway():
-                self._hub.gateways.add(self)
-                self._hub.changed()
+                self._graph.gateways.add(self)
+                self._graph.changed()
 
     def _publish(self, asked: op.Publish) -> None:
         if asked.topic not in self._publishers:
-            type_ = self._hub.type_of(asked.topic)
+            type_ = self._graph.type_of(asked.topic)
             if type_ is None:
                 raise InputError(f"nobody has advertised {shown(asked.topic)}, so its type is not known")
             self._advertise(asked.topic, type_, asked.latch, None)
@@ -164,12 +164,12 @@ class Connection:
         if known is None:
             if len(self._publishers) >= MAX_ENDS:
                 raise ConflictError(f"a client may advertise {MAX_ENDS} topics")
-            publisher = self._hub.advertise(topic, type_, latch=latch, owner=self)
+            publisher = self._graph.advertise(topic, type_, latch=latch, owner=self)
             self._publishers[topic] = publisher, {advertise_id}
-        elif self._hub.messages.resolved(type_, "msg") != known[0].type:
+        elif self._graph.messages.resolved(type_, "msg") != known[0].type:
             raise InputError(f"{topic} is of type {known[0].type}, not {type_}")
-        elif advertise_id not in known[1] and len(known[1]) >= MAX_WISHES:
-            raise ConflictError(f"a client may advertise one topic {MAX_WISHES} times")
+        elif advertise_id not in known[1] and len(known[1]) >= MAX_PER_TOPIC:
+            raise ConflictError(f"a client may advertise one topic {MAX_PER_TOPIC} times")
         else:
             known[1].add(advertise_id)
 
@@ -204,10 +204,10 @@ class Connection:
         if asked.id is not None:
             answer["id"] = asked.id
         try:
-            type_ = self._hub.service(asked.service).type
+            type_ = self._graph.service(asked.service).type
             arguments = self._arguments(asked.args, f"{type_}_Request")
             async with asyncio.timeout(asked.timeout or None):
-                answer["values"] = await self._hub.call_service(asked.service, arguments)
+                answer["values"] = await self._graph.call_service(asked.service, arguments)
             answer["result"] = True
         except TimeoutError:
             answer |= {
@@ -238,9 +238,9 @@ class Connection:
 
         answer: Message = {"op": "action_result", **about}
         try:
-            arguments = self._arguments(asked.args, f"{self._hub.action(asked.action).action.type_}_Goal")
+            arguments = self._arguments(asked.args, f"{self._graph.action(asked.action).action.type_}_Goal")
             on_feedback = tell if asked.feedback else None
-            status, values = await self._hub.send_goal(asked.action, goal_id, arguments, on_feedback)
+            status, values = await self._graph.send_goal(asked.action, goal_id, arguments, on_feedback)
             answer |= {"values": values, "status": int(status), "result": True}
         except CobotError as exc:
             answer |= {"values": str(exc), "status": 0, "result": False}
@@ -252,31 +252,31 @@ class Connection:
         known = self._goals.get(asked.id)
         if known is None or known[0] != asked.action:
             raise InputError(f"no goal {shown(asked.id)} of {asked.action} is under way")
-        self._hub.cancel(*known)
+        self._graph.cancel(*known)
 
     def _type_of(self, asked: op.Operation) -> str | None:
         """Of what an operation brings along; None if it needs none."""
-        hub = self._hub
+        graph = self._graph
         match asked:
             case op.Publish():
-                return hub.type_of(asked.topic)
+                return graph.type_of(asked.topic)
             case op.CallService():
-                return f"{hub.service(asked.service).type}_Request"
+                return f"{graph.service(asked.service).type}_Request"
             case op.ServiceResponse():
-                return f"{hub.service(asked.service).type}_Response" if asked.result else None
+                return f"{graph.service(asked.service).type}_Response" if asked.result else None
             case op.SendActionGoal():
-                return f"{hub.action(asked.action).action.type_}_Goal"
+                return f"{graph.action(asked.action).action.type_}_Goal"
             case op.ActionFeedback():
-                return f"{hub.action(asked.action).action.type_}_Feedback"
+                return f"{graph.action(asked.action).action.type_}_Feedback"
             case op.ActionResult():
-                return f"{hub.action(asked.action).action.type_}_Result" if asked.result else None
+                return f"{graph.action(asked.action).action.type_}_Result" if asked.result else None
         return None
 
     def _arguments(self, arguments: Message | list[Any] | None, type_: str) -> Message:
         """Clients may leave the names out."""
         if not isinstance(arguments, list):
             return {} if arguments is None else arguments
-        names = list(self._hub.messages.record(type_).fields)
+        names = list(self._graph.messages.record(type_).fields)
         if len(arguments) > len(names):
             raise InputError(f"{type_} has {len(names)} fields, got {len(arguments)} values")
         return dict(zip(names, arguments, strict=False))

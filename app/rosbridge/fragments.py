@@ -10,9 +10,9 @@ from app.rosbridge.operations import Fragment, Id
 from cobot.errors import InputError
 
 MAX_INCOMPLETE = 8
-"""Messages of one client; with another one the oldest is forgotten."""
+"""So many messages of one client may be incomplete; with another one the oldest is forgotten."""
 PIECE = 100
-"""What a piece is counted for beside its characters."""
+"""Each piece counts for so many characters beside its own: an empty one takes memory too."""
 
 
 @dataclass(slots=True)
@@ -20,7 +20,7 @@ class _Incomplete:
     total: int
     pieces: dict[int, str] = field(default_factory=dict)
     held: int = 0
-    """Characters, and something for each piece."""
+    """How many characters are held, with `PIECE` for each piece."""
 
 
 class Assembly:

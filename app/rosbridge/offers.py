@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from app.graph.action_server import ActionServer
 from app.graph.actions import GoalHandle, GoalStatus
-from app.graph.graph import Hub, Service
+from app.graph.graph import Graph, Service
 from app.graph.topics import absolute
 from app.rosbridge import operations as op
 from app.rosbridge.outbox import Outbox
@@ -26,8 +26,8 @@ ENDED = (GoalStatus.SUCCEEDED, GoalStatus.CANCELED, GoalStatus.ABORTED)
 class Offers:
     """Those of one client."""
 
-    def __init__(self, hub: Hub, outbox: Outbox, owner: Connection) -> None:
-        self._hub = hub
+    def __init__(self, graph: Graph, outbox: Outbox, owner: Connection) -> None:
+        self._graph = graph
         self._outbox = outbox
         self._owner = owner
         self._services: dict[str, Service] = {}
@@ -42,14 +42,14 @@ class Offers:
         async def call(request: Message) -> Message:
             return await self._call(asked.service, request)
 
-        made = self._hub.add_service(asked.service, asked.type, call, owner=self._owner)
+        made = self._graph.add_service(asked.service, asked.type, call, owner=self._owner)
         self._services[made.name] = made
 
     def remove_service(self, name: str) -> None:
         service = self._services.pop(absolute(name), None)
         if service is None:
             raise InputError(f"{name} is not advertised")
-        self._hub.remove_service(service)
+        self._graph.remove_service(service)
         for about, answer in self._calls.values():
             if absolute(about) == service.name and not answer.done():
                 answer.set_exception(UnavailableError(f"{name} is not offered any more"))
@@ -66,14 +66,14 @@ class Offers:
     def add_action(self, asked: op.AdvertiseAction) -> None:
         self._require_room()
         action = _ClientAction(
-            self, absolute(asked.action), self._hub.messages.resolved(asked.type, "action")
+            self, absolute(asked.action), self._graph.messages.resolved(asked.type, "action")
         )
-        self._actions[action.name] = self._hub.add_action(action, self._owner)
+        self._actions[action.name] = self._graph.add_action(action, self._owner)
 
     async def remove_action(self, name: str) -> None:
         server = self._actions.pop(absolute(name), None)
         if server is not None:
-            await self._hub.remove_action(server)
+            await self._graph.remove_action(server)
 
     def take_feedback(self, asked: op.ActionFeedback) -> None:
         self._goal(asked.id, asked.action)[0].feedback(asked.values)

@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Any
 
-from app.graph.graph import Hub
+from app.graph.graph import Graph
 from app.graph.topics import Subscription
 from app.rosbridge.fragments import in_pieces
 from app.rosbridge.operations import MAX_QUEUE, Id, Subscribe
@@ -18,13 +18,13 @@ from cobot.ros.codec import without_nan
 from cobot.ros.messages import Message
 
 MAX_BYTES = 32 * 2**20
-"""Of answers that wait; a client that lets more pile up is disconnected."""
+"""A client that lets answers of more than this pile up is disconnected."""
 MAX_OPTIONAL = 256
-"""Messages after which feedback and status are left out."""
-MAX_WISHES = 100
-"""Of one client for one topic, told apart by their ids."""
-QUEUE = 100
-"""Of a topic, when the client says nothing or 0."""
+"""While so many messages wait for a client, feedback and status are left out."""
+MAX_PER_TOPIC = 100
+"""A client may subscribe or advertise one topic so many times, told apart by their ids."""
+DEFAULT_QUEUE = 100
+"""So many messages of a topic wait when the client says nothing or 0."""
 
 
 def dumps(content: Message) -> str:
@@ -36,34 +36,36 @@ def dumps(content: Message) -> str:
 
 
 class Feed:
-    """A topic on its way to one client, which may have subscribed several times: the widest wish counts."""
+    """A topic on its way to one client, which may have subscribed several times: the widest one counts."""
 
-    def __init__(self, hub: Hub, wish: Subscribe, wake: asyncio.Event, owner: object) -> None:
-        self.topic = wish.topic
-        self._wishes: dict[Id, Subscribe] = {}
+    def __init__(self, graph: Graph, request: Subscribe, wake: asyncio.Event, owner: object) -> None:
+        self.topic = request.topic
+        self._requests: dict[Id, Subscribe] = {}
         self._queue: deque[Message] = deque()
         self._wake = wake
         self._loop = asyncio.get_running_loop()
         self._due_s = 0.0
         self._timer: asyncio.TimerHandle | None = None
-        self.add(wish)
-        self._subscription: Subscription = hub.subscribe(wish.topic, wish.type, self._take, owner=owner)
+        self.add(request)
+        self._subscription: Subscription = graph.subscribe(
+            request.topic, request.type, self._take, owner=owner
+        )
 
-    def add(self, wish: Subscribe) -> None:
-        if wish.id not in self._wishes and len(self._wishes) >= MAX_WISHES:
-            raise ConflictError(f"a client may subscribe {MAX_WISHES} times to one topic")
-        self._wishes[wish.id] = wish
+    def add(self, request: Subscribe) -> None:
+        if request.id not in self._requests and len(self._requests) >= MAX_PER_TOPIC:
+            raise ConflictError(f"a client may subscribe {MAX_PER_TOPIC} times to one topic")
+        self._requests[request.id] = request
         self._settle()
 
-    def remove(self, wish_id: Id) -> bool:
-        """Whether nobody wants it any more; None removes all wishes."""
-        if wish_id is None:
-            self._wishes.clear()
+    def remove(self, request_id: Id) -> bool:
+        """Whether nobody wants it any more; None removes all requests."""
+        if request_id is None:
+            self._requests.clear()
         else:
-            self._wishes.pop(wish_id, None)
-        if self._wishes:
+            self._requests.pop(request_id, None)
+        if self._requests:
             self._settle()
-        return not self._wishes
+        return not self._requests
 
     def close(self) -> None:
         self._subscription.close()
@@ -98,12 +100,12 @@ class Feed:
         self._wake.set()
 
     def _settle(self) -> None:
-        wishes = self._wishes.values()
-        self._period_s = min(wish.throttle_rate or 0.0 for wish in wishes) / 1000.0
-        lengths = [wish.queue_length or 0 for wish in wishes]
-        self._length = min(max(lengths) or QUEUE, MAX_QUEUE)
+        requests = self._requests.values()
+        self._period_s = min(request.throttle_rate or 0.0 for request in requests) / 1000.0
+        lengths = [request.queue_length or 0 for request in requests]
+        self._length = min(max(lengths) or DEFAULT_QUEUE, MAX_QUEUE)
         self._sparse = self._period_s > 0.0 and not max(lengths)
-        sizes = [wish.fragment_size for wish in wishes if wish.fragment_size is not None]
+        sizes = [request.fragment_size for request in requests if request.fragment_size is not None]
         self._fragment_size = min(sizes, default=None)
 
     def _take(self, message: Message) -> None:
@@ -157,26 +159,26 @@ class Outbox:
             if not found and not self._answers:
                 return
 
-    def subscribe(self, hub: Hub, wish: Subscribe, owner: object) -> None:
-        """A wish for a topic.
+    def subscribe(self, graph: Graph, request: Subscribe, owner: object) -> None:
+        """A request for a topic.
 
         Raises:
-            InputError: see `Hub.subscribe`.
+            InputError: see `Graph.subscribe`.
             ConflictError: there are too many for this topic.
         """
-        feed = self.feeds.get(wish.topic)
+        feed = self.feeds.get(request.topic)
         if feed is None:
-            self.feeds[wish.topic] = Feed(hub, wish, self.wake, owner)
+            self.feeds[request.topic] = Feed(graph, request, self.wake, owner)
             return
-        if wish.type is not None and hub.messages.resolved(wish.type, "msg") != feed.type:
-            raise InputError(f"{wish.topic} is of type {feed.type}, not {wish.type}")
-        feed.add(wish)
+        if request.type is not None and graph.messages.resolved(request.type, "msg") != feed.type:
+            raise InputError(f"{request.topic} is of type {feed.type}, not {request.type}")
+        feed.add(request)
 
-    def unsubscribe(self, topic: str, wish_id: Id) -> None:
+    def unsubscribe(self, topic: str, request_id: Id) -> None:
         feed = self.feeds.get(topic)
         if feed is None:
             raise InputError(f"{topic} is not subscribed")
-        if feed.remove(wish_id):
+        if feed.remove(request_id):
             feed.close()
             del self.feeds[topic]
 

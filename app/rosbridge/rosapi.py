@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from app.graph.graph import Hub
+from app.graph.graph import Graph
 from cobot.errors import NotFoundError
 from cobot.ros.messages import Message, Messages
 from cobot.strict import shown
@@ -48,44 +48,44 @@ DEFINITIONS = {
     "rosapi_msgs/srv/DeleteParam": "string name\n---\n",
 }
 NODE = "/cobot"
-"""The hub has no nodes: all that it has is one's."""
+"""The service is one node: to rosapi, all that there is on the graph is its."""
 UNKNOWN = ""
 
 
-def add_rosapi(hub: Hub) -> None:
+def add_rosapi(graph: Graph) -> None:
     """Offer them."""
-    hub.messages.add(DEFINITIONS)
-    for name, (type_, answer) in _services(hub).items():
+    graph.messages.add(DEFINITIONS)
+    for name, (type_, answer) in _services(graph).items():
 
         async def call(request: Message, answer: Callable[[Message], Message] = answer) -> Message:
             return answer(request)
 
-        hub.add_service(f"/rosapi/{name}", f"rosapi_msgs/srv/{type_}", call, owner=hub, local=True)
+        graph.add_service(f"/rosapi/{name}", f"rosapi_msgs/srv/{type_}", call, owner=graph, local=True)
 
 
-def _services(hub: Hub) -> dict[str, tuple[str, Callable[[Message], Message]]]:
+def _services(graph: Graph) -> dict[str, tuple[str, Callable[[Message], Message]]]:
     """By name: the type and what answers."""
 
     def named(table: Callable[[], dict[str, str]], wanted: str) -> list[str]:
         return [name for name, type_ in table().items() if type_ == wanted]
 
     def service_types() -> dict[str, str]:
-        return {service.name: service.type for service in hub.services.values()}
+        return {service.name: service.type for service in graph.services.values()}
 
     def action_types() -> dict[str, str]:
-        return {name: server.action.type_ for name, server in hub.actions.items()}
+        return {name: server.action.type_ for name, server in graph.actions.items()}
 
     def details(kind: str, part: str) -> Callable[[Message], Message]:
-        messages = hub.messages
+        messages = graph.messages
         return lambda asked: {"typedefs": _details(messages, messages.resolved(asked["type"], kind) + part)}
 
-    topics = hub.topics
+    topics = graph.topics
     return {
         "topics": ("Topics", lambda _: {"topics": list(topics()), "types": list(topics().values())}),
         "topic_type": ("TopicType", lambda asked: {"type": topics().get(asked["topic"], UNKNOWN)}),
         "topics_for_type": ("TopicsForType", lambda asked: {"topics": named(topics, asked["type"])}),
-        "publishers": ("Publishers", lambda asked: {"publishers": _ends(hub, asked["topic"], 0)}),
-        "subscribers": ("Subscribers", lambda asked: {"subscribers": _ends(hub, asked["topic"], 1)}),
+        "publishers": ("Publishers", lambda asked: {"publishers": _ends(graph, asked["topic"], 0)}),
+        "subscribers": ("Subscribers", lambda asked: {"subscribers": _ends(graph, asked["topic"], 1)}),
         "services": ("Services", lambda _: {"services": list(service_types())}),
         "service_type": (
             "ServiceType",
@@ -96,11 +96,11 @@ def _services(hub: Hub) -> dict[str, tuple[str, Callable[[Message], Message]]]:
             lambda asked: {"services": named(service_types, asked["type"])},
         ),
         "nodes": ("Nodes", lambda _: {"nodes": [NODE]}),
-        "node_details": ("NodeDetails", lambda asked: _node(hub, asked["node"])),
-        "action_servers": ("GetActionServers", lambda _: {"action_servers": list(hub.actions)}),
+        "node_details": ("NodeDetails", lambda asked: _node(graph, asked["node"])),
+        "action_servers": ("GetActionServers", lambda _: {"action_servers": list(graph.actions)}),
         "action_type": ("ActionType", lambda asked: {"type": action_types().get(asked["action"], UNKNOWN)}),
-        "interfaces": ("Interfaces", lambda _: {"interfaces": sorted(hub.messages)}),
-        "get_time": ("GetTime", lambda _: {"time": _now(hub)}),
+        "interfaces": ("Interfaces", lambda _: {"interfaces": sorted(graph.messages)}),
+        "get_time": ("GetTime", lambda _: {"time": _now(graph)}),
         "get_ros_version": ("GetROSVersion", lambda _: {"version": 2, "distro": "humble"}),
         "message_details": ("MessageDetails", details("msg", "")),
         "service_request_details": ("ServiceRequestDetails", details("srv", "_Request")),
@@ -120,23 +120,23 @@ def _no_parameter(asked: Message) -> Message:
     raise NotFoundError(f"there is no parameter {shown(asked['name'])}: cobot's settings are files")
 
 
-def _now(hub: Hub) -> Message:
-    sec, nanosec = divmod(hub.clock.wall_ns(), 1_000_000_000)
+def _now(graph: Graph) -> Message:
+    sec, nanosec = divmod(graph.clock.wall_ns(), 1_000_000_000)
     return {"sec": sec, "nanosec": nanosec}
 
 
-def _ends(hub: Hub, topic: str, which: int) -> list[str]:
-    return [NODE] if hub.ends_of(topic)[which] else []
+def _ends(graph: Graph, topic: str, which: int) -> list[str]:
+    return [NODE] if graph.ends_of(topic)[which] else []
 
 
-def _node(hub: Hub, node: str) -> Message:
+def _node(graph: Graph, node: str) -> Message:
     if node != NODE:
         raise NotFoundError(f"there is no node {shown(node)}; valid are: {NODE}")
-    ends = {topic: hub.ends_of(topic) for topic in hub.topics()}
+    ends = {topic: graph.ends_of(topic) for topic in graph.topics()}
     return {
         "publishing": [topic for topic, (publishers, _) in ends.items() if publishers],
         "subscribing": [topic for topic, (_, subscribers) in ends.items() if subscribers],
-        "services": list(hub.services),
+        "services": list(graph.services),
     }
 
 

@@ -11,14 +11,14 @@ from fastapi.responses import JSONResponse
 from app.api.dependencies import LARGE_BYTES, decoded, without_collection
 from app.api.errors import status_of
 from app.api.routers.stream import require_own_page
-from app.graph.graph import Hub
+from app.graph.graph import Graph
 from app.rosbridge.connection import MAX_MESSAGE, MAX_OBJECTS, Connection
 from cobot.errors import CobotError, InputError, PayloadError, UnavailableError
 
 PATH = "/rosbridge"
 MAX_CONNECTIONS = 32
 MAX_FRAME_BYTES = 2 * MAX_MESSAGE
-"""Beyond it the connection is closed; below, a message that is too large is an error like any other."""
+"""A larger frame closes the connection; a message that is too large, in a smaller frame, is an error only."""
 TRY_LATER = 1013
 
 router = APIRouter()
@@ -38,15 +38,15 @@ async def rosbridge(socket: WebSocket) -> None:
         return
     state.rosbridge_connections += 1
     try:
-        await _serve(socket, cast(Hub, state.hub), cast(asyncio.Lock, state.large_body))
+        await _serve(socket, cast(Graph, state.graph), cast(asyncio.Lock, state.large_body))
     finally:
         state.rosbridge_connections -= 1
 
 
-async def _serve(socket: WebSocket, hub: Hub, large: asyncio.Lock) -> None:
+async def _serve(socket: WebSocket, graph: Graph, large: asyncio.Lock) -> None:
     await socket.accept()
     client = socket.client
-    connection = Connection(hub, f"{client.host}:{client.port}" if client else "a client")
+    connection = Connection(graph, f"{client.host}:{client.port}" if client else "a client")
     work = [
         asyncio.create_task(each)
         for each in (

@@ -19,7 +19,7 @@ from cobot.ipc.shm import text
 from cobot.types import LoopMode, vector
 
 REST_S = 5.0
-"""How long an arm is waited for that was told to stop: it takes 2.5 s at the most."""
+"""An arm that was told to stop is waited for so long, s: it takes 2.5 s at the most."""
 POLL_S = 0.01
 State = TypeVar("State")
 

@@ -52,5 +52,5 @@ PRIMITIVES: dict[str, tuple[str, ...]] = {
     "MoveL": ("target",),
     "MoveC": ("target", "via"),
 }
-"""Name and parameters. `target`: joint angles (rad) for MoveJ; x, y, z (m), w, x, y, z for the others."""
+"""Each primitive's parameters. `target`: joint angles, rad, of MoveJ; else x, y, z (m), w, x, y, z."""
 PLANNERS = {"MovePTP": "ptp", "MoveL": "lin", "MoveC": "circ"}

@@ -22,7 +22,7 @@ from cobot.errors import CobotError, ExecutionError, InputError, UnavailableErro
 
 DEFAULT_URL = "http://localhost:8007"
 MOTION_TIMEOUT_S = 90.0
-"""Above the service's own timeouts as shipped."""
+"""A motion is waited for so long, s: longer than the service's own timeouts as shipped."""
 Json = dict[str, Any]
 
 
@@ -35,7 +35,7 @@ def _family(kind: type[CobotError]) -> Iterable[type[CobotError]]:
 
 
 ERRORS: Mapping[str, type[CobotError]] = {kind.code: kind for kind in _family(errors.CobotError)}
-"""The error class of each code."""
+"""The class of errors that each code of the service stands for."""
 
 
 class Client:

@@ -99,15 +99,15 @@ class RobotStates:
 def robot_info(robot: str, info: np.ndarray) -> RobotInfo:
     """From the record of `cobot.ipc.layout.info_dtype`."""
     return RobotInfo(
-        robot,
-        text(info["model"]),
-        len(info["max_velocity"]),
-        info["stiffness"].tolist(),
-        info["cartesian_stiffness"].tolist(),
-        info["min_position"].tolist(),
-        info["max_position"].tolist(),
-        info["max_velocity"].tolist(),
-        info["max_effort"].tolist(),
+        serial_num=robot,
+        model_name=text(info["model"]),
+        DoF=len(info["max_velocity"]),
+        K_q_nom=info["stiffness"].tolist(),
+        K_x_nom=info["cartesian_stiffness"].tolist(),
+        q_min=info["min_position"].tolist(),
+        q_max=info["max_position"].tolist(),
+        dq_max=info["max_velocity"].tolist(),
+        tau_max=info["max_effort"].tolist(),
     )
 
 
@@ -126,13 +126,13 @@ def cartesian_state(state: np.ndarray) -> CartesianState:
     """From the record of `cobot.ipc.layout.state_dtype`."""
     pose, wrench = state["tcp"].tolist(), state["wrench"].tolist()
     return CartesianState(
-        pose,
-        state["tcp_velocity"].tolist(),
-        _in_tcp(pose, wrench),
-        wrench,
-        state["sensor"].tolist(),
-        state["position"].tolist(),
-        state["external_effort"].tolist(),
+        tcp_pose=pose,
+        tcp_vel=state["tcp_velocity"].tolist(),
+        ext_wrench_in_tcp=_in_tcp(pose, wrench),
+        ext_wrench_in_world=wrench,
+        ft_sensor_raw=state["sensor"].tolist(),
+        q=state["position"].tolist(),
+        tau_ext=state["external_effort"].tolist(),
     )
 
 

@@ -22,7 +22,7 @@ from cobot.ipc.layout import LAYOUT_VERSION, info_dtype
 STALE_S = 0.5
 """A state that came longer ago is none: a robot on this computer would have to be faster."""
 ANSWER_S = 6.0
-"""The service waits for rtloop in between, see `app.services.streaming.sessions`."""
+"""An answer is waited for so long, s: the service itself waits for rtloop before it answers."""
 CONNECT_S = 5.0
 STATE_RATE_HZ = 500
 PING_S = 5.0

@@ -17,7 +17,7 @@ SLOTS = 2
 HISTOGRAM_BUCKETS = 1024
 CHUNK_POINTS = 64
 POINTS = 1024
-"""Servo points that may wait for rtloop."""
+"""So many servo points may wait for rtloop."""
 TEXT = "S200"
 
 
@@ -303,6 +303,6 @@ def point_dtype(dof: int) -> np.dtype:
 
 
 POINT_HEAD = np.dtype([("session", "u8"), ("number", "u8")])
-"""The newest point's number."""
+"""The block that holds the newest point's number."""
 SESSION_ACK = np.dtype([("session", "u8"), ("result", "u8"), ("message", TEXT)])
 STREAM_REQUESTS = np.dtype([("estops", "u8")])

@@ -16,14 +16,14 @@ DAMPING_RATIO = 0.7
 DAMPING_RATIOS = (0.3, 1.0)
 """The range of damping ratios: below it the arm would swing, above it a cycle could not follow."""
 MAX_DECIMATION = 1000
-"""A target is taken every so many cycles at the least often."""
+"""The largest number of cycles between two targets."""
 NO_FRAME = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 MOVE_S = (0.001, 600.0)
 """The shortest and the longest duration of a `move_to_pose`."""
 QUATERNION_TOLERANCE = 1e-2
 MIN_STEP_S = 0.0005
 LATEST_S = 1e9
-"""Between the times of a chunk, and of the robot's clock: thirty years."""
+"""Times of a chunk may be so far apart, and from the robot's clock, s: thirty years."""
 _TARGETS = {
     Stream.JOINT_IMPEDANCE: ("joints", "joint_velocity", "joint_acceleration"),
     Stream.CARTESIAN: ("pose", "wrench", "twist", "twist_rate"),

@@ -69,7 +69,7 @@ from cobot.types import Array
 FOLDER = Path("/dev/shm")
 _users: Counter[Path] = Counter()
 _closed: defaultdict[Path, list[int]] = defaultdict(list)
-"""Of this process: how many memories of a file are open, and the descriptors of those that no longer are."""
+"""How many memories of each file this process has open, and the descriptors of those that it has closed."""
 
 
 class Role(IntEnum):

@@ -12,7 +12,7 @@ from enum import IntEnum
 _PR_SET_PDEATHSIG = 1
 
 RUN_MODULE = (sys.executable, "-P", "-m")
-"""Starts an installed module; -P: not one that happens to lie in the current folder."""
+"""The command that starts an installed module; -P: not one that happens to lie in the current folder."""
 
 
 class Niceness(IntEnum):

@@ -22,10 +22,10 @@ from cobot.types import PLANNED_JERK, Array, JointLimits
 
 SAMPLES = 100
 CANDIDATES = np.linspace(1.0, 0.1, 10)
-"""Shares of the longest overlap that are tried, one after the other."""
+"""Overlaps are tried in this order, each as a share of the longest possible one."""
 SHORTEST_S = 0.005
 SAME_S = 1e-9
-"""Breakpoints that are nearer to each other are one."""
+"""Breakpoints that are nearer to each other, s, are taken for one."""
 _CHOOSE = np.array([[comb(p, j) if p >= j else 0 for p in range(ORDER)] for j in range(ORDER)], dtype=float)
 
 

@@ -22,7 +22,7 @@ LARGEST_DEVIATION_M = 1e-4
 LARGEST_DEVIATION_RAD = np.radians(0.05)
 FIRST_SAMPLES, LAST_SAMPLES = 24, 768
 LARGEST_JOINT_STEP_RAD = 0.5
-"""Between two of the first samples; in proportion less between more of them."""
+"""A joint may turn by so much between two of the first samples, and by less where there are more of them."""
 SLOWEST = 50.0
 """A path that takes so many times longer than by the TCP's own limits leads through or past a singularity:
 refused, because nobody wants a tool that nearly stops on the way."""

@@ -14,7 +14,7 @@ from cobot.types import Array, Pose
 
 NEAREST_POINTS_M = 1e-3
 SMALLEST_SINE = 1e-3
-"""Of the angle at `via`: below it the three points are as good as on a line."""
+"""Three points are as good as on a line when the sine of the angle at `via` is smaller."""
 
 
 def plan_circ(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:

@@ -20,7 +20,7 @@ from cobot.types import Array, CartesianLimits, JointLimits, PlannerName, Pose, 
 NO_TOOL = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 MAX_DURATION_S = 86_400.0
 ROUNDING = 1e-6
-"""By how much less than the shortest time a duration may be, as a share."""
+"""A duration may fall short of the shortest possible time by this share of it: rounding."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,9 +13,9 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array
 
 RESOLUTION_RAD = 0.02
-"""How far two states are apart at the most that OMPL checks for collision along a motion."""
+"""Along a motion OMPL checks states for collision that are no further apart, rad."""
 SIMPLIFICATION_SHARE = 0.2
-"""Of the planning time, at the most, spent on making the path shorter."""
+"""Making the path shorter takes no more than this share of the planning time."""
 
 util.setLogLevel(util.LogLevel.LOG_ERROR)
 util.RNG.setSeed(1)  # one per process: a worker's sequence of plans is repeatable, not a single plan

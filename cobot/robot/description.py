@@ -57,11 +57,11 @@ def load_robot(settings: Settings) -> RobotDescription:
         planning.max_angular_jerk,
     )
     return RobotDescription(
-        settings.robot.name,
-        settings.robot.base_frame,
-        model,
-        CollisionChecker(model, settings.planning.collision_margin_m),
-        limits,
-        cartesian,
-        positions,
+        name=settings.robot.name,
+        base_frame=settings.robot.base_frame,
+        model=model,
+        collision=CollisionChecker(model, settings.planning.collision_margin_m),
+        limits=limits,
+        cartesian_limits=cartesian,
+        positions=positions,
     )

@@ -19,7 +19,7 @@ from cobot.errors import InputError
 from cobot.strict import shown, unknown_key
 
 HIDDEN = "structure_needs_at_least_one_member"
-"""The one field of an empty message, for the wire's sake."""
+"""An empty message has this one field on the wire, as ROS 2's own generators give it."""
 OCTETS = frozenset({"uint8", "char"})
 INTEGERS = {
     "byte": (0, 255),
@@ -114,7 +114,7 @@ class Scalar:
         return value
 
 
-class Many:
+class ListField:
     """A list of `size` items, or of up to `bound` (0: any number) when `size` is None."""
 
     def __init__(self, item: Field, size: int | None, bound: int, default: Any = None) -> None:
@@ -183,7 +183,7 @@ class Octets:
         return _base64(value.tobytes())
 
 
-class Examined(dict[str, Any]):
+class CheckedMessage(dict[str, Any]):
     """A message that another thread has checked before: as `Record.check` left it, or with what it raised."""
 
     __slots__ = ("name", "problem")
@@ -214,7 +214,7 @@ class Record:
         return {name: item.default() for name, (_, item) in self.fields.items()}
 
     def check(self, value: Any, path: str) -> dict[str, Any]:
-        if isinstance(value, Examined) and value.name == self.name:
+        if isinstance(value, CheckedMessage) and value.name == self.name:
             if value.problem is not None:
                 raise value.problem
             return value

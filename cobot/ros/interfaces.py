@@ -77,11 +77,11 @@ STANDARD = {
     "std_srvs/srv/Trigger": "---\nbool success\nstring message\n",
 }
 DEFAULTS: dict[str, dict[str, Any]] = {"geometry_msgs/msg/Quaternion": {"w": 1.0}}
-"""Of the standard messages, those with defaults other than zero."""
+"""The standard messages that have defaults other than zero, with these."""
 
 
 @dataclass(frozen=True, slots=True)
-class Parsed:
+class ParsedMessage:
     """One message: constants (name, type, value), fields (name, description as in rosbags), defaults."""
 
     name: str
@@ -90,7 +90,7 @@ class Parsed:
     defaults: dict[str, Any]
 
 
-def parsed(name: str, text: str) -> list[Parsed]:
+def parsed(name: str, text: str) -> list[ParsedMessage]:
     """The messages that a definition stands for: of an action all those that ROS 2 makes of it.
 
     Args:
@@ -125,14 +125,14 @@ def parsed(name: str, text: str) -> list[Parsed]:
     return [_message(piece, text, pieces) for piece, text in pieces.items()]
 
 
-def _message(name: str, text: str, own: Mapping[str, str]) -> Parsed:
+def _message(name: str, text: str, own: Mapping[str, str]) -> ParsedMessage:
     try:
         (message,) = MSGParser(f"MSG: {name}\n{text.strip()}\n").specification()
     except (TypesysError, ValueError) as exc:
         raise InputError(f"{name}: is no valid definition: {' '.join(str(exc).split())[:200]}") from exc
     fields = [(item.name, _local(create_field_desc(item.typ), own)) for item in message.fields]
     constants = [(item.name, item.typ.value, item.value) for item in message.constants]
-    return Parsed(
+    return ParsedMessage(
         name, constants, fields, {item.name: item.value for item in message.fields if item.value is not None}
     )
 

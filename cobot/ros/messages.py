@@ -13,7 +13,7 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.base import TypesysError, normalize_fieldname
 
 from cobot.errors import InputError
-from cobot.ros.codec import HIDDEN, OCTETS, Examined, Field, Many, Octets, Record, Scalar
+from cobot.ros.codec import HIDDEN, OCTETS, CheckedMessage, Field, ListField, Octets, Record, Scalar
 from cobot.ros.interfaces import DEFAULTS, STANDARD, parsed
 from cobot.strict import shown
 
@@ -91,13 +91,13 @@ class Messages:
         except InputError as exc:
             raise InputError(f"{name}: {exc}") from exc
 
-    def examined(self, name: str, message: Any) -> Examined:
+    def examined(self, name: str, message: Any) -> CheckedMessage:
         """The message, for `checked` in the event loop: that of a large one takes seconds in another thread.
 
         Raises:
             InputError: there is no such type. What is wrong with the message, `checked` raises.
         """
-        return Examined(self.record(name), message)
+        return CheckedMessage(self.record(name), message)
 
     def to_cdr(self, name: str, message: Message) -> bytes:
         """Little-endian CDR with its header of 4 bytes.
@@ -175,7 +175,7 @@ class Messages:
         size, bound = (length, 0) if kind == Nodetype.ARRAY else (None, length)
         if item[0] == Nodetype.BASE and item[1][0] in OCTETS and default is None:
             return Octets(size, bound)
-        return Many(self._field(item, None), size, bound, default)
+        return ListField(self._field(item, None), size, bound, default)
 
     def _register(self, definitions: Mapping[str, str]) -> None:
         messages = [message for name, text in definitions.items() for message in parsed(name, text)]

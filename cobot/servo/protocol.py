@@ -24,8 +24,9 @@ LONGEST_PERIOD_S = 1.0
 LONGEST_TIME_S = 10.0
 LOOKAHEAD_S = (0.03, 0.2)
 GAIN = (100.0, 2000.0)
+"""The ranges of the lookahead time, s, and of the gain of UR's servoj."""
 DEFAULT_LOOKAHEAD_S, DEFAULT_GAIN = 0.1, 300.0
-"""The ranges of UR's servoj and what it takes for one of the two when only the other is given."""
+"""UR's servoj takes these when only one of the two is given."""
 POSITION_TOLERANCE_RAD = 1e-6
 POINT_TYPES = {"joint": False, "cartesian": True, 0: False, 1: True}
 

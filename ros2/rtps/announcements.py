@@ -86,14 +86,14 @@ def read_participant(payload: bytes) -> ParticipantAnnouncement:
     values = ParameterReader(payload)
     guid = values.guid(Pid.PARTICIPANT_GUID)
     return ParticipantAnnouncement(
-        Guid(guid.prefix + PARTICIPANT_ENTITY),
-        values.u32(Pid.DOMAIN_ID, 0) if Pid.DOMAIN_ID in values else None,
-        values.text(Pid.ENTITY_NAME, _LONGEST_NAME) if Pid.ENTITY_NAME in values else "",
-        values.octets(Pid.USER_DATA, _LONGEST_USER_DATA) if Pid.USER_DATA in values else b"",
-        values.vendor(),
-        values.seconds(Pid.LEASE_DURATION, _DEFAULT_LEASE_S),
-        tuple(values.locators(Pid.METATRAFFIC_UNICAST_LOCATOR)),
-        tuple(values.locators(Pid.DEFAULT_UNICAST_LOCATOR)),
+        guid=Guid(guid.prefix + PARTICIPANT_ENTITY),
+        domain_id=values.u32(Pid.DOMAIN_ID, 0) if Pid.DOMAIN_ID in values else None,
+        name=values.text(Pid.ENTITY_NAME, _LONGEST_NAME) if Pid.ENTITY_NAME in values else "",
+        user_data=values.octets(Pid.USER_DATA, _LONGEST_USER_DATA) if Pid.USER_DATA in values else b"",
+        vendor=values.vendor(),
+        lease_s=values.seconds(Pid.LEASE_DURATION, _DEFAULT_LEASE_S),
+        metatraffic=tuple(values.locators(Pid.METATRAFFIC_UNICAST_LOCATOR)),
+        user=tuple(values.locators(Pid.DEFAULT_UNICAST_LOCATOR)),
     )
 
 

@@ -320,13 +320,13 @@ class Discovery:
             self._wire.statistics.refused += 1
             return
         public = RemoteEndpoint(
-            guid,
-            "writer" if is_writer else "reader",
-            announcement.topic,
-            announcement.type_name,
-            announcement.qos,
-            announcement.user_data,
-            peer.public,
+            guid=guid,
+            kind="writer" if is_writer else "reader",
+            topic=announcement.topic,
+            type_name=announcement.type_name,
+            qos=announcement.qos,
+            user_data=announcement.user_data,
+            participant=peer.public,
         )
         own = list(announcement.addresses)
         address = reachable(own, peer.user[0], self._wire.interfaces) or peer.user

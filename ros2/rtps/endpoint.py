@@ -10,7 +10,7 @@ from ros2.rtps.types import Guid
 from ros2.rtps.wire import Wire
 
 Proxy = TypeVar("Proxy")
-"""What it knows of one of its peers."""
+"""The type of what an endpoint knows of one of its peers."""
 
 
 class Endpoint(Generic[Proxy]):

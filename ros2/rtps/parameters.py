@@ -11,7 +11,7 @@ from ros2.rtps.errors import MalformedError
 from ros2.rtps.types import Address, Guid, SampleIdentity
 
 Parameters = dict[int, list[bytes]]
-"""Values by parameter id, in the order of the list."""
+"""The values of a parameter list by parameter id, each in the order of the list."""
 
 
 class Pid(IntEnum):
@@ -41,7 +41,7 @@ class Pid(IntEnum):
 
 
 ENCAPSULATION = b"\0\3\0\0"
-"""Of a serialised parameter list, little endian (PL_CDR_LE)."""
+"""The four bytes that begin a serialised parameter list, little endian (PL_CDR_LE)."""
 
 _HEADER = Struct("<HH")
 _IDENTITY = Struct("<16siI")

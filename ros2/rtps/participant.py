@@ -80,12 +80,12 @@ class Participant:
         self._closed = False
         self._entity_numbers = itertools.count(1)
         announcement = ParticipantAnnouncement(
-            self.guid,
-            domain_id,
-            name,
-            user_data,
-            submessages.VENDOR,
-            LEASE_S,
+            guid=self.guid,
+            domain_id=domain_id,
+            name=name,
+            user_data=user_data,
+            vendor=submessages.VENDOR,
+            lease_s=LEASE_S,
         )
         self._discovery = Discovery(self._wire, self._inbound, announcement, self._changed)
         self._delivery.start()

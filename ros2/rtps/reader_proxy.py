@@ -9,10 +9,10 @@ from ros2.rtps.history import Change
 from ros2.rtps.types import Address
 
 LARGEST_PIECE = 60_000
-"""Payload bytes in one datagram; longer samples are cut into fragments of this size."""
+"""One datagram has so many bytes of payload; longer samples are cut into fragments of this size."""
 
 FIRST_HEARTBEAT_S = 0.02
-"""The first heartbeat after a sample that stays unacknowledged; then twice as long each time."""
+"""A sample that stays unacknowledged is followed by a heartbeat after this, s, then after twice as long."""
 
 SLOWEST_HEARTBEAT_S = 0.5
 

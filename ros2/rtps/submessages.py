@@ -17,7 +17,7 @@ from ros2.rtps.number_sets import pack_fragments, pack_sequences, read_fragments
 from ros2.rtps.parameters import SENTINEL, Parameters, read_parameters
 
 VENDOR = 0x017E
-"""Ours; not among the numbers that the OMG has given out."""
+"""Our vendor id, which is not among those that the OMG has given out."""
 
 HEADER_BYTES = 20
 _MAGIC = b"RTPS"

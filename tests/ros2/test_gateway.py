@@ -1,4 +1,4 @@
-"""The gateway between the hub of a real web server and a ROS 2 node on Fast DDS, which is the oracle."""
+"""The gateway between the graph of a real web server and a ROS 2 node on Fast DDS, which is the oracle."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ros_peer import Peer, until
 
 from app.aubo.codes import Code
 from app.graph.actions import GoalHandle, GoalStatus, Rejected
-from app.graph.graph import Hub, Message
+from app.graph.graph import Graph, Message
 from app.rosbridge import router as rosbridge
 from cobot.ros.messages import Messages
 from ros2 import gateway as gateway_module
@@ -57,12 +57,12 @@ class Counting:
 
 
 class Service:
-    """A web server with the real hub and the real rosbridge, and a few things on it."""
+    """A web server with the real graph and the real rosbridge, and a few things on it."""
 
     def __init__(self, port: int = 0) -> None:
         self.commands: list[str] = []
         self.heard: list[str] = []
-        self.hub: Hub
+        self.graph: Graph
         self.counting: Counting
         self.loop: asyncio.AbstractEventLoop
         listener = socket.socket()
@@ -92,19 +92,19 @@ class Service:
     @contextlib.asynccontextmanager
     async def _lifespan(self, app: FastAPI) -> AsyncIterator[None]:
         self.loop = asyncio.get_running_loop()
-        self.hub = app.state.hub = Hub(Messages(DEFINITIONS))
+        self.graph = app.state.graph = Graph(Messages(DEFINITIONS))
         app.state.large_body = asyncio.Lock()
         app.state.rosbridge_connections = 0
-        self.hub.add_service("/iiwa/RobotConfig/getDof", GET_DOF, self._get_dof, owner=self)
-        self.hub.add_service("/iiwa/MotionControl/moveJoint", MOVE_JOINT, self._move, owner=self)
-        self.hub.add_service("/iiwa/slow", GET_DOF, self._never, owner=self)
+        self.graph.add_service("/iiwa/RobotConfig/getDof", GET_DOF, self._get_dof, owner=self)
+        self.graph.add_service("/iiwa/MotionControl/moveJoint", MOVE_JOINT, self._move, owner=self)
+        self.graph.add_service("/iiwa/slow", GET_DOF, self._never, owner=self)
         self.counting = Counting()
-        self.hub.add_action(self.counting)
-        self.hub.subscribe("/iiwa/joint_cmd", STRING, lambda m: self.commands.append(m["data"]), owner=self)
-        self.hub.subscribe("/both", STRING, lambda m: self.heard.append(m["data"]), owner=self)
-        self.both = self.hub.advertise("/both", STRING, owner=self)
+        self.graph.add_action(self.counting)
+        self.graph.subscribe("/iiwa/joint_cmd", STRING, lambda m: self.commands.append(m["data"]), owner=self)
+        self.graph.subscribe("/both", STRING, lambda m: self.heard.append(m["data"]), owner=self)
+        self.both = self.graph.advertise("/both", STRING, owner=self)
         yield
-        await self.hub.close()
+        await self.graph.close()
 
     async def _get_dof(self, request: Message) -> Message:
         return {"code": 0, "message": "", "result": 7}
@@ -189,24 +189,24 @@ def test_a_topic_goes_both_ways_and_nothing_comes_back(bench: Bench) -> None:
     bench.rig.until_known("rt/both")
     publisher.until_matched(2)
     publisher.publish({"data": "from ros"})
-    until(lambda: "from ros" in service.heard, "nothing arrived at the hub")
-    service.do(lambda: service.both.publish({"data": "from the hub"}))
-    assert [outside.get()["data"] for _ in range(2)] == ["from ros", "from the hub"]
+    until(lambda: "from ros" in service.heard, "nothing arrived at the graph")
+    service.do(lambda: service.both.publish({"data": "from the graph"}))
+    assert [outside.get()["data"] for _ in range(2)] == ["from ros", "from the graph"]
     publisher.publish({"data": "last"})
-    until(lambda: "last" in service.heard, "nothing arrived at the hub")
-    assert service.heard == ["from ros", "from the hub", "last"]  # each once
+    until(lambda: "last" in service.heard, "nothing arrived at the graph")
+    assert service.heard == ["from ros", "from the graph", "last"]  # each once
     assert outside.get()["data"] == "last"
 
 
 def test_topics_services_and_types_come_and_go_with_the_hub(bench: Bench) -> None:
     service = bench.service
     assert service is not None
-    hub = service.hub
+    graph = service.graph
     bench.get_dof()
 
     def add() -> Any:
-        hub.messages.add({"demo_msgs/msg/Pair": "int32 left\nint32 right\n"})
-        return hub.advertise("/demo/pair", "demo_msgs/msg/Pair", owner=service)
+        graph.messages.add({"demo_msgs/msg/Pair": "int32 left\nint32 right\n"})
+        return graph.advertise("/demo/pair", "demo_msgs/msg/Pair", owner=service)
 
     publisher = service.do(add)
     bench.peer.messages.add({"demo_msgs/msg/Pair": "int32 left\nint32 right\n"})
@@ -215,9 +215,9 @@ def test_topics_services_and_types_come_and_go_with_the_hub(bench: Bench) -> Non
     bench.rig.until_known("rt/demo/pair")
     service.do(lambda: publisher.publish({"left": 1, "right": 2}))
     assert heard.get() == {"left": 1, "right": 2}
-    made = service.do(lambda: hub.services["/iiwa/slow"])
+    made = service.do(lambda: graph.services["/iiwa/slow"])
     service.do(publisher.close)
-    service.do(lambda: hub.remove_service(made))
+    service.do(lambda: graph.remove_service(made))
     until(lambda: not any("slow" in found[1] for found in bench.peer.found), "the service is still there")
     until(lambda: ("w", "rt/demo/pair") not in {f[:2] for f in bench.peer.found}, "the topic is still there")
 
@@ -225,8 +225,8 @@ def test_topics_services_and_types_come_and_go_with_the_hub(bench: Bench) -> Non
 def test_own_topics_are_not_mirrored(bench: Bench) -> None:
     service = bench.service
     assert service is not None
-    service.do(lambda: service.hub.advertise("/iiwa/status", STRING, owner=service))
-    service.do(lambda: service.hub.advertise("/demo/after", STRING, owner=service))
+    service.do(lambda: service.graph.advertise("/iiwa/status", STRING, owner=service))
+    service.do(lambda: service.graph.advertise("/demo/after", STRING, owner=service))
     until(lambda: ("w", "rt/demo/after") in {found[:2] for found in bench.peer.found}, "not mirrored")
     assert ("w", "rt/iiwa/status") not in {found[:2] for found in bench.peer.found}
 

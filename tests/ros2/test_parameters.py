@@ -33,7 +33,7 @@ MANUAL = {
 
 
 class Sent:
-    """In the gateway's place: what is published on the hub."""
+    """In the gateway's place: what is published on the graph."""
 
     def __init__(self) -> None:
         self.there = True

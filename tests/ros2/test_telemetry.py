@@ -135,8 +135,8 @@ def test_joint_states_of_the_template_are_those_of_the_hub(
     messages = Messages()
     template = JointStates(messages.to_cdr(JOINT_STATES, made.joint_state(np.zeros((), state_dtype(7)))), 7)
     ours = messages.from_cdr(JOINT_STATES, template.cdr(state, 5))
-    hubs = made.joint_state(state)
-    assert ours["header"]["frame_id"] == hubs["header"]["frame_id"]
+    graphs = made.joint_state(state)
+    assert ours["header"]["frame_id"] == graphs["header"]["frame_id"]
     assert {key: ours[key] for key in ("name", "position", "velocity", "effort")} == {
-        key: hubs[key] for key in ("name", "position", "velocity", "effort")
+        key: graphs[key] for key in ("name", "position", "velocity", "effort")
     }

@@ -32,13 +32,13 @@ async def start_sequence(
     """Start a sequence or a Lua program; answers when its process runs. Only one at a time."""
     call = Call(request)
     order = SequenceOrder(
-        await config.read(),
-        n_iterations,
-        delay_between_iterations,
-        bag_path,
-        topics,
-        joints_action,
-        pose_action,
+        config=await config.read(),
+        n_iterations=n_iterations,
+        delay_between_iterations_s=delay_between_iterations,
+        bag_path=bag_path,
+        topics=topics,
+        joints_action=joints_action,
+        pose_action=pose_action,
         name=config.filename or "",
     )
     status = await call.services.sequences.start(order, call.stops)

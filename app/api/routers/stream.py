@@ -34,7 +34,7 @@ from cobot.errors import CobotError, InputError
 from cobot.ipc.layout import LAYOUT_VERSION, Stream
 
 MAX_ANSWERS = 64
-"""That wait for a client which does not read; then the oldest is dropped."""
+"""So many answers wait for a client that does not read; then the oldest one is dropped."""
 
 router = APIRouter()
 

@@ -11,7 +11,7 @@ from app.api.dependencies import Call, CobotRoute, Gone, form_body, json_body
 from app.api.errors import responses
 from app.api.schemas import CsvQuery, LogAnswer, LogQuery, SendTrajectory, SentAnswer
 from app.services.motion.csv_points import read_points
-from app.services.motion.trajectories import Options, Sent
+from app.services.motion.trajectories import Options, StartedTrajectory
 from cobot.types import Waypoint
 
 router = APIRouter(prefix="/trajectory", tags=["trajectory"], route_class=CobotRoute)
@@ -55,5 +55,5 @@ async def trajectory_logs(query: Annotated[LogQuery, Query()], request: Request)
     return LogAnswer(lines=call.services.trajectories.lines(query.n))
 
 
-def _answer(sent: Sent) -> SentAnswer:
+def _answer(sent: StartedTrajectory) -> SentAnswer:
     return SentAnswer(motion_id=sent.motion_id, duration_s=sent.duration_s, points=sent.points)

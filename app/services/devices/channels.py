@@ -10,7 +10,7 @@ from cobot.errors import ConflictError, DeviceError, DeviceTimeout, InputError, 
 from cobot.strict import shown
 
 BUFFER_BYTES = 65_536
-"""So much may come in before somebody reads; then the sender has to wait."""
+"""So many bytes may come in before somebody reads; then the sender has to wait."""
 MAX_OPEN = 32
 MAX_NAME = 200
 TIMEOUT_S = 2.0

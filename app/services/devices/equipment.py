@@ -10,7 +10,7 @@ from app.services.devices.registers import Registers, Variables
 from app.services.devices.serial_ports import SerialPorts
 from app.services.devices.sockets import Sockets
 from app.services.devices.traces import Level, Traces
-from app.services.motion.speed_override import Pace
+from app.services.motion.speed_override import SpeedOverride
 from app.services.motion.stopping import StopService
 from app.services.state.link import RobotLink
 from cobot.errors import CobotError
@@ -35,10 +35,12 @@ class Equipment:
         registers, variables, io, modbus, sockets, serial_ports, traces: see there.
     """
 
-    def __init__(self, link: RobotLink, stopping: StopService, pace: Pace, *, simulated: bool) -> None:
+    def __init__(
+        self, link: RobotLink, stopping: StopService, speed_override: SpeedOverride, *, simulated: bool
+    ) -> None:
         self._link = link
         self._stopping = stopping
-        self._pace = pace
+        self._speed_override = speed_override
         self.simulated = simulated
         self.registers = Registers()
         self.variables = Variables(self._expired)
@@ -62,7 +64,7 @@ class Equipment:
         try:
             match done:
                 case WatchdogAction.PAUSE:
-                    await self._pace.pause()
+                    await self._speed_override.pause()
                 case WatchdogAction.STOP:
                     await self._stopping.stop(STOP_TIMEOUT_S)
                 case WatchdogAction.PROTECTIVE_STOP:

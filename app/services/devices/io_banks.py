@@ -10,7 +10,7 @@ DIGITAL = {"standard": 16, "tool": 4, "configurable": 8}
 """How many inputs, and how many outputs, each group has; they are numbered from 0."""
 ANALOG = {"standard": 4, "tool": 2}
 RANGES = ((0.004, 0.020, "A"), (0.0, 10.0, "V"))
-"""Of an analog place, by its domain: 0 current, 1 voltage."""
+"""The range of an analog input or output, and its unit, by its domain: 0 is current, 1 is voltage."""
 
 
 @dataclass(slots=True)

@@ -18,7 +18,7 @@ from cobot.errors import DeviceError
 TIMEOUT_S = 1.0
 FREQUENCY_HZ = 10.0
 BACKOFF_S = (0.2, 5.0)
-"""Between two attempts to connect: the first, and the longest; it doubles."""
+"""The first pause between two attempts to connect and the longest one, s; each is twice the one before."""
 
 log = logging.getLogger("cobot.modbus")
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)

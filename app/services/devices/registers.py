@@ -12,10 +12,10 @@ from cobot.errors import InputError, LimitError, NotFoundError
 from cobot.strict import shown
 
 COUNT = 128
-"""Of the registers of each kind in each bank; they are numbered from 0."""
+"""Each bank has so many registers of each kind; they are numbered from 0."""
 BANKS = ("input", "output", "register")
 KINDS: dict[str, Any] = {"bool": False, "int16": 0, "int32": 0, "float": 0.0, "double": 0.0}
-"""Kinds of registers, with what they hold at first."""
+"""The kinds of registers, each with the value that it holds at first."""
 MAX_VARIABLES = 10_000
 MAX_NAME = 200
 MAX_STRING = 65_536

@@ -65,13 +65,13 @@ class Traces:
         """Keep a message; what is longer than `MAX_CHARACTERS` is cut."""
         self._count += 1
         message = Message(
-            self._count,
-            datetime.now(UTC),
-            kind,
-            level,
-            code,
-            title[:MAX_CHARACTERS],
-            text[:MAX_CHARACTERS],
+            number=self._count,
+            time=datetime.now(UTC),
+            kind=kind,
+            level=level,
+            code=code,
+            title=title[:MAX_CHARACTERS],
+            text=text[:MAX_CHARACTERS],
         )
         self._messages.append(message)
         log.log(_LOGGED[level], "%s%s", f"{message.title}: " if message.title else "", message.text)

@@ -9,7 +9,8 @@ import numpy as np
 
 from app.services.motion.ownership import Caller, Claim, Ownership, watching
 from app.services.motion.planning import PlanningService, PlanRequest
-from app.services.state.link import ACKNOWLEDGE_S, POLL_S, RobotLink, RobotState
+from app.services.state.link import ACKNOWLEDGE_S, POLL_S, RobotLink
+from app.services.state.robot_state import RobotState
 from cobot.config import PlanningSection
 from cobot.errors import (
     CobotError,
@@ -184,11 +185,11 @@ class MotionService:
         Raises:
             ExecutionError, UnavailableError, InputError: see `RobotLink.start`.
         """
-        if claim.pace.paused:
-            await claim.unless_interrupted(claim.pace.opened.wait())
+        if claim.speed_override.paused:
+            await claim.unless_interrupted(claim.speed_override.opened.wait())
         claim.proceed()
         claim.motion_id = await self._link.start(trajectory, claim.stops)
-        await claim.pace.begun()
+        await claim.speed_override.begun()
 
     async def arrival(self, claim: Claim) -> None:
         """Wait until the motion has ended.

@@ -8,7 +8,7 @@ from collections.abc import Coroutine, Iterator
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from app.services.motion.speed_override import MAX_PAUSE_S, Pace
+from app.services.motion.speed_override import MAX_PAUSE_S, SpeedOverride
 from app.services.state.link import RobotLink
 from cobot.clock import Clock
 from cobot.errors import ConflictError, ExecutionError, MotionStopped, MotionTimeout
@@ -43,7 +43,7 @@ class Claim:
     Attributes:
         name: see `Caller`.
         stops: the link's count of stops when the claim was made.
-        pace: of its motion.
+        speed_override: of its motion.
         since_s: when it was made, on `clock`.
         motion_id: once it runs.
         interruption: why it has to end early, once it has to; then `interrupted` is set.
@@ -52,7 +52,7 @@ class Claim:
 
     name: str
     stops: int
-    pace: Pace
+    speed_override: SpeedOverride
     clock: Clock
     since_s: float
     motion_id: int | None = None
@@ -96,7 +96,7 @@ class Ownership:
 
     Attributes:
         stops: how often POST /stop was called.
-        pace: of all motions.
+        speed_override: of all motions.
     """
 
     def __init__(self, link: RobotLink) -> None:
@@ -104,7 +104,7 @@ class Ownership:
         self._claim: Claim | None = None
         self._sequence: tuple[str, str] | None = None  # name, token
         self.stops = 0
-        self.pace = Pace(link)
+        self.speed_override = SpeedOverride(link)
 
     @property
     def owner(self) -> str | None:
@@ -125,7 +125,7 @@ class Ownership:
 
     def release_sequence(self) -> None:
         self._sequence = None
-        self.pace.reset()
+        self.speed_override.reset()
 
     def require_free(self, token: str | None) -> None:
         """See that a request with this token may move the arm.
@@ -149,7 +149,9 @@ class Ownership:
             ConflictError: somebody else owns it.
         """
         self.require_free(caller.token)
-        claim = Claim(caller.name, self._link.stops, self.pace, self._link.clock, self._link.clock.now_s())
+        claim = Claim(
+            caller.name, self._link.stops, self.speed_override, self._link.clock, self._link.clock.now_s()
+        )
         if self.stops != caller.stops:
             claim.interrupt(MotionStopped("a stop was requested while the request was being read"))
         self._claim = claim
@@ -162,7 +164,7 @@ class Ownership:
     def stop(self) -> Claim | None:
         """Interrupt the motion that is read, planned or runs; its claim, which will end, or None."""
         self.stops += 1
-        self.pace.reset()
+        self.speed_override.reset()
         if self._claim is not None:
             self._claim.interrupt(MotionStopped("stopped by POST /stop"))
         return self._claim
@@ -174,11 +176,11 @@ def watching(claim: Claim, caller: Caller) -> Iterator[None]:
 
     While motions are paused, the time does not go on.
     """
-    before_s = claim.pace.paused_s
+    before_s = claim.speed_override.paused_s
     begun_s = claim.clock.now_s()
 
     def left_s() -> float:
-        paused_s = min(claim.pace.paused_s - before_s, MAX_PAUSE_S)
+        paused_s = min(claim.speed_override.paused_s - before_s, MAX_PAUSE_S)
         return begun_s + caller.timeout_s + paused_s - claim.clock.now_s()
 
     async def watch() -> None:

@@ -31,7 +31,7 @@ class _Worker:
 
 
 _worker = _Worker()
-"""What a worker process keeps between its tasks; stays empty in the service."""
+"""A worker process keeps this between its tasks; in the service itself it stays empty."""
 
 
 def _prepare(config: Path | None, robot: str | None) -> None:

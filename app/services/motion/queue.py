@@ -47,7 +47,7 @@ log = logging.getLogger("cobot.queue")
 
 
 @dataclass(frozen=True, slots=True)
-class Accepted:
+class QueuedMove:
     """A planned move; its trajectory is None when the arm is there already."""
 
     number: int
@@ -81,9 +81,9 @@ class MotionQueue:
         self._claim: Claim | None = None
         self._token: str | None = None
         self._runner: asyncio.Task[None] | None = None
-        self._waiting: deque[Accepted] = deque()
-        self._running: list[tuple[Accepted, float]] = []  # with the path time at which each ends
-        self._last: Accepted | None = None
+        self._waiting: deque[QueuedMove] = deque()
+        self._running: list[tuple[QueuedMove, float]] = []  # with the path time at which each ends
+        self._last: QueuedMove | None = None
         self._end: Array | None = None
         self.last_error = ""
 
@@ -177,7 +177,7 @@ class MotionQueue:
         claim = self._claim
         if claim is not None:
             claim.interrupt(MotionStopped(reason))
-            claim.pace.reset()
+            claim.speed_override.reset()
             await claim.ended.wait()
 
     async def _accept(
@@ -185,7 +185,7 @@ class MotionQueue:
     ) -> int:
         trajectory = await self._motion.plan(claim, make(start), PLAN_TIMEOUT_S)
         number = 1 if self._last is None else self._last.number % LARGEST_NUMBER + 1
-        self._last = Accepted(number, name, trajectory, radius_m, self._link.clock.now_s())
+        self._last = QueuedMove(number, name, trajectory, radius_m, self._link.clock.now_s())
         self._end = start if trajectory is None else trajectory.end
         self._waiting.append(self._last)
         self.last_error = ""
@@ -210,28 +210,28 @@ class MotionQueue:
             self._claim = None
             belongings.close()
 
-    async def _next(self, claim: Claim) -> list[Accepted]:
+    async def _next(self, claim: Claim) -> list[QueuedMove]:
         """The moves that are executed as one, first of those that wait; none if none waits."""
         while self._waiting:
             claim.proceed()
             chain = self._chain()
             last = chain[-1]
             waited = self._link.clock.now_s() > last.since_s + BLEND_WAIT_S and not self._turn.locked()
-            if (last.radius_m == 0.0 or waited) and not claim.pace.paused:
+            if (last.radius_m == 0.0 or waited) and not claim.speed_override.paused:
                 return chain
             await asyncio.sleep(POLL_S)
         return []
 
-    def _chain(self) -> list[Accepted]:
+    def _chain(self) -> list[QueuedMove]:
         """The first of those that wait, and all that it may go on into without a stop."""
-        chain: list[Accepted] = []
+        chain: list[QueuedMove] = []
         for move in self._waiting:
             chain.append(move)
             if move.radius_m == 0.0:
                 break
         return chain
 
-    async def _execute(self, claim: Claim, chain: list[Accepted]) -> None:
+    async def _execute(self, claim: Claim, chain: list[QueuedMove]) -> None:
         moves = [move for move in chain if move.trajectory is not None]
         if moves:
             joined = await self._joined(claim, moves)
@@ -248,7 +248,7 @@ class MotionQueue:
         names = ", ".join(move.name for move in moves)
         log.info("%smotion %s: arrived and settled (%s)", self._link.label, claim.motion_id, names)
 
-    async def _joined(self, claim: Claim, moves: list[Accepted]) -> Blended:
+    async def _joined(self, claim: Claim, moves: list[QueuedMove]) -> Blended:
         motions = [move.trajectory for move in moves if move.trajectory is not None]
         if len(motions) == 1:
             return Blended(motions[0], (motions[0].duration_s,), ())

@@ -4,23 +4,25 @@ from __future__ import annotations
 
 import asyncio
 
-from app.services.state.link import POLL_S, RESTING, RobotLink
+from app.services.state.link import POLL_S, RobotLink
+from app.services.state.robot_state import RESTING
 from cobot.errors import ConflictError, ExecutionError, LimitError
 
 REST_TIMEOUT_S = 3.0
-"""For a motion that is to pause."""
+"""A motion that is to pause has to rest within this time, s."""
 MAX_PAUSE_S = 3600.0
-"""So much of a pause is not counted as time in which a motion could have arrived."""
+"""The timeout of a motion does not go on during its pauses, up to this in all, s."""
 FRACTIONS = (0.01, 1.0)
+"""The smallest and the largest fraction of full speed that may be set."""
 
 
-class Pace:
-    """Of one robot's motions; streams have none.
+class SpeedOverride:
+    """The speed override of one robot's motions; streams have none.
 
     Attributes:
         opened: set while motions may begin.
         fraction: of full speed.
-        others: the paces of the robots that move together with this one, which pause and go on with it.
+        others: the overrides of the robots that move together with this one, which pause and go on with it.
     """
 
     def __init__(self, link: RobotLink) -> None:
@@ -30,7 +32,7 @@ class Pace:
         self.opened = asyncio.Event()
         self.opened.set()
         self.fraction = 1.0
-        self.others: tuple[Pace, ...] = ()
+        self.others: tuple[SpeedOverride, ...] = ()
 
     @property
     def paused(self) -> bool:
@@ -67,7 +69,7 @@ class Pace:
             UnavailableError: rtloop does not answer.
             ExecutionError: it does not come to rest.
         """
-        await asyncio.gather(*(pace._pause() for pace in (self, *self.others)))
+        await asyncio.gather(*(override._pause() for override in (self, *self.others)))
 
     async def _pause(self) -> None:
         if self._link.state().session:
@@ -88,10 +90,10 @@ class Pace:
         Raises:
             UnavailableError: rtloop does not answer.
         """
-        paces = (self, *self.others)
-        for pace in paces:
-            pace.reset()
-        await asyncio.gather(*(pace._apply() for pace in paces))
+        overrides = (self, *self.others)
+        for override in overrides:
+            override.reset()
+        await asyncio.gather(*(override._apply() for override in overrides))
 
     def reset(self) -> None:
         """There is nothing left that was paused."""
@@ -106,7 +108,7 @@ class Pace:
 
     def _rests(self) -> bool:
         state = self._link.state()
-        return state.mode in RESTING or float(self._link.memory.state.data["path_rate"]) == 0.0
+        return state.mode in RESTING or state.path_rate == 0.0
 
     async def _apply(self) -> None:
         try:

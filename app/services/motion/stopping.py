@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 from app.services.motion.ownership import Ownership
 from app.services.programs.sequences import SequenceService
-from app.services.state.link import POLL_S, RESTING, RobotLink, RobotState
+from app.services.state.link import POLL_S, RobotLink
+from app.services.state.robot_state import RESTING, RobotState
 from cobot.errors import CobotError, UnavailableError
 from cobot.types import LoopMode
 

@@ -1,54 +1,29 @@
-"""Motions of several robots that begin and end together, and the frames that they share.
+"""Who moves together with whom, segment by segment, and the groups and frames that robots share.
 
-Long, for planning them, starting them and watching them have one list of who takes part.
+How several robots move together is in `app.services.motion.equal_motions`.
 """
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import logging
-import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from app.services.motion.equal_motions import EqualMotions, Target
 from app.services.motion.frames import Frames
-from app.services.motion.ownership import Caller, Claim
-from app.services.motion.speed_override import Pace
-from cobot.errors import CobotError, ConflictError, InputError, LimitError, MotionStopped, NotFoundError
-from cobot.planners.rated import RatedMove
+from cobot.errors import ConflictError, InputError, LimitError, MotionStopped, NotFoundError
 from cobot.robot.limits import check_positions
 from cobot.strict import shown
-from cobot.trajectory import Trajectory
-from cobot.types import Array, PlannerName, vector
+from cobot.types import Array, vector
 
 if TYPE_CHECKING:
     from app.robot_services import Services
 
-NAME = "a synchronous motion"
-PLANNING_TIMEOUT_S = 10.0
 MAX_GROUPS = 100
 MAX_WAITING = 1000
 MAX_NAME = 200
-
-log = logging.getLogger("cobot.sync")
-
-
-@dataclass(frozen=True, slots=True)
-class Target:
-    """Where a robot goes, rad, and how fast its fastest joint may be: rad/s, rad/s².
-
-    Attributes:
-        stops: `RobotLink.stops` of this robot when it was asked for: a later stop is for it too.
-    """
-
-    joints: Array
-    velocity: float
-    acceleration: float
-    stops: int
 
 
 @dataclass(slots=True)
@@ -78,7 +53,7 @@ class SyncService:
         self.frames = Frames()
         self.groups: dict[str, tuple[str, ...]] = {}
         self._syncs: dict[int, _Sync] = {}
-        self._following: dict[str, asyncio.Task[None]] = {}
+        self._motions = EqualMotions(self.robots)
 
     def add_group(self, name: str, robots: list[str]) -> None:
         """Name some robots.
@@ -188,54 +163,14 @@ class SyncService:
 
     async def wait(self, robots: tuple[str, ...]) -> None:
         """Until no synchronous motion moves any of them."""
-        tasks = {self._following[name] for name in robots if name in self._following}
-        if tasks:
-            await asyncio.wait(tasks)
+        await self._motions.wait(robots)
 
     async def move(self, targets: dict[str, Target]) -> None:
-        """Start a motion of several robots, each as long as the slowest one's; returns when all have begun.
-
-        Raises:
-            ConflictError, NotReadyError, UnavailableError: a robot cannot move; none has moved.
-            PlanningError: a robot finds no way; none has moved.
-            ExecutionError: one was refused or stopped; all are brought to rest.
-        """
-        for name, target in targets.items():
-            if self.robots[name].link.stops != target.stops:
-                raise MotionStopped(f"{name} was stopped after its part of the motion was asked for")
-        with contextlib.ExitStack() as stack:
-            claims = {
-                name: stack.enter_context(self.robots[name].ownership.claim(self._caller(name)))
-                for name in targets
-            }
-            planned = await asyncio.gather(
-                *(self._plan(name, targets[name], claim) for name, claim in claims.items())
-            )
-            ways = {name: way for name, way in zip(targets, planned, strict=True) if way is not None}
-            while paused := [claim for claim in claims.values() if claim.pace.paused]:  # nobody goes ahead
-                await paused[0].unless_interrupted(paused[0].pace.opened.wait())
-            takes_s = {name: way.duration_s / claims[name].pace.fraction for name, way in ways.items()}
-            longest_s = max(takes_s.values(), default=0.0)
-            starts = [
-                self.robots[name].motion.start(claims[name], way.stretched(longest_s / takes_s[name]))
-                for name, way in ways.items()
-            ]
-            moving = {name: claims[name] for name in ways}
-            stack.enter_context(_in_step([claim.pace for claim in moving.values()]))
-            begun = await asyncio.gather(*starts, return_exceptions=True)
-            failed = next((each for each in begun if isinstance(each, BaseException)), None)
-            if failed is not None:
-                _stop(moving, failed)
-            task = asyncio.create_task(self._follow(moving, stack.pop_all()))
-            for name in targets:
-                self._following[name] = task
-        if failed is not None:
-            await task
-            raise failed
+        """See `EqualMotions.move`."""
+        await self._motions.move(targets)
 
     def close(self) -> None:
-        for task in self._following.values():
-            task.cancel()
+        self._motions.close()
 
     def _named(self, robots: list[str]) -> tuple[str, ...]:
         if not robots or len(set(robots)) < len(robots):
@@ -254,50 +189,3 @@ class SyncService:
     def _target(self, name: str, joints: Array, a: float, v: float) -> Target:
         check_positions(self.robots[name].robot.limits, joints)
         return Target(joints, v, a, self.robots[name].link.stops)
-
-    def _caller(self, name: str) -> Caller:
-        return Caller(NAME, None, self.robots[name].ownership.stops, math.inf, asyncio.Event())
-
-    async def _plan(self, name: str, target: Target, claim: Claim) -> Trajectory | None:
-        services = self.robots[name]
-        state = await services.motion.ready()
-        move = RatedMove(
-            state.commanded_position,
-            target.joints,
-            PlannerName.PTP,
-            target.velocity,
-            target.acceleration,
-            services.settings.envelope,
-        )
-        return await services.motion.plan(claim, move, PLANNING_TIMEOUT_S)
-
-    async def _follow(self, claims: dict[str, Claim], belongings: contextlib.ExitStack) -> None:
-        """See all to their end; one that does not arrive stops the others."""
-
-        async def arrive(name: str, claim: Claim) -> None:
-            try:
-                if claim.motion_id is not None:
-                    await self.robots[name].motion.arrival(claim)
-            except CobotError as exc:
-                log.warning("%s: %s", name, exc)
-                _stop({other: each for other, each in claims.items() if other != name}, exc)
-
-        with belongings:
-            await asyncio.gather(*(arrive(name, claim) for name, claim in claims.items()))
-
-
-@contextlib.contextmanager
-def _in_step(paces: list[Pace]) -> Iterator[None]:
-    """None of them pauses alone while the context lasts."""
-    for pace in paces:
-        pace.others = tuple(other for other in paces if other is not pace)
-    try:
-        yield
-    finally:
-        for pace in paces:
-            pace.others = ()
-
-
-def _stop(claims: dict[str, Claim], cause: BaseException) -> None:
-    for claim in claims.values():
-        claim.interrupt(MotionStopped(f"another robot of the synchronous motion has stopped: {cause}"))

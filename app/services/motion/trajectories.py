@@ -18,7 +18,7 @@ from cobot.types import Scaling, Waypoint
 
 LOG_LINES = 300
 APPROACH = Scaling(0.25)
-"""The speed of `move_to_start`."""
+"""`move_to_start` goes at a quarter of full speed."""
 
 log = logging.getLogger("cobot.trajectories")
 
@@ -33,7 +33,7 @@ class Options:
 
 
 @dataclass(frozen=True, slots=True)
-class Sent:
+class StartedTrajectory:
     """A trajectory that rtloop has accepted."""
 
     motion_id: int
@@ -58,7 +58,9 @@ class TrajectoryService:
         """The newest log lines, the oldest of them first."""
         return list(self._lines)[-count:]
 
-    async def send(self, read: Callable[[], Sequence[Waypoint]], options: Options, caller: Caller) -> Sent:
+    async def send(
+        self, read: Callable[[], Sequence[Waypoint]], options: Options, caller: Caller
+    ) -> StartedTrajectory:
         """Interpolate, check, hand over; returns when rtloop has accepted, the motion then goes on alone.
 
         Args:
@@ -87,7 +89,7 @@ class TrajectoryService:
 
     async def _hand_over(
         self, claim: Claim, read: Callable[[], Sequence[Waypoint]], options: Options, timeout_s: float
-    ) -> Sent:
+    ) -> StartedTrajectory:
         await self._motion.ready()
         points = await claim.unless_interrupted(asyncio.to_thread(read))
         state = await self._motion.ready()
@@ -103,7 +105,7 @@ class TrajectoryService:
         assert trajectory is not None  # plan_waypoints always has one
         await self._motion.start(claim, trajectory)
         assert claim.motion_id is not None
-        return Sent(claim.motion_id, trajectory.duration_s, len(points))
+        return StartedTrajectory(claim.motion_id, trajectory.duration_s, len(points))
 
     async def _follow(self, claim: Claim, ownership: contextlib.ExitStack) -> None:
         with ownership:

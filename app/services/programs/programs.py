@@ -8,6 +8,7 @@ from pathlib import Path
 
 from app.services.motion.ownership import Ownership
 from app.services.motion.stopping import StopService
+from app.services.programs.paths import below
 from app.services.programs.sequences import SequenceOrder, SequenceService
 from cobot.errors import ConflictError, ExecutionError, InputError, NotFoundError
 from cobot.launch.process import RUN_MODULE
@@ -54,7 +55,7 @@ class ProgramService:
             return self._underway
         if not self.running:
             return RunState.STOPPED
-        return RunState.PAUSED if self._ownership.pace.paused else RunState.RUNNING
+        return RunState.PAUSED if self._ownership.speed_override.paused else RunState.RUNNING
 
     @property
     def running(self) -> bool:
@@ -100,19 +101,19 @@ class ProgramService:
             content = await asyncio.to_thread(self._path(self.loaded).read_bytes)
         except OSError as exc:
             raise InputError(f"program: {self.loaded!r} cannot be read: {exc.strerror}") from exc
-        await self._sequences.start(SequenceOrder(content, 1, 0.0, "", "", "", "", self.loaded), stops)
+        await self._sequences.start(SequenceOrder(config=content, name=self.loaded), stops)
 
     async def pause(self) -> None:
         """Bring the arm to rest on its path; the program waits with its next motion.
 
         Raises:
             ConflictError: no program runs, or it streams.
-            ExecutionError, UnavailableError: see `Pace.pause`.
+            ExecutionError, UnavailableError: see `SpeedOverride.pause`.
         """
         self._require_running()
         self._underway = RunState.PAUSING
         try:
-            await self._ownership.pace.pause()
+            await self._ownership.speed_override.pause()
         finally:
             self._underway = None
 
@@ -121,12 +122,12 @@ class ProgramService:
 
         Raises:
             ConflictError: nothing is paused.
-            UnavailableError: see `Pace.resume`.
+            UnavailableError: see `SpeedOverride.resume`.
         """
         self._require_running()
-        if not self._ownership.pace.paused:
+        if not self._ownership.speed_override.paused:
             raise ConflictError("the program is not paused")
-        await self._ownership.pace.resume()
+        await self._ownership.speed_override.resume()
 
     async def stop(self) -> None:
         """End the program and the motion; returns when the arm rests, and when there is nothing to end.
@@ -148,16 +149,10 @@ class ProgramService:
 
     def _path(self, name: str) -> Path:
         folder = self._folder.resolve()
-        try:
-            path = (folder / name).resolve()
-            there = path.is_file()
-        except (ValueError, OSError, RuntimeError) as exc:  # NUL bytes, names too long, circular links
-            raise InputError(f"program: {exc}") from exc
-        if path == folder or not path.is_relative_to(folder):
-            raise InputError(f"program: {name!r} is not below the programs folder {folder}")
+        path = below(folder, name, "program", "programs folder")
         if path.suffix not in SUFFIXES:
             raise InputError(f"program: {name!r} must end in {' or '.join(SUFFIXES)}")
-        if not there:
+        if not path.is_file():
             raise NotFoundError(f"program: there is no {name!r} in {folder}")
         return path
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import IO
 
 from app.services.motion.ownership import Ownership
+from app.services.programs.paths import below
 from app.services.state.link import RobotLink
 from cobot.config import SequencesSection
 from cobot.errors import ConflictError, InputError, MotionStopped, UnavailableError
@@ -38,12 +39,12 @@ class SequenceOrder:
     """
 
     config: bytes
-    n_iterations: int
-    delay_between_iterations_s: float
-    bag_path: str
-    topics: str
-    joints_action: str
-    pose_action: str
+    n_iterations: int = 1
+    delay_between_iterations_s: float = 0.0
+    bag_path: str = ""
+    topics: str = ""
+    joints_action: str = ""
+    pose_action: str = ""
     name: str = ""
 
 
@@ -158,14 +159,8 @@ class SequenceService:
         if not bag_path:
             return None
         folder = self._settings.recordings.resolve()
-        try:
-            path = (folder / bag_path).resolve()
-            exists = path.exists()
-        except (ValueError, OSError, RuntimeError) as exc:  # NUL bytes, names too long, circular links
-            raise InputError(f"bag_path: {exc}") from exc
-        if path == folder or not path.is_relative_to(folder):
-            raise InputError(f"bag_path: {bag_path!r} is not below the recordings folder {folder}")
-        if exists:
+        path = below(folder, bag_path, "bag_path", "recordings folder")
+        if path.exists():
             raise InputError(f"bag_path: {path} exists already; nothing is overwritten")
         return path
 

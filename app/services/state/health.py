@@ -11,7 +11,8 @@ import numpy as np
 
 from app.services.motion.ownership import Ownership
 from app.services.programs.sequences import SequenceService
-from app.services.state.link import RobotLink, RobotState
+from app.services.state.link import RobotLink
+from app.services.state.robot_state import RobotState
 from app.services.streaming.sessions import StreamService
 from cobot.errors import UnavailableError
 from cobot.ipc.layout import LAYOUT_VERSION, Intervention, Phase
@@ -98,21 +99,21 @@ class HealthService:
             if state.mode in (LoopMode.ESTOP, LoopMode.FAULT):
                 problems.append(f"mode {state.mode.name}: {state.reason}")
         return Health(
-            "degraded" if problems else "ok",
-            problems,
-            robot,
-            rtloop,
-            {
+            status="degraded" if problems else "ok",
+            problems=problems,
+            robot=robot,
+            rtloop=rtloop,
+            service={
                 "pid": os.getpid(),
                 "uptime_s": self._link.clock.now_s() - self._started_s,
                 "motion": self._ownership.owner,
             },
-            {"status": self._sequences.status.status, "pid": self._sequences.status.pid},
-            session,
-            cycle_us,
-            interventions,
-            last_interventions_s,
-            VERSIONS,
+            sequence={"status": self._sequences.status.status, "pid": self._sequences.status.pid},
+            session=session,
+            cycle_us=cycle_us,
+            interventions=interventions,
+            last_interventions_s=last_interventions_s,
+            versions=VERSIONS,
         )
 
     def _session(self, state: RobotState) -> dict[str, object] | None:

@@ -8,7 +8,8 @@ import logging
 from collections.abc import AsyncIterator
 from datetime import UTC, datetime
 
-from app.services.state.link import RobotLink, RobotState
+from app.services.state.link import RobotLink
+from app.services.state.robot_state import RobotState
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import UnavailableError
 from cobot.ipc.layout import Intervention

@@ -1,6 +1,6 @@
 """The service's end of the robot's shared memory.
 
-A long module, because only one may send commands: every one of them, and its acknowledgement, is here.
+Only one may send commands: every one of them, and its acknowledgement, is here.
 """
 
 from __future__ import annotations
@@ -9,65 +9,26 @@ import asyncio
 import contextlib
 import os
 from collections.abc import AsyncIterator
-from dataclasses import dataclass
 
 import numpy as np
 
+from app.services.state.robot_state import RobotState, robot_state
 from cobot.addresses import address
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import ConflictError, ExecutionError, NotReadyError, TornReadError, UnavailableError
-from cobot.ipc.layout import RING, SLOTS, STATE_SCALARS, STATE_STRUCT, Ack, Command, MotionResult
+from cobot.ipc.layout import RING, SLOTS, Ack, Command
 from cobot.ipc.shm import RobotMemory, Role, text
 from cobot.trajectory import Trajectory
-from cobot.types import Array, LoopMode
+from cobot.types import LoopMode
 
 HEARTBEAT_S = 0.05
 POLL_S = 0.002
 ACKNOWLEDGE_S = 3.0
 """rtloop verifies the largest trajectory in about a second."""
-SCALARS = [name for name, _ in STATE_SCALARS]
-RESTING = frozenset({LoopMode.HOLD, LoopMode.ESTOP, LoopMode.FAULT})
-"""Modes in which nothing moves the arm, but for the end of a motion."""
+STATE_TRIES = 3
+"""So often a state is read that rtloop may be writing just now."""
 IN_THREAD_SEGMENTS = 2000
 """A longer trajectory is copied in a thread, so that nobody else waits."""
-
-
-@dataclass(slots=True)
-class RobotState:
-    """A copy of rtloop's state block: rad, rad/s, N·m, shape (dof,) each.
-
-    Attributes:
-        tcp: shape (7,): x, y, z in m, then w, x, y, z, in the base frame, as measured.
-        published_s: when it was published, on the link's clock.
-        age_s: how long ago that was.
-        measured_age_s: how long ago the robot was read.
-        session: the streaming session that moves the arm, 0 for none.
-        interventions: in the order of `Intervention`.
-        intervened_ns: when each was counted last, CLOCK_MONOTONIC; 0 for never.
-        reason: why the mode is ESTOP or FAULT, or why the last motion ended.
-    """
-
-    mode: LoopMode
-    settled: bool
-    position: Array
-    velocity: Array
-    effort: Array
-    commanded_position: Array
-    tcp: Array
-    motion_id: int
-    motion_result: MotionResult
-    path_time_s: float
-    path_duration_s: float
-    stops_seen: int
-    session: int
-    interventions: list[int]
-    intervened_ns: list[int]
-    overruns: int
-    torn_reads: int
-    published_s: float
-    age_s: float
-    measured_age_s: float
-    reason: str
 
 
 class RobotLink:
@@ -136,31 +97,18 @@ class RobotLink:
             raise UnavailableError(str(exc)) from exc
         if self.memory.state.sequence == 0:
             raise UnavailableError("rtloop has not started yet")
-        now_ns = self.clock.now_ns()
-        scalars = dict(zip(SCALARS, STATE_STRUCT.unpack_from(self.memory.state.buffer.data), strict=True))
-        return RobotState(
-            mode=LoopMode(scalars["mode"]),
-            settled=bool(scalars["settled"]),
-            position=record["position"].copy(),
-            velocity=record["velocity"].copy(),
-            effort=record["effort"].copy(),
-            commanded_position=record["commanded_position"].copy(),
-            tcp=record["tcp"].copy(),
-            motion_id=scalars["motion_id"],
-            motion_result=MotionResult(scalars["motion_result"]),
-            path_time_s=scalars["path_time_s"],
-            path_duration_s=scalars["path_duration_s"],
-            stops_seen=scalars["stops_seen"],
-            session=scalars["session"],
-            interventions=record["interventions"].tolist(),
-            intervened_ns=record["intervened_ns"].tolist(),
-            overruns=scalars["overruns"],
-            torn_reads=scalars["torn_reads"],
-            published_s=scalars["monotonic_ns"] * 1e-9,
-            age_s=(now_ns - scalars["monotonic_ns"]) * 1e-9,
-            measured_age_s=(now_ns - scalars["measured_monotonic_ns"]) * 1e-9,
-            reason=text(record["reason"]),
-        )
+        return robot_state(record, self.memory.state.buffer.data, self.clock.now_ns())
+
+    def record_since(self, publication: int) -> tuple[int, np.ndarray | None]:
+        """The newest publication's number, and a copy of all of it if it is newer than this one."""
+        block = self.memory.state
+        for _ in range(STATE_TRIES):
+            newest = block.sequence
+            if newest == publication:
+                break
+            if block.try_read() and block.sequence == newest:  # or it is a later one, which would come twice
+                return newest, block.data.copy()
+        return publication, None
 
     def streamer(self) -> str | None:
         """Who streams to the arm, for people: the process that has opened the session."""

@@ -226,8 +226,7 @@ class ForceService:
         Raises:
             UnavailableError: rtloop has died while it published.
         """
-        self._link.state()  # raises what a service's callers understand
-        return np.array(self._link.memory.state.data["wrench"])
+        return self._link.state().wrench
 
     def _change(self, **changes: object) -> None:
         changed = replace(self.settings, **changes)  # type: ignore[arg-type]

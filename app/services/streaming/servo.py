@@ -1,55 +1,28 @@
 """Servo sessions: points that clients send one by one, followed in one of seven modes.
 
-`cobot.servo.protocol` has the protocol's rules, rtloop the modes; this is what lies between: who owns
-the arm, sessions that begin and end, inverse kinematics, the queue of points. A long module, because a
-session that ends while the next one begins is one state.
+`cobot.servo.protocol` has the protocol's rules, rtloop the modes. What lies between is here, and beside it
+the life of a session (`servo_sessions`), its points (`servo_points`) and its wrench (`servo_wrench`).
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import logging
-from collections import deque
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
-
-import numpy as np
 
 from app.services.motion.tool_and_limits import RobotSettings
 from app.services.state.link import RobotLink
-from app.services.streaming.force import ForceService, ForceSettings
-from app.services.streaming.sessions import Session, StreamService
-from cobot.errors import (
-    CobotError,
-    ConflictError,
-    InputError,
-    LimitError,
-    TornReadError,
-    UnreachableError,
-)
-from cobot.ipc.layout import POINTS, Interpolation, ServoMode, Stream, setpoint_dtype
-from cobot.ipc.session_rules import nominal_session
-from cobot.ipc.stream_writer import PointWriter
+from app.services.streaming.force import ForceService
+from app.services.streaming.servo_points import PointInverse, ServoPoints
+from app.services.streaming.servo_sessions import ServoSessions
+from app.services.streaming.servo_wrench import ServoWrench
+from app.services.streaming.sessions import StreamService
+from cobot.errors import CobotError, ConflictError, InputError, LimitError, UnavailableError, UnreachableError
+from cobot.ipc.layout import ServoMode
 from cobot.robot.description import RobotDescription
-from cobot.robot.frames import pose_from_abc
-from cobot.robot.inverse_kinematics import continued
 from cobot.servo.fields import BrokenRule, Refusal
 from cobot.servo.protocol import FjtControl, Point, ServoRules, SetMode, Stop
-from cobot.types import Array
-
-NAME = "a servo session"
-OPEN_TIMEOUT_S = 2.0
-PATIENCE_S = 0.5
-"""How long a session waits for a motion that has just arrived to let go of the arm."""
-RETRY_S = 0.02
-FAILURE_COST = 4.0
-"""After inverse kinematics that have failed, none is tried for so many times as long as that took: a stream
-of points out of reach must not keep the service busy."""
-FORCE_MODES = (ServoMode.REPLANNED_FORCE, ServoMode.THROUGH_FORCE)
-
-log = logging.getLogger("cobot.servo")
 
 
 class ServoService:
@@ -57,7 +30,6 @@ class ServoService:
 
     Attributes:
         rules: the protocol's state and counts.
-        reason: why the last session has ended, or could not begin; "" while one is under way.
     """
 
     def __init__(
@@ -70,23 +42,10 @@ class ServoService:
     ) -> None:
         limits = robot.limits
         self.rules = ServoRules(limits.min_position.tolist(), limits.max_position.tolist(), streams.period_s)
-        self.reason = ""
-        self._robot = robot
         self._link = link
-        self._streams = streams
-        self._force = force
-        self._settings = settings
-        self._writer = PointWriter(link.memory)
-        self._session: Session | None = None  # rtloop's, until the arm rests
-        self._belongs_to = 0  # the generation that it was begun for
-        self._generation = 0  # of what was asked for
-        self._task: asyncio.Task[None] | None = None
-        self._followers: set[asyncio.Task[None]] = set()
-        self._waiting: deque[tuple[Sequence[float], Point]] = deque()
-        self._last: Array | None = None
-        self._no_inverse_before_s = 0.0
-        self._pressed: ForceSettings | None = None
-        self._presses = 0
+        inverse = PointInverse(robot, link, settings)
+        self._points = ServoPoints(link, self.rules, inverse, ServoWrench(force, link.memory.dof))
+        self._sessions = ServoSessions(link, streams, force, self.rules, self._points, inverse)
 
     @property
     def active(self) -> bool:
@@ -94,13 +53,18 @@ class ServoService:
         return self.rules.active
 
     @property
+    def reason(self) -> str:
+        """Why the last session has ended, or could not begin; "" while one is under way."""
+        return self._sessions.reason
+
+    @property
     def session(self) -> int:
         """The number of what was asked for last."""
-        return self._generation
+        return self._sessions.generation
 
     def holds(self, session: int) -> bool:
         """Whether this session is still the one that takes points."""
-        return self.rules.active and self._generation == session
+        return self.rules.active and self.session == session
 
     async def handle(self, text: str) -> None:
         """One message of /{robot}/joint_cmd; what is refused is counted, see `feedback`."""
@@ -111,14 +75,14 @@ class ServoService:
         message = self.rules.read(text)
         match message:
             case SetMode():
-                self._request(message)
+                self._sessions.request(message)
             case Stop():
-                self._leave("stopped by servo_control", at_once=False)
+                self._sessions.leave("stopped by servo_control", at_once=False)
             case FjtControl():
                 self.rules.fjt = message
             case Point():
                 with contextlib.suppress(BrokenRule):
-                    self._take(message)
+                    self._points.take(message, self._sessions.current)
 
     async def begin(
         self,
@@ -151,20 +115,15 @@ class ServoService:
             raise InputError(str(exc)) from None
         if request.mode is ServoMode.NONE:
             await self.end()
-            return self._generation
-        task = self._request(request, stops, owner)
-        number = self._generation
+            return self.session
+        task = self._sessions.request(request, stops, owner)
+        number = self.session
         await asyncio.shield(task)
         return number
 
     async def end(self, reason: str = "ended by its owner") -> None:
         """End the session; returns when the arm rests."""
-        session = self._session
-        self._leave(reason)
-        if self._task is not None:
-            await asyncio.wait({self._task})
-        if session is not None:
-            await asyncio.shield(session.ended)
+        await self._sessions.end(reason)
 
     async def point(
         self,
@@ -193,7 +152,7 @@ class ServoService:
             self.rules.refuse(exc.kind, str(exc))
             raise _error(exc) from None
         try:
-            self._take(point)
+            self._points.take(point, self._sessions.current)
         except BrokenRule as exc:
             raise _error(exc) from None
 
@@ -201,12 +160,12 @@ class ServoService:
         """What the session is doing, and what was refused since it began; counts without a session stay."""
         rules = self.rules
         counts = dict.fromkeys(("points_taken", "points_dropped", "points_buffered", "underruns"), 0)
-        with contextlib.suppress(TornReadError):
-            record = self._link.memory.state.read()
-            counts = {name: int(record[name]) for name in counts}
+        with contextlib.suppress(UnavailableError):
+            state = self._link.state()
+            counts = {name: getattr(state, name) for name in counts}
         refused = {str(kind): count for kind, count in rules.refused.items()}
         return {
-            "state": self._phase(),
+            "state": self._sessions.phase,
             "mode": int(rules.mode) if rules.active else 0,
             "active": rules.active,
             "session_id": rules.session_id or 0,
@@ -220,7 +179,7 @@ class ServoService:
             "last_refusal": rules.last_refusal,
             "points_taken": counts["points_taken"],
             "jumps": counts["points_dropped"],
-            "buffered": counts["points_buffered"] + len(self._waiting),
+            "buffered": counts["points_buffered"] + self._points.waiting,
             "underruns": counts["underruns"],
             "overruns": rules.refused[Refusal.OVERRUN],
             "reason": self.reason,
@@ -228,203 +187,7 @@ class ServoService:
 
     def close(self) -> None:
         """Let go; rtloop ends the session with this process."""
-        for task in (self._task, *self._followers):
-            if task is not None:
-                task.cancel()
-
-    def _phase(self) -> str:
-        if not self.rules.active:
-            return "idle" if self._session is None else "closing"
-        return "opening" if self._current is None else "active"
-
-    @property
-    def _current(self) -> Session | None:
-        """The session that was asked for last, once it has begun; not one that comes to its end."""
-        return self._session if self._belongs_to == self._generation else None
-
-    def _request(self, request: SetMode, stops: int | None = None, owner: str = "") -> asyncio.Task[None]:
-        """Leave the session, and begin another unless that is mode 0."""
-        before, session = self._task, self._session
-        ends = request.mode is ServoMode.NONE
-        self._leave("ended by mode 0" if ends else "another session was asked for")
-        if not ends:
-            self.rules.begin(request, owner)
-            self.reason = ""
-        stops = self._link.stops if stops is None else stops
-        work = self._open(request, self._generation, stops, before, session)
-        self._task = asyncio.create_task(work, name="servo session")
-        self._task.add_done_callback(_seen)
-        return self._task
-
-    def _leave(self, reason: str, *, at_once: bool = True) -> None:
-        """No points are taken any more, and the arm comes to rest: at once, or after the points it has."""
-        self._generation += 1
-        self._waiting.clear()
-        if self.rules.active:
-            self.reason = reason
-        self.rules.end()
-        if self._session is not None and at_once:
-            self._session.end(reason)
-        elif self._session is not None:
-            self._session.finish(reason)
-
-    async def _open(
-        self,
-        request: SetMode,
-        generation: int,
-        stops: int,
-        before: asyncio.Task[None] | None,
-        last: Session | None,
-    ) -> None:
-        if before is not None:
-            await asyncio.wait({before})
-        last = self._session or last
-        if last is not None:
-            await asyncio.shield(last.ended)
-        if request.mode is ServoMode.NONE or generation != self._generation:
-            return
-        try:
-            session = await self._begun(request, stops)
-        except CobotError as exc:
-            if generation == self._generation:
-                self._fail(str(exc))
-            log.warning("%sservo mode %d was refused: %s", self._link.label, request.mode, exc)
-            raise
-        follower = asyncio.create_task(self._follow(session, generation, request.mode))
-        self._followers.add(follower)
-        follower.add_done_callback(self._followers.discard)
-        self._session, self._belongs_to = session, generation
-        if generation != self._generation:
-            session.end("another session was asked for, or none")
-            raise ConflictError("the servo session was ended while it began")
-        self._writer.begin(session.number)
-        self._press()
-        while self._waiting:
-            self._pass_on(*self._waiting.popleft())
-
-    async def _begun(self, request: SetMode, stops: int) -> Session:
-        """Ask rtloop, which refuses what a stop has overtaken; who is about to let go is waited for."""
-        deadline_s = self._link.clock.now_s() + PATIENCE_S
-        if request.mode in FORCE_MODES:
-            await self._force.lend()
-        try:
-            while True:
-                self._last = None
-                try:
-                    return await self._streams.open(
-                        self._session_request(request), NAME, OPEN_TIMEOUT_S, stops
-                    )
-                except ConflictError:
-                    if self._link.clock.now_s() > deadline_s:
-                        raise
-                await asyncio.sleep(RETRY_S)
-        except CobotError:
-            with contextlib.suppress(CobotError):
-                await self._force.take_back()
-            raise
-
-    def _session_request(self, request: SetMode) -> np.ndarray:
-        asked = nominal_session(self._streams.info)
-        asked["servo_mode"], asked["watchdog_s"] = request.mode, request.watchdog_s
-        asked["interpolation"], asked["decimation"] = Interpolation.NONE, 1
-        asked["stream"] = Stream.JOINT_IMPEDANCE
-        if request.mode in FORCE_MODES:
-            asked["stream"] = Stream.CARTESIAN
-            settings = self._force.settings
-            if settings.enabled:
-                settings.describe(asked)
-            else:
-                replace(settings, axes=(False,) * 6).describe(asked)
-        return asked
-
-    def _fail(self, reason: str) -> None:
-        """The session could not begin: what has waited for it is refused."""
-        self.reason = reason
-        self.rules.end()
-        lost = len(self._waiting)
-        self._waiting.clear()
-        self.rules.accepted -= lost
-        self.rules.refuse(Refusal.REJECTED, reason, 1 + lost)
-
-    async def _follow(self, session: Session, generation: int, mode: ServoMode) -> None:
-        reason = await asyncio.shield(session.ended)
-        if self._session is session:
-            self._session = None
-        if generation == self._generation:
-            self.rules.end()
-            self.reason = reason
-        log.info("%sservo mode %d has ended: %s", self._link.label, mode, reason)
-        if not self.rules.active:  # nobody has asked for another session
-            with contextlib.suppress(CobotError):
-                await self._force.take_back()
-
-    def _take(self, point: Point) -> None:
-        """Pass a point on, or have it wait for the session.
-
-        Raises:
-            BrokenRule: it is refused, and counted.
-        """
-        try:
-            session = self._current
-            if session is not None and session.over:
-                raise BrokenRule(Refusal.NOT_ACTIVE, f"the servo session is over: {session.over}")
-            joints = self._joints(point)
-            if session is None:
-                if len(self._waiting) >= POINTS:
-                    raise BrokenRule(Refusal.OVERRUN, f"{POINTS} points wait for the session to begin")
-                self._waiting.append((joints, point))
-            else:
-                self._put(joints, point)
-        except BrokenRule as exc:
-            self.rules.refuse(exc.kind, str(exc))
-            raise
-        self._last = np.array(joints)
-        self.rules.accept(point)
-
-    def _pass_on(self, joints: Sequence[float], point: Point) -> None:
-        """A point that has waited, and was accepted."""
-        try:
-            self._put(joints, point)
-        except BrokenRule as exc:
-            self.rules.accepted -= 1
-            self.rules.refuse(exc.kind, str(exc))
-
-    def _put(self, joints: Sequence[float], point: Point) -> None:
-        if self._force.settings is not self._pressed:
-            self._press()
-        if not self._writer.put(joints, point.time_s, point.lookahead_s, point.gain):
-            raise BrokenRule(Refusal.OVERRUN, f"the buffer is full: {POINTS} points wait in it")
-
-    def _joints(self, point: Point) -> Sequence[float]:
-        if not point.cartesian:
-            return point.position
-        begun_s = self._link.clock.now_s()
-        if begun_s < self._no_inverse_before_s:
-            raise BrokenRule(
-                Refusal.INVERSE_KINEMATICS, "not tried: the inverse kinematics of the point before has failed"
-            )
-        x, y, z, rx, ry, rz = point.position
-        try:
-            near = self._link.state().commanded_position if self._last is None else self._last
-            pose = self._settings.tcp(pose_from_abc(x, y, z, rz, ry, rx))
-            joints: list[float] = continued(self._robot.model, pose, near).tolist()
-            return joints
-        except CobotError as exc:
-            now_s = self._link.clock.now_s()
-            self._no_inverse_before_s = now_s + FAILURE_COST * (now_s - begun_s)
-            raise BrokenRule(Refusal.INVERSE_KINEMATICS, str(exc)) from None
-
-    def _press(self) -> None:
-        """Tell rtloop the wrench, in the modes that exert one."""
-        self._pressed = settings = self._force.settings
-        session = self._current
-        if session is None or session.stream is not Stream.CARTESIAN:
-            return
-        setpoint = np.zeros((), setpoint_dtype(self._link.memory.dof))
-        setpoint["wrench"] = settings.wrench if settings.enabled else 0.0
-        self._presses += 1
-        with contextlib.suppress(CobotError):  # the session has just ended
-            session.take_setpoint(self._presses, setpoint)
+        self._sessions.close()
 
 
 def _error(broken: BrokenRule) -> CobotError:
@@ -437,9 +200,3 @@ def _error(broken: BrokenRule) -> CobotError:
         case Refusal.INVERSE_KINEMATICS:
             return UnreachableError(str(broken))
     return InputError(str(broken))
-
-
-def _seen(task: asyncio.Task[None]) -> None:
-    """Its error was told already."""
-    if not task.cancelled():
-        task.exception()

@@ -12,7 +12,8 @@ import numpy as np
 
 from app.services.motion.execution import STATE_TIMEOUT_S, MotionService
 from app.services.motion.ownership import Caller, Ownership
-from app.services.state.link import POLL_S, RESTING, RobotLink
+from app.services.state.link import POLL_S, RobotLink
+from app.services.state.robot_state import RESTING
 from cobot.clock import Clock
 from cobot.errors import (
     CobotError,
@@ -28,8 +29,6 @@ from cobot.ipc.stream_writer import StreamWriter
 from cobot.types import LoopMode
 
 MAX_CONNECTIONS = 32
-STATE_TRIES = 3
-"""Of a state that rtloop may be writing just now."""
 
 log = logging.getLogger("cobot.streams")
 
@@ -160,15 +159,8 @@ class StreamService:
             self._connections -= 1
 
     def state_since(self, publication: int) -> tuple[int, np.ndarray | None]:
-        """The newest publication's number, and its state if it is a newer one: valid until the next call."""
-        block = self._link.memory.state
-        for _ in range(STATE_TRIES):
-            newest = block.sequence
-            if newest == publication:
-                break
-            if block.try_read() and block.sequence == newest:  # or it is a later one, which would come twice
-                return newest, block.data
-        return publication, None
+        """See `RobotLink.record_since`."""
+        return self._link.record_since(publication)
 
     async def open(
         self, request: np.ndarray, name: str, timeout_s: float, stops: int | None = None

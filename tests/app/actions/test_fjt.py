@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from goal_handle import ToldHandle
 from rig import Rig
 from running import WAIT_S
 from scipy.interpolate import BPoly, CubicHermiteSpline, CubicSpline
@@ -64,7 +65,7 @@ def point(positions: Any, time_s: float, velocities: Any = (), accelerations: An
 
 
 def goal(points: list[dict[str, Any]], names: list[str] = NAMES, **fields: Any) -> dict[str, Any]:
-    """A complete message, as the hub hands it to the action."""
+    """A complete message, as the graph hands it to the action."""
     stamp = fields.pop("stamp", 0.0)
     trajectory = {
         "header": {"stamp": duration(stamp)},
@@ -262,21 +263,11 @@ def test_positions_alone_give_the_clamped_spline(robot: RobotDescription) -> Non
 # Following
 
 
-class Handle:
-    """What the hub gives an action."""
-
-    def __init__(self) -> None:
-        self.goal_id = "0" * 32
-        self.cancel_requested = asyncio.Event()
-        self.status = GoalStatus.UNKNOWN
-        self.accepted = False
-        self.told: list[dict[str, Any]] = []
-
-    def accept(self) -> None:
-        self.accepted = True
+class Handle(ToldHandle):
+    """What it is told has to be a message."""
 
     def feedback(self, values: dict[str, Any]) -> None:
-        self.told.append(MESSAGES.checked(f"{TYPE}_Feedback", values))
+        super().feedback(MESSAGES.checked(f"{TYPE}_Feedback", values))
 
 
 class Stand:
@@ -552,7 +543,7 @@ def test_an_arm_that_is_not_in_time_is_stopped(stand: Stand) -> None:
     """The motion goes on at a hundredth of its speed, so that it cannot be in time."""
 
     async def live() -> None:
-        stand.ownership.pace.fraction = 0.01
+        stand.ownership.speed_override.fraction = 0.01
         result = await stand.send(stand.to(0.4, 1.5, goal_time_tolerance=duration(0.1)), Handle())
         assert result["error_code"] == ErrorCode.GOAL_TOLERANCE_VIOLATED
         assert "goal_time_tolerance (0.1 s)" in result["error_string"]

@@ -116,7 +116,7 @@ class Stopping:
 def test_a_watchdog_that_nobody_kicks_acts_once_and_says_so(action: int, counts: tuple[int, ...]) -> None:
     async def check() -> None:
         arm = Stopping()
-        robot = equipped(link=arm, stopping=arm, pace=arm)
+        robot = equipped(link=arm, stopping=arm, speed_override=arm)
         ask = Caller(robot, CLASS)
         await ask("setWatchDog", key="plc", timeout=0.02, action=action)
         await eventually(
@@ -136,7 +136,7 @@ def test_a_watchdog_that_nobody_kicks_acts_once_and_says_so(action: int, counts:
 def test_a_watchdog_that_is_kicked_does_nothing() -> None:
     async def check() -> None:
         arm = Stopping()
-        robot = equipped(link=arm, stopping=arm, pace=arm)
+        robot = equipped(link=arm, stopping=arm, speed_override=arm)
         ask, loop = Caller(robot, CLASS), asyncio.get_running_loop()
         await ask("setWatchDog", key="plc", timeout=30.0, action=2)
         dog = robot.equipment.variables.watchdog("plc")

@@ -1,4 +1,4 @@
-"""Topics, services and actions on the hub, with actions and services made for the test.
+"""Topics, services and actions on the graph, with actions and services made for the test.
 
 Oracle: what ROS 2 says of them, for goals in https://design.ros2.org/articles/actions.html.
 """
@@ -16,7 +16,7 @@ import pytest
 
 from app.graph.action_server import MAX_KEPT, MAX_RUNNING
 from app.graph.actions import GoalHandle, GoalStatus, Rejected
-from app.graph.graph import GRAPH_TOPIC, Hub
+from app.graph.graph import GRAPH_TOPIC, Graph
 from cobot.errors import ConflictError, ExecutionError, InputError, NotFoundError
 from cobot.ros.messages import Messages
 
@@ -67,13 +67,13 @@ class Scripted(Count):
         return await self._script(handle)
 
 
-def live(test: Callable[[Hub], Awaitable[None]]) -> None:
-    """Run a test in an event loop, with a hub."""
+def live(test: Callable[[Graph], Awaitable[None]]) -> None:
+    """Run a test in an event loop, with a graph."""
 
     async def run() -> None:
-        hub = Hub(Messages())
-        await asyncio.wait_for(test(hub), 60.0)
-        await hub.close()
+        graph = Graph(Messages())
+        await asyncio.wait_for(test(graph), 60.0)
+        await graph.close()
 
     asyncio.run(run())
 
@@ -88,17 +88,17 @@ def new_id() -> str:
 
 
 def test_all_subscribers_get_each_message_complete() -> None:
-    async def test(hub: Hub) -> None:
+    async def test(graph: Graph) -> None:
         first: list[Any] = []
         second: list[Any] = []
-        hub.subscribe("/joints", "sensor_msgs/JointState", first.append, owner=1)
-        publisher = hub.advertise("joints", "sensor_msgs/msg/JointState", owner=2)
-        end = hub.subscribe("/joints", None, second.append, owner=1)
+        graph.subscribe("/joints", "sensor_msgs/JointState", first.append, owner=1)
+        publisher = graph.advertise("joints", "sensor_msgs/msg/JointState", owner=2)
+        end = graph.subscribe("/joints", None, second.append, owner=1)
         assert publisher.subscribers == 2
         publisher.publish({"position": [1]})
         end.close()
         end.close()
-        publisher.publish(hub.messages.to_cdr("sensor_msgs/msg/JointState", {"name": ["a"]}))
+        publisher.publish(graph.messages.to_cdr("sensor_msgs/msg/JointState", {"name": ["a"]}))
         assert [message["position"] for message in first] == [[1.0], []]
         assert first[0].keys() == {"header", "name", "position", "velocity", "effort"}
         assert len(second) == 1
@@ -107,10 +107,10 @@ def test_all_subscribers_get_each_message_complete() -> None:
 
 
 def test_a_wrong_message_reaches_nobody() -> None:
-    async def test(hub: Hub) -> None:
+    async def test(graph: Graph) -> None:
         got: list[Any] = []
-        publisher = hub.advertise("/a", STRING, owner=1)
-        hub.subscribe("/a", STRING, got.append, owner=2)
+        publisher = graph.advertise("/a", STRING, owner=1)
+        graph.subscribe("/a", STRING, got.append, owner=2)
         for wrong in ({"data": 1}, {"text": ""}, b"\0\1\0\0"):
             with pytest.raises(InputError, match="std_msgs/msg/String"):
                 publisher.publish(wrong)
@@ -120,29 +120,29 @@ def test_a_wrong_message_reaches_nobody() -> None:
 
 
 def test_a_late_subscriber_gets_what_is_latched() -> None:
-    async def test(hub: Hub) -> None:
+    async def test(graph: Graph) -> None:
         got: list[Any] = []
-        latched = hub.advertise("/a", STRING, latch=True, owner=1)
-        plain = hub.advertise("/a", STRING, owner=2)
+        latched = graph.advertise("/a", STRING, latch=True, owner=1)
+        plain = graph.advertise("/a", STRING, owner=2)
         latched.publish({"data": "old"})
         latched.publish({"data": "new"})
         plain.publish({"data": "gone"})
-        hub.subscribe("/a", None, got.append, owner=3)
+        graph.subscribe("/a", None, got.append, owner=3)
         assert got == [{"data": "new"}]
         latched.close()
-        hub.subscribe("/a", None, got.append, owner=3)
+        graph.subscribe("/a", None, got.append, owner=3)
         assert len(got) == 1
 
     live(test)
 
 
 def test_a_failing_subscriber_takes_nothing_from_the_others(caplog: pytest.LogCaptureFixture) -> None:
-    async def test(hub: Hub) -> None:
+    async def test(graph: Graph) -> None:
         got: list[Any] = []
-        hub.subscribe("/a", STRING, lambda _: [][0], owner=1)
-        hub.subscribe("/a", STRING, got.append, owner=1)
-        with caplog.at_level(logging.ERROR, "cobot.hub"):
-            hub.advertise("/a", STRING, owner=1).publish({"data": "x"})
+        graph.subscribe("/a", STRING, lambda _: [][0], owner=1)
+        graph.subscribe("/a", STRING, got.append, owner=1)
+        with caplog.at_level(logging.ERROR, "cobot.graph"):
+            graph.advertise("/a", STRING, owner=1).publish({"data": "x"})
         assert got == [{"data": "x"}]
         assert "a subscriber of /a failed" in caplog.text
 
@@ -150,80 +150,80 @@ def test_a_failing_subscriber_takes_nothing_from_the_others(caplog: pytest.LogCa
 
 
 def test_a_publisher_is_told_whether_anybody_listens() -> None:
-    async def test(hub: Hub) -> None:
+    async def test(graph: Graph) -> None:
         counts: list[int] = []
-        publisher = hub.advertise("/a", STRING, owner=1, on_demand=counts.append)
-        first = hub.subscribe("/a", STRING, print, owner=2)
-        second = hub.subscribe("/a", STRING, print, owner=3)
+        publisher = graph.advertise("/a", STRING, owner=1, on_demand=counts.append)
+        first = graph.subscribe("/a", STRING, print, owner=2)
+        second = graph.subscribe("/a", STRING, print, owner=3)
         first.close()
         second.close()
         assert counts == [0, 1, 2, 1, 0]
         publisher.close()
-        assert hub.type_of("/a") is None
+        assert graph.type_of("/a") is None
 
     live(test)
 
 
 @pytest.mark.parametrize("name", ["", "/", "a b", "/a//b", "/a/", "/ä", "/" + "a" * 255, "/a\n"])
 def test_a_name_that_is_none_is_refused(name: str) -> None:
-    async def test(hub: Hub) -> None:
+    async def test(graph: Graph) -> None:
         with pytest.raises(InputError, match="is no name such as"):
-            hub.advertise(name, STRING, owner=1)
+            graph.advertise(name, STRING, owner=1)
         with pytest.raises(InputError, match="is no name such as"):
-            await hub.call_service(name, {})
+            await graph.call_service(name, {})
 
     live(test)
 
 
 def test_a_topic_has_one_type() -> None:
-    async def test(hub: Hub) -> None:
-        hub.advertise("/a", STRING, owner=1)
+    async def test(graph: Graph) -> None:
+        graph.advertise("/a", STRING, owner=1)
         with pytest.raises(InputError, match="/a is of type std_msgs/msg/String, not std_msgs/msg/Bool"):
-            hub.subscribe("/a", "std_msgs/msg/Bool", print, owner=1)
+            graph.subscribe("/a", "std_msgs/msg/Bool", print, owner=1)
         with pytest.raises(InputError, match="there is no type 'x/msg/Y' here"):
-            hub.advertise("/b", "x/msg/Y", owner=1)
+            graph.advertise("/b", "x/msg/Y", owner=1)
         with pytest.raises(InputError, match="nobody publishes /c"):
-            hub.subscribe("/c", None, print, owner=1)
+            graph.subscribe("/c", None, print, owner=1)
 
     live(test)
 
 
 def test_a_service_gets_a_complete_request_and_answers_completely() -> None:
-    async def test(hub: Hub) -> None:
+    async def test(graph: Graph) -> None:
         async def answer(request: dict[str, Any]) -> dict[str, Any]:
             return {"success": request["data"]}
 
-        service = hub.add_service("/s", "std_srvs/SetBool", answer, owner=1)
-        assert await hub.call_service("s", {"data": True}) == {"success": True, "message": ""}
-        assert await hub.call_service("/s", {}) == {"success": False, "message": ""}
+        service = graph.add_service("/s", "std_srvs/SetBool", answer, owner=1)
+        assert await graph.call_service("s", {"data": True}) == {"success": True, "message": ""}
+        assert await graph.call_service("/s", {}) == {"success": False, "message": ""}
         with pytest.raises(InputError, match="SetBool_Request: data: must be true or false"):
-            await hub.call_service("/s", {"data": 1})
+            await graph.call_service("/s", {"data": 1})
         with pytest.raises(ConflictError, match="there is a service /s already"):
-            hub.add_service("s", "std_srvs/srv/SetBool", answer, owner=1)
-        hub.remove_service(service)
-        hub.remove_service(service)
+            graph.add_service("s", "std_srvs/srv/SetBool", answer, owner=1)
+        graph.remove_service(service)
+        graph.remove_service(service)
         with pytest.raises(NotFoundError, match="there is no service '/s'"):
-            await hub.call_service("/s", {})
+            await graph.call_service("/s", {})
 
     live(test)
 
 
 def test_a_goal_is_worked_on_with_feedback_to_its_result() -> None:
-    async def test(hub: Hub) -> None:
+    async def test(graph: Graph) -> None:
         action = Count()
-        hub.add_action(action)
+        graph.add_action(action)
         topic: list[Any] = []
         statuses: list[Any] = []
-        hub.subscribe("/count/_action/feedback", None, topic.append, owner=1)
-        hub.subscribe("/count/_action/status", None, statuses.append, owner=1)
+        graph.subscribe("/count/_action/feedback", None, topic.append, owner=1)
+        graph.subscribe("/count/_action/status", None, statuses.append, owner=1)
         told: list[Any] = []
         goal_id = new_id()
         for _ in range(3):
             action.steps.put_nowait(None)
-        assert await hub.send_goal("/count", goal_id, {"until": 3}, told.append) == (4, {"counted": 3})
+        assert await graph.send_goal("/count", goal_id, {"until": 3}, told.append) == (4, {"counted": 3})
         assert told == [{"now": 1}, {"now": 2}, {"now": 3}]
         assert [message["feedback"]["now"] for message in topic] == [1, 2, 3]
-        assert hub.messages.octets(topic[0]["goal_id"]["uuid"]).hex() == goal_id
+        assert graph.messages.octets(topic[0]["goal_id"]["uuid"]).hex() == goal_id
         assert [message["status_list"][0]["status"] for message in statuses] == [2, 4]
         assert statuses[0]["status_list"][0]["goal_info"]["stamp"]["sec"] > 0
 
@@ -231,69 +231,69 @@ def test_a_goal_is_worked_on_with_feedback_to_its_result() -> None:
 
 
 def test_a_cancelled_goal_ends_as_the_action_says() -> None:
-    async def test(hub: Hub) -> None:
-        hub.add_action(Count())
+    async def test(graph: Graph) -> None:
+        graph.add_action(Count())
         goal_id = new_id()
         statuses: list[int] = []
-        hub.subscribe(
+        graph.subscribe(
             "/count/_action/status",
             None,
             lambda message: statuses.append(message["status_list"][0]["status"]),
             owner=1,
         )
-        running = asyncio.create_task(hub.send_goal("/count", goal_id, {"until": 3}))
+        running = asyncio.create_task(graph.send_goal("/count", goal_id, {"until": 3}))
         await until(lambda: statuses)
-        hub.cancel("/count", goal_id)
-        hub.cancel("/count", goal_id)
+        graph.cancel("/count", goal_id)
+        graph.cancel("/count", goal_id)
         assert await running == (GoalStatus.CANCELED, {"counted": 0})
         assert statuses == [2, 3, 5]
         with pytest.raises(InputError, match="cannot be cancelled: goal_terminated"):
-            hub.cancel("/count", goal_id)
+            graph.cancel("/count", goal_id)
         with pytest.raises(InputError, match="cannot be cancelled: unknown_goal_id"):
-            hub.cancel("/count", new_id())
+            graph.cancel("/count", new_id())
 
     live(test)
 
 
 def test_a_goal_may_be_cancelled_before_it_was_accepted() -> None:
-    async def test(hub: Hub) -> None:
-        hub.add_action(Count())
+    async def test(graph: Graph) -> None:
+        graph.add_action(Count())
         goal_id = new_id()
-        running = asyncio.create_task(hub.send_goal("/count", goal_id, {"until": 3}))
+        running = asyncio.create_task(graph.send_goal("/count", goal_id, {"until": 3}))
         await asyncio.sleep(0)  # it has been sent; the action has not had its turn
-        hub.cancel("/count", goal_id)
+        graph.cancel("/count", goal_id)
         assert await running == (GoalStatus.CANCELED, {"counted": 0})
 
     live(test)
 
 
 def test_a_goal_is_refused_with_the_reason() -> None:
-    async def test(hub: Hub) -> None:
-        hub.add_action(Count())
+    async def test(graph: Graph) -> None:
+        graph.add_action(Count())
         for arguments, sentence in (
             ({"until": -1}, "until must not be negative"),
             ({"until": "x"}, "until: must be an integer"),
             ({"untl": 1}, "did you mean 'until'"),
         ):
             with pytest.raises(InputError, match=sentence):
-                await hub.send_goal("/count", new_id(), arguments)
+                await graph.send_goal("/count", new_id(), arguments)
         with pytest.raises(NotFoundError, match="there is no action '/cuont'; valid are: /count"):
-            await hub.send_goal("/cuont", new_id(), {})
+            await graph.send_goal("/cuont", new_id(), {})
         with pytest.raises(InputError, match="32 hexadecimal digits"):
-            await hub.send_goal("/count", "one", {})
+            await graph.send_goal("/count", "one", {})
         goal_id = new_id()
-        await hub.send_goal("/count", goal_id, {"until": 0})
+        await graph.send_goal("/count", goal_id, {"until": 0})
         with pytest.raises(Rejected, match="was sent already"):
-            await hub.send_goal("/count", goal_id, {"until": 0})
+            await graph.send_goal("/count", goal_id, {"until": 0})
         with pytest.raises(ConflictError, match="there is an action /count already"):
-            hub.add_action(Count())
+            graph.add_action(Count())
 
     live(test)
 
 
 @pytest.mark.parametrize("error", [ExecutionError("it broke"), RuntimeError("a programming error")])
 def test_an_action_that_fails_aborts_its_goal_or_refuses_it(error: Exception) -> None:
-    async def test(hub: Hub) -> None:
+    async def test(graph: Graph) -> None:
         accepted = False
 
         async def fail(handle: GoalHandle) -> dict[str, Any]:
@@ -301,18 +301,18 @@ def test_an_action_that_fails_aborts_its_goal_or_refuses_it(error: Exception) ->
                 handle.accept()
             raise error
 
-        hub.add_action(Scripted(fail))
+        graph.add_action(Scripted(fail))
         sentence = "it broke" if isinstance(error, ExecutionError) else "its log has the details"
         with pytest.raises((Rejected, ExecutionError), match=sentence):
-            await hub.send_goal("/scripted", new_id(), {})
+            await graph.send_goal("/scripted", new_id(), {})
         accepted = True
-        assert await hub.send_goal("/scripted", new_id(), {}) == (GoalStatus.ABORTED, {"counted": 0})
+        assert await graph.send_goal("/scripted", new_id(), {}) == (GoalStatus.ABORTED, {"counted": 0})
 
     live(test)
 
 
 def test_a_careless_action_harms_nobody() -> None:
-    async def test(hub: Hub) -> None:
+    async def test(graph: Graph) -> None:
         async def silent(handle: GoalHandle) -> dict[str, Any]:
             handle.feedback({"now": 1})
             return {}
@@ -327,36 +327,36 @@ def test_a_careless_action_harms_nobody() -> None:
             return {"nonsense": 1}
 
         action = Scripted(silent)
-        hub.add_action(action)
+        graph.add_action(action)
         with pytest.raises(Rejected, match="has not accepted the goal"):
-            await hub.send_goal("/scripted", new_id(), {})
+            await graph.send_goal("/scripted", new_id(), {})
         for script in (undecided, babbling):
             action._script = script
-            assert (await hub.send_goal("/scripted", new_id(), {}))[0] is GoalStatus.ABORTED
+            assert (await graph.send_goal("/scripted", new_id(), {}))[0] is GoalStatus.ABORTED
 
     live(test)
 
 
 def test_goals_and_results_are_bounded() -> None:
-    async def test(hub: Hub) -> None:
-        hub.add_action(Count())
+    async def test(graph: Graph) -> None:
+        graph.add_action(Count())
         running = [
-            asyncio.create_task(hub.send_goal("/count", new_id(), {"until": 1})) for _ in range(MAX_RUNNING)
+            asyncio.create_task(graph.send_goal("/count", new_id(), {"until": 1})) for _ in range(MAX_RUNNING)
         ]
         statuses: list[Any] = []
-        hub.subscribe("/count/_action/status", None, statuses.append, owner=1)
+        graph.subscribe("/count/_action/status", None, statuses.append, owner=1)
         await until(lambda: statuses and len(statuses[-1]["status_list"]) == MAX_RUNNING)
         with pytest.raises(Rejected, match=f"works on {MAX_RUNNING} goals already"):
-            await hub.send_goal("/count", new_id(), {"until": 0})
-        await hub.close()
+            await graph.send_goal("/count", new_id(), {"until": 0})
+        await graph.close()
         assert {status for status, _ in await asyncio.gather(*running)} == {GoalStatus.ABORTED}
 
-    async def kept(hub: Hub) -> None:
-        hub.add_action(Count())
+    async def kept(graph: Graph) -> None:
+        graph.add_action(Count())
         statuses: list[Any] = []
-        hub.subscribe("/count/_action/status", None, statuses.append, owner=1)
+        graph.subscribe("/count/_action/status", None, statuses.append, owner=1)
         for _ in range(MAX_KEPT + 20):
-            await hub.send_goal("/count", new_id(), {"until": 0})
+            await graph.send_goal("/count", new_id(), {"until": 0})
         assert len(statuses[-1]["status_list"]) == MAX_KEPT + 1
 
     live(test)
@@ -370,50 +370,50 @@ def ros_id(goal_id: str) -> dict[str, Any]:
 def test_the_action_as_ros_takes_it_apart() -> None:
     """send_goal, get_result and cancel_goal as services: what a transport of services needs."""
 
-    async def test(hub: Hub) -> None:
+    async def test(graph: Graph) -> None:
         action = Count()
-        hub.add_action(action)
+        graph.add_action(action)
         goal_id = new_id()
-        sent = await hub.call_service("/count/_action/send_goal", {**ros_id(goal_id), "goal": {"until": 1}})
+        sent = await graph.call_service("/count/_action/send_goal", {**ros_id(goal_id), "goal": {"until": 1}})
         assert sent["accepted"]
         assert sent["stamp"]["sec"] > 0
-        waiting = asyncio.create_task(hub.call_service("/count/_action/get_result", ros_id(goal_id)))
+        waiting = asyncio.create_task(graph.call_service("/count/_action/get_result", ros_id(goal_id)))
         await asyncio.sleep(0)
         assert not waiting.done()
         action.steps.put_nowait(None)
         assert await waiting == {"status": 4, "result": {"counted": 1}}
-        late = await hub.call_service("/count/_action/get_result", ros_id(goal_id))
+        late = await graph.call_service("/count/_action/get_result", ros_id(goal_id))
         assert late == {"status": 4, "result": {"counted": 1}}
-        unknown = await hub.call_service("/count/_action/get_result", ros_id(new_id()))
+        unknown = await graph.call_service("/count/_action/get_result", ros_id(new_id()))
         assert unknown == {"status": 0, "result": {"counted": 0}}
         refused = {**ros_id(new_id()), "goal": {"until": -1}}
-        assert not (await hub.call_service("/count/_action/send_goal", refused))["accepted"]
+        assert not (await graph.call_service("/count/_action/send_goal", refused))["accepted"]
 
     live(test)
 
 
 def test_cancel_goal_by_id_by_time_and_all() -> None:
-    async def test(hub: Hub) -> None:
-        hub.add_action(Count())
+    async def test(graph: Graph) -> None:
+        graph.add_action(Count())
 
         async def begin() -> tuple[str, dict[str, int]]:
             goal_id = new_id()
-            sent = await hub.call_service(
+            sent = await graph.call_service(
                 "/count/_action/send_goal", {**ros_id(goal_id), "goal": {"until": 1}}
             )
             return goal_id, sent["stamp"]
 
         async def cancel(goal_id: str, stamp: dict[str, int] | None = None) -> tuple[int, set[str]]:
             info = {**ros_id(goal_id), "stamp": stamp or {}}
-            answer = await hub.call_service("/count/_action/cancel_goal", {"goal_info": info})
-            ids = {hub.messages.octets(goal["goal_id"]["uuid"]).hex() for goal in answer["goals_canceling"]}
+            answer = await graph.call_service("/count/_action/cancel_goal", {"goal_info": info})
+            ids = {graph.messages.octets(goal["goal_id"]["uuid"]).hex() for goal in answer["goals_canceling"]}
             return answer["return_code"], ids
 
         goals = [await begin() for _ in range(5)]
         ids = [goal_id for goal_id, _ in goals]
         nobody = "0" * 32
         assert await cancel(ids[4]) == (0, {ids[4]})
-        assert (await hub.call_service("/count/_action/get_result", ros_id(ids[4])))["status"] == 5
+        assert (await graph.call_service("/count/_action/get_result", ros_id(ids[4])))["status"] == 5
         assert await cancel(ids[4]) == (3, set())
         assert await cancel(new_id()) == (2, set())
         assert await cancel(nobody, goals[1][1]) == (0, set(ids[:2]))
@@ -425,47 +425,47 @@ def test_cancel_goal_by_id_by_time_and_all() -> None:
 
 
 def test_the_graph_shows_what_others_may_mirror() -> None:
-    async def test(hub: Hub) -> None:
+    async def test(graph: Graph) -> None:
         graphs: list[dict[str, Any]] = []
         gateway = object()
-        hub.gateways.add(gateway)
-        hub.subscribe(
+        graph.gateways.add(gateway)
+        graph.subscribe(
             GRAPH_TOPIC, STRING, lambda message: graphs.append(json.loads(message["data"])), owner=gateway
         )
         await until(lambda: graphs)
         assert graphs[-1]["topics"] == []
-        hub.advertise("/own", STRING, owner=1, local=True)
-        hub.subscribe("/own", STRING, print, owner=2)
-        hub.advertise("/theirs", STRING, owner=gateway)
-        publisher = hub.advertise("/ours", STRING, owner=1)
-        hub.subscribe("/ours", STRING, print, owner=gateway)
-        hub.subscribe("/both", STRING, print, owner=2)
-        hub.advertise("/both", STRING, owner=gateway)
+        graph.advertise("/own", STRING, owner=1, local=True)
+        graph.subscribe("/own", STRING, print, owner=2)
+        graph.advertise("/theirs", STRING, owner=gateway)
+        publisher = graph.advertise("/ours", STRING, owner=1)
+        graph.subscribe("/ours", STRING, print, owner=gateway)
+        graph.subscribe("/both", STRING, print, owner=2)
+        graph.advertise("/both", STRING, owner=gateway)
 
         async def answer(request: dict[str, Any]) -> dict[str, Any]:
             return {}
 
-        hub.add_service("/s", "std_srvs/srv/Empty", answer, owner=1)
-        hub.add_service("/local", "std_srvs/srv/Empty", answer, owner=1, local=True)
-        hub.add_service("/t", "std_srvs/srv/Empty", answer, owner=gateway)
-        hub.add_action(Count())
+        graph.add_service("/s", "std_srvs/srv/Empty", answer, owner=1)
+        graph.add_service("/local", "std_srvs/srv/Empty", answer, owner=1, local=True)
+        graph.add_service("/t", "std_srvs/srv/Empty", answer, owner=gateway)
+        graph.add_action(Count())
         await until(lambda: graphs[-1]["actions"])
-        graph = graphs[-1]
+        shown = graphs[-1]
         below = "/count/_action"
-        assert {topic["name"]: (topic["publishers"], topic["subscribers"]) for topic in graph["topics"]} == {
+        assert {topic["name"]: (topic["publishers"], topic["subscribers"]) for topic in shown["topics"]} == {
             "/ours": (1, 0),
             "/both": (0, 1),
             f"{below}/feedback": (1, 0),
             f"{below}/status": (1, 0),
         }
-        services = {service["name"]: service["type"] for service in graph["services"]}
+        services = {service["name"]: service["type"] for service in shown["services"]}
         assert services["/s"] == "std_srvs/srv/Empty"
         assert services.keys() == {
             "/s",
             *(f"{below}/{each}" for each in ("send_goal", "get_result", "cancel_goal")),
         }
-        assert graph["actions"] == [{"name": "/count", "type": "aubo_interfaces/action/Count"}]
-        assert graph["definitions"] == {"aubo_interfaces/action/Count": COUNT}
+        assert shown["actions"] == [{"name": "/count", "type": "aubo_interfaces/action/Count"}]
+        assert shown["definitions"] == {"aubo_interfaces/action/Count": COUNT}
         count = len(graphs)
         publisher.close()
         await until(lambda: len(graphs) > count)
@@ -475,16 +475,16 @@ def test_the_graph_shows_what_others_may_mirror() -> None:
 
 
 def test_a_gateway_does_not_get_back_what_it_brought() -> None:
-    async def test(hub: Hub) -> None:
+    async def test(graph: Graph) -> None:
         gateway, ordinary = object(), object()
-        hub.gateways.add(gateway)
+        graph.gateways.add(gateway)
         got: list[str] = []
         for owner, name in ((gateway, "gateway"), (ordinary, "ordinary")):
-            hub.subscribe(
+            graph.subscribe(
                 "/a", STRING, lambda message, name=name: got.append(name + message["data"]), owner=owner
             )
-        hub.advertise("/a", STRING, owner=gateway).publish({"data": " 1"})
-        hub.advertise("/a", STRING, owner=ordinary).publish({"data": " 2"})
+        graph.advertise("/a", STRING, owner=gateway).publish({"data": " 1"})
+        graph.advertise("/a", STRING, owner=ordinary).publish({"data": " 2"})
         assert got == ["ordinary 1", "gateway 2", "ordinary 2"]
 
     live(test)

@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from app.graph.actions import GoalHandle, GoalStatus, Rejected
-from app.graph.graph import GRAPH_TOPIC, Hub
+from app.graph.graph import GRAPH_TOPIC, Graph
 from app.rosbridge import connection as connections
 from app.rosbridge import outbox
 from app.rosbridge.connection import Connection
@@ -67,19 +67,19 @@ class Waiting:
         return {"took": math.nan}
 
 
-def live(test: Callable[[Hub, Client, Client], Awaitable[None]]) -> None:
-    """Run a test in an event loop, with a hub and two clients."""
+def live(test: Callable[[Graph, Client, Client], Awaitable[None]]) -> None:
+    """Run a test in an event loop, with a graph and two clients."""
 
     async def run() -> None:
-        hub = Hub(Messages())
-        clients = Client(hub, "one"), Client(hub, "two")
-        await asyncio.wait_for(test(hub, *clients), 60.0)
+        graph = Graph(Messages())
+        clients = Client(graph, "one"), Client(graph, "two")
+        await asyncio.wait_for(test(graph, *clients), 60.0)
         for client in clients:
             await client.close()
         assert not [task for task in asyncio.all_tasks() if "_pursue" in repr(task)] or await asyncio.sleep(
             0.0
         )
-        await hub.close()
+        await graph.close()
 
     asyncio.run(run())
 
@@ -89,7 +89,7 @@ def errors(client: Client) -> list[str]:
 
 
 def test_what_one_publishes_the_other_gets() -> None:
-    async def test(hub: Hub, one: Client, two: Client) -> None:
+    async def test(graph: Graph, one: Client, two: Client) -> None:
         two.ask("subscribe", topic="/chat", type="std_msgs/String")
         one.ask("advertise", topic="chat", type=STRING)
         one.ask("publish", topic="chat", msg={"data": "hello"})
@@ -99,13 +99,13 @@ def test_what_one_publishes_the_other_gets() -> None:
         one.ask("publish", topic="chat", msg={"data": "hello"})
         assert two.got() == []
         one.ask("unadvertise", topic="chat")
-        assert hub.topics().keys() == {GRAPH_TOPIC}
+        assert graph.topics().keys() == {GRAPH_TOPIC}
 
     live(test)
 
 
 def test_subscriptions_and_advertisements_are_counted_by_their_ids() -> None:
-    async def test(hub: Hub, one: Client, two: Client) -> None:
+    async def test(graph: Graph, one: Client, two: Client) -> None:
         for number in ("1", "2"):
             one.ask("advertise", topic="/a", type=STRING, id=number)
             two.ask("subscribe", topic="/a", id=number)
@@ -115,13 +115,13 @@ def test_subscriptions_and_advertisements_are_counted_by_their_ids() -> None:
         assert len(two.got()) == 1
         two.ask("unsubscribe", topic="/a", id="2")
         one.ask("unadvertise", topic="/a", id="2")
-        assert hub.type_of("/a") is None
+        assert graph.type_of("/a") is None
 
     live(test)
 
 
 def test_a_topic_that_somebody_has_may_be_published_without_being_advertised() -> None:
-    async def test(hub: Hub, one: Client, two: Client) -> None:
+    async def test(graph: Graph, one: Client, two: Client) -> None:
         two.ask("subscribe", topic="/a", type=STRING)
         one.ask("publish", topic="/a", msg={"data": "x"})
         assert two.got()[0]["msg"] == {"data": "x"}
@@ -132,7 +132,7 @@ def test_a_topic_that_somebody_has_may_be_published_without_being_advertised() -
 
 
 def test_what_is_latched_comes_late() -> None:
-    async def test(hub: Hub, one: Client, two: Client) -> None:
+    async def test(graph: Graph, one: Client, two: Client) -> None:
         one.ask("advertise", topic="/a", type=STRING, latch=True)
         one.ask("publish", topic="/a", msg={"data": "x"})
         two.ask("subscribe", topic="/a")
@@ -142,7 +142,7 @@ def test_what_is_latched_comes_late() -> None:
 
 
 def test_numbers_that_are_none_are_null_both_ways() -> None:
-    async def test(hub: Hub, one: Client, two: Client) -> None:
+    async def test(graph: Graph, one: Client, two: Client) -> None:
         two.ask("subscribe", topic="/a", type="std_msgs/msg/Float64MultiArray")
         one.ask("publish", topic="/a", msg={"data": [None, 1.0]})
         assert two.got()[0]["msg"]["data"] == [None, 1.0]
@@ -151,8 +151,8 @@ def test_numbers_that_are_none_are_null_both_ways() -> None:
 
 
 def test_the_oldest_of_a_topic_is_dropped_and_no_answer() -> None:
-    async def test(hub: Hub, one: Client, two: Client) -> None:
-        add_rosapi(hub)
+    async def test(graph: Graph, one: Client, two: Client) -> None:
+        add_rosapi(graph)
         two.ask("subscribe", topic="/a", type=STRING, queue_length=3)
         two.ask("call_service", service="/rosapi/nodes", id="1")
         for number in range(1000):
@@ -174,13 +174,13 @@ def test_the_oldest_of_a_topic_is_dropped_and_no_answer() -> None:
 def test_a_throttled_topic_comes_at_its_rate() -> None:
     """Against the event loop's own clock, which the test moves, by numbers that a float has exactly."""
 
-    async def test(hub: Hub, one: Client, two: Client) -> None:
+    async def test(graph: Graph, one: Client, two: Client) -> None:
         loop = asyncio.get_running_loop()
         now_s = float(int(loop.time()))
         loop.time = lambda: now_s  # type: ignore[method-assign]
         one.ask("subscribe", topic="/a", type=STRING, throttle_rate=15.625)
         two.ask("subscribe", topic="/a", type=STRING, throttle_rate=15.625, queue_length=5)
-        publisher = hub.advertise("/a", STRING, owner=0)
+        publisher = graph.advertise("/a", STRING, owner=0)
         sparse, queued = [], []
         for number in range(100):
             publisher.publish({"data": str(number)})
@@ -196,7 +196,7 @@ def test_a_throttled_topic_comes_at_its_rate() -> None:
 
 
 def test_what_waits_because_of_its_rate_is_sent_by_itself() -> None:
-    async def test(hub: Hub, one: Client, two: Client) -> None:
+    async def test(graph: Graph, one: Client, two: Client) -> None:
         two.ask("subscribe", topic="/a", type=STRING, throttle_rate=5, queue_length=5)
         for number in range(3):
             one.ask("publish", topic="/a", msg={"data": str(number)})
@@ -211,11 +211,11 @@ def test_what_waits_because_of_its_rate_is_sent_by_itself() -> None:
 
 
 def test_services_are_called_with_names_or_without() -> None:
-    async def test(hub: Hub, one: Client, two: Client) -> None:
+    async def test(graph: Graph, one: Client, two: Client) -> None:
         async def answer(request: dict[str, Any]) -> dict[str, Any]:
             return {"success": request["data"], "message": "done"}
 
-        hub.add_service("/s", "std_srvs/srv/SetBool", answer, owner=0)
+        graph.add_service("/s", "std_srvs/srv/SetBool", answer, owner=0)
         for args, success in (
             ({"data": True}, True),
             ([True], True),
@@ -231,7 +231,7 @@ def test_services_are_called_with_names_or_without() -> None:
 
 
 def test_a_call_that_fails_says_why() -> None:
-    async def test(hub: Hub, one: Client, two: Client) -> None:
+    async def test(graph: Graph, one: Client, two: Client) -> None:
         async def fail(request: dict[str, Any]) -> dict[str, Any]:
             raise ExecutionError("it does not work")
 
@@ -243,7 +243,7 @@ def test_a_call_that_fails_says_why() -> None:
             return {}
 
         for name, function in (("/fail", fail), ("/broken", broken), ("/silent", silent)):
-            hub.add_service(name, "std_srvs/srv/SetBool", function, owner=0)
+            graph.add_service(name, "std_srvs/srv/SetBool", function, owner=0)
         for content, sentence in (
             ({"service": "/fail"}, "it does not work"),
             ({"service": "/broken"}, "its log has the details"),
@@ -265,14 +265,14 @@ def test_a_call_that_fails_says_why() -> None:
 def test_calls_under_way_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(connections, "MAX_PENDING", 3)
 
-    async def test(hub: Hub, one: Client, two: Client) -> None:
+    async def test(graph: Graph, one: Client, two: Client) -> None:
         go = asyncio.Event()
 
         async def slow(request: dict[str, Any]) -> dict[str, Any]:
             await go.wait()
             return {}
 
-        hub.add_service("/slow", "std_srvs/srv/Empty", slow, owner=0)
+        graph.add_service("/slow", "std_srvs/srv/Empty", slow, owner=0)
         for number in range(4):
             one.ask("call_service", service="/slow", id=number)
         assert "3 calls of this client are under way already" in errors(one)[0]
@@ -284,7 +284,7 @@ def test_calls_under_way_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_client_offers_a_service_to_another() -> None:
-    async def test(hub: Hub, one: Client, two: Client) -> None:
+    async def test(graph: Graph, one: Client, two: Client) -> None:
         one.ask("advertise_service", service="/s", type="std_srvs/SetBool")
         two.ask("call_service", service="/s", args={"data": True}, id="a")
         asked = await one.next()
@@ -307,14 +307,14 @@ def test_a_client_offers_a_service_to_another() -> None:
         await one.next()
         one.ask("unadvertise_service", service="/s")
         assert "is not offered any more" in (await two.next())["values"]
-        assert "/s" not in hub.services
+        assert "/s" not in graph.services
 
     live(test)
 
 
 def test_what_a_client_had_ends_with_it() -> None:
-    async def test(hub: Hub, one: Client, two: Client) -> None:
-        hub.add_action(Waiting())
+    async def test(graph: Graph, one: Client, two: Client) -> None:
+        graph.add_action(Waiting())
         one.ask("advertise", topic="/a", type=STRING)
         one.ask("subscribe", topic="/b", type=STRING)
         one.ask("advertise_service", service="/s", type="std_srvs/SetBool")
@@ -328,7 +328,7 @@ def test_what_a_client_had_ends_with_it() -> None:
             asked |= {message["op"] for message in one.got()}
             await asyncio.sleep(0)
         statuses: list[int] = []
-        hub.subscribe(
+        graph.subscribe(
             "/wait/_action/status", None, lambda m: statuses.append(m["status_list"][0]["status"]), owner=0
         )
         await one.close()
@@ -340,16 +340,16 @@ def test_what_a_client_had_ends_with_it() -> None:
             await asyncio.sleep(0)
         assert "is not offered any more" in answers["service_response"]["values"]
         assert (answers["action_result"]["status"], answers["action_result"]["result"]) == (6, True)
-        assert not hub.gateways
-        assert not [name for name in hub.topics() if name in "/a /b" or "/act" in name]
-        assert not [name for name in hub.services if "/wait" not in name]
+        assert not graph.gateways
+        assert not [name for name in graph.topics() if name in "/a /b" or "/act" in name]
+        assert not [name for name in graph.services if "/wait" not in name]
 
     live(test)
 
 
 def test_a_goal_with_feedback_and_cancel() -> None:
-    async def test(hub: Hub, one: Client, two: Client) -> None:
-        hub.add_action(Waiting())
+    async def test(graph: Graph, one: Client, two: Client) -> None:
+        graph.add_action(Waiting())
         one.ask("send_action_goal", action="/wait", args=[True], feedback=True, id="g")
         told = await one.next()
         assert told == {"op": "action_feedback", "action": "/wait", "id": "g", "values": {"now": 1}}
@@ -372,8 +372,8 @@ def test_a_goal_with_feedback_and_cancel() -> None:
 
 
 def test_a_goal_that_is_refused_says_why() -> None:
-    async def test(hub: Hub, one: Client, two: Client) -> None:
-        hub.add_action(Waiting())
+    async def test(graph: Graph, one: Client, two: Client) -> None:
+        graph.add_action(Waiting())
         for content, sentence in (
             ({"action": "/wait", "args": {}}, "the goal is not good"),
             ({"action": "/wait", "args": {"god": 1}}, "did you mean 'good'"),
@@ -387,8 +387,8 @@ def test_a_goal_that_is_refused_says_why() -> None:
 
 
 def test_a_client_offers_an_action_to_another() -> None:
-    async def test(hub: Hub, one: Client, two: Client) -> None:
-        hub.messages.add({Waiting.type_: Waiting.definition})
+    async def test(graph: Graph, one: Client, two: Client) -> None:
+        graph.messages.add({Waiting.type_: Waiting.definition})
         one.ask("advertise_action", action="/act", type=Waiting.type_)
         two.ask("send_action_goal", action="/act", args={"good": True}, feedback=True, id="g")
         goal = await one.next()
@@ -406,15 +406,15 @@ def test_a_client_offers_an_action_to_another() -> None:
         assert "is under way" in errors(one)[0]
         one.ask("unadvertise_action", action="/act")
         await asyncio.sleep(0.01)
-        assert "/act" not in hub.actions
+        assert "/act" not in graph.actions
 
     live(test)
 
 
 @pytest.mark.parametrize("kind", ["taken", "prepared"])
 def test_what_another_thread_has_looked_at_is_not_looked_at_again(kind: str) -> None:
-    async def test(hub: Hub, client: Client, other: Client) -> None:
-        hub.add_action(Waiting())
+    async def test(graph: Graph, client: Client, other: Client) -> None:
+        graph.add_action(Waiting())
         client.ask("advertise", topic="/j", type="sensor_msgs/msg/JointState")
         other.ask("subscribe", topic="/j")
         client.ask("advertise_service", service="/set", type="std_srvs/srv/SetBool")
@@ -456,9 +456,9 @@ def test_what_is_examined_is_taken_as_it_is() -> None:
 
 
 def test_one_topic_is_subscribed_and_advertised_only_so_often() -> None:
-    async def test(hub: Hub, client: Client, other: Client) -> None:
+    async def test(graph: Graph, client: Client, other: Client) -> None:
         for op in ("subscribe", "advertise"):
-            for number in range(outbox.MAX_WISHES):
+            for number in range(outbox.MAX_PER_TOPIC):
                 client.ask(op, topic="/t", type=STRING, id=str(number))
             client.ask(op, topic="/t", type=STRING, id="0")  # said again
             assert not errors(client)
@@ -469,7 +469,7 @@ def test_one_topic_is_subscribed_and_advertised_only_so_often() -> None:
 
 
 def test_fragments_are_put_together_in_any_order() -> None:
-    async def test(hub: Hub, one: Client, two: Client) -> None:
+    async def test(graph: Graph, one: Client, two: Client) -> None:
         text = json.dumps({"op": "advertise", "topic": "/a", "type": STRING})
         pieces = [text[start : start + 10] for start in range(0, len(text), 10)]
         whole = None
@@ -489,8 +489,8 @@ def test_fragments_are_put_together_in_any_order() -> None:
 
 
 def test_large_answers_come_in_fragments_if_wished() -> None:
-    async def test(hub: Hub, one: Client, two: Client) -> None:
-        add_rosapi(hub)
+    async def test(graph: Graph, one: Client, two: Client) -> None:
+        add_rosapi(graph)
         one.ask("call_service", service="/rosapi/interfaces", fragment_size=200)
         pieces: list[dict[str, Any]] = []
         while not pieces:
@@ -509,8 +509,8 @@ def test_large_answers_come_in_fragments_if_wished() -> None:
 def test_fragments_that_contradict_each_other_or_pile_up_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(connections, "MAX_MESSAGE", 5000)
 
-    async def test(hub: Hub, one: Client, two: Client) -> None:
-        limited = Client(hub, "three")
+    async def test(graph: Graph, one: Client, two: Client) -> None:
+        limited = Client(graph, "three")
         piece = {"id": "f", "data": "x" * 100, "num": 0, "total": 100}
         limited.ask("fragment", **piece)
         limited.ask("fragment", **{**piece, "total": 3})
@@ -562,7 +562,7 @@ def test_fragments_that_contradict_each_other_or_pile_up_are_refused(monkeypatch
     ],
 )
 def test_what_is_wrong_is_told_and_the_connection_lives(content: Any, sentence: str) -> None:
-    async def test(hub: Hub, one: Client, two: Client) -> None:
+    async def test(graph: Graph, one: Client, two: Client) -> None:
         one.take(content)
         (status,) = one.got()
         assert (status["op"], status["level"]) == ("status", "error")
@@ -575,7 +575,7 @@ def test_what_is_wrong_is_told_and_the_connection_lives(content: Any, sentence: 
 
 
 def test_an_error_names_the_message_it_is_about_unless_nobody_wants_to_know() -> None:
-    async def test(hub: Hub, one: Client, two: Client) -> None:
+    async def test(graph: Graph, one: Client, two: Client) -> None:
         one.ask("unsubscribe", topic="/a", id="u7")
         assert one.got()[0]["id"] == "u7"
         one.ask("set_level", level="none")
@@ -586,7 +586,7 @@ def test_an_error_names_the_message_it_is_about_unless_nobody_wants_to_know() ->
 
 
 def test_what_a_client_says_is_logged_without_line_breaks(caplog: pytest.LogCaptureFixture) -> None:
-    async def test(hub: Hub, one: Client, two: Client) -> None:
+    async def test(graph: Graph, one: Client, two: Client) -> None:
         with caplog.at_level(logging.INFO, "cobot.rosbridge"):
             one.ask("status", level="info", msg="hello\nworld")
         assert caplog.messages == ["one says 'info': 'hello\\nworld'"]
@@ -597,8 +597,8 @@ def test_what_a_client_says_is_logged_without_line_breaks(caplog: pytest.LogCapt
 def test_one_who_does_not_read_his_answers_is_known(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(outbox, "MAX_BYTES", 20_000)
 
-    async def test(hub: Hub, one: Client, two: Client) -> None:
-        add_rosapi(hub)
+    async def test(graph: Graph, one: Client, two: Client) -> None:
+        add_rosapi(graph)
         for _ in range(1000):
             one.ask("fly")  # errors are left out when too many wait
         assert not one.outbox.overfull.is_set() or len(errors(one)) <= outbox.MAX_OPTIONAL
@@ -611,9 +611,9 @@ def test_one_who_does_not_read_his_answers_is_known(monkeypatch: pytest.MonkeyPa
 
 
 def test_rosapi_knows_what_there_is() -> None:
-    async def test(hub: Hub, one: Client, two: Client) -> None:
-        add_rosapi(hub)
-        hub.add_action(Waiting())
+    async def test(graph: Graph, one: Client, two: Client) -> None:
+        add_rosapi(graph)
+        graph.add_action(Waiting())
         two.ask("subscribe", topic="/a", type="sensor_msgs/JointState")
 
         async def ask(service: str, /, **args: Any) -> Any:
@@ -691,8 +691,8 @@ USUAL = st.sampled_from(["/a", "/s", "/wait", STRING, "std_srvs/srv/SetBool", "g
 )
 @settings(derandomize=True, max_examples=150, deadline=None)
 def test_no_messages_break_a_connection(contents: list[Any]) -> None:
-    async def test(hub: Hub, one: Client, two: Client) -> None:
-        hub.add_action(Waiting())
+    async def test(graph: Graph, one: Client, two: Client) -> None:
+        graph.add_action(Waiting())
         for content in contents:
             one.take(content)
         await asyncio.sleep(0)

@@ -75,12 +75,12 @@ def bench(rig: Rig, robot: RobotDescription, settings: Settings) -> Iterator[Ben
 
 def test_a_paused_motion_rests_on_its_path_and_then_arrives(bench: Bench) -> None:
     async def check() -> None:
-        rig, pace = bench.rig, bench.ownership.pace
+        rig, override = bench.rig, bench.ownership.speed_override
         with bench.claim() as claim:
             await bench.during(bench.motion.start(claim, bench.trajectory))
             rig.step(300)
-            await bench.during(pace.pause())
-            assert pace.paused
+            await bench.during(override.pause())
+            assert override.paused
             here = rig.commanded[-1]
             rig.step(2000)
             np.testing.assert_array_equal(rig.commanded[-1], here)
@@ -88,7 +88,7 @@ def test_a_paused_motion_rests_on_its_path_and_then_arrives(bench: Bench) -> Non
             share = (here - rig.home) @ (bench.goal - rig.home) / ((bench.goal - rig.home) ** 2).sum()
             assert 0.0 < share < 1.0
             np.testing.assert_allclose(here, rig.home + share * (bench.goal - rig.home), atol=1e-6)
-            await bench.during(pace.resume())
+            await bench.during(override.resume())
             await bench.during(bench.motion.arrival(claim))
         assert rig.result is MotionResult.ARRIVED
         np.testing.assert_allclose(rig.commanded[-1], bench.goal, atol=1e-6)
@@ -100,14 +100,14 @@ def test_a_paused_motion_rests_on_its_path_and_then_arrives(bench: Bench) -> Non
 
 def test_what_begins_during_a_pause_waits_for_its_end(bench: Bench) -> None:
     async def check() -> None:
-        rig, pace = bench.rig, bench.ownership.pace
-        await bench.during(pace.pause())
+        rig, override = bench.rig, bench.ownership.speed_override
+        await bench.during(override.pause())
         with bench.claim() as claim:
             going = asyncio.create_task(bench.go(claim))
             await bench.during(asyncio.sleep(0.05))
             assert rig.mode is LoopMode.HOLD
             assert not going.done()
-            await bench.during(pace.resume())
+            await bench.during(override.resume())
             await bench.during(going)
         np.testing.assert_allclose(rig.commanded[-1], bench.goal, atol=1e-6)
 
@@ -117,19 +117,19 @@ def test_what_begins_during_a_pause_waits_for_its_end(bench: Bench) -> None:
 @pytest.mark.parametrize("begun", [False, True])
 def test_a_stop_ends_a_pause_and_what_was_paused(bench: Bench, begun: bool) -> None:
     async def check() -> None:
-        rig, pace = bench.rig, bench.ownership.pace
+        rig, override = bench.rig, bench.ownership.speed_override
         with bench.claim() as claim:
             if begun:
                 await bench.during(bench.motion.start(claim, bench.trajectory))
                 rig.step(200)
-            await bench.during(pace.pause())
+            await bench.during(override.pause())
             going = asyncio.create_task(bench.motion.arrival(claim) if begun else bench.go(claim))
             await bench.during(asyncio.sleep(0.01))
             bench.link.request_stop()
             bench.ownership.stop()
             with pytest.raises(MotionStopped):
                 await bench.during(going)
-        assert not pace.paused
+        assert not override.paused
         assert rig.mode is LoopMode.HOLD
 
     asyncio.run(check())
@@ -137,15 +137,15 @@ def test_a_stop_ends_a_pause_and_what_was_paused(bench: Bench, begun: bool) -> N
 
 def test_what_waited_in_a_pause_does_not_begin_after_an_estop_and_its_reset(bench: Bench) -> None:
     async def check() -> None:
-        rig, pace = bench.rig, bench.ownership.pace
-        await bench.during(pace.pause())
+        rig, override = bench.rig, bench.ownership.speed_override
+        await bench.during(override.pause())
         with bench.claim() as claim:
             going = asyncio.create_task(bench.go(claim))
             await bench.during(asyncio.sleep(0.01))
             bench.link.request_estop()
             rig.step(20)
             await bench.during(bench.link.reset(1.0))
-            await bench.during(pace.resume())
+            await bench.during(override.resume())
             with pytest.raises(ExecutionError, match="a stop was requested meanwhile"):
                 await bench.during(going)
         assert rig.mode is LoopMode.HOLD
@@ -156,12 +156,12 @@ def test_what_waited_in_a_pause_does_not_begin_after_an_estop_and_its_reset(benc
 
 def test_the_time_of_a_pause_does_not_count(bench: Bench) -> None:
     async def check() -> None:
-        pace, caller = bench.ownership.pace, bench.caller(0.15)
+        override, caller = bench.ownership.speed_override, bench.caller(0.15)
         with bench.ownership.claim(caller) as claim, watching(claim, caller):
-            await bench.during(pace.pause())
+            await bench.during(override.pause())
             await bench.during(asyncio.sleep(0.3))
             assert claim.interruption is None
-            await bench.during(pace.resume())
+            await bench.during(override.resume())
             await bench.during(asyncio.wait_for(claim.interrupted.wait(), 30.0))
             assert isinstance(claim.interruption, MotionTimeout)
 
@@ -170,25 +170,25 @@ def test_the_time_of_a_pause_does_not_count(bench: Bench) -> None:
 
 def test_a_fraction_of_the_speed_counts_for_motions_that_begin_later(bench: Bench) -> None:
     async def check() -> None:
-        rig, pace = bench.rig, bench.ownership.pace
-        await bench.during(pace.set_fraction(0.25))
+        rig, override = bench.rig, bench.ownership.speed_override
+        await bench.during(override.set_fraction(0.25))
         with bench.claim() as claim:
             await bench.during(bench.motion.start(claim, bench.trajectory))
             rig.step(500)
             before = rig.path_times[-1]
             rig.step(100)
             assert rig.path_times[-1] - before == pytest.approx(0.025, rel=1e-6)
-            await bench.during(pace.pause())
-            await bench.during(pace.resume())
+            await bench.during(override.pause())
+            await bench.during(override.resume())
             rig.step(500)
             before = rig.path_times[-1]
             rig.step(100)
             assert rig.path_times[-1] - before == pytest.approx(0.025, rel=1e-6)
-            await bench.during(pace.set_fraction(1.0))
+            await bench.during(override.set_fraction(1.0))
             await bench.during(bench.motion.arrival(claim))
         for fraction in (0.0, 1.1):
             with pytest.raises(LimitError, match=r"from 0\.01 to 1"):
-                await pace.set_fraction(fraction)
+                await override.set_fraction(fraction)
 
     asyncio.run(check())
 
@@ -198,7 +198,7 @@ def test_a_stream_cannot_be_paused(bench: Bench) -> None:
         assert bench.rig.stream() == ""
         bench.rig.step(50)
         with pytest.raises(ConflictError, match="no path to pause on"):
-            await bench.ownership.pace.pause()
-        assert not bench.ownership.pace.paused
+            await bench.ownership.speed_override.pause()
+        assert not bench.ownership.speed_override.paused
 
     asyncio.run(check())

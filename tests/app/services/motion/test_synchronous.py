@@ -154,15 +154,15 @@ def test_a_segment_that_waits_is_forgotten_when_the_synchronous_motion_is_ended(
 
 def test_nobody_goes_ahead_while_one_of_them_is_paused(pair: Pair) -> None:
     async def live() -> None:
-        pace = pair.sync.robots[LEFT].ownership.pace
-        await pair.done(pace.pause())
+        override = pair.sync.robots[LEFT].ownership.speed_override
+        await pair.done(override.pause())
         targets = pair.sync.targets((LEFT, RIGHT), pair.away + pair.away, 2.0, 1.0)
         moving = asyncio.ensure_future(pair.sync.move(targets))
         await pair.done(asyncio.sleep(1.0))
         with pytest.raises(ConflictError):
             pair.sync.robots[RIGHT].ownership.require_free(None)  # it is planned, or will be
         assert not pair.moved(RIGHT)
-        await pair.done(pace.resume())
+        await pair.done(override.resume())
         await pair.until(moving.done)
         moving.result()
         await pair.done(pair.sync.wait((LEFT, RIGHT)))
@@ -173,7 +173,7 @@ def test_nobody_goes_ahead_while_one_of_them_is_paused(pair: Pair) -> None:
 
 def test_a_robot_at_half_its_speed_has_the_other_one_take_twice_as_long(pair: Pair) -> None:
     async def live() -> None:
-        await pair.done(pair.sync.robots[LEFT].ownership.pace.set_fraction(0.5))
+        await pair.done(pair.sync.robots[LEFT].ownership.speed_override.set_fraction(0.5))
         targets = pair.sync.targets((LEFT, RIGHT), pair.away + pair.away, 2.0, 1.0)
         await pair.done(pair.sync.move(targets))
         await pair.done(pair.sync.wait((LEFT, RIGHT)))
@@ -186,18 +186,18 @@ def test_a_robot_at_half_its_speed_has_the_other_one_take_twice_as_long(pair: Pa
 
 def test_a_pause_of_one_during_the_motion_is_one_of_both(pair: Pair) -> None:
     async def live() -> None:
-        pace = pair.sync.robots[LEFT].ownership.pace
+        override = pair.sync.robots[LEFT].ownership.speed_override
         targets = pair.sync.targets((LEFT, RIGHT), pair.away + pair.away, 1.0, 0.3)
         await pair.done(pair.sync.move(targets))
         await pair.until(lambda: pair.moved(RIGHT))
         with pytest.raises(ConflictError, match="keeps the speed"):
-            await pace.set_fraction(0.5)
-        await pair.done(pace.pause())
+            await override.set_fraction(0.5)
+        await pair.done(override.pause())
         at = [rig.commanded[-1].copy() for rig in pair.rigs.values()]
         await pair.done(asyncio.sleep(0.2))
         np.testing.assert_array_equal([rig.commanded[-1] for rig in pair.rigs.values()], at)
         assert np.abs(at[1] - np.array(pair.away)).max() > 0.05  # on its way
-        await pair.done(pace.resume())
+        await pair.done(override.resume())
         await pair.done(pair.sync.wait((LEFT, RIGHT)))
         for rig in pair.rigs.values():
             np.testing.assert_allclose(rig.commanded[-1], pair.away, atol=1e-6)

@@ -7,123 +7,24 @@ clock; pinocchio's forward kinematics for Cartesian points.
 from __future__ import annotations
 
 import asyncio
-import json
-from collections.abc import AsyncIterator, Callable, Coroutine
-from contextlib import asynccontextmanager
-from typing import Any
 
 import numpy as np
 import pytest
 from rig import Rig
 from second_opinion import second_robot
+from servo_bench import Bench, Run, runner
 
-from app.actions.servo_action import DEFINITION, FEEDBACK, RESULT, ServoModeAction
-from app.graph.actions import GoalStatus, Rejected
-from app.services.motion.execution import MotionService
-from app.services.motion.ownership import Caller, Ownership
-from app.services.motion.planning import PlanningService
-from app.services.motion.stopping import StopService
-from app.services.motion.tool_and_limits import RobotSettings
-from app.services.programs.sequences import SequenceService
-from app.services.state.link import RobotLink
-from app.services.streaming.force import ForceService
-from app.services.streaming.servo import ServoService
-from app.services.streaming.sessions import StreamService
+from app.services.motion.ownership import Caller
 from cobot.config import Settings
 from cobot.errors import ConflictError, InputError, LimitError, UnreachableError
 from cobot.robot.description import RobotDescription
 from cobot.robot.frames import abc_from_quaternion
 from cobot.types import Array, LoopMode
 
-SESSION = 1_700_000_000_123_456_789
-
-
-class Bench:
-    """A service beside a cycle that goes on while something is awaited, one cycle per turn of the loop."""
-
-    def __init__(self, rig: Rig, robot: RobotDescription, settings: Settings, link: RobotLink) -> None:
-        self.rig, self.link = rig, link
-        self.ownership = Ownership(link)
-        self.planning = PlanningService(None, 1)
-        motion = MotionService(robot, link, self.ownership, self.planning, settings.planning)
-        self.streams = StreamService(link, self.ownership, motion, 0.5)
-        info = self.streams.info
-        info["stiffness"], info["cartesian_stiffness"] = 500.0, [3000.0] * 3 + [200.0] * 3
-        info["min_position"], info["max_position"] = rig.limits.min_position, rig.limits.max_position
-        sequences = SequenceService(self.ownership, link, settings.sequences, "http://127.0.0.1:1", 1.0)
-        self.stopping = StopService(link, self.ownership, sequences)
-        self.force = ForceService(robot, link, self.streams, self.stopping, lambda text: None)
-        self.servo = ServoService(robot, link, self.streams, self.force, RobotSettings(robot))
-        self._point_id = 0
-
-    def set_mode(self, mode: int, **fields: Any) -> None:
-        values = {"mode": mode, "watchdog_timeout": 0.5, "send_period": 0.01, **fields}
-        self._point_id = 0
-        self.send(type="servo_control", command="set_mode", **values)
-
-    def stop(self) -> None:
-        self.send(type="servo_control", command="stop")
-
-    def point(self, position: Any, **fields: Any) -> None:
-        self._point_id += 1
-        values = {"session_id": SESSION, "point_id": self._point_id, "time": 0.01, **fields}
-        self.send(type="servo_point", position=[float(value) for value in position], **values)
-
-    def send(self, **fields: Any) -> None:
-        self.servo.receive(json.dumps(fields))
-
-    async def cycles(self, count: int) -> None:
-        for _ in range(count):
-            self.rig.step()
-            await asyncio.sleep(0)
-
-    async def until(self, condition: Callable[[], object], cycles: int = 20_000) -> None:
-        for _ in range(cycles):
-            if condition():
-                return
-            self.rig.step()
-            await asyncio.sleep(0.0002)
-        raise AssertionError(f"has not happened: {self.servo.feedback()}")
-
-    async def active(self) -> None:
-        await self.until(lambda: self.servo.feedback()["state"] == "active")
-
-    async def idle(self) -> None:
-        await self.until(lambda: self.servo.feedback()["state"] == "idle" and self.rig.mode is LoopMode.HOLD)
-
-    async def done(self, work: Coroutine[Any, Any, Any]) -> Any:
-        """The result of something that needs the cycle."""
-        task = asyncio.ensure_future(work)
-        await self.until(task.done)
-        return task.result()
-
 
 @pytest.fixture
-def run(rig: Rig, robot: RobotDescription, settings: Settings) -> Callable[[Callable[[Bench], Any]], None]:
-    """Runs a test's coroutine function with a bench."""
-
-    @asynccontextmanager
-    async def bench() -> AsyncIterator[Bench]:
-        rig.step(30)
-        link = RobotLink(rig.memory.path.name.removeprefix("cobot-"), 60.0)
-        made = Bench(rig, robot, settings, link)
-        yield made
-        made.servo.close()
-        made.streams.close()
-        made.planning.close()
-        link.close()
-
-    def runs(test: Callable[[Bench], Any]) -> None:
-        async def live() -> None:
-            async with bench() as made:
-                await test(made)
-
-        asyncio.run(live())
-
-    return runs
-
-
-Run = Callable[[Callable[[Bench], Any]], None]
+def run(rig: Rig, robot: RobotDescription, settings: Settings) -> Run:
+    return runner(rig, robot, settings)
 
 
 @pytest.mark.parametrize("mode", range(1, 8))
@@ -436,101 +337,5 @@ def test_fjt_control_is_kept_for_the_action(run: Run) -> None:
         bench.send(type="fjt_control", enable=True, fjt_mode=5, fjt_time=0.01)
         fjt = bench.servo.rules.fjt
         assert (fjt.enable, fjt.mode, fjt.time_s, fjt.send_period_s) == (True, 5, 0.01, None)
-
-    run(test)
-
-
-class Handle:
-    """What an action sees of its goal."""
-
-    def __init__(self) -> None:
-        self.goal_id = "0" * 32
-        self.cancel_requested = asyncio.Event()
-        self.status = GoalStatus.UNKNOWN
-        self.accepted = False
-        self.told: list[dict[str, Any]] = []
-
-    def accept(self) -> None:
-        self.accepted = True
-
-    def feedback(self, values: dict[str, Any]) -> None:
-        self.told.append(values)
-
-
-GOAL = {"mode": 3, "watchdog_timeout": 0.3, "send_period": 0.01}
-
-
-def test_the_actions_messages_have_the_fields_of_its_definition() -> None:
-    goal, result, feedback = (
-        {line.split("#")[0].split()[1] for line in part.splitlines() if line.split("#")[0].strip()}
-        for part in DEFINITION.split("---")
-    )
-    assert goal == set(GOAL)
-    assert result == {*RESULT, "code", "message", "refused"}
-    assert feedback == set(FEEDBACK)
-
-
-def test_the_action_holds_a_session_open_until_it_is_cancelled(run: Run) -> None:
-    async def test(bench: Bench) -> None:
-        action, handle = ServoModeAction("iiwa", bench.servo), Handle()
-        assert action.name == "/iiwa/servo_mode"
-        task = asyncio.ensure_future(action.execute(GOAL, handle))  # type: ignore[arg-type]
-        await bench.active()
-        for number in range(30):
-            bench.point(bench.rig.home + 1e-4 * number)
-            await bench.cycles(10)
-        bench.point(bench.rig.home[:3])
-        await bench.until(lambda: handle.told and handle.told[-1]["points_refused"] == 1)
-        handle.cancel_requested.set()
-        await bench.until(task.done)
-        result = task.result()
-        assert handle.accepted
-        assert handle.status is GoalStatus.CANCELED
-        assert (result["code"], result["message"]) == (0, "the goal was cancelled")
-        assert (result["points_accepted"], result["points_refused"]) == (30, 1)
-        assert json.loads(result["refused"]) == {"dimension": 1}
-        assert bench.rig.mode is LoopMode.HOLD
-        assert handle.told[-1].keys() == set(FEEDBACK)
-
-    run(test)
-
-
-def test_the_action_is_refused_when_the_session_cannot_begin(run: Run) -> None:
-    async def test(bench: Bench) -> None:
-        action = ServoModeAction("iiwa", bench.servo)
-        with pytest.raises(Rejected, match="from 1 to 7"):
-            await action.execute({**GOAL, "mode": 0}, Handle())  # type: ignore[arg-type]
-        with pytest.raises(InputError, match="from 0 to 7"):
-            await action.execute({**GOAL, "mode": 12}, Handle())  # type: ignore[arg-type]
-        bench.set_mode(1)
-        await bench.active()
-        with pytest.raises(Rejected, match="under way"):
-            await action.execute(GOAL, Handle())  # type: ignore[arg-type]
-
-    run(test)
-
-
-@pytest.mark.parametrize(
-    ("how", "status", "code", "message"),
-    [
-        ("stop", GoalStatus.SUCCEEDED, 0, "stopped by servo_control"),
-        ("watchdog", GoalStatus.ABORTED, 1, "servo watchdog: no point for 0.3 s"),
-        ("estop", GoalStatus.ABORTED, 1, "e-stop requested"),
-    ],
-)
-def test_the_action_says_how_its_session_has_ended(
-    run: Run, how: str, status: GoalStatus, code: int, message: str
-) -> None:
-    async def test(bench: Bench) -> None:
-        handle = Handle()
-        work = ServoModeAction("iiwa", bench.servo).execute(GOAL, handle)  # type: ignore[arg-type]
-        task = asyncio.ensure_future(work)
-        await bench.active()
-        if how == "stop":
-            bench.stop()
-        elif how == "estop":
-            bench.rig.request("estops")
-        await bench.until(task.done)
-        assert (handle.status, task.result()["code"], task.result()["message"]) == (status, code, message)
 
     run(test)

@@ -1,0 +1,154 @@
+"""Motions of several robots that begin together, last equally long and stop together."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from app.services.motion.ownership import Caller, Claim
+from app.services.motion.speed_override import SpeedOverride
+from cobot.errors import CobotError, MotionStopped
+from cobot.planners.rated import RatedMove
+from cobot.trajectory import Trajectory
+from cobot.types import Array, PlannerName
+
+if TYPE_CHECKING:
+    from app.robot_services import Services
+
+NAME = "a synchronous motion"
+PLANNING_TIMEOUT_S = 10.0
+
+log = logging.getLogger("cobot.sync")
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """Where a robot goes, rad, and how fast its fastest joint may be: rad/s, rad/s².
+
+    Attributes:
+        stops: `RobotLink.stops` of this robot when it was asked for: a later stop is for it too.
+    """
+
+    joints: Array
+    velocity: float
+    acceleration: float
+    stops: int
+
+
+class EqualMotions:
+    """Plans such motions, starts them and sees them to their end.
+
+    Args:
+        robots: by name; read when a motion is asked for.
+    """
+
+    def __init__(self, robots: dict[str, Services]) -> None:
+        self._robots = robots
+        self._following: dict[str, asyncio.Task[None]] = {}
+
+    async def wait(self, robots: tuple[str, ...]) -> None:
+        """Until no synchronous motion moves any of them."""
+        tasks = {self._following[name] for name in robots if name in self._following}
+        if tasks:
+            await asyncio.wait(tasks)
+
+    async def move(self, targets: dict[str, Target]) -> None:
+        """Start a motion of several robots, each as long as the slowest one's; returns when all have begun.
+
+        Raises:
+            ConflictError, NotReadyError, UnavailableError: a robot cannot move; none has moved.
+            PlanningError: a robot finds no way; none has moved.
+            ExecutionError: one was refused or stopped; all are brought to rest.
+        """
+        for name, target in targets.items():
+            if self._robots[name].link.stops != target.stops:
+                raise MotionStopped(f"{name} was stopped after its part of the motion was asked for")
+        with contextlib.ExitStack() as stack:
+            claims = {
+                name: stack.enter_context(self._robots[name].ownership.claim(self._caller(name)))
+                for name in targets
+            }
+            ways = await self._ways(targets, claims)
+            moving = {name: claims[name] for name in ways}
+            starts = [self._robots[name].motion.start(claims[name], way) for name, way in ways.items()]
+            stack.enter_context(_in_step([claim.speed_override for claim in moving.values()]))
+            begun = await asyncio.gather(*starts, return_exceptions=True)
+            failed = next((each for each in begun if isinstance(each, BaseException)), None)
+            if failed is not None:
+                _stop(moving, failed)
+            task = asyncio.create_task(self._follow(moving, stack.pop_all()))
+            for name in targets:
+                self._following[name] = task
+        if failed is not None:
+            await task
+            raise failed
+
+    def close(self) -> None:
+        for task in self._following.values():
+            task.cancel()
+
+    async def _ways(self, targets: dict[str, Target], claims: dict[str, Claim]) -> dict[str, Trajectory]:
+        """Of the robots that are not there yet: planned at once, and stretched to the slowest one's."""
+        planned = await asyncio.gather(
+            *(self._plan(name, targets[name], claim) for name, claim in claims.items())
+        )
+        ways = {name: way for name, way in zip(targets, planned, strict=True) if way is not None}
+        while paused := [claim for claim in claims.values() if claim.speed_override.paused]:
+            # Nobody goes ahead.
+            await paused[0].unless_interrupted(paused[0].speed_override.opened.wait())
+        fractions = {name: claims[name].speed_override.fraction for name in ways}
+        takes_s = {name: way.duration_s / fractions[name] for name, way in ways.items()}
+        longest_s = max(takes_s.values(), default=0.0)
+        return {name: way.stretched(longest_s / takes_s[name]) for name, way in ways.items()}
+
+    def _caller(self, name: str) -> Caller:
+        return Caller(NAME, None, self._robots[name].ownership.stops, math.inf, asyncio.Event())
+
+    async def _plan(self, name: str, target: Target, claim: Claim) -> Trajectory | None:
+        services = self._robots[name]
+        state = await services.motion.ready()
+        move = RatedMove(
+            start=state.commanded_position,
+            goal=target.joints,
+            planner=PlannerName.PTP,
+            velocity=target.velocity,
+            acceleration=target.acceleration,
+            envelope=services.settings.envelope,
+        )
+        return await services.motion.plan(claim, move, PLANNING_TIMEOUT_S)
+
+    async def _follow(self, claims: dict[str, Claim], belongings: contextlib.ExitStack) -> None:
+        """See all to their end; one that does not arrive stops the others."""
+
+        async def arrive(name: str, claim: Claim) -> None:
+            try:
+                if claim.motion_id is not None:
+                    await self._robots[name].motion.arrival(claim)
+            except CobotError as exc:
+                log.warning("%s: %s", name, exc)
+                _stop({other: each for other, each in claims.items() if other != name}, exc)
+
+        with belongings:
+            await asyncio.gather(*(arrive(name, claim) for name, claim in claims.items()))
+
+
+@contextlib.contextmanager
+def _in_step(overrides: list[SpeedOverride]) -> Iterator[None]:
+    """None of them pauses alone while the context lasts."""
+    for override in overrides:
+        override.others = tuple(other for other in overrides if other is not override)
+    try:
+        yield
+    finally:
+        for override in overrides:
+            override.others = ()
+
+
+def _stop(claims: dict[str, Claim], cause: BaseException) -> None:
+    for claim in claims.values():
+        claim.interrupt(MotionStopped(f"another robot of the synchronous motion has stopped: {cause}"))

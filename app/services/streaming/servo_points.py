@@ -1,0 +1,135 @@
+"""Servo points on their way to rtloop: inverse kinematics, and the wait for a session that is to begin."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+
+from app.services.motion.tool_and_limits import RobotSettings
+from app.services.state.link import RobotLink
+from app.services.streaming.servo_wrench import ServoWrench
+from app.services.streaming.sessions import Session
+from cobot.errors import CobotError
+from cobot.ipc.layout import POINTS
+from cobot.ipc.stream_writer import PointWriter
+from cobot.robot.description import RobotDescription
+from cobot.robot.frames import pose_from_abc
+from cobot.robot.inverse_kinematics import continued
+from cobot.servo.fields import BrokenRule, Refusal
+from cobot.servo.protocol import Point, ServoRules
+from cobot.types import Array
+
+FAILURE_COST = 4.0
+"""After inverse kinematics that have failed, none is tried for so many times as long as that took: a stream
+of points out of reach must not keep the service busy."""
+
+
+class PointInverse:
+    """Joint angles of points, each the nearest to those of the point before."""
+
+    def __init__(self, robot: RobotDescription, link: RobotLink, settings: RobotSettings) -> None:
+        self._robot = robot
+        self._link = link
+        self._settings = settings
+        self._before: Array | None = None
+        self._not_before_s = 0.0
+
+    def restart(self) -> None:
+        """The next point is the first one: it continues from where the arm is commanded to be."""
+        self._before = None
+
+    def accept(self, joints: Sequence[float]) -> None:
+        """A point has become a target: the next one continues from it. rad, shape (dof,)."""
+        self._before = np.array(joints)
+
+    def joints(self, point: Point) -> Sequence[float]:
+        """rad, shape (dof,).
+
+        Raises:
+            BrokenRule: out of reach, or not tried.
+        """
+        if not point.cartesian:
+            return point.position
+        begun_s = self._link.clock.now_s()
+        if begun_s < self._not_before_s:
+            raise BrokenRule(
+                Refusal.INVERSE_KINEMATICS, "not tried: the inverse kinematics of the point before has failed"
+            )
+        x, y, z, rx, ry, rz = point.position
+        try:
+            near = self._link.state().commanded_position if self._before is None else self._before
+            pose = self._settings.tcp(pose_from_abc(x, y, z, rz, ry, rx))
+            joints: list[float] = continued(self._robot.model, pose, near).tolist()
+            return joints
+        except CobotError as exc:
+            now_s = self._link.clock.now_s()
+            self._not_before_s = now_s + FAILURE_COST * (now_s - begun_s)
+            raise BrokenRule(Refusal.INVERSE_KINEMATICS, str(exc)) from None
+
+
+class ServoPoints:
+    """Takes points, keeps those that come before their session has begun, and counts what is refused."""
+
+    def __init__(
+        self, link: RobotLink, rules: ServoRules, inverse: PointInverse, wrench: ServoWrench
+    ) -> None:
+        self._rules = rules
+        self._inverse = inverse
+        self._wrench = wrench
+        self._writer = PointWriter(link.memory)
+        self._waiting: deque[tuple[Sequence[float], Point]] = deque()
+
+    @property
+    def waiting(self) -> int:
+        """How many points wait for the session to begin."""
+        return len(self._waiting)
+
+    def drop(self) -> int:
+        """Forget the points that wait; returns how many there were."""
+        dropped = len(self._waiting)
+        self._waiting.clear()
+        return dropped
+
+    def begin(self, session: Session) -> None:
+        """A session has begun: it gets the points that have waited for it."""
+        self._writer.begin(session.number)
+        self._wrench.begin(session)
+        while self._waiting:
+            self._pass_on(*self._waiting.popleft(), session)
+
+    def take(self, point: Point, session: Session | None) -> None:
+        """Pass a point on to the session, or have it wait for one.
+
+        Raises:
+            BrokenRule: it is refused, and counted.
+        """
+        try:
+            if session is not None and session.over:
+                raise BrokenRule(Refusal.NOT_ACTIVE, f"the servo session is over: {session.over}")
+            joints = self._inverse.joints(point)
+            if session is None:
+                if len(self._waiting) >= POINTS:
+                    raise BrokenRule(Refusal.OVERRUN, f"{POINTS} points wait for the session to begin")
+                self._waiting.append((joints, point))
+            else:
+                self._put(joints, point, session)
+        except BrokenRule as exc:
+            self._rules.refuse(exc.kind, str(exc))
+            raise
+        self._inverse.accept(joints)
+        self._rules.accept(point)
+
+    def _pass_on(self, joints: Sequence[float], point: Point, session: Session) -> None:
+        """A point that has waited, and was accepted."""
+        try:
+            self._put(joints, point, session)
+        except BrokenRule as exc:
+            self._rules.accepted -= 1
+            self._rules.refuse(exc.kind, str(exc))
+
+    def _put(self, joints: Sequence[float], point: Point, session: Session) -> None:
+        self._wrench.update(session)
+        if not self._writer.put(joints, point.time_s, point.lookahead_s, point.gain):
+            raise BrokenRule(Refusal.OVERRUN, f"the buffer is full: {POINTS} points wait in it")

@@ -1,0 +1,212 @@
+"""The life of servo sessions: each begins after the one before has come to rest, and ends for one reason."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from dataclasses import replace
+
+import numpy as np
+
+from app.services.state.link import RobotLink
+from app.services.streaming.force import ForceService, ForceSettings
+from app.services.streaming.servo_points import PointInverse, ServoPoints
+from app.services.streaming.sessions import Session, StreamService
+from cobot.errors import CobotError, ConflictError
+from cobot.ipc.layout import Interpolation, ServoMode, Stream
+from cobot.ipc.session_rules import nominal_session
+from cobot.servo.fields import Refusal
+from cobot.servo.protocol import ServoRules, SetMode
+
+NAME = "a servo session"
+OPEN_TIMEOUT_S = 2.0
+PATIENCE_S = 0.5
+"""How long a session waits for a motion that has just arrived to let go of the arm."""
+RETRY_S = 0.02
+FORCE_MODES = (ServoMode.REPLANNED_FORCE, ServoMode.THROUGH_FORCE)
+
+log = logging.getLogger("cobot.servo")
+
+
+class ServoSessions:
+    """One robot's servo sessions, one at a time. Each request for one is a generation of its own.
+
+    Attributes:
+        generation: the number of what was asked for last.
+        reason: why the last session has ended, or could not begin; "" while one is under way.
+    """
+
+    def __init__(
+        self,
+        link: RobotLink,
+        streams: StreamService,
+        force: ForceService,
+        rules: ServoRules,
+        points: ServoPoints,
+        inverse: PointInverse,
+    ) -> None:
+        self.generation = 0
+        self.reason = ""
+        self._link = link
+        self._streams = streams
+        self._force = force
+        self._rules = rules
+        self._points = points
+        self._inverse = inverse
+        self._session: Session | None = None  # rtloop's, until the arm rests
+        self._belongs_to = 0  # the generation that it was begun for
+        self._task: asyncio.Task[None] | None = None
+        self._followers: set[asyncio.Task[None]] = set()
+
+    @property
+    def current(self) -> Session | None:
+        """The session that was asked for last, once it has begun; not one that comes to its end."""
+        return self._session if self._belongs_to == self.generation else None
+
+    @property
+    def phase(self) -> str:
+        """In a word, as the feedback has it."""
+        if not self._rules.active:
+            return "idle" if self._session is None else "closing"
+        return "opening" if self.current is None else "active"
+
+    def request(self, request: SetMode, stops: int | None = None, owner: str = "") -> asyncio.Task[None]:
+        """Leave the session, and begin another unless that is mode 0; the task is done when it has begun.
+
+        Args:
+            stops: `RobotLink.stops` when it was asked for; None for now.
+            owner: who alone sends its points; "" for anybody.
+        """
+        before, session = self._task, self._session
+        ends = request.mode is ServoMode.NONE
+        self.leave("ended by mode 0" if ends else "another session was asked for")
+        if not ends:
+            self._rules.begin(request, owner)
+            self.reason = ""
+        stops = self._link.stops if stops is None else stops
+        work = self._open(request, self.generation, stops, before, session)
+        self._task = asyncio.create_task(work, name="servo session")
+        self._task.add_done_callback(_seen)
+        return self._task
+
+    def leave(self, reason: str, *, at_once: bool = True) -> None:
+        """No points are taken any more, and the arm comes to rest: at once, or after the points it has."""
+        self.generation += 1
+        self._points.drop()
+        if self._rules.active:
+            self.reason = reason
+        self._rules.end()
+        if self._session is not None and at_once:
+            self._session.end(reason)
+        elif self._session is not None:
+            self._session.finish(reason)
+
+    async def end(self, reason: str) -> None:
+        """End the session; returns when the arm rests."""
+        session = self._session
+        self.leave(reason)
+        if self._task is not None:
+            await asyncio.wait({self._task})
+        if session is not None:
+            await asyncio.shield(session.ended)
+
+    def close(self) -> None:
+        """Let go; rtloop ends the session with this process."""
+        for task in (self._task, *self._followers):
+            if task is not None:
+                task.cancel()
+
+    async def _open(
+        self,
+        request: SetMode,
+        generation: int,
+        stops: int,
+        before: asyncio.Task[None] | None,
+        last: Session | None,
+    ) -> None:
+        if before is not None:
+            await asyncio.wait({before})
+        last = self._session or last
+        if last is not None:
+            await asyncio.shield(last.ended)
+        if request.mode is ServoMode.NONE or generation != self.generation:
+            return
+        try:
+            session = await self._begun(request, stops)
+        except CobotError as exc:
+            if generation == self.generation:
+                self._fail(str(exc))
+            log.warning("%sservo mode %d was refused: %s", self._link.label, request.mode, exc)
+            raise
+        follower = asyncio.create_task(self._follow(session, generation, request.mode))
+        self._followers.add(follower)
+        follower.add_done_callback(self._followers.discard)
+        self._session, self._belongs_to = session, generation
+        if generation != self.generation:
+            session.end("another session was asked for, or none")
+            raise ConflictError("the servo session was ended while it began")
+        self._points.begin(session)
+
+    async def _begun(self, request: SetMode, stops: int) -> Session:
+        """Ask rtloop, which refuses what a stop has overtaken; who is about to let go is waited for."""
+        deadline_s = self._link.clock.now_s() + PATIENCE_S
+        if request.mode in FORCE_MODES:
+            await self._force.lend()
+        try:
+            while True:
+                self._inverse.restart()
+                try:
+                    asked = session_request(request, self._streams.info, self._force.settings)
+                    return await self._streams.open(asked, NAME, OPEN_TIMEOUT_S, stops)
+                except ConflictError:
+                    if self._link.clock.now_s() > deadline_s:
+                        raise
+                await asyncio.sleep(RETRY_S)
+        except CobotError:
+            with contextlib.suppress(CobotError):
+                await self._force.take_back()
+            raise
+
+    def _fail(self, reason: str) -> None:
+        """The session could not begin: what has waited for it is refused."""
+        self.reason = reason
+        self._rules.end()
+        lost = self._points.drop()
+        self._rules.accepted -= lost
+        self._rules.refuse(Refusal.REJECTED, reason, 1 + lost)
+
+    async def _follow(self, session: Session, generation: int, mode: ServoMode) -> None:
+        reason = await asyncio.shield(session.ended)
+        if self._session is session:
+            self._session = None
+        if generation == self.generation:
+            self._rules.end()
+            self.reason = reason
+        log.info("%sservo mode %d has ended: %s", self._link.label, mode, reason)
+        if not self._rules.active:  # nobody has asked for another session
+            with contextlib.suppress(CobotError):
+                await self._force.take_back()
+
+
+def session_request(request: SetMode, info: np.ndarray, force: ForceSettings) -> np.ndarray:
+    """What rtloop is asked for: a record of `cobot.ipc.layout.session_dtype`.
+
+    Args:
+        info: of `cobot.ipc.layout.info_dtype`.
+        force: served by the modes with force control, while it is enabled.
+    """
+    asked = nominal_session(info)
+    asked["servo_mode"], asked["watchdog_s"] = request.mode, request.watchdog_s
+    asked["interpolation"], asked["decimation"] = Interpolation.NONE, 1
+    asked["stream"] = Stream.JOINT_IMPEDANCE
+    if request.mode in FORCE_MODES:
+        asked["stream"] = Stream.CARTESIAN
+        (force if force.enabled else replace(force, axes=(False,) * 6)).describe(asked)
+    return asked
+
+
+def _seen(task: asyncio.Task[None]) -> None:
+    """Its error was told already."""
+    if not task.cancelled():
+        task.exception()

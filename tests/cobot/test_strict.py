@@ -1,0 +1,56 @@
+"""Sentences about what others have written. Oracle: the sentences as they are documented, written by hand."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from pydantic import ValidationError
+
+from cobot.strict import SHOWN_CHARACTERS, StrictModel, sentences, shown, unknown_key, without_repetition
+
+
+class Target(StrictModel):
+    x: float
+    name: str = ""
+
+
+class Document(StrictModel):
+    targets: list[Target]
+
+
+def mistake(content: object) -> str:
+    with pytest.raises(ValidationError) as caught:
+        Document.model_validate(content)
+    return sentences(caught.value.errors())
+
+
+def test_the_place_the_reason_and_the_value_are_named() -> None:
+    assert mistake({"targets": [{"x": "1"}]}) == "targets[0].x: input should be a valid number, got '1'"
+    assert mistake({"targets": [{"x": 1.0}, {}]}) == "targets[1].x: is missing"
+    assert mistake({}) == "targets: is missing"
+
+
+def test_an_unknown_key_names_the_one_that_may_have_been_meant_and_the_valid_ones() -> None:
+    assert mistake({"targets": [{"x": 1.0, "nam": ""}]}) == (
+        "targets[0]: unknown key 'nam' (did you mean 'name'?); valid are: x, name"
+    )
+    assert unknown_key("zzz", ["x", "name"]) == "unknown key 'zzz'; valid are: x, name"
+
+
+def test_of_many_mistakes_the_first_are_told_and_the_others_counted() -> None:
+    text = mistake({"targets": [{"x": None} for _ in range(25)]})
+    assert text.count("; ") == 10
+    assert text.endswith("and 15 more")
+
+
+def test_a_value_is_shown_in_a_readable_length() -> None:
+    assert shown("é") == "'é'"
+    for value in ("x" * 10**6, list(range(10**6)), {n: n for n in range(10**5)}, 10**4000):
+        assert len(shown(value)) <= SHOWN_CHARACTERS + 3
+
+
+def test_a_key_may_not_stand_twice() -> None:
+    assert json.loads('{"a": {"a": 1}}', object_pairs_hook=without_repetition) == {"a": {"a": 1}}
+    with pytest.raises(ValueError, match="the key 'a' stands twice in one object"):
+        json.loads('{"a": 1, "b": 2, "a": 3}', object_pairs_hook=without_repetition)
