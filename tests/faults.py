@@ -89,11 +89,18 @@ class Record:
             self._reason = reason
             self.reasons.add(text(state["reason"]))
             self._writing_fails = reason.startswith(b"writing to")
+        mode, measured = LoopMode(int(state["mode"])), state["position"] if truth is None else truth
+        self.note(cycle, mode, state["commanded_position"], measured, int(state["session"]), start)
+
+    def note(
+        self, cycle: int, mode: LoopMode, commanded: Array, measured: Array, session: int, start: int = 0
+    ) -> None:
+        """What a cycle did, from who knows it from elsewhere than the state block."""
         self.cycles.append(cycle)
-        self.modes.append(LoopMode(int(state["mode"])))
-        self.commanded.append(state["commanded_position"].copy())
-        self.measured.append((state["position"] if truth is None else truth).copy())
-        self._sessions.append(int(state["session"]))
+        self.modes.append(mode)
+        self.commanded.append(commanded.copy())
+        self.measured.append(measured.copy())
+        self._sessions.append(session)
         self._starts.append(start)
         self._unwritten.append(self._writing_fails)
 
@@ -190,12 +197,17 @@ class Record:
 
 
 class WatchedRig(Rig):
-    """The simulated arm on the virtual clock; who asks and who looks has a mapping of its own."""
+    """An arm on the virtual clock, a simulated one; who asks and who looks has a mapping of its own."""
 
     def __init__(
-        self, settings: Settings, robot: RobotDescription, memory: RobotMemory | None = None
+        self,
+        settings: Settings,
+        robot: RobotDescription,
+        memory: RobotMemory | None = None,
+        *,
+        simulated: bool = True,
     ) -> None:
-        super().__init__(settings, robot, simulated=True, memory=memory)
+        super().__init__(settings, robot, simulated=simulated, memory=memory)
         self._own = self.memory
         self.memory = RobotMemory.attach(self._own.robot, Role.READER)
         for block in (self.memory.head, self.memory.requests, self.memory.session, self.memory.setpoint):

@@ -1,6 +1,6 @@
 """A writer of shared memory that goes wild, now and then or all the time, and readers that bear it.
 
-python -m shaken ROBOT write | read
+python -m shaken ROBOT write | pester | read
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from rtloop.inboxes.point_queue import PointQueue
 from rtloop.inboxes.stream import Inbox, StreamInbox
 
 READS = 100_000
+ASKS = ("requests", "stream_requests", "session", "head")
+"""What ends what the arm does, if it is right but for its content."""
 
 
 class Writer:
@@ -74,6 +76,22 @@ def write(memory: RobotMemory) -> None:
         memory.head.publish()
 
 
+def pester(memory: RobotMemory) -> None:
+    """Without end, but so that the arm may go on."""
+    random = np.random.default_rng(26)
+    writer, blocks = Writer(random), all_blocks(memory)
+    asks = [getattr(memory, name) for name in ASKS]
+    while True:
+        for index in random.permutation(len(blocks)):
+            block = blocks[index]
+            if any(block is each for each in asks):
+                block._shared[:] = random.bytes(len(block._shared))
+            else:
+                writer.scribble(block)
+        for slot in memory.slots:
+            slot.coefficients.data.cast("B")[:4096] = random.bytes(4096)
+
+
 def read(memory: RobotMemory) -> list[int]:
     """How many reads were accepted, and how many were not."""
     blocks = all_blocks(memory)
@@ -104,6 +122,6 @@ def read(memory: RobotMemory) -> list[int]:
 
 if __name__ == "__main__":
     robot_memory = RobotMemory.attach(sys.argv[1], Role.READER)
-    if sys.argv[2] == "write":
-        write(robot_memory)
+    if sys.argv[2] != "read":
+        {"write": write, "pester": pester}[sys.argv[2]](robot_memory)
     print(*read(robot_memory))

@@ -17,7 +17,7 @@ cdef class ClientWatch:
     def __init__(self):
         self.descriptor = -1
 
-    def begin(self, int pid):
+    def begin(self, pid):
         """Watch a process; "" or why it cannot be watched."""
         try:
             self.descriptor = os.pidfd_open(pid)

@@ -340,6 +340,9 @@ def test_poses_of_random_clients(robot: RobotDescription, force: bool) -> None:
         kind = Interpolation(int(random.integers(4)))
         command_s = float(random.choice([0.001, 0.01, 0.033]))
         command = moving(limits, random) * [[1.0], [random.integers(2) * 0.2], [0.0]]
+        if random.random() < 0.5:  # next to the limit of a joint
+            joint = random.integers(dof)
+            command[0, joint] = limits.max_position[joint] - 1e-5
         request = random_request(random, limits, command[0], force)
         parts = PoseInterpolator(kind, PERIOD_S, *WITHIN), PoseLimiter(PERIOD_S, TCP)
         one = cartesian_law.CartesianSource(
@@ -366,6 +369,7 @@ def test_poses_of_random_clients(robot: RobotDescription, force: bool) -> None:
             other.advance(external, wrench)
             assert other.move_running == one.move_running
             close(other.reference, one.reference, RATES * 10.0)
+            one.reference[0] = other.reference[0]  # along the force axes and in the null space, rounding adds up
             if random.random() < 0.05:
                 close(other.heading, one.heading, 10.0 * (1.0 + np.abs(one.heading).max()) * 1e3)
             followed = one.reference.copy()
@@ -392,12 +396,13 @@ def act_alike(
     events: dict[str, int],
 ) -> None:
     """Now and then begin a move, or cancel it, press, or go on from elsewhere."""
-    match int(random.integers(150)):
+    match int(random.integers(120)):
         case 0:
-            goal = stream.pose + random.normal(size=7) * random.choice([1e-3, 0.05]) * ([1.0] * 3 + [0.3] * 4)
+            step = random.choice([1e-8, 1e-4, 0.05])
+            goal = one._limiter.pose + step * random.normal(size=7) * ([1.0] * 3 + [0.3] * 4)
             goal[3:] /= np.linalg.norm(goal[3:])
-            spoilt(random, goal, 0.1)
-            duration_s = float(random.choice([0.01, 0.1, np.nan], p=[0.6, 0.3, 0.1]))
+            spoilt(random, goal, 0.05)
+            duration_s = float(random.choice([0.002, 0.1, np.nan], p=[0.7, 0.2, 0.1]))
             flaw = one.start_move(goal, duration_s)
             assert other.start_move(goal, duration_s) == flaw
             assert one.start_move(goal, duration_s) == other.start_move(goal, duration_s) == flaw
@@ -441,8 +446,11 @@ class Points:
 
     def announce(self) -> None:
         """A point whose writing takes its time."""
-        head = self._memory.point_head
-        head.data["session"], head.data["number"] = self._session, self._writer.number + 1
+        head, number = self._memory.point_head, self._writer.number + 1
+        place = self._memory.points[number % layout.POINTS]
+        place.data["number"] = 0
+        place.publish()
+        head.data["session"], head.data["number"] = self._session, number
         head.publish()
         self.plain.announced = 1
 
@@ -505,7 +513,7 @@ class Walk:
     def arrived(self) -> int:
         """How many points come in this cycle."""
         if self.random.random() < 0.005:
-            self.due -= float(self.random.choice([0.02, 0.1]))  # a gap
+            self.due -= float(self.random.choice([0.02, 0.1, 0.3]))  # a gap
         self.due += PERIOD_S * self.random.uniform(0.5, 1.5)
         count = min(max(int(self.due / self.time_s), 0), 12)
         self.due -= count * self.time_s
@@ -538,7 +546,8 @@ def test_servo_points_of_random_clients(robot: RobotDescription, points: Points,
         walk = Walk(random, limits, command[0])
         external, wrench = np.zeros(dof), np.zeros(6)
         for _ in range(400):
-            for _ in range(walk.arrived()):
+            late = points.plain.announced and random.random() < 0.2
+            for _ in range(max(walk.arrived(), int(late))):
                 points.put(walk.next())
             if random.random() < 0.02:
                 points.announce()
@@ -560,18 +569,19 @@ def test_servo_points_of_random_clients(robot: RobotDescription, points: Points,
                 close(found, expected, np.array([[1.0], [10.0], [1e3]]) * scale / RATES, PROFILED)
             else:
                 close(found, expected, scale * (10.0 if force else 1.0))
+                expected[0] = found[0]  # as rounding would add up along the force axes
             assert names_of(other) == names_of(one)
             followed = expected.copy()
             followed[0] += 0.5 * (random.random() < 0.01)
-            for source in (*sources, one, other) if force else sources:
+            for source in sources:
                 source.follow(followed)
             compared += dof
         counts += [one.taken, one.dropped, one.underruns]
     if SAMPLES >= 100_000:
         assert seen == {None, Intervention.NOT_FINITE}
         drops = mode in (ServoMode.DIRECT, ServoMode.BUFFERED, ServoMode.BUFFERED_1MS)
-        waits = drops and mode is not ServoMode.DIRECT or through
-        assert (counts > 0).tolist() == [True, drops, waits]
+        waits = mode in (ServoMode.BUFFERED, ServoMode.BUFFERED_1MS)
+        assert (counts > 0).tolist()[: 2 + waits] == [True, drops, True][: 2 + waits]
 
 
 def names_of(source: Any) -> tuple[int, int, int, int]:

@@ -350,3 +350,11 @@ def test_after_a_pause_the_next_target_is_measured_by_the_pause(stream: Rig) -> 
     stream.step(500)
     assert "JUMP" not in stream.counted()
     np.testing.assert_allclose(stream.commanded[-1], held + 0.06, atol=1e-6)
+
+
+@pytest.mark.parametrize("pid", [0, 2**31, 2**40, 2**64 - 1])
+def test_a_client_that_no_process_is_cannot_open_a_session(rig: Rig, pid: int) -> None:
+    assert f"process {pid}, cannot be watched" in rig.stream(pid=pid)
+    rig.step(10)
+    assert rig.mode is LoopMode.HOLD
+    assert rig.stream() == ""

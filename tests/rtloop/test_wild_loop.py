@@ -1,0 +1,46 @@
+"""Whatever bytes come into shared memory, the whole compiled cycle bears it, in every mode.
+
+Oracle: the exit status of the process that steps it (`wild`), and numpy's finite differences of all that was
+commanded, against joint_limits.yaml (`faults.Record`). After each thing that it did the arm is in HOLD again.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from wild import KINDS
+
+FOLDER = Path(__file__).parents[1]
+SHARE = float(os.environ.get("COBOT_SHARE_OF_SAMPLES", "1"))
+LIMIT_S = 280.0
+
+
+@pytest.mark.parametrize(
+    ("cycles", "seed", "writer", "backend"),
+    [
+        (90_000, 1, "between", "loopback"),
+        (80_000, 2, "between", "loopback"),
+        (15_000, 3, "between", "simulated"),
+        (20_000, 4, "beside", "loopback"),
+    ],
+)
+def test_no_bytes_crash_the_loop_or_lead_it_beyond_the_limits(
+    cycles: int, seed: int, writer: str, backend: str
+) -> None:
+    wanted = round(cycles * SHARE)
+    command = [sys.executable, "-m", "wild", str(wanted), str(seed), writer, backend]
+    result = subprocess.run(
+        command, cwd=FOLDER, capture_output=True, text=True, check=False, timeout=LIMIT_S
+    )
+    assert result.returncode == 0, (result.stdout + result.stderr)[-5000:]
+    seen, *violations = result.stdout.splitlines()
+    assert violations == []
+    stepped, kinds, modes = map(int, seen.split())
+    assert stepped >= wanted
+    if SHARE >= 1:
+        assert kinds == len(KINDS)
+        assert modes == 8, "each but what only a fault of the device leads to"
