@@ -136,7 +136,9 @@ class Stranger:
             place = int(random.integers(len(block.buffer)))
             block.buffer[place] ^= 1 << int(random.integers(8))
         elif field.ndim and field.dtype.kind == "f":
-            field.flat[random.integers(field.size)] = random.choice([np.nan, np.inf, 1e300, -1e-300, 0.3, 7.0])
+            field.flat[random.integers(field.size)] = random.choice(
+                [np.nan, np.inf, 1e300, -1e-300, 0.3, 7.0]
+            )
         block.publish()
 
 

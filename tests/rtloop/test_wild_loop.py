@@ -33,9 +33,7 @@ def test_no_bytes_crash_the_loop_or_lead_it_beyond_the_limits(
 ) -> None:
     wanted = round(cycles * SHARE)
     command = [sys.executable, "-m", "wild", str(wanted), str(seed), writer, backend]
-    result = subprocess.run(
-        command, cwd=FOLDER, capture_output=True, text=True, check=False, timeout=LIMIT_S
-    )
+    result = subprocess.run(command, cwd=FOLDER, capture_output=True, text=True, check=False, timeout=LIMIT_S)
     assert result.returncode == 0, (result.stdout + result.stderr)[-5000:]
     seen, *violations = result.stdout.splitlines()
     assert violations == []

@@ -130,9 +130,7 @@ def test_poses_jump_when_the_law_says_so() -> None:
     for k in range(n):
         words = ""
         if not distance[k] <= linear[k] * within_s[k]:
-            words = (
-                f"the TCP would jump by {distance[k]:.4f} m, allowed are {linear[k] * within_s[k]:.4f} m"
-            )
+            words = f"the TCP would jump by {distance[k]:.4f} m, allowed are {linear[k] * within_s[k]:.4f} m"
         elif not angle[k] <= angular[k] * within_s[k]:
             words = (
                 f"the TCP would turn by {angle[k]:.4f} rad at once, "
@@ -204,7 +202,9 @@ def test_torques_of_random_clients_and_surroundings(robot: RobotDescription) -> 
         one.advance(external, wrench)
         other.advance(external, wrench)
         # The mass matrix divides by inertias down to a hundredth.
-        close(other.reference, one.reference, np.array([[10.0], [1e3], [1e3]]) * (1.0 + limits.max_jerk.max()))
+        close(
+            other.reference, one.reference, np.array([[10.0], [1e3], [1e3]]) * (1.0 + limits.max_jerk.max())
+        )
         followed = one.reference + (cycle % 7 == 0) * 1e-3 * random.normal(size=(3, dof))
         one.follow(followed)
         other.follow(followed)
@@ -345,9 +345,7 @@ def test_poses_of_random_clients(robot: RobotDescription, force: bool) -> None:
             command[0, joint] = limits.max_position[joint] - 1e-5
         request = random_request(random, limits, command[0], force)
         parts = PoseInterpolator(kind, PERIOD_S, *WITHIN), PoseLimiter(PERIOD_S, TCP)
-        one = cartesian_law.CartesianSource(
-            *parts, robot.model, limits, TCP, PERIOD_S, command_s, request
-        )
+        one = cartesian_law.CartesianSource(*parts, robot.model, limits, TCP, PERIOD_S, command_s, request)
         other = CartesianSource(kind, robot.model, limits, TCP, PERIOD_S, command_s, request)
         one.begin(command)
         other.begin(command)
@@ -369,7 +367,9 @@ def test_poses_of_random_clients(robot: RobotDescription, force: bool) -> None:
             other.advance(external, wrench)
             assert other.move_running == one.move_running
             close(other.reference, one.reference, RATES * 10.0)
-            one.reference[0] = other.reference[0]  # along the force axes and in the null space, rounding adds up
+            one.reference[0] = other.reference[
+                0
+            ]  # along the force axes and in the null space, rounding adds up
             if random.random() < 0.05:
                 close(other.heading, one.heading, 10.0 * (1.0 + np.abs(one.heading).max()) * 1e3)
             followed = one.reference.copy()

@@ -31,9 +31,9 @@ def test_what_exceeds_the_most_is_found_and_named() -> None:
             if not beyond:
                 continue
             exceeded += 1
-            where = ([f"N·m on {name}" for name in NAMES] + [f"N or N·m along {axis} at the TCP" for axis in AXES])[
-                index
-            ]
+            where = (
+                [f"N·m on {name}" for name in NAMES] + [f"N or N·m along {axis} at the TCP" for axis in AXES]
+            )[index]
             assert monitor.words() == f"contact: {push[index]:.1f} {where}, allowed are {most[index]:g}"
     assert SESSIONS * PUSHES // 5 < exceeded < SESSIONS * PUSHES
 

@@ -105,7 +105,9 @@ class Client:
         if random.random() < 0.003:
             joints[3] = np.nan
         time_s = float(random.choice([1e-3, 0.01]))
-        self._points.put(joints + (random.random() < 0.01), time_s, *random.choice([(0.0, 0.0), (0.1, 200.0)]))
+        self._points.put(
+            joints + (random.random() < 0.01), time_s, *random.choice([(0.0, 0.0), (0.1, 200.0)])
+        )
         self._points._seen = self._points.number - 5
 
     def _write_target(self, setpoint: np.ndarray) -> None:
@@ -249,7 +251,9 @@ def test_what_a_feed_makes_of_a_client_is_what_the_law_says(
         position = a_place(robot, other.monitor, random)
         pose = np.zeros(7)
         robot.model.forward_into(position, pose)
-        client.begin(np.array([position, 0 * position, 0 * position]), pose, **{"servo_mode": 0} | KINDS[kind])
+        client.begin(
+            np.array([position, 0 * position, 0 * position]), pose, **{"servo_mode": 0} | KINDS[kind]
+        )
         for side in (one, other):
             side.begin(position, kind.split()[0], Interpolation(int(client.session % 4)))
         one.make_plain()
