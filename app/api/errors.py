@@ -69,6 +69,7 @@ def status_of(error: CobotError) -> int:
 
 def install(app: FastAPI) -> None:
     """Make every error of this application answer in the one form."""
+    # All of them are coroutines: Starlette would have a thread run a plain function, and wait for it.
     app.add_exception_handler(CobotError, _cobot_error)
     app.add_exception_handler(RequestValidationError, _invalid_request)
     app.add_exception_handler(HTTPException, _http_exception)
@@ -79,21 +80,21 @@ def _answer(status: int, detail: str, code: str, headers: Any = None) -> JSONRes
     return JSONResponse({"detail": detail, "code": code}, status, headers)
 
 
-def _cobot_error(request: Request, exc: Exception) -> JSONResponse:
+async def _cobot_error(request: Request, exc: Exception) -> JSONResponse:
     assert isinstance(exc, CobotError)
     return _answer(status_of(exc), str(exc), exc.code)
 
 
-def _invalid_request(request: Request, exc: Exception) -> JSONResponse:
+async def _invalid_request(request: Request, exc: Exception) -> JSONResponse:
     assert isinstance(exc, RequestValidationError)
     found = dict.fromkeys(_sentence(error) for error in exc.errors())
     return _answer(422, "; ".join(found), errors.InputError.code)
 
 
-def _http_exception(request: Request, exc: Exception) -> JSONResponse:
+async def _http_exception(request: Request, exc: Exception) -> JSONResponse:
     assert isinstance(exc, HTTPException)
     if isinstance(exc.__cause__, CobotError):
-        return _cobot_error(request, exc.__cause__)
+        return await _cobot_error(request, exc.__cause__)
     path = request.url.path
     match exc.status_code:
         case 400:  # FastAPI: a body that could not even be taken apart
@@ -108,7 +109,7 @@ def _http_exception(request: Request, exc: Exception) -> JSONResponse:
             return _answer(status, str(exc.detail), "http", exc.headers)
 
 
-def _unexpected(request: Request, exc: Exception) -> JSONResponse:
+async def _unexpected(request: Request, exc: Exception) -> JSONResponse:
     log.error("%s %s failed", request.method, request.url.path, exc_info=exc)
     return _answer(500, "an error in cobot itself; its log has the details", CobotError.code)
 
