@@ -29,13 +29,28 @@ COPIED = (
     "setup.py",
     "requirements-build.lock",
 )
-# Every file here works compiled modules with valid and with invalid input.
+# Every file here works compiled modules with valid and with invalid input, and all of them together each one.
 TESTS = (
     "tests/cobot/test_arrays.py",
-    "tests/rtloop/generators/test_tracking_law.py",
+    "tests/cobot/robot/test_chain.py",
+    "tests/cobot/robot/test_dynamics.py",
+    "tests/cobot/robot/test_linear.py",
+    "tests/cobot/robot/test_quaternion.py",
+    "tests/rtloop/backends/test_laws.py",
+    "tests/rtloop/generators",
+    "tests/rtloop/inboxes",
     "tests/rtloop/planned/test_path_law.py",
     "tests/rtloop/safety/test_limiter_law.py",
+    "tests/rtloop/sources/test_laws.py",
+    "tests/rtloop/streaming/test_client_watch.py",
+    "tests/rtloop/streaming/test_collision_monitor.py",
+    "tests/rtloop/streaming/test_contact_monitor.py",
+    "tests/rtloop/streaming/test_feed.py",
+    "tests/rtloop/test_clock.py",
+    "tests/rtloop/test_publisher.py",
+    "tests/rtloop/test_wild_loop.py",
 )
+SHARE_OF_SAMPLES = "0.02"
 LIMIT_S = 1200
 # What the sanitizers must find, or the whole test says nothing.
 FAULTY = """
@@ -67,6 +82,7 @@ def in_copy(copy: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
         "UBSAN_OPTIONS": "print_stacktrace=1",
         "PYTHONMALLOC": "malloc",  # Each object of Python's has its own bounds then.
         "PYTHONPATH": str(copy),
+        "COBOT_SHARE_OF_SAMPLES": SHARE_OF_SAMPLES,
     }
     command = [sys.executable, *arguments]
     return subprocess.run(
