@@ -3,8 +3,8 @@
 python -m wild CYCLES SEED between|beside loopback|simulated
 
 Random bytes come between the cycles, from a seed, or from a process beside it that writes all the time
-(`shaken`). Prints how many cycles there were, of how many things that the arm was to do, in how many modes; then
-each limit that was not kept, a line each.
+(`shaken`). Prints how many cycles there were, of how many things that the arm was to do, and which modes it
+was often in; then each limit that was not kept, a line each.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ KINDS = ("hold", "motion", "joint", "cartesian", "torque", *(mode for mode in Se
 LASTS = 150
 """Cycles of one thing, before the next."""
 COMES_TO_REST = 3000
+OFTEN = 100
 
 
 class WildRig(WatchedRig):
@@ -188,7 +189,8 @@ def run(cycles: int, seed: int, has_writer: bool, simulated: bool) -> None:
         if beside is not None:
             beside.end()
         rig.close()
-    print(rig.cycles, len(began), len(rig.modes), sep=" ")
+    often = [mode.name for mode, count in rig.modes.items() if count > OFTEN]
+    print(rig.cycles, len(began), *often)
     print(*found, sep="\n", end="")
 
 

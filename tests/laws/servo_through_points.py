@@ -1,7 +1,7 @@
 """What `rtloop.sources.servo_through_points` computes, in numpy.
 
-The profile of the rate is that of `rtloop.generators.otg`, which has Ruckig for its oracle, or another that is
-given.
+The profile of the rate is that of `rtloop.generators.otg`, which has Ruckig for its oracle, or another that
+is given.
 """
 
 from __future__ import annotations

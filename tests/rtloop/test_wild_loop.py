@@ -14,6 +14,8 @@ from pathlib import Path
 import pytest
 from wild import KINDS
 
+from rtloop.modes import STREAMING
+
 FOLDER = Path(__file__).parents[1]
 SHARE = float(os.environ.get("COBOT_SHARE_OF_SAMPLES", "1"))
 LIMIT_S = 280.0
@@ -37,8 +39,8 @@ def test_no_bytes_crash_the_loop_or_lead_it_beyond_the_limits(
     assert result.returncode == 0, (result.stdout + result.stderr)[-5000:]
     seen, *violations = result.stdout.splitlines()
     assert violations == []
-    stepped, kinds, modes = map(int, seen.split())
-    assert stepped >= wanted
+    stepped, kinds, *modes = seen.split()
+    assert int(stepped) >= wanted
     if SHARE >= 1:
-        assert kinds == len(KINDS)
-        assert modes == 8, "each but what only a fault of the device leads to"
+        assert int(kinds) == len(KINDS)
+        assert {"HOLD", "TRAJECTORY", *(mode.name for mode in STREAMING)} <= set(modes)

@@ -1,7 +1,7 @@
 """The compiled sources of streams compute what their laws say.
 
-Oracles: the same laws in numpy, `tests/laws`, around the same generators, which have oracles of their own. Each
-part is compared on 100,000 coordinates of random sessions, or on as many random inputs; the environment
+Oracles: the same laws in numpy, `tests/laws`, around the same generators, which have oracles of their own.
+Each part is compared on 100,000 coordinates of random sessions, or on as many random inputs; the environment
 variable COBOT_SHARE_OF_SAMPLES takes fewer.
 """
 

@@ -1,7 +1,7 @@
 """How targets and points reach their source: the compiled feed beside its law in plain Python (`laws.feed`).
 
-Both read the same shared memory, which a client writes that is neither punctual nor right, each drives a source,
-a safety layer and a collision monitor of its own, and bit for bit the same comes of it.
+Both read the same shared memory, which a client writes that is neither punctual nor right; each drives a
+source, a safety layer and a collision monitor of its own, and bit for bit the same comes of it.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class Client:
         self._shaken, self._points = Writer(random), PointWriter(memory)
         self.session = 0
 
-    def begin(self, command: Array, pose: Array, **request: object) -> None:
+    def begin(self, joints: Array, pose: Array, **request: object) -> None:
         random, data = self.random, self.memory.session.data
         self.session += 1
         data["number"], data["open"], data["decimation"] = self.session, 1, random.choice([1, 5, 10])
@@ -73,7 +73,7 @@ class Client:
             data[name] = value
         self.memory.session.publish()
         self._points.begin(self.session)
-        self.joints, self.pose = command[0].copy(), pose.copy()
+        self.joints, self.pose = joints.copy(), pose.copy()
         self.drift = random.normal(size=10) * random.choice([0.1, 0.5])
         self.every = int(random.choice([1, 7, 10, 33]))
         self.silent = 0
@@ -251,9 +251,7 @@ def test_what_a_feed_makes_of_a_client_is_what_the_law_says(
         position = a_place(robot, other.monitor, random)
         pose = np.zeros(7)
         robot.model.forward_into(position, pose)
-        client.begin(
-            np.array([position, 0 * position, 0 * position]), pose, **{"servo_mode": 0} | KINDS[kind]
-        )
+        client.begin(position, pose, **{"servo_mode": 0} | KINDS[kind])
         for side in (one, other):
             side.begin(position, kind.split()[0], Interpolation(int(client.session % 4)))
         one.make_plain()
