@@ -1,4 +1,4 @@
-"""Servo sessions of the service on the stepped cycle, for tests of all that begins them."""
+"""Servo sessions of the service beside the cycle, on virtual time, for tests of all that begins them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from contextlib import asynccontextmanager
 from typing import Any
 
 from rig import Rig
+from virtual import Cycle
+from virtual_time import VirtualClock, VirtualLoop
 
 from app.services.motion.execution import MotionService
 from app.services.motion.ownership import Ownership
@@ -28,7 +30,7 @@ SESSION = 1_700_000_000_123_456_789
 
 
 class Bench:
-    """A service beside a cycle that goes on while something is awaited, one cycle per turn of the loop."""
+    """A service beside a cycle, both on virtual time, which goes on while something is awaited."""
 
     def __init__(self, rig: Rig, robot: RobotDescription, settings: Settings, link: RobotLink) -> None:
         self.rig, self.link = rig, link
@@ -62,16 +64,13 @@ class Bench:
         self.servo.receive(json.dumps(fields))
 
     async def cycles(self, count: int) -> None:
-        for _ in range(count):
-            self.rig.step()
-            await asyncio.sleep(0)
+        await asyncio.sleep(count * self.rig.settings.rt.period_s)
 
     async def until(self, condition: Callable[[], object], cycles: int = 20_000) -> None:
         for _ in range(cycles):
             if condition():
                 return
-            self.rig.step()
-            await asyncio.sleep(0.0002)
+            await self.cycles(1)
         raise AssertionError(f"has not happened: {self.servo.feedback()}")
 
     async def active(self) -> None:
@@ -93,15 +92,20 @@ Run = Callable[[Callable[[Bench], Any]], None]
 def runner(rig: Rig, robot: RobotDescription, settings: Settings) -> Run:
     """Runs a test's coroutine function with a bench."""
 
+    loop = VirtualLoop()
+    clock = VirtualClock(loop)
+
     @asynccontextmanager
     async def bench() -> AsyncIterator[Bench]:
-        rig.step(30)
-        link = RobotLink(rig.memory.path.name.removeprefix("cobot-"), 60.0)
+        cycle = Cycle(rig, loop, clock)
+        await asyncio.sleep(0.03)
+        link = RobotLink(rig.memory.path.name.removeprefix("cobot-"), 60.0, clock=clock)
         made = Bench(rig, robot, settings, link)
         yield made
         made.servo.close()
         made.streams.close()
         made.planning.close()
+        cycle.close()
         link.close()
 
     def runs(test: Callable[[Bench], Any]) -> None:
@@ -109,6 +113,8 @@ def runner(rig: Rig, robot: RobotDescription, settings: Settings) -> Run:
             async with bench() as made:
                 await test(made)
 
-        asyncio.run(live())
+        loop.run_until_complete(live())
+        loop.run_until_complete(asyncio.sleep(0.0))
+        loop.close()
 
     return runs
