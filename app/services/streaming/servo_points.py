@@ -54,7 +54,7 @@ class PointInverse:
         if not point.cartesian:
             return point.position
         begun_s = time.perf_counter()  # What it costs to compute is no matter of the service's clock.
-        if begun_s < self._not_before_s:
+        if self._link.clock.now_s() < self._not_before_s:
             raise BrokenRule(
                 Refusal.INVERSE_KINEMATICS, "not tried: the inverse kinematics of the point before has failed"
             )
