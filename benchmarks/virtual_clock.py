@@ -7,7 +7,6 @@ from collections.abc import Iterator
 
 import mujoco
 import numpy as np
-from rtloop.loop import ControlLoop
 
 from benchmarks.table import Row, row
 from benchmarks.virtual import MOVED, eased, rig
@@ -16,6 +15,7 @@ from cobot.ipc.layout import Interpolation
 from cobot.planners import MotionRequest, plan
 from cobot.robot.description import load_robot
 from cobot.types import PlannerName, Scaling
+from rtloop.loop import ControlLoop
 
 STREAM_CYCLES = 3000
 COLUMNS = ("median", "slowest", "fastest")
