@@ -157,7 +157,7 @@ class Rig:
         self.memory.slots[slot].write(self._motion, trajectory)
         return self.answer(self.send(Command.START, slot=slot, motion_id=self._motion))
 
-    def stream(self, stream: Stream = Stream.JOINT_IMPEDANCE, **wishes: object) -> str:
+    def stream(self, stream: Stream = Stream.JOINT_IMPEDANCE, **fields: object) -> str:
         """Open a session as a client would; "" or why not."""
         session = self.memory.session.data
         session["number"] += 1
@@ -172,7 +172,7 @@ class Rig:
         session["force_frame"] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
         session["posture"] = np.nan
         session["servo_mode"] = 0
-        for name, value in wishes.items():
+        for name, value in fields.items():
             session[name] = value
         self.memory.session.publish()
         self.step()
