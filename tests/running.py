@@ -22,6 +22,9 @@ PATIENT = "pause_to_stop_s: 1.0, overruns_to_stop: 1000, service_timeout_s: 1.0"
 """rtloop stops the arm when its computer pauses, is too slow, or the service falls silent. Where a test is
 about something else, a busy computer shall not make that happen. These are as patient as the settings permit,
 but for a service that was killed, which is to be missed before there is another."""
+TESTS = Path(__file__).parent
+# For a process that runs a module of tests/: the packages come before the folders of tests that mirror them.
+HELPER_ENVIRONMENT = os.environ | {"PYTHONPATH": os.pathsep.join([str(TESTS.parent), str(TESTS)])}
 _numbers = itertools.count()
 R = TypeVar("R", bound="Run")
 

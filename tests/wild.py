@@ -15,10 +15,10 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 from faults import BLOCKS, FORCE_MODES, Task, WatchedRig, spoil
+from running import HELPER_ENVIRONMENT
 from shaken import ASKS, Writer, all_blocks
 
 from cobot.config import load_settings
@@ -148,7 +148,7 @@ class Beside:
 
     def __init__(self, robot: str) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "shaken", robot, "pester"], cwd=Path(__file__).parent
+            [sys.executable, "-P", "-m", "shaken", robot, "pester"], env=HELPER_ENVIRONMENT
         )
         self.pause()
 

@@ -8,31 +8,35 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
-from running import unique_name
+from running import HELPER_ENVIRONMENT, unique_name
 from shaken import READS, all_blocks
 
 from cobot.ipc.shm import RobotMemory, Role
 
-FOLDER = Path(__file__).parents[2]
 LIMIT_S = 240.0
 
 
 @pytest.mark.parametrize("dof", [1, 7, 16])
 def test_no_bytes_in_shared_memory_can_crash_what_reads_them(dof: int) -> None:
     memory = RobotMemory.create(unique_name(), dof, 1e-3, 2)
-    command = [sys.executable, "-m", "shaken", memory.robot]
-    writer = subprocess.Popen([*command, "write"], cwd=FOLDER)
+    command = [sys.executable, "-P", "-m", "shaken", memory.robot]
+    writer = subprocess.Popen([*command, "write"], env=HELPER_ENVIRONMENT)
     try:
         begun_s = time.monotonic()
         blocks = all_blocks(RobotMemory.attach(memory.robot, Role.READER))
         while not all(block.sequence for block in blocks):
+            assert writer.poll() is None, "the writer has ended"
             assert time.monotonic() - begun_s < LIMIT_S, "the writer has reached every block"
             time.sleep(0.01)
         reader = subprocess.run(
-            [*command, "read"], cwd=FOLDER, capture_output=True, text=True, check=False, timeout=LIMIT_S
+            [*command, "read"],
+            env=HELPER_ENVIRONMENT,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=LIMIT_S,
         )
         assert reader.returncode == 0, reader.stderr
         accepted, torn = map(int, reader.stdout.split())
