@@ -71,24 +71,9 @@ cdef class Session:
         self.has_targets = self.has_points = False
 
     @property
-    def holding(self):
-        """Whether the arm shall come to rest and wait for the next target."""
-        return self.feed.holding
-
-    @property
-    def reference(self):
-        """Where the joints should be in this cycle, shape (3, dof): rad, rad/s, rad/s²."""
-        return self.feed.source.reference
-
-    @property
     def move_running(self):
         """Whether a `move_to_pose` is under way."""
         return self.targets is not None and self.targets.c_move_running()
-
-    @property
-    def torn_reads(self):
-        """How often a block of the client was not consistent."""
-        return self.c_torn_reads()
 
     @property
     def problem(self):
@@ -238,7 +223,7 @@ cdef class Session:
             state.underruns = self.points.points.underruns
 
     cdef long long c_torn_reads(self) noexcept nogil:
-        """`torn_reads`."""
+        """How often a block of the client was not consistent."""
         return self.box.c_torn_reads() + self._queue.c_torn_reads()
 
     cdef bint c_from_service(self) noexcept nogil:
