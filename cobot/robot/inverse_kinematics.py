@@ -30,8 +30,8 @@ PIECE_M, PIECE_RAD = 0.05, 0.2
 MAX_PIECES = 10
 STEPS_ALONG = 20
 BRANCH_RAD = 0.5
-"""Of a continued motion: its longest pieces, how many there may be, the steps that each may take, and how far
-a joint may turn in one."""
+"""A continued motion is gone in pieces of this length, m and rad, no more than so many, each in so many
+steps; in none may a joint turn further than the last of these, rad."""
 PATIENCE = 12
 """Steps without a tenth of progress after which a descent is given up."""
 

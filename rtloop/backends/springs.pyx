@@ -22,8 +22,8 @@ from cobot.arrays cimport MAX_DOF, checked_dof, doubles
 from cobot.robot.linear cimport cholesky_solve, eigen_symmetric
 from cobot.robot.mujoco cimport data_of, mj_solveM, mju_rotVecQuat, mju_subQuat, model_of
 
-# Of the stiffest springs on the least inertia that they meet, rad/s. A 1 kHz cycle carries ten times the
-# stiffness and more before it becomes unstable.
+# The stiffest springs have this frequency on the least inertia that they meet. A 1 kHz cycle carries ten
+# times the stiffness and more before it becomes unstable.
 NOMINAL_FREQUENCY_RAD_S = 100.0
 # Postures in which the least inertia is looked for.
 POSTURES = 200

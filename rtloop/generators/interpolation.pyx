@@ -11,7 +11,7 @@ import numpy as np
 
 from cobot.arrays cimport checked_dof, doubles
 
-cdef double EARLY = 1e-6  # Of a cycle: what ends this little after a cycle ends in it.
+cdef double EARLY = 1e-6  # What ends by this share of a cycle after it ends in it.
 cdef double GRACE_SHARE = 0.25
 cdef double GRACE_S = 0.002
 

@@ -9,7 +9,7 @@ from rtloop.generators.moving_frame cimport Ladder, Motion, moved, plan_gently, 
 from rtloop.generators.otg cimport profile_at
 from rtloop.generators.target_estimate cimport Estimate
 
-# Of targets, for the estimate. Measured at 100 Hz with 0.3 mrad of noise: with three targets the reference
+# The estimate is made of the targets of so long. At 100 Hz with 0.3 mrad of noise: with three the reference
 # strays by 0.1 rad, with these by 5 mrad. `Quintic` passes the noise anyway: three do.
 WINDOW_S = 0.1
 # A correction takes the first of these shares of the jerk limit with which it is done in time.
@@ -17,7 +17,7 @@ cdef Ladder GENTLE
 GENTLE.count = 4
 GENTLE.share = [0.03, 0.1, 0.3, 1.0]
 GENTLE.patience_s = 0.25
-# Of a longer profile, to a target beyond anything, rounding is all that is left.
+# A longer profile leads to a target beyond anything: rounding is all that would be left of it.
 cdef double MAX_PROFILE_S = 7600.0
 
 

@@ -44,7 +44,7 @@ from libc.math cimport INFINITY, cbrt, fabs, fmax, fmin, isfinite, sqrt
 cdef enum:
     MAX_ITERATIONS = 80  # Newton's method takes about six, bisection alone would take 60.
 
-cdef double ROUNDING = 1e-13  # Of a position: who follows a plan and plans anew brings that much along.
+cdef double ROUNDING = 1e-13  # Relative: who follows a plan and plans anew is that far beside it.
 cdef double END_TOLERANCE = 1e-9  # Relative, of a profile's end: more than rounding is a failure.
 cdef double COLLINEAR = 1e-9  # Relative: what a vector may have across a line, as rounding.
 

@@ -12,12 +12,12 @@ from rtloop.generators.moving_frame cimport Motion, to_rest_in_frame
 from rtloop.generators.otg cimport OTG_OK, Problem, otg_step
 
 cdef double TOLERANCE = 1e-3  # Relative, of what passes as it is: differences of positions are rounded.
-cdef double MIN_SHARE = 0.25  # Of a limit that an axis across the direction of motion has for corrections.
+cdef double MIN_SHARE = 0.25  # An axis across the motion has this share of a limit.
 cdef double LEAD_S = 0.2  # What is missing counts this much of a velocity when the direction is chosen.
-cdef double SHARE = 0.9  # Of the limits, while it catches up.
-cdef double ALONG = 0.9  # Of that, for the motion of what is pursued.
+cdef double SHARE = 0.9  # While it catches up it uses this share of the limits.
+cdef double ALONG = 0.9  # What is pursued may use this share of that.
 cdef double REST = 1e-9
-cdef double MIN_ACROSS = 1e-3  # m/s or rad/s: of less the direction is a matter of rounding.
+cdef double MIN_ACROSS = 1e-3  # m/s or rad/s: the direction of less is rounding.
 
 
 cdef class PoseLimiter:

@@ -8,7 +8,7 @@ import numpy as np
 from cobot.arrays cimport doubles
 from rtloop.generators.interpolation cimport clipped, copy_row, plain
 
-cdef double CRUISE = 0.99  # Of the velocity limit, for the velocity at a target; the rest is to catch up.
+cdef double CRUISE = 0.99  # A target is passed at this share of the limit; the rest is to catch up.
 
 
 def fit(int count):

@@ -14,12 +14,12 @@ from rtloop.generators.otg cimport (
 )
 from rtloop.generators.rates cimport Rates, take_rates
 
-# Of the limit: a profile that arrives at the limit itself has no room for a rounding.
+# A target is passed at this share of the velocity limit: at the limit itself there is no room for rounding.
 cdef double TARGET_VELOCITY = 0.99
-# Of the limits, for the motion of what is pursued: the rest is for the pursuit.
+# What is pursued may use this share of the limits: the rest is for the pursuit.
 cdef double ALONG = 0.9
 cdef double ROUNDING = 1e-9  # rad/s and rad/s²: this is rest.
-# Shares of the jerk limit for a pursuit that goes along with a request: the first that is done in this time.
+# A pursuit along with a request takes the first of these shares of the jerk limit that is quick enough.
 # The rest of the limit is for the request's own jerk.
 cdef Ladder GENTLENESS
 GENTLENESS.count = 4

@@ -17,7 +17,7 @@ PIECE_SEGMENTS = 96
 PIECE_TIMES = 4096
 """How much is copied and checked in one cycle: 32 kB with seven joints, some tens of microseconds."""
 PLACES = np.linspace(0.0, 1.0, 9)
-"""Of a segment, at which its positions are looked at; `Path.stays_within` does so quickly."""
+"""At these shares of a segment its positions are looked at; `Path.stays_within` does so quickly."""
 REST_TOLERANCE = 1e-3
 """What a motion may have left of velocity (rad/s) and acceleration (rad/s²) at its ends."""
 

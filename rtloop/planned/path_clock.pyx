@@ -23,12 +23,12 @@ cdef enum:
 # Fractions of the steepest profile that are tried, one a cycle.
 cdef double[RUNGS] LADDER = [1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.12, 0.08, 0.05, 0.03]
 cdef double SIDE_S = 1e-9
-# Of the limits; the rest is for what lies between two samples.
+# A profile may use this share of the limits; the rest is for what lies between two samples.
 cdef double SHARE = 0.99
-# Of the rate, 1/s and 1/s²: where the arm hardly moves, any rate would be admissible.
+# The rate itself changes no faster than this, 1/s and 1/s²: where the arm hardly moves, anything would do.
 cdef double MAX_ACCELERATION = 50.0
 cdef double MAX_JERK = 2000.0
-# Of a profile: a gentler one is not taken, for somebody waits for the stop.
+# A profile that lasts longer is not taken, for somebody waits for the stop.
 cdef double LONGEST_S = 2.0
 
 

@@ -28,14 +28,14 @@ cdef double POSITION_TOLERANCE = POSITION_TOLERANCE_RAD * (1.0 - 1e-9)
 # Relative, on the rates: planners drive exactly at the limits, and the differences of four positions
 # carry the rounding of numbers of the order of 1 rad, divided by the period cubed.
 cdef double TOLERANCE = 0.01
-# Of what the jerk limits let the acceleration change by, for the step from a pursuit to the request: with
-# all of it there would be none left for the request's next step.
+# The step from a pursuit to the request may take this share of what the jerk limit lets the acceleration
+# change by in a cycle: with all of it there would be none left for the request's next step.
 cdef double MEETING = 0.5
-# Of the way to rest, and on top: what is known of the acceleration is rounded, and a cycle old.
+# The way to rest is taken for so much longer: what is known of the acceleration is rounded, and a cycle old.
 cdef double WAY_SHARE = 1.05
 cdef double WAY_RAD = 5e-5
-# Of the velocity limits. With an acceleration of no more than √(j v) the velocity can grow by v/2 until that
-# is taken back, which leaves it below the limit.
+# Below this share of the velocity limits there is nothing to foresee. With an acceleration of no more than
+# √(j v) the velocity can grow by v/2 until that is taken back, which leaves it below the limit.
 cdef double CALM = 0.6
 
 cdef enum:

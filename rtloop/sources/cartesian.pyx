@@ -10,7 +10,7 @@ from libc.string cimport memcpy, memset
 from cobot.arrays cimport MAX_DOF, doubles
 from cobot.robot.linear cimport cholesky_solve
 from cobot.robot.quaternion cimport cross3, quat_between, quat_product, quat_rotated, quat_to_matrix
-from rtloop.sources.source cimport FINE, JUMP, NOT_FINITE, Setpoint, Source, flaw_of
+from rtloop.sources.source cimport FINE, JUMP, LEAD_RAD, NOT_FINITE, Setpoint, Source, flaw_of
 from rtloop.sources.target_checks cimport (
     POSE_PASSES,
     SLACK_S,
@@ -37,8 +37,6 @@ cdef double POSTURE_VELOCITY_RAD_S = 0.2
 cdef double POSTURE_FILTER_S = 0.1
 cdef double FORCE_FILTER_S = 0.03
 cdef double VELOCITY_SHARE = 0.98
-# So far the reference may be ahead of the arm: then it waits.
-cdef double LEAD_RAD = 0.2
 cdef double UNIT_TOLERANCE = 1e-3
 cdef double FASTEST_LINEAR = LINEAR_VELOCITY
 cdef double FASTEST_ANGULAR = ANGULAR_VELOCITY

@@ -4,12 +4,10 @@ from libc.math cimport fabs, isfinite
 from libc.string cimport memcpy
 
 from rtloop.inboxes.point_queue cimport PointQueue, ServoPoint
-from rtloop.sources.source cimport FINE, Source, flaw_of
+from rtloop.sources.source cimport FINE, LEAD_RAD, Source, flaw_of
 from rtloop.sources.target_checks cimport c_is_finite, c_joint_jump
 
 cdef double LONGEST_TIME_S = 10.0
-# So far the reference may be ahead of the arm: then it waits.
-cdef double LEAD_RAD = 0.2
 
 
 cdef class ServoSource(Source):

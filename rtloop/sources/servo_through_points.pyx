@@ -24,7 +24,7 @@ from rtloop.sources.source cimport FINE, NOT_FINITE
 
 import numpy as np
 
-# Shares of acceleration and jerk, for what the curve does, and for what the changes of its rate do.
+# The curve, and the changes of its rate, may each take this share of acceleration and jerk.
 cdef double CURVE_SHARE = 0.5
 cdef double RATE_SHARE = 0.5
 cdef double VELOCITY_SHARE = 0.98

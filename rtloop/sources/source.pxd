@@ -37,6 +37,8 @@ cdef enum:
     LATE = 14
 
 
+cdef double LEAD_RAD
+
 cdef Setpoint setpoint_fields(Block block)
 cdef Chunk chunk_fields(Block block)
 cdef object flaw_of(int code)

@@ -9,6 +9,10 @@ from cobot.errors import InputError
 from cobot.ipc.layout import Intervention
 
 
+# A reference that is further ahead of the arm than this waits for it.
+cdef double LEAD_RAD = 0.2
+
+
 cdef Setpoint setpoint_fields(Block block):
     """Where a reader of the setpoint block finds its fields."""
     cdef Setpoint fields

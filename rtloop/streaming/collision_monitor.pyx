@@ -19,7 +19,7 @@ cdef double MIN_SHARE = 0.1
 cdef double APPROACH_M = 1e-5
 # No joint goes further in the step with which a way out is tried.
 cdef double PROBE_RAD = 0.02
-# Beyond the margin: where links slow down for each other, and what counts when a way out is looked for.
+# So near beyond the margin links slow down for each other, and count when a way out is looked for.
 cdef double NEAR_M = 0.01
 
 
