@@ -27,8 +27,8 @@ from cobot.robot.model import RobotModel
 from rtloop.backends import BackendError
 
 # Each joint has this frequency about its inertia at the start. 60 rad/s gives some 5000 N·m/rad in the large
-# joints and 500 in the small ones, the range in which the LBR's own joint impedance works, and is a hundredth of the rate
-# of a 1 kHz cycle, far from what discrete damping would make unstable.
+# joints and 500 in the small ones, the range in which the LBR's own joint impedance works, and is a hundredth
+# of the rate of a 1 kHz cycle, far from what discrete damping would make unstable.
 cdef double NATURAL_FREQUENCY_RAD_S = 60.0
 cdef double DAMPING_RATIO = 0.7
 # Commanded speed over which the compensation of dry friction grows to its full value.
