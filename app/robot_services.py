@@ -23,7 +23,7 @@ from app.services.programs.programs import ProgramService
 from app.services.programs.sequences import SequenceService
 from app.services.state.health import HealthService
 from app.services.state.interventions import reporting
-from app.services.state.link import RobotLink
+from app.services.state.link import RobotLink, loading_s
 from app.services.streaming.force import ForceService
 from app.services.streaming.servo import ServoService
 from app.services.streaming.sessions import StreamService
@@ -112,7 +112,8 @@ def _services(
     """Long, as it is the list of them, in the order in which they need each other."""
     ends = shared.endpoints.items()
     slowest_s = max(end.timeout_s for name, end in ends if name.startswith("POST /robot/move/"))
-    latest_s = slowest_s + LATEST_ANSWER_S + MAX_PAUSE_S
+    longest_s = loading_s(settings.rt.trajectory_capacity, settings.rt.period_s)
+    latest_s = slowest_s + longest_s + LATEST_ANSWER_S + MAX_PAUSE_S
     url = address(shared.base_url, robot.name) if shared.several else shared.base_url
     tolerance_rad = settings.planning.start_tolerance_rad
     ownership = Ownership(link)

@@ -14,6 +14,8 @@ MAGIC = b"COBOTRT\0"
 LAYOUT_VERSION = 5
 RING = 32
 SLOTS = 2
+LOADED_SEGMENTS = 96
+"""So much of a motion rtloop takes over from its slot in a cycle."""
 HISTOGRAM_BUCKETS = 1024
 CHUNK_POINTS = 64
 POINTS = 1024

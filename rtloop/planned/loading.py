@@ -7,15 +7,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from cobot.ipc.layout import LOADED_SEGMENTS
 from cobot.ipc.shm import Slot
 from cobot.trajectory import ORDER
 from cobot.types import Array, JointLimits
 from rtloop.planned.path import Path
 from rtloop.safety.limiter import POSITION_TOLERANCE_RAD
 
-PIECE_SEGMENTS = 96
 PIECE_TIMES = 4096
-"""How much is copied and checked in one cycle: 32 kB with seven joints, some tens of microseconds."""
+"""So many breakpoints are copied and checked in one cycle: as many bytes as the segments of one."""
 PLACES = np.linspace(0.0, 1.0, 9)
 """At these shares of a segment its positions are looked at; `Path.stays_within` does so quickly."""
 REST_TOLERANCE = 1e-3
@@ -51,8 +51,8 @@ def load(
             raise RefusedError("the trajectory's breakpoints do not start at 0 and increase")
         yield
     low, high = limits.min_position - POSITION_TOLERANCE_RAD, limits.max_position + POSITION_TOLERANCE_RAD
-    for begin in range(0, segments, PIECE_SEGMENTS):
-        end = min(begin + PIECE_SEGMENTS, segments)
+    for begin in range(0, segments, LOADED_SEGMENTS):
+        end = min(begin + LOADED_SEGMENTS, segments)
         piece = path.coefficients[begin:end]
         piece[:] = slot.coefficients[begin:end]
         checksum = zlib.crc32(piece.data, checksum)

@@ -16,7 +16,7 @@ from app.services.state.robot_state import RobotState, robot_state
 from cobot.addresses import address
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import ConflictError, ExecutionError, NotReadyError, TornReadError, UnavailableError
-from cobot.ipc.layout import RING, SLOTS, Ack, Command
+from cobot.ipc.layout import LOADED_SEGMENTS, RING, SLOTS, Ack, Command
 from cobot.ipc.shm import RobotMemory, Role, text
 from cobot.trajectory import Trajectory
 from cobot.types import LoopMode
@@ -221,7 +221,13 @@ class RobotLink:
                 await asyncio.to_thread(slot.write, motion_id, trajectory)
             else:
                 slot.write(motion_id, trajectory)
-            await self._send(Command.START, slot=number, motion_id=motion_id, stops=stops)
+            await self._send(
+                Command.START,
+                slot=number,
+                motion_id=motion_id,
+                stops=stops,
+                timeout_s=ACKNOWLEDGE_S + loading_s(trajectory.segments, self.memory.period_s),
+            )
         return motion_id
 
     async def set_rate(self, rate: float) -> None:
@@ -282,7 +288,7 @@ class RobotLink:
             while not (answered := ack.try_read() and int(ack.data["id"]) == number):
                 if self.clock.now_s() > deadline_s:
                     rtloop = f"rtloop (pid {self._rtloop_pid()})"
-                    raise UnavailableError(f"{rtloop} has not answered a {kind.name} for {timeout_s:g} s")
+                    raise UnavailableError(f"{rtloop} has not answered a {kind.name} for {timeout_s:.2g} s")
                 await asyncio.sleep(POLL_S / 2)
         finally:
             if not answered:
@@ -292,3 +298,8 @@ class RobotLink:
 
     def _rtloop_pid(self) -> int:
         return int(self.statistics()["pid"])
+
+
+def loading_s(segments: int, period_s: float) -> float:
+    """How long rtloop may take to load a motion: a busy computer may miss as many cycles again."""
+    return 2.0 * period_s * segments / LOADED_SEGMENTS

@@ -6,17 +6,18 @@ import asyncio
 
 import numpy as np
 import pytest
-from rig import Rig
+from rig import CAPACITY, Rig
 
 from app.services.motion.execution import MotionService
 from app.services.motion.ownership import Caller, Ownership
 from app.services.motion.planning import PlanningService
-from app.services.state.link import RobotLink
+from app.services.state.link import RobotLink, loading_s
 from cobot.config import Settings
 from cobot.errors import ExecutionError, UnavailableError
 from cobot.planners.ptp import plan_ptp
 from cobot.planners.request import MotionRequest
 from cobot.robot.description import RobotDescription
+from cobot.trajectory import ORDER, Trajectory
 from cobot.types import LoopMode, PlannerName, Scaling
 
 STALE_S = 60.0
@@ -39,6 +40,18 @@ def test_a_motion_that_was_not_answered_for_never_begins(rig: Rig, robot: RobotD
     assert rig.mode is LoopMode.HOLD
     np.testing.assert_array_equal(rig.commanded[-1], rig.home)
     link.close()
+
+
+def test_a_long_motion_loads_in_half_the_time_that_it_is_waited_for(rig: Rig) -> None:
+    rig.step(10)
+    rest = np.zeros((CAPACITY, len(rig.home), ORDER))
+    rest[:, :, 0] = rig.home
+    before = len(rig.commanded)
+    assert rig.start(Trajectory(np.arange(CAPACITY + 1.0), rest)) == ""
+    cycles = len(rig.commanded) - before
+    period_s = rig.settings.rt.period_s
+    # A cycle takes the command, one looks at all the breakpoints, and one at what is left.
+    assert cycles == 3 + np.ceil(0.5 * loading_s(CAPACITY, period_s) / period_s)
 
 
 def test_a_reset_that_was_not_answered_for_never_happens(rig: Rig) -> None:
