@@ -34,7 +34,7 @@ def main(duration_s: float) -> None:
     problem.max_acceleration = limits.max_acceleration.tolist()
     problem.max_jerk = limits.max_jerk.tolist()
     problem.target_position = [1.0] * limits.dof
-    prepare(settings.rt.priority, settings.rt.cpu)
+    prepare(settings.rt.priority, settings.rt.cpu, settings.rt.cpu_latency_us)
     freeze_garbage()
     clock = RealtimeClock(period_s)
     durations = []

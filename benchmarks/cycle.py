@@ -71,7 +71,7 @@ def wake_up(slices: int, slice_s: float) -> Iterator[Row]:
         against,
         from_histogram(floor),
         ratio_of="p99",
-        aim="2 times at p99",
+        aim="1.5 times at p99",
     )
 
 

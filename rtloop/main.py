@@ -75,7 +75,7 @@ def _permissions(rt: RtSection, clock_name: str) -> Permissions:
         return Permissions(
             sched_fifo=False, memory_locked=False, refused="not asked for: the fast clock does not wait"
         )
-    return prepare(rt.priority, rt.cpu)
+    return prepare(rt.priority, rt.cpu, rt.cpu_latency_us)
 
 
 def _introduce(memory: RobotMemory, rt: RtSection, clock_name: str, permissions: Permissions) -> None:
