@@ -11,6 +11,8 @@ CYTHON   := $(shell find $(PACKAGES) -name '*.pyx' -o -name '*.pxd')
 MODULES  := $(sort $(patsubst %.pyx,%,$(filter %.pyx,$(CYTHON))))
 COMPILED := $(sort $(foreach file,$(shell find $(PACKAGES) -name '*.so'),$(firstword $(subst ., ,$(file)))))
 
+PARALLEL := --numprocesses 2 --dist loadfile --no-loadscope-reorder
+
 .PHONY: run setup setup-dev test lint bench lock clean help FORCE
 
 run: setup ## start the service and the simulated robot on http://localhost:8007
@@ -21,8 +23,8 @@ setup: $(VENV)/.install-stamp ## make the virtual environment that `make run` us
 setup-dev: setup $(VENV)/.dev-stamp ## add what the tests and benchmarks need
 
 test: setup-dev lint ## lint, types, import contract, unit, property and end-to-end tests
-	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --ignore tests/e2e/realtime
-	$(BIN)/python -m pytest tests/e2e/realtime
+	$(BIN)/python -m pytest $(PARALLEL) --ignore tests/e2e/realtime
+	$(BIN)/python -m pytest $(PARALLEL) tests/e2e/realtime
 
 lint: setup-dev
 	$(BIN)/ruff check .

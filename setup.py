@@ -82,7 +82,7 @@ SANITIZERS = ["-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize
 def extension(source: Path) -> Extension:
     mujoco = find_spec("mujoco")
     headers = [str(Path(place, "include")) for place in (mujoco and mujoco.submodule_search_locations) or []]
-    level = ["-O1", "-g1", "-fno-omit-frame-pointer", *SANITIZERS] if SANITIZE else ["-O2", "-g0"]
+    level = ["-O0", "-g1", "-fno-omit-frame-pointer", *SANITIZERS] if SANITIZE else ["-O2", "-g0"]
     return Extension(
         ".".join(source.with_suffix("").parts),
         [str(source)],

@@ -16,6 +16,14 @@ hypothesis.settings.register_profile("cobot", derandomize=True, deadline=None, d
 hypothesis.settings.load_profile("cobot")
 
 
+LONG = ("test_sanitizers.py", "test_schema.py", "test_supervisor.py", "test_ros2.py")
+"""What takes longest begins first, or one process would be busy with it when all others have ended."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    items.sort(key=lambda item: item.path.name not in LONG)
+
+
 @pytest.fixture(scope="session")
 def settings() -> Settings:
     return load_settings()

@@ -6,17 +6,16 @@ commanded, against joint_limits.yaml (`faults.Record`). After each thing that it
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 
 import pytest
 from running import HELPER_ENVIRONMENT
+from samples import SHARE, samples
 from wild import KINDS
 
 from rtloop.modes import STREAMING
 
-SHARE = float(os.environ.get("COBOT_SHARE_OF_SAMPLES", "1"))
 LIMIT_S = 280.0
 
 
@@ -32,7 +31,7 @@ LIMIT_S = 280.0
 def test_no_bytes_crash_the_loop_or_lead_it_beyond_the_limits(
     cycles: int, seed: int, writer: str, backend: str
 ) -> None:
-    wanted = round(cycles * SHARE)
+    wanted = samples(cycles)
     command = [sys.executable, "-P", "-m", "wild", str(wanted), str(seed), writer, backend]
     result = subprocess.run(
         command, env=HELPER_ENVIRONMENT, capture_output=True, text=True, check=False, timeout=LIMIT_S

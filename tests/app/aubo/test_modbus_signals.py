@@ -10,7 +10,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, closing
 from typing import Any
 
 import pytest
@@ -163,12 +163,13 @@ def test_a_server_that_dies_is_noticed_and_found_again_when_it_comes_back() -> N
 
 def test_a_device_that_never_answers_is_told_and_holds_up_no_other(server: Server) -> None:
     async def check() -> None:
-        connections = []
+        swallows = []
 
         async def swallow(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            connections.append(writer)
-            while await reader.read(1000):
-                pass
+            swallows.append(asyncio.current_task())
+            with closing(writer):
+                while await reader.read(1000):
+                    pass
 
         mute = await asyncio.start_server(swallow, "127.0.0.1", 0)
         port = mute.sockets[0].getsockname()[1]
@@ -178,9 +179,7 @@ def test_a_device_that_never_answers_is_told_and_holds_up_no_other(server: Serve
             await eventually(lambda: "has not answered within 1 s" in modbus.signal("mute").problem)
             assert await ask("modbusGetSignalStatus", signal_name="good") == 17
             await ask("modbusDeleteAllSignals")
-            for writer in connections:
-                writer.close()
-                await writer.wait_closed()
+            await asyncio.gather(*swallows)  # Each ends with its connection.
 
     run(check())
 
@@ -227,16 +226,17 @@ def test_a_host_name_that_cannot_be_one_is_the_signal_s_problem() -> None:
 
 def test_a_slow_device_is_read_as_often_as_it_answers(server: Server) -> None:
     async def check() -> None:
-        connections = []
+        delays = []
 
         async def delay(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            behind = await asyncio.open_connection("127.0.0.1", server.port)
-            connections.extend([writer, behind[1]])
-            while request := await reader.read(1000):
-                behind[1].write(request)
-                answer = await behind[0].read(1000)
-                await asyncio.sleep(0.3)
-                writer.write(answer)
+            delays.append(asyncio.current_task())
+            answers, behind = await asyncio.open_connection("127.0.0.1", server.port)
+            with closing(writer), closing(behind):
+                while request := await reader.read(1000):
+                    behind.write(request)
+                    answer = await answers.read(1000)
+                    await asyncio.sleep(0.3)
+                    writer.write(answer)
 
         slow = await asyncio.start_server(delay, "127.0.0.1", 0)
         async with slow, asking() as (ask, modbus):
@@ -247,9 +247,7 @@ def test_a_slow_device_is_read_as_often_as_it_answers(server: Server) -> None:
             await ask("modbusSetOutputSignal", signal_name="slow", value=77)
             await eventually(lambda: modbus.value("slow") == 77)
             await ask("modbusDeleteAllSignals")
-            for writer in connections:
-                writer.close()
-                await writer.wait_closed()
+            await asyncio.gather(*delays)  # Each ends with its connection.
 
     run(check())
 

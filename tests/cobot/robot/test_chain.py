@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 import pinocchio
 import pytest
+from samples import samples
 
 from cobot.errors import ConfigError, InputError
 from cobot.robot.chain import Chain
@@ -91,7 +92,7 @@ def check_against_mujoco(model: mujoco.MjModel, configurations: Array) -> None:
 
 def test_the_shipped_arm_is_that_of_mujoco(robot: RobotDescription) -> None:
     random = np.random.default_rng(1)
-    check_against_mujoco(robot.model.mj, random.uniform(-np.pi, np.pi, (50_000, 7)))
+    check_against_mujoco(robot.model.mj, random.uniform(-np.pi, np.pi, (samples(50_000), 7)))
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from samples import samples
 
 from cobot.robot import linear
 from cobot.types import Array
 
-COUNT = 100_000
+COUNT = samples(100_000)
 SEED = 11
 
 

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 from laws import simulated_arm as law
+from samples import samples
 from scipy.spatial.transform import Rotation
 
 from cobot.config import Settings
@@ -18,9 +19,9 @@ from rtloop.backends import Impedance, Measured
 from rtloop.backends.mujoco import MujocoBackend
 from rtloop.backends.springs import Springs
 
-STATES = 100_000
 EACH = 10
-POSTURES = STATES // EACH
+POSTURES = samples(10_000)
+STATES = POSTURES * EACH
 SHARE = 1e-12
 
 

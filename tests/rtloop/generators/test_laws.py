@@ -18,6 +18,7 @@ from laws import smooth_interpolation as smooth_law
 from laws.pose_limiter import PoseLimiter as PoseLimiterLaw
 from laws.target_estimate import Estimate as EstimateLaw
 from laws.target_estimate import fit
+from samples import samples
 
 from cobot.errors import InputError
 from cobot.ipc.layout import Interpolation
@@ -35,7 +36,7 @@ from rtloop.generators.target_estimate import FITS, Estimate
 PERIOD_S = 1e-3
 WIDTH = 16
 """Coordinates of a compiled generator."""
-COUNT = 128
+COUNT = samples(128)
 """Compiled generators beside one law."""
 EXACT = 1e-12
 RUCKIG = 1e-9
@@ -154,7 +155,7 @@ def test_references_of_random_streams_that_ruckig_brings_to_rest(kind: str) -> N
     compiled: Any = OnlineTrajectory if kind == "online" else Quintic
     plain: Any = smooth_law.OnlineTrajectory if kind == "online" else smooth_law.Quintic
     compared = 0
-    for seed in range(25):
+    for seed in range(samples(25)):
         bounds = limits(WIDTH, seed)
         one, other = plain(WIDTH, PERIOD_S, *bounds), compiled(WIDTH, PERIOD_S, *bounds)
         stream = Stream(seed, WIDTH, speed=0.3)
@@ -173,14 +174,14 @@ def test_references_of_random_streams_that_ruckig_brings_to_rest(kind: str) -> N
                 compared += WIDTH
                 scale = 1.0 + np.abs(one.reference).max()
                 close(other.reference, one.reference, scale * np.array([[1.0], [10.0], [100.0]]), RUCKIG)
-    assert compared > 100_000
+    assert compared > samples(100_000)
 
 
 def test_brakes_from_random_states() -> None:
     bounds, rng = limits(WIDTH)[1:], np.random.default_rng(4)
     one, other = smooth_law.Brake(PERIOD_S, *bounds), Brake(PERIOD_S, *bounds)
     compared = 0
-    while compared < 100_000:
+    while compared < samples(100_000):
         start = rng.normal(size=(3, WIDTH)) * [[1.0], [1.0], [4.0]] * (rng.random(WIDTH) < 0.9)
         expected, found = start.copy(), start.copy()
         one.begin(expected)
@@ -193,7 +194,7 @@ def test_brakes_from_random_states() -> None:
 
 def test_splines_through_random_points() -> None:
     rng, compared = np.random.default_rng(5), 0
-    while compared < 100_000:
+    while compared < samples(100_000):
         k = int(rng.integers(1, 132))
         times, points = np.cumsum(rng.uniform(5e-4, 0.1, k)), rng.normal(size=(k, WIDTH))
         shortest = np.diff(times).min(initial=1.0)
@@ -206,7 +207,7 @@ def test_splines_through_random_points() -> None:
 
 def test_references_of_random_chunks() -> None:
     compared = 0
-    for seed in range(40):
+    for seed in range(samples(40)):
         rng, bounds = np.random.default_rng(seed), limits(WIDTH, seed)
         one, other = (
             chunk_law.ChunkInterpolator(WIDTH, PERIOD_S, *bounds),
@@ -234,7 +235,7 @@ def test_references_of_random_chunks() -> None:
                     rates, tolerance = np.diff(one._knots_s).min() ** -np.arange(3.0)[:, None], 10.0 * EXACT
                 close(other.reference, one.reference, scale * rates, tolerance)
             assert (other.late, other.starved) == (one.late, one.starved)
-    assert compared > 100_000
+    assert compared > samples(100_000)
 
 
 def random_poses(rng: np.random.Generator, count: int) -> Array:
@@ -251,7 +252,7 @@ def random_poses(rng: np.random.Generator, count: int) -> Array:
     ],
 )
 def test_poses_between_random_poses(kind: Interpolation, chart: Any) -> None:
-    count, rounds, cycles = 700, 12, 4
+    count, rounds, cycles = samples(700), 12, 4
     rng, rates = np.random.default_rng(6), (1.0, 5.0, 100.0, 3.0, 15.0, 300.0)
     each_limit = [np.repeat([rates[k], rates[k + 3]], 3 * count) for k in range(3)]
     smooth = kind is Interpolation.QUINTIC
@@ -282,7 +283,7 @@ def test_poses_between_random_poses(kind: Interpolation, chart: Any) -> None:
 
 
 def test_moves_between_random_poses() -> None:
-    count, cycles = 2000, 60
+    count, cycles = samples(2000), 60
     rng = np.random.default_rng(7)
     start, goal, durations = random_poses(rng, count), random_poses(rng, count), rng.uniform(0.08, 3.0, count)
     moves = [MinJerkMove(start[:, k], goal[:, k], durations[k], PERIOD_S) for k in range(count)]
@@ -302,7 +303,7 @@ def test_moves_between_random_poses() -> None:
 def test_poses_within_the_limits_of_the_tcp() -> None:
     within = CartesianLimits(0.5, 2.0, 20.0, 1.0, 5.0, 40.0)
     compared = 0
-    for seed in range(290):
+    for seed in range(samples(290)):
         rng = np.random.default_rng(seed)
         one, other = PoseLimiterLaw(PERIOD_S, within), PoseLimiter(PERIOD_S, within)
         start, twist = random_poses(rng, 1)[:, 0], rng.normal(size=6) * rng.choice([0.0, 0.1])
@@ -329,7 +330,7 @@ def test_poses_within_the_limits_of_the_tcp() -> None:
                 other.acceleration.copy(),
             )
             compared += 7
-    assert compared > 100_000
+    assert compared > samples(100_000)
 
 
 @pytest.mark.parametrize("make", [Hold, Linear])

@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 import ruckig
+from samples import samples
 
 from cobot.types import Array
 from rtloop.generators import otg
@@ -190,7 +191,7 @@ def _explain(row: Array, motion: otg.AxisProfile, expected: float, seed: int) ->
 
 @pytest.mark.parametrize("kind", ["any", "to rest", "edges", "near rest", "beyond"])
 def test_a_position_is_reached_as_ruckig_reaches_it(kind: str) -> None:
-    rng, n = np.random.default_rng(SEED), 50_000
+    rng, n = np.random.default_rng(SEED), samples(5_000) * 10
     rows = _rows(rng, kind, n)
     batches = rows.reshape(-1, AXES, 10)
     disagreements = sum(_compare(rng, batch, ruckig.ControlInterface.Position, SEED) for batch in batches)
@@ -198,7 +199,7 @@ def test_a_position_is_reached_as_ruckig_reaches_it(kind: str) -> None:
 
 
 def test_a_velocity_is_reached_as_ruckig_reaches_it() -> None:
-    rng, n = np.random.default_rng(SEED), 50_000
+    rng, n = np.random.default_rng(SEED), samples(5_000) * 10
     rows = np.concatenate([_rows(rng, kind, n // 2) for kind in ("beyond", "edges")])
     batches = rows.reshape(-1, AXES, 10)
     disagreements = sum(_compare(rng, batch, ruckig.ControlInterface.Velocity, SEED) for batch in batches)
@@ -208,7 +209,7 @@ def test_a_velocity_is_reached_as_ruckig_reaches_it() -> None:
 @pytest.mark.parametrize("kind", ["any", "edges", "near rest", "beyond"])
 def test_a_motion_is_continuous_within_the_limits_and_ends_at_the_target(kind: str) -> None:
     rng = np.random.default_rng(SEED + 1)
-    for row in _rows(rng, kind, 5_000):
+    for row in _rows(rng, kind, samples(5_000)):
         result, motion = otg.position(row.tolist())
         flaws = _flaws(row, motion)
         assert result == OK, f"seed {SEED}: {row.tolist()}"
@@ -217,7 +218,7 @@ def test_a_motion_is_continuous_within_the_limits_and_ends_at_the_target(kind: s
 
 def test_extrema_are_those_of_the_path() -> None:
     rng = np.random.default_rng(SEED)
-    for row in np.concatenate([_rows(rng, kind, 500) for kind in ("any", "beyond")]):
+    for row in np.concatenate([_rows(rng, kind, samples(500)) for kind in ("any", "beyond")]):
         _, motion = otg.position(row.tolist())
         times = np.linspace(0.0, motion.duration, 400)
         path = [motion.at(t)[0] for t in times]
@@ -296,8 +297,9 @@ def test_what_is_no_number_is_refused(name: str, value: float) -> None:
 def test_random_bits_give_a_motion_or_a_result() -> None:
     """And never anything else, in a time that is bounded."""
     rng = np.random.default_rng(SEED)
-    bits = rng.integers(0, 2**64, (50_000, 10), dtype=np.uint64).view(np.float64)
-    large = np.exp(rng.uniform(-300.0, 300.0, (50_000, 10))) * rng.choice([-1.0, 1.0], (50_000, 10))
+    shape = samples(50_000), 10
+    bits = rng.integers(0, 2**64, shape, dtype=np.uint64).view(np.float64)
+    large = np.exp(rng.uniform(-300.0, 300.0, shape)) * rng.choice([-1.0, 1.0], shape)
     large[:, [5, 7]], large[:, [6, 8, 9]] = -np.abs(large[:, [5, 7]]), np.abs(large[:, [6, 8, 9]])
     for row in np.concatenate([bits, large]).tolist():
         for plan in (otg.position, otg.velocity):
@@ -310,14 +312,14 @@ def test_random_bits_give_a_motion_or_a_result() -> None:
 
 def test_a_step_is_a_plan_after_one_period() -> None:
     rng = np.random.default_rng(SEED)
-    for row in _rows(rng, "near rest", 1_000).tolist():
+    for row in _rows(rng, "near rest", samples(1_000)).tolist():
         assert otg.step(row, 1e-3) == (OK, otg.position(row)[1].at(1e-3))
 
 
 def test_who_plans_anew_in_every_period_arrives_when_the_first_plan_says() -> None:
     """Towards a target that moves, too: to be a rounding too far ahead of it must not cost a run-up."""
     rng = np.random.default_rng(SEED)
-    for row in _rows(rng, "any", 400).tolist():
+    for row in _rows(rng, "any", samples(400)).tolist():
         _, plan = otg.position(row)
         time_s, state = 0.0, row[:3]
         while time_s + 1e-3 < plan.duration < 2.0:
@@ -340,7 +342,7 @@ def _line(rng: np.random.Generator, kind: str, n: int) -> tuple[Array, Array]:
 def test_axes_on_a_line_stay_on_it_within_the_limits_of_each() -> None:
     rng = np.random.default_rng(SEED)
     in_phase = 0
-    for _ in range(800):
+    for _ in range(samples(800)):
         rows, direction = _line(rng, "near rest", 3)
         if (np.abs(rows[:, 4]) > rows[:, 6]).any():
             continue
@@ -358,12 +360,12 @@ def test_axes_on_a_line_stay_on_it_within_the_limits_of_each() -> None:
         if within:
             for row, motion in zip(rows, motions, strict=True):
                 assert not _flaws(row, motion), f"seed {SEED}: {rows.tolist()}"
-    assert in_phase > 400
+    assert in_phase > samples(400)
 
 
 def test_where_ruckig_keeps_axes_in_phase_it_is_the_same_motion() -> None:
     rng, compared = np.random.default_rng(SEED), 0
-    for _ in range(500):
+    for _ in range(samples(500)):
         direction = np.array([1.0, 0.5, -0.25])
         rows = np.repeat(_rows(rng, "any", 1), 3, axis=0)
         rows[:, 5:9:2] = -rows[:, 6:9:2]
@@ -385,13 +387,13 @@ def test_where_ruckig_keeps_axes_in_phase_it_is_the_same_motion() -> None:
             states = np.array([motion.at(time_s) for motion in motions]).T
             size = np.maximum(1.0, np.abs(rows).max())
             assert states[:2] == pytest.approx(expected[:2], abs=1e-9 * size * max(1.0, theirs.duration))
-    assert compared > 1_000
+    assert compared > samples(1_000)
 
 
 @pytest.mark.parametrize("kind", ["any", "to rest", "near rest"])
 def test_axes_that_are_on_no_line_arrive_together_as_with_ruckig(kind: str) -> None:
     rng, compared = np.random.default_rng(SEED), 0
-    for _ in range(3_000):
+    for _ in range(samples(3_000)):
         rows = _rows(rng, kind, 3)
         theirs = _ruckig(rows, synchronization=ruckig.Synchronization.Time)
         result, motions = otg.vector(rows.tolist(), in_phase=False)
@@ -418,7 +420,7 @@ def test_axes_that_are_on_no_line_arrive_together_as_with_ruckig(kind: str) -> N
             assert (off <= TOLERANCE * (sizes + rates))[:, exact].all(), (
                 f"seed {SEED}: {off} for {rows.tolist()}"
             )
-    assert compared > 2_000
+    assert compared > samples(2_000)
 
 
 def test_an_axis_that_cannot_be_delayed_arrives_earlier() -> None:

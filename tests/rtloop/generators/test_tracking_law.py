@@ -6,13 +6,14 @@ from collections.abc import Callable
 
 import numpy as np
 from laws.tracking import Tracker as PlainTracker
+from samples import samples
 
 from cobot.types import Array, JointLimits
 from rtloop.generators.tracking import Tracker
 
 PERIOD_S = 1e-3
 DOF = 16
-CALLS = 6250  # of 16 joints: 100,000 problems
+CALLS = samples(6250)  # of 16 joints: 100,000 problems
 ALIKE = 0.9999
 """Ruckig accepts ends 1e-8 rad beside the target, and once in many thousands misses the fastest way."""
 

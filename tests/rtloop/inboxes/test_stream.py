@@ -6,6 +6,7 @@ Oracle: the same rules in plain Python, on a mapping of its own, after each of m
 from __future__ import annotations
 
 import numpy as np
+from samples import samples
 from shaken import Writer
 
 from cobot.ipc.layout import Ack
@@ -13,7 +14,7 @@ from cobot.ipc.seqlock import Block
 from cobot.ipc.shm import RobotMemory
 from rtloop.inboxes.stream import Inbox, StreamInbox
 
-OPERATIONS = 100_000
+OPERATIONS = samples(100_000)
 
 
 class PlainInbox:

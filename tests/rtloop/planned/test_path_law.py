@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from laws.path import Path as PlainPath
 from laws.path_clock import PathClock as PlainPathClock
+from samples import samples
 
 from cobot.errors import InputError
 from cobot.robot.description import RobotDescription
@@ -14,7 +15,7 @@ from rtloop.planned.path import Path
 from rtloop.planned.path_clock import PathClock
 
 PERIOD_S = 1e-3
-INPUTS = 100_000
+INPUTS = samples(100_000)
 DOF = 7
 
 
@@ -62,7 +63,7 @@ def test_the_breakpoints_between_two_times_are_those_of_the_law() -> None:
     random = np.random.default_rng(23)
     trajectory = curve(random, 500)
     path, plain = loaded(trajectory), PlainPath(trajectory)
-    for _ in range(10_000):
+    for _ in range(samples(10_000)):
         begin, end = np.sort(random.uniform(0.0, trajectory.duration_s, 2))
         end = random.choice([end, begin, begin + 1.0, trajectory.duration_s])
         np.testing.assert_array_equal(path.breakpoints(begin, end), plain.breakpoints(begin, end))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from laws.limiter import NOTHING, Watch
 from laws.limiter import Safety as PlainSafety
+from samples import samples
 
 from cobot.errors import InputError
 from cobot.ipc.layout import Intervention
@@ -15,8 +16,8 @@ from rtloop.generators.tracking import Tracker
 from rtloop.safety.limiter import Safety
 
 PERIOD_S = 1e-3
-INPUTS = 100_000
-EPISODES, CYCLES = 250, 20
+INPUTS = samples(100_000)
+EPISODES, CYCLES = samples(250), 20
 ALIKE = (1e-12, 1e-11, 1e-9)
 """rad, rad/s, rad/s²: the differences of positions carry their rounding, divided by the period and its
 square."""

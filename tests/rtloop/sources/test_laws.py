@@ -7,7 +7,6 @@ variable COBOT_SHARE_OF_SAMPLES takes fewer.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from typing import Any
 
@@ -21,6 +20,7 @@ from laws import target_checks as check_law
 from laws import torque as torque_law
 from laws.servo_through_points import ThroughPoints as ThroughPointsLaw
 from running import unique_name
+from samples import samples
 
 from cobot.ipc import layout
 from cobot.ipc.layout import Interpolation, Intervention, ServoMode
@@ -48,7 +48,7 @@ PERIOD_S = 1e-3
 EXACT = 1e-12
 PROFILED = 1e-9
 """Where a time-optimal profile of a state that carries rounding lies inside."""
-SAMPLES = round(100_000 * float(os.environ.get("COBOT_SHARE_OF_SAMPLES", "1")))
+SAMPLES = samples(100_000)
 RATES = np.array([[1.0], [1.0 / PERIOD_S], [1.0 / PERIOD_S**2]])
 """A rounding of a position, in a velocity and an acceleration that are its differences."""
 TCP = CartesianLimits(0.5, 2.0, 20.0, 1.0, 5.0, 40.0)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from samples import samples
 
 from cobot.errors import InputError
 from rtloop.streaming.contact_monitor import AXES, ContactMonitor
 
 NAMES = tuple(f"joint{number}" for number in range(1, 8))
-SESSIONS, PUSHES = 1000, 20
+SESSIONS, PUSHES = samples(1000), 20
 """Of 13 numbers each: a quarter of a million."""
 
 

@@ -6,7 +6,6 @@ source, a safety layer and a collision monitor of its own, and bit for bit the s
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from typing import Any
 
@@ -14,6 +13,7 @@ import numpy as np
 import pytest
 from laws import feed as law
 from running import unique_name
+from samples import samples
 from shaken import Writer
 
 from cobot.config import Settings
@@ -35,7 +35,7 @@ from rtloop.streaming.collision_monitor import CollisionMonitor
 from rtloop.streaming.feed import PointFeed, TargetFeed
 
 PERIOD_S = 1e-3
-SAMPLES = round(100_000 * float(os.environ.get("COBOT_SHARE_OF_SAMPLES", "1")))
+SAMPLES = samples(100_000)
 CYCLES = 400
 """Of a session, if nothing ends it."""
 TIMEOUT_CYCLES = 50
