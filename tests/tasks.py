@@ -21,7 +21,7 @@ from cobot.types import LoopMode
 from rtloop.modes import STREAMING
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
-GOALS = [[0.8, 0.3, -0.3, -1.2, 0.3, 1.2, 0.5], HOME]
+GOALS = [[2.5, 0.3, -0.3, -1.2, 0.3, 1.2, 0.5], HOME]
 BUSY = {LoopMode.TRAJECTORY, *STREAMING}
 
 CLIENT = """

@@ -163,9 +163,8 @@ def test_a_client_that_does_not_read_costs_nothing_and_gets_the_newest(
         deaf.state()
         record_until(client, lambda state: state["cycle"] % 1000 == 0)
         before = process.memory_info().rss
-        states = np.concatenate(
-            record_until(client, lambda state: state["cycle"] % 4000 == 0)
-        )  # some seconds
+        # Some seconds: less than after which who reads nothing is sent away.
+        states = np.concatenate(record_until(client, lambda state: state["cycle"] % 2000 == 0))
         assert process.memory_info().rss - before < 4e6
         assert len(states) > 500
         newest = int(states["cycle"][-1])
@@ -201,7 +200,11 @@ def test_a_lost_rtloop_ends_the_session(run: Run) -> None:
         rtloop = run.child("rtloop")
         assert rtloop is not None
         rtloop.kill()
-        assert client.until_ended()["reason"] == "rtloop was restarted"
+        # On a busy computer the service misses it before there is another.
+        reason = client.until_ended()["reason"]
+        assert (
+            reason == "rtloop was restarted" or f"rtloop (pid {rtloop.pid}) has published nothing" in reason
+        )
         run.until(run.healthy)
         client.session()
         client.ended()
