@@ -16,6 +16,7 @@ from fastapi_offline import FastAPIOffline
 from starlette.routing import BaseRoute
 
 from app.api import errors
+from app.api.access import Access
 from app.api.body_limit import BodyLimit
 from app.api.openapi import with_limits
 from app.api.routers import common, sequences, trajectory
@@ -106,6 +107,7 @@ def create_app(
     app.add_middleware(
         BodyLimit, limit_bytes=settings.web.max_body_bytes, json_limit_bytes=settings.web.max_json_bytes
     )
+    app.add_middleware(Access)  # the outermost: what is refused reaches nothing else
     errors.install(app)
     limits = {name: robot.limits for name, robot in robots.items()}
     app.openapi = with_limits(app.openapi, limits)  # type: ignore[method-assign]
