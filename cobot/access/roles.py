@@ -35,6 +35,8 @@ class Identity:
 
 
 ANONYMOUS = "anonymous"
+ROS = "ros2"
+"""Who comes over DDS, which cannot tell one from another."""
 SERVICE = Identity("cobot", Role.ADMIN)
 """The service itself, when nobody has asked."""
 acting: ContextVar[Identity] = ContextVar("acting", default=SERVICE)

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 import uvicorn
+from asgi import Anybody
 from fastapi import FastAPI
 from node_rig import DEFINITIONS, NodeRig
 from peers import own_domain
@@ -71,6 +72,7 @@ class Service:
         self.port = listener.getsockname()[1]
         app = FastAPI(lifespan=self._lifespan)
         app.include_router(rosbridge.router)
+        app.add_middleware(Anybody)
         config = uvicorn.Config(
             app, log_config=None, ws="websockets-sansio", ws_max_size=1 << 26, timeout_graceful_shutdown=1
         )
