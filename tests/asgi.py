@@ -60,6 +60,13 @@ class Closed(Exception):
 class Socket:
     """A client's end of a WebSocket to the application; at most `unread` messages wait for who does not read.
 
+    Args:
+        path: with a query, if it has one.
+        headers: `subprotocols` among them are offered ones, with commas between.
+
+    Attributes:
+        subprotocol: that the service has chosen.
+
     Raises:
         Refused: the service does not accept it.
     """
@@ -76,6 +83,7 @@ class Socket:
         if first["type"] == "websocket.http.response.start":
             raise Refused(first["status"], service.run(self._next())["body"])
         assert first["type"] == "websocket.accept", first
+        self.subprotocol = first.get("subprotocol")
 
     def __enter__(self) -> Socket:
         return self
@@ -84,6 +92,8 @@ class Socket:
         self.close()
 
     async def _serve(self, app: FastAPI, path: str, headers: dict[str, str]) -> None:
+        path, _, query = path.partition("?")
+        offered = headers.pop("subprotocols", "")
         scope = {
             "type": "websocket",
             "asgi": {"version": "3.0", "spec_version": "2.4"},
@@ -91,7 +101,7 @@ class Socket:
             "scheme": "ws",
             "path": path,
             "raw_path": path.encode(),
-            "query_string": b"",
+            "query_string": query.encode(),
             "root_path": "",
             "headers": [
                 (name.lower().encode(), value.encode())
@@ -99,7 +109,7 @@ class Socket:
             ],
             "client": ("127.0.0.1", next(self._ports)),
             "server": ("robot.test", 80),
-            "subprotocols": [],
+            "subprotocols": offered.split(", ") if offered else [],
             "state": {},
             "extensions": {"websocket.http.response": {}},
         }

@@ -29,6 +29,10 @@ RESERVED = (ANONYMOUS, ROS, SERVICE.name)
 RoleName = Literal["observer", "operator", "programmer", "admin"]
 
 
+Moment = Annotated[AwareDatetime, Field(strict=False)]
+"""JSON has no moments: in the file they are text."""
+
+
 class Token(StrictModel):
     """One token, without itself.
 
@@ -40,8 +44,8 @@ class Token(StrictModel):
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._@-]{1,48}$")]
     role: RoleName
     sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
-    created: AwareDatetime
-    expires: AwareDatetime | None = None
+    created: Moment
+    expires: Moment | None = None
 
     @property
     def rights(self) -> Role:
@@ -71,7 +75,12 @@ class TokenFile:
         """All of them."""
         try:
             status = self.path.stat()
-            if status.st_mode & 0o022 or status.st_uid not in (0, os.geteuid()):
+            trusted = (
+                0,
+                os.geteuid(),
+                self.path.parent.stat().st_uid,
+            )  # who can put another one there anyway
+            if status.st_mode & 0o022 or status.st_uid not in trusted:
                 raise ConfigError(
                     f"{self.path}: others may change it, and with it who moves the robot: "
                     f"chown {os.geteuid()} and chmod 600 it"

@@ -156,7 +156,7 @@ def test_motions_have_their_own_timeout_and_carry_the_token() -> None:
     def named(robot: Client) -> Any:
         return robot.move_named("home")
 
-    request = sent(named, timeout_s=1.0, motion_timeout_s=2.0, token="secret")
+    request = sent(named, timeout_s=1.0, motion_timeout_s=2.0, motion_token="secret")
     assert request.extensions["timeout"]["read"] == 2.0
     assert request.headers["x-motion-token"] == "secret"
     assert sent(Client.health, timeout_s=1.0).extensions["timeout"]["read"] == 1.0
