@@ -17,7 +17,7 @@ import logging
 from collections.abc import Awaitable, Callable
 from typing import Any, TypeVar
 
-from cobot.access.roles import Role
+from cobot.access.roles import ROS, Identity, Role, require
 from cobot.errors import CobotError
 from ros2.inbox import Losses
 from ros2.node import Message, Node, Publisher, Service, Subscription
@@ -49,7 +49,7 @@ class Gateway:
     def __init__(
         self, node: Node, url: str, own: set[str], token: str = "", role: Role = Role.OPERATOR
     ) -> None:
-        self._role = role
+        self._identity = Identity(ROS, role)
         self._node = node
         self._own = own
         self._services: dict[str, Service] = {}
@@ -61,7 +61,12 @@ class Gateway:
         await self.link.run()
 
     def publish(self, topic: str, type_: str, message: Message) -> bool:
-        """Publish on the graph; whether the service is there."""
+        """Publish on the graph; whether the service is there.
+
+        Raises:
+            PermissionDenied: whoever comes over ROS may only look.
+        """
+        require(self._identity, Role.OPERATOR)
         self.link.send({"op": "advertise", "topic": topic, "type": type_})
         return self.link.send({"op": "publish", "topic": topic, "msg": message})
 
@@ -99,7 +104,7 @@ class Gateway:
             messages.add(new)
         topics = [topic for topic in graph["topics"] if topic["name"] not in self._own]
         published = {topic["name"]: topic["type"] for topic in topics if topic["publishers"]}
-        listens = self._role >= Role.OPERATOR
+        listens = self._identity.role >= Role.OPERATOR
         heard = {topic["name"]: topic["type"] for topic in topics if topic["subscribers"] and listens}
         services = {service["name"]: service["type"] for service in graph["services"]}
         # In this order: a client that has found a service has found joint_cmd, and may publish there at once.

@@ -123,8 +123,8 @@ class Supervisor:
             CobotError: nothing could be started.
         """
         log_file = self._open_log()
-        listener = self._listen() if self._settings.web.enabled else None
         secure = check_certificate(self._settings.web)
+        listener = self._listen() if self._settings.web.enabled else None
         url = _url(listener, secure) if listener is not None else ""
         access = self._access(listener)
         rtloops: list[Child] = []
