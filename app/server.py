@@ -59,6 +59,7 @@ def main() -> int:
     arguments = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s", stream=sys.stdout)
     logging.getLogger("httpx").setLevel(logging.WARNING)
+    ros_token = os.environ.pop(ROS_TOKEN_VARIABLE, None)  # programs that are started here get none of it
     try:
         settings = load_settings(arguments.config)
         secure = check_certificate(settings.web)
@@ -67,9 +68,7 @@ def main() -> int:
             arguments.config,
             _url(arguments.host, arguments.port, secure),
             host=arguments.host,
-            ros_token=os.environ.pop(
-                ROS_TOKEN_VARIABLE, None
-            ),  # programs that are started here get none of it
+            ros_token=ros_token,
         )
     except CobotError as exc:
         print(exc, flush=True)

@@ -12,6 +12,7 @@ proxies and in histories, so the others are better; here it is cut off before an
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Mapping
 from functools import lru_cache
 from typing import cast
@@ -128,7 +129,8 @@ class Access:
             while not accepted or self._tokens.find(token) == holder:
                 await asyncio.sleep(LOOK_AGAIN_S)
             ended = True
-            await send({"type": "websocket.close", "code": POLICY_VIOLATION, "reason": INVALID})
+            with contextlib.suppress(OSError, RuntimeError):  # it has just been closed by somebody else
+                await send({"type": "websocket.close", "code": POLICY_VIOLATION, "reason": INVALID})
 
         watching = asyncio.create_task(watch())
         try:
