@@ -43,7 +43,8 @@ class StreamProtocol(WebSocketsSansIOProtocol):
 
     def connection_made(self, transport: BaseTransport) -> None:
         super().connection_made(transport)
-        cast(Transport, transport).set_write_buffer_limits(high=0)
+        # Not 0: with TLS even an empty buffer would be too full.
+        cast(Transport, transport).set_write_buffer_limits(high=1, low=0)
         connection = transport.get_extra_info("socket")
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT_BYTES)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(1000 * UNREAD_S))

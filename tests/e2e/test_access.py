@@ -38,11 +38,11 @@ from cobot.ros.messages import Messages
 
 # It asks twice for what its starter may not do, and says what it is told.
 CAREFUL = """
-local allowed, why = pcall(call, "RobotConfig", "setTcpOffset", {offset = {0, 0, 0, 0, 0, 0}})
-textmsg("tool " .. tostring(allowed) .. " " .. tostring(why))
-textmsg("dof " .. call("RobotConfig", "getDof"))
-local state = subscribe("/" .. ROBOT .. "/joint_states", "sensor_msgs/msg/JointState")
-textmsg("topic " .. type(state))
+local allowed, why = pcall(robot.call, "RobotConfig", "resetLimits")
+textmsg("limits", allowed, why)
+textmsg("dof", robot.call("RobotConfig", "getDof"))
+require("ros_bind").ros_subscriber_factory("/rosout", "std_msgs/msg/String")
+textmsg("subscribed")
 """
 
 
@@ -129,7 +129,7 @@ def test_a_token_on_the_wire_is_encrypted_and_plain_http_gets_nothing(locked: Lo
 
 def lua(locked: Locked, folder: Path, token: str | None) -> subprocess.CompletedProcess[str]:
     program = folder / "careful.lua"
-    program.write_text(CAREFUL.replace("ROBOT", f'"{locked.run.name}"'), encoding="utf-8")
+    program.write_text(CAREFUL, encoding="utf-8")
     command = [sys.executable, "-m", "cobot", "lua", str(program), "--url", locked.run.url]
     command += ["--certificate", str(locked.trusted), *(["--token", token] if token else [])]
     environment = {name: value for name, value in os.environ.items() if name != "COBOT_TOKEN"}
@@ -141,17 +141,17 @@ def lua(locked: Locked, folder: Path, token: str | None) -> subprocess.Completed
 def test_a_lua_program_may_do_what_its_token_may(locked: Locked, tmp_path: Path) -> None:
     ended = lua(locked, tmp_path, locked.tokens[Role.OBSERVER])
     assert ended.returncode == 0, ended.stdout
-    assert "tool false" in ended.stdout
+    assert "limits false" in ended.stdout
     assert "it needs programmer" in ended.stdout
     assert "dof 7" in ended.stdout
-    assert "topic" in ended.stdout
-    assert "tool true" in lua(locked, tmp_path, locked.tokens[Role.PROGRAMMER]).stdout
+    assert "subscribed" in ended.stdout
+    assert "limits true" in lua(locked, tmp_path, locked.tokens[Role.PROGRAMMER]).stdout
     assert lua(locked, tmp_path, None).returncode != 0
 
 
 def test_a_program_that_the_service_runs_is_who_started_it_for_as_long_as_it_runs(locked: Locked) -> None:
-    """The one uploads and may set the tool; the other runs what is there, and its program may not."""
-    source = CAREFUL.replace("ROBOT", f'"{locked.run.name}"') + "sleep(1.5)\n"
+    """The one uploads and may change limits; the other runs what is there, and its program may not."""
+    source = CAREFUL + "sleep(1.5)\n"
     folder = locked.run.config.parent / "programs"
     folder.mkdir(exist_ok=True)
     (folder / "careful.lua").write_text(source, encoding="utf-8")
@@ -162,7 +162,7 @@ def test_a_program_that_the_service_runs_is_who_started_it_for_as_long_as_it_run
             if role is Role.PROGRAMMER:
                 client.start_sequence(folder / "careful.lua", n_iterations=1)
             else:
-                loaded = {"name": "careful.lua"}
+                loaded = {"program": "careful.lua"}
                 with pytest.raises(PermissionDenied, match="it needs programmer"):
                     client.start_sequence(folder / "careful.lua")
                 answers = [
@@ -178,8 +178,8 @@ def test_a_program_that_the_service_runs_is_who_started_it_for_as_long_as_it_run
             locked.run.until(lambda client=client: client.sequence_status()["status"] == "finished")
             assert client.sequence_status()["returncode"] == 0, client.sequence_logs()
             said[role] = "\n".join(client.sequence_logs(8))
-    assert "tool true" in said[Role.PROGRAMMER]
-    assert "tool false" in said[Role.OPERATOR]
+    assert "limits true" in said[Role.PROGRAMMER]
+    assert "limits false" in said[Role.OPERATOR]
     assert "the-operator has the role operator" in said[Role.OPERATOR]
     for token in used:
         late = Client(locked.run.url, token=token, verify=locked.trusted)
@@ -197,7 +197,7 @@ def test_who_comes_over_ros_may_move_and_change_nothing(locked: Locked) -> None:
         return answer
 
     assert call("RobotConfig/getDof")["result"] == 7
-    assert call("MotionControl/stopJoint", acc=1.0)["code"] == 0
+    assert call("MotionControl/stopJoint")["code"] == 0
     refused = call("RobotConfig/resetLimits")
     assert refused["code"] == Code.ERROR
     assert "ros2 has the role operator, which this does not permit: it needs programmer" in refused["message"]
