@@ -59,8 +59,8 @@ class Holder:
 class Authenticator:
     """Knows the tokens of the file, as it is now, and those that the service itself has given out.
 
-    Raises:
-        ConfigError: see `TokenFile`; when it is spoilt later, none of its tokens is valid until it is mended.
+    While the file is spoilt, none of its tokens is valid, and the log says why. The service goes on, and
+    starts: it has to be there for a stop.
     """
 
     def __init__(self, file: TokenFile, clock: Clock = SYSTEM) -> None:
@@ -70,7 +70,7 @@ class Authenticator:
         self._kept: list[tuple[bytes, Holder, int]] = []
         self._seen: object = None
         self._look_again_s = 0.0
-        self._take(file.read())
+        self._refresh()
 
     def find(self, token: str) -> Holder | None:
         """Whose it is; None for nobody's.

@@ -134,6 +134,8 @@ def test_a_file_that_is_spoilt_later_opens_to_nobody_until_it_is_mended(
     file.path.write_text("[", encoding="utf-8")
     clock.sleep(1.0)
     assert tokens.find(token) is None
+    restarted = Authenticator(file, clock)
+    assert restarted.find(token) is None
     file.path.write_bytes(good)
     clock.sleep(1.0)
     assert tokens.find(token) is not None

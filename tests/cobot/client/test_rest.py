@@ -163,6 +163,16 @@ def test_motions_have_their_own_timeout_and_carry_the_token() -> None:
     assert "x-motion-token" not in sent(named).headers
 
 
+def test_the_access_token_is_the_one_given_or_the_environment_s(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("COBOT_TOKEN", raising=False)
+    assert "authorization" not in sent(Client.health).headers
+    monkeypatch.setenv("COBOT_TOKEN", "of-the-environment")
+    assert sent(Client.health).headers["authorization"] == "Bearer of-the-environment"
+    assert sent(Client.health, token="given").headers["authorization"] == "Bearer given"
+    monkeypatch.setenv("COBOT_TOKEN", "")
+    assert "authorization" not in sent(Client.health).headers
+
+
 def test_a_trajectory_is_sent_with_its_options() -> None:
     points = [{"positions": [0.0], "time_from_start": 1.0}]
     request = sent(lambda robot: robot.send_trajectory(points, retime=True))
