@@ -8,6 +8,7 @@ import gc
 from collections.abc import AsyncIterator
 from importlib.metadata import version
 from pathlib import Path
+from urllib.parse import urlsplit
 
 from fastapi import FastAPI
 from fastapi.responses import RedirectResponse
@@ -16,8 +17,11 @@ from fastapi_offline import FastAPIOffline
 from starlette.routing import BaseRoute
 
 from app.api import errors
+from app.api.access import Access
 from app.api.body_limit import BodyLimit
-from app.api.openapi import with_limits
+from app.api.openapi import with_limits, with_tokens
+from app.api.origins import Origins
+from app.api.roles import guard, roles
 from app.api.routers import common, sequences, trajectory
 from app.api.routers import robot as robot_router
 from app.api.routers import robots as robots_router
@@ -28,12 +32,15 @@ from app.robot_services import Planner, SharedParts, serving_robot
 from app.rosbridge import router as rosbridge_router
 from app.services.motion.planning import PlanningService
 from app.services.motion.synchronous import SyncService
+from cobot.access.authentication import Authenticator, authentication_required, rights_of_ros
+from cobot.access.roles import ROS
+from cobot.access.tokens import TokenFile
 from cobot.clock import SYSTEM, Clock
 from cobot.config import Endpoint, Settings, load_endpoints
 from cobot.robot.description import load_robot
 
 DESCRIPTION = """Moves a robot arm. Motions answer when the arm has arrived and settled: look at `success`.
-Lengths in m, angles in rad. **This is no safety system and there is no authentication.**"""
+Lengths in m, angles in rad. **This is no safety system.**"""
 
 SWAGGER = {
     "displayRequestDuration": True,
@@ -48,6 +55,9 @@ def create_app(
     base_url: str,
     clock: Clock = SYSTEM,
     planner: Planner = PlanningService,
+    *,
+    host: str = "127.0.0.1",
+    ros_token: str | None = None,
 ) -> FastAPI:
     """The application. Long, as it is the list of its parts, in the order in which they need each other.
 
@@ -56,12 +66,18 @@ def create_app(
         base_url: where the sequence runner finds this service.
         clock: that all services go by.
         planner: makes what a robot plans with, from the settings' file, the number of workers and its name.
+        host: address that the service listens on.
+        ros_token: by which the DDS process is known.
 
     Raises:
         ConfigError: the configuration is wrong.
     """
     endpoints = load_endpoints(settings.web.endpoints)
     robots = {name: load_robot(each) for name, each in settings.each.items()}
+    tokens = Authenticator(TokenFile(settings.web.tokens), clock)
+    if ros_token:
+        tokens.grant(ROS, rights_of_ros(settings.ros), ros_token)
+    required = authentication_required(settings.web, host)
     tcps = {name: each.robot.tcp for name, each in settings.each.items()}
 
     @contextlib.asynccontextmanager
@@ -74,6 +90,7 @@ def create_app(
             planner=planner,
             sync=SyncService(),
             several=len(robots) > 1,
+            tokens=tokens,
         )
         async with contextlib.AsyncExitStack() as stack:
             app.state.robots = {
@@ -106,11 +123,18 @@ def create_app(
     app.add_middleware(
         BodyLimit, limit_bytes=settings.web.max_body_bytes, json_limit_bytes=settings.web.max_json_bytes
     )
+    hosts = [host, urlsplit(base_url).hostname or host, *settings.web.allowed_hosts]
+    origins = Origins(hosts, settings.web.allowed_origins, host)
+    # The outermost: what it refuses reaches nothing else.
+    app.add_middleware(Access, tokens=tokens, origins=origins, required=required)
     errors.install(app)
     limits = {name: robot.limits for name, robot in robots.items()}
     app.openapi = with_limits(app.openapi, limits)  # type: ignore[method-assign]
     if endpoints[f"POST {vendor_http.PATH}"].enabled:
         app.openapi = vendor_http.with_services(app.openapi, list(robots))  # type: ignore[method-assign]
+    table = roles(stop_without_token=settings.web.stop_without_token)
+    if required:
+        app.openapi = with_tokens(app.openapi, table)  # type: ignore[method-assign]
     # Routes are matched one after the other: those that are polled come first, the documentation's last. Not
     # by include_router, for the nesting it keeps is matched in each request too. Those of these routers are
     # there a second time, below the name of any robot.
@@ -133,6 +157,7 @@ def create_app(
     async def root() -> RedirectResponse:
         return RedirectResponse("/docs")
 
+    guard(app.routes, table)
     return app
 
 

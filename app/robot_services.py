@@ -27,6 +27,7 @@ from app.services.state.link import RobotLink, loading_s
 from app.services.streaming.force import ForceService
 from app.services.streaming.servo import ServoService
 from app.services.streaming.sessions import StreamService
+from cobot.access.authentication import Authenticator
 from cobot.addresses import address
 from cobot.clock import Clock
 from cobot.config import Endpoint, Settings
@@ -42,6 +43,7 @@ class SharedParts:
     Attributes:
         sync: moves the robots together.
         several: whether there is more than one, so that log lines and addresses have to say which.
+        tokens: that programs are given for as long as they run.
     """
 
     config: Path | None
@@ -51,6 +53,7 @@ class SharedParts:
     planner: Planner
     sync: SyncService
     several: bool
+    tokens: Authenticator
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,7 +121,7 @@ def _services(
     tolerance_rad = settings.planning.start_tolerance_rad
     ownership = Ownership(link)
     motion = MotionService(robot, link, ownership, planning, settings.planning)
-    sequences = SequenceService(ownership, link, settings.sequences, url, latest_s)
+    sequences = SequenceService(ownership, link, settings.sequences, url, latest_s, shared.tokens)
     streams = StreamService(link, ownership, motion, settings.streaming.command_timeout_s)
     stopping = StopService(link, ownership, sequences)
     simulated = settings.rt.backend == "mujoco"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import logging
+import os
 import signal
 import socket
 import sys
@@ -17,6 +18,9 @@ from websockets.http11 import Request
 
 from app.main import create_app
 from app.rosbridge import router as rosbridge
+from cobot.access.authentication import ROS_TOKEN_VARIABLE
+from cobot.access.tls import check_certificate
+from cobot.client.tls import CERTIFICATE_VARIABLE
 from cobot.client.wire import MAX_FRAME_BYTES
 from cobot.config import load_settings
 from cobot.errors import CobotError
@@ -39,7 +43,8 @@ class StreamProtocol(WebSocketsSansIOProtocol):
 
     def connection_made(self, transport: BaseTransport) -> None:
         super().connection_made(transport)
-        cast(Transport, transport).set_write_buffer_limits(high=0)
+        # Not 0: with TLS even an empty buffer would be too full.
+        cast(Transport, transport).set_write_buffer_limits(high=1, low=0)
         connection = transport.get_extra_info("socket")
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT_BYTES)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(1000 * UNREAD_S))
@@ -55,13 +60,22 @@ def main() -> int:
     arguments = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s", stream=sys.stdout)
     logging.getLogger("httpx").setLevel(logging.WARNING)
+    ros_token = os.environ.pop(ROS_TOKEN_VARIABLE, None)  # programs that are started here get none of it
     try:
+        settings = load_settings(arguments.config)
+        secure = check_certificate(settings.web)
         app = create_app(
-            load_settings(arguments.config), arguments.config, _url(arguments.host, arguments.port)
+            settings,
+            arguments.config,
+            _url(arguments.host, arguments.port, secure),
+            host=arguments.host,
+            ros_token=ros_token,
         )
     except CobotError as exc:
         print(exc, flush=True)
         return 2
+    if secure:  # programs that are started here trust it whatever it is made out to
+        os.environ[CERTIFICATE_VARIABLE] = str(settings.web.tls_certificate)
     config = uvicorn.Config(
         app,
         loop="uvloop",
@@ -76,6 +90,9 @@ def main() -> int:
         log_level="warning",
         timeout_graceful_shutdown=SHUTDOWN_S,
         server_header=False,
+        proxy_headers=False,  # who asks is who has connected, whatever it says
+        ssl_certfile=settings.web.tls_certificate,
+        ssl_keyfile=settings.web.tls_key,
     )
     # uvicorn raises the signal that ended it once more when all is closed; Python shall end in peace.
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
@@ -84,7 +101,8 @@ def main() -> int:
     return 0 if server.started else 2
 
 
-def _url(host: str, port: int) -> str:
+def _url(host: str, port: int, secure: bool) -> str:
     """Where this service is reached from this computer."""
     host = ANY_ADDRESS.get(host, host)
-    return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
+    scheme = "https" if secure else "http"
+    return f"{scheme}://[{host}]:{port}" if ":" in host else f"{scheme}://{host}:{port}"

@@ -1,6 +1,6 @@
 """Clients that cost little: GET on kept connections, from a process of their own.
 
-    python -m benchmarks.load URL CLIENTS RATE SECONDS
+    python -m benchmarks.load URL CLIENTS RATE SECONDS [TOKEN]
 
 RATE is requests a second of each client, 0 for as fast as the answers come. Prints how many were answered.
 """
@@ -45,9 +45,10 @@ class Poller(asyncio.Protocol):
         self._transport.write(self._request)
 
 
-async def _run(url: str, clients: int, rate: float, duration_s: float) -> int:
+async def _run(url: str, clients: int, rate: float, duration_s: float, token: str = "") -> int:
     where = urlsplit(url)
-    request = f"GET {where.path} HTTP/1.1\r\nHost: {where.netloc}\r\n\r\n".encode()
+    shown = f"Authorization: Bearer {token}\r\n" if token else ""
+    request = f"GET {where.path} HTTP/1.1\r\nHost: {where.netloc}\r\n{shown}\r\n".encode()
     loop = asyncio.get_running_loop()
     pollers = [Poller(request, 1.0 / rate if rate else 0.0) for _ in range(clients)]
     for poller in pollers:
@@ -57,5 +58,5 @@ async def _run(url: str, clients: int, rate: float, duration_s: float) -> int:
 
 
 if __name__ == "__main__":
-    url, clients, rate, duration_s = sys.argv[1:]
-    print(asyncio.run(_run(url, int(clients), float(rate), float(duration_s))))
+    url, clients, rate, duration_s, *token = sys.argv[1:]
+    print(asyncio.run(_run(url, int(clients), float(rate), float(duration_s), *token)))

@@ -12,14 +12,26 @@ from pathlib import Path
 import numpy as np
 from running import Run
 
+from cobot.access import roles
+from cobot.access.tokens import TokenFile
 from cobot.ipc.shm import RobotMemory, Role
 
 
 @contextlib.contextmanager
-def service(clock: str = "realtime") -> Iterator[Run]:
-    """`cobot run` on a free port with a robot of its own, until the context ends."""
+def service(clock: str = "realtime", *, tokens: int = 0) -> Iterator[Run]:
+    """`cobot run` on a free port with a robot of its own, until the context ends.
+
+    Args:
+        tokens: so many there are; with any it asks for one, and its own requests show it.
+    """
     with tempfile.TemporaryDirectory(prefix="cobot-bench-") as folder:
-        run = Run(Path(folder), clock)
+        web, asking = "", {}
+        if tokens:
+            file = TokenFile(Path(folder) / "tokens.json")
+            made = [file.create(f"number-{number}", roles.Role.OBSERVER) for number in range(tokens)]
+            web = ", authentication: required, tokens: tokens.json"
+            asking = {"headers": {"Authorization": f"Bearer {made[0]}"}}
+        run = Run(Path(folder), clock, web=web, asking=asking)
         try:
             run.until(run.healthy)
             yield run

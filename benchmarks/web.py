@@ -18,27 +18,34 @@ from cobot.ipc.shm import RobotMemory
 from cobot.launch.process import Niceness, be
 
 CLIENTS = 16
+TOKENS = 10
 POLLERS = 20
 POLL_RATE_HZ = 20
 JOINT_STATES = "/robot/joint_states"
 
 
 def requests_per_second(slices: int, slice_s: float) -> Iterator[Row]:
-    """GET /robot/joint_states in slices that alternate with a bare FastAPI route of equal payload."""
-    ours, theirs = [], []
-    with service() as run, background("benchmarks.bare") as bare:
+    """GET /robot/joint_states in slices that alternate with a bare FastAPI route of equal payload.
+
+    Without tokens, and with one of so many.
+    """
+    without, shown, theirs = [], [], []
+    with service() as run, service(tokens=TOKENS) as asking, background("benchmarks.bare") as bare:
         bare_url = address(bare)
+        token = asking.asking["headers"]["Authorization"].removeprefix("Bearer ")
         for _ in range(slices):
-            ours.append(_answers_per_second(run.url, slice_s))
+            without.append(_answers_per_second(run.url, slice_s))
             theirs.append(_answers_per_second(bare_url, slice_s))
-    yield row(
-        f"GET {JOINT_STATES}, {CLIENTS} connections",
-        "answers/s",
-        _low_tail(ours),
-        "bare FastAPI route",
-        _low_tail(theirs),
-        aim="0.7 or more",
-    )
+            shown.append(_answers_per_second(asking.url, slice_s, token))
+    for ours, what in ((without, ""), (shown, f", with one of {TOKENS} tokens")):
+        yield row(
+            f"GET {JOINT_STATES}, {CLIENTS} connections{what}",
+            "answers/s",
+            _low_tail(ours),
+            "bare FastAPI route",
+            _low_tail(theirs),
+            aim="0.7 or more",
+        )
 
 
 def stop(repetitions: int) -> Iterator[Row]:
@@ -106,7 +113,7 @@ def _until_cruising(memory: RobotMemory) -> None:
     raise TimeoutError("no motion")
 
 
-def _answers_per_second(url: str, duration_s: float) -> float:
+def _answers_per_second(url: str, duration_s: float, *token: str) -> float:
     command = [
         sys.executable,
         "-m",
@@ -115,6 +122,7 @@ def _answers_per_second(url: str, duration_s: float) -> float:
         str(CLIENTS),
         "0",
         str(duration_s),
+        *token,
     ]
     return float(subprocess.run(command, check=True, capture_output=True, text=True).stdout) / duration_s
 

@@ -6,6 +6,7 @@ Long, as it is the reference of all that can be set.
 from __future__ import annotations
 
 import importlib.util
+import re
 from collections.abc import Iterator
 from ipaddress import IPv4Address
 from pathlib import Path
@@ -103,10 +104,34 @@ def _an_ipv4_address(value: str) -> str:
     return value
 
 
+def _a_host(value: str) -> str:
+    if not re.fullmatch(r"[a-z0-9_]([a-z0-9._-]*[a-z0-9_])?|[0-9a-f:.]*:[0-9a-f:.]*", value):
+        raise ValueError(
+            f"{shown(value)} is no name or address of a host, such as robot.example or 192.168.0.10: "
+            "in lower case, without a scheme, a port or a wildcard"
+        )
+    return value
+
+
+def _an_origin(value: str) -> str:
+    if not re.fullmatch(r"[a-z][a-z0-9+.-]*://[^/?#\s@*A-Z]+", value):
+        raise ValueError(
+            f"{shown(value)} is no origin of pages, such as https://app.example or http://localhost:3000: "
+            "a scheme, a host in lower case, and its port if it is not the usual one"
+        )
+    return value
+
+
 def _for_other_computers(value: list[str], info: ValidationInfo) -> list[str]:
     if value and info.data.get("localhost_only"):
         raise ValueError(f"{shown(value)} cannot be reached: set ros.localhost_only to false")
     return value
+
+
+def _both_or_none(key: Path | None, info: ValidationInfo) -> Path | None:
+    if (key is None) != (info.data.get("tls_certificate") is None):
+        raise ValueError("web.tls_certificate and web.tls_key go together: give both, or neither")
+    return key
 
 
 class Section(StrictModel):
@@ -188,6 +213,13 @@ class WebSection(Section):
     max_json_bytes: Annotated[int, Field(ge=1024)]
     stop_on_disconnect: bool
     stale_after_s: Annotated[float, Field(ge=0.05, le=1.0)]
+    authentication: Literal["auto", "required", "none"]
+    tokens: Location
+    stop_without_token: bool
+    allowed_hosts: list[Annotated[str, AfterValidator(_a_host)]]
+    allowed_origins: list[Annotated[str, AfterValidator(_an_origin)]]
+    tls_certificate: Location | None
+    tls_key: Annotated[Location | None, AfterValidator(_both_or_none)]
 
 
 class SequencesSection(Section):
@@ -199,6 +231,7 @@ class SequencesSection(Section):
 
 class RosSection(Section):
     enabled: bool
+    access: Literal["auto", "observe", "move", "all"]
     domain_id: Annotated[int, Field(ge=0, le=232)]
     localhost_only: bool
     interfaces: list[str]

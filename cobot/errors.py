@@ -18,6 +18,9 @@ CobotError
 │   └── DeviceTimeout        it did not answer in the time given
 ├── PayloadError         a body is larger than the service takes
 ├── MediaTypeError       a body is of another type than the endpoint takes
+├── AuthenticationError  who asks has not shown who it is, and has to
+├── PermissionDenied     who asks may not do this
+│   └── MisdirectedError     the request was meant for another host than this one
 ├── UnavailableError     a process, a file in shared memory or a device does not answer
 │   └── NotReadyError        the robot answers but is in a mode that permits no motion
 └── SharedMemoryError    shared memory is not what this program expects
@@ -104,6 +107,18 @@ class PayloadError(CobotError):
 
 class MediaTypeError(CobotError):
     code = "media_type"
+
+
+class AuthenticationError(CobotError):
+    code = "unauthenticated"
+
+
+class PermissionDenied(CobotError):
+    code = "forbidden"
+
+
+class MisdirectedError(PermissionDenied):
+    code = "misdirected"
 
 
 class UnavailableError(CobotError):

@@ -17,6 +17,7 @@ import logging
 from collections.abc import Awaitable, Callable
 from typing import Any, TypeVar
 
+from cobot.access.roles import ROS, Identity, Role, require
 from cobot.errors import CobotError
 from ros2.inbox import Losses
 from ros2.node import Message, Node, Publisher, Service, Subscription
@@ -41,21 +42,31 @@ class Gateway:
     Args:
         url: of the service.
         own: topics that this process publishes itself.
+        token: by which the service knows this process.
+        role: what it may do there. An observer does not listen to what nobody would take from it.
     """
 
-    def __init__(self, node: Node, url: str, own: set[str]) -> None:
+    def __init__(
+        self, node: Node, url: str, own: set[str], token: str = "", role: Role = Role.OPERATOR
+    ) -> None:
+        self._identity = Identity(ROS, role)
         self._node = node
         self._own = own
         self._services: dict[str, Service] = {}
         self._out: dict[str, Publisher] = {}
         self._in: dict[str, Subscription] = {}
-        self.link = Rosbridge(url, self._greet, self._take)
+        self.link = Rosbridge(url, self._greet, self._take, token)
 
     async def run(self) -> None:
         await self.link.run()
 
     def publish(self, topic: str, type_: str, message: Message) -> bool:
-        """Publish on the graph; whether the service is there."""
+        """Publish on the graph; whether the service is there.
+
+        Raises:
+            PermissionDenied: whoever comes over ROS may only look.
+        """
+        require(self._identity, Role.OPERATOR)
         self.link.send({"op": "advertise", "topic": topic, "type": type_})
         return self.link.send({"op": "publish", "topic": topic, "msg": message})
 
@@ -93,7 +104,8 @@ class Gateway:
             messages.add(new)
         topics = [topic for topic in graph["topics"] if topic["name"] not in self._own]
         published = {topic["name"]: topic["type"] for topic in topics if topic["publishers"]}
-        heard = {topic["name"]: topic["type"] for topic in topics if topic["subscribers"]}
+        listens = self._identity.role >= Role.OPERATOR
+        heard = {topic["name"]: topic["type"] for topic in topics if topic["subscribers"] and listens}
         services = {service["name"]: service["type"] for service in graph["services"]}
         # In this order: a client that has found a service has found joint_cmd, and may publish there at once.
         self._settle(self._in, heard, self._listen, self._unadvertise)

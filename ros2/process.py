@@ -6,6 +6,7 @@ import argparse
 import asyncio
 import gc
 import logging
+import os
 import re
 import signal
 import sys
@@ -14,6 +15,8 @@ from typing import Any
 
 import uvloop
 
+from cobot.access.authentication import ROS_TOKEN_VARIABLE, rights_of_ros
+from cobot.access.roles import Role
 from cobot.config import Settings, load_settings
 from cobot.errors import CobotError
 from cobot.ros.messages import Messages
@@ -72,7 +75,8 @@ async def _serve(settings: Settings, url: str) -> None:
     try:
         robots = _robots(node, settings)
         own = {"/tf", "/tf_static", "/robot_description"}.union(*(robot.topics for robot in robots))
-        gateway = Gateway(node, url, own) if url else None
+        token = os.environ.get(ROS_TOKEN_VARIABLE, "")
+        gateway = Gateway(node, url, own, token, rights_of_ros(ros)) if url else None
         Parameters(node, options(settings, robots, gateway))
         _announce(settings, participant)
         gc.collect()
@@ -106,10 +110,13 @@ def _robots(node: Node, settings: Settings) -> list[Telemetry]:
 
 def _announce(settings: Settings, participant: Participant) -> None:
     ros = settings.ros
-    where = (
-        "this computer only" if ros.localhost_only else "all networks: whoever reaches them moves the robot"
-    )
+    rights = rights_of_ros(ros)
+    where = "this computer only" if ros.localhost_only else "all networks"
     log.info("ROS 2 on domain %d, %s, as node %s", ros.domain_id, where, NODE.full)
+    if rights > Role.OBSERVER and not ros.localhost_only:
+        log.warning("ros.access is %s: whoever reaches these networks moves the robot", ros.access)
+    elif rights is Role.OBSERVER:
+        log.info("whoever comes over ROS 2 may look, and move nothing: ros.access")
     if not participant.multicast:
         log.warning(
             "there is no multicast: found are the first participants on this computer and on ros.peers"

@@ -18,6 +18,7 @@ from typing import Any
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import WebSocketException
 
+from cobot.client.tls import tls_context
 from cobot.errors import ExecutionError, UnavailableError
 from cobot.ros.codec import without_nan
 
@@ -47,11 +48,18 @@ class Rosbridge:
         url: of the service, "http://localhost:8007".
         on_open: called with each new connection, before anything else is sent on it.
         on_message: called with (topic, message) of what was subscribed.
+        token: by which the service knows this process.
     """
 
     def __init__(
-        self, url: str, on_open: Callable[[], None], on_message: Callable[[str, Message], None]
+        self,
+        url: str,
+        on_open: Callable[[], None],
+        on_message: Callable[[str, Message], None],
+        token: str = "",
     ) -> None:
+        self._headers = {"Authorization": f"Bearer {token}"} if token else None
+        self._trusted = tls_context(True) if url.startswith("https:") else None
         self._url = "ws" + url.removeprefix("http") + PATH
         self._on_open = on_open
         self._on_message = on_message
@@ -116,6 +124,8 @@ class Rosbridge:
     async def _connected(self) -> AsyncIterator[ClientConnection]:
         async with connect(
             self._url,
+            ssl=self._trusted,
+            additional_headers=self._headers,
             compression=None,
             max_size=MAX_RECEIVED,
             open_timeout=OPEN_S,

@@ -16,7 +16,7 @@ from sequences.lua_sandbox import Limits, require_lua
 from sequences.runner import ReturnCode, Run, run
 from sequences.schema import read_file, read_sequence, schema_text
 
-TOKEN_VARIABLE = "COBOT_MOTION_TOKEN"
+MOTION_TOKEN_VARIABLE = "COBOT_MOTION_TOKEN"
 RETURN_CODES = (
     "return codes: 0 all done, 2 the file or an argument is wrong, 3 a motion failed, "
     "4 the service or the robot is not available, 128 + N ended by signal N"
@@ -97,7 +97,7 @@ def _run(arguments: argparse.Namespace) -> int:
             motion_timeout_s=arguments.motion_timeout,
             bag=arguments.bag,
             topics=arguments.topics,
-            token=os.environ.get(TOKEN_VARIABLE),
+            motion_token=os.environ.get(MOTION_TOKEN_VARIABLE),
             progress=arguments.progress_fd,
         )
     )

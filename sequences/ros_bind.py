@@ -16,6 +16,7 @@ from urllib.parse import urlsplit
 from websockets.exceptions import WebSocketException
 from websockets.sync.client import ClientConnection, connect
 
+from cobot.client.tls import tls_context, token_from_environment
 from cobot.errors import CobotError, InputError, UnavailableError
 from cobot.ros.codec import without_nan
 from cobot.ros.messages import Messages
@@ -184,9 +185,16 @@ class RosBridge:
 
     def _connect(self) -> None:
         try:
+            token = token_from_environment()
             self._connection = self._open_connection.enter_context(
                 connect(
-                    self._url, open_timeout=ANSWER_S, max_size=BIGGEST_MESSAGE, proxy=None, close_timeout=0.2
+                    self._url,
+                    ssl=tls_context(True) if self._url.startswith("wss:") else None,
+                    additional_headers={"Authorization": f"Bearer {token}"} if token else None,
+                    open_timeout=ANSWER_S,
+                    max_size=BIGGEST_MESSAGE,
+                    proxy=None,
+                    close_timeout=0.2,
                 )
             )
         except (WebSocketException, OSError, ValueError) as exc:

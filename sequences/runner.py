@@ -49,7 +49,7 @@ class Run:
     Attributes:
         name: of the file, for messages.
         lua: None for a sequence file; the limits of a Lua program.
-        token: of the service's, so that it knows the sequence's own requests; None when started by hand.
+        motion_token: the service's, so that it knows the sequence's own requests; None when started by hand.
         progress: descriptor to which each step is reported as a line of JSON, None for nowhere.
     """
 
@@ -62,7 +62,7 @@ class Run:
     motion_timeout_s: float
     bag: Path | None
     topics: str
-    token: str | None
+    motion_token: str | None
     progress: int | None
 
 
@@ -79,7 +79,8 @@ def run(order: Run) -> int:
             recorder = Recorder(order.bag, topics, order.url)
             recorder.start()
             log(f"recording {', '.join(topics)} to {order.bag}")
-        with Client(order.url, motion_timeout_s=order.motion_timeout_s, token=order.token) as client:
+        timeout_s, token = order.motion_timeout_s, order.motion_token
+        with Client(order.url, motion_timeout_s=timeout_s, motion_token=token) as client:
             if sequence is None:
                 _iterate_program(order, source, client, recorder)
             else:

@@ -9,9 +9,24 @@ from urllib.parse import urlsplit
 import httpx
 from fastapi import FastAPI
 from running import WAIT_S
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from app.api.access import IDENTITY
+from cobot.access.roles import SERVICE
 
 if TYPE_CHECKING:
     from virtual import VirtualService
+
+
+class Anybody:
+    """For an application without `app.api.access.Access`: who asks may do everything."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        scope[IDENTITY] = SERVICE
+        await self._app(scope, receive, send)
 
 
 class SynchronousTransport(httpx.BaseTransport):
@@ -45,6 +60,13 @@ class Closed(Exception):
 class Socket:
     """A client's end of a WebSocket to the application; at most `unread` messages wait for who does not read.
 
+    Args:
+        path: with a query, if it has one.
+        headers: `subprotocols` among them are offered ones, with commas between.
+
+    Attributes:
+        subprotocol: that the service has chosen.
+
     Raises:
         Refused: the service does not accept it.
     """
@@ -61,6 +83,7 @@ class Socket:
         if first["type"] == "websocket.http.response.start":
             raise Refused(first["status"], service.run(self._next())["body"])
         assert first["type"] == "websocket.accept", first
+        self.subprotocol = first.get("subprotocol")
 
     def __enter__(self) -> Socket:
         return self
@@ -69,6 +92,8 @@ class Socket:
         self.close()
 
     async def _serve(self, app: FastAPI, path: str, headers: dict[str, str]) -> None:
+        path, _, query = path.partition("?")
+        offered = headers.pop("subprotocols", "")
         scope = {
             "type": "websocket",
             "asgi": {"version": "3.0", "spec_version": "2.4"},
@@ -76,7 +101,7 @@ class Socket:
             "scheme": "ws",
             "path": path,
             "raw_path": path.encode(),
-            "query_string": b"",
+            "query_string": query.encode(),
             "root_path": "",
             "headers": [
                 (name.lower().encode(), value.encode())
@@ -84,7 +109,7 @@ class Socket:
             ],
             "client": ("127.0.0.1", next(self._ports)),
             "server": ("robot.test", 80),
-            "subprotocols": [],
+            "subprotocols": offered.split(", ") if offered else [],
             "state": {},
             "extensions": {"websocket.http.response": {}},
         }

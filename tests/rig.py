@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import os
 import time
+from pathlib import Path
 
 import mujoco
 import numpy as np
 from running import unique_name
 
+from cobot.access.authentication import Authenticator
+from cobot.access.tokens import TokenFile
 from cobot.config import Settings
 from cobot.ipc.layout import RING, Ack, Command, Interpolation, Intervention, MotionResult, Stream
 from cobot.ipc.shm import RobotMemory, text
@@ -21,6 +24,11 @@ from rtloop.clock import FastClock
 from rtloop.loop import ControlLoop
 
 CAPACITY = 2000
+
+
+def no_tokens() -> Authenticator:
+    """For services that give out tokens, and know no others."""
+    return Authenticator(TokenFile(Path("/nowhere/tokens.json")))
 
 
 class Loopback:

@@ -56,12 +56,17 @@ class Run:
         *,
         ros_elsewhere: bool = False,
         patient: bool = True,
+        web: str = "",
+        asking: dict[str, Any] | None = None,
     ) -> None:
         """With a ROS domain it is on ROS 2 too, which takes the start a second.
 
         ros_elsewhere: also for other computers.
         patient: see `PATIENT`; else all is as shipped.
+        web: more about the web service, as YAML that begins with a comma.
+        asking: what its own requests need: headers, verify.
         """
+        self.asking = asking or {}
         self.name = robot = unique_name()
         self.memory = Path("/dev/shm") / f"cobot-{robot}"
         self.config = folder / f"{robot}.yaml"
@@ -69,7 +74,7 @@ class Run:
             f"robot: {{name: {robot}}}\nlogs: logs\n"
             "sequences: {recordings: recordings, programs: programs}\n"
             f"rt: {{trajectory_capacity: 200000, clock: {clock}{', ' + PATIENT if patient else ''}}}\n"
-            "web: {port: 0}\nplanning: {workers: 1}\n"
+            f"web: {{port: 0{web}}}\nplanning: {{workers: 1}}\n"
             f"ros: {{enabled: {str(ros_domain is not None).lower()}, domain_id: {ros_domain or 0}, "
             f"localhost_only: {str(not ros_elsewhere).lower()}}}\n",
             encoding="utf-8",
@@ -101,7 +106,7 @@ class Run:
     @property
     def url(self) -> str:
         found = re.search(
-            r"http://[^/]+", self.until(lambda: re.search(r"address +http", self.output)).string
+            r"https?://[^/]+", self.until(lambda: re.search(r"address +http", self.output)).string
         )
         assert found
         return found.group()
@@ -112,7 +117,7 @@ class Run:
 
     def health(self) -> dict[str, object] | None:
         try:
-            response = httpx.get(f"{self.url}/health", timeout=5.0)
+            response = httpx.get(f"{self.url}/health", timeout=5.0, **self.asking)
         except httpx.TransportError:
             return None
         return response.json() if response.status_code == 200 else None
@@ -135,15 +140,15 @@ class Run:
         return found if found is not None and found.pid != old_pid else None
 
     def joints(self) -> list[float]:
-        response = httpx.get(f"{self.url}/robot/joint_states", timeout=5.0)
+        response = httpx.get(f"{self.url}/robot/joint_states", timeout=5.0, **self.asking)
         response.raise_for_status()
         return response.json()["position"]
 
     def go_home(self) -> None:
         """Also from a motion; it ends what else moves the arm."""
-        httpx.post(f"{self.url}/stop", timeout=WAIT_S).raise_for_status()
+        httpx.post(f"{self.url}/stop", timeout=WAIT_S, **self.asking).raise_for_status()
         named = {"name": "home", "speed": 1.0}
-        home = httpx.post(f"{self.url}/robot/move/named", json=named, timeout=WAIT_S)
+        home = httpx.post(f"{self.url}/robot/move/named", json=named, timeout=WAIT_S, **self.asking)
         assert home.json()["success"], home.text
 
     def end(self) -> None:
@@ -168,6 +173,7 @@ class Pair(Run):
             encoding="utf-8",
         )
         self.lines: list[str] = []
+        self.asking = {}
         self.start()
 
     def healthy(self) -> bool:

@@ -8,7 +8,7 @@ from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
 from typing import Any
 
-from rig import Rig
+from rig import Rig, no_tokens
 from virtual import Cycle
 from virtual_time import VirtualClock, VirtualLoop
 
@@ -41,7 +41,8 @@ class Bench:
         info = self.streams.info
         info["stiffness"], info["cartesian_stiffness"] = 500.0, [3000.0] * 3 + [200.0] * 3
         info["min_position"], info["max_position"] = rig.limits.min_position, rig.limits.max_position
-        sequences = SequenceService(self.ownership, link, settings.sequences, "http://127.0.0.1:1", 1.0)
+        url, tokens = "http://127.0.0.1:1", no_tokens()
+        sequences = SequenceService(self.ownership, link, settings.sequences, url, 1.0, tokens)
         self.stopping = StopService(link, self.ownership, sequences)
         self.force = ForceService(robot, link, self.streams, self.stopping, lambda text: None)
         self.servo = ServoService(robot, link, self.streams, self.force, RobotSettings(robot))

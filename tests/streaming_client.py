@@ -39,6 +39,11 @@ class Frames:
         version = self.hello["layout"] if layout is None else layout
         self.socket.send(struct.pack("<IIQ", kind, version, sequence) + record)
 
+    def until_closed(self) -> None:
+        """Read until there is nothing more, which the socket raises."""
+        while True:
+            self.socket.recv(WAIT_S)
+
     def answer(self) -> dict[str, Any]:
         """The next text frame that is no state."""
         while True:

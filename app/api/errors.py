@@ -32,6 +32,9 @@ STATUS: dict[type[CobotError], int] = {
     errors.DeviceTimeout: 504,
     errors.PayloadError: 413,
     errors.MediaTypeError: 415,
+    errors.AuthenticationError: 401,
+    errors.PermissionDenied: 403,
+    errors.MisdirectedError: 421,
     errors.UnavailableError: 503,
     errors.SharedMemoryError: 503,
     errors.ConfigError: 503,
@@ -47,6 +50,8 @@ class ErrorAnswer(BaseModel):
 
 
 DESCRIPTIONS = {
+    401: "A token is needed, and there is none, or it is not valid.",
+    403: "The token's role does not permit this: the detail says which role does.",
     404: "There is no such robot: the detail lists those that there are.",
     409: "Somebody else owns the motion, or it was stopped before it began: the detail says who or why.",
     413: "The body is larger than `web.max_body_bytes` (uploads) or `web.max_json_bytes`.",
@@ -76,13 +81,19 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(Exception, _unexpected)
 
 
+def answer_to(error: CobotError) -> JSONResponse:
+    """The answer that tells of an error."""
+    headers = {"WWW-Authenticate": "Bearer"} if isinstance(error, errors.AuthenticationError) else None
+    return _answer(status_of(error), str(error), error.code, headers)
+
+
 def _answer(status: int, detail: str, code: str, headers: Any = None) -> JSONResponse:
     return JSONResponse({"detail": detail, "code": code}, status, headers)
 
 
 async def _cobot_error(request: Request, exc: Exception) -> JSONResponse:
     assert isinstance(exc, CobotError)
-    return _answer(status_of(exc), str(exc), exc.code)
+    return answer_to(exc)
 
 
 async def _invalid_request(request: Request, exc: Exception) -> JSONResponse:

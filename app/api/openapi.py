@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from itertools import zip_longest
 from typing import Any
 
+from app.api.errors import responses
+from cobot.access.roles import Role
 from cobot.addresses import ROBOTS
 from cobot.types import JointLimits
 
@@ -57,6 +59,37 @@ def with_limits(
             for endpoint in operations.values():
                 summary = endpoint["description"].partition("\n")[0]  # says more than the path again
                 endpoint["summary"] = f"{summary} Of any robot." if path.startswith(f"{ROBOTS}/") else summary
+        return schema
+
+    return described
+
+
+def with_tokens(
+    openapi: Callable[[], dict[str, Any]], roles: Mapping[str, Role]
+) -> Callable[[], dict[str, Any]]:
+    """A schema function that says which endpoints need a token of which role, so that Swagger asks for one.
+
+    Args:
+        roles: by endpoint; the schema of an endpoint may have its own as `x-role`.
+    """
+
+    def described() -> dict[str, Any]:
+        schema = openapi()
+        bearer = {"type": "http", "scheme": "bearer", "description": "of `cobot token create`"}
+        schema.setdefault("components", {})["securitySchemes"] = {"token": bearer}
+        for path, operations in schema["paths"].items():
+            for method, endpoint in operations.items():
+                name = endpoint.get("x-role") or roles[f"{method.upper()} {path}"].name.lower()
+                if name == Role.NOBODY.name.lower() or "security" in endpoint:
+                    continue
+                endpoint["security"] = [{"token": []}]
+                endpoint["description"] += f"\n\nNeeds the role {name}."
+                for status, each in responses(401, 403).items():
+                    reference = {"schema": {"$ref": "#/components/schemas/ErrorAnswer"}}
+                    endpoint["responses"][str(status)] = {
+                        "description": each["description"],
+                        "content": {"application/json": reference},
+                    }
         return schema
 
     return described

@@ -17,11 +17,13 @@ from fastapi.routing import APIRoute
 from starlette.routing import Match
 from starlette.types import Scope
 
+from app.api.access import identity_of
 from app.api.dependencies import LARGE_BYTES, decoded, json_body, services_of
 from app.api.errors import responses
 from app.aubo.classes import CLASSES, REGISTRY
 from app.aubo.fields import REQUIRED, Field
 from app.aubo.registry import Origin, Service, bind, run, unknown_service
+from cobot.access.roles import require
 from cobot.errors import NotFoundError
 
 PATH = "/{robot}/{Class}/{method}"
@@ -70,6 +72,7 @@ async def vendor_service(request: Request) -> JSONResponse:
     found = REGISTRY.get((robot_class, method))
     if found is None:
         raise NotFoundError(unknown_service(robot_class, method))
+    require(identity_of(request), found.role)
     bound = bind(found, await _content(request))
     origin = Origin(f"POST {request.url.path}", stops, request.headers.get("X-Motion-Token"))
     return JSONResponse(asdict(await run(services, found, bound, origin)))
@@ -135,6 +138,7 @@ def _operation(found: Service, robot: dict[str, Any]) -> dict[str, Any]:
         "operationId": f"{found.robot_class}_{found.method}",
         "summary": f"{found.method}: {found.doc.partition('. ')[0].rstrip('.')}.",
         "description": found.doc,
+        "x-role": found.role.name.lower(),
         "parameters": [robot],
         "requestBody": {"required": bool(needed), "content": {"application/json": {"schema": body}}},
         "responses": {

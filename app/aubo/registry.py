@@ -30,6 +30,8 @@ from typing import TYPE_CHECKING, Any
 
 from app.aubo.codes import Code, code_of
 from app.aubo.fields import REQUIRED, ROS_TYPES, Field, Int64, Json, argument
+from app.aubo.roles import role_of
+from cobot.access.roles import Role
 from cobot.errors import CobotError, InputError
 from cobot.strict import shown, unknown_key
 
@@ -65,6 +67,11 @@ class Service:
     def type_name(self) -> str:
         """The name of the .srv: the method's; with the class before it where methods of one name differ."""
         return _type_names(len(REGISTRY))[self.robot_class, self.method]
+
+    @property
+    def role(self) -> Role:
+        """What its caller has to be."""
+        return role_of(self.robot_class, self.method)
 
     @property
     def signature(self) -> tuple[Any, ...]:

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from app.graph.actions import Action, CancelCode, GoalHandle, GoalStatus, Rejected
+from cobot.access.roles import Role
 from cobot.errors import CobotError
 from cobot.ros.messages import Message
 
@@ -77,11 +78,11 @@ class ActionServer:
             f"{below}/status", "action_msgs/msg/GoalStatusArray", latch=True, owner=owner
         )
         self._services = [
-            graph.add_service(f"{below}/{name}", service, function, owner=owner)
-            for name, service, function in (
-                ("send_goal", f"{type_}_SendGoal", self._serve_send_goal),
-                ("get_result", f"{type_}_GetResult", self._serve_get_result),
-                ("cancel_goal", "action_msgs/srv/CancelGoal", self._serve_cancel_goal),
+            graph.add_service(f"{below}/{name}", service, function, owner=owner, role=role)
+            for name, service, function, role in (
+                ("send_goal", f"{type_}_SendGoal", self._serve_send_goal, Role.OPERATOR),
+                ("get_result", f"{type_}_GetResult", self._serve_get_result, Role.OBSERVER),
+                ("cancel_goal", "action_msgs/srv/CancelGoal", self._serve_cancel_goal, Role.OPERATOR),
             )
         ]
 

@@ -18,6 +18,7 @@ from typing import Any
 from app.graph.action_server import ActionServer
 from app.graph.actions import Action, GoalStatus
 from app.graph.topics import Topics, absolute
+from cobot.access.roles import Role
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import ConflictError, InputError, NotFoundError
 from cobot.ros.messages import Message, Messages
@@ -37,6 +38,7 @@ class Service:
     function: Callable[[Message], Awaitable[Message]]
     owner: object
     local: bool
+    role: Role
 
 
 class Graph(Topics):
@@ -66,6 +68,7 @@ class Graph(Topics):
         *,
         owner: object,
         local: bool = False,
+        role: Role = Role.OPERATOR,
     ) -> Service:
         """Offer a service.
 
@@ -74,6 +77,7 @@ class Graph(Topics):
             type_: "aubo_interfaces/srv/GetDof".
             function: called with the complete request; the response.
             local: not for other networks.
+            role: that a transport's client has to have.
 
         Raises:
             InputError: no valid name, or no known type.
@@ -83,7 +87,7 @@ class Graph(Topics):
         type_ = self.messages.resolved(type_, "srv")
         if name in self.services:
             raise ConflictError(f"there is a service {name} already")
-        made = self.services[name] = Service(name, type_, function, owner, local)
+        made = self.services[name] = Service(name, type_, function, owner, local, role)
         self.changed()
         return made
 

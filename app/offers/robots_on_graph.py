@@ -39,6 +39,7 @@ async def serving(
                 f"{PACKAGE}/srv/{service.type_name}",
                 partial(_call, services, robot_class, method),
                 owner=graph,
+                role=service.role,
             )
         graph.add_action(ServoModeAction(name, services.servo))
         graph.add_action(services.fjt)

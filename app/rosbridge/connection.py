@@ -22,6 +22,8 @@ from app.rosbridge import operations as op
 from app.rosbridge.fragments import Assembly
 from app.rosbridge.offers import Offers
 from app.rosbridge.outbox import MAX_PER_TOPIC, Outbox
+from app.rosbridge.roles import ROLES
+from cobot.access.roles import SERVICE, Identity, require
 from cobot.errors import CobotError, ConflictError, InputError, UnavailableError
 from cobot.ros.messages import Message
 from cobot.strict import shown
@@ -42,14 +44,19 @@ log = logging.getLogger("cobot.rosbridge")
 class Connection:
     """A client, from its first message to its last.
 
+    Args:
+        name: for the log.
+        identity: whose it is.
+
     Attributes:
         outbox: what is to be sent to it.
     """
 
-    def __init__(self, graph: Graph, name: str) -> None:
+    def __init__(self, graph: Graph, name: str, identity: Identity = SERVICE) -> None:
         self.outbox = Outbox()
         self._graph = graph
         self._name = name
+        self._identity = identity
         self._level = "error"
         self._fragments = Assembly(MAX_MESSAGE)
         self._publishers: dict[str, tuple[Publisher, set[op.Id]]] = {}
@@ -109,6 +116,7 @@ class Connection:
         self._graph.gateways.discard(self)
 
     def _carry_out(self, asked: op.Operation) -> None:
+        require(self._identity, ROLES[type(asked)])
         match asked:
             case op.Publish():
                 self._publish(asked)
@@ -204,8 +212,9 @@ class Connection:
         if asked.id is not None:
             answer["id"] = asked.id
         try:
-            type_ = self._graph.service(asked.service).type
-            arguments = self._arguments(asked.args, f"{type_}_Request")
+            service = self._graph.service(asked.service)
+            require(self._identity, service.role)
+            arguments = self._arguments(asked.args, f"{service.type}_Request")
             async with asyncio.timeout(asked.timeout or None):
                 answer["values"] = await self._graph.call_service(asked.service, arguments)
             answer["result"] = True

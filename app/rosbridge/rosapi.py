@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from app.graph.graph import Graph
+from cobot.access.roles import Role
 from cobot.errors import NotFoundError
 from cobot.ros.messages import Message, Messages
 from cobot.strict import shown
@@ -60,7 +61,14 @@ def add_rosapi(graph: Graph) -> None:
         async def call(request: Message, answer: Callable[[Message], Message] = answer) -> Message:
             return answer(request)
 
-        graph.add_service(f"/rosapi/{name}", f"rosapi_msgs/srv/{type_}", call, owner=graph, local=True)
+        graph.add_service(
+            f"/rosapi/{name}",
+            f"rosapi_msgs/srv/{type_}",
+            call,
+            owner=graph,
+            local=True,
+            role=Role.OBSERVER,
+        )
 
 
 def _services(graph: Graph) -> dict[str, tuple[str, Callable[[Message], Message]]]:

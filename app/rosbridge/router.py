@@ -8,9 +8,9 @@ from typing import Any, cast
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 from fastapi.responses import JSONResponse
 
+from app.api.access import identity_of
 from app.api.dependencies import LARGE_BYTES, decoded, without_collection
 from app.api.errors import status_of
-from app.api.routers.stream import require_own_page
 from app.graph.graph import Graph
 from app.rosbridge.connection import MAX_MESSAGE, MAX_OBJECTS, Connection
 from cobot.errors import CobotError, InputError, PayloadError, UnavailableError
@@ -29,7 +29,6 @@ async def rosbridge(socket: WebSocket) -> None:
     """See docs/rosbridge.md."""
     state = socket.app.state
     try:
-        require_own_page(socket)
         if state.rosbridge_connections >= MAX_CONNECTIONS:
             raise UnavailableError(f"{MAX_CONNECTIONS} clients of rosbridge are connected already")
     except CobotError as exc:
@@ -46,7 +45,8 @@ async def rosbridge(socket: WebSocket) -> None:
 async def _serve(socket: WebSocket, graph: Graph, large: asyncio.Lock) -> None:
     await socket.accept()
     client = socket.client
-    connection = Connection(graph, f"{client.host}:{client.port}" if client else "a client")
+    name = f"{client.host}:{client.port}" if client else "a client"
+    connection = Connection(graph, name, identity_of(socket))
     work = [
         asyncio.create_task(each)
         for each in (

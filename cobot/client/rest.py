@@ -18,6 +18,7 @@ import httpx
 
 from cobot import errors
 from cobot.addresses import address, path_at
+from cobot.client.tls import Verify, tls_context, token_from_environment
 from cobot.errors import CobotError, ExecutionError, InputError, UnavailableError
 
 DEFAULT_URL = "http://localhost:8007"
@@ -46,7 +47,9 @@ class Client:
         robot: the name of another robot than the default one.
         timeout_s: for everything that answers at once.
         motion_timeout_s: for motions, which answer on arrival; above the service's own timeouts.
-        token: that of a sequence, for the sequence's own motions.
+        token: of `cobot token create`, for a service that asks for one; without it that in `COBOT_TOKEN`.
+        verify: which certificates to trust, see `cobot.client.tls.tls_context`.
+        motion_token: that of a sequence, for the sequence's own motions.
 
     Every method raises:
         UnavailableError: nobody answers at the URL, or the robot behind it does not.
@@ -61,15 +64,27 @@ class Client:
         timeout_s: float = 10.0,
         motion_timeout_s: float = MOTION_TIMEOUT_S,
         token: str | None = None,
+        verify: Verify = True,
+        motion_token: str | None = None,
         transport: httpx.BaseTransport | None = None,
     ) -> None:
         if robot is not None:
             url = address(url, robot)
-        headers = {"X-Motion-Token": token} if token else {}
+        headers = {"X-Motion-Token": motion_token} if motion_token else {}
+        token = token or token_from_environment()
+        if token:
+            headers["Authorization"] = f"Bearer {token}"
+        # What trusts the computer's certificates takes 10 ms to make.
+        trusted = tls_context(verify) if url.startswith("https:") else False
         try:
             # trust_env: a robot's motions do not go through the proxy that the environment has for the web.
             self._http = httpx.Client(
-                base_url=url, timeout=timeout_s, headers=headers, transport=transport, trust_env=False
+                base_url=url,
+                timeout=timeout_s,
+                headers=headers,
+                verify=trusted,
+                transport=transport,
+                trust_env=False,
             )
         except httpx.InvalidURL as exc:
             raise InputError(f"url {url!r}: {exc}") from exc

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import logging
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -26,6 +27,7 @@ from cobot.client.plans import Plan, Run
 from cobot.client.primitives import primitive
 from cobot.client.session_settings import SessionSettings
 from cobot.client.states import RobotInfo, RobotStates, robot_info, robot_states
+from cobot.client.tls import Verify
 from cobot.client.transport import SharedMemoryTransport, Transport
 from cobot.client.websocket import WebSocketTransport
 from cobot.clock import SYSTEM, Clock
@@ -62,7 +64,8 @@ class Robot(SessionSettings):
         verbose: log the connection.
         lite: accepted; there is nothing to leave out.
         clock: that the robot goes by.
-        client: makes a client of its service from the URL.
+        client: makes a client of its service from the URL; without it a `Client`.
+        token, verify: see `Client`; for its service, not for its shared memory.
 
     Raises:
         UnavailableError: there is no such robot, or its rtloop does not answer.
@@ -79,11 +82,14 @@ class Robot(SessionSettings):
         lite: bool = False,
         *,
         clock: Clock = SYSTEM,
-        client: Callable[[str], Client] = Client,
+        client: Callable[[str], Client] | None = None,
+        token: str | None = None,
+        verify: Verify = True,
     ) -> None:
         self._clock = clock
-        self._make_client = client
-        self._transport = _connect(serial_number, connect_retries, retry_interval_sec, clock)
+        self._make_client = client or partial(Client, token=token, verify=verify)
+        remote = partial(WebSocketTransport, token=token, verify=verify)
+        self._transport = _connect(serial_number, connect_retries, retry_interval_sec, clock, remote)
         self._info = robot_info(self._transport.robot, self._transport.info)
         self._flange = self._transport.info["flange"].tolist()
         self._chosen = Mode.IDLE
@@ -383,12 +389,17 @@ class Robot(SessionSettings):
     ExecutePlan, ExecutePrimitive = execute_plan, execute_primitive
 
 
-def _connect(serial_number: str, retries: int, interval_s: float, clock: Clock) -> Transport:
-    remote = serial_number.startswith(("http://", "https://"))
+def _connect(
+    serial_number: str,
+    retries: int,
+    interval_s: float,
+    clock: Clock,
+    remote: Callable[[str, Clock], Transport],
+) -> Transport:
+    far = serial_number.startswith(("http://", "https://"))
     for attempt in range(retries + 1):
         try:
-            transport = WebSocketTransport if remote else SharedMemoryTransport
-            return transport(serial_number, clock)
+            return (remote if far else SharedMemoryTransport)(serial_number, clock)
         except UnavailableError:
             if attempt == retries:
                 raise

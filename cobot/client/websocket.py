@@ -14,6 +14,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from cobot.addresses import path_at
 from cobot.client.rest import ERRORS
+from cobot.client.tls import Verify, tls_context, token_from_environment
 from cobot.client.wire import PATH, Kind, packed, record
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import CobotError, InputError, LayoutError, UnavailableError
@@ -36,6 +37,7 @@ class WebSocketTransport:
 
     Args:
         url: of the robot's service: http://HOST:PORT, or http://HOST:PORT/robots/NAME for one of several.
+        token, verify: see `cobot.client.Client`.
 
     Raises:
         UnavailableError: nobody answers there, or rtloop does not.
@@ -43,10 +45,12 @@ class WebSocketTransport:
         LayoutError: the service is of another version of cobot.
     """
 
-    def __init__(self, url: str, clock: Clock = SYSTEM) -> None:
+    def __init__(
+        self, url: str, clock: Clock = SYSTEM, *, token: str | None = None, verify: Verify = True
+    ) -> None:
         self.clock = clock
         self.url = url.rstrip("/")
-        self._connection = _open(self.url)
+        self._connection = _open(self.url, token or token_from_environment(), verify)
         self._changed = threading.Condition()
         self._sequence_turn = threading.Lock()
         self._sequence = 0
@@ -173,11 +177,14 @@ class WebSocketTransport:
         return found
 
 
-def _open(url: str) -> ClientConnection:
+def _open(url: str, token: str | None, verify: Verify) -> ClientConnection:
+    trusted = tls_context(verify) if url.startswith("https:") else None
     try:
         # proxy: a robot's motions do not go through the one that the environment has for the web.
         return connect(
             "ws" + url.removeprefix("http") + path_at(url, PATH),
+            ssl=trusted,
+            additional_headers={"Authorization": f"Bearer {token}"} if token else None,
             proxy=None,
             compression=None,  # it costs more time than floats of ours get shorter
             open_timeout=CONNECT_S,

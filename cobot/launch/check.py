@@ -11,6 +11,9 @@ from functools import partial
 from pathlib import Path
 from typing import TextIO
 
+from cobot.access.authentication import authentication_required
+from cobot.access.tls import check_certificate
+from cobot.access.tokens import TokenFile
 from cobot.config import Settings, WebSection, load_endpoints
 from cobot.errors import CobotError, CollisionError, ConfigError
 from cobot.launch.process import RUN_MODULE
@@ -37,6 +40,7 @@ def check(settings: Settings, config: Path | None, out: TextIO) -> bool:
         "endpoints", lambda: f"{len(load_endpoints(settings.web.endpoints))} in {settings.web.endpoints}"
     )
     report.item("address", lambda: _address(settings.web))
+    report.item("access", lambda: _access(settings.web))
     report.item("logs", lambda: _log(settings))
     report.item("recordings", lambda: _folder(settings.sequences.recordings))
     for name, each in settings.each.items():
@@ -77,13 +81,26 @@ class _Report:
 
 def _address(web: WebSection) -> str:
     """Whether it is one of this computer's; the port may well be in use, by cobot itself."""
+    _resolved(web)
+    return f"{web.host} port {web.port}"
+
+
+def _resolved(web: WebSection) -> str:
+    """The address that it listens on."""
     try:
         family, _, _, _, address = socket.getaddrinfo(web.host, 0, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, socket.SOCK_STREAM) as listener:
             listener.bind(address)
     except (OSError, ValueError) as exc:  # ValueError: no name of a host at all
         raise ConfigError(f"web.host: cannot listen on {web.host!r}: {exc}") from exc
-    return f"{web.host} port {web.port}"
+    return str(address[0])
+
+
+def _access(web: WebSection) -> str:
+    tokens = TokenFile(web.tokens).read()
+    needed = authentication_required(web, _resolved(web))
+    scheme = "https" if check_certificate(web) else "http"
+    return f"{scheme}, tokens {'needed' if needed else 'not needed'}, {len(tokens)} in {web.tokens}"
 
 
 def _core(cpu: int | None) -> str:

@@ -11,8 +11,10 @@ from pathlib import Path
 
 from cobot.addresses import address
 from cobot.client.rest import DEFAULT_URL
+from cobot.client.tls import CERTIFICATE_VARIABLE, TOKEN_VARIABLE
 from cobot.config import Settings, load_settings
 from cobot.errors import CobotError
+from cobot.launch import token
 from cobot.launch.process import RUN_MODULE
 from cobot.launch.supervisor import Supervisor
 
@@ -22,6 +24,7 @@ A robot arm behind a REST service.
   cobot run      start the simulated (or real) robot and the service, and watch over both
   cobot check    validate the whole configuration, without starting anything
   cobot lua      run a Lua program at a running service, see docs/lua.md
+  cobot token    make, list and revoke the tokens that a service on the network asks for
 
 The first run needs no configuration: open http://localhost:8007/docs and move the arm."""
 
@@ -38,6 +41,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if chosen.command == "lua":
         return _lua(chosen)
     try:
+        if chosen.command == "token":
+            token.run(chosen)
+            return EXIT_OK
         settings = load_settings(chosen.config)
         if chosen.command == "check":
             from cobot.launch.check import check  # imports what planning needs
@@ -80,6 +86,15 @@ def _parser() -> argparse.ArgumentParser:
     lua.add_argument("file", type=Path, metavar="FILE", help="- for standard input")
     lua.add_argument("--url", metavar="URL", default=DEFAULT_URL, help="of the service (%(default)s)")
     lua.add_argument("--robot", metavar="NAME", help="the robot to move, instead of the default one")
+    lua.add_argument(
+        "--token",
+        metavar="TOKEN",
+        help="for a service that asks for one; COBOT_TOKEN tells it to fewer people",
+    )
+    lua.add_argument(
+        "--certificate", type=Path, metavar="FILE", help="of a service with https and no public certificate"
+    )
+    token.add_parser(commands, config)
     commands.add_parser(
         "check", parents=[config], help="validate files, folders, model, limits, named positions"
     )
@@ -90,6 +105,8 @@ def _lua(chosen: argparse.Namespace) -> int:
     """Become the runner: it is a client like any other, and this library knows nothing of it."""
     url = address(chosen.url, chosen.robot) if chosen.robot else chosen.url
     command = [*RUN_MODULE, "sequences", "run", "--lua", "--url", url, "--", str(chosen.file)]
+    given = {TOKEN_VARIABLE: chosen.token, CERTIFICATE_VARIABLE: chosen.certificate}
+    os.environ.update({name: str(value) for name, value in given.items() if value is not None})
     os.execv(command[0], command)
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import logging
 import os
+import secrets
 import selectors
 import signal
 import socket
@@ -24,7 +25,11 @@ from logging.handlers import RotatingFileHandler
 from pathlib import Path
 from types import FrameType
 
+from cobot.access.authentication import ROS_TOKEN_VARIABLE, authentication_required, is_loopback
+from cobot.access.tls import check_certificate
+from cobot.access.tokens import TokenFile
 from cobot.addresses import address
+from cobot.client.tls import CERTIFICATE_VARIABLE
 from cobot.config import Settings
 from cobot.errors import ConfigError, TornReadError, UnavailableError
 from cobot.ipc.shm import RobotMemory, text
@@ -49,6 +54,7 @@ class Child:
     name: str
     command: list[str]
     descriptors: tuple[int, ...] = ()
+    environment: dict[str, str] = field(default_factory=dict, repr=False)
     process: subprocess.Popen[bytes] | None = None
     started_s: float = 0.0
     backoff_s: float = FIRST_BACKOFF_S
@@ -62,6 +68,7 @@ class Child:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             pass_fds=self.descriptors,
+            env={**os.environ, **self.environment},
             start_new_session=True,  # Ctrl-C reaches the supervisor alone, which stops the arm first
         )
         self.started_s = time.monotonic()
@@ -101,6 +108,7 @@ class Supervisor:
     def __init__(self, settings: Settings, config: Path | None) -> None:
         self._settings = settings
         self._config = ["--config", str(config.resolve())] if config else []
+        self._ros_token = secrets.token_urlsafe(32)
         self._stopping = threading.Event()
         self._wake_read, self._wake_write = socket.socketpair()
         self._wake_write.setblocking(False)
@@ -115,8 +123,10 @@ class Supervisor:
             CobotError: nothing could be started.
         """
         log_file = self._open_log()
+        secure = check_certificate(self._settings.web)
         listener = self._listen() if self._settings.web.enabled else None
-        url = _url(listener) if listener is not None else ""
+        url = _url(listener, secure) if listener is not None else ""
+        access = self._access(listener)
         rtloops: list[Child] = []
         service: list[Child] = []
         with ExitStack() as stack:
@@ -135,7 +145,7 @@ class Supervisor:
                     service.append(self._ros2(url))
                     service[-1].start()
                 self._await_first(rtloops, list(memories.values()))  # the others take longer
-                self._announce(url, memories, log_file)
+                self._announce(url, access, memories, log_file)
                 while not self._stopping.is_set():
                     for child in (*rtloops, *service):
                         self._revive(child)
@@ -167,10 +177,15 @@ class Supervisor:
     def _service(self, listener: socket.socket) -> Child:
         host, port = listener.getsockname()[:2]
         listening = ["--host", host, "--port", str(port), "--fd", str(listener.fileno())]
-        return Child("service", [*RUN_MODULE, "app", *self._config, *listening], (listener.fileno(),))
+        command = [*RUN_MODULE, "app", *self._config, *listening]
+        return Child("service", command, (listener.fileno(),), {ROS_TOKEN_VARIABLE: self._ros_token})
 
     def _ros2(self, url: str) -> Child:
-        return Child("ros2", [*RUN_MODULE, "ros2", *self._config, *(("--url", url) if url else ())])
+        command = [*RUN_MODULE, "ros2", *self._config, *(("--url", url) if url else ())]
+        environment = {ROS_TOKEN_VARIABLE: self._ros_token}
+        if self._settings.web.tls_certificate:
+            environment[CERTIFICATE_VARIABLE] = str(self._settings.web.tls_certificate)
+        return Child("ros2", command, environment=environment)
 
     def _open_log(self) -> Path:
         folder = self._settings.logs
@@ -200,11 +215,31 @@ class Supervisor:
             raise UnavailableError(
                 f"cannot listen on {web.host} port {web.port}: {reason}; --port 0 picks a free one"
             ) from exc
-        if listener.getsockname()[0] in ("0.0.0.0", "::"):
-            log.warning(
-                "listening on all interfaces without authentication: whoever reaches the port moves the robot"
-            )
         return listener
+
+    def _access(self, listener: socket.socket | None) -> str:
+        """Who may use the service, for people.
+
+        Raises:
+            ConfigError: the file of tokens cannot be read, or makes no sense.
+        """
+        if listener is None:
+            return "none: there is no service"
+        web, address = self._settings.web, listener.getsockname()[0]
+        tokens = TokenFile(web.tokens).read()
+        if authentication_required(web, address):
+            if not tokens:
+                log.warning("nobody can use the service yet: cobot token create NAME --role operator")
+            open_stop = "; the stop needs none" if web.stop_without_token else ""
+            return f"with a token, {len(tokens)} in {web.tokens}{open_stop}"
+        if is_loopback(address):
+            return "whoever uses this computer, without a token"
+        log.warning(
+            "web.authentication is none, and %s is reached from elsewhere: "
+            "whoever reaches the port moves the robot",
+            address,
+        )
+        return "WHOEVER REACHES THE PORT, without a token"
 
     def _catch_signals(self) -> None:
         def stop(number: int, frame: FrameType | None) -> None:
@@ -272,9 +307,10 @@ class Supervisor:
         elif now_s >= child.restart_at_s:
             child.start()
 
-    def _announce(self, url: str, memories: dict[str, RobotMemory], log_file: Path) -> None:
+    def _announce(self, url: str, access: str, memories: dict[str, RobotMemory], log_file: Path) -> None:
         log.info("cobot %s (pid %d)", version("cobot"), os.getpid())
         log.info("  address    %s", f"{url}/docs" if url else "none: web.enabled is false")
+        log.info("  access     %s", access)
         for name, memory in memories.items():
             rt = self._settings.of(name).rt
             log.info("  robot      %s, %d joints", name, memory.dof)
@@ -284,11 +320,12 @@ class Supervisor:
         log.info("  Ctrl-C stops: the arm first, then the service")
 
 
-def _url(listener: socket.socket) -> str:
+def _url(listener: socket.socket, secure: bool) -> str:
     """Where clients on this computer find the service."""
     host, port = listener.getsockname()[:2]
     local = host in ("127.0.0.1", "0.0.0.0", "::", "::1")
-    return f"http://{'localhost' if local else f'[{host}]' if ':' in host else host}:{port}"
+    scheme = "https" if secure else "http"
+    return f"{scheme}://{'localhost' if local else f'[{host}]' if ':' in host else host}:{port}"
 
 
 def _permissions(memory: RobotMemory) -> str:

@@ -1,25 +1,58 @@
-"""rosbridge from a browser's page: npm's roslib in a headless Chromium, which nobody here has written.
+"""Pages in a headless Chromium: npm's roslib at rosbridge, and pages from elsewhere at everything.
 
-Needs chromium and npm with a registry; skipped, with the reason, where they are missing.
+Nobody here has written either of the two. Needs chromium, and npm with a registry for roslib; skipped, with
+the reason, where they are missing.
 """
 
 from __future__ import annotations
 
+import http.server
 import itertools
 import json
 import re
 import shutil
 import subprocess
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import httpx
+import numpy as np
 import pytest
 from running import WAIT_S, Run
 from websockets.sync.client import ClientConnection, connect
 
 PAGE = Path(__file__).parents[1] / "roslib_page.js"
 CHROMIUM = shutil.which("chromium")
+EVIL = "evil.example"
+ATTACKS = """
+async (service, robot) => {
+    const csv = "joint1,joint2,joint3,joint4,joint5,joint6,joint7,t\\n0.5,0,0,-1.57,0,1.57,0,0\\n"
+        + "0.6,0,0,-1.57,0,1.57,0,5\\n";
+    const form = (name, file, text) => {
+        const body = new FormData();
+        body.append(name, new Blob([text]), file);
+        return body;
+    };
+    const attack = (path, body) =>
+        fetch(service + path, {method: "POST", mode: "no-cors", body}).then(() => "sent", () => "failed");
+    const sent = [
+        await attack("/trajectory/send_csv?move_to_start=true", form("file", "a.csv", csv)),
+        await attack("/sequences/start", form("config", "a.lua", "robot.move_named('work')")),
+        await attack("/" + robot + "/RobotManage/poweroff"),
+        await attack("/stop"),
+        await attack("/robot/reset"),
+    ];
+    const sockets = ["/rosbridge", "/robot/stream"].map((path) => new Promise((end) => {
+        const socket = new WebSocket(service.replace("http", "ws") + path);
+        socket.onopen = () => end("open");
+        socket.onerror = () => end("refused");
+    }));
+    const read = fetch(service + "/health").then((answer) => answer.text(), () => "refused");
+    return JSON.stringify({sent, sockets: await Promise.all(sockets), read: await read});
+}
+"""
 
 
 @pytest.fixture(scope="module")
@@ -40,8 +73,11 @@ def roslib(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.fixture
 def browser(tmp_path: Path) -> Iterator[ClientConnection]:
-    """The DevTools of a Chromium of its own."""
+    """The DevTools of a Chromium of its own, for which EVIL is a name of this computer."""
+    if CHROMIUM is None:
+        pytest.skip("chromium is not installed")
     options = ("--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0")
+    options += (f"--host-resolver-rules=MAP {EVIL} 127.0.0.1",)
     process = subprocess.Popen(
         [str(CHROMIUM), *options, f"--user-data-dir={tmp_path}", "about:blank"],
         stderr=subprocess.PIPE,
@@ -105,3 +141,70 @@ def test_a_page_from_elsewhere_may_not_connect(shared: Run, roslib: str, browser
     opened = "s.onopen = () => end('open'); s.onerror = () => end('refused')"
     script = f"new Promise(end => {{ let s = new WebSocket('{address}'); {opened} }})"
     assert page.run(script) == "refused"
+
+
+@pytest.fixture
+def elsewhere() -> Iterator[int]:
+    """The port of a web server that serves an empty page."""
+
+    class Handler(http.server.BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html")
+            self.end_headers()
+
+        def log_message(self, *_: object) -> None: ...
+
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield server.server_address[1]
+        server.shutdown()
+        thread.join()
+
+
+def visited(page: Page, url: str) -> None:
+    page.ask("Page.enable")
+    page.ask("Page.navigate", url=url)
+    address = url.split("/")[2]
+    while page.run("location.host + document.readyState") != f"{address}complete":
+        pass
+
+
+def test_a_page_from_elsewhere_moves_stops_and_reads_nothing(
+    shared: Run, browser: ClientConnection, elsewhere: int
+) -> None:
+    shared.go_home()
+
+    def state() -> Any:
+        with httpx.Client(base_url=shared.url) as client:
+            paths = ("/trajectory/logs", "/sequences/status", "/robot/joint_states")
+            return [client.get(path).json() for path in paths][:2], shared.joints()
+
+    logs, joints = state()
+    page = Page(browser)
+    for host in (EVIL, "127.0.0.1", "localhost"):  # cross-site, and another port: same-site
+        visited(page, f"http://{host}:{elsewhere}/")
+        found = json.loads(page.run(f"({ATTACKS})({json.dumps(shared.url)}, {json.dumps(shared.name)})"))
+        assert found["sent"] == ["sent"] * 5, "the browser has sent them: it is the service that refuses"
+        assert found["sockets"] == ["refused", "refused"]
+        assert found["read"] == "refused"
+    after, joints_after = state()
+    assert after == logs
+    np.testing.assert_allclose(joints_after, joints, atol=1e-3)
+    assert shared.healthy()
+
+
+def test_a_page_whose_name_leads_to_the_service_is_not_served(shared: Run, browser: ClientConnection) -> None:
+    """DNS rebinding: to the browser the page is of the same origin as the service."""
+    page = Page(browser)
+    visited(page, f"http://{EVIL}:{shared.url.rsplit(':', 1)[1]}/health")
+    assert json.loads(page.run("document.body.innerText"))["code"] == "misdirected"
+    stop = "fetch('/stop', {method: 'POST'}).then((answer) => answer.status)"
+    assert page.run(stop) == 421
+
+
+def test_the_service_s_own_page_may_use_it(shared: Run, browser: ClientConnection) -> None:
+    page = Page(browser)
+    visited(page, f"{shared.url}/health")
+    assert page.run("fetch('/stop', {method: 'POST'}).then((answer) => answer.status)") == 200

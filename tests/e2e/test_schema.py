@@ -14,7 +14,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import httpx
-from running import WAIT_S, Run
+import pytest
+from running import WAIT_S, Run, answering
+
+from cobot.access.roles import Role
+from cobot.access.tokens import TokenFile
 
 CHECKS = (
     "not_a_server_error",
@@ -23,8 +27,7 @@ CHECKS = (
     "response_schema_conformance",
     "response_headers_conformance",
 )
-
-
+ALL_CHECKS = ",".join(CHECKS)
 VENDOR_SERVICES = r"^/\{robot\}/"
 BY_NAME = r"^/robots/\{robot\}/"
 """The same routes once more, of a robot that is named."""
@@ -55,7 +58,7 @@ def stopped_again_and_again(service: Run) -> Iterator[None]:
 def fuzzed(service: Run, folder: Path, *options: str) -> None:
     command = [
         *(sys.executable, "-m", "schemathesis.cli", "run", f"{service.url}/openapi.json"),
-        *("--checks", ",".join(CHECKS), "--seed", "8007", "--request-timeout", "30", "--no-color"),
+        *("--checks", ALL_CHECKS, "--seed", "8007", "--request-timeout", "30", "--no-color"),
         *options,
     ]
     with stopped_again_and_again(service):
@@ -76,3 +79,35 @@ def test_schemathesis_finds_none_in_the_vendor_services_either(run: Run, tmp_pat
     tags = [word for tag in WAITING for word in ("--exclude-tag", tag)]
     phases = ("--phases", "examples,fuzzing", "--max-examples", "3")
     fuzzed(run, tmp_path, *phases, "--include-path-regex", VENDOR_SERVICES, *tags)
+
+
+@pytest.fixture(scope="module")
+def locked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Run, str]]:
+    """A service that asks for tokens, and that of an observer."""
+    folder = tmp_path_factory.mktemp("locked")
+    token = f"Bearer {TokenFile(folder / 'tokens.json').create('me', Role.OBSERVER)}"
+    asking = {"headers": {"Authorization": token}}
+    web = ", authentication: required, tokens: tokens.json"
+    with answering(Run(folder, web=web, asking=asking)) as run:
+        yield run, token
+
+
+@pytest.mark.parametrize("shown", [False, True], ids=["no token", "an observer's"])
+def test_schemathesis_finds_no_way_around_the_tokens(
+    locked: tuple[Run, str], tmp_path: Path, shown: bool
+) -> None:
+    """It leaves tokens out, and makes them up: `ignored_auth` is that an answer is given all the same."""
+    service, token = locked
+    before = service.joints()
+    options = [
+        "--phases",
+        "examples,fuzzing",
+        "--max-examples",
+        "5",
+        "--checks",
+        f"{ALL_CHECKS},ignored_auth",
+    ]
+    if shown:
+        options += ["--header", f"Authorization: {token}"]
+    fuzzed(service, tmp_path, *options, "--exclude-path-regex", f"{VENDOR_SERVICES}|{BY_NAME}")
+    assert service.joints() == pytest.approx(before, abs=0.01)

@@ -7,10 +7,12 @@ import contextlib
 import socket
 import threading
 from collections.abc import AsyncIterator, Callable, Iterator
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 import uvicorn
+from asgi import Anybody
 from fastapi import FastAPI
 from node_rig import DEFINITIONS, NodeRig
 from peers import own_domain
@@ -20,6 +22,8 @@ from app.aubo.codes import Code
 from app.graph.actions import GoalHandle, GoalStatus, Rejected
 from app.graph.graph import Graph, Message
 from app.rosbridge import router as rosbridge
+from cobot.access.roles import Role
+from cobot.errors import PermissionDenied
 from cobot.ros.messages import Messages
 from ros2 import gateway as gateway_module
 from ros2.gateway import Gateway
@@ -71,6 +75,7 @@ class Service:
         self.port = listener.getsockname()[1]
         app = FastAPI(lifespan=self._lifespan)
         app.include_router(rosbridge.router)
+        app.add_middleware(Anybody)
         config = uvicorn.Config(
             app, log_config=None, ws="websockets-sansio", ws_max_size=1 << 26, timeout_graceful_shutdown=1
         )
@@ -286,3 +291,35 @@ def test_calls_are_answered_while_the_service_is_away_and_after_it(bench: Bench)
     publisher = bench.peer.publisher("/both", STRING)
     publisher.until_matched()
     until(lambda: publisher.publish({"data": "again"}) or service.heard, "topics do not come back")
+
+
+class Nodes:
+    """A node that notes what it is asked for."""
+
+    def __init__(self) -> None:
+        self.messages = Messages(DEFINITIONS)
+        self.made: list[tuple[str, str]] = []
+
+    def __getattr__(self, kind: str) -> Callable[..., Any]:
+        def make(name: str, type_: str, *_: Any, **__: Any) -> Any:
+            self.made.append((kind, name))
+            return SimpleNamespace(topic=name, type=type_, close=lambda: None)
+
+        return make
+
+
+@pytest.mark.parametrize("role", [Role.OBSERVER, Role.OPERATOR])
+def test_who_may_only_look_is_not_listened_to(role: Role) -> None:
+    node = Nodes()
+    gateway = Gateway(cast(Any, node), "http://localhost:1", set(), "", role)
+    topics = [
+        {"name": "/iiwa/joint_cmd", "type": STRING, "publishers": 0, "subscribers": 1},
+        {"name": "/iiwa/status", "type": STRING, "publishers": 1, "subscribers": 0},
+    ]
+    services = [{"name": "/iiwa/RobotConfig/getDof", "type": GET_DOF}]
+    gateway._mirror({"definitions": {}, "topics": topics, "services": services})
+    listening = [("subscription", "/iiwa/joint_cmd")] if role is Role.OPERATOR else []
+    assert node.made == [*listening, ("publisher", "/iiwa/status"), ("service", "/iiwa/RobotConfig/getDof")]
+    if role is Role.OBSERVER:
+        with pytest.raises(PermissionDenied, match="ros2 has the role observer"):
+            gateway.publish("/iiwa/joint_cmd", STRING, {"data": "{}"})

@@ -6,12 +6,12 @@ import asyncio
 import json
 from collections import deque
 from typing import Any
-from urllib.parse import urlsplit
 
 import numpy as np
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 from fastapi.responses import JSONResponse
 
+from app.api.access import identity_of
 from app.api.dependencies import decoded, services_of
 from app.api.errors import status_of
 from app.api.stream_frames import (
@@ -27,6 +27,7 @@ from app.api.stream_frames import (
     state_frame,
 )
 from app.services.streaming.sessions import Session, StreamService
+from cobot.access.roles import Role, require
 from cobot.client import wire
 from cobot.client.wire import Kind
 from cobot.clock import Ticks
@@ -45,7 +46,6 @@ async def stream(socket: WebSocket) -> None:
     timeout_s = float(socket.app.state.endpoints[f"WS {wire.PATH}"].timeout_s)
     try:
         services = services_of(socket)
-        require_own_page(socket)
         with services.streams.connection():
             await Connection(socket, services.streams, timeout_s).serve()
     except CobotError as exc:  # before it was accepted
@@ -205,23 +205,11 @@ class Connection:
         self._ticker = self._streams.clock.ticker(frame.rate_hz, self._tick)
 
     async def _open(self, request: np.ndarray) -> None:
+        require(identity_of(self._socket), Role.OPERATOR)
         client = self._socket.client
         name = f"WS {self._socket.url.path}" + (f" from {client.host}:{client.port}" if client else "")
         session = self._session = await self._streams.open(request, name, self._timeout_s)
         self._answer("session", number=session.number)
         session.ended.add_done_callback(
             lambda ended: self._answer("session_ended", number=session.number, reason=ended.result())
-        )
-
-
-def require_own_page(socket: WebSocket) -> None:
-    """Browsers let any page that somebody looks at open a WebSocket to anywhere; this service's own may.
-
-    Raises:
-        InputError: another page asks.
-    """
-    origin = socket.headers.get("origin")
-    if origin is not None and urlsplit(origin).netloc != socket.headers.get("host"):
-        raise InputError(
-            f"a page of {origin} may not move the robot: only one that comes from this service may"
         )

@@ -18,6 +18,8 @@ from typing import IO
 from app.services.motion.ownership import Ownership
 from app.services.programs.paths import below
 from app.services.state.link import RobotLink
+from cobot.access.authentication import Authenticator
+from cobot.access.roles import acting
 from cobot.config import SequencesSection
 from cobot.errors import ConflictError, InputError, MotionStopped, UnavailableError
 from cobot.launch.process import RUN_MODULE
@@ -75,12 +77,14 @@ class SequenceService:
         settings: SequencesSection,
         base_url: str,
         motion_timeout_s: float,
+        tokens: Authenticator,
     ) -> None:
         self._ownership = ownership
         self._link = link
         self._settings = settings
         self._base_url = base_url
         self._motion_timeout_s = motion_timeout_s
+        self._tokens = tokens
         self._lines: deque[str] = deque(maxlen=settings.log_lines)
         self._starting = False
         self._process: asyncio.subprocess.Process | None = None
@@ -109,13 +113,15 @@ class SequenceService:
             )
         bag = self._recording(order.bag_path)
         number = (self.status.sequence_id or 0) + 1
-        token = secrets.token_hex(16)
+        token = secrets.token_urlsafe(32)
         self._ownership.claim_for_sequence(f"sequence {number}", token)
+        starter = acting.get()  # the program may do what that one may, for as long as it runs
+        self._tokens.grant(starter.name, starter.role, token)
         self._starting = True
         try:
             process, progress = await self._spawn(order, bag, token)
         except BaseException as exc:
-            self._ownership.release_sequence()
+            self._release(token)
             if isinstance(exc, OSError):
                 raise UnavailableError(f"the sequence runner cannot be started: {exc}") from exc
             raise
@@ -132,7 +138,7 @@ class SequenceService:
         )
         actions = f"joints_action {order.joints_action}, pose_action {order.pose_action}"
         self._note(f"sequence {number} started, pid {process.pid}, {actions}")
-        self._watcher = asyncio.create_task(self._watch(process, progress, number))
+        self._watcher = asyncio.create_task(self._watch(process, progress, number, token))
         if self._ownership.stops != stops:
             await self.stop()
             raise MotionStopped(f"a stop was requested while sequence {number} was being started")
@@ -192,7 +198,7 @@ class SequenceService:
                 stdin=config,
                 stdout=asyncio.subprocess.PIPE,
                 stderr=asyncio.subprocess.STDOUT,
-                env={**os.environ, "COBOT_MOTION_TOKEN": token},
+                env={**os.environ, "COBOT_MOTION_TOKEN": token, "COBOT_TOKEN": token},
                 pass_fds=(write_end,),
                 start_new_session=True,
                 limit=LINE_BYTES,
@@ -210,7 +216,7 @@ class SequenceService:
         return process, progress
 
     async def _watch(
-        self, process: asyncio.subprocess.Process, progress: asyncio.StreamReader, number: int
+        self, process: asyncio.subprocess.Process, progress: asyncio.StreamReader, number: int, token: str
     ) -> None:
         """Follow the runner to its end, however it ends, and then give the motion back."""
         assert process.stdout is not None
@@ -228,7 +234,7 @@ class SequenceService:
         self.status = replace(
             self.status, status="finished", returncode=returncode, finished_at=datetime.now(UTC)
         )
-        self._ownership.release_sequence()
+        self._release(token)
         self._note(f"sequence {number} finished, return code {returncode}")
 
     async def _read_log(self, stream: asyncio.StreamReader) -> None:
@@ -251,6 +257,10 @@ class SequenceService:
                     waypoint=event["waypoint"],
                     n_waypoints=event["n_waypoints"],
                 )
+
+    def _release(self, token: str) -> None:
+        self._tokens.withdraw(token)
+        self._ownership.release_sequence()
 
     def _note(self, text: str) -> None:
         self._lines.append(f"{datetime.now().astimezone().isoformat(timespec='milliseconds')} {text}")

@@ -42,7 +42,8 @@ def test_every_error_of_the_tree_is_answered_with_its_status_code_and_sentence(
 def test_what_the_caller_can_mend_is_a_4xx_and_what_he_cannot_a_5xx(kind: type[CobotError]) -> None:
     theirs = (errors.InputError, errors.PlanningError, errors.ExecutionError, errors.ConflictError)
     bodies = (errors.PayloadError, errors.MediaTypeError)
-    assert status_of(kind("why")) // 100 == (4 if issubclass(kind, theirs + bodies) else 5)
+    access = (errors.AuthenticationError, errors.PermissionDenied)
+    assert status_of(kind("why")) // 100 == (4 if issubclass(kind, theirs + bodies + access) else 5)
 
 
 def test_an_error_that_somebody_derives_is_answered_as_its_ancestor() -> None:

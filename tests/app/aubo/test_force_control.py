@@ -13,7 +13,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
-from rig import Rig
+from rig import Rig, no_tokens
 from vendor_calls import Caller, run
 
 from app.aubo.codes import Code
@@ -50,7 +50,8 @@ class Bench:
         self.planning = PlanningService(None, 1)
         motion = MotionService(robot, self.link, self.ownership, self.planning, settings.planning)
         self.streams = StreamService(self.link, self.ownership, motion, 0.5)
-        sequences = SequenceService(self.ownership, self.link, settings.sequences, "http://robot.test", 1.0)
+        url, tokens = "http://robot.test", no_tokens()
+        sequences = SequenceService(self.ownership, self.link, settings.sequences, url, 1.0, tokens)
         self.stopping = StopService(self.link, self.ownership, sequences)
         self.reports: list[str] = []
         self.force = ForceService(robot, self.link, self.streams, self.stopping, self.reports.append)

@@ -95,7 +95,7 @@ def test_what_is_wrong_is_answered_and_the_connection_lives(run: VirtualService)
 
 
 def test_a_page_from_elsewhere_is_refused(run: VirtualService) -> None:
-    with pytest.raises(Refused, match="422"):
+    with pytest.raises(Refused, match="403"):
         Client(run, origin="http://elsewhere.example")
     with Client(run, origin=run.url) as own:
         assert own.call("/rosapi/nodes")["result"]

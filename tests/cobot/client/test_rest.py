@@ -156,11 +156,21 @@ def test_motions_have_their_own_timeout_and_carry_the_token() -> None:
     def named(robot: Client) -> Any:
         return robot.move_named("home")
 
-    request = sent(named, timeout_s=1.0, motion_timeout_s=2.0, token="secret")
+    request = sent(named, timeout_s=1.0, motion_timeout_s=2.0, motion_token="secret")
     assert request.extensions["timeout"]["read"] == 2.0
     assert request.headers["x-motion-token"] == "secret"
     assert sent(Client.health, timeout_s=1.0).extensions["timeout"]["read"] == 1.0
     assert "x-motion-token" not in sent(named).headers
+
+
+def test_the_access_token_is_the_one_given_or_the_environment_s(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("COBOT_TOKEN", raising=False)
+    assert "authorization" not in sent(Client.health).headers
+    monkeypatch.setenv("COBOT_TOKEN", "of-the-environment")
+    assert sent(Client.health).headers["authorization"] == "Bearer of-the-environment"
+    assert sent(Client.health, token="given").headers["authorization"] == "Bearer given"
+    monkeypatch.setenv("COBOT_TOKEN", "")
+    assert "authorization" not in sent(Client.health).headers
 
 
 def test_a_trajectory_is_sent_with_its_options() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 
 import pytest
-from rig import Rig
+from rig import Rig, no_tokens
 
 from app.services.motion.ownership import Ownership
 from app.services.programs.sequences import SequenceOrder, SequenceService
@@ -20,7 +20,7 @@ def test_a_stop_names_a_start_that_is_under_way_and_a_failed_start_leaves_the_ar
 ) -> None:
     link = RobotLink(rig.memory.path.name.removeprefix("cobot-"), 60.0)
     ownership = Ownership(link)
-    service = SequenceService(ownership, link, rig.settings.sequences, "http://robot.test", 1.0)
+    service = SequenceService(ownership, link, rig.settings.sequences, "http://robot.test", 1.0, no_tokens())
 
     async def start() -> None:
         go_on = asyncio.Event()

@@ -1,0 +1,191 @@
+"""Who asks, and whether a page may ask at all: one ASGI middleware around everything, HTTP and WebSocket.
+
+It refuses what comes for another host (421) or from a page of somebody else's (403, `app.api.origins`), and
+says in the scope who asks. Whether that one may do it is for the route to say, see `app.api.roles`.
+
+A token comes in the header `Authorization: Bearer TOKEN`. Browsers cannot set headers of a WebSocket, so
+there it may also come as a subprotocol, `new WebSocket(url, ["cobot", "cobot.token." + TOKEN])`, or, for
+libraries that let their users give nothing but an address, as `?token=TOKEN`. Addresses end up in logs of
+proxies and in histories, so the others are better; here it is cut off before anybody else sees the address.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import cast
+from urllib.parse import parse_qsl, urlencode
+
+from starlette.middleware.cors import CORSMiddleware
+from starlette.requests import HTTPConnection
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from app.api.errors import answer_to
+from app.api.origins import Origins
+from cobot.access.authentication import LOOK_AGAIN_S, Authenticator, Holder
+from cobot.access.roles import ANONYMOUS, Identity, Role, acting
+from cobot.errors import CobotError, MisdirectedError, PermissionDenied
+
+IDENTITY = "cobot.identity"
+_HEADERS = "cobot.headers"
+HEADERS = ("Authorization", "Content-Type", "X-Motion-Token", "X-Control-Token")
+METHODS = ("GET", "POST", "PUT", "DELETE")
+SUBPROTOCOL = "cobot"
+TOKEN_SUBPROTOCOL = "cobot.token."
+POLICY_VIOLATION = 1008
+"""The code that closes a WebSocket whose token is valid no more."""
+INVALID = "the token is valid no more"
+PAGES = ("/docs", "/redoc")
+UNFRAMED = [(b"x-frame-options", b"DENY"), (b"content-security-policy", b"frame-ancestors 'none'")]
+"""Nobody shall lay the documentation, whose buttons move the arm, under a page of theirs."""
+_PICKED = frozenset(
+    (b"host", b"origin", b"authorization", b"sec-fetch-site", b"sec-fetch-mode", b"sec-fetch-dest")
+)
+
+
+def identity_of(connection: HTTPConnection) -> Identity:
+    """Who sends a request, or has opened a WebSocket."""
+    return cast(Identity, connection.scope[IDENTITY])
+
+
+class Access:
+    """The middleware.
+
+    Args:
+        required: whether who shows no token is nobody; else it may do everything.
+    """
+
+    def __init__(self, app: ASGIApp, tokens: Authenticator, origins: Origins, *, required: bool) -> None:
+        self._app = app
+        self._tokens = tokens
+        self._origins = origins
+        # For pages from elsewhere: asked first, and told, by the browser, what they may.
+        listed = [origin.decode() for origin in origins.listed]
+        self._cors = CORSMiddleware(
+            self._identified,
+            listed,
+            METHODS,
+            HEADERS,
+            allow_private_network=True,
+            expose_headers=("WWW-Authenticate",),
+        )
+        nobody = Role.NOBODY if required else Role.ADMIN
+        self._anonymous = lru_cache(256)(lambda address: Identity(ANONYMOUS, nobody, address))
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+            return
+        try:
+            headers = _picked(scope)
+            self._origins.check(scope, headers)
+        except CobotError as exc:
+            await answer_to(exc)(scope, receive, send)
+            return
+        foreign = headers.get(b"origin") in self._origins.listed
+        await (self._cors if foreign else self._identified)(scope, receive, send)
+
+    async def _identified(self, scope: Scope, receive: Receive, send: Send) -> None:
+        client = scope.get("client")
+        address = client[0] if client else ""
+        websocket = scope["type"] == "websocket"
+        token, by_protocol = _token(scope, websocket)
+        holder = None if token is None else self._tokens.find(token)
+        if token is None:
+            identity = self._anonymous(address)
+        elif holder is None:  # whoever shows a wrong one shall learn it, wherever none is needed too
+            identity = Identity(ANONYMOUS, Role.NOBODY, address)
+        else:
+            identity = Identity(holder.name, holder.role, address)
+        scope[IDENTITY] = identity
+        acting.set(identity)
+        if websocket and token is not None and holder is not None:
+            await self._while_valid(scope, receive, send, token, holder, by_protocol)
+        elif not websocket and scope["path"].startswith(PAGES):
+            await self._app(scope, receive, _unframed(send))
+        else:
+            await self._app(scope, receive, send)
+
+    async def _while_valid(
+        self, scope: Scope, receive: Receive, send: Send, token: str, holder: Holder, by_protocol: bool
+    ) -> None:
+        """Serve a WebSocket; close it when its token is revoked, has expired, or means another role."""
+        accepted = ended = False
+
+        async def checked(message: Message) -> None:
+            nonlocal accepted
+            if ended:
+                raise OSError(INVALID)  # as when the client has gone
+            if message["type"] == "websocket.accept":
+                accepted = True
+                if by_protocol:
+                    message = {**message, "subprotocol": SUBPROTOCOL}
+            await send(message)
+
+        async def watch() -> None:
+            nonlocal ended
+            while not accepted or self._tokens.find(token) == holder:
+                await asyncio.sleep(LOOK_AGAIN_S)
+            ended = True
+            with contextlib.suppress(OSError, RuntimeError):  # it has just been closed by somebody else
+                await send({"type": "websocket.close", "code": POLICY_VIOLATION, "reason": INVALID})
+
+        watching = asyncio.create_task(watch())
+        try:
+            await self._app(scope, receive, checked)
+        finally:
+            watching.cancel()
+
+
+def _picked(scope: Scope) -> dict[bytes, bytes]:
+    """The headers that say where a request comes from.
+
+    Raises:
+        MisdirectedError, PermissionDenied: one stands twice, so that two readers may take another one each.
+    """
+    found: dict[bytes, bytes] = {}
+    for name, value in scope["headers"]:
+        if name in _PICKED:
+            if name in found:
+                kind = MisdirectedError if name == b"host" else PermissionDenied
+                raise kind(f"the header {name.decode()} stands twice")
+            found[name] = value
+    scope[_HEADERS] = found
+    return found
+
+
+def _token(scope: Scope, websocket: bool) -> tuple[str | None, bool]:
+    """The token that a request shows, and whether as a subprotocol; "" for one that is no token at all."""
+    headers: Mapping[bytes, bytes] = scope[_HEADERS]
+    header = headers.get(b"authorization")
+    in_query = _cut_off(scope) if websocket else None
+    if header is not None:
+        scheme, _, token = header.decode("latin-1").partition(" ")
+        return (token.strip() if scheme.lower() == "bearer" else ""), False
+    if not websocket:
+        return None, False
+    for protocol in scope.get("subprotocols", ()):
+        if protocol.startswith(TOKEN_SUBPROTOCOL):
+            return protocol.removeprefix(TOKEN_SUBPROTOCOL), True
+    return in_query, False
+
+
+def _cut_off(scope: Scope) -> str | None:
+    """The token of an address, which has none afterwards."""
+    query = scope.get("query_string", b"").decode("latin-1")
+    if "token=" not in query:
+        return None
+    pairs = parse_qsl(query, keep_blank_values=True)
+    scope["query_string"] = urlencode([pair for pair in pairs if pair[0] != "token"]).encode()
+    return next((value for name, value in pairs if name == "token"), None)
+
+
+def _unframed(send: Send) -> Send:
+    async def sent(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            message = {**message, "headers": [*message.get("headers", ()), *UNFRAMED]}
+        await send(message)
+
+    return sent

@@ -1,0 +1,120 @@
+"""From which hosts and pages requests may come: what keeps a web page that somebody looks at from the arm.
+
+Browsers let any page send requests to anywhere, and say of each where it comes from. Clients that are no
+browsers say nothing of the kind, and pass.
+
+- `Host` is the name that the service was called by. A page can make its own name lead to this service (DNS
+  rebinding), and is then of the same origin; but that name stands in `Host`, and is none of ours. An address
+  that is no name cannot be rebound: those of this computer, on which a request has come in, are good.
+- `Origin` comes with whatever can change something, and with every WebSocket.
+- `Sec-Fetch-Site` comes with all the rest, where the connection is one that browsers trust.
+
+Sources: the Fetch standard, the WebSocket standard, W3C Fetch Metadata Request Headers.
+"""
+
+from __future__ import annotations
+
+import re
+import socket
+from collections.abc import Iterable, Mapping
+from functools import lru_cache
+from ipaddress import IPv4Address, IPv6Address, ip_address
+
+from starlette.types import Scope
+
+from cobot.access.authentication import is_loopback
+from cobot.errors import MisdirectedError, PermissionDenied
+from cobot.strict import shown
+
+_HOST = re.compile(r"(?:\[([0-9a-f:.]+)\]|([a-z0-9._-]+))(:[0-9]{1,5})?", re.IGNORECASE)
+USUAL_PORTS = {"http": ":80", "https": ":443"}
+LOCAL = "localhost"
+
+
+class Origins:
+    """Decides.
+
+    Args:
+        hosts: names and addresses of this service, beside those of this computer.
+        origins: of pages from elsewhere that may use it: "https://app.example".
+        address: that the service listens on.
+    """
+
+    def __init__(self, hosts: Iterable[str], origins: Iterable[str], address: str) -> None:
+        self.listed = frozenset(origin.encode() for origin in origins)
+        self._names = {LOCAL, *(host.lower() for host in hosts)}
+        if not is_loopback(address):
+            name = socket.gethostname().lower()
+            self._names |= {name, f"{name}.local"}
+        # What a browser sends again and again is looked at once.
+        self._host_known = lru_cache(256)(self._is_ours)
+        self._same_known = lru_cache(256)(_same)
+
+    def check(self, scope: Scope, headers: Mapping[bytes, bytes]) -> None:
+        """See that a request comes from where it may.
+
+        Args:
+            headers: of it, those that `app.api.access` has picked.
+
+        Raises:
+            MisdirectedError: it was meant for another host.
+            PermissionDenied: a page of somebody else's has sent it.
+        """
+        host, origin = headers.get(b"host", b""), headers.get(b"origin")
+        server = scope.get("server")
+        if not self._host_known(host, server[0] if server else ""):
+            raise MisdirectedError(
+                f"this service is not called {shown(host.decode('latin-1'))}: "
+                "call it by its address, or list the name in web.allowed_hosts"
+            )
+        if origin is not None:
+            if origin in self.listed:
+                return
+            if not self._same_known(origin, host, scope["scheme"] in ("https", "wss")):
+                raise PermissionDenied(
+                    f"a page of {origin.decode('latin-1')[:200]} may not move the robot: only one that comes "
+                    "from this service may, or from one of web.allowed_origins"
+                )
+        site = headers.get(b"sec-fetch-site")
+        if site is not None and site not in (b"none", b"same-origin") and not _followed_link(scope, headers):
+            raise PermissionDenied(
+                "a page from elsewhere may not use this service, unless web.allowed_origins lists its origin"
+            )
+
+    def _is_ours(self, header: bytes, server: str) -> bool:
+        found = _HOST.fullmatch(header.decode("latin-1"))
+        if found is None:
+            return False
+        name = (found[1] or found[2]).lower().removesuffix(".")
+        if name in self._names:
+            return True
+        address = _address(name)
+        return address is not None and (address.is_loopback or address == _address(server))
+
+
+def _address(text: str) -> IPv4Address | IPv6Address | None:
+    try:
+        address = ip_address(text.partition("%")[0])
+    except ValueError:
+        return None
+    mapped = address.ipv4_mapped if isinstance(address, IPv6Address) else None
+    return mapped or address
+
+
+def _same(origin: bytes, host: bytes, secure: bool) -> bool:
+    """Whether a page of this origin came from this host. A proxy may have added TLS, none takes it away."""
+    scheme, separator, netloc = origin.decode("latin-1").lower().partition("://")
+    if not separator or scheme not in USUAL_PORTS or (secure and scheme != "https"):
+        return False
+    usual = USUAL_PORTS[scheme]
+    return netloc.removesuffix(usual) == host.decode("latin-1").lower().removesuffix(usual)
+
+
+def _followed_link(scope: Scope, headers: Mapping[bytes, bytes]) -> bool:
+    """Whether somebody goes to a page of ours, in a window of its own: that changes nothing."""
+    return (
+        scope["type"] == "http"
+        and scope["method"] == "GET"
+        and headers.get(b"sec-fetch-mode") == b"navigate"
+        and headers.get(b"sec-fetch-dest") == b"document"
+    )

@@ -1,0 +1,99 @@
+"""Which role each endpoint needs: the one table. A route that is not in it cannot be served.
+
+A GET changes nothing, so that whoever may look may have it, and a link from anywhere may lead to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from fastapi.routing import APIRoute, APIWebSocketRoute
+from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from app.api.access import IDENTITY
+from app.api.errors import answer_to
+from app.api.routers.robots import twin_name
+from cobot.access.authentication import is_loopback
+from cobot.access.roles import Identity, Role, require
+from cobot.errors import CobotError
+
+STOP = "POST /stop"
+STOPS = (STOP, twin_name(STOP))
+ROLES: dict[str, Role] = {
+    "GET /robot/joint_states": Role.OBSERVER,
+    "GET /robot/pose": Role.OBSERVER,
+    "GET /robot/positions": Role.OBSERVER,
+    "POST /robot/move/named": Role.OPERATOR,
+    "POST /robot/move/pose": Role.OPERATOR,
+    "POST /robot/move/joints": Role.OPERATOR,
+    "POST /robot/reset": Role.OPERATOR,
+    "POST /trajectory/send": Role.OPERATOR,
+    "POST /trajectory/send_csv": Role.OPERATOR,
+    "GET /trajectory/logs": Role.OBSERVER,
+    "POST /sequences/start": Role.PROGRAMMER,
+    "GET /sequences/status": Role.OBSERVER,
+    "GET /sequences/logs": Role.OBSERVER,
+    STOP: Role.OBSERVER,  # whoever sees that it goes wrong
+    "GET /health": Role.OBSERVER,
+    "GET /robots": Role.OBSERVER,
+    "WS /robot/stream": Role.OBSERVER,  # a session needs an operator: app.api.routers.stream
+    "WS /rosbridge": Role.OBSERVER,  # each operation needs its own: app.rosbridge.roles
+    "POST /{robot}/{Class}/{method}": Role.OBSERVER,  # and each method: app.aubo.roles
+}
+PUBLIC = ("/", "/docs", "/docs/oauth2-redirect", "/redoc", "/openapi.json", "/static-offline-docs")
+"""The documentation, in which a token can be entered, is open to all: it tells nothing about this robot but
+its joints' limits and its name."""
+
+
+def endpoint_of(route: BaseRoute) -> str:
+    """As in `ROLES`: "POST /stop"; for what is public its path."""
+    if isinstance(route, APIWebSocketRoute):
+        return f"WS {route.path}"
+    if isinstance(route, APIRoute) and route.path not in PUBLIC:
+        return f"{' '.join(sorted(route.methods or ()))} {route.path}"
+    if isinstance(route, Route | Mount):
+        return route.path
+    raise TypeError(f"{route} is no route that a role could be given")
+
+
+def roles(*, stop_without_token: bool) -> dict[str, Role]:
+    """The table as the settings have it, with the endpoints of each robot by its name."""
+    table = ROLES | ({STOP: Role.NOBODY} if stop_without_token else {})
+    return table | {twin_name(name): role for name, role in table.items()}
+
+
+def guard(routes: Iterable[BaseRoute], table: Mapping[str, Role]) -> None:
+    """Have each of the routes ask for its role.
+
+    Raises:
+        TypeError: a route has none: a programming error.
+    """
+    for route in routes:
+        name = endpoint_of(route)
+        if name in PUBLIC:
+            continue
+        if name not in table:
+            raise TypeError(f"{name} has no role: give it one in app.api.roles")
+        assert isinstance(route, Route | WebSocketRoute)
+        if table[name] is not Role.NOBODY:
+            route.app = _Guarded(route.app, table[name], free_on_loopback=name in STOPS)
+
+
+class _Guarded:
+    """What a route leads to, for those who may."""
+
+    def __init__(self, app: ASGIApp, role: Role, *, free_on_loopback: bool = False) -> None:
+        self._app = app
+        self._role = role
+        self._free_on_loopback = free_on_loopback
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        identity: Identity = scope[IDENTITY]
+        if identity.role < self._role and not (self._free_on_loopback and is_loopback(identity.address)):
+            try:
+                require(identity, self._role)
+            except CobotError as exc:
+                await answer_to(exc)(scope, receive, send)
+                return
+        await self._app(scope, receive, send)

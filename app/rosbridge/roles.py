@@ -1,0 +1,30 @@
+"""Which role each operation of rosbridge needs; calls of services need in addition that of the service."""
+
+from __future__ import annotations
+
+from app.rosbridge import operations as op
+from cobot.access.roles import Role
+
+ROLES: dict[type[op.Operation], Role] = {
+    # What concerns nobody but the client itself, and what it gets to see.
+    op.Subscribe: Role.OBSERVER,
+    op.Unsubscribe: Role.OBSERVER,
+    op.Fragment: Role.OBSERVER,
+    op.Status: Role.OBSERVER,
+    op.SetLevel: Role.OBSERVER,
+    op.Gateway: Role.OBSERVER,
+    op.CallService: Role.OBSERVER,
+    # What others see and act on: the arm follows /ROBOT/joint_cmd, and programs follow topics of their own.
+    op.Advertise: Role.OPERATOR,
+    op.Unadvertise: Role.OPERATOR,
+    op.Publish: Role.OPERATOR,
+    op.AdvertiseService: Role.OPERATOR,
+    op.UnadvertiseService: Role.OPERATOR,
+    op.ServiceResponse: Role.OPERATOR,
+    op.AdvertiseAction: Role.OPERATOR,
+    op.UnadvertiseAction: Role.OPERATOR,
+    op.ActionFeedback: Role.OPERATOR,
+    op.ActionResult: Role.OPERATOR,
+    op.SendActionGoal: Role.OPERATOR,
+    op.CancelActionGoal: Role.OPERATOR,
+}

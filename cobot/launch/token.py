@@ -1,0 +1,71 @@
+"""`cobot token`: who may use the service."""
+
+from __future__ import annotations
+
+import argparse
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+from cobot.access.roles import Role
+from cobot.access.tokens import TokenFile
+from cobot.config import load_settings
+
+ROLES = {role.name.lower(): role for role in Role if role is not Role.NOBODY}
+DESCRIPTION = """\
+Who may use the service when it asks for tokens, see docs/security.md.
+
+  observer     looks: states, logs, health
+  operator     also moves the arm, resets it, streams to it, runs programs that are there
+  programmer   also brings programs along, and changes tool, payload, limits
+  admin        also reads the audit, and has the settings read anew
+
+A running service knows a new token, or that one was revoked, within a second."""
+
+
+def add_parser(commands: Any, config: argparse.ArgumentParser) -> None:
+    """Add the command; `config` has the option --config."""
+    parser = commands.add_parser(
+        "token",
+        help="make, list and revoke access tokens",
+        description=DESCRIPTION,
+        formatter_class=argparse.RawTextHelpFormatter,
+    )
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    create = actions.add_parser("create", parents=[config], help="make a token, and print it this one time")
+    create.add_argument("name", metavar="NAME", help="of a person or a program, for the audit")
+    create.add_argument("--role", required=True, choices=list(ROLES))
+    create.add_argument("--days", type=_days, metavar="N", help="it expires after so many; never without")
+    actions.add_parser("list", parents=[config], help="print names, roles and times, never tokens")
+    revoke = actions.add_parser("revoke", parents=[config], help="make a token worthless")
+    revoke.add_argument("name", metavar="NAME")
+
+
+def run(chosen: argparse.Namespace) -> None:
+    """Do it.
+
+    Raises:
+        CobotError: see `TokenFile`.
+    """
+    config: Path | None = chosen.config
+    file = TokenFile(load_settings(config).web.tokens)
+    match chosen.action:
+        case "create":
+            print(file.create(chosen.name, ROLES[chosen.role], chosen.days))
+        case "revoke":
+            file.revoke(chosen.name)
+            print(f"revoked {chosen.name}")
+        case "list":
+            for each in file.read():
+                ends = f"until {each.expires:%Y-%m-%d %H:%M} UTC" if each.expires else "no end"
+                print(f"{each.name:<24} {each.role:<10} made {each.created:%Y-%m-%d %H:%M} UTC, {ends}")
+
+
+def _days(argument: str) -> timedelta:
+    try:
+        days = timedelta(days=float(argument))
+    except (ValueError, OverflowError):
+        days = timedelta()
+    if days <= timedelta():
+        raise argparse.ArgumentTypeError(f"{argument!r} is no number of days above 0")
+    return days

@@ -1,0 +1,639 @@
+"""Who may ask what, over HTTP and over both WebSockets, of the whole service on virtual time.
+
+Oracles: the attacks as browsers send them, header by header; the roles as docs/security.md tells them, said
+here once more; the standards named in `app.api.origins`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import httpx
+import pytest
+from asgi import Closed, Refused, Socket
+from fastapi import FastAPI
+from fastapi.routing import APIRoute, APIWebSocketRoute
+from streaming_client import Frames
+from virtual import VirtualService, virtual_service
+
+from app.api.origins import Origins
+from app.api.roles import PUBLIC, ROLES, endpoint_of, guard
+from app.aubo.classes import REGISTRY
+from app.rosbridge import roles as rosbridge_roles
+from app.rosbridge.operations import OPERATIONS
+from cobot.access.authentication import authentication_required, rights_of_ros
+from cobot.access.roles import Role
+from cobot.access.tokens import TokenFile
+from cobot.config import ENDPOINTS, Settings, load_settings
+from cobot.errors import ConfigError, MisdirectedError, PermissionDenied
+
+NAMES = {role: role.name.lower() for role in Role if role}
+APP = "https://app.example"
+CSV = "joint1,joint2,joint3,joint4,joint5,joint6,joint7,t\n" + "".join(
+    f"{0.001 * step},0,0,-1.57,0,1.57,0,{0.01 * step}\n" for step in range(50)
+)
+LUA = 'robot.move_named("work")'
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
+    """A service as it is shipped: on this computer alone, without tokens."""
+    with virtual_service(tmp_path_factory.mktemp("open")) as started:
+        yield started
+
+
+class Guarded:
+    """A service that asks for tokens, and a token of each role."""
+
+    def __init__(self, run: VirtualService, file: TokenFile, tokens: dict[Role, str]) -> None:
+        self.run, self.file, self.tokens = run, file, tokens
+
+    def ask(self, method: str, path: str, token: str | Role | None = None, **content: Any) -> httpx.Response:
+        text = self.tokens[token] if isinstance(token, Role) else token
+        headers = content.pop("headers", {}) | (
+            {"Authorization": f"Bearer {text}"} if text is not None else {}
+        )
+        return self.run.ask(method, path, headers=headers, **content)
+
+    def connect(self, path: str, role: Role, **headers: str) -> Socket:
+        return self.run.connect(path, authorization=f"Bearer {self.tokens[role]}", **headers)
+
+
+@pytest.fixture(scope="module")
+def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Guarded]:
+    folder = tmp_path_factory.mktemp("guarded")
+    file = TokenFile(folder / "tokens.json")
+    tokens = {role: file.create(f"the-{name}", role) for role, name in NAMES.items()}
+    web = (
+        "web: {authentication: required, tokens: tokens.json, "
+        f"allowed_origins: ['{APP}'], allowed_hosts: [arm.example]}}\n"
+    )
+    with virtual_service(folder, more=web) as started:
+        yield Guarded(started, file, tokens)
+
+
+# What a page of somebody else's may not do
+
+FROM_ELSEWHERE: dict[str, dict[str, str]] = {
+    "plain http": {"origin": "http://evil.com"},
+    "localhost": {"origin": "http://evil.com", "sec-fetch-site": "cross-site", "sec-fetch-mode": "no-cors"},
+    "sandboxed": {"origin": "null"},
+    "file": {"origin": "null", "sec-fetch-site": "cross-site"},
+    "another port": {"origin": "http://localhost:3000", "sec-fetch-site": "same-site"},
+    "another name of ours": {"origin": "http://127.0.0.1"},
+    "an image": {"sec-fetch-site": "cross-site", "sec-fetch-mode": "no-cors", "sec-fetch-dest": "image"},
+    "a form": {"origin": "http://evil.com", "sec-fetch-mode": "navigate", "sec-fetch-dest": "document"},
+    "a lookalike": {"origin": "http://robot.test.evil.com"},
+    "a beginning": {"origin": "http://robot.tes"},
+    "empty": {"origin": ""},
+    "no web page": {"origin": "chrome-extension://robot.test"},
+}
+
+
+def files(name: str, file: str, content: str) -> dict[str, Any]:
+    return {"files": {name: (file, content, "text/plain")}}
+
+
+ATTACKS: dict[str, tuple[str, dict[str, Any]]] = {
+    "/trajectory/send_csv?move_to_start=true": ("POST", files("file", "a.csv", CSV)),
+    "/sequences/start": ("POST", files("config", "a.lua", LUA)),
+    "/stop": ("POST", {}),
+    "/robot/reset": ("POST", {}),
+    "/robots/NAME/stop": ("POST", {}),
+    "/NAME/RobotManage/poweroff": ("POST", {}),
+    "/NAME/MotionControl/stopJoint": ("POST", {"content": "{}", "headers": {"content-type": "text/plain"}}),
+}
+
+
+@pytest.mark.parametrize("path", ATTACKS)
+@pytest.mark.parametrize("page", FROM_ELSEWHERE)
+def test_a_page_from_elsewhere_moves_nothing_and_stops_nothing(
+    run: VirtualService, path: str, page: str
+) -> None:
+    method, content = ATTACKS[path]
+    headers = FROM_ELSEWHERE[page] | content.get("headers", {})
+    services = run.app.state.services
+    stops = services.ownership.stops
+    answer = run.ask(method, path.replace("NAME", run.name), **(content | {"headers": headers}))
+    assert (answer.status_code, answer.json()["code"]) == (403, "forbidden")
+    assert services.ownership.stops == stops
+    assert services.ownership.owner is None
+    assert services.sequences.status.status == "idle"
+    assert run.health()["robot"]["mode"] == "HOLD"
+
+
+def test_a_page_from_elsewhere_reads_nothing(run: VirtualService) -> None:
+    for headers in (
+        {"origin": "http://evil.com"},
+        {"sec-fetch-site": "cross-site", "sec-fetch-mode": "no-cors", "sec-fetch-dest": "script"},
+        {"sec-fetch-site": "cross-site", "sec-fetch-mode": "navigate", "sec-fetch-dest": "iframe"},
+        {"sec-fetch-site": "same-site", "sec-fetch-mode": "cors", "sec-fetch-dest": "empty"},
+    ):
+        answer = run.ask("GET", "/robot/joint_states", headers=headers)
+        assert answer.status_code == 403, headers
+        assert "access-control-allow-origin" not in answer.headers
+
+
+@pytest.mark.parametrize("path", ["/robot/stream", "/rosbridge"])
+@pytest.mark.parametrize("page", [name for name, headers in FROM_ELSEWHERE.items() if "origin" in headers])
+def test_a_page_from_elsewhere_opens_no_websocket(run: VirtualService, path: str, page: str) -> None:
+    with pytest.raises(Refused) as refused:
+        run.connect(path, **FROM_ELSEWHERE[page])
+    assert refused.value.status == 403
+    assert "may not move the robot" in refused.value.body.decode()
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {},
+        {"origin": "http://robot.test"},
+        {"origin": "http://robot.test:80", "sec-fetch-site": "same-origin"},
+        {"origin": "https://robot.test"},  # a proxy in front has TLS
+        {"origin": "http://localhost:9000", "host": "localhost:9000", "sec-fetch-site": "same-origin"},
+        {"sec-fetch-site": "none", "sec-fetch-mode": "navigate", "sec-fetch-dest": "document"},
+    ],
+)
+def test_its_own_pages_and_programs_may(run: VirtualService, headers: dict[str, str]) -> None:
+    assert run.ask("POST", "/stop", headers=headers).status_code == 200
+
+
+def test_a_link_from_anywhere_leads_to_a_page_and_nowhere_else(run: VirtualService) -> None:
+    link = {"sec-fetch-site": "cross-site", "sec-fetch-mode": "navigate", "sec-fetch-dest": "document"}
+    for path in ("/docs", "/health"):
+        assert run.ask("GET", path, headers=link).status_code == 200
+    for wrong in ({"sec-fetch-dest": "iframe"}, {"sec-fetch-dest": "embed"}, {"sec-fetch-mode": "no-cors"}):
+        assert run.ask("GET", "/docs", headers=link | wrong).status_code == 403
+    assert run.ask("POST", "/stop", headers=link).status_code == 403
+
+
+@pytest.mark.parametrize("page", ["/docs", "/redoc"])
+def test_nobody_lays_the_documentation_under_a_page_of_theirs(run: VirtualService, page: str) -> None:
+    headers = run.get(page).headers
+    assert headers["x-frame-options"] == "DENY"
+    assert "frame-ancestors 'none'" in headers["content-security-policy"]
+
+
+# By which name the service is called
+
+FOREIGN = [
+    *("evil.com", "evil.com:8007", "localhost.evil.com", "127.0.0.1.evil.com", "localhost@evil.com"),
+    *("evil.com#localhost", "localhost/evil.com", "evil.com, localhost", "10.0.0.1", "[::2]", "[::1", "::1"),
+    *("", ":80", "0.0.0.0", "localhost:99999999", "2130706433", "robot.test.", "xrobot.test", "lócalhost"),
+]
+OURS = [
+    *("localhost", "LOCALHOST:1", "localhost.", "localhost:8007", "127.0.0.1", "127.0.0.1:8007", "127.1.2.3"),
+    *("[::1]", "[::1]:8007", "[0:0:0:0:0:0:0:1]:80", "[::ffff:127.0.0.1]", "robot.test", "Robot.Test:9"),
+]
+
+
+@pytest.mark.parametrize("host", [each for each in FOREIGN if each != "robot.test."])
+def test_whoever_calls_it_by_a_name_that_is_not_its_own_is_elsewhere(run: VirtualService, host: str) -> None:
+    stops = run.app.state.services.ownership.stops
+    headers = {"host": host, "origin": f"http://{host}"}
+    for request in (headers, {"host": host}):
+        answer = run.ask("POST", "/stop", headers={k: v.encode("latin-1") for k, v in request.items()})
+        assert (answer.status_code, answer.json()["code"]) == (421, "misdirected")
+    for path in ("/robot/stream", "/rosbridge"):
+        with pytest.raises(Refused) as refused:
+            run.connect(
+                path,
+                **{
+                    name: value.encode("latin-1").decode("utf-8", "replace")
+                    for name, value in headers.items()
+                },
+            )
+        assert refused.value.status == 421
+    assert run.app.state.services.ownership.stops == stops
+
+
+@pytest.mark.parametrize("host", OURS)
+def test_its_own_names_are_good_with_any_port(run: VirtualService, host: str) -> None:
+    assert run.ask("GET", "/health", headers={"host": host}).status_code == 200
+    same = {"host": host, "origin": f"http://{host}"}
+    assert run.ask("GET", "/health", headers=same).status_code == 200
+
+
+def test_a_header_that_stands_twice_is_refused(run: VirtualService) -> None:
+    for name, first, second, status in (
+        ("host", "robot.test", "evil.com", 421),
+        ("origin", "http://robot.test", "http://evil.com", 403),
+        ("sec-fetch-site", "same-origin", "cross-site", 403),
+        ("authorization", "Bearer a", "Bearer b", 403),
+    ):
+        answer = run.ask("POST", "/stop", headers=[(name, first), (name, second)])
+        assert answer.status_code == status, name
+
+
+def scope(server: str, scheme: str = "http") -> dict[str, Any]:
+    return {"type": "http", "method": "POST", "scheme": scheme, "server": (server, 8007)}
+
+
+@pytest.mark.parametrize(
+    ("server", "host"),
+    [
+        ("192.168.1.5", "192.168.1.5:8007"),
+        ("::ffff:192.168.1.5", "192.168.1.5"),
+        ("fe80::1%eth0", "[fe80::1]:8007"),
+        ("2001:db8::5", "[2001:db8:0::5]"),
+    ],
+)
+def test_the_address_on_which_a_request_came_in_is_its_own_and_no_other(server: str, host: str) -> None:
+    origins = Origins([], [], "0.0.0.0")
+    origins.check(scope(server), {b"host": host.encode()})
+    origins.check(scope(server), {b"host": host.encode(), b"origin": f"http://{host}".encode()})
+    for other in ("192.168.1.6", "[2001:db8::6]", "[fe80::2]"):
+        with pytest.raises(MisdirectedError):
+            origins.check(scope(server), {b"host": other.encode()})
+
+
+def test_the_computer_s_name_is_good_beyond_this_computer_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("app.api.origins.socket.gethostname", lambda: "Cell7")
+    for host in ("cell7", "cell7.local:8007", "CELL7"):
+        Origins([], [], "0.0.0.0").check(scope("10.0.0.5"), {b"host": host.encode()})
+        with pytest.raises(MisdirectedError):
+            Origins([], [], "127.0.0.1").check(scope("127.0.0.1"), {b"host": host.encode()})
+
+
+def test_with_tls_a_page_without_it_is_not_the_same() -> None:
+    origins = Origins(["arm.example"], [], "0.0.0.0")
+    host = {b"host": b"arm.example"}
+    origins.check(scope("10.0.0.5", "https"), host | {b"origin": b"https://arm.example"})
+    with pytest.raises(PermissionDenied):
+        origins.check(scope("10.0.0.5", "https"), host | {b"origin": b"http://arm.example"})
+
+
+# Pages that are let in
+
+
+def test_a_listed_origin_is_asked_first_and_let_in(guarded: Guarded) -> None:
+    asking = {
+        "origin": APP,
+        "access-control-request-method": "POST",
+        "access-control-request-headers": "authorization,content-type,x-control-token",
+        "access-control-request-private-network": "true",
+    }
+    preflight = guarded.ask("OPTIONS", "/robot/move/joints", headers=asking)
+    assert preflight.status_code == 200
+    assert preflight.headers["access-control-allow-origin"] == APP
+    assert "POST" in preflight.headers["access-control-allow-methods"]
+    assert "authorization" in preflight.headers["access-control-allow-headers"].lower()
+    assert preflight.headers["access-control-allow-private-network"] == "true"
+    page = {"origin": APP, "sec-fetch-site": "cross-site", "sec-fetch-mode": "cors"}
+    for token, status in ((Role.OBSERVER, 200), (None, 401)):
+        answer = guarded.ask("GET", "/robot/joint_states", token, headers=page)
+        assert answer.status_code == status
+        assert answer.headers["access-control-allow-origin"] == APP
+        assert "origin" in answer.headers["vary"].lower()
+    with guarded.connect("/rosbridge", Role.OBSERVER, origin=APP) as socket:
+        socket.send('{"op": "call_service", "service": "/rosapi/nodes"}')
+        assert json.loads(socket.recv())["values"] == {"nodes": ["/cobot"]}
+    refused = guarded.ask("OPTIONS", "/stop", headers=asking | {"origin": "https://other.example"})
+    assert refused.status_code == 403
+    assert "access-control-allow-origin" not in refused.headers
+
+
+def test_a_listed_host_is_the_service_s_own(guarded: Guarded) -> None:
+    answer = guarded.ask("GET", "/health", Role.OBSERVER, headers={"host": "arm.example:8007"})
+    assert answer.status_code == 200
+
+
+# Tokens
+
+
+def test_without_a_valid_token_there_is_nothing_but_the_documentation_and_the_stop(guarded: Guarded) -> None:
+    for token in (None, "", "nonsense", guarded.tokens[Role.ADMIN][:-1]):
+        answer = guarded.ask("GET", "/robot/joint_states", token)
+        assert (answer.status_code, answer.json()["code"]) == (401, "unauthenticated")
+        assert answer.headers["www-authenticate"] == "Bearer"
+        assert guarded.ask("POST", "/stop", token).status_code == 200
+        for page in ("/docs", "/redoc", "/openapi.json"):
+            assert guarded.ask("GET", page, token).status_code == 200
+        for path in ("/robot/stream", "/rosbridge"):
+            with pytest.raises(Refused) as refused:
+                guarded.run.connect(path, **({"authorization": f"Bearer {token}"} if token else {}))
+            assert refused.value.status == 401
+    basic = {"authorization": f"Basic {guarded.tokens[Role.ADMIN]}"}
+    assert guarded.ask("GET", "/health", headers=basic).status_code == 401
+    query = f"/health?token={guarded.tokens[Role.ADMIN]}"
+    assert guarded.ask("GET", query).status_code == 401, (
+        "an address is no place for a token but where it has to be"
+    )
+
+
+def test_a_wrong_token_is_told_where_none_is_needed(run: VirtualService) -> None:
+    headers = {"authorization": "Bearer of-another-robot"}
+    assert run.ask("GET", "/health", headers=headers).status_code == 401
+    assert run.ask("POST", "/stop", headers=headers).status_code == 200
+
+
+def by_header(token: str) -> tuple[str, dict[str, str]]:
+    return "", {"authorization": f"bearer {token}"}
+
+
+def by_query(token: str) -> tuple[str, dict[str, str]]:
+    return f"?token={token}&x=1", {}
+
+
+def by_subprotocol(token: str) -> tuple[str, dict[str, str]]:
+    return "", {"subprotocols": f"cobot, cobot.token.{token}"}
+
+
+@pytest.mark.parametrize("way", [by_header, by_query, by_subprotocol])
+@pytest.mark.parametrize("path", ["/robot/stream", "/rosbridge"])
+def test_a_websocket_takes_a_token_in_three_ways(
+    guarded: Guarded, path: str, way: Callable[[str], tuple[str, dict[str, str]]]
+) -> None:
+    query, headers = way(guarded.tokens[Role.OBSERVER])
+    with guarded.run.connect(path + query, **headers) as socket:
+        # A browser closes the connection if none of the subprotocols that it has offered is chosen.
+        assert socket.subprotocol == ("cobot" if way is by_subprotocol else None)
+    query, headers = way("wrong")
+    with pytest.raises(Refused) as refused:
+        guarded.run.connect(path + query, **headers)
+    assert refused.value.status == 401
+
+
+def test_no_token_is_in_the_log(guarded: Guarded) -> None:
+    token = guarded.tokens[Role.OPERATOR]
+    with Frames(guarded.run.connect(f"/robot/stream?token={token}")) as client:
+        client.session()
+        client.send("nonsense")
+        client.answer()
+    assert token not in guarded.run.output
+    assert token not in json.dumps(guarded.run.ask("GET", "/health", headers=by_header(token)[1]).json())
+
+
+def test_a_websocket_whose_token_is_revoked_is_closed_and_its_arm_comes_to_rest(guarded: Guarded) -> None:
+    run = guarded.run
+    token = guarded.file.create("leaving", Role.OPERATOR)
+    run.sleep(1.0)
+    with Frames(run.connect("/robot/stream", authorization=f"Bearer {token}")) as client:
+        client.session()
+        services = run.app.state.services
+        assert services.ownership.owner is not None
+        guarded.file.revoke("leaving")
+        with pytest.raises(Closed, match="1008"):
+            client.until_closed()
+    run.until(lambda: services.ownership.owner is None)
+    assert guarded.ask("GET", "/health", token).status_code == 401
+
+
+# Roles: each route, each vendor method, each operation of rosbridge
+
+
+def role_by_the_docs(endpoint: str) -> Role:
+    """docs/security.md: who looks reads; who stops need not be more; who brings a program along programs."""
+    method, path = endpoint.split(" ")
+    if method in ("GET", "WS") or path.endswith("/stop") or "{method}" in path:
+        return Role.OBSERVER
+    return Role.PROGRAMMER if path.endswith("/sequences/start") else Role.OPERATOR
+
+
+def test_the_table_has_each_endpoint_and_no_other() -> None:
+    assert set(ROLES) == set(ENDPOINTS)
+    assert {name: role for name, role in ROLES.items() if role is not Role.NOBODY} == {
+        name: role_by_the_docs(name) for name, role in ROLES.items() if role is not Role.NOBODY
+    }
+
+
+def test_each_route_asks_for_its_role(guarded: Guarded) -> None:
+    asked = set()
+    for route in guarded.run.app.routes:
+        name = endpoint_of(route)
+        if name in PUBLIC or not isinstance(route, APIRoute) or "{method}" in name:
+            continue
+        method, _, path = name.partition(" ")
+        path = path.replace("{robot}", guarded.run.name)
+        needed = role_by_the_docs(name)
+        asked.add(name)
+        if not path.endswith("/stop"):
+            assert guarded.ask(method, path).status_code == 401, name
+        for role in NAMES:
+            status = guarded.ask(method, path, role).status_code
+            assert (status == 403) == (role < needed), (name, role)
+            assert status != 401
+    assert len(asked) == 2 * (len(ENDPOINTS) - 3) - 1  # each twice, but for the list of robots
+
+
+def test_a_route_without_a_role_is_not_served() -> None:
+    app = FastAPI(openapi_url=None)
+
+    @app.get("/new")
+    async def new() -> None: ...
+
+    with pytest.raises(TypeError, match=r"GET /new has no role: give it one in app\.api\.roles"):
+        guard(app.routes, ROLES)
+
+
+LOOKS = ("get", "is", "has", "peek", "modbusGet", "axisGroupGet", "frameGet", "frameConvert")
+COMPUTES = ("Math", "RobotAlgorithm")
+
+
+def test_each_vendor_method_asks_for_its_role(guarded: Guarded) -> None:
+    for (robot_class, method), service in REGISTRY.items():
+        path = f"/{guarded.run.name}/{robot_class}/{method}"
+        looks = robot_class in COMPUTES or (
+            method.startswith(LOOKS) and robot_class not in ("Serial", "Socket")
+        )
+        assert (service.role is Role.OBSERVER) == looks, path
+        assert service.role is not Role.ADMIN, path
+        for role in NAMES:
+            answer = guarded.ask("POST", path, role, json={"no such field": 1})
+            assert answer.status_code == (403 if role < service.role else 422), (path, role)
+        assert guarded.ask("POST", path, json={}).status_code == 401
+
+
+def test_who_changes_what_holds_later_programs() -> None:
+    for name in (
+        *("RobotConfig/setTcpOffset", "RobotConfig/setPayload", "RobotConfig/setJointMaxSpeeds"),
+        *("RobotConfig/setCollisionLevel", "ForceControl/fcSetSensorLimits", "RegisterControl/setWatchDog"),
+        *("RegisterControl/modbusAddSignal", "Serial/serialOpen", "Socket/socketOpen", "SyncMove/frameAdd"),
+    ):
+        assert REGISTRY[tuple(name.split("/"))].role is Role.PROGRAMMER, name  # type: ignore[index]
+
+
+REQUIRED_FIELDS = {"topic": "/x", "service": "/x", "action": "/x", "type": "std_msgs/msg/String"} | {
+    "data": "{}",
+    "num": 0,
+    "total": 2,
+    "level": "error",
+    "id": "1",
+}
+
+
+def test_each_operation_of_rosbridge_asks_for_its_role(guarded: Guarded) -> None:
+    assert set(rosbridge_roles.ROLES) == set(OPERATIONS.values())
+    looks = {"subscribe", "unsubscribe", "call_service", "set_level", "status", "fragment", "cobot_gateway"}
+    for name in OPERATIONS:
+        with guarded.connect("/rosbridge", Role.OBSERVER) as socket:
+            socket.send(json.dumps({"op": name, **REQUIRED_FIELDS}))
+            socket.send(json.dumps({"op": "call_service", "service": "/rosapi/nodes", "id": "end"}))
+            said = ""
+            while json.loads(message := str(socket.recv())).get("id") != "end":
+                said += message
+        assert ("has the role observer" in said) == (name not in looks), (name, said)
+
+
+def calls(guarded: Guarded, role: Role, service: str, **arguments: Any) -> tuple[bool, str]:
+    with guarded.connect("/rosbridge", role) as socket:
+        socket.send(json.dumps({"op": "call_service", "service": service, "args": arguments}))
+        while (answer := json.loads(socket.recv()))["op"] != "service_response":
+            pass
+    return answer["result"], str(answer["values"])
+
+
+def test_a_service_called_over_rosbridge_asks_for_its_own_role(guarded: Guarded) -> None:
+    robot = f"/{guarded.run.name}"
+    graph = guarded.run.app.state.graph
+    for (robot_class, method), service in REGISTRY.items():
+        assert graph.service(f"{robot}/{robot_class}/{method}").role is service.role
+    assert calls(guarded, Role.OBSERVER, f"{robot}/RobotConfig/getDof")[0]
+    called, why = calls(guarded, Role.OBSERVER, f"{robot}/MotionControl/stopJoint")
+    assert not called
+    assert "the-observer has the role observer, which this does not permit: it needs operator" in why
+    assert not calls(guarded, Role.OPERATOR, f"{robot}/RobotConfig/resetLimits")[0]
+    assert calls(guarded, Role.PROGRAMMER, f"{robot}/RobotConfig/resetLimits")[0]
+    for name, role in (
+        ("send_goal", Role.OPERATOR),
+        ("cancel_goal", Role.OPERATOR),
+        ("get_result", Role.OBSERVER),
+    ):
+        assert graph.service(f"{robot}/servo_mode/_action/{name}").role is role
+
+
+def test_an_observer_watches_a_stream_and_opens_none(guarded: Guarded) -> None:
+    with Frames(guarded.connect("/robot/stream", Role.OBSERVER)) as client:
+        client.send("subscribe", rate_hz=50)
+        assert client.state()["mode"] == "HOLD"
+        client.send("session", stream="joint_impedance")
+        answer = client.answer()
+        assert (answer["type"], answer["code"]) == ("error", "forbidden")
+        client.binary(2, 0, b"")
+        assert client.answer()["type"] == "error"
+    assert guarded.run.app.state.services.ownership.owner is None
+    with Frames(guarded.connect("/robot/stream", Role.OPERATOR)) as client:
+        client.session()
+    guarded.run.until(lambda: guarded.run.app.state.services.ownership.owner is None)
+
+
+def test_each_websocket_has_a_role(guarded: Guarded) -> None:
+    paths = [endpoint_of(each) for each in guarded.run.app.routes if isinstance(each, APIWebSocketRoute)]
+    assert sorted(paths) == ["WS /robot/stream", "WS /robots/{robot}/stream", "WS /rosbridge"]
+    with pytest.raises(Refused) as refused:
+        guarded.run.connect(f"/robots/{guarded.run.name}/stream")
+    assert refused.value.status == 401
+
+
+# Settings
+
+
+@pytest.mark.parametrize(
+    ("setting", "address", "required"),
+    [
+        *(("auto", address, False) for address in ("127.0.0.1", "::1", "127.1.2.3")),
+        *(("auto", address, True) for address in ("0.0.0.0", "::", "192.168.1.5", "fe80::1%eth0", "robot")),
+        ("required", "127.0.0.1", True),
+        ("none", "0.0.0.0", False),
+    ],
+)
+def test_tokens_are_needed_beyond_this_computer(
+    settings: Settings, setting: str, address: str, required: bool
+) -> None:
+    web = settings.web.model_copy(update={"authentication": setting})
+    assert authentication_required(web, address) is required
+
+
+@pytest.mark.parametrize(
+    ("access", "localhost_only", "role"),
+    [
+        ("auto", True, Role.OPERATOR),
+        ("auto", False, Role.OBSERVER),
+        ("observe", True, Role.OBSERVER),
+        ("move", False, Role.OPERATOR),
+        ("all", False, Role.ADMIN),
+    ],
+)
+def test_what_ros_may_do_is_a_setting(
+    settings: Settings, access: str, localhost_only: bool, role: Role
+) -> None:
+    ros = settings.ros.model_copy(update={"access": access, "localhost_only": localhost_only})
+    assert rights_of_ros(ros) is role
+
+
+def test_a_stop_needs_no_token_unless_the_settings_ask_for_one_and_never_on_this_computer(
+    guarded: Guarded,
+) -> None:
+    app = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
+
+    @app.post("/stop")
+    async def stop() -> None: ...
+
+    guard(app.routes, ROLES)
+    run = guarded.run
+
+    async def asked(address: str, token: str | None) -> int:
+        outer = run.app.middleware_stack
+        assert outer is not None
+        access = SimpleNamespace(inner=outer)
+        while not hasattr(access.inner, "_tokens"):  # the middleware around another application
+            access.inner = access.inner.app
+        made = type(access.inner)(app, access.inner._tokens, access.inner._origins, required=True)
+        headers = {"Authorization": f"Bearer {token}"} if token else {}
+        transport = httpx.ASGITransport(made, client=(address, 1))
+        async with httpx.AsyncClient(transport=transport, base_url=run.url, headers=headers) as client:
+            return (await client.post("/stop")).status_code
+
+    assert run.run(asked("10.0.0.9", None)) == 401
+    assert run.run(asked("10.0.0.9", "wrong")) == 401
+    assert run.run(asked("127.0.0.1", None)) == 200
+    assert run.run(asked("10.0.0.9", guarded.tokens[Role.OBSERVER])) == 200
+
+
+# The schema
+
+
+def test_the_schema_asks_for_tokens_where_they_are_needed(guarded: Guarded, run: VirtualService) -> None:
+    schema = guarded.run.get("/openapi.json").json()
+    again = guarded.run.get("/openapi.json").json()
+    assert schema == again
+    assert schema["components"]["securitySchemes"]["token"]["scheme"] == "bearer"
+    for path, operations in schema["paths"].items():
+        for endpoint in operations.values():
+            free = path in ("/stop", "/robots/{robot}/stop")
+            assert ("security" in endpoint) != free, path
+            assert {"401", "403"} <= set(endpoint["responses"]) or free, path
+    assert "Needs the role operator." in schema["paths"]["/robot/move/joints"]["post"]["description"]
+    assert (
+        "Needs the role programmer."
+        in schema["paths"]["/{robot}/RobotConfig/setPayload"]["post"]["description"]
+    )
+    assert "securitySchemes" not in run.get("/openapi.json").json()["components"]
+
+
+def test_settings_are_read_strictly(tmp_path: Path) -> None:
+    file = tmp_path / "settings.yaml"
+    for text, sentence in (
+        ("web: {allowed_hosts: ['*']}", "is no name or address of a host"),
+        ("web: {allowed_hosts: ['http://robot.example']}", "is no name or address of a host"),
+        ("web: {allowed_hosts: ['robot.example:80']}", "is no name or address of a host"),
+        ("web: {allowed_origins: ['*']}", "is no origin of pages"),
+        ("web: {allowed_origins: ['null']}", "is no origin of pages"),
+        ("web: {allowed_origins: ['https://app.example/']}", "is no origin of pages"),
+        ("web: {allowed_origins: ['https://App.example']}", "is no origin of pages"),
+        ("web: {authentication: maybe}", "web.authentication"),
+        ("ros: {access: some}", "ros.access"),
+    ):
+        file.write_text(text, encoding="utf-8")
+        with pytest.raises(ConfigError, match=sentence):
+            load_settings(file)
+    file.write_text(
+        "web: {allowed_hosts: [robot.example, 192.168.0.10, 'fe80::1'], "
+        "allowed_origins: ['http://localhost:3000', 'https://app.foxglove.dev', 'http://[::1]:3000']}",
+        encoding="utf-8",
+    )
+    assert len(load_settings(file).web.allowed_hosts) == 3

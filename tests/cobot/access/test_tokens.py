@@ -1,0 +1,216 @@
+"""The file of tokens. Oracles: hashlib, the file system's own modes, JSON read by `json`."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import json
+import os
+import stat
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from datetime import timedelta
+from pathlib import Path
+
+import pytest
+from virtual_time import VirtualClock, VirtualLoop
+
+from cobot.access import authentication
+from cobot.access.authentication import Authenticator, Holder
+from cobot.access.roles import Role
+from cobot.access.tokens import TokenFile
+from cobot.errors import ConfigError, ConflictError, InputError, NotFoundError
+from cobot.launch.cli import main
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> TokenFile:
+    return TokenFile(tmp_path / "of/a/user/tokens.json")
+
+
+def test_only_the_hash_of_a_token_is_kept_and_nobody_else_may_read_it(file: TokenFile) -> None:
+    token = file.create("alice", Role.OPERATOR)
+    text = file.path.read_text(encoding="utf-8")
+    (kept,) = json.loads(text)
+    assert len(token) > 40
+    assert token not in text
+    assert (kept["name"], kept["role"]) == ("alice", "operator")
+    assert kept["sha256"] == hashlib.sha256(token.encode()).hexdigest()
+    assert stat.S_IMODE(file.path.stat().st_mode) == 0o600
+    assert stat.S_IMODE(file.path.parent.stat().st_mode) == 0o700
+
+
+def test_no_two_tokens_are_alike_and_no_two_have_one_name(file: TokenFile) -> None:
+    tokens = {file.create(f"n{number}", Role.OBSERVER) for number in range(20)}
+    assert len(tokens) == 20
+    with pytest.raises(ConflictError, match="there is a token 'n3' already"):
+        file.create("n3", Role.ADMIN)
+
+
+def test_those_who_change_it_at_one_time_lose_nothing(file: TokenFile) -> None:
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(lambda number: file.create(f"n{number}", Role.OBSERVER), range(40)))
+    assert {each.name for each in file.read()} == {f"n{number}" for number in range(40)}
+    assert [path.name for path in file.path.parent.iterdir()] == ["tokens.json"]
+
+
+@pytest.mark.parametrize("name", ["", "a b", "a\n", "x" * 49, "anonymous", "ros2", "cobot", "../x"])
+def test_a_name_is_a_name_and_none_of_the_service_s_own(file: TokenFile, name: str) -> None:
+    with pytest.raises(InputError, match="name"):
+        file.create(name, Role.OBSERVER)
+    assert file.read() == ()
+
+
+def test_what_is_revoked_is_gone(file: TokenFile) -> None:
+    file.create("alice", Role.OPERATOR)
+    file.create("bob", Role.OBSERVER)
+    file.revoke("alice")
+    assert [each.name for each in file.read()] == ["bob"]
+    with pytest.raises(NotFoundError, match="there is no token 'alice'; there are: bob"):
+        file.revoke("alice")
+
+
+def test_a_spoilt_file_is_said_to_be_and_stays(file: TokenFile) -> None:
+    file.create("alice", Role.OPERATOR)
+    file.path.write_text('[{"name": "alice"}]', encoding="utf-8")
+    for use in (file.read, lambda: file.create("bob", Role.ADMIN), lambda: file.revoke("alice")):
+        with pytest.raises(ConfigError, match=r"tokens\.json: .*role: is missing"):
+            use()
+    assert file.path.read_text(encoding="utf-8") == '[{"name": "alice"}]'
+
+
+def test_a_file_that_others_may_change_gives_nobody_rights(file: TokenFile) -> None:
+    file.create("alice", Role.OPERATOR)
+    file.path.chmod(0o620)
+    with pytest.raises(ConfigError, match="others may change it, and with it who moves the robot"):
+        file.read()
+
+
+@pytest.fixture
+def clock() -> Iterator[VirtualClock]:
+    loop = VirtualLoop()
+    yield VirtualClock(loop)
+    loop.close()
+
+
+def test_a_token_is_known_and_a_revoked_one_no_more_within_a_second(
+    file: TokenFile, clock: VirtualClock
+) -> None:
+    tokens = Authenticator(file, clock)
+    token = file.create("alice", Role.OPERATOR)
+    clock.sleep(1.0)
+    assert tokens.find(token) == Holder("alice", Role.OPERATOR)
+    for other in (
+        "",
+        "alice",
+        token[:-1],
+        f"{token} ",
+        token.upper(),
+        "\udcff",
+        hashlib.sha256(token.encode()).hexdigest(),
+    ):
+        assert tokens.find(other) is None
+    file.revoke("alice")
+    clock.sleep(1.0)
+    assert tokens.find(token) is None
+
+
+def test_a_token_expires(file: TokenFile, clock: VirtualClock, monkeypatch: pytest.MonkeyPatch) -> None:
+    token = file.create("alice", Role.OPERATOR, timedelta(hours=1))
+    tokens = Authenticator(file, clock)
+    made_ns = int(file.read()[0].created.timestamp() * 1e9)
+    monkeypatch.setattr(clock, "wall_ns", lambda: made_ns + 3599 * 10**9)
+    assert tokens.find(token) is not None
+    monkeypatch.setattr(clock, "wall_ns", lambda: made_ns + 3600 * 10**9)
+    assert tokens.find(token) is None
+
+
+def test_a_file_that_is_spoilt_later_opens_to_nobody_until_it_is_mended(
+    file: TokenFile, clock: VirtualClock
+) -> None:
+    token = file.create("alice", Role.OPERATOR)
+    tokens = Authenticator(file, clock)
+    good = file.path.read_bytes()
+    file.path.write_text("[", encoding="utf-8")
+    clock.sleep(1.0)
+    assert tokens.find(token) is None
+    restarted = Authenticator(file, clock)
+    assert restarted.find(token) is None
+    file.path.write_bytes(good)
+    clock.sleep(1.0)
+    assert tokens.find(token) is not None
+    file.path.unlink()
+    clock.sleep(1.0)
+    assert tokens.find(token) is None
+
+
+def test_a_granted_token_is_valid_until_it_is_withdrawn_and_stands_in_no_file(
+    file: TokenFile, clock: VirtualClock
+) -> None:
+    tokens = Authenticator(file, clock)
+    token = tokens.grant("alice", Role.PROGRAMMER)
+    assert tokens.find(token) == Holder("alice", Role.PROGRAMMER)
+    assert not file.path.exists()
+    tokens.withdraw(token)
+    tokens.withdraw(token)
+    assert tokens.find(token) is None
+
+
+def test_hashes_are_compared_in_constant_time_and_all_of_them(
+    file: TokenFile, clock: VirtualClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = [file.create(f"n{number}", Role.OBSERVER) for number in range(5)]
+    tokens = Authenticator(file, clock)
+    compared: list[tuple[bytes, bytes]] = []
+    real = hmac.compare_digest
+
+    def compare(one: bytes, other: bytes) -> bool:
+        compared.append((one, other))
+        return real(one, other)
+
+    monkeypatch.setattr(authentication.hmac, "compare_digest", compare)
+    for token in (made[0], made[4], "nobody's"):
+        compared.clear()
+        tokens.find(token)
+        digest = hashlib.sha256(token.encode()).digest()
+        assert {one for one, _ in compared} == {hashlib.sha256(each.encode()).digest() for each in made}
+        assert {other for _, other in compared} == {digest}
+
+
+def test_the_command_makes_lists_and_revokes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    config = tmp_path / "mine.yaml"
+    config.write_text("web: {tokens: tokens.json}\n", encoding="utf-8")
+    here = ["--config", str(config)]
+
+    def run(*words: str) -> tuple[int, str, str]:
+        status = main(["token", *words, *here])
+        said = capsys.readouterr()
+        return status, said.out.strip(), said.err.strip()
+
+    status, token, _ = run("create", "alice", "--role", "operator", "--days", "7")
+    assert status == 0
+    assert Authenticator(TokenFile(tmp_path / "tokens.json")).find(token) == Holder("alice", Role.OPERATOR)
+    status, said, _ = run("list")
+    assert status == 0
+    assert said.startswith("alice")
+    assert "operator" in said
+    assert "until" in said
+    assert token not in said
+    status, _, complaint = run("create", "alice", "--role", "admin")
+    assert status == 1
+    assert "there is a token 'alice' already" in complaint
+    assert run("revoke", "alice")[0] == 0
+    assert run("revoke", "alice")[0] == 1
+    assert run("list")[1] == ""
+    for days in ("0", "-1", "nan", "x", "1e400"):
+        with pytest.raises(SystemExit, match="2"):
+            main(["token", "create", "bob", "--role", "admin", "--days", days, *here])
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="needs root")
+def test_root_makes_a_token_for_the_user_that_the_folder_belongs_to(tmp_path: Path) -> None:
+    os.chown(tmp_path, 1234, 1235)
+    file = TokenFile(tmp_path / "tokens.json")
+    file.create("alice", Role.OBSERVER)
+    assert (file.path.stat().st_uid, file.path.stat().st_gid) == (1234, 1235)
+    file.revoke("alice")
