@@ -104,7 +104,10 @@ def create_app(
     app.state.rosbridge_connections = 0
     app.state.stop_on_disconnect = settings.web.stop_on_disconnect
     app.add_middleware(
-        BodyLimit, limit_bytes=settings.web.max_body_bytes, json_limit_bytes=settings.web.max_json_bytes
+        BodyLimit,
+        limit_bytes=settings.web.max_body_bytes,
+        json_limit_bytes=settings.web.max_json_bytes,
+        all_bytes=settings.web.limits.bodies_bytes,
     )
     errors.install(app)
     limits = {name: robot.limits for name, robot in robots.items()}
