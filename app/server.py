@@ -23,6 +23,8 @@ from cobot.errors import CobotError
 
 ANY_ADDRESS = {"0.0.0.0": "127.0.0.1", "::": "::1"}
 SHUTDOWN_S = 4
+SWITCH_S = 0.001
+"""So long a thread that takes something large apart may keep the event loop waiting for the interpreter."""
 PING_S = 5.0
 
 
@@ -87,6 +89,7 @@ def main() -> int:
     )
     # uvicorn raises the signal that ended it once more when all is closed; Python shall end in peace.
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    sys.setswitchinterval(SWITCH_S)
     server = Server(config, limits)
     server.run(sockets=[socket.socket(fileno=arguments.fd)])
     return 0 if server.started else 2

@@ -193,9 +193,7 @@ class ConnectionLimits(Section):
 def _with_room_for_a_body(limits: ConnectionLimits, info: ValidationInfo) -> ConnectionLimits:
     largest = max(info.data.get(name, 0) for name in ("max_body_bytes", "max_json_bytes"))
     if limits.bodies_bytes < largest:
-        raise ValueError(
-            f"bodies_bytes: {limits.bodies_bytes} has no room for a single body of {largest} bytes"
-        )
+        raise ValueError(f"bodies_bytes: {limits.bodies_bytes} has no room for one body of {largest} bytes")
     return limits
 
 

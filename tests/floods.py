@@ -59,7 +59,8 @@ class Flood:
 
 GET = b"GET /robot/joint_states HTTP/1.1\r\nHost: localhost\r\n"
 SUBSCRIBE = frame(TEXT, json.dumps({"type": "subscribe", "rate_hz": 1000}).encode())
-GIANT = json.dumps({"op": "publish", "topic": "/giant", "msg": {"data": [0.5] * 600_000}}).encode()
+NUMBERS = {"data": [0.1234567890123] * 190_000}
+GIANT = json.dumps({"op": "publish", "topic": "/giant", "msg": NUMBERS}).encode()
 FLOODS = {
     "endless header": Flood(32, GET + b"X: ", b"x" * 65536),
     "endless headers": Flood(32, GET, b"X:\r\n" * 16384),
