@@ -46,6 +46,8 @@ class Flood:
         first: what it sends at once.
         again: what it sends after that, every `period_s` or as fast as it is taken.
         answered: whether it waits for an answer before it sends more; `each`: for one to each.
+        reads: whether it reads what it is sent.
+        closes: whether it closes its connections at once.
     """
 
     connections: int
@@ -55,6 +57,7 @@ class Flood:
     answered: bool = False
     each: bool = False
     reads: bool = True
+    closes: bool = False
 
 
 GET = b"GET /robot/joint_states HTTP/1.1\r\nHost: localhost\r\n"
@@ -79,6 +82,7 @@ FLOODS = {
         b"1\r\n \r\n" * 10_000,
     ),
     "half-open connections": Flood(600, b"", period_s=math.inf),
+    "connections that come and go": Flood(300, b"", closes=True),
     "valid requests": Flood(200, GET + b"\r\n", GET + b"\r\n", each=True),
     "pipelined requests": Flood(100, GET + b"\r\n", (GET + b"\r\n") * 1000),
     "200 WebSockets": Flood(200, UPGRADE.format("/robot/stream").encode(), SUBSCRIBE * 500, answered=True),
@@ -109,7 +113,9 @@ class Attacker(asyncio.Protocol):
         transport.set_write_buffer_limits(high=0)
         self._writable = True
         transport.write(self._flood.first)
-        if not (self._flood.answered or self._flood.each):
+        if self._flood.closes:
+            transport.close()
+        elif not (self._flood.answered or self._flood.each):
             self._go_on()
 
     def data_received(self, data: bytes) -> None:

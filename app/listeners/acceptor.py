@@ -41,7 +41,7 @@ log = logging.getLogger("cobot.service")
 def crowd_for(limits: ConnectionLimits) -> Crowd:
     """As many places as the settings want, or as the system grants descriptors, which it is asked for."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if soft < hard:
+    if soft != hard:
         with contextlib.suppress(OSError, ValueError):
             resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
             soft = hard

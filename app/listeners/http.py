@@ -49,7 +49,7 @@ class Flow(FlowControl):
     def __init__(self, transport: Transport, go_on: Callable[[], None]) -> None:
         super().__init__(transport)
         self.held = False
-        self._go_on = go_on
+        self.go_on = go_on
 
     def hold(self) -> None:
         self.held = True
@@ -65,9 +65,13 @@ class Flow(FlowControl):
             return
         self.read_paused = False
         if self.held:
-            self._go_on()
+            self.go_on()
         elif not self._transport.is_closing():
             self._transport.resume_reading()
+
+
+def _nothing() -> None:
+    """For who is gone."""
 
 
 class _Refused(Exception):
@@ -100,6 +104,8 @@ class HttpProtocol(HttpToolsProtocol):
         super().connection_lost(exc)
         self._unread.clear()
         self._crowd.leave(self._visit)
+        # No circle of references keeps it until the garbage collector comes by: it may hold a large header.
+        self.flow.go_on = self._visit.close = self._visit.expire = _nothing
 
     def data_received(self, data: bytes) -> None:
         self._unset_keepalive_if_required()
@@ -146,6 +152,8 @@ class HttpProtocol(HttpToolsProtocol):
             if not self.transport.is_closing():
                 self.send_400_response("Invalid HTTP request received.")
         else:
+            if self._in_body and not self._answered:
+                self._visit.deadline_s = self._body_deadline_s
             if self._silent > self._limits.header_bytes:
                 self._refuse_header()
 
@@ -187,8 +195,6 @@ class HttpProtocol(HttpToolsProtocol):
         super().on_body(body)
         self._silent = 0
         self._body_bytes += len(body)
-        if not self._answered:
-            self._visit.deadline_s = self._body_deadline_s
 
     def on_message_complete(self) -> None:
         super().on_message_complete()

@@ -63,6 +63,8 @@ class Turns:
         late = now_s - self._begun_s > LONG_S
         self._most = max(1, self._most // 2) if late else min(MOST, self._most + 1)
         self._left, self._renewing = self._most, False
-        while self._waiting and self._left > 0 and perf_counter() - now_s < LONG_S:
-            self._count()
+        while self._waiting and self._left > 0:
+            self._count()  # one at least, which has the next iteration looked forward to
             self._waiting.popleft()()
+            if perf_counter() - now_s > LONG_S:
+                break

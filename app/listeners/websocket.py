@@ -48,6 +48,7 @@ class StreamProtocol(WebSocketsSansIOProtocol):
         super().connection_lost(exc)
         self._unread.clear()
         self._crowd.leave(self._visit)
+        self._visit.close = self._visit.expire = lambda: None
 
     def data_received(self, data: bytes) -> None:
         if self._unread or len(data) > SLICE_BYTES or not self._turns.mine():
