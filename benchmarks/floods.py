@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import resource
+import signal
 import subprocess
 import sys
 import time
@@ -28,6 +29,8 @@ TOO_LATE_S = 5.0
 """An answer that takes longer, or does not come, counts as this."""
 FLOOR_BYTES = 2 * 2**30
 """A bare server may take so much memory: without a limit an endless header would take all there is."""
+RISES_S = 0.5
+"""So long a flood goes on before each stop."""
 CALM_S = 3.0
 """So long after a flood memory is looked at."""
 
@@ -41,8 +44,9 @@ def floods(repetitions: int) -> Iterator[Row]:
         _stops(run, memory, 2)  # what is made at the first use only is no growth
         for kind in FLOODS:
             before = process.memory_info().rss
-            with _flood(run.url, kind):
-                delays = _stops(run, memory, repetitions)
+            with _flood(run.url, kind) as flood:
+                flood.send_signal(signal.SIGSTOP)
+                delays = _stops(run, memory, repetitions, flood)
                 during = process.memory_info().rss
             time.sleep(CALM_S)
             after = process.memory_info().rss
@@ -68,18 +72,27 @@ def floods(repetitions: int) -> Iterator[Row]:
             )
 
 
-def _stops(run: Run, memory: RobotMemory, repetitions: int) -> list[float]:
-    """ms, each stop with a connection of its own, like somebody who comes to stop the arm."""
+def _stops(
+    run: Run, memory: RobotMemory, repetitions: int, flood: subprocess.Popen[str] | None = None
+) -> list[float]:
+    """ms, each stop with a connection of its own, like somebody who comes to stop the arm. The flood rests
+    while a motion is planned, for which it would leave no processor.
+    """
     delays = []
     with Client(run.url, motion_timeout_s=60.0) as mover:
         for repetition in range(repetitions):
             with motion(mover, ("work", "home")[repetition % 2]):
                 until_cruising(memory)
+                if flood is not None:
+                    flood.send_signal(signal.SIGCONT)
+                    time.sleep(RISES_S)
                 be(Niceness.PROMPT)  # stands for another computer
                 begun_ns = time.monotonic_ns()
                 with Client(run.url) as stopper:
                     stopper.stop()
                 be(Niceness.ORDINARY)
+                if flood is not None:
+                    flood.send_signal(signal.SIGSTOP)
                 delays.append((int(memory.state.read()["deceleration_monotonic_ns"]) - begun_ns) / 1e6)
     return delays
 
@@ -94,6 +107,7 @@ def _floor(kind: str, repetitions: int) -> list[float]:
     try:
         url = address(bare)
         with _flood(url, kind):
+            time.sleep(RISES_S)
             return [_answer_ms(url) for _ in range(min(repetitions, 20))]
     finally:
         bare.kill()
@@ -113,13 +127,14 @@ def _answer_ms(url: str) -> float:
 
 
 @contextlib.contextmanager
-def _flood(url: str, kind: str) -> Iterator[None]:
+def _flood(url: str, kind: str) -> Iterator[subprocess.Popen[str]]:
+    """From all its connections, once they have been tried."""
     command = [sys.executable, "-m", "floods", url, kind, "3600"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=HELPER_ENVIRONMENT)
     try:
         assert process.stdout is not None
         process.stdout.readline()
-        yield
+        yield process
     finally:
         process.kill()
         process.communicate()
