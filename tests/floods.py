@@ -16,8 +16,6 @@ from dataclasses import dataclass
 from functools import partial
 from urllib.parse import urlsplit
 
-AGAIN_S = 0.05
-"""After this time a closed connection is opened again."""
 UPGRADE = (
     "GET {} HTTP/1.1\r\nHost: localhost\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
     "Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
@@ -48,6 +46,7 @@ class Flood:
         answered: whether it waits for an answer before it sends more; `each`: for one to each.
         reads: whether it reads what it is sent.
         closes: whether it closes its connections at once.
+        again_s: after this time a closed connection is opened again.
     """
 
     connections: int
@@ -58,6 +57,7 @@ class Flood:
     each: bool = False
     reads: bool = True
     closes: bool = False
+    again_s: float = 0.05
 
 
 GET = b"GET /robot/joint_states HTTP/1.1\r\nHost: localhost\r\n"
@@ -81,7 +81,7 @@ FLOODS = {
         JSON.format("/trajectory/send").encode() + b"Transfer-Encoding: chunked\r\n\r\n",
         b"1\r\n \r\n" * 10_000,
     ),
-    "half-open connections": Flood(600, b"", period_s=math.inf),
+    "half-open connections": Flood(600, b"", period_s=math.inf, again_s=0.5),
     "connections that come and go": Flood(300, b"", closes=True),
     "valid requests": Flood(200, GET + b"\r\n", GET + b"\r\n", each=True),
     "pipelined requests": Flood(100, GET + b"\r\n", (GET + b"\r\n") * 1000),
@@ -158,7 +158,7 @@ async def attack(where: tuple[str, int], flood: Flood, begun: asyncio.Event) -> 
             await ended.wait()
         except OSError:
             begun.set()
-        await asyncio.sleep(AGAIN_S)
+        await asyncio.sleep(flood.again_s)
 
 
 async def main(url: str, kind: str, duration_s: float) -> None:

@@ -19,9 +19,11 @@ from cobot.config import ConnectionLimits
 BACKLOG = 1024
 """So many connections may wait to be accepted."""
 AT_ONCE = 32
-"""So many are accepted in one iteration of the event loop, if there are places for `STAYS` times as many."""
-STAYS = 8
-"""A newcomer is read from some iterations later: so long at least nobody may come for its place."""
+"""So many are accepted in one iteration of the event loop, or this share of the places of an address:"""
+SHARE = 1 / 8
+GRACE_S = 0.02
+"""When it is crowded, so many are accepted that a newcomer has this time to say what it wants: the others wait
+in the kernel's queue."""
 SPARE_DESCRIPTORS = 64
 """For files, planning workers and sequences that are opened later."""
 LEAST_PLACES = 8
@@ -76,6 +78,8 @@ class Acceptor:
         self._tls: dict[str, Any] = {}
         if context is not None:
             self._tls = {"ssl": context, "ssl_handshake_timeout": handshake_timeout_s}
+        self._credit, self._credited_s = 0.0, self._loop.time()
+        self._pausing: asyncio.TimerHandle | None = None
         self._greeting: set[asyncio.Task[None]] = set()
         listener.setblocking(False)
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BYTES)
@@ -87,6 +91,8 @@ class Acceptor:
     def close(self) -> None:
         self._loop.remove_reader(self._listener)
         self._timer.cancel()
+        if self._pausing is not None:
+            self._pausing.cancel()
 
     async def wait_closed(self) -> None:
         """Connections end by themselves."""
@@ -96,14 +102,15 @@ class Acceptor:
         self._timer = self._loop.call_later(LOOK_S, self._look)
 
     def _accept(self) -> None:
-        for _ in range(max(1, min(AT_ONCE, self._crowd.per_address // STAYS))):
+        for _ in range(self._admitted()):
             try:
                 connection, (address, *_) = self._listener.accept()
             except BlockingIOError:
                 return
             except OSError as exc:
                 if exc.errno in EXHAUSTED:
-                    self._pause()
+                    self._crowd.make_room()
+                    self._pause(PAUSE_S)
                     return
                 continue  # it has gone again
             self._greet(connection, address)
@@ -129,13 +136,21 @@ class Acceptor:
             if not isinstance(exc, OSError):  # among them those of TLS
                 raise
 
-    def _pause(self) -> None:
-        """Accept nothing for a moment: the socket would go on to say that somebody waits."""
-        self._crowd.make_room()
-        self._loop.remove_reader(self._listener)
-        self._timer.cancel()
-        self._timer = self._loop.call_later(PAUSE_S, self._resume)
+    def _admitted(self) -> int:
+        """How many may come in now."""
+        most = max(1.0, min(AT_ONCE, SHARE * self._crowd.per_address))
+        now_s = self._loop.time()
+        self._credit += (now_s - self._credited_s) * self._crowd.per_address / GRACE_S
+        self._credit, self._credited_s = min(self._credit, most), now_s
+        if len(self._crowd) < self._crowd.per_address:
+            return int(most)
+        admitted = int(self._credit)
+        self._credit -= admitted
+        if not admitted:
+            self._pause(GRACE_S * SHARE)
+        return admitted
 
-    def _resume(self) -> None:
-        self._loop.add_reader(self._listener, self._accept)
-        self._look()
+    def _pause(self, duration_s: float) -> None:
+        """Accept nothing for a moment: the socket would go on to say that somebody waits."""
+        self._loop.remove_reader(self._listener)
+        self._pausing = self._loop.call_later(duration_s, self._loop.add_reader, self._listener, self._accept)
