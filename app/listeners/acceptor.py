@@ -22,8 +22,8 @@ AT_ONCE = 32
 """So many are accepted in one iteration of the event loop, or this share of the places of an address:"""
 SHARE = 1 / 8
 GRACE_S = 0.02
-"""When it is crowded, so many are accepted that a newcomer has this time to say what it wants: the others wait
-in the kernel's queue."""
+"""When it is crowded, so many are accepted that a newcomer has this time to say what it wants; the others
+wait in the kernel's queue."""
 SPARE_DESCRIPTORS = 64
 """For files, planning workers and sequences that are opened later."""
 LEAST_PLACES = 8
