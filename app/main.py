@@ -121,7 +121,10 @@ def create_app(
     app.state.rosbridge_connections = 0
     app.state.stop_on_disconnect = settings.web.stop_on_disconnect
     app.add_middleware(
-        BodyLimit, limit_bytes=settings.web.max_body_bytes, json_limit_bytes=settings.web.max_json_bytes
+        BodyLimit,
+        limit_bytes=settings.web.max_body_bytes,
+        json_limit_bytes=settings.web.max_json_bytes,
+        all_bytes=settings.web.limits.bodies_bytes,
     )
     hosts = [host, urlsplit(base_url).hostname or host, *settings.web.allowed_hosts]
     origins = Origins(hosts, settings.web.allowed_origins, host)

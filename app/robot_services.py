@@ -124,6 +124,7 @@ def _services(
     sequences = SequenceService(ownership, link, settings.sequences, url, latest_s, shared.tokens)
     streams = StreamService(link, ownership, motion, settings.streaming.command_timeout_s)
     stopping = StopService(link, ownership, sequences)
+    link.on_outside_stop = stopping.follow
     simulated = settings.rt.backend == "mujoco"
     equipment = Equipment(link, stopping, ownership.speed_override, simulated=simulated)
     tool_and_limits = RobotSettings(robot)

@@ -8,46 +8,54 @@ import os
 import signal
 import socket
 import sys
-from asyncio import BaseTransport, Transport
 from pathlib import Path
-from typing import cast
 
 import uvicorn
-from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
-from websockets.http11 import Request
 
+from app.listeners.acceptor import Acceptor, crowd_for
+from app.listeners.crowd import Visit
+from app.listeners.http import HttpProtocol, Shared
+from app.listeners.turns import Turns
+from app.listeners.websocket import StreamProtocol
 from app.main import create_app
-from app.rosbridge import router as rosbridge
 from cobot.access.authentication import ROS_TOKEN_VARIABLE
 from cobot.access.tls import check_certificate
 from cobot.client.tls import CERTIFICATE_VARIABLE
 from cobot.client.wire import MAX_FRAME_BYTES
-from cobot.config import load_settings
+from cobot.config import ConnectionLimits, load_settings
 from cobot.errors import CobotError
 
 ANY_ADDRESS = {"0.0.0.0": "127.0.0.1", "::": "::1"}
 SHUTDOWN_S = 4
+SWITCH_S = 0.001
+"""So long a thread that takes something large apart may keep the event loop waiting for the interpreter."""
 PING_S = 5.0
-UNREAD_S = 10.0
-"""A WebSocket whose client reads nothing for so long is closed."""
-UNSENT_BYTES = 4096
 
 
-class StreamProtocol(WebSocketsSansIOProtocol):
-    """Buffers next to nothing for a client that reads slowly: what is sent shall be new."""
+class Server(uvicorn.Server):
+    """Serves connections that find a place in a crowd."""
 
-    def handle_connect(self, event: Request) -> None:
-        if event.path.partition("?")[0] == rosbridge.PATH:
-            self.conn.max_message_size = rosbridge.MAX_FRAME_BYTES
-        super().handle_connect(event)
+    def __init__(self, config: uvicorn.Config, limits: ConnectionLimits) -> None:
+        super().__init__(config)
+        self._limits = limits
 
-    def connection_made(self, transport: BaseTransport) -> None:
-        super().connection_made(transport)
-        # Not 0: with TLS even an empty buffer would be too full.
-        cast(Transport, transport).set_write_buffer_limits(high=1, low=0)
-        connection = transport.get_extra_info("socket")
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT_BYTES)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(1000 * UNREAD_S))
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets=[])
+        limits = self._limits
+        shared = Shared(crowd_for(limits), Turns(), limits)
+
+        def protocol(visit: Visit) -> HttpProtocol:
+            return HttpProtocol(
+                shared=shared,
+                visit=visit,
+                config=self.config,
+                server_state=self.server_state,
+                app_state=self.lifespan.state,
+            )
+
+        for listener in sockets or ():
+            acceptor = Acceptor(listener, shared.crowd, protocol, self.config.ssl, limits.header_timeout_s)
+            self.servers.append(acceptor)  # type: ignore[arg-type]
 
 
 def main() -> int:
@@ -76,10 +84,11 @@ def main() -> int:
         return 2
     if secure:  # programs that are started here trust it whatever it is made out to
         os.environ[CERTIFICATE_VARIABLE] = str(settings.web.tls_certificate)
+    limits = settings.web.limits
     config = uvicorn.Config(
         app,
         loop="uvloop",
-        http="httptools",
+        http=HttpProtocol,
         ws=StreamProtocol,
         ws_max_size=MAX_FRAME_BYTES,
         ws_ping_interval=PING_S,
@@ -88,6 +97,7 @@ def main() -> int:
         access_log=False,
         log_config=None,
         log_level="warning",
+        timeout_keep_alive=int(limits.idle_timeout_s),
         timeout_graceful_shutdown=SHUTDOWN_S,
         server_header=False,
         proxy_headers=False,  # who asks is who has connected, whatever it says
@@ -96,7 +106,8 @@ def main() -> int:
     )
     # uvicorn raises the signal that ended it once more when all is closed; Python shall end in peace.
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    server = uvicorn.Server(config)
+    sys.setswitchinterval(SWITCH_S)
+    server = Server(config, limits)
     server.run(sockets=[socket.socket(fileno=arguments.fd)])
     return 0 if server.started else 2
 

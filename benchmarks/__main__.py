@@ -14,6 +14,7 @@ from benchmarks import (
     crowd,
     cycle,
     dds,
+    floods,
     hot,
     idle,
     latency,
@@ -46,6 +47,7 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "straightness": lambda quick: planning.straightness(2 if quick else 12),
     "requests": lambda quick: web.requests_per_second(2 if quick else 8, 2.0 if quick else 4.0),
     "stop": lambda quick: web.stop(10 if quick else 100),
+    "floods": lambda quick: floods.floods(3 if quick else 40),
 }
 
 

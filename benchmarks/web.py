@@ -66,8 +66,8 @@ def stop(repetitions: int) -> Iterator[Row]:
             be(Niceness.PROMPT)  # this client stands for another computer, which no planner slows down
             names = ("work", "home")
             for repetition in range(repetitions):
-                with _motion(mover, names[repetition % 2]):
-                    _until_cruising(memory)
+                with motion(mover, names[repetition % 2]):
+                    until_cruising(memory)
                     begun_ns = time.monotonic_ns()
                     stopper.stop()
                     delays.append((int(memory.state.read()["deceleration_monotonic_ns"]) - begun_ns) / 1e6)
@@ -87,7 +87,7 @@ def stop(repetitions: int) -> Iterator[Row]:
 
 
 @contextlib.contextmanager
-def _motion(client: Client, name: str) -> Iterator[None]:
+def motion(client: Client, name: str) -> Iterator[None]:
     """A motion in the background; it has ended when the context does."""
 
     def move() -> None:
@@ -102,7 +102,7 @@ def _motion(client: Client, name: str) -> Iterator[None]:
         thread.join()
 
 
-def _until_cruising(memory: RobotMemory) -> None:
+def until_cruising(memory: RobotMemory) -> None:
     """Half a second into a motion."""
     deadline_s = time.monotonic() + 20.0
     while time.monotonic() < deadline_s:

@@ -203,6 +203,25 @@ class PlanningSection(Section):
     max_angular_jerk: Rate
 
 
+class ConnectionLimits(Section):
+    connections: Annotated[int, Field(ge=16, le=100_000)]
+    connections_per_address: Annotated[int, Field(ge=8, le=100_000)]
+    reserve: Annotated[int, Field(ge=4, le=1000)]
+    header_bytes: Annotated[int, Field(ge=4096, le=1_048_576)]
+    header_timeout_s: Annotated[float, Field(ge=0.5, le=300.0)]
+    body_timeout_s: Annotated[float, Field(ge=0.5, le=300.0)]
+    body_bytes_per_s: Annotated[int, Field(ge=1)]
+    bodies_bytes: Annotated[int, Field(ge=1024)]
+    idle_timeout_s: Annotated[float, Field(ge=1.0, le=3600.0)]
+
+
+def _with_room_for_a_body(limits: ConnectionLimits, info: ValidationInfo) -> ConnectionLimits:
+    largest = max(info.data.get(name, 0) for name in ("max_body_bytes", "max_json_bytes"))
+    if limits.bodies_bytes < largest:
+        raise ValueError(f"bodies_bytes: {limits.bodies_bytes} has no room for one body of {largest} bytes")
+    return limits
+
+
 class WebSection(Section):
     enabled: bool
     host: Annotated[str, Field(min_length=1)]
@@ -220,6 +239,7 @@ class WebSection(Section):
     allowed_origins: list[Annotated[str, AfterValidator(_an_origin)]]
     tls_certificate: Location | None
     tls_key: Annotated[Location | None, AfterValidator(_both_or_none)]
+    limits: Annotated[ConnectionLimits, AfterValidator(_with_room_for_a_body)]
 
 
 class SequencesSection(Section):

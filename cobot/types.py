@@ -52,6 +52,10 @@ class LoopMode(IntEnum):
     JOINT_TORQUE = 7
 
 
+RESTING = frozenset({LoopMode.HOLD, LoopMode.ESTOP, LoopMode.FAULT})
+"""In these modes nothing moves the arm, but for the end of a motion."""
+
+
 class PlannerName(StrEnum):
     """The planners a Cartesian motion can ask for."""
 

@@ -1,4 +1,5 @@
-"""Refuses request bodies beyond a size, announced or not, before they are taken in.
+"""Refuses request bodies beyond a size, announced or not, before they are taken in, and what all of them
+together may have.
 
 FastAPI's own `max_body_size` does the same but answers in plain text, past every error handler.
 """
@@ -8,16 +9,18 @@ from __future__ import annotations
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from cobot.errors import PayloadError
+from cobot.errors import PayloadError, UnavailableError
 
 
 class BodyLimit:
     """ASGI middleware."""
 
-    def __init__(self, app: ASGIApp, limit_bytes: int, json_limit_bytes: int) -> None:
+    def __init__(self, app: ASGIApp, limit_bytes: int, json_limit_bytes: int, all_bytes: int) -> None:
         self._app = app
         self._limit_bytes = limit_bytes
         self._json_limit_bytes = json_limit_bytes
+        self._all_bytes = all_bytes
+        self._held_bytes = 0  # of all requests that are being answered
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http" or scope["method"] == "GET":  # of a GET nothing is taken in
@@ -35,10 +38,19 @@ class BodyLimit:
             nonlocal received
             if announced <= limit_bytes:
                 message = await receive()
-                received += len(message.get("body", b""))
+                size = len(message.get("body", b""))
+                received += size
+                self._held_bytes += size
+                if self._held_bytes > self._all_bytes:
+                    raise HTTPException(503) from UnavailableError(
+                        f"the bodies of all requests have more than {self._all_bytes} bytes: try again later"
+                    )
                 if received <= limit_bytes:
                     return message
             error = PayloadError(f"the body is larger than the limit of {limit_bytes} bytes")
             raise HTTPException(413) from error  # FastAPI lets no other class through
 
-        await self._app(scope, counted, send)
+        try:
+            await self._app(scope, counted, send)
+        finally:
+            self._held_bytes -= received

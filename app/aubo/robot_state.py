@@ -11,9 +11,8 @@ import numpy as np
 
 from app.aubo.poses import as_list, numbers_of, pose_of_seven
 from app.aubo.registry import service
-from app.services.state.robot_state import RESTING
 from cobot.ipc.layout import Intervention
-from cobot.types import Array, LoopMode
+from cobot.types import RESTING, Array, LoopMode
 
 if TYPE_CHECKING:
     from app.robot_services import Services

@@ -32,6 +32,8 @@ MAX_MESSAGE = 4 * 2**20
 """A message may have so many characters."""
 MAX_OBJECTS = 30_000
 """A message may hold so many objects: with ROS's defaults each may become a hundred times as large."""
+MAX_VALUES = 200_000
+"""A message may have so many commas: until it is decoded, nobody else has the interpreter, a stop neither."""
 MAX_PENDING = 1024
 """So many calls and goals of one client may be under way."""
 MAX_ENDS = 1024

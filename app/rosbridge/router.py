@@ -12,7 +12,7 @@ from app.api.access import identity_of
 from app.api.dependencies import LARGE_BYTES, decoded, without_collection
 from app.api.errors import status_of
 from app.graph.graph import Graph
-from app.rosbridge.connection import MAX_MESSAGE, MAX_OBJECTS, Connection
+from app.rosbridge.connection import MAX_MESSAGE, MAX_OBJECTS, MAX_VALUES, Connection
 from cobot.errors import CobotError, InputError, PayloadError, UnavailableError
 
 PATH = "/rosbridge"
@@ -78,6 +78,8 @@ async def _receive(socket: WebSocket, connection: Connection, large: asyncio.Loc
                     )
                 if (objects := text.count("{")) > MAX_OBJECTS:
                     raise PayloadError(f"a message may have {MAX_OBJECTS} objects, this one has {objects}")
+                if (commas := text.count(",")) > MAX_VALUES:
+                    raise PayloadError(f"a message may have {MAX_VALUES} commas, this one has {commas}")
                 if len(text) <= LARGE_BYTES:
                     content = decoded(text, "the message")
                 else:

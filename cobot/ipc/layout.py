@@ -11,7 +11,7 @@ from enum import IntEnum
 import numpy as np
 
 MAGIC = b"COBOTRT\0"
-LAYOUT_VERSION = 5
+LAYOUT_VERSION = 6
 RING = 32
 SLOTS = 2
 LOADED_SEGMENTS = 96

@@ -31,3 +31,10 @@ cdef class Block:
     cdef uint64_t* c_unsigned(self, str name) except NULL
     cdef int64_t* c_signed(self, str name) except NULL
     cdef double* c_doubles(self, str name) except NULL
+
+
+cdef class SharedCounter:
+    cdef readonly object _shared
+    cdef uint64_t* place
+
+    cdef uint64_t c_value(self) noexcept nogil

@@ -6,6 +6,14 @@ READ_TRIES: int
 
 def checksum(record: object) -> int: ...
 
+class SharedCounter:
+    """A number to which any process may add, at any time: it has no owner who could have died writing it."""
+
+    def __init__(self, memory: mmap, offset: int) -> None: ...
+    @property
+    def value(self) -> int: ...
+    def add(self) -> None: ...
+
 class Block:
     """One record of the given dtype at an offset of a mapped file.
 

@@ -30,6 +30,7 @@ cdef extern from * nogil:
     int RELEASE "__ATOMIC_RELEASE"
     uint64_t atomic_load "__atomic_load_n" (const uint64_t* place, int order)
     void atomic_store "__atomic_store_n" (uint64_t* place, uint64_t value, int order)
+    uint64_t atomic_add "__atomic_add_fetch" (uint64_t* place, uint64_t value, int order)
     void fence "__atomic_thread_fence" (int order)
 
 READ_TRIES = 100
@@ -137,6 +138,32 @@ cdef class Block:
 
     cdef double* c_doubles(self, str name) except NULL:
         return <double*>_of_kind(self, name, "f8")
+
+
+cdef class SharedCounter:
+    """A number to which any process may add, at any time: it has no owner who could have died writing it."""
+
+    def __init__(self, memory, Py_ssize_t offset):
+        """
+        Raises:
+            ValueError: beyond the mapping, or not at a multiple of 8 bytes.
+        """
+        if offset < 0 or offset % 8:
+            raise ValueError(f"a counter stands at a multiple of 8 bytes, not at {offset}")
+        # The view keeps the mapping alive.
+        self._shared = memoryview(memory)[offset : offset + 8]
+        self.place = <uint64_t*>bytes_of(self._shared, 8)
+
+    @property
+    def value(self):
+        return self.c_value()
+
+    def add(self):
+        """Add one; real-time safe."""
+        atomic_add(self.place, 1, RELEASE)
+
+    cdef uint64_t c_value(self) noexcept nogil:
+        return atomic_load(self.place, ACQUIRE)
 
 
 cdef char* _of_kind(Block block, str name, str kind) except NULL:

@@ -8,6 +8,7 @@ A file in /dev/shm, made by the supervisor, mapped by rtloop and by the service:
     acks        rtloop writes, one entry per command
     heartbeat   the service writes, from its event loop
     requests    the service writes: counters of stops and e-stops, which nothing can crowd out
+    outside_stops, outside_estops   anybody adds to them: the same, from those who do without the service
     head        the service writes: the newest command's number
     commands    the service writes: a ring
     slots       the service writes: two trajectories
@@ -17,8 +18,8 @@ A file in /dev/shm, made by the supervisor, mapped by rtloop and by the service:
     point_head, points  the streaming client writes: a ring of servo points; what rtloop has not read is
                 not overwritten
 
-Every block has one writer (`cobot.ipc.seqlock`), and byte-range locks on the file make sure of it: they
-vanish with their process, however it ends, and name its pid to whom they refuse.
+Every block has one writer (`cobot.ipc.seqlock`; to a counter everybody may add), and byte-range locks on the
+file make sure of it: they vanish with their process, however it ends, and name its pid to whom they refuse.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ from cobot.ipc.layout import (
     setpoint_dtype,
     state_dtype,
 )
-from cobot.ipc.seqlock import Block
+from cobot.ipc.seqlock import Block, SharedCounter
 from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array
 
@@ -145,6 +146,7 @@ class RobotMemory:
         self._next_page()
         self.heartbeat = self._block(HEARTBEAT, "heartbeat")
         self.requests = self._block(REQUESTS, "requests")
+        self.outside_stops, self.outside_estops = self._counter(), self._counter()
         self.head = self._block(HEAD, "command head")
         self.commands = [self._block(COMMAND, "command") for _ in range(RING)]
         self._next_page()
@@ -259,6 +261,11 @@ class RobotMemory:
         self._offset += -(-Block.size(dtype) // 64) * 64  # no two blocks share a cache line
         return block
 
+    def _counter(self) -> SharedCounter:
+        counter = SharedCounter(self._map, self._offset)
+        self._offset += 64
+        return counter
+
     def _next_page(self) -> None:
         self._offset = _aligned(self._offset)
 
@@ -270,6 +277,23 @@ class RobotMemory:
         self._offset += coefficients.nbytes
         self._next_page()
         return Slot(head, times, coefficients)
+
+
+def robots_running() -> list[str]:
+    """The names of the robots of this computer that have a supervisor or a real-time process.
+
+    For a process that has no `RobotMemory` open: it would lose its locks, see `_let_go`.
+    """
+    found = []
+    for path in sorted(FOLDER.glob("cobot-*")):
+        try:
+            with path.open("r+b") as file:
+                roles = Role.SUPERVISOR, Role.RTLOOP
+                if any(_holder(file.fileno(), role) for role in roles):
+                    found.append(path.name.removeprefix("cobot-"))
+        except OSError:  # somebody else's
+            continue
+    return found
 
 
 def text(field: np.ndarray) -> str:

@@ -16,6 +16,7 @@ from cobot.config import Settings, load_settings
 from cobot.errors import CobotError
 from cobot.launch import token
 from cobot.launch.process import RUN_MODULE
+from cobot.launch.stop import stop
 from cobot.launch.supervisor import Supervisor
 
 DESCRIPTION = """\
@@ -23,6 +24,7 @@ A robot arm behind a REST service.
 
   cobot run      start the simulated (or real) robot and the service, and watch over both
   cobot check    validate the whole configuration, without starting anything
+  cobot stop     bring the arm to rest, whatever has become of the service
   cobot lua      run a Lua program at a running service, see docs/lua.md
   cobot token    make, list and revoke the tokens that a service on the network asks for
 
@@ -44,6 +46,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if chosen.command == "token":
             token.run(chosen)
             return EXIT_OK
+        if chosen.command == "stop":
+            return _stop(chosen)
         settings = load_settings(chosen.config)
         if chosen.command == "check":
             from cobot.launch.check import check  # imports what planning needs
@@ -98,7 +102,22 @@ def _parser() -> argparse.ArgumentParser:
     commands.add_parser(
         "check", parents=[config], help="validate files, folders, model, limits, named positions"
     )
+    stop = commands.add_parser(
+        "stop",
+        parents=[config],
+        help="stop every robot that runs on this computer, without the service; 0 if all are at rest",
+    )
+    stop.add_argument("--robot", metavar="NAME", help="only this one; with --config: only those of the file")
+    stop.add_argument("--estop", action="store_true", help="latched: nothing moves until POST /robot/reset")
     return parser
+
+
+def _stop(chosen: argparse.Namespace) -> int:
+    """Which needs no settings, and so stops also when they cannot be read."""
+    robots = (
+        [chosen.robot] if chosen.robot else list(load_settings(chosen.config).each) if chosen.config else []
+    )
+    return EXIT_OK if stop(robots, latched=chosen.estop, out=sys.stdout) else EXIT_FAILED
 
 
 def _lua(chosen: argparse.Namespace) -> int:

@@ -1,5 +1,6 @@
 from libc.stdint cimport int64_t, uint64_t
 
+from cobot.ipc.seqlock cimport SharedCounter
 from rtloop.inboxes.stream cimport Inbox
 
 cdef enum Request:  # bits of what `c_poll_requests` returns
@@ -11,6 +12,8 @@ cdef class CommandInbox:
     cdef Inbox _requests
     cdef Inbox _heartbeat
     cdef Inbox _head
+    cdef SharedCounter _outside_stops
+    cdef SharedCounter _outside_estops
     cdef list _commands
     cdef list _acks
     cdef readonly unsigned long long stops
@@ -20,6 +23,8 @@ cdef class CommandInbox:
     cdef long long _beat_ns
     cdef unsigned long long _newest
     cdef int _unreadable
+    cdef uint64_t _service_stops  # as counted by the service, when that could be read last
+    cdef uint64_t _service_estops
     cdef uint64_t* _counted_stops
     cdef uint64_t* _counted_estops
     cdef int64_t* _beat

@@ -1,5 +1,7 @@
 """What the service asks of rtloop through shared memory."""
 
+from libc.stdint cimport uint64_t
+
 from cobot.ipc.seqlock cimport Block
 from rtloop.inboxes.stream cimport Inbox
 
@@ -19,7 +21,7 @@ cdef class CommandInbox:
     Real-time safe. A read that is torn is counted and repeated in the next cycle.
 
     Attributes:
-        stops, estops: the counters of requests seen so far.
+        stops, estops: the counters of requests seen so far, those of the service and those from outside of it.
         command_seen: the number of the last command taken.
         torn_reads: how often a block was not consistent.
     """
@@ -39,6 +41,10 @@ cdef class CommandInbox:
         self.estops = int(last["estops_seen"])
         self.command_seen = int(last["command_seen"])
         self._torn = int(last["torn_reads"])
+        self._outside_stops, self._outside_estops = memory.outside_stops, memory.outside_estops
+        # Until the service's can be read: as if it had asked for nothing new.
+        self._service_stops = self.stops - self._outside_stops.c_value()
+        self._service_estops = self.estops - self._outside_estops.c_value()
 
     @property
     def torn_reads(self):
@@ -87,13 +93,16 @@ cdef class CommandInbox:
 
     cdef int c_poll_requests(self) noexcept nogil:
         cdef int asked = 0
-        if not self._requests.c_changed():
-            return 0
-        if self._counted_stops[0] != self.stops:
+        cdef uint64_t stops, estops
+        if self._requests.c_changed():
+            self._service_stops, self._service_estops = self._counted_stops[0], self._counted_estops[0]
+        stops = self._service_stops + self._outside_stops.c_value()
+        estops = self._service_estops + self._outside_estops.c_value()
+        if stops != self.stops:
             asked |= STOP
-        if self._counted_estops[0] != self.estops:
+        if estops != self.estops:
             asked |= ESTOP
-        self.stops, self.estops = self._counted_stops[0], self._counted_estops[0]
+        self.stops, self.estops = stops, estops
         return asked
 
     cdef double c_service_silence_s(self, long long now_ns) noexcept nogil:

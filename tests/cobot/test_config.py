@@ -48,6 +48,10 @@ web:
     [
         ("web: {prot: 1}", "web: unknown key 'prot' (did you mean 'port'?); valid are: enabled, host, port"),
         ("wbe: {}", "unknown key 'wbe' (did you mean 'web'?); valid are: robot, rt, streaming"),
+        (
+            "web: {limits: {bodies_bytes: 2000000}}",
+            "web.limits: bodies_bytes: 2000000 has no room for one body of 33554432 bytes",
+        ),
         ("web: {port: 70000}", "web.port: input should be less than or equal to 65535, got 70000"),
         ("web: {port: '8007'}", "web.port: input should be a valid integer, got '8007'"),
         ("rt: {clock: slow}", "rt.clock: input should be 'realtime' or 'fast', got 'slow'"),

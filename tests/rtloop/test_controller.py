@@ -115,6 +115,29 @@ def test_a_reset_that_a_stop_has_overtaken_is_refused(rig: Rig) -> None:
     assert rig.mode is LoopMode.ESTOP
 
 
+def test_a_stop_from_outside_of_the_service_ends_a_motion_on_its_path(rig: Rig) -> None:
+    under_way(rig)
+    rig.memory.outside_stops.add()
+    rig.run()
+    assert (rig.result, rig.reason) == (MotionResult.STOPPED, "stop requested")
+    assert int(rig.memory.state.read()["stops_seen"]) == 1
+    within_limits(rig)
+
+
+def test_a_motion_that_a_stop_from_outside_has_overtaken_is_refused(rig: Rig) -> None:
+    rig.memory.outside_stops.add()
+    assert rig.start(motion(rig)) == "a stop was requested meanwhile"
+    assert rig.answer(rig.send(Command.START, stops=1, slot=0, motion_id=1)) == ""
+
+
+def test_an_estop_from_outside_of_the_service_is_latched(rig: Rig) -> None:
+    under_way(rig)
+    rig.memory.outside_estops.add()
+    rig.run()
+    assert rig.mode is LoopMode.ESTOP
+    assert rig.answer(rig.send(Command.RESET)) == ""
+
+
 def test_a_motion_may_not_begin_while_the_arm_brakes(rig: Rig) -> None:
     """A motion that has failed to settle is over before the arm has come to rest."""
     by = np.zeros(7)

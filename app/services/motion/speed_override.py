@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 
 from app.services.state.link import POLL_S, RobotLink
-from app.services.state.robot_state import RESTING
 from cobot.errors import ConflictError, ExecutionError, LimitError
+from cobot.types import RESTING
 
 REST_TIMEOUT_S = 3.0
 """A motion that is to pause has to rest within this time, s."""

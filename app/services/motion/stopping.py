@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from app.services.motion.ownership import Ownership
 from app.services.programs.sequences import SequenceService
 from app.services.state.link import POLL_S, RobotLink
-from app.services.state.robot_state import RESTING, RobotState
+from app.services.state.robot_state import RobotState
+from cobot.config import MIN_STOP_S
 from cobot.errors import CobotError, UnavailableError
-from cobot.types import LoopMode
+from cobot.types import RESTING, LoopMode
 
 END_TIMEOUT_S = 2.0
 """How long a motion is waited for that has come to rest and has only to notice."""
@@ -60,6 +61,13 @@ class StopService:
         self._link = link
         self._ownership = ownership
         self._sequences = sequences
+        self._following: set[asyncio.Task[Stopped]] = set()
+
+    def follow(self) -> None:
+        """Somebody has stopped the arm without this service: end here what would move it again."""
+        task = asyncio.create_task(self.stop(MIN_STOP_S))
+        self._following.add(task)
+        task.add_done_callback(self._following.discard)
 
     async def stop(self, timeout_s: float) -> Stopped:
         """End the sequence, the planning and the motion. Never fails: says what it could not confirm."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 
 import numpy as np
 
@@ -37,6 +37,7 @@ class RobotLink:
     Attributes:
         clock: of the service; its moments and those in shared memory can be compared.
         label: what log lines about this robot begin with; "" if it is the only one.
+        on_outside_stop: called when somebody has stopped the arm through shared memory, as `cobot stop` does.
 
     Raises (constructor):
         UnavailableError: there is no such robot.
@@ -50,6 +51,7 @@ class RobotLink:
         self.clock = clock
         self._stale_after_s = stale_after_s
         self._take_over()
+        self.on_outside_stop: Callable[[], None] | None = None
         self._command_turn = asyncio.Lock()
         self._last_motion = 0
 
@@ -60,13 +62,12 @@ class RobotLink:
         """Count on from where the last service stopped; where that cannot be read, from what rtloop saw."""
         memory = self.memory
         seen = memory.state.data if memory.state.try_read() else None
-        for block, fields in (
-            (memory.requests, {"stops": "stops_seen", "estops": "estops_seen"}),
-            (memory.head, {"id": "command_seen"}),
-        ):
-            if not block.try_read() and seen is not None:
-                for name, counted in fields.items():
-                    block.data[name] = seen[counted]
+        if not memory.requests.try_read() and seen is not None:  # what rtloop saw is of both counters
+            outside = np.uint64(memory.outside_stops.value), np.uint64(memory.outside_estops.value)
+            memory.requests.data["stops"] = seen["stops_seen"] - outside[0]
+            memory.requests.data["estops"] = seen["estops_seen"] - outside[1]
+        if not memory.head.try_read() and seen is not None:
+            memory.head.data["id"] = seen["command_seen"]
 
     @contextlib.asynccontextmanager
     async def heartbeat(self) -> AsyncIterator[None]:
@@ -80,7 +81,12 @@ class RobotLink:
     async def _beat(self) -> None:
         block = self.memory.heartbeat
         block.data["pid"] = os.getpid()
+        outside = self.memory.outside_stops.value
         while True:
+            if (newest := self.memory.outside_stops.value) != outside:
+                outside = newest
+                if self.on_outside_stop is not None:
+                    self.on_outside_stop()
             block.data["monotonic_ns"] = self.clock.now_ns()
             block.publish()
             await asyncio.sleep(HEARTBEAT_S)
@@ -186,7 +192,7 @@ class RobotLink:
     @property
     def stops(self) -> int:
         """How many stops have been requested so far: a motion started with an older count is refused."""
-        return int(self.memory.requests.data["stops"])
+        return int(self.memory.requests.data["stops"]) + self.memory.outside_stops.value
 
     def request_stop(self) -> None:
         """Have rtloop bring the arm to rest on its path. Takes effect in its next cycle."""

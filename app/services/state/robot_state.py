@@ -11,8 +11,6 @@ from cobot.ipc.shm import text
 from cobot.types import Array, LoopMode
 
 SCALARS = [name for name, _ in STATE_SCALARS]
-RESTING = frozenset({LoopMode.HOLD, LoopMode.ESTOP, LoopMode.FAULT})
-"""In these modes nothing moves the arm, but for the end of a motion."""
 
 
 @dataclass(slots=True)

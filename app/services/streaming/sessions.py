@@ -13,7 +13,6 @@ import numpy as np
 from app.services.motion.execution import STATE_TIMEOUT_S, MotionService
 from app.services.motion.ownership import Caller, Ownership
 from app.services.state.link import POLL_S, RobotLink
-from app.services.state.robot_state import RESTING
 from cobot.clock import Clock
 from cobot.errors import (
     CobotError,
@@ -26,7 +25,7 @@ from cobot.errors import (
 from cobot.ipc.layout import Stream, setpoint_dtype
 from cobot.ipc.session_rules import check_chunk, check_session, check_setpoint
 from cobot.ipc.stream_writer import StreamWriter
-from cobot.types import LoopMode
+from cobot.types import RESTING, LoopMode
 
 MAX_CONNECTIONS = 32
 

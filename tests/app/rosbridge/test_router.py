@@ -86,6 +86,7 @@ def test_what_is_wrong_is_answered_and_the_connection_lives(run: VirtualService)
             ("[" * 100_000, "nested too deeply"),
             (b"\x00\x01", "CBOR is not supported"),
             (" " * (4 * 2**20 + 1), "a message may have 4194304 characters, this one has 4194305"),
+            ("[" + "0," * 200_001 + "0]", "a message may have 200000 commas, this one has 200001"),
         ):
             client.socket.send(frame)
             status = client.next("status")

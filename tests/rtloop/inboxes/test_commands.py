@@ -84,6 +84,7 @@ class PlainCommandInbox:
         self._sequences = dict.fromkeys(("requests", "heartbeat", "head"), -1)
         self.stops = self.estops = self.command_seen = self.torn_reads = 0
         self._beat_ns = self._newest = self._unreadable = 0
+        self._service = [0, 0]
 
     def _look(self, name: str) -> bool | None:
         """Whether there is news in a block; None if it cannot be read."""
@@ -98,9 +99,10 @@ class PlainCommandInbox:
         return True
 
     def poll_requests(self) -> tuple[bool, bool]:
-        if not self._look("requests"):
-            return False, False
-        stops, estops = (int(self._memory.requests.data[name]) for name in ("stops", "estops"))
+        if self._look("requests"):
+            self._service = [int(self._memory.requests.data[name]) for name in ("stops", "estops")]
+        outside = self._memory.outside_stops.value, self._memory.outside_estops.value
+        stops, estops = ((own + other) % 2**64 for own, other in zip(self._service, outside, strict=True))
         asked = stops != self.stops, estops != self.estops
         self.stops, self.estops = stops, estops
         return asked
@@ -152,6 +154,8 @@ def test_requests_and_commands_are_read_as_by_the_plain_rules(memories: list[Rob
                 beats = (info.min, info.max, NOW_NS - int(random.integers(10**12)))
                 written.heartbeat.data["monotonic_ns"] = beats[random.integers(3)]
                 written.heartbeat.publish()
+            case 5:
+                (written.outside_stops, written.outside_estops)[random.integers(2)].add()
             case 4 if random.random() < 0.02:
                 written.head.data["id"] = random.integers(2**64, dtype=np.uint64)
                 written.head.publish()

@@ -1,0 +1,156 @@
+"""Accepts connections: some at a time, as many as there are descriptors for."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import logging
+import os
+import resource
+import socket
+import ssl
+from collections.abc import Callable
+from typing import Any
+
+from app.listeners.crowd import Crowd, Visit
+from cobot.config import ConnectionLimits
+
+BACKLOG = 1024
+"""So many connections may wait to be accepted."""
+AT_ONCE = 32
+"""So many are accepted in one iteration of the event loop, or this share of the places of an address:"""
+SHARE = 1 / 8
+GRACE_S = 0.02
+"""When it is crowded, so many are accepted that a newcomer has this time to say what it wants; the others
+wait in the kernel's queue."""
+SPARE_DESCRIPTORS = 64
+"""For files, planning workers and sequences that are opened later."""
+LEAST_PLACES = 8
+EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
+PAUSE_S = 0.05
+"""When the system has no room for another connection, it is asked again after this time."""
+LOOK_S = 0.5
+"""So often deadlines are looked at."""
+UNREAD_S = 10.0
+"""A connection whose client reads nothing for so long is closed."""
+RECEIVE_BYTES = 65536
+"""What the kernel keeps of a connection until it is read, which it is whole."""
+
+log = logging.getLogger("cobot.service")
+
+
+def crowd_for(limits: ConnectionLimits) -> Crowd:
+    """As many places as the settings want, or as the system grants descriptors, which it is asked for."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft != hard:
+        with contextlib.suppress(OSError, ValueError):
+            resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
+            soft = hard
+    granted = soft - len(os.listdir("/proc/self/fd")) - SPARE_DESCRIPTORS - AT_ONCE - limits.reserve
+    places = limits.connections if soft == resource.RLIM_INFINITY else min(limits.connections, granted)
+    if places < limits.connections:
+        places = max(places, LEAST_PLACES)
+        log.warning(
+            "room for %d connections, not %d (web.limits.connections): ulimit -n grants %d descriptors",
+            places,
+            limits.connections,
+            soft,
+        )
+    return Crowd(places, limits.connections_per_address, limits.reserve)
+
+
+class Acceptor:
+    """A listening socket whose connections find their places in a crowd."""
+
+    def __init__(
+        self,
+        listener: socket.socket,
+        crowd: Crowd,
+        protocol: Callable[[Visit], asyncio.Protocol],
+        context: ssl.SSLContext | None,
+        handshake_timeout_s: float,
+    ) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._listener = listener
+        self._crowd = crowd
+        self._protocol = protocol
+        self._tls: dict[str, Any] = {}
+        if context is not None:
+            self._tls = {"ssl": context, "ssl_handshake_timeout": handshake_timeout_s}
+        self._credit, self._credited_s = 0.0, self._loop.time()
+        self._pausing: asyncio.TimerHandle | None = None
+        self._greeting: set[asyncio.Task[None]] = set()
+        listener.setblocking(False)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BYTES)
+        listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(1000 * UNREAD_S))
+        listener.listen(BACKLOG)
+        self._timer = self._loop.call_later(LOOK_S, self._look)
+        self._loop.add_reader(listener, self._accept)
+
+    def close(self) -> None:
+        self._loop.remove_reader(self._listener)
+        self._timer.cancel()
+        if self._pausing is not None:
+            self._pausing.cancel()
+
+    async def wait_closed(self) -> None:
+        """Connections end by themselves."""
+
+    def _look(self) -> None:
+        self._crowd.expire(self._loop.time())
+        self._timer = self._loop.call_later(LOOK_S, self._look)
+
+    def _accept(self) -> None:
+        for _ in range(self._admitted()):
+            try:
+                connection, (address, *_) = self._listener.accept()
+            except BlockingIOError:
+                return
+            except OSError as exc:
+                if exc.errno in EXHAUSTED:
+                    self._crowd.make_room()
+                    self._pause(PAUSE_S)
+                    return
+                continue  # it has gone again
+            self._greet(connection, address)
+
+    def _greet(self, connection: socket.socket, address: str) -> None:
+        task: asyncio.Task[None]
+        visit = self._crowd.enter(address, lambda: task.cancel())
+        if visit is None:
+            connection.close()
+            return
+        task = self._loop.create_task(self._connect(connection, visit))
+        self._greeting.add(task)
+        task.add_done_callback(self._greeting.discard)
+
+    async def _connect(self, connection: socket.socket, visit: Visit) -> None:
+        """Have the protocol take over, once TLS, if any, is agreed upon."""
+        try:
+            connection.setblocking(False)
+            await self._loop.connect_accepted_socket(lambda: self._protocol(visit), connection, **self._tls)
+        except BaseException as exc:
+            self._crowd.leave(visit)
+            connection.close()
+            if not isinstance(exc, OSError):  # among them those of TLS
+                raise
+
+    def _admitted(self) -> int:
+        """How many may come in now."""
+        most = max(1.0, min(AT_ONCE, SHARE * self._crowd.per_address))
+        now_s = self._loop.time()
+        self._credit += (now_s - self._credited_s) * self._crowd.per_address / GRACE_S
+        self._credit, self._credited_s = min(self._credit, most), now_s
+        if len(self._crowd) < self._crowd.per_address:
+            return int(most)
+        admitted = int(self._credit)
+        self._credit -= admitted
+        if not admitted:
+            self._pause(GRACE_S * SHARE)
+        return admitted
+
+    def _pause(self, duration_s: float) -> None:
+        """Accept nothing for a moment: the socket would go on to say that somebody waits."""
+        self._loop.remove_reader(self._listener)
+        self._pausing = self._loop.call_later(duration_s, self._loop.add_reader, self._listener, self._accept)

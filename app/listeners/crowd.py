@@ -1,0 +1,137 @@
+"""Who is connected, and who has to go so that a stop can still come in.
+
+There is room for so many connections, and for so many of one address. Who comes when it is full gets the
+place of a connection with which little is lost: one that has not said what it wants yet, one between two
+requests, one whose body is still on its way; the oldest of the address that has most of them. If all are
+being served, the newcomer gets a place of the reserve, on which only a stop and /health are answered.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from enum import Enum, auto
+
+
+class Doing(Enum):
+    """What a connection is about; those of the first three can be closed without any loss but their own."""
+
+    ASKING = auto()  # its request, or the beginning of one, is on its way
+    IDLE = auto()  # between two requests
+    SENDING = auto()  # the body of its request is on its way
+    SERVED = auto()  # a request is being worked on
+    STREAMING = auto()  # a WebSocket
+
+
+CLOSABLE = (Doing.ASKING, Doing.IDLE, Doing.SENDING)
+
+
+@dataclass(slots=True, eq=False)
+class Visit:
+    """A connection from its acceptance to its end.
+
+    Attributes:
+        reserved: whether it has a place of the reserve.
+        deadline_s: when it has to have gone on; see `Crowd.expire`.
+        close: ends it at once.
+        expire: ends it because its time is up.
+    """
+
+    reserved: bool
+    close: Callable[[], object]
+    expire: Callable[[], object]
+    _among: _Address
+    doing: Doing = Doing.ASKING
+    deadline_s: float = math.inf
+
+
+@dataclass(slots=True, eq=False)
+class _Address:
+    """All visits from one address: by what they do, the oldest first."""
+
+    name: str
+    visits: dict[Doing, dict[Visit, None]] = field(default_factory=lambda: {doing: {} for doing in Doing})
+
+    @property
+    def count(self) -> int:
+        return sum(map(len, self.visits.values()))
+
+    @property
+    def oldest(self) -> Visit | None:
+        return next((next(iter(self.visits[doing])) for doing in CLOSABLE if self.visits[doing]), None)
+
+
+class Crowd:
+    """All visits.
+
+    Args:
+        places: for connections; per_address: for those of one address; reserve: beyond them.
+    """
+
+    def __init__(self, places: int, per_address: int, reserve: int) -> None:
+        self.places = places
+        self.per_address = min(per_address, places)
+        self._reserve = reserve
+        self._addresses: dict[str, _Address] = {}
+        self._reserved = _Address("")
+        self._count = 0
+
+    def __iter__(self) -> Iterator[Visit]:
+        for address in (self._reserved, *self._addresses.values()):
+            for visits in address.visits.values():
+                yield from visits
+
+    def __len__(self) -> int:
+        return self._count + self._reserved.count
+
+    def enter(self, address: str, close: Callable[[], object]) -> Visit | None:
+        """A place for a new connection; None if there is none at all."""
+        own = self._addresses.get(address)
+        room = True
+        if own is not None and own.count >= self.per_address:
+            room = self._close_oldest(own)
+        elif self._count >= self.places:
+            room = any(
+                map(self._close_oldest, sorted(self._addresses.values(), key=lambda each: -each.count))
+            )
+        if not room and self._reserved.count >= self._reserve and not self._close_oldest(self._reserved):
+            return None
+        among = self._addresses.setdefault(address, _Address(address)) if room else self._reserved
+        visit = Visit(not room, close, close, among)
+        among.visits[visit.doing][visit] = None
+        self._count += room
+        return visit
+
+    def go_on(self, visit: Visit, doing: Doing, deadline_s: float = math.inf) -> None:
+        """A connection has come further. Nothing happens for one that has been closed."""
+        here = visit._among.visits
+        visit.deadline_s = deadline_s
+        if here[visit.doing].pop(visit, self) is None:
+            visit.doing = doing
+            here[doing][visit] = None
+
+    def leave(self, visit: Visit) -> None:
+        """A connection is closed, or as good as that."""
+        among = visit._among
+        if among.visits[visit.doing].pop(visit, self) is None and not visit.reserved:
+            self._count -= 1
+            if not among.count:
+                del self._addresses[among.name]
+
+    def expire(self, now_s: float) -> None:
+        """End those that have not come further in time."""
+        for visit in [each for each in self if each.deadline_s < now_s]:
+            visit.expire()
+
+    def make_room(self) -> bool:
+        """Close somebody; whether there was anybody to close."""
+        addresses = sorted(self._addresses.values(), key=lambda each: -each.count)
+        return any(map(self._close_oldest, addresses))
+
+    def _close_oldest(self, address: _Address) -> bool:
+        visit = address.oldest
+        if visit is not None:
+            self.leave(visit)
+            visit.close()
+        return visit is not None

@@ -1,0 +1,266 @@
+"""HTTP in bounded pieces: header, body, time, and whose turn it is.
+
+What a client sends is fed to the parser in slices, one a turn, so that the costliest bytes that fit into a
+packet cost no other connection more than a slice. What is refused here is answered in the form of
+`app.api.errors`, and the connection is closed.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import re
+from asyncio import BaseTransport, Transport
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, cast
+
+import httptools
+from uvicorn._types import ASGI3Application
+from uvicorn.protocols.http.flow_control import FlowControl
+from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol, RequestResponseCycle
+
+from app.listeners.crowd import Crowd, Doing, Visit
+from app.listeners.turns import Turns
+from app.listeners.websocket import StreamProtocol
+from cobot.config import ConnectionLimits
+
+SLICE_BYTES = 4096
+"""Of these the parser makes a thousand pieces at the most, in about a millisecond."""
+ROBOT = rb"(?:/robots/[A-Za-z0-9_-]+)?"
+STOP = re.compile(rb"POST " + ROBOT + rb"/stop[ ?]")
+"""Takes no turn."""
+HEALTH = re.compile(rb"GET " + ROBOT + rb"/health(?:/\w+)?[ ?]")
+"""This and a stop are answered on a place of the reserve."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shared:
+    """What all connections of a service have in common."""
+
+    crowd: Crowd
+    turns: Turns
+    limits: ConnectionLimits
+
+
+class Flow(FlowControl):
+    """Reads on when the application wants more, unless what has been read waits for its turn."""
+
+    def __init__(self, transport: Transport, go_on: Callable[[], None]) -> None:
+        super().__init__(transport)
+        self.held = False
+        self.go_on = go_on
+
+    def hold(self) -> None:
+        self.held = True
+        self._transport.pause_reading()
+
+    def release(self) -> None:
+        self.held = False
+        if not self.read_paused and not self._transport.is_closing():
+            self._transport.resume_reading()
+
+    def resume_reading(self) -> None:
+        if not self.read_paused:
+            return
+        self.read_paused = False
+        if self.held:
+            self.go_on()
+        elif not self._transport.is_closing():
+            self._transport.resume_reading()
+
+
+def _nothing() -> None:
+    """For who is gone."""
+
+
+class _Refused(Exception):
+    """The parser shall not go on: the answer has been given."""
+
+
+class HttpProtocol(HttpToolsProtocol):
+    """A connection, until it closes or becomes a WebSocket."""
+
+    def __init__(self, *, shared: Shared, visit: Visit, **uvicorn: Any) -> None:
+        super().__init__(**uvicorn)
+        self._crowd, self._turns, self._limits = shared.crowd, shared.turns, shared.limits
+        self._visit = visit
+        self._unread = bytearray()  # waits for a turn
+        self._waits = False
+        # Bytes that brought nothing forward: of an endless header, trailer or extension of a chunk.
+        self._silent = 0
+        self._header_bytes = self._body_bytes = 0
+        self._in_header, self._in_body, self._answered = True, False, False
+        self._begun_s = 0.0  # when the body was to begin
+
+    def connection_made(self, transport: BaseTransport) -> None:
+        transport = cast(Transport, transport)
+        super().connection_made(transport)
+        self.flow: Flow = Flow(transport, self._wait)
+        self._visit.close, self._visit.expire = transport.abort, self._expire
+        self._note()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        super().connection_lost(exc)
+        self._unread.clear()
+        self._crowd.leave(self._visit)
+        # No circle of references keeps it until the garbage collector comes by: it may hold a large header.
+        self.flow.go_on = self._visit.close = self._visit.expire = _nothing
+
+    def data_received(self, data: bytes) -> None:
+        self._unset_keepalive_if_required()
+        between = not (self._in_header or self._in_body)
+        if between:
+            self._in_header = True
+            self._note()
+        if self._unread or len(data) > SLICE_BYTES or not (STOP.match(data) or self._turns.mine()):
+            self._unread += data
+            self.flow.hold()
+            self._wait()
+        else:
+            self._feed(data)
+
+    def _wait(self) -> None:
+        """For a turn, unless it waits for one already."""
+        if not self._waits:
+            self._waits = True
+            self._turns.wait(self._advance)
+
+    def _advance(self) -> None:
+        self._waits = False
+        if self.transport.is_closing():
+            self._unread.clear()
+        elif not self.flow.read_paused:  # else the application says when it can take more
+            data = bytes(self._unread[:SLICE_BYTES])
+            del self._unread[:SLICE_BYTES]
+            self._feed(data)
+            if self._unread:
+                self._wait()
+            elif self.flow.held:
+                self.flow.release()
+
+    def _feed(self, data: bytes) -> None:
+        if self.transport.is_closing():
+            return
+        self._silent += len(data)
+        try:
+            self.parser.feed_data(data)
+        except httptools.HttpParserUpgrade:
+            if self._should_upgrade():
+                self.handle_websocket_upgrade()
+        except httptools.HttpParserError:
+            if not self.transport.is_closing():
+                self.send_400_response("Invalid HTTP request received.")
+        else:
+            if self._in_body and not self._answered:
+                self._visit.deadline_s = self._body_deadline_s
+            if self._silent > self._limits.header_bytes:
+                self._refuse_header()
+
+    def handle_websocket_upgrade(self) -> None:
+        self._unread.clear()
+        self.flow.release()
+        self._crowd.go_on(self._visit, Doing.SENDING, self.loop.time() + self._limits.header_timeout_s)
+        self._visit.expire = self.transport.abort
+        # As uvicorn calls it, which knows no more than its own arguments.
+        self.ws_protocol_class = functools.partial(  # type: ignore[assignment]
+            StreamProtocol, crowd=self._crowd, turns=self._turns, visit=self._visit
+        )
+        super().handle_websocket_upgrade()
+
+    def on_message_begin(self) -> None:
+        super().on_message_begin()
+        self._header_bytes = self._body_bytes = 0
+
+    def on_url(self, url: bytes) -> None:
+        super().on_url(url)
+        self._count_header(len(url))
+
+    def on_header(self, name: bytes, value: bytes) -> None:
+        super().on_header(name, value)
+        self._count_header(len(name) + len(value) + 4)
+
+    def on_headers_complete(self) -> None:
+        line = self.parser.get_method() + b" " + self.url + b" "
+        if self._visit.reserved and not (STOP.match(line) or HEALTH.match(line)):
+            self._refuse(503, "too many connections are open: only a stop and /health are answered", "busy")
+            raise _Refused
+        self._silent = 0
+        self._in_header, self._in_body, self._answered = False, True, False
+        self._begun_s = self.loop.time()
+        super().on_headers_complete()
+        self._note()
+
+    def on_body(self, body: bytes) -> None:
+        super().on_body(body)
+        self._silent = 0
+        self._body_bytes += len(body)
+
+    def on_message_complete(self) -> None:
+        super().on_message_complete()
+        self._silent = 0
+        self._in_body = self._answered = False
+        self._note()
+
+    def on_response_complete(self) -> None:
+        super().on_response_complete()
+        if self._in_body:  # of which the rest is thrown away, for a while
+            self._answered = True
+            self._begun_s, self._body_bytes = self.loop.time(), 0
+        self._note()
+
+    def _start_asgi_task(self, cycle: RequestResponseCycle, app: ASGI3Application) -> None:
+        start = super()._start_asgi_task
+        if STOP.match(f"{cycle.scope['method']} {cycle.scope['path']} ".encode()):
+            start(cycle, app)
+        else:
+            self._turns.wait(lambda: cycle.disconnected or start(cycle, app))
+
+    @property
+    def _body_deadline_s(self) -> float:
+        limits = self._limits
+        return self._begun_s + limits.body_timeout_s + self._body_bytes / limits.body_bytes_per_s
+
+    def _note(self) -> None:
+        """What this connection is about, for the crowd."""
+        if self._in_body:
+            self._crowd.go_on(self._visit, Doing.SENDING, self._body_deadline_s)
+        elif self.cycle is not None and not self.cycle.response_complete:
+            self._crowd.go_on(self._visit, Doing.SERVED)
+        elif self._in_header:
+            self._crowd.go_on(self._visit, Doing.ASKING, self.loop.time() + self._limits.header_timeout_s)
+        else:
+            self._crowd.go_on(self._visit, Doing.IDLE)  # uvicorn has a timer for it
+
+    def _expire(self) -> None:
+        limits = self._limits
+        if self.flow.read_paused or self._unread:  # not for the client's being slow
+            self._visit.deadline_s = self.loop.time() + limits.body_timeout_s
+        elif self._answered or not (self._in_body or self._silent):
+            self.transport.abort()
+        elif self._in_body:
+            slowest = f"web.limits: {limits.body_timeout_s:g} s, and {limits.body_bytes_per_s} bytes a second"
+            self._refuse(408, f"the body came too slowly ({slowest})", "timeout")
+        else:
+            self._refuse(408, f"the header was not complete after {limits.header_timeout_s:g} s", "timeout")
+
+    def _count_header(self, size: int) -> None:
+        self._header_bytes += size
+        if self._header_bytes > self._limits.header_bytes:
+            self._refuse_header()
+            raise _Refused
+
+    def _refuse_header(self) -> None:
+        limit = f"{self._limits.header_bytes} bytes (web.limits.header_bytes)"
+        self._refuse(431, f"the header is larger than the limit of {limit}", "header")
+
+    def _refuse(self, status: int, detail: str, code: str) -> None:
+        """Answer, unless an answer is under way, and close."""
+        if self.cycle is not None and self.cycle.response_started and not self.cycle.response_complete:
+            self.transport.abort()
+            return
+        body = json.dumps({"detail": detail, "code": code}).encode()
+        kind = b"content-type: application/json\r\nconnection: close\r\n"
+        length = b"content-length: %d\r\n\r\n" % len(body)
+        self.transport.write(STATUS_LINE[status] + kind + length + body)
+        self.transport.close()

@@ -1,0 +1,116 @@
+"""WebSockets in bounded pieces; and next to nothing is buffered for a client that reads slowly."""
+
+from __future__ import annotations
+
+import socket
+from asyncio import BaseTransport, Transport
+from typing import Any, cast
+
+from uvicorn._types import ASGIReceiveEvent, ASGISendEvent
+from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
+from websockets.frames import Frame
+from websockets.http11 import Request
+
+from app.listeners.crowd import Crowd, Doing, Visit
+from app.listeners.turns import Turns
+from app.rosbridge import router as rosbridge
+
+UNSENT_BYTES = 4096
+SLICE_BYTES = 1024
+"""Of these the parser makes some 170 frames at the most, in about two milliseconds."""
+MAX_FRAGMENTS = 1024
+"""A message may come in so many frames."""
+TOO_BIG = 1009
+
+
+class StreamProtocol(WebSocketsSansIOProtocol):
+    """A connection that was HTTP before. What is sent shall be new, what comes waits for its turn."""
+
+    def __init__(self, *, crowd: Crowd, turns: Turns, visit: Visit, **uvicorn: Any) -> None:
+        super().__init__(**uvicorn)
+        self._crowd, self._turns, self._visit = crowd, turns, visit
+        self._unread = bytearray()
+        self._waits = False
+        self._pong = b""
+
+    def handle_connect(self, event: Request) -> None:
+        if event.path.partition("?")[0] == rosbridge.PATH:
+            self.conn.max_message_size = rosbridge.MAX_FRAME_BYTES
+        super().handle_connect(event)
+
+    def connection_made(self, transport: BaseTransport) -> None:
+        super().connection_made(transport)
+        # Not 0: with TLS even an empty buffer would be too full.
+        cast(Transport, transport).set_write_buffer_limits(high=1, low=0)
+        connection = transport.get_extra_info("socket")
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT_BYTES)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        super().connection_lost(exc)
+        self._unread.clear()
+        self._crowd.leave(self._visit)
+        self._visit.close = self._visit.expire = lambda: None
+
+    def data_received(self, data: bytes) -> None:
+        if self._unread or len(data) > SLICE_BYTES or not self._turns.mine():
+            self._unread += data
+            self.transport.pause_reading()
+            self._wait()
+        else:
+            super().data_received(data)
+
+    async def receive(self) -> ASGIReceiveEvent:
+        message = await self.queue.get()
+        if self.read_paused and self.queue.empty():
+            self.read_paused = False
+            if self._unread:
+                self._wait()
+            elif not self.transport.is_closing():
+                self.transport.resume_reading()
+        await self._turns.turn()
+        return message
+
+    async def send(self, message: ASGISendEvent) -> None:
+        await super().send(message)
+        if message["type"] == "websocket.accept":
+            self._crowd.go_on(self._visit, Doing.STREAMING)
+
+    def resume_writing(self) -> None:
+        super().resume_writing()
+        if self._pong:
+            self.transport.write(self._pong)
+            self._pong = b""
+
+    def handle_ping(self) -> None:
+        """Answer it; to one who reads no answers only the newest, as RFC 6455 permits (5.5.3)."""
+        pong = b"".join(self.conn.data_to_send())
+        if self.writable.is_set():
+            self.transport.write(pong)
+        elif pong:
+            self._pong = pong
+
+    def handle_cont(self, event: Frame) -> None:
+        if len(self.frames) >= MAX_FRAGMENTS:
+            self.conn.fail(TOO_BIG, f"a message may have {MAX_FRAGMENTS} fragments")
+            self.handle_parser_exception()
+        else:
+            super().handle_cont(event)
+
+    def _wait(self) -> None:
+        """For a turn, unless it waits for one already."""
+        if not self._waits:
+            self._waits = True
+            self._turns.wait(self._advance)
+
+    def _advance(self) -> None:
+        self._waits = False
+        if self.transport.is_closing():
+            self._unread.clear()
+        elif not self.read_paused:  # else the application has messages to read before
+            data = bytes(self._unread[:SLICE_BYTES])
+            del self._unread[:SLICE_BYTES]
+            super().data_received(data)
+            if self._unread:
+                self._wait()
+            elif not self.read_paused and not self.transport.is_closing():
+                self.transport.resume_reading()

@@ -1,0 +1,140 @@
+"""POST /stop to the first cycle that decelerates while somebody floods the service, and the memory it takes.
+
+Beside it: the answer of a bare FastAPI route under the same flood.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import httpx
+from floods import FLOODS
+from running import HELPER_ENVIRONMENT, Run
+
+from benchmarks.service import reader, service
+from benchmarks.table import Row, percentiles, row
+from benchmarks.web import address, motion, until_cruising
+from cobot.client import Client
+from cobot.ipc.shm import RobotMemory
+from cobot.launch.process import Niceness, be
+
+TOO_LATE_S = 5.0
+"""An answer that takes longer, or does not come, counts as this."""
+FLOOR_BYTES = 2 * 2**30
+"""A bare server may take so much memory: without a limit an endless header would take all there is."""
+RISES_S = 0.5
+"""So long a flood goes on before each stop."""
+CALM_S = 3.0
+"""So long after a flood memory is looked at."""
+
+
+def floods(repetitions: int) -> Iterator[Row]:
+    """Each flood in turn, at the same service."""
+    with service() as run:
+        process = run.child("app")
+        assert process is not None
+        memory = reader(run)
+        _stops(run, memory, 2)  # what is made at the first use only is no growth
+        for kind in FLOODS:
+            before = process.memory_info().rss
+            with _flood(run.url, kind) as flood:
+                flood.send_signal(signal.SIGSTOP)
+                delays = _stops(run, memory, repetitions, flood)
+                during = process.memory_info().rss
+            time.sleep(CALM_S)
+            after = process.memory_info().rss
+            assert run.child("app") == process, "the service has died"
+            yield row(
+                f"POST /stop to the first decelerating cycle, {kind}",
+                "ms",
+                percentiles(delays),
+                "answer of a bare FastAPI route, under the same flood",
+                percentiles(_floor(kind, repetitions)),
+                ratio_of="p99",
+                aim="50 ms at p99",
+            )
+            yield row(
+                f"memory of the service, {kind}",
+                "MB",
+                (during / 1e6, after / 1e6),
+                "before",
+                (before / 1e6, before / 1e6),
+                columns=("during", "after"),
+                ratio_of="after",
+                aim="1.1 or less after",
+            )
+
+
+def _stops(
+    run: Run, memory: RobotMemory, repetitions: int, flood: subprocess.Popen[str] | None = None
+) -> list[float]:
+    """ms, each stop with a connection of its own, like somebody who comes to stop the arm. The flood rests
+    while a motion is planned, for which it would leave no processor.
+    """
+    delays = []
+    with Client(run.url, motion_timeout_s=60.0) as mover:
+        for repetition in range(repetitions):
+            with motion(mover, ("work", "home")[repetition % 2]):
+                until_cruising(memory)
+                if flood is not None:
+                    flood.send_signal(signal.SIGCONT)
+                    time.sleep(RISES_S)
+                be(Niceness.PROMPT)  # stands for another computer
+                begun_ns = time.monotonic_ns()
+                with Client(run.url) as stopper:
+                    stopper.stop()
+                be(Niceness.ORDINARY)
+                if flood is not None:
+                    flood.send_signal(signal.SIGSTOP)
+                delays.append((int(memory.state.read()["deceleration_monotonic_ns"]) - begun_ns) / 1e6)
+    return delays
+
+
+def _floor(kind: str, repetitions: int) -> list[float]:
+    """ms, of a server of its own for each flood."""
+    command = [sys.executable, "-m", "benchmarks.bare"]
+    limited: Callable[[], None] = partial(resource.setrlimit, resource.RLIMIT_AS, (FLOOR_BYTES, FLOOR_BYTES))
+    bare = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, preexec_fn=limited
+    )
+    try:
+        url = address(bare)
+        with _flood(url, kind):
+            time.sleep(RISES_S)
+            return [_answer_ms(url) for _ in range(min(repetitions, 20))]
+    finally:
+        bare.kill()
+        bare.communicate()
+
+
+def _answer_ms(url: str) -> float:
+    begun_s = time.monotonic()
+    be(Niceness.PROMPT)
+    try:
+        httpx.post(f"{url}/stop", timeout=TOO_LATE_S).raise_for_status()
+    except httpx.HTTPError:
+        return 1e3 * TOO_LATE_S
+    finally:
+        be(Niceness.ORDINARY)
+    return 1e3 * min(time.monotonic() - begun_s, TOO_LATE_S)
+
+
+@contextlib.contextmanager
+def _flood(url: str, kind: str) -> Iterator[subprocess.Popen[str]]:
+    """From all its connections, once they have been tried."""
+    command = [sys.executable, "-m", "floods", url, kind, "3600"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=HELPER_ENVIRONMENT)
+    try:
+        assert process.stdout is not None
+        process.stdout.readline()
+        yield process
+    finally:
+        process.kill()
+        process.communicate()

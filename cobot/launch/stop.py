@@ -1,0 +1,123 @@
+"""`cobot stop`: brings the arm to rest through shared memory, whatever has become of the service.
+
+It adds to a counter that rtloop looks at in every cycle. No queue, no lock and no process lies between, so it
+works while the service is dead, paused or flooded.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TextIO
+
+import numpy as np
+
+from cobot.errors import CobotError, TornReadError
+from cobot.ipc.layout import MotionResult
+from cobot.ipc.shm import RobotMemory, Role, robots_running, text
+from cobot.types import RESTING, LoopMode
+
+REST_S = 5.0
+"""A stop of the arm may take some 2.5 s."""
+STALE_S = 0.25
+"""A state older than this says nothing of where the arm is now."""
+POLL_S = 0.005
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """A stop that rtloop has been asked for.
+
+    Attributes:
+        count: that rtloop has seen once it has taken notice.
+        moving: what it ends, for people; "" for nothing.
+    """
+
+    memory: RobotMemory
+    count: int
+    moving: str
+
+
+def stop(robots: Sequence[str], *, latched: bool, out: TextIO) -> bool:
+    """Stop these robots, all that run on this computer if none is named, and say what has come of it.
+
+    Args:
+        latched: e-stop: nothing moves until a reset.
+
+    Returns:
+        Whether all of them are known to be at rest.
+    """
+    names = list(robots) or robots_running()
+    if not names:
+        out.write("no robot is running on this computer\n")
+        return False
+    stops: dict[str, Stop] = {}
+    for name in names:  # all of them first: waiting for one shall not keep the others moving
+        try:
+            stops[name] = _ask(RobotMemory.attach(name, Role.READER), latched=latched)
+        except CobotError as exc:
+            out.write(f"{name}: NOT stopped: {exc}\n")
+    deadline_s = time.monotonic() + REST_S
+    at_rest = [_report(name, each, deadline_s, latched=latched, out=out) for name, each in stops.items()]
+    return len(stops) == len(names) and all(at_rest)
+
+
+def _ask(memory: RobotMemory, *, latched: bool) -> Stop:
+    state = _state(memory)
+    counter = memory.outside_estops if latched else memory.outside_stops
+    counter.add()
+    if state is None:
+        return Stop(memory, 0, "")
+    seen = int(state["estops_seen" if latched else "stops_seen"])
+    return Stop(memory, seen + 1, _moving(state))
+
+
+def _report(name: str, stop: Stop, deadline_s: float, *, latched: bool, out: TextIO) -> bool:
+    problem = _until_rest(stop, deadline_s, latched=latched)
+    done = stop.moving or "nothing was running"
+    if problem:
+        out.write(f"{name}: told to stop; {done}; the arm is NOT known to be at rest: {problem}\n")
+    else:
+        after = "; latched until POST /robot/reset" if latched else ""
+        out.write(f"{name}: {f'stopped {done}' if stop.moving else done}; the arm is at rest{after}\n")
+    stop.memory.close()
+    return not problem
+
+
+def _until_rest(stop: Stop, deadline_s: float, *, latched: bool) -> str:
+    """Wait for the arm; why it is not known to be at rest, "" if it is."""
+    problem = "rtloop has not started yet"
+    while time.monotonic() < deadline_s:
+        state = _state(stop.memory)
+        if state is not None:
+            age_s = (time.monotonic_ns() - int(state["monotonic_ns"])) * 1e-9
+            measured_s = (time.monotonic_ns() - int(state["measured_monotonic_ns"])) * 1e-9
+            seen = int(state["estops_seen" if latched else "stops_seen"]) >= stop.count
+            if age_s > STALE_S:
+                problem = f"rtloop has published nothing for {age_s:.1f} s"
+            elif measured_s > STALE_S:
+                problem = f"not measured for {measured_s:.1f} s: {text(state['reason'])}"
+            elif seen and not _moving(state) and state["settled"]:
+                return ""
+            else:
+                problem = f"it still moves after {REST_S:g} s"
+        time.sleep(POLL_S)
+    return problem
+
+
+def _state(memory: RobotMemory) -> np.ndarray | None:
+    """A copy of the newest state; None if there is none."""
+    try:
+        return memory.state.read().copy() if memory.state.sequence else None
+    except TornReadError:
+        return None
+
+
+def _moving(state: np.ndarray) -> str:
+    """What moves the arm, for people; "" for nothing."""
+    if int(state["session"]):
+        return f"session {int(state['session'])}"
+    if LoopMode(int(state["mode"])) not in RESTING or int(state["motion_result"]) == MotionResult.RUNNING:
+        return f"motion {int(state['motion_id'])}"
+    return ""

@@ -1,0 +1,130 @@
+"""Who is let in, and who has to go. Oracle: the rules as they stand in the settings' comments, and a simple
+list of everybody."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+
+import pytest
+
+from app.listeners.crowd import CLOSABLE, Crowd, Doing, Visit
+
+
+class Guests:
+    """Visits of a crowd, and the names of those that it has closed."""
+
+    def __init__(self, places: int, per_address: int, reserve: int) -> None:
+        self.crowd = Crowd(places, per_address, reserve)
+        self.closed: list[str] = []
+
+    def come(self, name: str, address: str = "a", doing: Doing = Doing.ASKING) -> Visit | None:
+        visit = self.crowd.enter(address, self._closing(name))
+        if visit is not None and doing is not Doing.ASKING:
+            self.crowd.go_on(visit, doing)
+        return visit
+
+    def _closing(self, name: str) -> Callable[[], object]:
+        return lambda: self.closed.append(name)
+
+
+def test_a_newcomer_takes_the_place_of_the_oldest_that_has_not_asked_for_anything() -> None:
+    guests = Guests(places=3, per_address=3, reserve=1)
+    for name in ("first", "second", "third"):
+        guests.come(name)
+    newcomer = guests.come("fourth")
+    assert newcomer is not None
+    assert not newcomer.reserved
+    assert guests.closed == ["first"]
+
+
+def test_who_is_served_stays_before_who_sends_before_who_is_idle_before_who_says_nothing() -> None:
+    guests = Guests(places=5, per_address=5, reserve=1)
+    for doing in (Doing.STREAMING, Doing.SERVED, Doing.SENDING, Doing.IDLE, Doing.ASKING):
+        guests.come(doing.name, doing=doing)
+    for number in range(3):
+        assert guests.come(f"new {number}", doing=Doing.SERVED)
+    assert guests.closed == ["ASKING", "IDLE", "SENDING"]
+
+
+def test_when_all_are_served_the_newcomer_gets_a_place_of_the_reserve_and_then_none() -> None:
+    guests = Guests(places=2, per_address=2, reserve=1)
+    for name in "ab":
+        guests.come(name, doing=Doing.SERVED)
+    reserved = guests.come("c", doing=Doing.SERVED)
+    assert reserved is not None
+    assert reserved.reserved
+    assert guests.come("d") is None
+    assert guests.closed == []
+    guests.crowd.leave(reserved)
+    assert guests.come("e") is not None
+
+
+def test_the_reserve_takes_newcomers_for_its_own_silent_ones() -> None:
+    guests = Guests(places=1, per_address=1, reserve=2)
+    guests.come("served", doing=Doing.SERVED)
+    for name in ("silent", "silent too", "stop"):
+        visit = guests.come(name)
+        assert visit is not None
+        assert visit.reserved
+    assert guests.closed == ["silent"]
+
+
+def test_one_address_cannot_take_the_places_of_the_others() -> None:
+    guests = Guests(places=4, per_address=2, reserve=1)
+    for name in ("a1", "a2"):
+        guests.come(name, "a", Doing.SERVED)
+    greedy, other = guests.come("a3", "a"), guests.come("b1", "b")
+    assert greedy is not None
+    assert other is not None
+    assert (greedy.reserved, other.reserved) == (True, False)
+
+
+def test_the_address_with_most_connections_loses_one() -> None:
+    guests = Guests(places=4, per_address=4, reserve=1)
+    guests.come("b1", "b")
+    for name in ("a1", "a2", "a3"):
+        guests.come(name, "a")
+    guests.come("c1", "c")
+    assert guests.closed == ["a1"]
+
+
+def test_who_does_not_go_on_in_time_is_told() -> None:
+    guests = Guests(places=4, per_address=4, reserve=1)
+    slow, quick = guests.come("slow"), guests.come("quick")
+    assert slow is not None
+    assert quick is not None
+    guests.crowd.go_on(slow, Doing.SENDING, 10.0)
+    guests.crowd.go_on(quick, Doing.SENDING, 20.0)
+    guests.crowd.expire(15.0)
+    assert guests.closed == ["slow"]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_numbers_are_kept_whatever_happens(seed: int) -> None:
+    chance = random.Random(seed)
+    places, per_address, reserve = chance.randint(1, 9), chance.randint(1, 9), chance.randint(1, 3)
+    crowd = Crowd(places, per_address, reserve)
+    there: dict[int, tuple[Visit, str]] = {}
+    for number in range(2000):
+        if there and chance.random() < 0.5:
+            key = chance.choice(list(there))
+            visit, _ = there[key]
+            if chance.random() < 0.3:
+                crowd.leave(visit)
+                del there[key]
+            else:
+                crowd.go_on(visit, chance.choice(list(Doing)))
+            continue
+        address = chance.choice("abc")
+        visit_ = crowd.enter(address, lambda key=number: there.pop(key))
+        if visit_ is None:
+            assert sum(visit.reserved for visit, _ in there.values()) == reserve
+            assert not any(visit.doing in CLOSABLE for visit, _ in there.values() if visit.reserved)
+        else:
+            there[number] = visit_, address
+        assert set(crowd) == {visit for visit, _ in there.values()}, seed
+        ordinary = [where for visit, where in there.values() if not visit.reserved]
+        assert len(ordinary) <= places
+        assert all(ordinary.count(where) <= per_address for where in "abc")
+        assert len(there) - len(ordinary) <= reserve

@@ -1,0 +1,319 @@
+"""What a connection may send, and how slowly. Oracle: a bare socket, RFC 9110 and 9112, and the settings."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import resource
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import psutil
+import pytest
+import uvicorn
+from floods import PING, TEXT, UPGRADE, frame
+from running import WAIT_S, until
+
+from app.listeners.websocket import StreamProtocol
+from app.server import Server
+from cobot.config import ConnectionLimits
+
+LIMITS = ConnectionLimits(
+    connections=40,
+    connections_per_address=24,
+    reserve=4,
+    header_bytes=8192,
+    header_timeout_s=1.0,
+    body_timeout_s=1.0,
+    body_bytes_per_s=1000,
+    bodies_bytes=10**6,
+    idle_timeout_s=2.0,
+)
+GET = b"GET /health HTTP/1.1\r\nHost: h\r\n"
+STOP = b"POST /stop HTTP/1.1\r\nHost: h\r\n\r\n"
+
+
+class Application:
+    """Says how long a body was; /wait waits until it is told; a WebSocket counts what comes."""
+
+    def __init__(self) -> None:
+        self.waiting = 0
+        self.go_on = threading.Event()
+
+    async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        if scope["type"] == "websocket":
+            await self._socket(receive, send)
+            return
+        if scope["path"] == "/wait":
+            self.waiting += 1
+            while not self.go_on.is_set():
+                await asyncio.sleep(0.01)
+            self.waiting -= 1
+        size, more = 0, scope["method"] == "POST" and scope["path"] != "/stop"
+        while more:
+            message = await receive()
+            if message["type"] == "http.disconnect":
+                return
+            size, more = size + len(message["body"]), message["more_body"]
+        body = str(size).encode()
+        headers = [(b"content-length", str(len(body)).encode())]
+        await send({"type": "http.response.start", "status": 200, "headers": headers})
+        await send({"type": "http.response.body", "body": body})
+
+    async def _socket(self, receive: Any, send: Any) -> None:
+        await receive()
+        await send({"type": "websocket.accept"})
+        count = 0
+        while (await receive())["type"] == "websocket.receive":
+            count += 1
+            await send({"type": "websocket.send", "text": str(count)})
+
+
+class Service:
+    """The application behind the listener under test, in a thread."""
+
+    def __init__(self, limits: ConnectionLimits) -> None:
+        self.application = Application()
+        listener = socket.create_server(("127.0.0.1", 0))
+        self.address = listener.getsockname()
+        config = uvicorn.Config(
+            self.application,
+            loop="uvloop",
+            ws=StreamProtocol,
+            lifespan="off",
+            log_config=None,
+            timeout_keep_alive=int(limits.idle_timeout_s),
+            timeout_graceful_shutdown=1,
+        )
+        self.server = Server(config, limits)
+        self._thread = threading.Thread(target=self.server.run, args=([listener],))
+        self._thread.start()
+        until(lambda: self.server.started)
+
+    def close(self) -> None:
+        self.application.go_on.set()
+        self.server.should_exit = True
+        self._thread.join(WAIT_S)
+
+    def connect(self) -> socket.socket:
+        return socket.create_connection(self.address, WAIT_S)
+
+    def ask(self, request: bytes) -> tuple[int, bytes]:
+        with self.connect() as connection:
+            connection.sendall(request)
+            return answer(connection)
+
+
+def answer(connection: socket.socket) -> tuple[int, bytes]:
+    """Status and body of the next answer; 0 if the connection was closed without one."""
+    with contextlib.suppress(ConnectionError), connection.makefile("rb") as lines:
+        first = lines.readline()
+        if first:
+            length = 0
+            while (line := lines.readline().strip()) not in (b"",):
+                name, _, value = line.partition(b":")
+                length = int(value) if name.lower() == b"content-length" else length
+            return int(first.split()[1]), lines.read(length)
+    return 0, b""
+
+
+def refusal(found: tuple[int, bytes]) -> tuple[int, str]:
+    return found[0], json.loads(found[1])["code"]
+
+
+def closed(connection: socket.socket) -> bool:
+    """Whether the other side closes it, and says nothing more before."""
+    try:
+        return connection.recv(1) == b""
+    except ConnectionError:
+        return True
+
+
+@pytest.fixture(scope="module")
+def service() -> Iterator[Service]:
+    started = Service(LIMITS)
+    yield started
+    started.close()
+
+
+@pytest.fixture
+def own() -> Iterator[Service]:
+    """One that a test may fill up."""
+    started = Service(LIMITS)
+    yield started
+    started.close()
+
+
+@pytest.mark.parametrize(
+    "request_bytes",
+    [
+        GET + b"X: " + b"x" * 8192,
+        GET + b"X: " + b"x" * 8192 + b"\r\n\r\n",
+        GET + b"X: y\r\n" * 2000,
+        b"GET /" + b"x" * 8192,
+        b"\r\n" * 9000,
+        b"POST /echo HTTP/1.1\r\nHost: h\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n" + b"X: y\r\n" * 2000,
+        b"POST /echo HTTP/1.1\r\nHost: h\r\nTransfer-Encoding: chunked\r\n\r\n1;" + b"x" * 13000,
+        UPGRADE.format("/").encode()[:-2] + b"X: y\r\n" * 2000 + b"\r\n",
+    ],
+    ids=["value", "whole", "lines", "path", "blank lines", "trailer", "extension", "upgrade"],
+)
+def test_a_header_without_an_end_is_refused(service: Service, request_bytes: bytes) -> None:
+    assert refusal(service.ask(request_bytes)) == (431, "header")
+
+
+def test_a_header_just_below_the_limit_is_taken(service: Service) -> None:
+    assert service.ask(GET + b"X: " + b"x" * 8000 + b"\r\n\r\n") == (200, b"0")
+
+
+def test_a_header_that_comes_in_drops_is_given_up(service: Service) -> None:
+    with service.connect() as connection:
+        begun_s = time.monotonic()
+        with contextlib.suppress(ConnectionError):
+            for byte in (GET + b"X: " + b"x" * 200).decode():
+                connection.sendall(byte.encode())
+                time.sleep(0.05)
+                if time.monotonic() - begun_s > 3.0:
+                    break
+        assert refusal(answer(connection)) == (408, "timeout")
+
+
+def test_who_says_nothing_is_let_go(service: Service) -> None:
+    with service.connect() as connection:
+        assert closed(connection)
+
+
+def test_a_body_that_does_not_come_is_given_up(service: Service) -> None:
+    with service.connect() as connection:
+        connection.sendall(b"POST /echo HTTP/1.1\r\nHost: h\r\nContent-Length: 100\r\n\r\nbegin")
+        assert refusal(answer(connection)) == (408, "timeout")
+
+
+def test_a_body_that_comes_at_the_least_rate_is_taken(service: Service) -> None:
+    with service.connect() as connection:
+        connection.sendall(b"POST /echo HTTP/1.1\r\nHost: h\r\nContent-Length: 12000\r\n\r\n")
+        for _ in range(24):
+            connection.sendall(b"x" * 500)
+            time.sleep(0.1)
+        assert answer(connection) == (200, b"12000")
+
+
+@pytest.mark.parametrize("size", [100_000, 5_000_000])
+def test_a_large_body_arrives_whole(service: Service, size: int) -> None:
+    head = f"POST /echo HTTP/1.1\r\nHost: h\r\nContent-Length: {size}\r\n\r\n".encode()
+    assert service.ask(head + b"x" * size) == (200, str(size).encode())
+
+
+def test_who_goes_on_sending_after_the_answer_is_not_listened_to_for_ever(service: Service) -> None:
+    with service.connect() as connection:
+        connection.sendall(b"POST /stop HTTP/1.1\r\nHost: h\r\nContent-Length: 99999999\r\n\r\n")
+        assert answer(connection)[0] == 200
+
+        def refuses() -> bool:
+            try:
+                connection.sendall(b"x" * 1000)
+            except ConnectionError:
+                return True
+            return False
+
+        until(refuses)
+
+
+def test_requests_in_one_packet_are_all_answered(service: Service) -> None:
+    with service.connect() as connection, connection.makefile("rb") as lines:
+        connection.sendall((GET + b"\r\n") * 1000)
+        for _ in range(1000):
+            assert lines.readline().startswith(b"HTTP/1.1 200")
+            while lines.readline().strip():
+                pass
+            assert lines.read(1) == b"0"
+
+
+def test_what_is_no_http_is_answered_as_before(service: Service) -> None:
+    assert service.ask(b"\x16\x03\x01\x02\x00\x01\x00")[0] == 400
+
+
+def test_when_all_places_are_taken_only_a_stop_and_health_are_answered(own: Service) -> None:
+    busy = [own.connect() for _ in range(LIMITS.connections_per_address)]
+    for connection in busy:
+        connection.sendall(b"GET /wait HTTP/1.1\r\nHost: h\r\n\r\n")
+    until(lambda: own.application.waiting == len(busy))
+    assert own.ask(STOP) == (200, b"0")
+    assert own.ask(b"POST /robots/left-1/stop HTTP/1.1\r\nHost: h\r\n\r\n") == (200, b"0")
+    assert own.ask(GET + b"\r\n") == (200, b"0")
+    assert refusal(own.ask(b"GET /robot/pose HTTP/1.1\r\nHost: h\r\n\r\n")) == (503, "busy")
+    own.application.go_on.set()
+    for connection in busy:
+        assert answer(connection) == (200, b"0")
+        connection.close()
+    until(lambda: own.ask(b"GET /robot/pose HTTP/1.1\r\nHost: h\r\n\r\n")[0] == 200)
+
+
+def test_half_open_connections_make_room(own: Service) -> None:
+    silent = [own.connect() for _ in range(500)]
+    assert own.ask(STOP) == (200, b"0")
+    for connection in silent:
+        connection.close()
+
+
+def test_the_service_accepts_again_when_descriptors_had_run_out(own: Service) -> None:
+    """All that the process has left are taken away for a moment."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    mine = socket.socket()
+    try:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (mine.fileno() + 1, hard))
+        with contextlib.suppress(OSError):
+            mine.settimeout(0.5)
+            mine.connect(own.address)
+            mine.sendall(STOP)
+            mine.recv(1)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+        mine.close()
+    assert own.ask(STOP) == (200, b"0")
+
+
+def upgraded(service: Service) -> socket.socket:
+    connection = service.connect()
+    connection.sendall(UPGRADE.format("/").encode())
+    assert answer(connection)[0] == 101
+    return connection
+
+
+def test_frames_in_one_packet_all_arrive_in_their_order(service: Service) -> None:
+    with upgraded(service) as connection:
+        connection.sendall(frame(TEXT, b"{}") * 2000)
+        with connection.makefile("rb") as frames:
+            for count in range(2000):
+                _, size = frames.read(2)
+                assert frames.read(size) == str(count + 1).encode()
+
+
+def test_a_message_in_too_many_fragments_closes_its_connection(service: Service) -> None:
+    with upgraded(service) as connection:
+        connection.sendall(frame(TEXT & 0x0F, b"") + frame(0, b"") * 3000)
+        head = connection.recv(4)
+        assert (head[0] & 0x0F, int.from_bytes(head[2:4])) == (8, 1009)
+
+
+def test_pings_of_who_reads_nothing_are_not_remembered(service: Service) -> None:
+    """Some 100 MB of pongs would have to be: the kernel takes some 4 MB of them."""
+    with upgraded(service) as connection:
+        before = psutil.Process().memory_info().rss
+        connection.settimeout(0.5)
+        with contextlib.suppress(OSError):
+            for _ in range(1000):
+                connection.sendall(frame(PING, b"x" * 125) * 800)
+        assert psutil.Process().memory_info().rss - before < 30e6
+
+
+def test_an_upgrade_that_is_no_handshake_is_given_up(service: Service) -> None:
+    with service.connect() as connection:
+        broken = UPGRADE.format("/").replace("Sec-WebSocket-Version: 13", "X: y\r\n" * 200 + "Y: z")
+        connection.sendall(broken.encode())
+        while not closed(connection):
+            pass
