@@ -16,8 +16,10 @@ from fastapi_offline import FastAPIOffline
 from starlette.routing import BaseRoute
 
 from app.api import errors
+from app.api.audit import RequestTrail
 from app.api.body_limit import BodyLimit
 from app.api.openapi import with_limits
+from app.api.routers import audit as audit_router
 from app.api.routers import common, sequences, trajectory
 from app.api.routers import robot as robot_router
 from app.api.routers import robots as robots_router
@@ -28,8 +30,10 @@ from app.robot_services import Planner, SharedParts, serving_robot
 from app.rosbridge import router as rosbridge_router
 from app.services.motion.planning import PlanningService
 from app.services.motion.synchronous import SyncService
+from cobot.audit import Audit
 from cobot.clock import SYSTEM, Clock
 from cobot.config import Endpoint, Settings, load_endpoints
+from cobot.logs.supervision import Losses
 from cobot.robot.description import load_robot
 
 DESCRIPTION = """Moves a robot arm. Motions answer when the arm has arrived and settled: look at `success`.
@@ -76,6 +80,8 @@ def create_app(
             several=len(robots) > 1,
         )
         async with contextlib.AsyncExitStack() as stack:
+            app.state.audit = Audit(settings.audit_file, clock)
+            stack.callback(app.state.audit.close)
             app.state.robots = {
                 name: await stack.enter_async_context(serving_robot(each, robots[name], shared))
                 for name, each in settings.each.items()
@@ -102,10 +108,12 @@ def create_app(
     }
     app.state.large_body = asyncio.Lock()
     app.state.rosbridge_connections = 0
+    app.state.losses = Losses(None)
     app.state.stop_on_disconnect = settings.web.stop_on_disconnect
     app.add_middleware(
         BodyLimit, limit_bytes=settings.web.max_body_bytes, json_limit_bytes=settings.web.max_json_bytes
     )
+    app.add_middleware(RequestTrail)  # the last one is the outermost
     errors.install(app)
     limits = {name: robot.limits for name, robot in robots.items()}
     app.openapi = with_limits(app.openapi, limits)  # type: ignore[method-assign]
@@ -122,7 +130,7 @@ def create_app(
         stream_router.router,
     )
     plain = [route for router in routers for route in router.routes if _enabled(route, endpoints)]
-    more = (robots_router.router, vendor_http.router, rosbridge_router.router)
+    more = (robots_router.router, audit_router.router, vendor_http.router, rosbridge_router.router)
     named = [route for router in more for route in router.routes if _enabled(route, endpoints)]
     app.router.routes[:0] = [*plain, *robots_router.twins(plain, list(robots)), *named]
     for route in app.routes:

@@ -6,7 +6,6 @@ import argparse
 import logging
 import signal
 import socket
-import sys
 from asyncio import BaseTransport, Transport
 from pathlib import Path
 from typing import cast
@@ -20,6 +19,8 @@ from app.rosbridge import router as rosbridge
 from cobot.client.wire import MAX_FRAME_BYTES
 from cobot.config import load_settings
 from cobot.errors import CobotError
+from cobot.logs import start_logging
+from cobot.logs.supervision import Losses
 
 ANY_ADDRESS = {"0.0.0.0": "127.0.0.1", "::": "::1"}
 SHUTDOWN_S = 4
@@ -27,6 +28,8 @@ PING_S = 5.0
 UNREAD_S = 10.0
 """A WebSocket whose client reads nothing for so long is closed."""
 UNSENT_BYTES = 4096
+
+log = logging.getLogger("cobot.service")
 
 
 class StreamProtocol(WebSocketsSansIOProtocol):
@@ -52,16 +55,18 @@ def main() -> int:
     parser.add_argument("--host", required=True, help="address that the socket listens on")
     parser.add_argument("--port", type=int, required=True)
     parser.add_argument("--fd", type=int, required=True, help="descriptor of the listening socket")
+    parser.add_argument("--losses-fd", type=int, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
-    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s", stream=sys.stdout)
+    start_logging("service")
     logging.getLogger("httpx").setLevel(logging.WARNING)
     try:
-        app = create_app(
-            load_settings(arguments.config), arguments.config, _url(arguments.host, arguments.port)
-        )
+        settings = load_settings(arguments.config)
+        start_logging("service", settings.logging)
+        app = create_app(settings, arguments.config, _url(arguments.host, arguments.port))
     except CobotError as exc:
-        print(exc, flush=True)
+        log.error("%s", exc)
         return 2
+    app.state.losses = Losses(arguments.losses_fd)
     config = uvicorn.Config(
         app,
         loop="uvloop",

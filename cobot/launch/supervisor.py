@@ -14,21 +14,21 @@ import selectors
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from importlib.metadata import version
-from logging.handlers import RotatingFileHandler
 from pathlib import Path
 from types import FrameType
 
 from cobot.addresses import address
 from cobot.config import Settings
-from cobot.errors import ConfigError, TornReadError, UnavailableError
+from cobot.errors import TornReadError, UnavailableError
 from cobot.ipc.shm import RobotMemory, text
 from cobot.launch.process import RUN_MODULE
+from cobot.logs.process import SUPERVISED
+from cobot.logs.supervision import SupervisorLog, supervising
 from cobot.robot.description import load_robot
 
 FIRST_BACKOFF_S = 0.2
@@ -37,7 +37,6 @@ STEADY_S = 10.0
 """A process that has lived so long is trusted again: its next pause is the first one."""
 READY_TIMEOUT_S = 20.0
 STOP_TIMEOUT_S = 5.0
-LOG_BYTES = 10_000_000
 
 log = logging.getLogger("cobot")
 
@@ -48,6 +47,7 @@ class Child:
 
     name: str
     command: list[str]
+    log: SupervisorLog
     descriptors: tuple[int, ...] = ()
     process: subprocess.Popen[bytes] | None = None
     started_s: float = 0.0
@@ -56,17 +56,28 @@ class Child:
     reader: threading.Thread | None = field(default=None, repr=False)
 
     def start(self) -> None:
-        self.process = subprocess.Popen(
-            self.command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            pass_fds=self.descriptors,
-            start_new_session=True,  # Ctrl-C reaches the supervisor alone, which stops the arm first
-        )
+        read_end, write_end = os.pipe()
+        # What a process writes past its log, as C libraries and the interpreter do, is lost when this one
+        # does not read, and waits for nothing.
+        os.set_blocking(write_end, False)
+        output = os.fdopen(read_end, "rb")
+        try:
+            self.process = subprocess.Popen(
+                self.command,
+                stdin=subprocess.DEVNULL,
+                stdout=write_end,
+                stderr=write_end,
+                pass_fds=self.descriptors,
+                env=os.environ | {SUPERVISED: "1"},
+                start_new_session=True,  # Ctrl-C reaches the supervisor alone, which stops the arm first
+            )
+        except BaseException:
+            output.close()
+            raise
+        finally:
+            os.close(write_end)
         self.started_s = time.monotonic()
-        self.reader = threading.Thread(target=self._forward, args=(self.process,), daemon=True)
-        self.reader.start()
+        self.reader = self.log.follow(self.name, output)
 
     def ask_to_end(self) -> None:
         if self.process is not None:
@@ -88,12 +99,6 @@ class Child:
         if self.reader is not None:
             self.reader.join(1.0)
 
-    def _forward(self, process: subprocess.Popen[bytes]) -> None:
-        assert process.stdout is not None
-        with process.stdout as lines:
-            for line in lines:
-                log.info("%s: %s", self.name, line.decode("utf-8", "replace").rstrip())
-
 
 class Supervisor:
     """Runs the robots until it is told to stop: a process for each, and one service for all."""
@@ -114,7 +119,11 @@ class Supervisor:
         Raises:
             CobotError: nothing could be started.
         """
-        log_file = self._open_log()
+        with supervising(self._settings.logging, self._settings.log_file) as self._log:
+            self._run()
+        return 0
+
+    def _run(self) -> None:
         listener = self._listen() if self._settings.web.enabled else None
         url = _url(listener) if listener is not None else ""
         rtloops: list[Child] = []
@@ -135,19 +144,18 @@ class Supervisor:
                     service.append(self._ros2(url))
                     service[-1].start()
                 self._await_first(rtloops, list(memories.values()))  # the others take longer
-                self._announce(url, memories, log_file)
+                self._announce(url, memories)
                 while not self._stopping.is_set():
                     for child in (*rtloops, *service):
                         self._revive(child)
                     self._sleep(0.1)
             finally:
-                log.info("stopping: the arm first")
-                for child in rtloops:  # all arms come to rest at the same time
+                for child in rtloops:  # all arms come to rest at the same time, before anything is written
                     child.ask_to_end()
+                log.info("stopping: the arm first")
                 for child in (*rtloops, *service):
                     child.end(STOP_TIMEOUT_S)
         log.info("stopped")
-        return 0
 
     def _memory(self, name: str, url: str, stack: ExitStack) -> RobotMemory:
         """A robot's shared memory, which goes with the stack."""
@@ -162,30 +170,19 @@ class Supervisor:
     def _rtloop(self, robot: str) -> Child:
         name = f"rtloop {robot}" if self._settings.robots else "rtloop"
         clock = self._settings.of(robot).rt.clock
-        return Child(name, [*RUN_MODULE, "rtloop", *self._config, "--robot", robot, "--clock", clock])
+        command = [*RUN_MODULE, "rtloop", *self._config, "--robot", robot, "--clock", clock]
+        return Child(name, command, self._log)
 
     def _service(self, listener: socket.socket) -> Child:
         host, port = listener.getsockname()[:2]
         listening = ["--host", host, "--port", str(port), "--fd", str(listener.fileno())]
-        return Child("service", [*RUN_MODULE, "app", *self._config, *listening], (listener.fileno(),))
+        losses = self._log.losses
+        command = [*RUN_MODULE, "app", *self._config, *listening, "--losses-fd", str(losses)]
+        return Child("service", command, self._log, (listener.fileno(), losses))
 
     def _ros2(self, url: str) -> Child:
-        return Child("ros2", [*RUN_MODULE, "ros2", *self._config, *(("--url", url) if url else ())])
-
-    def _open_log(self) -> Path:
-        folder = self._settings.logs
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            path = self._settings.log_file
-            to_file = RotatingFileHandler(path, maxBytes=LOG_BYTES, backupCount=3, encoding="utf-8")
-        except OSError as exc:
-            raise ConfigError(f"logs: cannot write to {folder}: {exc.strerror}") from exc
-        to_file.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
-        to_console = logging.StreamHandler(sys.stdout)
-        to_console.setFormatter(logging.Formatter("%(message)s"))
-        log.setLevel(logging.INFO)
-        log.handlers[:] = [to_file, to_console]
-        return path
+        command = [*RUN_MODULE, "ros2", *self._config, *(("--url", url) if url else ())]
+        return Child("ros2", command, self._log)
 
     def _listen(self) -> socket.socket:
         web = self._settings.web
@@ -272,7 +269,7 @@ class Supervisor:
         elif now_s >= child.restart_at_s:
             child.start()
 
-    def _announce(self, url: str, memories: dict[str, RobotMemory], log_file: Path) -> None:
+    def _announce(self, url: str, memories: dict[str, RobotMemory]) -> None:
         log.info("cobot %s (pid %d)", version("cobot"), os.getpid())
         log.info("  address    %s", f"{url}/docs" if url else "none: web.enabled is false")
         for name, memory in memories.items():
@@ -280,7 +277,7 @@ class Supervisor:
             log.info("  robot      %s, %d joints", name, memory.dof)
             log.info("  backend    %s, clock %s", rt.backend, rt.clock)
             log.info("  real time  %s", _permissions(memory))
-        log.info("  logs       %s", log_file)
+        log.info("  logs       %s", self._settings.log_file)
         log.info("  Ctrl-C stops: the arm first, then the service")
 
 
