@@ -109,13 +109,13 @@ def run(order: Run) -> int:
 
 
 def log(text: str) -> None:
-    """A line with its time, at once. Lines that the text has itself are indented: none can pass for another."""
+    """A line with its time, at once. Further lines of the text are indented: none can pass for another."""
     lines = "\n    | ".join(printable(line, LONGEST_LINE) for line in text.split("\n"))
     print(f"{datetime.now().astimezone().isoformat(timespec='milliseconds')} {lines}", flush=True)
 
 
 def say(text: str) -> None:
-    """A line that a program prints: marked, so that it does not pass for one of the runner's."""
+    """What a program of the service's prints: marked, so that it does not pass for a line of the runner's."""
     log(f"program: {text}")
 
 
@@ -162,7 +162,7 @@ def _iterate_program(order: Run, source: bytes, client: Client, recorder: Record
             if recorder is not None:
                 recorder.event({**event, **place})
 
-        program = Program(client, order.url, order.lua, say, moved)
+        program = Program(client, order.url, order.lua, log if order.progress is None else say, moved)
         run_apart(partial(program.run, source, order.name), program.watch)
 
 

@@ -39,11 +39,11 @@ class RequestTrail:
         request = _request_id(scope)
         client = scope.get("client")
         log_context.set({"request": request, "client": client[0] if client else ""})
-        if scope["type"] == "http" and scope["method"] in SAFE:
+        audit = cast("Audit | None", getattr(scope["app"].state, "audit", None))
+        if audit is None or (scope["type"] == "http" and scope["method"] in SAFE):
             await self._app(scope, receive, _identified(send, request))
             return
         address = f"{client[0]}:{client[1]}" if client else ""
-        audit = cast(Audit, scope["app"].state.audit)
         on = Trail(audit, lambda: _who(scope), address, request)
         trail.set(on)
         if scope["type"] == "http":

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import stat
 from pathlib import Path
 
 
@@ -66,6 +67,9 @@ class RotatingFile:
         if self._private:
             flags |= os.O_NOFOLLOW
         self._descriptor = os.open(self._path, flags, 0o600 if self._private else 0o644)
+        if self._private and not stat.S_ISREG(os.fstat(self._descriptor).st_mode):
+            self.close()
+            raise OSError(errno.EINVAL, "no regular file")
         if self._private:
             os.fchmod(self._descriptor, 0o600)
             if os.geteuid() == 0:  # a command of root's may be the first to write what a service goes on with

@@ -20,8 +20,8 @@ SHOWN_IDS = ("request", "motion", "session")
 IDS = (*SHOWN_IDS, "client")
 
 RECORD_SEPARATOR = b"\x1e"
-"""Begins each line that a process sends to the supervisor, as in RFC 7464. JSON has it nowhere else; what does
-not begin with it, or is no JSON, is taken for text that somebody has printed."""
+"""Begins each line that a process sends to the supervisor, as in RFC 7464. JSON has it nowhere else; what
+does not begin with it, or is no JSON, is taken for text that somebody has printed."""
 
 log_context: ContextVar[dict[str, str]] = ContextVar("log_context", default={})  # noqa: B039  never changed
 """What the lines of this task are about: of `IDS` those that are known."""

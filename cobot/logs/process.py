@@ -1,4 +1,4 @@
-"""The log of a process: whatever it says, its libraries, warnings and prints included, never makes it wait."""
+"""The log of a process: whatever it says, libraries, warnings and prints included, never makes it wait."""
 
 from __future__ import annotations
 
