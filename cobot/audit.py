@@ -191,7 +191,6 @@ def record_from_cli(settings: Settings, what: str, outcome: str = "ok", **detail
     entry = _entry(time.time(), user, "cli", what, outcome, details, "")
     file = RotatingFile(settings.audit_file, sys.maxsize, 0, private=True)  # the service puts files aside
     try:
-        settings.audit_file.parent.mkdir(parents=True, exist_ok=True)
         file.append(_line(entry))
         file.sync()
     except OSError as exc:

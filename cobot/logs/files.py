@@ -31,7 +31,7 @@ class RotatingFile:
         Raises:
             OSError: not all of it could be written; what was, is ended as a line by the next piece.
         """
-        self._open()
+        self.open()
         if os.fstat(self._descriptor).st_size + len(piece) > self._max_bytes:
             self._rotate()
         if self._torn:
@@ -55,14 +55,19 @@ class RotatingFile:
             os.close(self._descriptor)
             self._descriptor = -1
 
-    def _open(self) -> None:
-        """The file, which somebody may have moved or deleted."""
+    def open(self) -> None:
+        """Have it there, though somebody may have moved or deleted it.
+
+        Raises:
+            OSError: it cannot be.
+        """
         if self._descriptor >= 0:
             with contextlib.suppress(FileNotFoundError):
                 there, ours = os.stat(self._path), os.fstat(self._descriptor)
                 if (there.st_ino, there.st_dev) == (ours.st_ino, ours.st_dev):
                     return
             self.close()
+        self._path.parent.mkdir(parents=True, exist_ok=True)
         flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC
         if self._private:
             flags |= os.O_NOFOLLOW
@@ -84,7 +89,7 @@ class RotatingFile:
         for number in range(self._count, 0, -1):
             with contextlib.suppress(FileNotFoundError):
                 os.replace(files[number - 1], files[number])
-        self._open()
+        self.open()
 
 
 def aside(path: Path, count: int) -> list[Path]:

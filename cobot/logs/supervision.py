@@ -32,14 +32,12 @@ LOSSES = struct.Struct("3q")
 class SupervisorLog(logging.Handler):
     """Takes the lines of the children and its own."""
 
-    def __init__(self, settings: LoggingSection, path: Path) -> None:
+    def __init__(self, settings: LoggingSection, file: RotatingFile) -> None:
         super().__init__()
         as_json = settings.format == "json"
         self._descriptor = os.memfd_create("cobot-losses")
         os.ftruncate(self._descriptor, LOSSES.size)
         self._losses = mmap.mmap(self._descriptor, LOSSES.size)
-        file = RotatingFile(path, LOG_BYTES, LOG_FILES)
-        file.append(b"")  # what cannot be written at the start is said at the start
         self._file = Outlet[Line](
             lambda line: file.append(line.json() if as_json else line.text()),
             lambda count: _lost(count, "log file"),
@@ -109,11 +107,12 @@ def supervising(settings: LoggingSection, path: Path) -> Iterator[SupervisorLog]
     Raises:
         ConfigError: the file cannot be written.
     """
+    file = RotatingFile(path, LOG_BYTES, LOG_FILES)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        made = SupervisorLog(settings, path)
+        file.open()
     except OSError as exc:
         raise ConfigError(f"logs: cannot write to {path.parent}: {exc.strerror}") from exc
+    made = SupervisorLog(settings, file)
     signal.signal(signal.SIGTTOU, signal.SIG_IGN)  # a terminal may else stop who writes in the background
     log = logging.getLogger("cobot")
     log.setLevel(settings.level.upper())

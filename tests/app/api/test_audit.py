@@ -26,7 +26,7 @@ HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 CSV = "joint1,joint2,joint3,joint4,joint5,joint6,joint7,t\n"
 BODIES: dict[str, dict[str, Any]] = {
     "/trajectory/send_csv": {"files": {"file": ("points.csv", CSV)}},
-    "/sequences/start": {"files": {"config": ("evil\n.json", "{}")}},
+    "/sequences/start": {"files": {"config": ("a.json", "{}")}, "data": {"n_iterations": "0"}},
     "/stop": {},
     "/robot/reset": {},
 }
@@ -126,7 +126,9 @@ def test_an_entry_tells_what_became_of_it(run: VirtualService) -> None:
 
 
 def test_an_upload_is_known_by_its_digest(run: VirtualService) -> None:
-    _, request = ask(run, "POST", "/sequences/start", files={"config": ("a\x1b[2J.json", b"{}")})
+    files = {"config": ("a\x1b[2J.json", b"{}")}
+    status, request = ask(run, "POST", "/sequences/start", files=files, data={"bag_path": "../../x"})
+    assert status == 422
     details = entry(run, request)["details"]
     assert details["sha256"] == "44136fa355b3678a1146ad16f7e8649e94fb4fc21fe77e8310c060f61caaff8a"
     assert details["bytes"] == 2
@@ -136,9 +138,8 @@ def test_an_upload_is_known_by_its_digest(run: VirtualService) -> None:
 def test_a_websocket_is_opened_and_closed_and_its_session_too(run: VirtualService) -> None:
     socket = run.connect("/robot/stream")
     json.loads(socket.recv())
-    socket.send(json.dumps({"type": "session", "mode": "JOINT_IMPEDANCE"}))
-    while json.loads(socket.recv())["type"] != "session":
-        pass
+    socket.send(json.dumps({"type": "session"}))
+    assert json.loads(socket.recv())["type"] == "session"
     socket.send(json.dumps({"type": "end"}))
     run.until(lambda: any(each["what"] == "session ended" for each in entries(run)))
     socket.close()
@@ -168,7 +169,7 @@ def test_what_rosbridge_changes_leaves_entries_and_what_it_reads_does_not(run: V
 
     call("RobotConfig/getDof")
     call("IoControl/setStandardDigitalOutput", index=0, value=True)
-    message = {"data": "SetMode,0"}
+    message = {"data": json.dumps({"type": "fjt_control", "enable": True})}
     socket.send(json.dumps({"op": "advertise", "topic": f"/{run.name}/joint_cmd", "type": "std_msgs/String"}))
     socket.send(json.dumps({"op": "publish", "topic": f"/{run.name}/joint_cmd", "msg": message}))
     goal = {"trajectory": {"joint_names": ["nobody"]}}
@@ -180,7 +181,7 @@ def test_what_rosbridge_changes_leaves_entries_and_what_it_reads_does_not(run: V
     found = [each for each in entries(run) if each["request"] == entries(run)[0]["request"]]
     whats = [each["what"] for each in reversed(found)]
     assert whats[:2] == ["WS /rosbridge opened", f"{run.name}/IoControl/setStandardDigitalOutput"]
-    assert any(what == f"goal of {action}" for what in whats), whats
+    assert whats[2:] == ["joint_cmd", f"goal of {action}"]
     assert not any("getDof" in what for what in whats)
     socket.close()
 
