@@ -21,6 +21,7 @@ from app.services.state.link import RobotLink
 from cobot.config import SequencesSection
 from cobot.errors import ConflictError, InputError, MotionStopped, UnavailableError
 from cobot.launch.process import RUN_MODULE
+from cobot.logs import printable
 
 LINE_BYTES = 65536
 
@@ -239,7 +240,7 @@ class SequenceService:
                 line = b"(a line too long to keep)"
             if not line:
                 return
-            self._lines.append(line.decode("utf-8", "replace").rstrip())
+            self._lines.append(printable(line.decode("utf-8", "replace").rstrip(), LINE_BYTES))
 
     async def _read_progress(self, stream: asyncio.StreamReader) -> None:
         while line := await stream.readline():
@@ -253,7 +254,8 @@ class SequenceService:
                 )
 
     def _note(self, text: str) -> None:
-        self._lines.append(f"{datetime.now().astimezone().isoformat(timespec='milliseconds')} {text}")
+        moment = datetime.now().astimezone().isoformat(timespec="milliseconds")
+        self._lines.append(f"{moment} {printable(text)}")
 
 
 def _printable(name: str) -> str:
