@@ -120,9 +120,7 @@ def start_logging(process: str, settings: LoggingSection | None = None) -> None:
     root.handlers[:] = [made]
     logging.captureWarnings(True)
     with contextlib.suppress(OSError, ValueError):
-        faulthandler.enable(
-            2
-        )  # writes past Python; into a full pipe of the supervisor's, which does not block
+        faulthandler.enable(2)  # writes past Python, and waits for nothing: see `Child.start`
     sys.stdout, sys.stderr = _Printed("stdout", logging.INFO, 1), _Printed("stderr", logging.WARNING, 2)
     sys.excepthook = _uncaught
     threading.excepthook = _uncaught_in_thread
