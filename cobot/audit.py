@@ -25,6 +25,7 @@ from typing import Any
 
 from cobot.clock import SYSTEM, Clock
 from cobot.config import Settings
+from cobot.errors import InputError
 from cobot.logs.files import RotatingFile, aside
 from cobot.logs.lines import printable
 from cobot.logs.outlet import Outlet
@@ -103,10 +104,13 @@ class Audit:
 
         Args:
             limit: at the most.
-            since: only those of then or later.
+            since: only those of then or later; without a zone it is UTC.
+
+        Raises:
+            InputError: no time that UTC knows.
         """
         self._outlet.wait(READ_WAIT_S)
-        earliest = "" if since is None else _time(since.timestamp())
+        earliest = _earliest(since)
         found: list[Entry] = []
         for path in aside(self._path, OLDER_FILES):
             for entry in _backwards(path):
@@ -118,7 +122,8 @@ class Audit:
     def close(self) -> None:
         """Write what there is, as far as the disk takes it."""
         self._ending.set()
-        self._outlet.close(END_S)
+        if self._outlet.close(END_S):
+            self._file.close()
 
     def _write(self, entry: Entry) -> None:
         while True:
@@ -222,6 +227,16 @@ def _plain(value: object) -> object:
     if isinstance(value, list | tuple):
         return [_plain(each) for each in value[:MAX_ITEMS]]
     return printable(str(value), MAX_TEXT)
+
+
+def _earliest(since: datetime | None) -> str:
+    if since is None:
+        return ""
+    try:
+        aware = since if since.tzinfo else since.replace(tzinfo=UTC)
+        return aware.astimezone(UTC).isoformat(timespec="milliseconds")
+    except OverflowError as exc:
+        raise InputError(f"since: {since.isoformat()} is no time that UTC knows") from exc
 
 
 def _time(time_s: float) -> str:

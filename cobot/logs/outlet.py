@@ -95,11 +95,12 @@ class Outlet(Generic[Item]):
         while self._waiting and time.monotonic() < deadline_s:
             time.sleep(0.002)
 
-    def close(self, timeout_s: float) -> None:
-        """Write what there is, as far as that is possible within a time."""
+    def close(self, timeout_s: float) -> bool:
+        """Write what there is; whether that was possible within the time."""
         self._ended = True
         self._queue.put(_Sign.END)
         self._thread.join(timeout_s)
+        return not self._thread.is_alive()
 
     def _run(self) -> None:
         item: Item | _Sign | None = None

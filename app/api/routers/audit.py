@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from datetime import UTC
 from typing import Annotated, cast
 
 from fastapi import APIRouter, Query, Request
@@ -19,6 +18,5 @@ router = APIRouter(tags=["audit"])
 async def audit(query: Annotated[AuditQuery, Query()], request: Request) -> AuditAnswer:
     """What was asked for that changes something, by whom, and what became of it; the newest first."""
     kept = cast(Audit, request.app.state.audit)
-    since = query.since if query.since is None or query.since.tzinfo else query.since.replace(tzinfo=UTC)
-    entries = await asyncio.to_thread(kept.newest, query.limit, since)
+    entries = await asyncio.to_thread(kept.newest, query.limit, query.since)
     return AuditAnswer.model_validate({"entries": entries, "lost": kept.dropped, "problem": kept.problem})
