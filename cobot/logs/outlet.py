@@ -33,7 +33,7 @@ class Outlet(Generic[Item]):
     """Writes items in a thread of its own, however long that takes.
 
     Args:
-        write: gets one item; what it raises as OSError loses the item.
+        write: gets one item; what it raises loses the item.
         lost: the item that tells how many were lost, once there is room.
         settle: called when all that was put in has been written.
         repeats: holds back what repeats itself.
@@ -135,8 +135,8 @@ class Outlet(Generic[Item]):
                 self._told = count
             self._write(item)
             self.error = 0
-        except OSError as exc:
-            self.error = exc.errno or -1
+        except Exception as exc:  # noqa: BLE001  whatever it is, it shall not end the thread
+            self.error = getattr(exc, "errno", None) or -1
             with self._lock:
                 self.dropped += 1
 
