@@ -18,10 +18,12 @@ from starlette.routing import BaseRoute
 
 from app.api import errors
 from app.api.access import Access
+from app.api.audit import RequestTrail
 from app.api.body_limit import BodyLimit
 from app.api.openapi import with_limits, with_tokens
 from app.api.origins import Origins
 from app.api.roles import guard, roles
+from app.api.routers import audit as audit_router
 from app.api.routers import common, sequences, trajectory
 from app.api.routers import robot as robot_router
 from app.api.routers import robots as robots_router
@@ -35,8 +37,10 @@ from app.services.motion.synchronous import SyncService
 from cobot.access.authentication import Authenticator, authentication_required, rights_of_ros
 from cobot.access.roles import ROS
 from cobot.access.tokens import TokenFile
+from cobot.audit import Audit
 from cobot.clock import SYSTEM, Clock
 from cobot.config import Endpoint, Settings, load_endpoints
+from cobot.logs.supervision import Losses
 from cobot.robot.description import load_robot
 
 DESCRIPTION = """Moves a robot arm. Motions answer when the arm has arrived and settled: look at `success`.
@@ -93,6 +97,8 @@ def create_app(
             tokens=tokens,
         )
         async with contextlib.AsyncExitStack() as stack:
+            app.state.audit = Audit(settings.audit_file, clock)
+            stack.callback(app.state.audit.close)
             app.state.robots = {
                 name: await stack.enter_async_context(serving_robot(each, robots[name], shared))
                 for name, each in settings.each.items()
@@ -119,6 +125,7 @@ def create_app(
     }
     app.state.large_body = asyncio.Lock()
     app.state.rosbridge_connections = 0
+    app.state.losses = Losses(None)
     app.state.stop_on_disconnect = settings.web.stop_on_disconnect
     app.add_middleware(
         BodyLimit,
@@ -128,8 +135,8 @@ def create_app(
     )
     hosts = [host, urlsplit(base_url).hostname or host, *settings.web.allowed_hosts]
     origins = Origins(hosts, settings.web.allowed_origins, host)
-    # The outermost: what it refuses reaches nothing else.
     app.add_middleware(Access, tokens=tokens, origins=origins, required=required)
+    app.add_middleware(RequestTrail)  # The last one is the outermost: what is refused leaves a trail too.
     errors.install(app)
     limits = {name: robot.limits for name, robot in robots.items()}
     app.openapi = with_limits(app.openapi, limits)  # type: ignore[method-assign]
@@ -149,7 +156,7 @@ def create_app(
         stream_router.router,
     )
     plain = [route for router in routers for route in router.routes if _enabled(route, endpoints)]
-    more = (robots_router.router, vendor_http.router, rosbridge_router.router)
+    more = (robots_router.router, audit_router.router, vendor_http.router, rosbridge_router.router)
     named = [route for router in more for route in router.routes if _enabled(route, endpoints)]
     app.router.routes[:0] = [*plain, *robots_router.twins(plain, list(robots)), *named]
     for route in app.routes:

@@ -24,12 +24,16 @@ from cobot.client.tls import CERTIFICATE_VARIABLE
 from cobot.client.wire import MAX_FRAME_BYTES
 from cobot.config import ConnectionLimits, load_settings
 from cobot.errors import CobotError
+from cobot.logs import start_logging
+from cobot.logs.supervision import Losses
 
 ANY_ADDRESS = {"0.0.0.0": "127.0.0.1", "::": "::1"}
 SHUTDOWN_S = 4
 SWITCH_S = 0.001
 """So long a thread that takes something large apart may keep the event loop waiting for the interpreter."""
 PING_S = 5.0
+
+log = logging.getLogger("cobot.service")
 
 
 class Server(uvicorn.Server):
@@ -65,12 +69,14 @@ def main() -> int:
     parser.add_argument("--host", required=True, help="address that the socket listens on")
     parser.add_argument("--port", type=int, required=True)
     parser.add_argument("--fd", type=int, required=True, help="descriptor of the listening socket")
+    parser.add_argument("--losses-fd", type=int, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
-    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s", stream=sys.stdout)
+    start_logging("service")
     logging.getLogger("httpx").setLevel(logging.WARNING)
     ros_token = os.environ.pop(ROS_TOKEN_VARIABLE, None)  # programs that are started here get none of it
     try:
         settings = load_settings(arguments.config)
+        start_logging("service", settings.logging)
         secure = check_certificate(settings.web)
         app = create_app(
             settings,
@@ -80,11 +86,12 @@ def main() -> int:
             ros_token=ros_token,
         )
     except CobotError as exc:
-        print(exc, flush=True)
+        log.error("%s", exc)
         return 2
     if secure:  # programs that are started here trust it whatever it is made out to
         os.environ[CERTIFICATE_VARIABLE] = str(settings.web.tls_certificate)
     limits = settings.web.limits
+    app.state.losses = Losses(arguments.losses_fd)
     config = uvicorn.Config(
         app,
         loop="uvloop",

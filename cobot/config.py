@@ -52,6 +52,7 @@ ENDPOINTS = (
     "POST /stop",
     "GET /health",
     "GET /robots",
+    "GET /audit",
     "WS /robot/stream",
     "WS /rosbridge",
     "POST /{robot}/{Class}/{method}",
@@ -270,6 +271,11 @@ class RosSection(Section):
     fjt_send_period: Annotated[float, Field(ge=0.0, le=1.0)]
 
 
+class LoggingSection(Section):
+    format: Literal["text", "json"]
+    level: Literal["debug", "info", "warning", "error"]
+
+
 class Settings(Section):
     """`cobot-setting.yaml`, as it is for one robot.
 
@@ -286,11 +292,16 @@ class Settings(Section):
     sequences: SequencesSection
     ros: RosSection
     logs: Location
+    logging: LoggingSection
     robots: tuple[Settings, ...] = ()
 
     @property
     def log_file(self) -> Path:
         return self.logs / f"{self.robot.name}.log"
+
+    @property
+    def audit_file(self) -> Path:
+        return self.logs / f"{self.robot.name}.audit.jsonl"
 
     @property
     def each(self) -> dict[str, Settings]:

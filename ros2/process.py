@@ -9,7 +9,6 @@ import logging
 import os
 import re
 import signal
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from cobot.access.authentication import ROS_TOKEN_VARIABLE, rights_of_ros
 from cobot.access.roles import Role
 from cobot.config import Settings, load_settings
 from cobot.errors import CobotError
+from cobot.logs import start_logging
 from cobot.ros.messages import Messages
 from cobot.ros.robot_messages import STRING, TRANSFORMS
 from ros2.gateway import Gateway
@@ -44,12 +44,14 @@ def main() -> int:
         "--url", default="", help="of the web service; without it only the robots' states are told"
     )
     arguments = parser.parse_args()
-    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s", stream=sys.stdout)
+    start_logging("ros2")
     logging.getLogger("websockets").setLevel(logging.WARNING)
     try:
-        uvloop.run(_serve(load_settings(arguments.config), arguments.url))
+        settings = load_settings(arguments.config)
+        start_logging("ros2", settings.logging)
+        uvloop.run(_serve(settings, arguments.url))
     except (CobotError, NetworkError) as exc:
-        print(exc, flush=True)
+        log.error("%s", exc)
         return 2
     return 0
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import os
 import signal
 import time
@@ -14,6 +15,7 @@ import numpy as np
 from cobot.config import RtSection, Settings, load_settings
 from cobot.errors import CobotError
 from cobot.ipc.shm import RobotMemory, Role, encoded
+from cobot.logs import start_logging
 from cobot.robot.description import RobotDescription, load_robot
 from rtloop.backends import Backend, BackendError, ImpedanceControlled, make_backend
 from rtloop.clock import FastClock, RealtimeClock
@@ -21,6 +23,8 @@ from rtloop.loop import ControlLoop
 from rtloop.realtime import Permissions, freeze_garbage, prepare
 
 INFO_LIMITS = ("min_position", "max_position", "max_velocity", "max_acceleration", "max_jerk", "max_effort")
+
+log = logging.getLogger("cobot.rtloop")
 
 
 def main() -> int:
@@ -31,14 +35,21 @@ def main() -> int:
     parser.add_argument("--clock", choices=("realtime", "fast"), help="instead of rt.clock")
     parser.add_argument("--check", action="store_true", help="only see whether the backend can be made")
     arguments = parser.parse_args()
+    if not arguments.check:
+        start_logging("rtloop")
     try:
         if arguments.check:
             settings = load_settings(arguments.config).of(arguments.robot)
             make_backend(settings, load_robot(settings).limits)
         else:
-            _run(load_settings(arguments.config).of(arguments.robot), arguments.clock)
+            settings = load_settings(arguments.config).of(arguments.robot)
+            start_logging("rtloop", settings.logging)
+            _run(settings, arguments.clock)
     except (CobotError, BackendError) as exc:
-        print(exc, flush=True)
+        if arguments.check:
+            print(exc, flush=True)
+        else:
+            log.error("%s", exc)
         return 2
     return 0
 

@@ -17,12 +17,14 @@ from types import FrameType
 
 from cobot.client import Client
 from cobot.errors import CobotError, InputError, UnavailableError
+from cobot.logs import printable
 from sequences.lua_program import Program
 from sequences.lua_sandbox import Limits, run_apart
 from sequences.recorder import Recorder, parse_topics
 from sequences.schema import AnyTarget, JointTarget, NamedTarget, Sequence, read_file, read_sequence
 
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
+LONGEST_LINE = 10_000
 
 
 class ReturnCode(IntEnum):
@@ -108,8 +110,14 @@ def run(order: Run) -> int:
 
 
 def log(text: str) -> None:
-    """A line with its time, at once."""
-    print(f"{datetime.now().astimezone().isoformat(timespec='milliseconds')} {text}", flush=True)
+    """A line with its time, at once. Further lines of the text are indented: none can pass for another."""
+    lines = "\n    | ".join(printable(line, LONGEST_LINE) for line in text.split("\n"))
+    print(f"{datetime.now().astimezone().isoformat(timespec='milliseconds')} {lines}", flush=True)
+
+
+def say(text: str) -> None:
+    """What a program of the service's prints: marked, so that it does not pass for a line of the runner's."""
+    log(f"program: {text}")
 
 
 def _end(number: int, frame: FrameType | None) -> None:
@@ -155,7 +163,7 @@ def _iterate_program(order: Run, source: bytes, client: Client, recorder: Record
             if recorder is not None:
                 recorder.event({**event, **place})
 
-        program = Program(client, order.url, order.lua, log, moved)
+        program = Program(client, order.url, order.lua, log if order.progress is None else say, moved)
         run_apart(partial(program.run, source, order.name), program.watch)
 
 

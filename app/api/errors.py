@@ -14,8 +14,9 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
 
-from cobot import errors
+from cobot import audit, errors
 from cobot.errors import CobotError
+from cobot.logs import log_context
 from cobot.strict import sentence, shown
 
 log = logging.getLogger("cobot.service")
@@ -88,6 +89,7 @@ def answer_to(error: CobotError) -> JSONResponse:
 
 
 def _answer(status: int, detail: str, code: str, headers: Any = None) -> JSONResponse:
+    audit.add_details(error=detail, code=code)
     return JSONResponse({"detail": detail, "code": code}, status, headers)
 
 
@@ -122,7 +124,8 @@ async def _http_exception(request: Request, exc: Exception) -> JSONResponse:
 
 async def _unexpected(request: Request, exc: Exception) -> JSONResponse:
     log.error("%s %s failed", request.method, request.url.path, exc_info=exc)
-    return _answer(500, "an error in cobot itself; its log has the details", CobotError.code)
+    headers = {"X-Request-Id": log_context.get().get("request", "")}  # past the middleware that adds it
+    return _answer(500, "an error in cobot itself; its log has the details", CobotError.code, headers)
 
 
 def _sentence(error: Any) -> str:

@@ -37,6 +37,7 @@ ROLES: dict[str, Role] = {
     STOP: Role.OBSERVER,  # whoever sees that it goes wrong
     "GET /health": Role.OBSERVER,
     "GET /robots": Role.OBSERVER,
+    "GET /audit": Role.ADMIN,
     "WS /robot/stream": Role.OBSERVER,  # a session needs an operator: app.api.routers.stream
     "WS /rosbridge": Role.OBSERVER,  # each operation needs its own: app.rosbridge.roles
     "POST /{robot}/{Class}/{method}": Role.OBSERVER,  # and each method: app.aubo.roles

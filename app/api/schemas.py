@@ -299,6 +299,38 @@ class SequenceStatusAnswer(BaseModel):
     bag_path: str | None
 
 
+class AuditQuery(StrictModel):
+    """Which entries."""
+
+    model_config = ConfigDict(strict=False)
+
+    limit: int = Field(100, ge=1, le=1000, description="So many entries at the most.")
+    since: datetime | None = Field(None, description="Only those of then or later; without a zone it is UTC.")
+
+
+class AuditEntry(BaseModel):
+    """What somebody has done, or tried to do."""
+
+    model_config = ConfigDict(populate_by_name=True)
+
+    time: datetime = Field(description="When, UTC.")
+    who: str = Field(description="The name of the access token; anonymous; the user, for the command line.")
+    from_: str = Field(alias="from", description="Address and port, or cli.")
+    what: str = Field(description="Method and path; the vendor service; what a connection has done.")
+    outcome: str = Field(description="HTTP's status, or ok, or what went wrong.")
+    request: str | None = Field(None, description="The X-Request-Id, which lines of the log have too.")
+    repeated: int | None = Field(None, description="So many more of this kind followed in the same second.")
+    details: dict[str, Any] = Field({}, description="What else is known: the motion, the upload, the error.")
+
+
+class AuditAnswer(BaseModel):
+    """The newest entries, the newest of them first."""
+
+    entries: list[AuditEntry] = Field(description="The newest first.")
+    lost: int = Field(description="Entries that could not be written since the service started.")
+    problem: str = Field(description="Why nothing can be written at present; empty while all is well.")
+
+
 class StopAnswer(BaseModel):
     """What was stopped, where the arm is, how long it took."""
 

@@ -31,6 +31,7 @@ from typing import TYPE_CHECKING, Any
 from app.aubo.codes import Code, code_of
 from app.aubo.fields import REQUIRED, ROS_TYPES, Field, Int64, Json, argument
 from app.aubo.roles import role_of
+from cobot import audit
 from cobot.access.roles import Role
 from cobot.errors import CobotError, InputError
 from cobot.strict import shown, unknown_key
@@ -74,6 +75,12 @@ class Service:
         return role_of(self.robot_class, self.method)
 
     @property
+    def changes(self) -> bool:
+        """Whether it may change something, which the audit then has."""
+        reads = self.robot_class in CALCULATIONS or READS.match(self.method) is not None
+        return not reads and self.method not in POINTS
+
+    @property
     def signature(self) -> tuple[Any, ...]:
         """What two services of one .srv have in common."""
         return tuple((field.name, field.ros_type) for field in (*self.parameters, self.result))
@@ -102,6 +109,12 @@ class Answer:
     message: str
     result: Any
 
+
+CALCULATIONS = ("Math", "RobotAlgorithm")
+READS = re.compile(r"get|is[A-Z]|has|peek|(axisGroup|frame|modbus|serial|socket)(Get|Read|Convert)")
+"""Classes, and beginnings of methods, that change nothing."""
+POINTS = ("servoJoint", "servoCartesian")
+"""Of points, the audit has the session that they belong to."""
 
 REGISTRY: dict[tuple[str, str], Service] = {}
 """All services by (class, method). Complete once `app.aubo.classes` is imported."""
@@ -145,6 +158,16 @@ async def call(
 
 async def run(robot: Services, found: Service, bound: dict[str, Any], origin: Origin | None = None) -> Answer:
     """Call a service with arguments from `bind`."""
+    if not found.changes:
+        return await _run(robot, found, bound, origin)
+    where, arguments = f"{robot.robot.name}/{found.robot_class}/{found.method}", shown(bound)
+    answer = await _run(robot, found, bound, origin)
+    outcome = "ok" if answer.code == Code.OK else f"{int(answer.code)}: {answer.message}"
+    audit.note(where, outcome, arguments=arguments)
+    return answer
+
+
+async def _run(robot: Services, found: Service, bound: dict[str, Any], origin: Origin | None) -> Answer:
     where = f"{found.robot_class}/{found.method}"
     if found.takes_origin:
         bound["origin"] = origin or Origin(where, robot.ownership.stops)

@@ -16,6 +16,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from app.graph.actions import Action, CancelCode, GoalHandle, GoalStatus, Rejected
+from cobot import audit
 from cobot.access.roles import Role
 from cobot.errors import CobotError
 from cobot.ros.messages import Message
@@ -111,6 +112,10 @@ class ActionServer:
         task.add_done_callback(self._tasks.discard)
         try:
             await asyncio.shield(goal.accepted)
+            audit.note(f"goal of {self.action.name}", "accepted", goal=goal_id)
+        except CobotError as exc:
+            audit.note(f"goal of {self.action.name}", f"refused: {exc}", goal=goal_id)
+            raise
         except asyncio.CancelledError:
             goal.handle.cancel_requested.set()  # who asked has gone
             raise
@@ -124,6 +129,7 @@ class ActionServer:
         if not goal.running:
             return CancelCode.GOAL_TERMINATED
         goal.handle.cancel_requested.set()
+        audit.note(f"goal of {self.action.name}", "cancelled", goal=goal_id)
         if goal.status is GoalStatus.EXECUTING:
             goal.status = GoalStatus.CANCELING
             self._publish_status()

@@ -15,13 +15,11 @@ import selectors
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from importlib.metadata import version
-from logging.handlers import RotatingFileHandler
 from pathlib import Path
 from types import FrameType
 
@@ -31,9 +29,11 @@ from cobot.access.tokens import TokenFile
 from cobot.addresses import address
 from cobot.client.tls import CERTIFICATE_VARIABLE
 from cobot.config import Settings
-from cobot.errors import ConfigError, TornReadError, UnavailableError
+from cobot.errors import TornReadError, UnavailableError
 from cobot.ipc.shm import RobotMemory, text
 from cobot.launch.process import RUN_MODULE
+from cobot.logs.process import SUPERVISED
+from cobot.logs.supervision import SupervisorLog, supervising
 from cobot.robot.description import load_robot
 
 FIRST_BACKOFF_S = 0.2
@@ -42,7 +42,6 @@ STEADY_S = 10.0
 """A process that has lived so long is trusted again: its next pause is the first one."""
 READY_TIMEOUT_S = 20.0
 STOP_TIMEOUT_S = 5.0
-LOG_BYTES = 10_000_000
 
 log = logging.getLogger("cobot")
 
@@ -53,6 +52,7 @@ class Child:
 
     name: str
     command: list[str]
+    log: SupervisorLog
     descriptors: tuple[int, ...] = ()
     environment: dict[str, str] = field(default_factory=dict, repr=False)
     process: subprocess.Popen[bytes] | None = None
@@ -62,18 +62,28 @@ class Child:
     reader: threading.Thread | None = field(default=None, repr=False)
 
     def start(self) -> None:
-        self.process = subprocess.Popen(
-            self.command,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            pass_fds=self.descriptors,
-            env={**os.environ, **self.environment},
-            start_new_session=True,  # Ctrl-C reaches the supervisor alone, which stops the arm first
-        )
+        read_end, write_end = os.pipe()
+        # What a process writes past its log, as C libraries and the interpreter do, is lost when this one
+        # does not read, and waits for nothing.
+        os.set_blocking(write_end, False)
+        output = os.fdopen(read_end, "rb")
+        try:
+            self.process = subprocess.Popen(
+                self.command,
+                stdin=subprocess.DEVNULL,
+                stdout=write_end,
+                stderr=write_end,
+                pass_fds=self.descriptors,
+                env={**os.environ, **self.environment, SUPERVISED: "1"},
+                start_new_session=True,  # Ctrl-C reaches the supervisor alone, which stops the arm first
+            )
+        except BaseException:
+            output.close()
+            raise
+        finally:
+            os.close(write_end)
         self.started_s = time.monotonic()
-        self.reader = threading.Thread(target=self._forward, args=(self.process,), daemon=True)
-        self.reader.start()
+        self.reader = self.log.follow(self.name, output)
 
     def ask_to_end(self) -> None:
         if self.process is not None:
@@ -94,12 +104,6 @@ class Child:
             self.process.wait()
         if self.reader is not None:
             self.reader.join(1.0)
-
-    def _forward(self, process: subprocess.Popen[bytes]) -> None:
-        assert process.stdout is not None
-        with process.stdout as lines:
-            for line in lines:
-                log.info("%s: %s", self.name, line.decode("utf-8", "replace").rstrip())
 
 
 class Supervisor:
@@ -122,7 +126,11 @@ class Supervisor:
         Raises:
             CobotError: nothing could be started.
         """
-        log_file = self._open_log()
+        with supervising(self._settings.logging, self._settings.log_file) as self._log:
+            self._run()
+        return 0
+
+    def _run(self) -> None:
         secure = check_certificate(self._settings.web)
         listener = self._listen() if self._settings.web.enabled else None
         url = _url(listener, secure) if listener is not None else ""
@@ -145,19 +153,18 @@ class Supervisor:
                     service.append(self._ros2(url))
                     service[-1].start()
                 self._await_first(rtloops, list(memories.values()))  # the others take longer
-                self._announce(url, access, memories, log_file)
+                self._announce(url, access, memories)
                 while not self._stopping.is_set():
                     for child in (*rtloops, *service):
                         self._revive(child)
                     self._sleep(0.1)
             finally:
-                log.info("stopping: the arm first")
-                for child in rtloops:  # all arms come to rest at the same time
+                for child in rtloops:  # all arms come to rest at the same time, before anything is written
                     child.ask_to_end()
+                log.info("stopping: the arm first")
                 for child in (*rtloops, *service):
                     child.end(STOP_TIMEOUT_S)
         log.info("stopped")
-        return 0
 
     def _memory(self, name: str, url: str, stack: ExitStack) -> RobotMemory:
         """A robot's shared memory, which goes with the stack."""
@@ -172,35 +179,23 @@ class Supervisor:
     def _rtloop(self, robot: str) -> Child:
         name = f"rtloop {robot}" if self._settings.robots else "rtloop"
         clock = self._settings.of(robot).rt.clock
-        return Child(name, [*RUN_MODULE, "rtloop", *self._config, "--robot", robot, "--clock", clock])
+        command = [*RUN_MODULE, "rtloop", *self._config, "--robot", robot, "--clock", clock]
+        return Child(name, command, self._log)
 
     def _service(self, listener: socket.socket) -> Child:
         host, port = listener.getsockname()[:2]
         listening = ["--host", host, "--port", str(port), "--fd", str(listener.fileno())]
-        command = [*RUN_MODULE, "app", *self._config, *listening]
-        return Child("service", command, (listener.fileno(),), {ROS_TOKEN_VARIABLE: self._ros_token})
+        losses = self._log.losses
+        command = [*RUN_MODULE, "app", *self._config, *listening, "--losses-fd", str(losses)]
+        token = {ROS_TOKEN_VARIABLE: self._ros_token}
+        return Child("service", command, self._log, (listener.fileno(), losses), token)
 
     def _ros2(self, url: str) -> Child:
         command = [*RUN_MODULE, "ros2", *self._config, *(("--url", url) if url else ())]
         environment = {ROS_TOKEN_VARIABLE: self._ros_token}
         if self._settings.web.tls_certificate:
             environment[CERTIFICATE_VARIABLE] = str(self._settings.web.tls_certificate)
-        return Child("ros2", command, environment=environment)
-
-    def _open_log(self) -> Path:
-        folder = self._settings.logs
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            path = self._settings.log_file
-            to_file = RotatingFileHandler(path, maxBytes=LOG_BYTES, backupCount=3, encoding="utf-8")
-        except OSError as exc:
-            raise ConfigError(f"logs: cannot write to {folder}: {exc.strerror}") from exc
-        to_file.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
-        to_console = logging.StreamHandler(sys.stdout)
-        to_console.setFormatter(logging.Formatter("%(message)s"))
-        log.setLevel(logging.INFO)
-        log.handlers[:] = [to_file, to_console]
-        return path
+        return Child("ros2", command, self._log, environment=environment)
 
     def _listen(self) -> socket.socket:
         web = self._settings.web
@@ -307,7 +302,7 @@ class Supervisor:
         elif now_s >= child.restart_at_s:
             child.start()
 
-    def _announce(self, url: str, access: str, memories: dict[str, RobotMemory], log_file: Path) -> None:
+    def _announce(self, url: str, access: str, memories: dict[str, RobotMemory]) -> None:
         log.info("cobot %s (pid %d)", version("cobot"), os.getpid())
         log.info("  address    %s", f"{url}/docs" if url else "none: web.enabled is false")
         log.info("  access     %s", access)
@@ -316,7 +311,7 @@ class Supervisor:
             log.info("  robot      %s, %d joints", name, memory.dof)
             log.info("  backend    %s, clock %s", rt.backend, rt.clock)
             log.info("  real time  %s", _permissions(memory))
-        log.info("  logs       %s", log_file)
+        log.info("  logs       %s", self._settings.log_file)
         log.info("  Ctrl-C stops: the arm first, then the service")
 
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import os
 from dataclasses import asdict
 
 from fastapi import APIRouter, Request
+from starlette.datastructures import State
 
 from app.api.dependencies import Call, addressed
 from app.api.schemas import HealthAnswer, StopAnswer
 from app.services.motion.stopping import together
+from cobot import audit, logs
 
 router = APIRouter(tags=["common"])
 
@@ -26,7 +29,9 @@ async def stop(request: Request) -> StopAnswer:
     call = Call(request)
     robots = addressed(request)
     stopped = await asyncio.gather(*(each.stopping.stop(call.timeout_s) for each in robots.values()))
-    return StopAnswer.model_validate(asdict(together(dict(zip(robots, stopped, strict=True)))))
+    stop = together(dict(zip(robots, stopped, strict=True)))
+    audit.add_details(message=stop.message)
+    return StopAnswer.model_validate(asdict(stop))
 
 
 @router.get("/health")
@@ -36,5 +41,20 @@ async def health(request: Request) -> HealthAnswer:
     Without the name of a robot, `robots` tells how each of them is; all else is of the default robot.
     """
     robots = {name: asdict(services.health.health()) for name, services in addressed(request).items()}
+    written, problems = _written(request.app.state)
+    for each in robots.values():
+        each["service"] |= written
+        each["problems"] += problems
+        each["status"] = "degraded" if each["problems"] else "ok"
     first = next(iter(robots.values()))
     return HealthAnswer.model_validate({**first, "robots": robots})
+
+
+def _written(state: State) -> tuple[dict[str, object], list[str]]:
+    """What is written of what happens: how much of it was lost, and why nothing is at present."""
+    file, terminal, error = state.losses.read()
+    lost = {"service": logs.dropped(), "file": file, "terminal": terminal, "audit": state.audit.dropped}
+    problems = [f"the log file cannot be written: {os.strerror(error)}"] if error else []
+    if state.audit.problem:
+        problems.append(f"the audit: {state.audit.problem}")
+    return {"lost_lines": lost}, problems

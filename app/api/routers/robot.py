@@ -22,6 +22,7 @@ from app.api.schemas import (
     ResetAnswer,
 )
 from app.services.motion.execution import Outcome
+from cobot import audit
 from cobot.robot.frames import abc_from_quaternion
 from cobot.types import Scaling
 
@@ -119,6 +120,7 @@ async def reset(request: Request) -> ResetAnswer:
 
 
 def _answer(outcome: Outcome) -> MoveAnswer:
+    audit.add_details(motion=outcome.motion_id, error=str(outcome.error or ""))
     return MoveAnswer(
         success=outcome.error is None,
         message=COMPLETED if outcome.error is None else str(outcome.error),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import asdict
 from typing import Annotated
 
@@ -11,6 +12,7 @@ from app.api.dependencies import Call, CobotRoute, form_body
 from app.api.errors import responses
 from app.api.schemas import LogAnswer, LogQuery, SequenceStatusAnswer, StartedAnswer
 from app.services.programs.sequences import SequenceOrder
+from cobot import audit
 
 router = APIRouter(prefix="/sequences", tags=["sequences"], route_class=CobotRoute)
 Text = Annotated[str, Form(max_length=1000, pattern=r"^[^\x00]*$")]  # no command line can have a NUL
@@ -31,8 +33,11 @@ async def start_sequence(
 ) -> StartedAnswer:
     """Start a sequence or a Lua program; answers when its process runs. Only one at a time."""
     call = Call(request)
+    content = await config.read()
+    digest = hashlib.sha256(content).hexdigest()
+    audit.add_details(file=config.filename or "", bytes=len(content), sha256=digest)
     order = SequenceOrder(
-        config=await config.read(),
+        config=content,
         n_iterations=n_iterations,
         delay_between_iterations_s=delay_between_iterations,
         bag_path=bag_path,
@@ -44,6 +49,7 @@ async def start_sequence(
     status = await call.services.sequences.start(order, call.stops)
     assert status.sequence_id is not None
     assert status.pid is not None
+    audit.add_details(sequence=status.sequence_id)
     return StartedAnswer(sequence_id=status.sequence_id, pid=status.pid)
 
 

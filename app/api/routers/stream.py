@@ -27,6 +27,7 @@ from app.api.stream_frames import (
     state_frame,
 )
 from app.services.streaming.sessions import Session, StreamService
+from cobot import audit
 from cobot.access.roles import Role, require
 from cobot.client import wire
 from cobot.client.wire import Kind
@@ -163,7 +164,7 @@ class Connection:
             case OpenSession():
                 await self._open(frame.record(self._streams.info))
             case Estop():
-                self._required.estop()
+                self._estop()
             case End():
                 self._required.end()
             case Chunk():
@@ -186,11 +187,15 @@ class Connection:
             case Kind.CHUNK:
                 self._required.take_chunk(sequence, record)
             case Kind.ESTOP:
-                self._required.estop()
+                self._estop()
             case Kind.END:
                 self._required.end()
             case Kind.STATE:
                 raise InputError("states come from the service")
+
+    def _estop(self) -> None:
+        self._required.estop()
+        audit.note("estop", session=self._required.number)
 
     @property
     def _required(self) -> Session:

@@ -12,6 +12,7 @@ from app.api.errors import responses
 from app.api.schemas import CsvQuery, LogAnswer, LogQuery, SendTrajectory, SentAnswer
 from app.services.motion.csv_points import read_points
 from app.services.motion.trajectories import Options, StartedTrajectory
+from cobot import audit
 from cobot.types import Waypoint
 
 router = APIRouter(prefix="/trajectory", tags=["trajectory"], route_class=CobotRoute)
@@ -44,6 +45,7 @@ async def send_csv(
     call = Call(request)
     dof = call.services.robot.limits.dof
     options = Options(query.validate_limits, query.retime, query.move_to_start)
+    audit.add_details(file=file.filename or "", bytes=file.size)
     read = partial(read_points, file.file, query.separator, dof)
     return _answer(await call.services.trajectories.send(read, options, call.caller(gone)))
 
@@ -56,4 +58,5 @@ async def trajectory_logs(query: Annotated[LogQuery, Query()], request: Request)
 
 
 def _answer(sent: StartedTrajectory) -> SentAnswer:
+    audit.add_details(motion=sent.motion_id)
     return SentAnswer(motion_id=sent.motion_id, duration_s=sent.duration_s, points=sent.points)

@@ -11,6 +11,7 @@ from app.services.motion.ownership import Caller, Claim, Ownership, watching
 from app.services.motion.planning import PlanningService, PlanRequest
 from app.services.state.link import ACKNOWLEDGE_S, POLL_S, RobotLink
 from app.services.state.robot_state import RobotState
+from cobot import logs
 from cobot.config import PlanningSection
 from cobot.errors import (
     CobotError,
@@ -189,6 +190,7 @@ class MotionService:
             await claim.unless_interrupted(claim.speed_override.opened.wait())
         claim.proceed()
         claim.motion_id = await self._link.start(trajectory, claim.stops)
+        logs.bind(motion=claim.motion_id)
         await claim.speed_override.begun()
 
     async def arrival(self, claim: Claim) -> None:

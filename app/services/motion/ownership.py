@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 from app.services.motion.speed_override import MAX_PAUSE_S, SpeedOverride
 from app.services.state.link import RobotLink
+from cobot import logs
 from cobot.clock import Clock
 from cobot.errors import ConflictError, ExecutionError, MotionStopped, MotionTimeout
 
@@ -160,6 +161,7 @@ class Ownership:
         finally:
             self._claim = None
             claim.ended.set()
+            logs.bind(motion=None)
 
     def stop(self) -> Claim | None:
         """Interrupt the motion that is read, planned or runs; its claim, which will end, or None."""

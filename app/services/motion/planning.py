@@ -16,6 +16,7 @@ import pebble
 from cobot.config import load_settings
 from cobot.errors import PlanningError, PlanningTimeout
 from cobot.launch.process import Niceness, be, die_with_parent
+from cobot.logs import start_logging
 from cobot.planners import MotionRequest, WaypointRequest, plan, plan_waypoints
 from cobot.planners.rated import RatedMove, plan_rated
 from cobot.robot.description import RobotDescription, load_robot
@@ -38,7 +39,9 @@ def _prepare(config: Path | None, robot: str | None) -> None:
     die_with_parent(signal.SIGKILL)
     be(Niceness.BACKGROUND)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _worker.robot = load_robot(load_settings(config).of(robot))
+    settings = load_settings(config).of(robot)
+    start_logging("planning", settings.logging)
+    _worker.robot = load_robot(settings)
 
 
 def _work(work: Callable[[RobotDescription], Result]) -> Result:

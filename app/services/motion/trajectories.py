@@ -13,6 +13,7 @@ from datetime import datetime
 from app.services.motion.execution import MotionService
 from app.services.motion.ownership import Caller, Claim, Ownership, watching
 from cobot.errors import CobotError, ExecutionError
+from cobot.logs import printable
 from cobot.planners import WaypointRequest
 from cobot.types import Scaling, Waypoint
 
@@ -118,5 +119,6 @@ class TrajectoryService:
                 self._note(f"motion {claim.motion_id}: lost sight of it: {exc}")
 
     def _note(self, text: str) -> None:
-        self._lines.append(f"{datetime.now().astimezone().isoformat(timespec='milliseconds')} {text}")
+        moment = datetime.now().astimezone().isoformat(timespec="milliseconds")
+        self._lines.append(f"{moment} {printable(text)}")
         log.info("%s%s", self._label, text)

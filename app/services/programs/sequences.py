@@ -23,6 +23,7 @@ from cobot.access.roles import acting
 from cobot.config import SequencesSection
 from cobot.errors import ConflictError, InputError, MotionStopped, UnavailableError
 from cobot.launch.process import RUN_MODULE
+from cobot.logs import printable
 
 LINE_BYTES = 65536
 
@@ -245,7 +246,7 @@ class SequenceService:
                 line = b"(a line too long to keep)"
             if not line:
                 return
-            self._lines.append(line.decode("utf-8", "replace").rstrip())
+            self._lines.append(printable(line.decode("utf-8", "replace").rstrip(), LINE_BYTES))
 
     async def _read_progress(self, stream: asyncio.StreamReader) -> None:
         while line := await stream.readline():
@@ -263,7 +264,8 @@ class SequenceService:
         self._ownership.release_sequence()
 
     def _note(self, text: str) -> None:
-        self._lines.append(f"{datetime.now().astimezone().isoformat(timespec='milliseconds')} {text}")
+        moment = datetime.now().astimezone().isoformat(timespec="milliseconds")
+        self._lines.append(f"{moment} {printable(text)}")
 
 
 def _printable(name: str) -> str:

@@ -18,6 +18,7 @@ from app.services.streaming.servo_points import PointInverse, ServoPoints
 from app.services.streaming.servo_sessions import ServoSessions
 from app.services.streaming.servo_wrench import ServoWrench
 from app.services.streaming.sessions import StreamService
+from cobot import audit
 from cobot.errors import CobotError, ConflictError, InputError, LimitError, UnavailableError, UnreachableError
 from cobot.ipc.layout import ServoMode
 from cobot.robot.description import RobotDescription
@@ -73,6 +74,8 @@ class ServoService:
     def receive(self, text: str) -> None:
         """The same, at once. A session begins in the background; points that come meanwhile wait for it."""
         message = self.rules.read(text)
+        if not isinstance(message, Point):  # of points, the session has its entries
+            audit.note("joint_cmd", message=text)
         match message:
             case SetMode():
                 self._sessions.request(message)

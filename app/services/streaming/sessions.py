@@ -13,6 +13,7 @@ import numpy as np
 from app.services.motion.execution import STATE_TIMEOUT_S, MotionService
 from app.services.motion.ownership import Caller, Ownership
 from app.services.state.link import POLL_S, RobotLink
+from cobot import audit, logs
 from cobot.clock import Clock
 from cobot.errors import (
     CobotError,
@@ -199,11 +200,14 @@ class StreamService:
                 number, Stream(int(request["stream"])), name, self._link.memory.dof, self._writer
             )
             # From here claim and blocks belong to the task that follows the session to its end.
-            task = asyncio.create_task(self._follow(session, stack.pop_all()))
+            with logs.bound(session=number):
+                task = asyncio.create_task(self._follow(session, stack.pop_all()))
             self._tasks.add(task)
             task.add_done_callback(self._tasks.discard)
         self.session = session
-        log.info("%ssession %d: %s", self._link.label, number, name)
+        with logs.bound(session=number):
+            log.info("%ssession %d: %s", self._link.label, number, name)
+        audit.note("session opened", session=number, mode=session.stream.name, client=name)
         return session
 
     def lose(self, session: Session) -> None:
@@ -239,6 +243,7 @@ class StreamService:
             session.over = session.over or reason
             session.ended.set_result(reason)
             log.info("%ssession %d has ended: %s", self._link.label, session.number, reason)
+            audit.note("session ended", session=session.number, reason=reason)
 
     async def _end(self, session: Session) -> str:
         """Why the session has ended, once it has."""

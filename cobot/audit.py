@@ -1,0 +1,270 @@
+"""Who did what, from where, when, and what became of it: a file of JSON lines that is only appended to.
+
+An entry is written by a thread; nobody waits for a disk. While the disk takes nothing, `CAPACITY` entries
+wait for it; what finds no room is counted, and said in the file once there is room. What a client repeats
+more than `BURST` times in a second becomes one entry that says how often. Whenever all that there is has been
+written, it is made durable (fdatasync): a power cut loses what happened while the disk was busy, and no more.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import os
+import pwd
+import sys
+import threading
+import time
+from collections.abc import Callable, Hashable, Iterator
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from cobot.clock import SYSTEM, Clock
+from cobot.config import Settings
+from cobot.errors import InputError
+from cobot.logs.files import RotatingFile, aside
+from cobot.logs.lines import printable
+from cobot.logs.outlet import Outlet
+from cobot.logs.repeats import Repeats
+
+MAX_BYTES = 10_000_000
+OLDER_FILES = 9
+CAPACITY = 10_000
+BURST = 20
+RETRY_S = 1.0
+END_S = 1.0
+READ_WAIT_S = 0.3
+BLOCK_BYTES = 2**16
+MAX_TEXT = 300
+MAX_ITEMS = 50
+
+Entry = dict[str, Any]
+log = logging.getLogger("cobot.audit")
+
+
+class Audit:
+    """The file of one service.
+
+    Attributes:
+        problem: why nothing can be written at present; "" while all is well.
+    """
+
+    def __init__(self, path: Path, clock: Clock = SYSTEM) -> None:
+        self._path = path
+        self._clock = clock
+        self._file = RotatingFile(path, MAX_BYTES, OLDER_FILES, private=True)
+        self._ending = threading.Event()
+        self.problem = ""
+        self._outlet = Outlet[Entry](
+            self._write,
+            lambda count: self._entry("cobot", "", "audit", f"{count} entries were lost", {}),
+            settle=self._file.sync,
+            repeats=Repeats(BURST, 1.0, time.monotonic),
+            repeated=lambda last, count: {**last, "repeated": count},
+            capacity=CAPACITY,
+        )
+
+    @property
+    def dropped(self) -> int:
+        """How many entries have been lost."""
+        return self._outlet.dropped
+
+    def record(
+        self,
+        who: str,
+        from_: str,
+        what: str,
+        outcome: str = "ok",
+        *,
+        request: str = "",
+        kind: Hashable = None,
+        **details: object,
+    ) -> None:
+        """Add an entry; never waits.
+
+        Args:
+            who: the name of an identity.
+            from_: its address, or "cli".
+            request: the request's id.
+            kind: what of the same client counts as the same thing when it is repeated; None: `what`.
+            details: whatever else there is to know: texts, numbers, lists of them.
+        """
+        before = self.dropped
+        entry = self._entry(who, from_, what, outcome, details, request)
+        self._outlet.put(entry, (who, from_.rpartition(":")[0], kind or what, outcome))
+        if self.dropped != before:
+            log.error("entries of the audit are lost: %s", self.problem or "the disk is too slow")
+
+    def newest(self, limit: int, since: datetime | None = None) -> list[Entry]:
+        """The newest entries, the newest first. Reads files: for a thread.
+
+        Args:
+            limit: at the most.
+            since: only those of then or later; without a zone it is UTC.
+
+        Raises:
+            InputError: no time that UTC knows.
+        """
+        self._outlet.wait(READ_WAIT_S)
+        earliest = _earliest(since)
+        found: list[Entry] = []
+        for path in aside(self._path, OLDER_FILES):
+            for entry in _backwards(path):
+                if len(found) == limit or entry["time"] < earliest:
+                    return found
+                found.append(entry)
+        return found
+
+    def close(self) -> None:
+        """Write what there is, as far as the disk takes it."""
+        self._ending.set()
+        if self._outlet.close(END_S):
+            self._file.close()
+
+    def _write(self, entry: Entry) -> None:
+        while True:
+            try:
+                self._file.append(_line(entry))
+            except OSError as exc:
+                if not self.problem:
+                    log.error("the audit file cannot be written, its entries wait: %s", exc)
+                self.problem = f"{self._path} cannot be written: {exc.strerror}"
+                if self._ending.wait(RETRY_S):
+                    raise
+            else:
+                self.problem = ""
+                return
+
+    def _entry(
+        self, who: str, from_: str, what: str, outcome: str, details: dict[str, object], request: str = ""
+    ) -> Entry:
+        return _entry(self._clock.wall_ns() * 1e-9, who, from_, what, outcome, details, request)
+
+
+@dataclass(slots=True)
+class Trail:
+    """The request or connection that the present task belongs to.
+
+    Attributes:
+        who: known only when the request has been looked at.
+        left_out: whether the request itself needs no entry, for what it has changed has one.
+    """
+
+    audit: Audit
+    who: Callable[[], str]
+    from_: str
+    request: str
+    details: dict[str, object] = field(default_factory=dict)
+    left_out: bool = False
+
+
+trail: ContextVar[Trail | None] = ContextVar("trail", default=None)
+
+
+def note(what: str, outcome: str = "ok", **details: object) -> None:
+    """Add an entry on behalf of whose request this task belongs to; nothing, if it belongs to none."""
+    on = trail.get()
+    if on is not None:
+        on.audit.record(on.who(), on.from_, what, outcome, request=on.request, **details)
+
+
+def add_details(**details: object) -> None:
+    """Say more in the entry of the present request."""
+    on = trail.get()
+    if on is not None:
+        on.details |= details
+
+
+def leave_out() -> None:
+    """The present request has changed nothing, or it has an entry of its own already."""
+    on = trail.get()
+    if on is not None:
+        on.left_out = True
+
+
+def record_from_cli(settings: Settings, what: str, outcome: str = "ok", **details: object) -> None:
+    """Add an entry for a command; who, is the user of the operating system. A disk that does not take it is
+    said on stderr.
+    """
+    user = str(os.getuid())
+    with contextlib.suppress(KeyError):
+        user = pwd.getpwuid(os.getuid()).pw_name
+    entry = _entry(time.time(), user, "cli", what, outcome, details, "")
+    file = RotatingFile(settings.audit_file, sys.maxsize, 0, private=True)  # the service puts files aside
+    try:
+        file.append(_line(entry))
+        file.sync()
+    except OSError as exc:
+        print(f"cobot: {settings.audit_file} cannot be written: {exc.strerror}", file=sys.stderr)
+    finally:
+        file.close()
+
+
+def _entry(
+    time_s: float, who: str, from_: str, what: str, outcome: str, details: dict[str, object], request: str
+) -> Entry:
+    entry: Entry = {
+        "time": _time(time_s),
+        "who": printable(who, MAX_TEXT),
+        "from": printable(from_, MAX_TEXT),
+        "what": printable(what, MAX_TEXT),
+        "outcome": printable(outcome, MAX_TEXT),
+    }
+    if request:
+        entry["request"] = printable(request, MAX_TEXT)
+    if details:
+        entry["details"] = {name: _plain(value) for name, value in details.items()}
+    return entry
+
+
+def _plain(value: object) -> object:
+    if value is None or isinstance(value, bool | int | float):
+        return value
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value[:MAX_ITEMS]]
+    return printable(str(value), MAX_TEXT)
+
+
+def _earliest(since: datetime | None) -> str:
+    if since is None:
+        return ""
+    try:
+        aware = since if since.tzinfo else since.replace(tzinfo=UTC)
+        return aware.astimezone(UTC).isoformat(timespec="milliseconds")
+    except OverflowError as exc:
+        raise InputError(f"since: {since.isoformat()} is no time that UTC knows") from exc
+
+
+def _time(time_s: float) -> str:
+    return datetime.fromtimestamp(time_s, UTC).isoformat(timespec="milliseconds")
+
+
+def _line(entry: Entry) -> bytes:
+    return json.dumps(entry).encode() + b"\n"
+
+
+def _backwards(path: Path) -> Iterator[Entry]:
+    """The entries of a file, its last one first; what is none is passed over."""
+    try:
+        file = path.open("rb")
+    except OSError:
+        return
+    with file:
+        position = file.seek(0, os.SEEK_END)
+        rest = b""
+        while position or rest:
+            start = max(position - BLOCK_BYTES, 0)
+            file.seek(start)
+            first, *lines = (file.read(position - start) + rest).split(b"\n")
+            position, rest = start, first
+            if not position:
+                lines, rest = [first, *lines], b""
+            for line in reversed(lines):
+                with contextlib.suppress(ValueError):
+                    entry = json.loads(line)
+                    if isinstance(entry, dict) and isinstance(entry.get("time"), str):
+                        yield entry

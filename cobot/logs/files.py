@@ -1,0 +1,97 @@
+"""A file that grows to a size and is then put aside, with a bounded number of older ones beside it."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import stat
+from pathlib import Path
+
+
+class RotatingFile:
+    """Appends whole pieces. Each failure is the caller's to know of; the next call tries anew.
+
+    Args:
+        count: of older files, NAME.1 the newest of them.
+        private: whether only its owner may read it.
+    """
+
+    def __init__(self, path: Path, max_bytes: int, count: int, *, private: bool = False) -> None:
+        self._path = path
+        self._max_bytes = max_bytes
+        self._count = count
+        self._private = private
+        self._descriptor = -1
+        self._torn = False
+
+    def append(self, piece: bytes) -> None:
+        """Write it at the end.
+
+        Raises:
+            OSError: not all of it could be written; what was, is ended as a line by the next piece.
+        """
+        self.open()
+        if os.fstat(self._descriptor).st_size + len(piece) > self._max_bytes:
+            self._rotate()
+        if self._torn:
+            piece = b"\n" + piece
+        written = os.write(self._descriptor, piece)
+        self._torn = 0 < written < len(piece)
+        if written < len(piece):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def sync(self) -> None:
+        """Have what was written survive a power cut.
+
+        Raises:
+            OSError: it does not.
+        """
+        if self._descriptor >= 0:
+            os.fdatasync(self._descriptor)
+
+    def close(self) -> None:
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+    def open(self) -> None:
+        """Have it there, though somebody may have moved or deleted it.
+
+        Raises:
+            OSError: it cannot be.
+        """
+        if self._descriptor >= 0:
+            with contextlib.suppress(FileNotFoundError):
+                there, ours = os.stat(self._path), os.fstat(self._descriptor)
+                if (there.st_ino, there.st_dev) == (ours.st_ino, ours.st_dev):
+                    return
+            self.close()
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC
+        if self._private:
+            flags |= os.O_NOFOLLOW
+        self._descriptor = os.open(self._path, flags, 0o600 if self._private else 0o644)
+        if self._private and not stat.S_ISREG(os.fstat(self._descriptor).st_mode):
+            self.close()
+            raise OSError(errno.EINVAL, "no regular file")
+        if self._private:
+            os.fchmod(self._descriptor, 0o600)
+            if os.geteuid() == 0:  # a command of root's may be the first to write what a service goes on with
+                folder = os.stat(self._path.parent)
+                os.fchown(self._descriptor, folder.st_uid, folder.st_gid)
+
+    def _rotate(self) -> None:
+        if os.fstat(self._descriptor).st_size == 0:
+            return
+        self.close()
+        files = aside(self._path, self._count)
+        for number in range(self._count, 0, -1):
+            with contextlib.suppress(FileNotFoundError):
+                os.replace(files[number - 1], files[number])
+        self.open()
+
+
+def aside(path: Path, count: int) -> list[Path]:
+    """The file itself and the older ones, the newest first, whether they are there or not."""
+    return [path, *(path.with_name(f"{path.name}.{number}") for number in range(1, count + 1))]

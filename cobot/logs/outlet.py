@@ -1,0 +1,163 @@
+"""A queue with a thread behind it: who puts something in never waits, and what finds no room is counted.
+
+The standard library's QueueHandler takes a lock that a garbage collection which logs would wait for in the
+very thread that has it; a SimpleQueue may be entered again.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import threading
+import time
+from collections.abc import Callable, Hashable
+from enum import Enum
+from queue import Empty, SimpleQueue
+from typing import Generic, TypeVar
+
+from cobot.logs.repeats import Repeats
+
+CAPACITY = 2000
+LOOK_S = 1.0
+"""How often is looked whether repetitions have ended, as long as there are some."""
+
+Item = TypeVar("Item")
+
+
+class _Sign(Enum):
+    LOOK = "see to what repeats itself"
+    END = "there will be nothing more"
+
+
+class Outlet(Generic[Item]):
+    """Writes items in a thread of its own, however long that takes.
+
+    Args:
+        write: gets one item; what it raises loses the item.
+        lost: the item that tells how many were lost, once there is room.
+        settle: called when all that was put in has been written.
+        repeats: holds back what repeats itself.
+        repeated: the item that tells how many like this one were held back.
+
+    Attributes:
+        dropped: how many items have been lost so far.
+        error: errno of the newest attempt to write, 0 if it went well.
+    """
+
+    def __init__(
+        self,
+        write: Callable[[Item], None],
+        lost: Callable[[int], Item],
+        *,
+        settle: Callable[[], None] = lambda: None,
+        repeats: Repeats[Item] | None = None,
+        repeated: Callable[[Item, int], Item] = lambda item, count: item,
+        capacity: int = CAPACITY,
+    ) -> None:
+        self._write = write
+        self._lost = lost
+        self._settle = settle
+        self._repeats = repeats
+        self._repeated = repeated
+        self._capacity = capacity
+        self._queue: SimpleQueue[Item | _Sign] = SimpleQueue()
+        self._lock = threading.RLock()
+        self._waiting = self._told = 0
+        self._looks = self._ended = False
+        self.dropped = 0
+        self.error = 0
+        self._thread = threading.Thread(target=self._run, name="outlet", daemon=True)
+        self._thread.start()
+
+    def put(self, item: Item, kind: Hashable = None) -> None:
+        """Have it written, or hold it back as one of too many of its kind, or count it as lost.
+
+        Args:
+            kind: None for what is never held back.
+        """
+        if kind is not None and self._repeats is not None and not self._repeats.passes(kind, item):
+            if not self._looks:
+                self._looks = True
+                self._queue.put(_Sign.LOOK)
+        else:
+            with self._lock:
+                full = self._ended or self._waiting >= self._capacity
+                if full:
+                    self.dropped += 1
+                else:
+                    self._waiting += 1
+            if not full:
+                self._queue.put(item)
+
+    def wait(self, timeout_s: float) -> None:
+        """Until all that was put in has been written, or the time is up."""
+        deadline_s = time.monotonic() + timeout_s
+        while self._waiting and time.monotonic() < deadline_s:
+            time.sleep(0.002)
+
+    def close(self, timeout_s: float) -> bool:
+        """Write what there is; whether that was possible within the time."""
+        self._ended = True
+        self._queue.put(_Sign.END)
+        self._thread.join(timeout_s)
+        return not self._thread.is_alive()
+
+    def _run(self) -> None:
+        item: Item | _Sign | None = None
+        while item is not _Sign.END:
+            try:
+                item = self._queue.get(timeout=LOOK_S if self._looks else None)
+            except Empty:
+                item = _Sign.LOOK
+            if item is _Sign.END or self._looks:
+                self._summarise(ending=item is _Sign.END)
+            if not isinstance(item, _Sign):
+                self._try(item)
+                with self._lock:
+                    self._waiting -= 1
+            if self._queue.empty():
+                self._settled()
+
+    def _summarise(self, *, ending: bool) -> None:
+        if self._repeats is None:
+            return
+        for last, count in self._repeats.summary(all_of_them=ending):
+            self._try(self._repeated(last, count))
+        self._looks = False  # before the question: who holds something back after it finds this False
+        if self._repeats.held_back:
+            self._looks = True
+
+    def _try(self, item: Item) -> None:
+        try:
+            if self.dropped > self._told:
+                count = self.dropped
+                self._write(self._lost(count - self._told))
+                self._told = count
+            self._write(item)
+            self.error = 0
+        except Exception as exc:  # noqa: BLE001  whatever it is, it shall not end the thread
+            self.error = getattr(exc, "errno", None) or -1
+            with self._lock:
+                self.dropped += 1
+
+    def _settled(self) -> None:
+        try:
+            self._settle()
+        except OSError as exc:
+            self.error = exc.errno or -1
+
+
+def write_all(descriptor: int, piece: bytes) -> None:
+    """Write it all to a descriptor, however long that takes: blocking or not, a pipe, a terminal or a file.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    rest = memoryview(piece)
+    while rest:
+        try:
+            rest = rest[os.write(descriptor, rest) :]
+        except BlockingIOError:
+            poll = select.poll()
+            poll.register(descriptor, select.POLLOUT)
+            poll.poll()

@@ -1,0 +1,143 @@
+"""The log of a process: whatever it says, libraries, warnings and prints included, never makes it wait."""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import faulthandler
+import io
+import logging
+import os
+import sys
+import threading
+import time
+from dataclasses import replace
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+from cobot.logs.lines import Line
+from cobot.logs.outlet import Outlet, write_all
+from cobot.logs.repeats import Repeats
+
+if TYPE_CHECKING:
+    from cobot.config import LoggingSection
+
+SUPERVISED = "COBOT_SUPERVISED"
+"""An environment variable: the supervisor reads the output, and gets `Line.wire`."""
+BURST = 50
+INTERVAL_S = 10.0
+"""So many lines from one place in the source, on account of one client, are written in an interval."""
+END_S = 1.0
+"""How long a process that ends tries to get rid of its last lines."""
+MAX_PRINTED = 4000
+
+log = logging.getLogger("cobot")
+
+
+class ProcessLog(logging.Handler):
+    """Hands lines to a thread that writes them to a descriptor."""
+
+    def __init__(self, process: str, form: str, descriptor: int) -> None:
+        """form: "text", "json" or "wire", of `Line`."""
+        super().__init__()
+        self._process = process
+        self._outlet = Outlet[Line](
+            lambda line: write_all(descriptor, getattr(line, form)()),
+            lambda count: self._own(f"{count} lines of this log were lost: nobody took them in time"),
+            repeats=Repeats(BURST, INTERVAL_S, time.monotonic),
+            repeated=lambda line, count: replace(
+                line, message=f"{count} more lines like this were suppressed: {line.message}", traceback=[]
+            ),
+        )
+
+    @property
+    def dropped(self) -> int:
+        """How many lines have been lost."""
+        return self._outlet.dropped
+
+    def emit(self, record: logging.LogRecord) -> None:
+        line = Line.of(record, self._process)
+        self._outlet.put(line, (record.name, record.pathname, record.lineno, line.ids.get("client")))
+
+    def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802
+        """Nothing is printed: what prints ends up here again."""
+
+    def close(self) -> None:
+        self._outlet.close(END_S)
+        super().close()
+
+    def _own(self, message: str) -> Line:
+        return Line(time.time(), "WARNING", self._process, "cobot.logs", message)
+
+
+class _Printed(io.TextIOBase):
+    """Makes log lines of what is printed. The process's own streams are not to be waited for by anybody."""
+
+    def __init__(self, name: str, level: int, descriptor: int) -> None:
+        self._log = logging.getLogger(name)
+        self._level = level
+        self._descriptor = descriptor
+        self._begun = ""
+
+    @property
+    def encoding(self) -> str:  # type: ignore[override]
+        return "utf-8"
+
+    def writable(self) -> bool:
+        return True
+
+    def fileno(self) -> int:
+        return self._descriptor
+
+    def write(self, text: str) -> int:
+        *lines, rest = (self._begun + text).split("\n")
+        if len(rest) > MAX_PRINTED:
+            lines, rest = [*lines, rest], ""
+        self._begun = rest
+        for line in lines:
+            if line:
+                self._log.log(self._level, "%s", line)
+        return len(text)
+
+
+_installed: list[ProcessLog] = []
+
+
+def start_logging(process: str, settings: LoggingSection | None = None) -> None:
+    """Have all that this process logs or prints written by a thread. To be called early, once.
+
+    Args:
+        process: its name, for people.
+        settings: None where they are not known yet; a later call with them sets the level.
+    """
+    root = logging.getLogger()
+    root.setLevel(settings.level.upper() if settings else logging.INFO)
+    if _installed:
+        return
+    form = "wire" if SUPERVISED in os.environ else settings.format if settings else "text"
+    made = ProcessLog(process, form, os.dup(1))
+    _installed.append(made)
+    root.handlers[:] = [made]
+    logging.captureWarnings(True)
+    with contextlib.suppress(OSError, ValueError):
+        faulthandler.enable(2)  # writes past Python, and waits for nothing: see `Child.start`
+    sys.stdout, sys.stderr = _Printed("stdout", logging.INFO, 1), _Printed("stderr", logging.WARNING, 2)
+    sys.excepthook = _uncaught
+    threading.excepthook = _uncaught_in_thread
+    atexit.register(made.close)
+
+
+def dropped() -> int:
+    """How many lines this process has lost."""
+    return sum(each.dropped for each in _installed)
+
+
+def _uncaught(kind: type[BaseException], exc: BaseException, where: TracebackType | None) -> None:
+    if not issubclass(kind, KeyboardInterrupt):
+        log.critical("this process ends by an error", exc_info=(kind, exc, where))
+
+
+def _uncaught_in_thread(found: threading.ExceptHookArgs) -> None:
+    if found.exc_value is not None and not isinstance(found.exc_value, SystemExit):
+        name = found.thread.name if found.thread else "?"
+        log.critical("thread %s ends by an error", name, exc_info=found.exc_value)

@@ -1,0 +1,76 @@
+"""What repeats itself is counted, not repeated: so many of a kind in an interval, then their number."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+MAX_KINDS = 1000
+
+Item = TypeVar("Item")
+
+
+@dataclass(slots=True)
+class _Kind(Generic[Item]):
+    begun_s: float
+    count: int
+    held_back: int
+    last: Item
+
+
+class Repeats(Generic[Item]):
+    """Lets `burst` items of a kind pass in each interval. For any thread.
+
+    Args:
+        now_s: the time, of any origin.
+    """
+
+    def __init__(self, burst: int, interval_s: float, now_s: Callable[[], float]) -> None:
+        self._burst = burst
+        self._interval_s = interval_s
+        self._now_s = now_s
+        self._kinds: dict[Hashable, _Kind[Item]] = {}
+        self._lock = threading.RLock()  # a garbage collection may log while this thread has it
+
+    def passes(self, key: Hashable, item: Item) -> bool:
+        """Whether it may pass; one that may not will be in a later `summary`."""
+        with self._lock:
+            now_s = self._now_s()
+            if key not in self._kinds and len(self._kinds) >= MAX_KINDS:
+                self._forget(now_s)
+                if len(self._kinds) >= MAX_KINDS:
+                    key = None  # of so many kinds, the further ones are one
+            kind = self._kinds.get(key)
+            if kind is None or (now_s - kind.begun_s >= self._interval_s and not kind.held_back):
+                self._kinds[key] = _Kind(now_s, 1, 0, item)
+                return True
+            kind.count += 1
+            if kind.count <= self._burst:
+                return True
+            kind.held_back += 1
+            kind.last = item
+            return False
+
+    def summary(self, *, all_of_them: bool = False) -> list[tuple[Item, int]]:
+        """The last item of each kind whose interval is over, and how many of it were held back."""
+        with self._lock:
+            now_s = self._now_s()
+            found = []
+            for key, kind in list(self._kinds.items()):
+                if kind.held_back and (all_of_them or now_s - kind.begun_s >= self._interval_s):
+                    found.append((kind.last, kind.held_back))
+                    self._kinds[key] = _Kind(now_s, self._burst, 0, kind.last)
+            return found
+
+    @property
+    def held_back(self) -> bool:
+        """Whether a summary is to be expected."""
+        with self._lock:
+            return any(kind.held_back for kind in self._kinds.values())
+
+    def _forget(self, now_s: float) -> None:
+        for key, kind in list(self._kinds.items()):
+            if not kind.held_back and now_s - kind.begun_s >= self._interval_s:
+                del self._kinds[key]

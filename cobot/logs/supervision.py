@@ -1,0 +1,127 @@
+"""Where the lines of all processes end: in a file, and where `cobot run` was started. Neither waits for the
+other, and nobody for either."""
+
+from __future__ import annotations
+
+import logging
+import mmap
+import os
+import signal
+import struct
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from cobot.config import LoggingSection
+from cobot.errors import ConfigError
+from cobot.logs.files import RotatingFile
+from cobot.logs.lines import Line, separated
+from cobot.logs.outlet import Outlet, write_all
+
+LOG_BYTES = 10_000_000
+LOG_FILES = 3
+END_S = 1.0
+LINE_BYTES = 2**17
+LOSSES = struct.Struct("3q")
+"""Lines lost by the file and by the terminal, errno of the file: for the service's health."""
+
+
+class SupervisorLog(logging.Handler):
+    """Takes the lines of the children and its own."""
+
+    def __init__(self, settings: LoggingSection, file: RotatingFile) -> None:
+        super().__init__()
+        as_json = settings.format == "json"
+        self._descriptor = os.memfd_create("cobot-losses")
+        os.ftruncate(self._descriptor, LOSSES.size)
+        self._losses = mmap.mmap(self._descriptor, LOSSES.size)
+        self._file = Outlet[Line](
+            lambda line: file.append(line.json() if as_json else line.text()),
+            lambda count: _lost(count, "log file"),
+            settle=self._publish,
+        )
+        self._terminal = Outlet[Line](
+            lambda line: write_all(1, line.json() if as_json else line.text(timed=False)),
+            lambda count: _lost(count, "output"),
+        )
+
+    @property
+    def losses(self) -> int:
+        """A descriptor, for the service."""
+        return self._descriptor
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._put(Line.of(record, ""))
+
+    def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802
+        """Nobody could be told."""
+
+    def follow(self, name: str, output: BinaryIO) -> threading.Thread:
+        """Take the lines of a child until its output ends, in a thread: it shall not wait either."""
+
+        def read() -> None:
+            with output:
+                while text := output.readline(LINE_BYTES):
+                    for piece in separated(text):
+                        self._put(Line.parsed(piece, name))
+
+        thread = threading.Thread(target=read, name=f"output of {name}", daemon=True)
+        thread.start()
+        return thread
+
+    def close(self) -> None:
+        self._file.close(END_S)
+        self._terminal.close(END_S)
+        super().close()
+
+    def _put(self, line: Line) -> None:
+        self._file.put(line)
+        self._terminal.put(line)
+        self._publish()
+
+    def _publish(self) -> None:
+        LOSSES.pack_into(self._losses, 0, self._file.dropped, self._terminal.dropped, self._file.error)
+
+
+class Losses:
+    """What the supervisor could not write, read in another process."""
+
+    def __init__(self, descriptor: int | None) -> None:
+        self._memory = None if descriptor is None else mmap.mmap(descriptor, LOSSES.size, prot=mmap.PROT_READ)
+
+    def read(self) -> tuple[int, int, int]:
+        """Lines lost by the file and by the terminal, errno of the file; zeros without a supervisor."""
+        if self._memory is None:
+            return 0, 0, 0
+        file, terminal, error = LOSSES.unpack_from(self._memory)
+        return file, terminal, error
+
+
+@contextmanager
+def supervising(settings: LoggingSection, path: Path) -> Iterator[SupervisorLog]:
+    """The supervisor's log, for as long as the context lasts.
+
+    Raises:
+        ConfigError: the file cannot be written.
+    """
+    file = RotatingFile(path, LOG_BYTES, LOG_FILES)
+    try:
+        file.open()
+    except OSError as exc:
+        raise ConfigError(f"logs: cannot write to {path.parent}: {exc.strerror}") from exc
+    made = SupervisorLog(settings, file)
+    signal.signal(signal.SIGTTOU, signal.SIG_IGN)  # a terminal may else stop who writes in the background
+    log = logging.getLogger("cobot")
+    log.setLevel(settings.level.upper())
+    log.handlers[:] = [made]
+    try:
+        yield made
+    finally:
+        made.close()
+
+
+def _lost(count: int, where: str) -> Line:
+    return Line(time.time(), "WARNING", "", "cobot.logs", f"{count} lines did not reach the {where}")
