@@ -45,7 +45,10 @@ def main() -> int:
     logging.getLogger("websockets").setLevel(logging.WARNING)
     try:
         uvloop.run(_serve(load_settings(arguments.config), arguments.url))
-    except (CobotError, NetworkError) as exc:
+    except NetworkError as exc:
+        print(f"ros.domain_id, ros.interfaces: {exc}", flush=True)
+        return 2
+    except CobotError as exc:
         print(exc, flush=True)
         return 2
     return 0

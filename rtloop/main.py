@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import signal
 import time
+from dataclasses import asdict
 from pathlib import Path
 from types import FrameType
 
@@ -30,14 +32,23 @@ def main() -> int:
     parser.add_argument("--robot", help="one of those in `robots`; without it the default one")
     parser.add_argument("--clock", choices=("realtime", "fast"), help="instead of rt.clock")
     parser.add_argument("--check", action="store_true", help="only see whether the backend can be made")
+    parser.add_argument(
+        "--permissions", action="store_true", help="only print what the system grants, as JSON"
+    )
     arguments = parser.parse_args()
     try:
-        if arguments.check:
+        if arguments.permissions:
+            rt = load_settings(arguments.config).of(arguments.robot).rt
+            print(json.dumps(asdict(prepare(rt.priority, rt.cpu, rt.cpu_latency_us))))
+        elif arguments.check:
             settings = load_settings(arguments.config).of(arguments.robot)
             make_backend(settings, load_robot(settings).limits)
         else:
             _run(load_settings(arguments.config).of(arguments.robot), arguments.clock)
-    except (CobotError, BackendError) as exc:
+    except BackendError as exc:
+        print(f"rt.backend: {exc}", flush=True)
+        return 2
+    except CobotError as exc:
         print(exc, flush=True)
         return 2
     return 0

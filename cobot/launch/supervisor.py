@@ -8,6 +8,7 @@ instead of being refused. Long, for starting, watching and ending them are one a
 
 from __future__ import annotations
 
+import errno
 import logging
 import os
 import selectors
@@ -25,10 +26,12 @@ from pathlib import Path
 from types import FrameType
 
 from cobot.addresses import address
-from cobot.config import Settings
+from cobot.config import DEFAULT_SETTINGS, Settings, load_endpoints, resolve
 from cobot.errors import ConfigError, TornReadError, UnavailableError
 from cobot.ipc.shm import RobotMemory, text
-from cobot.launch.process import RUN_MODULE
+from cobot.launch.process import RUN_MODULE, has_terminal
+from cobot.launch.running_config import ProcessState, RunningConfig
+from cobot.launch.systemd import Systemd
 from cobot.robot.description import load_robot
 
 FIRST_BACKOFF_S = 0.2
@@ -38,6 +41,7 @@ STEADY_S = 10.0
 READY_TIMEOUT_S = 20.0
 STOP_TIMEOUT_S = 5.0
 LOG_BYTES = 10_000_000
+SERVICE = "service"
 
 log = logging.getLogger("cobot")
 
@@ -53,6 +57,8 @@ class Child:
     started_s: float = 0.0
     backoff_s: float = FIRST_BACKOFF_S
     restart_at_s: float = 0.0
+    restarts: int = 0
+    line: str = ""
     reader: threading.Thread | None = field(default=None, repr=False)
 
     def start(self) -> None:
@@ -67,6 +73,16 @@ class Child:
         self.started_s = time.monotonic()
         self.reader = threading.Thread(target=self._forward, args=(self.process,), daemon=True)
         self.reader.start()
+
+    def last_words(self) -> str:
+        """The last line of a process that has ended."""
+        if self.reader is not None:
+            self.reader.join(1.0)
+        return self.line or "it said nothing"
+
+    @property
+    def state(self) -> ProcessState:
+        return ProcessState(self.process.pid if self.process is not None else 0, self.restarts)
 
     def ask_to_end(self) -> None:
         if self.process is not None:
@@ -92,16 +108,24 @@ class Child:
         assert process.stdout is not None
         with process.stdout as lines:
             for line in lines:
-                log.info("%s: %s", self.name, line.decode("utf-8", "replace").rstrip())
+                self.line = line.decode("utf-8", "replace").rstrip()
+                log.info("%s: %s", self.name, self.line)
 
 
 class Supervisor:
     """Runs the robots until it is told to stop: a process for each, and one service for all."""
 
-    def __init__(self, settings: Settings, config: Path | None) -> None:
+    def __init__(self, settings: Settings, config: Path | None, as_written: Settings | None = None) -> None:
+        """as_written: the settings without what the command line says otherwise."""
         self._settings = settings
-        self._config = ["--config", str(config.resolve())] if config else []
+        self._as_written = as_written or settings
+        self._source = config.resolve() if config else resolve(DEFAULT_SETTINGS, Path())
+        self._running = RunningConfig.of(settings.robot.name)
+        self._config = ["--config", str(self._running.file)]
+        self._systemd = Systemd()
+        self._in_terminal = has_terminal()
         self._stopping = threading.Event()
+        self._hangup = threading.Event()
         self._wake_read, self._wake_write = socket.socketpair()
         self._wake_write.setblocking(False)
 
@@ -114,6 +138,15 @@ class Supervisor:
         Raises:
             CobotError: nothing could be started.
         """
+        with self._wake_read, self._wake_write:
+            try:
+                return self._run()
+            finally:
+                signal.set_wakeup_fd(-1)
+
+    def _run(self) -> int:
+        if self._settings.web.enabled:
+            load_endpoints(self._settings.web.endpoints)  # what is wrong there is said here, not by a child
         log_file = self._open_log()
         listener = self._listen() if self._settings.web.enabled else None
         url = _url(listener) if listener is not None else ""
@@ -123,6 +156,8 @@ class Supervisor:
             if listener is not None:
                 stack.callback(listener.close)
             memories = {name: self._memory(name, url, stack) for name in self._settings.each}
+            stack.callback(self._running.remove)
+            self._running.create(self._as_written)
             try:
                 self._catch_signals()
                 for name in memories:
@@ -136,11 +171,9 @@ class Supervisor:
                     service[-1].start()
                 self._await_first(rtloops, list(memories.values()))  # the others take longer
                 self._announce(url, memories, log_file)
-                while not self._stopping.is_set():
-                    for child in (*rtloops, *service):
-                        self._revive(child)
-                    self._sleep(0.1)
+                self._watch([*rtloops, *service], list(memories.values()) if service else [], url)
             finally:
+                self._systemd.stopping()
                 log.info("stopping: the arm first")
                 for child in rtloops:  # all arms come to rest at the same time
                     child.ask_to_end()
@@ -148,6 +181,45 @@ class Supervisor:
                     child.end(STOP_TIMEOUT_S)
         log.info("stopped")
         return 0
+
+    def _watch(self, children: list[Child], served: list[RobotMemory], url: str) -> None:
+        """Until it is time to stop.
+
+        Args:
+            served: the robots for which the service has to begin before all is ready.
+        """
+        known: dict[str, ProcessState] = {}
+        while not self._stopping.is_set():
+            if self._hangup.is_set():
+                self._hangup.clear()
+                self._reload(children)
+            for child in children:
+                self._revive(child)
+            states = {child.name: child.state for child in children}
+            if states != known:
+                known = states
+                self._running.publish(states)
+            if served and all(int(memory.heartbeat.sequence) for memory in served):
+                served = []
+            if not served:
+                self._systemd.ready(url)
+            self._systemd.alive()
+            self._sleep(0.1)
+
+    def _reload(self, children: list[Child]) -> None:
+        """SIGHUP: the service reads the configuration again. Where it came because the terminal that this
+        was started from has gone, it is the end: nobody watches the arm any more.
+        """
+        if self._in_terminal and not has_terminal():
+            log.info("the terminal has gone")
+            self._stopping.set()
+            return
+        service = next((child for child in children if child.name == SERVICE), None)
+        if service is None or service.process is None:
+            log.warning("web.enabled is false: no service can read the configuration again; restart cobot")
+            return
+        log.info("SIGHUP: the service reads the configuration again")
+        service.process.send_signal(signal.SIGHUP)
 
     def _memory(self, name: str, url: str, stack: ExitStack) -> RobotMemory:
         """A robot's shared memory, which goes with the stack."""
@@ -167,7 +239,8 @@ class Supervisor:
     def _service(self, listener: socket.socket) -> Child:
         host, port = listener.getsockname()[:2]
         listening = ["--host", host, "--port", str(port), "--fd", str(listener.fileno())]
-        return Child("service", [*RUN_MODULE, "app", *self._config, *listening], (listener.fileno(),))
+        config = [*self._config, "--source", str(self._source)]
+        return Child(SERVICE, [*RUN_MODULE, "app", *config, *listening], (listener.fileno(),))
 
     def _ros2(self, url: str) -> Child:
         return Child("ros2", [*RUN_MODULE, "ros2", *self._config, *(("--url", url) if url else ())])
@@ -191,15 +264,14 @@ class Supervisor:
         web = self._settings.web
         try:
             family, _, _, _, address = socket.getaddrinfo(web.host, web.port, type=socket.SOCK_STREAM)[0]
-            listener = socket.socket(family, socket.SOCK_STREAM)
-            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            listener.bind(address)
-            listener.listen(512)
+            with ExitStack() as failed:
+                listener = failed.enter_context(socket.socket(family, socket.SOCK_STREAM))
+                listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                listener.bind(address)
+                listener.listen(512)
+                failed.pop_all()
         except (OSError, ValueError) as exc:  # ValueError: no name of a host at all
-            reason = getattr(exc, "strerror", None) or str(exc)
-            raise UnavailableError(
-                f"cannot listen on {web.host} port {web.port}: {reason}; --port 0 picks a free one"
-            ) from exc
+            raise UnavailableError(_no_listener(web.host, web.port, exc)) from exc
         if listener.getsockname()[0] in ("0.0.0.0", "::"):
             log.warning(
                 "listening on all interfaces without authentication: whoever reaches the port moves the robot"
@@ -211,8 +283,9 @@ class Supervisor:
             self._stopping.set()
 
         signal.set_wakeup_fd(self._wake_write.fileno())
-        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, stop)
+        signal.signal(signal.SIGHUP, lambda number, frame: self._hangup.set())
         signal.signal(signal.SIGCHLD, lambda number, frame: None)  # only to wake the loop
 
     def _sleep(self, seconds: float) -> None:
@@ -243,11 +316,16 @@ class Supervisor:
         while int(memory.state.sequence) == 0 and not self._stopping.is_set():
             assert rtloop.process is not None
             if rtloop.process.poll() is not None:
+                status = rtloop.process.returncode
                 raise UnavailableError(
-                    f"{rtloop.name} ended with status {rtloop.process.returncode} at its start, see above"
+                    f"{rtloop.name} ended with status {status} at its start: {rtloop.last_words()}"
                 )
             if time.monotonic() > deadline_s:
-                raise UnavailableError(f"{rtloop.name} did not begin its cycle in {READY_TIMEOUT_S:.0f} s")
+                backend = self._settings.of(memory.robot).rt.backend
+                raise UnavailableError(
+                    f"{rtloop.name} did not begin its cycle in {READY_TIMEOUT_S:.0f} s: rt.backend "
+                    f"{backend!r} has not opened its device"
+                )
             self._sleep(0.02)
 
     def _revive(self, child: Child) -> None:
@@ -260,6 +338,11 @@ class Supervisor:
             return
         if child.restart_at_s <= child.started_s:  # its death is news
             child.restart_at_s = now_s + child.backoff_s
+            if status == 0:
+                log.info(
+                    "%s (pid %d) has ended as it was asked to, and starts anew", child.name, child.process.pid
+                )
+                return
             cause = signal.Signals(-status).name if status < 0 else f"status {status}"
             log.error(
                 "%s (pid %d) ended: %s; restart in %.1f s",
@@ -271,6 +354,7 @@ class Supervisor:
             child.backoff_s = min(2.0 * child.backoff_s, MAX_BACKOFF_S)
         elif now_s >= child.restart_at_s:
             child.start()
+            child.restarts += 1
 
     def _announce(self, url: str, memories: dict[str, RobotMemory], log_file: Path) -> None:
         log.info("cobot %s (pid %d)", version("cobot"), os.getpid())
@@ -282,6 +366,18 @@ class Supervisor:
             log.info("  real time  %s", _permissions(memory))
         log.info("  logs       %s", log_file)
         log.info("  Ctrl-C stops: the arm first, then the service")
+
+
+def _no_listener(host: str, port: int, error: OSError | ValueError) -> str:
+    """Why nobody can listen there, and which setting to change."""
+    reason = getattr(error, "strerror", None) or str(error)
+    message = f"cannot listen on {host} port {port}: {reason}"
+    match getattr(error, "errno", None):
+        case errno.EADDRINUSE:
+            return f"web.port: {message}; set another one, or --port 0, which picks a free one"
+        case errno.EACCES:
+            return f"web.port: {message}; set one from 1024 on, which needs no privilege"
+    return f"web.host: {message}; set an address of this computer, 127.0.0.1 or 0.0.0.0"
 
 
 def _url(listener: socket.socket) -> str:
