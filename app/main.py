@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import gc
+import signal
 from collections.abc import AsyncIterator
 from importlib.metadata import version
 from pathlib import Path
@@ -18,12 +19,14 @@ from starlette.routing import BaseRoute
 from app.api import errors
 from app.api.body_limit import BodyLimit
 from app.api.openapi import with_limits
-from app.api.routers import common, sequences, trajectory
+from app.api.routers import common, operations, sequences, trajectory
 from app.api.routers import robot as robot_router
 from app.api.routers import robots as robots_router
 from app.api.routers import stream as stream_router
+from app.api.timing import RequestTimes, Timing
 from app.aubo import http as vendor_http
 from app.offers.robots_on_graph import serving
+from app.reloading import Reloading
 from app.robot_services import Planner, SharedParts, serving_robot
 from app.rosbridge import router as rosbridge_router
 from app.services.motion.planning import PlanningService
@@ -48,6 +51,7 @@ def create_app(
     base_url: str,
     clock: Clock = SYSTEM,
     planner: Planner = PlanningService,
+    source: Path | None = None,
 ) -> FastAPI:
     """The application. Long, as it is the list of its parts, in the order in which they need each other.
 
@@ -56,6 +60,7 @@ def create_app(
         base_url: where the sequence runner finds this service.
         clock: that all services go by.
         planner: makes what a robot plans with, from the settings' file, the number of workers and its name.
+        source: what a reload reads, see `Reloading`.
 
     Raises:
         ConfigError: the configuration is wrong.
@@ -83,6 +88,8 @@ def create_app(
             app.state.services = app.state.robots[settings.robot.name]
             shared.sync.robots.update(app.state.robots)
             stack.callback(shared.sync.close)
+            if source is not None:
+                asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, app.state.reloading.begin)
             app.state.graph = await stack.enter_async_context(serving(app.state.robots, tcps, clock))
             gc.collect()
             gc.freeze()
@@ -102,10 +109,11 @@ def create_app(
     }
     app.state.large_body = asyncio.Lock()
     app.state.rosbridge_connections = 0
-    app.state.stop_on_disconnect = settings.web.stop_on_disconnect
-    app.add_middleware(
-        BodyLimit, limit_bytes=settings.web.max_body_bytes, json_limit_bytes=settings.web.max_json_bytes
-    )
+    app.state.web = settings.web
+    app.state.reloading = Reloading(settings, config, source, app.state)
+    app.state.requests = RequestTimes()
+    app.add_middleware(BodyLimit)
+    app.add_middleware(Timing, times=app.state.requests)
     errors.install(app)
     limits = {name: robot.limits for name, robot in robots.items()}
     app.openapi = with_limits(app.openapi, limits)  # type: ignore[method-assign]
@@ -122,7 +130,7 @@ def create_app(
         stream_router.router,
     )
     plain = [route for router in routers for route in router.routes if _enabled(route, endpoints)]
-    more = (robots_router.router, vendor_http.router, rosbridge_router.router)
+    more = (robots_router.router, operations.router, vendor_http.router, rosbridge_router.router)
     named = [route for router in more for route in router.routes if _enabled(route, endpoints)]
     app.router.routes[:0] = [*plain, *robots_router.twins(plain, list(robots)), *named]
     for route in app.routes:

@@ -49,6 +49,7 @@ def main() -> int:
     """Serve until SIGTERM; the exit status: 0, or 2 when it could not start."""
     parser = argparse.ArgumentParser(prog="python -m app", description=__doc__)
     parser.add_argument("--config", type=Path, help="settings file; without it the shipped one")
+    parser.add_argument("--source", type=Path, help="what the user edits, where the settings file is a copy")
     parser.add_argument("--host", required=True, help="address that the socket listens on")
     parser.add_argument("--port", type=int, required=True)
     parser.add_argument("--fd", type=int, required=True, help="descriptor of the listening socket")
@@ -57,7 +58,10 @@ def main() -> int:
     logging.getLogger("httpx").setLevel(logging.WARNING)
     try:
         app = create_app(
-            load_settings(arguments.config), arguments.config, _url(arguments.host, arguments.port)
+            load_settings(arguments.config),
+            arguments.config,
+            _url(arguments.host, arguments.port),
+            source=arguments.source,
         )
     except CobotError as exc:
         print(exc, flush=True)

@@ -14,10 +14,8 @@ from cobot.errors import PayloadError
 class BodyLimit:
     """ASGI middleware."""
 
-    def __init__(self, app: ASGIApp, limit_bytes: int, json_limit_bytes: int) -> None:
+    def __init__(self, app: ASGIApp) -> None:
         self._app = app
-        self._limit_bytes = limit_bytes
-        self._json_limit_bytes = json_limit_bytes
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http" or scope["method"] == "GET":  # of a GET nothing is taken in
@@ -25,7 +23,8 @@ class BodyLimit:
             return
         headers = dict(scope["headers"])
         form = headers.get(b"content-type", b"").lower().startswith(b"multipart/")
-        limit_bytes = self._limit_bytes if form else self._json_limit_bytes
+        web = scope["app"].state.web
+        limit_bytes = web.max_body_bytes if form else web.max_json_bytes
         length = headers.get(b"content-length", b"0")
         announced = int(length) if length.isdigit() else 0
         received = 0
