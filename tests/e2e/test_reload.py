@@ -237,7 +237,7 @@ def test_metrics_tell_what_happened(run: Edited) -> None:
     assert samples["cobot_process_restarts_total", ("process", "service")] == 1
     robot = ("robot", run.name)
     assert samples["cobot_motions_total", ("result", "stopped"), robot] == 1
-    assert samples["cobot_motions_total", ("result", "arrived"), robot] >= 3
+    assert samples["cobot_motions_total", ("result", "arrived"), robot] >= 2
     assert samples["cobot_cycles_total", robot] > 0
     assert samples["cobot_cycle_seconds_count", ("phase", "total"), robot] > 0
     assert samples["cobot_ready", robot] == 1
