@@ -9,6 +9,7 @@ from cobot.launch.process import Niceness, be, die_with_parent
 
 if __name__ == "__main__":
     die_with_parent(signal.SIGTERM)
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)  # until the service can read its configuration again
     be(Niceness.PROMPT)
     from app.server import main  # takes some seconds, in which the supervisor might die unnoticed
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import gc
+import signal
 from collections.abc import AsyncIterator
 from importlib.metadata import version
 from pathlib import Path
@@ -24,12 +25,14 @@ from app.api.openapi import with_limits, with_tokens
 from app.api.origins import Origins
 from app.api.roles import guard, roles
 from app.api.routers import audit as audit_router
-from app.api.routers import common, sequences, trajectory
+from app.api.routers import common, operations, sequences, trajectory
 from app.api.routers import robot as robot_router
 from app.api.routers import robots as robots_router
 from app.api.routers import stream as stream_router
+from app.api.timing import RequestTimes, Timing
 from app.aubo import http as vendor_http
 from app.offers.robots_on_graph import serving
+from app.reloading import Reloading
 from app.robot_services import Planner, SharedParts, serving_robot
 from app.rosbridge import router as rosbridge_router
 from app.services.motion.planning import PlanningService
@@ -60,6 +63,7 @@ def create_app(
     clock: Clock = SYSTEM,
     planner: Planner = PlanningService,
     *,
+    source: Path | None = None,
     host: str = "127.0.0.1",
     ros_token: str | None = None,
 ) -> FastAPI:
@@ -72,6 +76,7 @@ def create_app(
         planner: makes what a robot plans with, from the settings' file, the number of workers and its name.
         host: address that the service listens on.
         ros_token: by which the DDS process is known.
+        source: what a reload reads, see `Reloading`.
 
     Raises:
         ConfigError: the configuration is wrong.
@@ -106,6 +111,8 @@ def create_app(
             app.state.services = app.state.robots[settings.robot.name]
             shared.sync.robots.update(app.state.robots)
             stack.callback(shared.sync.close)
+            if source is not None:
+                asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, app.state.reloading.begin)
             app.state.graph = await stack.enter_async_context(serving(app.state.robots, tcps, clock))
             gc.collect()
             gc.freeze()
@@ -126,16 +133,14 @@ def create_app(
     app.state.large_body = asyncio.Lock()
     app.state.rosbridge_connections = 0
     app.state.losses = Losses(None)
-    app.state.stop_on_disconnect = settings.web.stop_on_disconnect
-    app.add_middleware(
-        BodyLimit,
-        limit_bytes=settings.web.max_body_bytes,
-        json_limit_bytes=settings.web.max_json_bytes,
-        all_bytes=settings.web.limits.bodies_bytes,
-    )
+    app.state.web = settings.web
+    app.state.reloading = Reloading(settings, config, source, app.state)
+    app.state.requests = RequestTimes()
+    app.add_middleware(BodyLimit, all_bytes=settings.web.limits.bodies_bytes)
     hosts = [host, urlsplit(base_url).hostname or host, *settings.web.allowed_hosts]
     origins = Origins(hosts, settings.web.allowed_origins, host)
     app.add_middleware(Access, tokens=tokens, origins=origins, required=required)
+    app.add_middleware(Timing, times=app.state.requests)
     app.add_middleware(RequestTrail)  # The last one is the outermost: what is refused leaves a trail too.
     errors.install(app)
     limits = {name: robot.limits for name, robot in robots.items()}
@@ -156,7 +161,13 @@ def create_app(
         stream_router.router,
     )
     plain = [route for router in routers for route in router.routes if _enabled(route, endpoints)]
-    more = (robots_router.router, audit_router.router, vendor_http.router, rosbridge_router.router)
+    more = (
+        robots_router.router,
+        operations.router,
+        audit_router.router,
+        vendor_http.router,
+        rosbridge_router.router,
+    )
     named = [route for router in more for route in router.routes if _enabled(route, endpoints)]
     app.router.routes[:0] = [*plain, *robots_router.twins(plain, list(robots)), *named]
     for route in app.routes:

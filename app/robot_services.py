@@ -139,7 +139,7 @@ def _services(
         trajectories=TrajectoryService(ownership, motion, tolerance_rad, link.label),
         sequences=sequences,
         stopping=stopping,
-        health=HealthService(settings.robot.name, link, ownership, sequences, streams, stale_s),
+        health=HealthService(settings.robot.name, link, ownership, sequences, streams, planning, stale_s),
         streams=streams,
         equipment=equipment,
         force=force,

@@ -66,6 +66,7 @@ def main() -> int:
     """Serve until SIGTERM; the exit status: 0, or 2 when it could not start."""
     parser = argparse.ArgumentParser(prog="python -m app", description=__doc__)
     parser.add_argument("--config", type=Path, help="settings file; without it the shipped one")
+    parser.add_argument("--source", type=Path, help="what the user edits, where the settings file is a copy")
     parser.add_argument("--host", required=True, help="address that the socket listens on")
     parser.add_argument("--port", type=int, required=True)
     parser.add_argument("--fd", type=int, required=True, help="descriptor of the listening socket")
@@ -84,6 +85,7 @@ def main() -> int:
             _url(arguments.host, arguments.port, secure),
             host=arguments.host,
             ros_token=ros_token,
+            source=arguments.source,
         )
     except CobotError as exc:
         log.error("%s", exc)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib.util
 import re
 from collections.abc import Iterator
+from contextlib import contextmanager
 from ipaddress import IPv4Address
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -51,6 +52,10 @@ ENDPOINTS = (
     "GET /sequences/logs",
     "POST /stop",
     "GET /health",
+    "GET /health/live",
+    "GET /health/ready",
+    "GET /metrics",
+    "POST /admin/reload",
     "GET /robots",
     "GET /audit",
     "WS /robot/stream",
@@ -384,6 +389,16 @@ def _changes_of_each(path: Path, entries: Any) -> Iterator[dict[str, Any]]:
         yield changes
 
 
+@contextmanager
+def naming(setting: str) -> Iterator[None]:
+    """Have errors of what a setting names begin with the setting, which is what people can change."""
+    try:
+        yield
+    except ConfigError as exc:
+        raise ConfigError(f"{setting}: {exc}") from exc
+
+
+@naming("web.endpoints")
 def load_endpoints(path: Path) -> dict[str, Endpoint]:
     """Read `api_endpoints.yaml`: an entry for each of `ENDPOINTS`, and no other.
 

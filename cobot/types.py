@@ -108,6 +108,14 @@ class JointLimits:
     def dof(self) -> int:
         return len(self.names)
 
+    def take_over(self, other: JointLimits) -> None:
+        """Become these limits, of the same joints: whoever holds this object goes by them at once."""
+        for item in fields(self)[1:]:
+            mine = getattr(self, item.name)
+            mine.flags.writeable = True
+            mine[:] = getattr(other, item.name)
+            mine.flags.writeable = False
+
     def including(self, position: Array) -> JointLimits:
         """The same, but no tighter than this position: an arm that was pushed beyond may go back."""
         low, high = np.minimum(self.min_position, position), np.maximum(self.max_position, position)

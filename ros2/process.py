@@ -50,7 +50,10 @@ def main() -> int:
         settings = load_settings(arguments.config)
         start_logging("ros2", settings.logging)
         uvloop.run(_serve(settings, arguments.url))
-    except (CobotError, NetworkError) as exc:
+    except NetworkError as exc:
+        log.error("ros.domain_id, ros.interfaces: %s", exc)
+        return 2
+    except CobotError as exc:
         log.error("%s", exc)
         return 2
     return 0

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import json
 import logging
 import os
 import signal
 import time
+from dataclasses import asdict
 from pathlib import Path
 from types import FrameType
 
@@ -34,11 +36,17 @@ def main() -> int:
     parser.add_argument("--robot", help="one of those in `robots`; without it the default one")
     parser.add_argument("--clock", choices=("realtime", "fast"), help="instead of rt.clock")
     parser.add_argument("--check", action="store_true", help="only see whether the backend can be made")
+    parser.add_argument(
+        "--permissions", action="store_true", help="only print what the system grants, as JSON"
+    )
     arguments = parser.parse_args()
     if not arguments.check:
         start_logging("rtloop")
     try:
-        if arguments.check:
+        if arguments.permissions:
+            rt = load_settings(arguments.config).of(arguments.robot).rt
+            print(json.dumps(asdict(prepare(rt.priority, rt.cpu, rt.cpu_latency_us))))
+        elif arguments.check:
             settings = load_settings(arguments.config).of(arguments.robot)
             make_backend(settings, load_robot(settings).limits)
         else:
@@ -46,10 +54,11 @@ def main() -> int:
             start_logging("rtloop", settings.logging)
             _run(settings, arguments.clock)
     except (CobotError, BackendError) as exc:
+        problem = f"rt.backend: {exc}" if isinstance(exc, BackendError) else str(exc)
         if arguments.check:
-            print(exc, flush=True)
+            print(problem, flush=True)
         else:
-            log.error("%s", exc)
+            log.error("%s", problem)
         return 2
     return 0
 

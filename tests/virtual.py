@@ -41,6 +41,8 @@ POLL_S = 0.01
 class PlanningHere(PlanningService):
     """Plans at once, in the service's own process."""
 
+    warm = True
+
     def __init__(self, robot: RobotDescription) -> None:
         self._robot = robot
 

@@ -15,10 +15,8 @@ from cobot.errors import PayloadError, UnavailableError
 class BodyLimit:
     """ASGI middleware."""
 
-    def __init__(self, app: ASGIApp, limit_bytes: int, json_limit_bytes: int, all_bytes: int) -> None:
+    def __init__(self, app: ASGIApp, all_bytes: int) -> None:
         self._app = app
-        self._limit_bytes = limit_bytes
-        self._json_limit_bytes = json_limit_bytes
         self._all_bytes = all_bytes
         self._held_bytes = 0  # of all requests that are being answered
 
@@ -28,7 +26,8 @@ class BodyLimit:
             return
         headers = dict(scope["headers"])
         form = headers.get(b"content-type", b"").lower().startswith(b"multipart/")
-        limit_bytes = self._limit_bytes if form else self._json_limit_bytes
+        web = scope["app"].state.web
+        limit_bytes = web.max_body_bytes if form else web.max_json_bytes
         length = headers.get(b"content-length", b"0")
         announced = int(length) if length.isdigit() else 0
         received = 0

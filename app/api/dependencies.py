@@ -105,7 +105,7 @@ async def gone(request: Request) -> AsyncIterator[asyncio.Event]:
             pass
         event.set()
 
-    if not request.app.state.stop_on_disconnect:
+    if not request.app.state.web.stop_on_disconnect:
         yield event
         return
     watcher = asyncio.create_task(watch())

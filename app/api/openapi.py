@@ -25,6 +25,33 @@ def with_limits(
     Args:
         robots: each robot's limits by its name.
     """
+
+    def described() -> dict[str, Any]:
+        text, items = _described(robots)
+        schema = openapi()
+        models = schema.get("components", {}).get("schemas", {})
+        for model, field in JOINT_FIELDS:
+            if model in models:  # the endpoint may be switched off
+                models[model]["properties"][field] |= {
+                    "description": f"rad: {text}",
+                    "minItems": min(limits.dof for limits in robots.values()),
+                    "maxItems": max(limits.dof for limits in robots.values()),
+                    "prefixItems": items,
+                }
+        for path, operations in schema["paths"].items():
+            for endpoint in operations.values():
+                summary = endpoint["description"].partition("\n")[0]  # says more than the path again
+                endpoint["summary"] = f"{summary} Of any robot." if path.startswith(f"{ROBOTS}/") else summary
+        return schema
+
+    return described
+
+
+Row = tuple[str, float, float]
+
+
+def _described(robots: dict[str, JointLimits]) -> tuple[str, list[dict[str, Any]]]:
+    """How far the joints may go: as a sentence, and as a schema of each."""
     each = {name: _table(limits) for name, limits in robots.items()}
     texts = {
         name: ", ".join(f"{joint} {low:g} to {high:g}" for joint, low, high in table)
@@ -43,25 +70,17 @@ def with_limits(
         }
         for rows in map(_present, zip_longest(*each.values()))
     ]
+    return text, items
 
-    def described() -> dict[str, Any]:
-        schema = openapi()
-        models = schema.get("components", {}).get("schemas", {})
-        for model, field in JOINT_FIELDS:
-            if model in models:  # the endpoint may be switched off
-                models[model]["properties"][field] |= {
-                    "description": f"rad: {text}",
-                    "minItems": min(map(len, each.values())),
-                    "maxItems": max(map(len, each.values())),
-                    "prefixItems": items,
-                }
-        for path, operations in schema["paths"].items():
-            for endpoint in operations.values():
-                summary = endpoint["description"].partition("\n")[0]  # says more than the path again
-                endpoint["summary"] = f"{summary} Of any robot." if path.startswith(f"{ROBOTS}/") else summary
-        return schema
 
-    return described
+def _table(limits: JointLimits) -> list[Row]:
+    """Of each joint: name, least and greatest position, rad."""
+    return list(zip(limits.names, limits.min_position.tolist(), limits.max_position.tolist(), strict=True))
+
+
+def _present(rows: tuple[Row | None, ...]) -> list[Row]:
+    """Of the robots that have so many joints."""
+    return [row for row in rows if row is not None]
 
 
 def with_tokens(
@@ -93,16 +112,3 @@ def with_tokens(
         return schema
 
     return described
-
-
-Row = tuple[str, float, float]
-
-
-def _table(limits: JointLimits) -> list[Row]:
-    """Of each joint: name, least and greatest position, rad."""
-    return list(zip(limits.names, limits.min_position.tolist(), limits.max_position.tolist(), strict=True))
-
-
-def _present(rows: tuple[Row | None, ...]) -> list[Row]:
-    """Of the robots that have so many joints."""
-    return [row for row in rows if row is not None]

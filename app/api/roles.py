@@ -38,6 +38,10 @@ ROLES: dict[str, Role] = {
     "GET /health": Role.OBSERVER,
     "GET /robots": Role.OBSERVER,
     "GET /audit": Role.ADMIN,
+    "GET /metrics": Role.OBSERVER,
+    "GET /health/live": Role.NOBODY,  # who restarts what does not answer has no token
+    "GET /health/ready": Role.NOBODY,
+    "POST /admin/reload": Role.ADMIN,
     "WS /robot/stream": Role.OBSERVER,  # a session needs an operator: app.api.routers.stream
     "WS /rosbridge": Role.OBSERVER,  # each operation needs its own: app.rosbridge.roles
     "POST /{robot}/{Class}/{method}": Role.OBSERVER,  # and each method: app.aubo.roles

@@ -379,6 +379,26 @@ class HealthAnswer(RobotHealth):
     robots: dict[str, RobotHealth] = Field(description="Of each robot that was asked for, by its name.")
 
 
+class LiveAnswer(BaseModel):
+    """The service runs."""
+
+    status: Literal["live"]
+
+
+class ReadyAnswer(BaseModel):
+    """Every robot that was asked for takes motions."""
+
+    status: Literal["ready"]
+    robots: list[str] = Field(description="Their names.")
+
+
+class ReloadAnswer(BaseModel):
+    """What the reload has done, as sentences."""
+
+    taken_over: list[str] = Field(description="What counts from now on; empty if nothing has changed.")
+    needs_restart: list[str] = Field(description="What has changed too, and counts after a restart of cobot.")
+
+
 class RobotAnswer(BaseModel):
     """A robot that is served."""
 

@@ -177,7 +177,10 @@ class RobotMemory:
         try:
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         except OSError as exc:
-            raise SharedMemoryError(f"{path}: {exc.strerror}") from exc
+            raise SharedMemoryError(
+                f"{path}: {exc.strerror}; if it is another user's, stop their cobot and remove it, or set "
+                "another robot.name"
+            ) from exc
         try:
             _lock(descriptor, Role.SUPERVISOR, robot)
             for role in (Role.RTLOOP, Role.SERVICE, Role.STREAM):
@@ -198,11 +201,12 @@ class RobotMemory:
             os.close(descriptor)
             path.unlink(missing_ok=True)
             raise SharedMemoryError(
-                f"{path}: cannot allocate {_file_size(dof, capacity)} bytes: {exc.strerror}"
+                f"{path}: cannot allocate {_file_size(dof, capacity)} bytes: {exc.strerror}; make {FOLDER} "
+                "larger, or set a smaller rt.trajectory_capacity"
             ) from exc
-        except ConflictError:
+        except ConflictError as exc:
             os.close(descriptor)
-            raise
+            raise ConflictError(f"{exc}; end it, or set another robot.name") from exc
 
     @classmethod
     def attach(cls, robot: str, role: Role) -> RobotMemory:
@@ -294,6 +298,23 @@ def robots_running() -> list[str]:
         except OSError:  # somebody else's
             continue
     return found
+
+
+def memory_bytes(dof: int, capacity: int) -> int:
+    """How much of /dev/shm a robot needs."""
+    return _file_size(dof, capacity)
+
+
+def user_of(robot: str, role: Role) -> int:
+    """The process that has a role at a robot's memory, 0 for none."""
+    try:
+        descriptor = os.open(_path(robot), os.O_RDWR | os.O_CLOEXEC)
+    except OSError:
+        return 0
+    try:
+        return _holder(descriptor, role)
+    finally:
+        os.close(descriptor)
 
 
 def text(field: np.ndarray) -> str:

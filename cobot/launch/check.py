@@ -7,6 +7,7 @@ import socket
 import subprocess
 import tempfile
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TextIO
@@ -23,7 +24,16 @@ from cobot.robot.limits import check_positions
 from cobot.types import PlannerName, Scaling, vector
 
 
-def check(settings: Settings, config: Path | None, out: TextIO) -> bool:
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """One item: what was found, or what is wrong."""
+
+    item: str
+    good: bool
+    found: str
+
+
+def check(settings: Settings, config: Path | None, out: TextIO) -> list[Checked]:
     """Validate the configuration, one printed line per item.
 
     Checks the endpoints file, the address, the folders, the model with its limits, the backend, and of
@@ -33,7 +43,7 @@ def check(settings: Settings, config: Path | None, out: TextIO) -> bool:
         config: the settings' file, for the real-time process.
 
     Returns:
-        Whether everything is good.
+        All items.
     """
     report = _Report(out)
     report.item(
@@ -47,7 +57,7 @@ def check(settings: Settings, config: Path | None, out: TextIO) -> bool:
         if settings.robots:
             report.about = f"{name}: "
         _check_robot(report, each, config)
-    return report.good
+    return report.items
 
 
 def _check_robot(report: _Report, settings: Settings, config: Path | None) -> None:
@@ -67,16 +77,17 @@ def _check_robot(report: _Report, settings: Settings, config: Path | None) -> No
 
 class _Report:
     def __init__(self, out: TextIO) -> None:
-        self.good = True
+        self.items: list[Checked] = []
         self.about = ""
         self._out = out
 
     def item(self, name: str, examine: Callable[[], str]) -> None:
         try:
-            print(f"ok      {self.about}{name}: {examine()}", file=self._out)
+            checked = Checked(f"{self.about}{name}", True, examine())
         except CobotError as exc:
-            self.good = False
-            print(f"FAILED  {self.about}{name}: {exc}", file=self._out)
+            checked = Checked(f"{self.about}{name}", False, str(exc))
+        self.items.append(checked)
+        print(f"{'ok     ' if checked.good else 'FAILED '} {checked.item}: {checked.found}", file=self._out)
 
 
 def _address(web: WebSection) -> str:

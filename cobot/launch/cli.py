@@ -15,6 +15,7 @@ from cobot.client.tls import CERTIFICATE_VARIABLE, TOKEN_VARIABLE
 from cobot.config import Settings, load_settings
 from cobot.errors import CobotError
 from cobot.launch import token
+from cobot.launch.install import install, uninstall
 from cobot.launch.process import RUN_MODULE
 from cobot.launch.stop import stop
 from cobot.launch.supervisor import Supervisor
@@ -27,6 +28,8 @@ A robot arm behind a REST service.
   cobot stop     bring the arm to rest, whatever has become of the service
   cobot lua      run a Lua program at a running service, see docs/lua.md
   cobot token    make, list and revoke the tokens that a service on the network asks for
+  cobot doctor   whether this computer is fit for it, and what to type where it is not
+  cobot install  make it a service of systemd; cobot uninstall takes that back
 
 The first run needs no configuration: open http://localhost:8007/docs and move the arm."""
 
@@ -48,12 +51,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return EXIT_OK
         if chosen.command == "stop":
             return _stop(chosen)
+        if chosen.command == "doctor":
+            from cobot.launch.doctor import doctor  # as below
+
+            return EXIT_OK if doctor(chosen.config, sys.stdout, as_json=chosen.json) else EXIT_FAILED
+        if chosen.command == "install":
+            install(sys.stdout, chosen.prefix, dry_run=chosen.dry_run)
+            return EXIT_OK
+        if chosen.command == "uninstall":
+            uninstall(sys.stdout, chosen.prefix, dry_run=chosen.dry_run)
+            return EXIT_OK
         settings = load_settings(chosen.config)
         if chosen.command == "check":
             from cobot.launch.check import check  # imports what planning needs
 
-            return EXIT_OK if check(settings, chosen.config, sys.stdout) else EXIT_FAILED
-        return Supervisor(_overridden(settings, chosen), chosen.config).run()
+            items = check(settings, chosen.config, sys.stdout)
+            return EXIT_OK if all(item.good for item in items) else EXIT_FAILED
+        return Supervisor(_overridden(settings, chosen), chosen.config, settings).run()
     except CobotError as exc:
         print(f"cobot: {exc}", file=sys.stderr)
         return EXIT_FAILED
@@ -109,6 +123,15 @@ def _parser() -> argparse.ArgumentParser:
     )
     stop.add_argument("--robot", metavar="NAME", help="only this one; with --config: only those of the file")
     stop.add_argument("--estop", action="store_true", help="latched: nothing moves until POST /robot/reset")
+    examine = commands.add_parser("doctor", parents=[config], help="examine this computer")
+    examine.add_argument("--json", action="store_true", help="as a list of objects, for programs")
+    for name, text in (
+        ("install", "write a systemd unit, a settings file and what belongs to them"),
+        ("uninstall", "take away what install has written; your settings, logs and state stay"),
+    ):
+        system = commands.add_parser(name, help=text)
+        system.add_argument("--dry-run", action="store_true", help="only print what would change")
+        system.add_argument("--prefix", type=Path, metavar="DIR", help="write below DIR, and run nothing")
     return parser
 
 

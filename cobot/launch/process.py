@@ -32,6 +32,15 @@ def be(niceness: Niceness) -> None:
         os.setpriority(os.PRIO_PROCESS, 0, niceness)
 
 
+def has_terminal() -> bool:
+    """Whether this process has a terminal that is still there."""
+    try:
+        os.close(os.open("/dev/tty", os.O_RDONLY | os.O_NOCTTY))
+    except OSError:
+        return False
+    return True
+
+
 def die_with_parent(number: signal.Signals) -> None:
     """Have the kernel send this process a signal when its parent ends, however it ends.
 

@@ -8,6 +8,7 @@ instead of being refused. Long, for starting, watching and ending them are one a
 
 from __future__ import annotations
 
+import errno
 import logging
 import os
 import secrets
@@ -28,10 +29,12 @@ from cobot.access.tls import check_certificate
 from cobot.access.tokens import TokenFile
 from cobot.addresses import address
 from cobot.client.tls import CERTIFICATE_VARIABLE
-from cobot.config import Settings
+from cobot.config import DEFAULT_SETTINGS, Settings, load_endpoints, resolve
 from cobot.errors import TornReadError, UnavailableError
 from cobot.ipc.shm import RobotMemory, text
-from cobot.launch.process import RUN_MODULE
+from cobot.launch.process import RUN_MODULE, has_terminal
+from cobot.launch.running_config import ProcessState, RunningConfig
+from cobot.launch.systemd import Systemd
 from cobot.logs.process import SUPERVISED
 from cobot.logs.supervision import SupervisorLog, supervising
 from cobot.robot.description import load_robot
@@ -42,6 +45,7 @@ STEADY_S = 10.0
 """A process that has lived so long is trusted again: its next pause is the first one."""
 READY_TIMEOUT_S = 20.0
 STOP_TIMEOUT_S = 5.0
+SERVICE = "service"
 
 log = logging.getLogger("cobot")
 
@@ -59,6 +63,8 @@ class Child:
     started_s: float = 0.0
     backoff_s: float = FIRST_BACKOFF_S
     restart_at_s: float = 0.0
+    restarts: int = 0
+    line: str = ""
     reader: threading.Thread | None = field(default=None, repr=False)
 
     def start(self) -> None:
@@ -83,7 +89,20 @@ class Child:
         finally:
             os.close(write_end)
         self.started_s = time.monotonic()
-        self.reader = self.log.follow(self.name, output)
+        self.reader = self.log.follow(self.name, output, self._heard)
+
+    def _heard(self, line: str) -> None:
+        self.line = line
+
+    def last_words(self) -> str:
+        """The last line of a process that has ended."""
+        if self.reader is not None:
+            self.reader.join(1.0)
+        return self.line or "it said nothing"
+
+    @property
+    def state(self) -> ProcessState:
+        return ProcessState(self.process.pid if self.process is not None else 0, self.restarts)
 
     def ask_to_end(self) -> None:
         if self.process is not None:
@@ -109,11 +128,18 @@ class Child:
 class Supervisor:
     """Runs the robots until it is told to stop: a process for each, and one service for all."""
 
-    def __init__(self, settings: Settings, config: Path | None) -> None:
+    def __init__(self, settings: Settings, config: Path | None, as_written: Settings | None = None) -> None:
+        """as_written: the settings without what the command line says otherwise."""
         self._settings = settings
-        self._config = ["--config", str(config.resolve())] if config else []
+        self._as_written = as_written or settings
+        self._source = config.resolve() if config else resolve(DEFAULT_SETTINGS, Path())
+        self._running = RunningConfig.of(settings.robot.name)
+        self._config = ["--config", str(self._running.file)]
         self._ros_token = secrets.token_urlsafe(32)
+        self._systemd = Systemd()
+        self._in_terminal = has_terminal()
         self._stopping = threading.Event()
+        self._hangup = threading.Event()
         self._wake_read, self._wake_write = socket.socketpair()
         self._wake_write.setblocking(False)
 
@@ -126,12 +152,21 @@ class Supervisor:
         Raises:
             CobotError: nothing could be started.
         """
-        with supervising(self._settings.logging, self._settings.log_file) as self._log:
-            self._run()
+        with (
+            self._wake_read,
+            self._wake_write,
+            supervising(self._settings.logging, self._settings.log_file) as self._log,
+        ):
+            try:
+                self._run()
+            finally:
+                signal.set_wakeup_fd(-1)
         return 0
 
     def _run(self) -> None:
         secure = check_certificate(self._settings.web)
+        if self._settings.web.enabled:
+            load_endpoints(self._settings.web.endpoints)  # what is wrong there is said here, not by a child
         listener = self._listen() if self._settings.web.enabled else None
         url = _url(listener, secure) if listener is not None else ""
         access = self._access(listener)
@@ -141,6 +176,8 @@ class Supervisor:
             if listener is not None:
                 stack.callback(listener.close)
             memories = {name: self._memory(name, url, stack) for name in self._settings.each}
+            stack.callback(self._running.remove)
+            self._running.create(self._as_written)
             try:
                 self._catch_signals()
                 for name in memories:
@@ -154,17 +191,54 @@ class Supervisor:
                     service[-1].start()
                 self._await_first(rtloops, list(memories.values()))  # the others take longer
                 self._announce(url, access, memories)
-                while not self._stopping.is_set():
-                    for child in (*rtloops, *service):
-                        self._revive(child)
-                    self._sleep(0.1)
+                self._watch([*rtloops, *service], list(memories.values()) if service else [], url)
             finally:
+                self._systemd.stopping()
                 for child in rtloops:  # all arms come to rest at the same time, before anything is written
                     child.ask_to_end()
                 log.info("stopping: the arm first")
                 for child in (*rtloops, *service):
                     child.end(STOP_TIMEOUT_S)
         log.info("stopped")
+
+    def _watch(self, children: list[Child], served: list[RobotMemory], url: str) -> None:
+        """Until it is time to stop.
+
+        Args:
+            served: the robots for which the service has to begin before all is ready.
+        """
+        known: dict[str, ProcessState] = {}
+        while not self._stopping.is_set():
+            if self._hangup.is_set():
+                self._hangup.clear()
+                self._reload(children)
+            for child in children:
+                self._revive(child)
+            states = {child.name: child.state for child in children}
+            if states != known:
+                known = states
+                self._running.publish(states)
+            if served and all(int(memory.heartbeat.sequence) for memory in served):
+                served = []
+            if not served:
+                self._systemd.ready(url)
+            self._systemd.alive()
+            self._sleep(0.1)
+
+    def _reload(self, children: list[Child]) -> None:
+        """SIGHUP: the service reads the configuration again. Where it came because the terminal that this
+        was started from has gone, it is the end: nobody watches the arm any more.
+        """
+        if self._in_terminal and not has_terminal():
+            log.info("the terminal has gone")
+            self._stopping.set()
+            return
+        service = next((child for child in children if child.name == SERVICE), None)
+        if service is None or service.process is None:
+            log.warning("web.enabled is false: no service can read the configuration again; restart cobot")
+            return
+        log.info("SIGHUP: the service reads the configuration again")
+        service.process.send_signal(signal.SIGHUP)
 
     def _memory(self, name: str, url: str, stack: ExitStack) -> RobotMemory:
         """A robot's shared memory, which goes with the stack."""
@@ -186,9 +260,10 @@ class Supervisor:
         host, port = listener.getsockname()[:2]
         listening = ["--host", host, "--port", str(port), "--fd", str(listener.fileno())]
         losses = self._log.losses
-        command = [*RUN_MODULE, "app", *self._config, *listening, "--losses-fd", str(losses)]
+        files = [*self._config, "--source", str(self._source), "--losses-fd", str(losses)]
+        command = [*RUN_MODULE, "app", *files, *listening]
         token = {ROS_TOKEN_VARIABLE: self._ros_token}
-        return Child("service", command, self._log, (listener.fileno(), losses), token)
+        return Child(SERVICE, command, self._log, (listener.fileno(), losses), token)
 
     def _ros2(self, url: str) -> Child:
         command = [*RUN_MODULE, "ros2", *self._config, *(("--url", url) if url else ())]
@@ -201,15 +276,14 @@ class Supervisor:
         web = self._settings.web
         try:
             family, _, _, _, address = socket.getaddrinfo(web.host, web.port, type=socket.SOCK_STREAM)[0]
-            listener = socket.socket(family, socket.SOCK_STREAM)
-            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            listener.bind(address)
-            listener.listen(512)
+            with ExitStack() as failed:
+                listener = failed.enter_context(socket.socket(family, socket.SOCK_STREAM))
+                listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                listener.bind(address)
+                listener.listen(512)
+                failed.pop_all()
         except (OSError, ValueError) as exc:  # ValueError: no name of a host at all
-            reason = getattr(exc, "strerror", None) or str(exc)
-            raise UnavailableError(
-                f"cannot listen on {web.host} port {web.port}: {reason}; --port 0 picks a free one"
-            ) from exc
+            raise UnavailableError(_no_listener(web.host, web.port, exc)) from exc
         return listener
 
     def _access(self, listener: socket.socket | None) -> str:
@@ -241,8 +315,9 @@ class Supervisor:
             self._stopping.set()
 
         signal.set_wakeup_fd(self._wake_write.fileno())
-        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, stop)
+        signal.signal(signal.SIGHUP, lambda number, frame: self._hangup.set())
         signal.signal(signal.SIGCHLD, lambda number, frame: None)  # only to wake the loop
 
     def _sleep(self, seconds: float) -> None:
@@ -273,11 +348,16 @@ class Supervisor:
         while int(memory.state.sequence) == 0 and not self._stopping.is_set():
             assert rtloop.process is not None
             if rtloop.process.poll() is not None:
+                status = rtloop.process.returncode
                 raise UnavailableError(
-                    f"{rtloop.name} ended with status {rtloop.process.returncode} at its start, see above"
+                    f"{rtloop.name} ended with status {status} at its start: {rtloop.last_words()}"
                 )
             if time.monotonic() > deadline_s:
-                raise UnavailableError(f"{rtloop.name} did not begin its cycle in {READY_TIMEOUT_S:.0f} s")
+                backend = self._settings.of(memory.robot).rt.backend
+                raise UnavailableError(
+                    f"{rtloop.name} did not begin its cycle in {READY_TIMEOUT_S:.0f} s: rt.backend "
+                    f"{backend!r} has not opened its device"
+                )
             self._sleep(0.02)
 
     def _revive(self, child: Child) -> None:
@@ -290,6 +370,11 @@ class Supervisor:
             return
         if child.restart_at_s <= child.started_s:  # its death is news
             child.restart_at_s = now_s + child.backoff_s
+            if status == 0:
+                log.info(
+                    "%s (pid %d) has ended as it was asked to, and starts anew", child.name, child.process.pid
+                )
+                return
             cause = signal.Signals(-status).name if status < 0 else f"status {status}"
             log.error(
                 "%s (pid %d) ended: %s; restart in %.1f s",
@@ -301,6 +386,7 @@ class Supervisor:
             child.backoff_s = min(2.0 * child.backoff_s, MAX_BACKOFF_S)
         elif now_s >= child.restart_at_s:
             child.start()
+            child.restarts += 1
 
     def _announce(self, url: str, access: str, memories: dict[str, RobotMemory]) -> None:
         log.info("cobot %s (pid %d)", version("cobot"), os.getpid())
@@ -313,6 +399,18 @@ class Supervisor:
             log.info("  real time  %s", _permissions(memory))
         log.info("  logs       %s", self._settings.log_file)
         log.info("  Ctrl-C stops: the arm first, then the service")
+
+
+def _no_listener(host: str, port: int, error: OSError | ValueError) -> str:
+    """Why nobody can listen there, and which setting to change."""
+    reason = getattr(error, "strerror", None) or str(error)
+    message = f"cannot listen on {host} port {port}: {reason}"
+    match getattr(error, "errno", None):
+        case errno.EADDRINUSE:
+            return f"web.port: {message}; set another one, or --port 0, which picks a free one"
+        case errno.EACCES:
+            return f"web.port: {message}; set one from 1024 on, which needs no privilege"
+    return f"web.host: {message}; set an address of this computer, 127.0.0.1 or 0.0.0.0"
 
 
 def _url(listener: socket.socket, secure: bool) -> str:

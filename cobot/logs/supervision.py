@@ -10,7 +10,7 @@ import signal
 import struct
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
@@ -59,14 +59,20 @@ class SupervisorLog(logging.Handler):
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802
         """Nobody could be told."""
 
-    def follow(self, name: str, output: BinaryIO) -> threading.Thread:
-        """Take the lines of a child until its output ends, in a thread: it shall not wait either."""
+    def follow(self, name: str, output: BinaryIO, heard: Callable[[str], None]) -> threading.Thread:
+        """Take the lines of a child until its output ends, in a thread: it shall not wait either.
+
+        Args:
+            heard: told what each line says.
+        """
 
         def read() -> None:
             with output:
                 while text := output.readline(LINE_BYTES):
                     for piece in separated(text):
-                        self._put(Line.parsed(piece, name))
+                        line = Line.parsed(piece, name)
+                        heard(line.message)
+                        self._put(line)
 
         thread = threading.Thread(target=read, name=f"output of {name}", daemon=True)
         thread.start()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cobot.config import Settings
+from cobot.config import Settings, naming
 from cobot.errors import ConfigError
 from cobot.robot.collision import CollisionChecker
 from cobot.robot.limits import load_joint_limits
@@ -25,6 +25,11 @@ class RobotDescription:
     cartesian_limits: CartesianLimits
     positions: dict[str, NamedPosition]
 
+    def rename(self, positions: dict[str, NamedPosition]) -> None:
+        """Have these named positions instead, for whoever holds this description."""
+        self.positions.clear()
+        self.positions.update(positions)
+
 
 def load_robot(settings: Settings) -> RobotDescription:
     """Read the model, the limits and the named positions that the settings name.
@@ -32,11 +37,14 @@ def load_robot(settings: Settings) -> RobotDescription:
     Raises:
         ConfigError: a file is missing or wrong, or they do not fit each other.
     """
-    limits = load_joint_limits(settings.web.joint_limits)
-    model = RobotModel.load(
-        settings.robot.model, limits, base=settings.robot.base_frame, tcp=settings.robot.tcp
-    )
-    positions = load_named_positions(settings.robot.srdf, limits.names, settings.robot.group)
+    with naming("web.joint_limits"):
+        limits = load_joint_limits(settings.web.joint_limits)
+    with naming("robot.model"):
+        model = RobotModel.load(
+            settings.robot.model, limits, base=settings.robot.base_frame, tcp=settings.robot.tcp
+        )
+    with naming("robot.srdf"):
+        positions = load_named_positions(settings.robot.srdf, limits.names, settings.robot.group)
     if settings.robot.start_position not in positions:
         raise ConfigError(
             f"robot.start_position: {settings.robot.start_position!r} is not in {settings.robot.srdf}; "

@@ -100,7 +100,7 @@ class ServoRules:
     def __init__(
         self, min_position: Sequence[float], max_position: Sequence[float], control_period_s: float
     ) -> None:
-        self._bounds = list(zip(map(float, min_position), map(float, max_position), strict=True))
+        self.bound(min_position, max_position)
         self._control_period_s = control_period_s
         self.fjt = FjtControl()
         self.last_refusal = ""
@@ -112,6 +112,10 @@ class ServoRules:
         self.owner = ""
         self.mode = ServoMode.NONE
         self.watchdog_s, self.send_period_s = DEFAULT_WATCHDOG_S, control_period_s
+
+    def bound(self, min_position: Sequence[float], max_position: Sequence[float]) -> None:
+        """Take only joint angles within these, rad."""
+        self._bounds = list(zip(map(float, min_position), map(float, max_position), strict=True))
 
     def begin(self, request: SetMode, owner: str = "") -> None:
         """A session begins: points are taken, counted from zero."""

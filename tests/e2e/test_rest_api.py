@@ -34,6 +34,12 @@ MANUAL = {
     ("get", "/sequences/logs"),
     ("post", "/stop"),
 }
+OPERATIONS = {
+    ("get", "/health/live"),
+    ("get", "/health/ready"),
+    ("get", "/metrics"),
+    ("post", "/admin/reload"),
+}
 
 
 def joints(http: httpx.Client) -> list[float]:
@@ -55,7 +61,7 @@ def slow_trajectory(http: httpx.Client) -> int:
 def test_every_endpoint_of_the_manual_is_in_the_schema(http: httpx.Client) -> None:
     paths = http.get("/openapi.json").json()["paths"]
     served = {(method, path) for path, methods in paths.items() if "{" not in path for method in methods}
-    assert served == MANUAL | {("get", "/health"), ("get", "/robots"), ("post", "/robot/reset")}
+    assert served == MANUAL | {("get", "/health"), ("get", "/robots"), ("post", "/robot/reset"), *OPERATIONS}
 
 
 def test_the_documentation_needs_no_internet(http: httpx.Client) -> None:

@@ -10,9 +10,11 @@ from fastapi import APIRouter, Request
 from starlette.datastructures import State
 
 from app.api.dependencies import Call, addressed
-from app.api.schemas import HealthAnswer, StopAnswer
+from app.api.errors import responses
+from app.api.schemas import HealthAnswer, ReadyAnswer, StopAnswer
 from app.services.motion.stopping import together
 from cobot import audit, logs
+from cobot.errors import NotReadyError
 
 router = APIRouter(tags=["common"])
 
@@ -32,6 +34,20 @@ async def stop(request: Request) -> StopAnswer:
     stop = together(dict(zip(robots, stopped, strict=True)))
     audit.add_details(message=stop.message)
     return StopAnswer.model_validate(asdict(stop))
+
+
+@router.get("/health/ready", responses=responses(503))
+async def ready(request: Request) -> ReadyAnswer:
+    """Whether motions would be carried out: 503 with the reasons while they would not.
+
+    Ready means that the real-time process runs and reads its robot, that the planners have started, and that
+    no e-stop or fault is latched. A robot that moves is ready. Without the name of a robot it is about all.
+    """
+    robots = {name: services.health.obstacles() for name, services in addressed(request).items()}
+    obstacles = [f"{name}: {each}" for name, found in robots.items() for each in found]
+    if obstacles:
+        raise NotReadyError("; ".join(obstacles))
+    return ReadyAnswer(status="ready", robots=list(robots))
 
 
 @router.get("/health")

@@ -69,20 +69,37 @@ class PlanningService:
     Args:
         config: the settings' file, None for the shipped one.
         robot: one of its robots, None for the default one.
+
+    Attributes:
+        warm: whether the workers have started.
     """
+
+    warm = False
 
     def __init__(self, config: Path | None, workers: int, robot: str | None = None) -> None:
         self._workers = workers
-        self._pool = pebble.ProcessPool(
-            max_workers=workers,
+        self._arguments = [config, robot]
+        self._pool = self._new_pool()
+
+    def _new_pool(self) -> pebble.ProcessPool:
+        return pebble.ProcessPool(
+            max_workers=self._workers,
             initializer=_prepare,
-            initargs=[config, robot],
+            initargs=self._arguments,
             context=multiprocessing.get_context("spawn"),
         )
 
     async def warm_up(self) -> None:
         """Start the workers: the first plan should not wait for their imports."""
         await asyncio.gather(*(self._run(_ready, None) for _ in range(self._workers)))
+        self.warm = True
+
+    async def renew(self) -> None:
+        """Have workers that know the settings' file as it is now; the old ones have nothing to do."""
+        self.warm = False
+        old, self._pool = self._pool, self._new_pool()
+        await asyncio.to_thread(_end, old)
+        await self.warm_up()
 
     async def plan(self, request: PlanRequest, timeout_s: float) -> Trajectory | None:
         """See `cobot.planners.plan`, `plan_waypoints` and `plan_rated`; raises as `compute` does."""
@@ -107,5 +124,9 @@ class PlanningService:
         return cast(Result, found)
 
     def close(self) -> None:
-        self._pool.stop()
-        self._pool.join()
+        _end(self._pool)
+
+
+def _end(pool: pebble.ProcessPool) -> None:
+    pool.stop()
+    pool.join()

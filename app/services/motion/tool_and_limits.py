@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from cobot.planners.rated import Envelope
@@ -19,8 +21,13 @@ class RobotSettings:
 
     def __init__(self, robot: RobotDescription) -> None:
         self.envelope = Envelope(robot.limits, robot.cartesian_limits)
+        self._robot = robot
         flange = robot.model.flange_in_tcp()
         self._flange = Pose(flange[:3], flange[3:])
+
+    def restore_limits(self) -> None:
+        """Go back to the joint limits of the configuration."""
+        self.envelope = replace(self.envelope, limits=self._robot.limits)
 
     def tip(self, tcp: Pose) -> Pose:
         """The tool's tip, for a pose of the model's TCP."""

@@ -10,6 +10,7 @@ from importlib.metadata import version
 import numpy as np
 
 from app.services.motion.ownership import Ownership
+from app.services.motion.planning import PlanningService
 from app.services.programs.sequences import SequenceService
 from app.services.state.link import RobotLink
 from app.services.state.robot_state import RobotState
@@ -55,6 +56,7 @@ class HealthService:
         ownership: Ownership,
         sequences: SequenceService,
         streams: StreamService,
+        planning: PlanningService,
         stale_s: float,
     ) -> None:
         self._robot = robot
@@ -62,6 +64,7 @@ class HealthService:
         self._ownership = ownership
         self._sequences = sequences
         self._streams = streams
+        self._planning = planning
         self._stale_s = stale_s
         self._started_s = link.clock.now_s()
 
@@ -80,7 +83,7 @@ class HealthService:
         except UnavailableError as exc:
             problems.append(str(exc))
         else:
-            alive = state.age_s <= self._stale_s
+            alive = self.alive(state)
             robot |= {"mode": state.mode.name, "reason": state.reason, "settled": state.settled}
             robot |= {"motion_id": state.motion_id, "motion_result": state.motion_result.name}
             rtloop = {
@@ -115,6 +118,25 @@ class HealthService:
             last_interventions_s=last_interventions_s,
             versions=VERSIONS,
         )
+
+    def alive(self, state: RobotState) -> bool:
+        """Whether rtloop publishes."""
+        return state.age_s <= self._stale_s
+
+    def obstacles(self) -> list[str]:
+        """Why the robot would not move if it were asked to, in words; empty when it is ready."""
+        starting = [] if self._planning.warm else ["the planning processes are starting"]
+        try:
+            state = self._link.state()
+        except UnavailableError as exc:
+            return [str(exc), *starting]
+        if not self.alive(state):
+            return [f"the real-time process has been silent for {state.age_s:.1f} s", *starting]
+        if state.mode in (LoopMode.ESTOP, LoopMode.FAULT):
+            return [f"mode {state.mode.name}: {state.reason}; see to the cause, then reset it", *starting]
+        if state.measured_age_s > self._stale_s:
+            return [f"not measured for {state.measured_age_s:.1f} s: {state.reason}", *starting]
+        return starting
 
     def _session(self, state: RobotState) -> dict[str, object] | None:
         """The streaming session, whoever has opened it."""

@@ -16,7 +16,7 @@ from app.services.state.robot_state import RobotState, robot_state
 from cobot.addresses import address
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import ConflictError, ExecutionError, NotReadyError, TornReadError, UnavailableError
-from cobot.ipc.layout import LOADED_SEGMENTS, RING, SLOTS, Ack, Command
+from cobot.ipc.layout import LOADED_SEGMENTS, RING, SLOTS, Ack, Command, MotionResult
 from cobot.ipc.shm import RobotMemory, Role, text
 from cobot.trajectory import Trajectory
 from cobot.types import LoopMode
@@ -27,6 +27,7 @@ ACKNOWLEDGE_S = 3.0
 """rtloop verifies the largest trajectory in about a second."""
 STATE_TRIES = 3
 """So often a state is read that rtloop may be writing just now."""
+ENDS = (MotionResult.ARRIVED, MotionResult.STOPPED, MotionResult.STOPPED_ASIDE, MotionResult.FAILED)
 IN_THREAD_SEGMENTS = 2000
 """A longer trajectory is copied in a thread, so that nobody else waits."""
 
@@ -38,6 +39,8 @@ class RobotLink:
         clock: of the service; its moments and those in shared memory can be compared.
         label: what log lines about this robot begin with; "" if it is the only one.
         on_outside_stop: called when somebody has stopped the arm through shared memory, as `cobot stop` does.
+        ended: how many motions have ended in which way. None is missed: a motion begins only after somebody
+            has seen how the one before it ended.
 
     Raises (constructor):
         UnavailableError: there is no such robot.
@@ -50,6 +53,8 @@ class RobotLink:
         self.label = label
         self.clock = clock
         self._stale_after_s = stale_after_s
+        self.ended = dict.fromkeys(ENDS, 0)
+        self._last_ended = 0
         self._take_over()
         self.on_outside_stop: Callable[[], None] | None = None
         self._command_turn = asyncio.Lock()
@@ -62,6 +67,8 @@ class RobotLink:
         """Count on from where the last service stopped; where that cannot be read, from what rtloop saw."""
         memory = self.memory
         seen = memory.state.data if memory.state.try_read() else None
+        if seen is not None and seen["motion_result"] != MotionResult.RUNNING:
+            self._last_ended = int(seen["motion_id"])
         if not memory.requests.try_read() and seen is not None:  # what rtloop saw is of both counters
             outside = np.uint64(memory.outside_stops.value), np.uint64(memory.outside_estops.value)
             memory.requests.data["stops"] = seen["stops_seen"] - outside[0]
@@ -103,7 +110,11 @@ class RobotLink:
             raise UnavailableError(str(exc)) from exc
         if self.memory.state.sequence == 0:
             raise UnavailableError("rtloop has not started yet")
-        return robot_state(record, self.memory.state.buffer.data, self.clock.now_ns())
+        state = robot_state(record, self.memory.state.buffer.data, self.clock.now_ns())
+        if state.motion_id != self._last_ended and state.motion_result in self.ended:
+            self._last_ended = state.motion_id
+            self.ended[state.motion_result] += 1
+        return state
 
     def record_since(self, publication: int) -> tuple[int, np.ndarray | None]:
         """The newest publication's number, and a copy of all of it if it is newer than this one."""
@@ -127,6 +138,13 @@ class RobotLink:
             return None
         except TornReadError:
             return "a streaming client"
+
+    def sessions(self) -> int | None:
+        """How many streaming sessions have been asked for; None if that cannot be read."""
+        try:
+            return int(self.memory.session.read()["number"])
+        except TornReadError:
+            return None
 
     def statistics(self) -> np.ndarray:
         """A copy of rtloop's statistics block.

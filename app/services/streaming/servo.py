@@ -41,12 +41,18 @@ class ServoService:
         force: ForceService,
         settings: RobotSettings,
     ) -> None:
+        self._robot = robot
         limits = robot.limits
         self.rules = ServoRules(limits.min_position.tolist(), limits.max_position.tolist(), streams.period_s)
         self._link = link
         inverse = PointInverse(robot, link, settings)
         self._points = ServoPoints(link, self.rules, inverse, ServoWrench(force, link.memory.dof))
         self._sessions = ServoSessions(link, streams, force, self.rules, self._points, inverse)
+
+    def restore_limits(self) -> None:
+        """Go by the robot's position limits as they are now."""
+        limits = self._robot.limits
+        self.rules.bound(limits.min_position.tolist(), limits.max_position.tolist())
 
     @property
     def active(self) -> bool:

@@ -1,0 +1,178 @@
+"""What Prometheus scrapes: https://prometheus.io/docs/practices/naming has the conventions.
+
+Everything is read at the scrape: the cycle's histograms and counters from shared memory, where rtloop counts
+them anyway; so nothing is slower for being measured. What cannot be read is left out, and `cobot_rtloop_up`
+is 0 then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+from prometheus_client import CollectorRegistry, ProcessCollector, generate_latest
+from prometheus_client.core import (
+    CounterMetricFamily,
+    GaugeMetricFamily,
+    HistogramMetricFamily,
+    InfoMetricFamily,
+)
+from prometheus_client.metrics_core import Metric
+from prometheus_client.registry import Collector
+from prometheus_client.utils import floatToGoString
+from starlette.datastructures import State
+
+from app.api.timing import BUCKETS_S
+from app.robot_services import Services
+from app.services.state.health import VERSIONS
+from app.services.state.robot_state import RobotState
+from cobot.errors import UnavailableError
+from cobot.ipc.layout import HISTOGRAM_BUCKETS, Intervention, Phase
+from cobot.launch.running_config import ProcessState
+from cobot.types import LoopMode
+
+CYCLE_BUCKETS_US = (5, 10, 20, 30, 50, 75, 100, 150, 200, 300, 500, 750, 1000)
+"""Upper bounds; rtloop counts by the microsecond, its last bucket is "1023 or more"."""
+MIDDLES_S = (np.arange(HISTOGRAM_BUCKETS) + 0.5) * 1e-6
+
+
+class Metrics(Collector):
+    """All metrics of the service and its robots.
+
+    Args:
+        state: of the application.
+    """
+
+    def __init__(self, state: State) -> None:
+        self._state = state
+        self._registry = CollectorRegistry(auto_describe=False)
+        ProcessCollector(registry=self._registry)
+        self._registry.register(self)
+
+    def text(self) -> bytes:
+        """In the text format, version 0.0.4."""
+        return generate_latest(self._registry)
+
+    def describe(self) -> Iterable[Metric]:
+        return ()
+
+    def collect(self) -> Iterator[Metric]:
+        yield InfoMetricFamily("cobot_build", "Versions of cobot and of what it runs on.", VERSIONS)
+        yield from _of_robots(self._state.robots)
+        yield self._requests()
+        yield self._connections()
+        yield _restarts(self._state.reloading.processes())
+
+    def _requests(self) -> Metric:
+        family = HistogramMetricFamily(
+            "cobot_http_request_duration_seconds",
+            "HTTP requests by route template, from the request's head to the end of its answer.",
+            labels=("method", "route", "status"),
+        )
+        for (method, route, status), times in self._state.requests.times.items():
+            family.add_metric(
+                (method, route, str(status)), _buckets(BUCKETS_S, np.cumsum(times.counts)), times.sum_s
+            )
+        return family
+
+    def _connections(self) -> Metric:
+        connected = self._state.rosbridge_connections
+        return GaugeMetricFamily("cobot_rosbridge_connections", "Clients of /rosbridge.", connected)
+
+
+def _of_robots(robots: dict[str, Services]) -> Iterator[Metric]:
+    """Long, as it is their list."""
+    up = GaugeMetricFamily("cobot_rtloop_up", "1 while the real-time process publishes.", labels=["robot"])
+    ready = GaugeMetricFamily("cobot_ready", "1 while the robot takes motions.", labels=["robot"])
+    mode = GaugeMetricFamily("cobot_mode", "1 for the mode that rtloop is in.", labels=["robot", "mode"])
+    session = GaugeMetricFamily(
+        "cobot_session_open", "1 while a streaming session is open.", labels=["robot"]
+    )
+    permission = GaugeMetricFamily(
+        "cobot_realtime_granted",
+        "1 where the system grants what a punctual process needs.",
+        labels=["robot", "what"],
+    )
+    slowest = GaugeMetricFamily(
+        "cobot_cycle_max_seconds", "The longest time since rtloop's start.", labels=["robot", "phase"]
+    )
+    cycles = CounterMetricFamily("cobot_cycles", "Cycles of the real-time process.", labels=["robot"])
+    overruns = CounterMetricFamily("cobot_overruns", "Cycles that began too late.", labels=["robot"])
+    torn = CounterMetricFamily(
+        "cobot_torn_reads", "Blocks that rtloop could not read at once.", labels=["robot"]
+    )
+    sessions = CounterMetricFamily("cobot_sessions", "Streaming sessions asked for.", labels=["robot"])
+    interventions = CounterMetricFamily(
+        "cobot_interventions", "What the safety layer has caught.", labels=["robot", "kind"]
+    )
+    motions = CounterMetricFamily("cobot_motions", "Motions by how they ended.", labels=["robot", "result"])
+    times = HistogramMetricFamily(
+        "cobot_cycle_seconds",
+        "Parts of the cycle. The sum is to half a microsecond; what took longer counts as 1.0235 ms.",
+        labels=["robot", "phase"],
+    )
+    for name, services in robots.items():
+        ready.add_metric([name], float(not services.health.obstacles()))
+        for result, count in services.link.ended.items():
+            motions.add_metric([name, result.name.lower()], count)
+        asked = services.link.sessions()
+        if asked is not None:
+            sessions.add_metric([name], asked)
+        try:
+            state, statistics = services.link.state(), services.link.statistics()
+        except UnavailableError:
+            up.add_metric([name], 0.0)
+            continue
+        up.add_metric([name], float(services.health.alive(state)))
+        for each in LoopMode:
+            mode.add_metric([name, each.name], float(each is state.mode))
+        session.add_metric([name], float(state.session != 0))
+        for what in ("sched_fifo", "memory_locked"):
+            permission.add_metric([name, what], float(statistics[what]))
+        cycles.add_metric([name], int(statistics["cycles"]))
+        _count(state, name, overruns, torn, interventions)
+        _time(statistics, name, times, slowest)
+    yield from (up, ready, mode, session, permission, slowest, times)
+    yield from (cycles, overruns, torn, sessions, interventions, motions)
+
+
+def _count(
+    state: RobotState,
+    name: str,
+    overruns: CounterMetricFamily,
+    torn: CounterMetricFamily,
+    interventions: CounterMetricFamily,
+) -> None:
+    overruns.add_metric([name], state.overruns)
+    torn.add_metric([name], state.torn_reads)
+    for kind, count in zip(Intervention, state.interventions, strict=True):
+        interventions.add_metric([name, kind.name.lower()], count)
+
+
+def _time(
+    statistics: np.ndarray, name: str, times: HistogramMetricFamily, slowest: GaugeMetricFamily
+) -> None:
+    for phase in Phase:
+        labels = [name, phase.name.lower()]
+        counts = statistics["histogram"][phase]
+        below = np.cumsum(counts)
+        # Bucket i of rtloop's holds i µs to less than i + 1 µs.
+        cumulative = [*(below[bound - 1] for bound in CYCLE_BUCKETS_US), below[-1]]
+        bounds_s = [bound / 1e6 for bound in CYCLE_BUCKETS_US]
+        times.add_metric(labels, _buckets(bounds_s, cumulative), float(counts @ MIDDLES_S))
+        slowest.add_metric(labels, 1e-6 * float(statistics["max_us"][phase]))
+
+
+def _buckets(bounds: Iterable[float], cumulative: Iterable[int]) -> list[tuple[str, float]]:
+    """As Prometheus has them: upper bound, and how many are not above it."""
+    names = [*map(floatToGoString, bounds), "+Inf"]
+    return [(name, float(count)) for name, count in zip(names, cumulative, strict=True)]
+
+
+def _restarts(processes: dict[str, ProcessState]) -> Metric:
+    family = CounterMetricFamily(
+        "cobot_process_restarts", "How often the supervisor has started a process anew.", labels=["process"]
+    )
+    for name, process in processes.items():
+        family.add_metric([name], process.restarts)
+    return family

@@ -1,0 +1,41 @@
+"""For who runs the service: whether it lives, what it measures, and reading its configuration again."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+from fastapi import APIRouter, Request, Response
+from prometheus_client import CONTENT_TYPE_PLAIN_0_0_4
+
+from app.api.errors import responses
+from app.api.metrics import Metrics
+from app.api.schemas import LiveAnswer, ReloadAnswer
+
+router = APIRouter(tags=["operations"])
+
+
+@router.get("/health/live")
+async def live() -> LiveAnswer:
+    """The service answers: who gets no answer may restart it. It says nothing about the robots."""
+    return LiveAnswer(status="live")
+
+
+@router.get(
+    "/metrics",
+    response_class=Response,
+    responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}},
+)
+async def metrics(request: Request) -> Response:
+    """Cycle times, overruns, interventions, motions, requests, sessions, restarts, for Prometheus."""
+    return Response(Metrics(request.app.state).text(), media_type=CONTENT_TYPE_PLAIN_0_0_4)
+
+
+@router.post("/admin/reload", responses=responses(409, 422, 503))
+async def reload(request: Request) -> ReloadAnswer:
+    """Read named positions, joint limits and web settings again; only while nothing moves.
+
+    All or nothing: if a file is not valid, the answer says where, and nothing has changed. Takes no body.
+    Changed limits start the real-time process anew, with the arm at rest where it stands, which takes about
+    a second.
+    """
+    return ReloadAnswer.model_validate(asdict(await request.app.state.reloading.reload()))

@@ -1,0 +1,280 @@
+"""Reading the configuration again while every robot stands still: POST /admin/reload, and SIGHUP.
+
+All or nothing. The files are validated as a whole, copied, and the copy is what is taken over (see
+`cobot.launch.running_config`): named positions, joint limits and the web settings of `LIVE_WEB`. What else
+has changed needs a restart, and is said. Joint limits are in force everywhere: in the service at once, in
+new planning processes, and in rtloop, which the supervisor starts anew; meanwhile nobody may move.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import math
+import os
+import signal
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from starlette.datastructures import State
+
+from app.robot_services import Services
+from app.services.motion.ownership import Caller
+from cobot.config import Settings, load_endpoints, load_settings
+from cobot.errors import CobotError, ConfigError, ConflictError, InputError, LimitError, UnavailableError
+from cobot.launch.running_config import ProcessState, RunningConfig
+from cobot.robot.description import RobotDescription, load_robot
+from cobot.robot.limits import check_positions
+from cobot.types import RESTING, JointLimits, vector
+
+LIVE_WEB = ("max_body_bytes", "max_json_bytes", "stop_on_disconnect")
+"""Of the section `web`: who needs one of these reads it from `app.state.web` each time."""
+BY_CONTENT = {"web.endpoints", "web.joint_limits", "robot.srdf"}
+"""Files whose content counts, not their place."""
+STATE_TIMEOUT_S = 1.5
+RTLOOP_TIMEOUT_S = 20.0
+POLL_S = 0.02
+NAME = "the reload of the configuration"
+
+log = logging.getLogger("cobot.reload")
+
+
+@dataclass(frozen=True, slots=True)
+class Reloaded:
+    """What a reload has done, for people: what counts from now on, and what does not before a restart."""
+
+    taken_over: list[str]
+    needs_restart: list[str]
+
+
+@dataclass(frozen=True, slots=True)
+class _Read:
+    """What was read: of each robot what it becomes, and what the reload will answer."""
+
+    settings: Settings
+    robots: dict[str, RobotDescription]
+    new_limits: list[str]
+    answer: Reloaded
+
+
+class Reloading:
+    """Reads the configuration again.
+
+    Args:
+        settings: as they are in force.
+        config: the file that they come from.
+        source: what the user edits, where `config` is the supervisor's copy of it; None where there is no
+            supervisor, which means that joint limits need a restart.
+        state: of the application; its `web` is replaced.
+    """
+
+    def __init__(self, settings: Settings, config: Path | None, source: Path | None, state: State) -> None:
+        self._settings = settings
+        self._source = source or config
+        self._running = RunningConfig(config.parent) if config is not None and source is not None else None
+        self._state = state
+        self._task: asyncio.Task[None] | None = None
+
+    async def reload(self) -> Reloaded:
+        """Take over what the files say now.
+
+        Raises:
+            InputError: they are not valid; says where. Nothing has changed.
+            ConflictError: somebody moves a robot, or one stands where the new limits do not let it be.
+            UnavailableError: a robot does not answer, so nobody knows that it rests; or rtloop, which has the
+                new limits, has not come back.
+        """
+        robots: dict[str, Services] = self._state.robots
+        with contextlib.ExitStack() as claims:
+            for services in robots.values():
+                owner = services.ownership
+                caller = Caller(NAME, None, owner.stops, math.inf, asyncio.Event())
+                claims.enter_context(owner.claim(caller))
+                await _require_rest(services)
+            read = await asyncio.to_thread(self._read)
+            for services in robots.values():  # a local client needs no claim to stream
+                await _require_rest(services)
+            for name in read.new_limits:
+                _require_within(robots[name], read.robots[name].limits)
+            self._take_over(robots, read)
+            await asyncio.gather(*(self._enforce(robots[name]) for name in read.new_limits))
+        return read.answer
+
+    def processes(self) -> dict[str, ProcessState]:
+        """What the supervisor runs, by name; empty without one."""
+        return {} if self._running is None else self._running.processes()
+
+    def begin(self) -> None:
+        """The same in the background, with the log as the answer: for a signal."""
+        self._task = asyncio.create_task(self._logged())
+
+    async def _logged(self) -> None:
+        try:
+            answer = await self.reload()
+        except CobotError as exc:
+            log.error("reload refused: %s", exc)
+            return
+        log.info("reload: taken over: %s", "; ".join(answer.taken_over) or "nothing has changed")
+        if answer.needs_restart:
+            log.warning("reload: needs a restart: %s", "; ".join(answer.needs_restart))
+
+    def _read(self) -> _Read:
+        """In a thread: it may take a tenth of a second."""
+        try:
+            new = load_settings(self._source)
+            endpoints = load_endpoints(new.web.endpoints)
+            for each in new.each.values():
+                _check(each, load_robot(each))
+            settings = self._merged(new)
+            if self._running is not None:
+                settings = load_settings(self._running.prepare(settings))
+            robots = {name: load_robot(each) for name, each in settings.each.items()}
+        except (ConfigError, LimitError) as exc:
+            raise InputError(str(exc)) from exc
+        needs_restart = list(_differences(self._settings, new))
+        if endpoints != load_endpoints(self._settings.web.endpoints):
+            needs_restart.append("web.endpoints: what the file says")
+        return self._compared(settings, robots, needs_restart)
+
+    def _compared(
+        self, settings: Settings, robots: dict[str, RobotDescription], needs_restart: list[str]
+    ) -> _Read:
+        """With what is in force."""
+        taken_over: list[str] = []
+        new_limits = []
+        for name, robot in robots.items():
+            label = f"{name}: " if len(robots) > 1 else ""
+            mine = self._state.robots[name].robot
+            taken_over += [f"{label}{change}" for change in _position_changes(mine, robot)]
+            changes = [f"{label}{change}" for change in _limit_changes(mine.limits, robot.limits)]
+            if self._running is None:
+                needs_restart += changes
+            elif changes:
+                new_limits.append(name)
+                taken_over += changes
+        for key in LIVE_WEB:
+            before, after = getattr(self._settings.web, key), getattr(settings.web, key)
+            if before != after:
+                taken_over.append(f"web.{key}: {before} → {after}")
+        return _Read(settings, robots, new_limits, Reloaded(taken_over, needs_restart))
+
+    def _merged(self, new: Settings) -> Settings:
+        """What is in force, with that of the new settings which needs no restart."""
+        web = {key: getattr(new.web, key) for key in LIVE_WEB}
+        merged = []
+        for name, each in self._settings.each.items():
+            other = new.each.get(name, each)
+            robot = each.robot.model_copy(update={"srdf": other.robot.srdf})
+            limits = {"joint_limits": other.web.joint_limits}
+            own_web = each.web.model_copy(update=web | limits)
+            merged.append(each.model_copy(update={"robot": robot, "web": own_web}))
+        several = tuple(merged) if self._settings.robots else ()
+        return merged[0].model_copy(update={"robots": several})
+
+    def _take_over(self, robots: dict[str, Services], read: _Read) -> None:
+        """From here on it counts. Nobody else has a turn meanwhile."""
+        if self._running is not None:
+            self._running.commit()
+        self._settings = read.settings
+        self._state.web = read.settings.web
+        for name, services in robots.items():
+            services.robot.rename(read.robots[name].positions)
+        for name in read.new_limits:
+            robots[name].robot.limits.take_over(read.robots[name].limits)
+            robots[name].settings.restore_limits()
+            robots[name].servo.restore_limits()
+
+    async def _enforce(self, services: Services) -> None:
+        """Have planning processes and rtloop that know the new limits."""
+        await asyncio.gather(services.planning.renew(), self._restart_rtloop(services))
+
+    async def _restart_rtloop(self, services: Services) -> None:
+        link, name = services.link, services.robot.name
+        process = self.processes().get(f"rtloop {name}" if self._settings.robots else "rtloop")
+        if process is None:
+            raise UnavailableError("the supervisor has not told which process rtloop is; restart cobot")
+        with contextlib.suppress(ProcessLookupError):  # it has died: the next one reads the new limits anyway
+            os.kill(process.pid, signal.SIGTERM)
+        deadline_s = link.clock.now_s() + RTLOOP_TIMEOUT_S
+        while True:
+            with contextlib.suppress(UnavailableError):
+                if int(link.statistics()["pid"]) != process.pid:
+                    await link.fresh_state(0.0)
+                    return
+            if link.clock.now_s() > deadline_s:
+                raise UnavailableError(
+                    "the new joint limits count, but rtloop has not come back within "
+                    f"{RTLOOP_TIMEOUT_S:.0f} s: the log says why"
+                )
+            await asyncio.sleep(POLL_S)
+
+
+async def _require_rest(services: Services) -> None:
+    state = await services.link.fresh_state(STATE_TIMEOUT_S)
+    if state.mode not in RESTING or state.session or not state.settled:
+        raise ConflictError(
+            f"robot {services.robot.name} is not at rest (mode {state.mode.name}): the configuration is read "
+            "again only while nothing moves"
+        )
+
+
+def _require_within(services: Services, limits: JointLimits) -> None:
+    """Whether the arm may stand where it stands."""
+    position = services.link.state().commanded_position
+    try:
+        check_positions(
+            limits, position, f"robot {services.robot.name} stands beyond the new limits: the angle"
+        )
+    except LimitError as exc:
+        raise ConflictError(f"{exc}; move it there first") from exc
+
+
+def _check(settings: Settings, robot: RobotDescription) -> None:
+    for position in robot.positions.values():
+        what = f"{settings.robot.srdf}: position {position.name!r}: the angle"
+        check_positions(robot.limits, vector(position.joints), what)
+
+
+def _differences(old: Settings, new: Settings) -> Iterator[str]:
+    """What a reload does not take over."""
+    if list(old.each) != list(new.each):
+        yield f"robots: {', '.join(old.each)} → {', '.join(new.each)}"
+    said = set()
+    for name in old.each.keys() & new.each.keys():
+        before, after = dict(_flat(old.each[name])), dict(_flat(new.each[name]))
+        for key in before:
+            if key in BY_CONTENT or key.removeprefix("web.") in LIVE_WEB or before[key] == after[key]:
+                continue
+            change = f"{key}: {before[key]} → {after[key]}"
+            if change not in said:
+                said.add(change)
+                yield change
+
+
+def _flat(settings: Settings) -> Iterator[tuple[str, Any]]:
+    for section, content in settings.model_dump(mode="json", exclude={"robots"}).items():
+        if isinstance(content, dict):
+            yield from ((f"{section}.{key}", value) for key, value in content.items())
+        else:
+            yield section, content
+
+
+def _position_changes(old: RobotDescription, new: RobotDescription) -> Iterator[str]:
+    changes = [f"{name} added" for name in new.positions if name not in old.positions]
+    changes += [f"{name} removed" for name in old.positions if name not in new.positions]
+    both = old.positions.keys() & new.positions.keys()
+    changes += sorted(f"{name} changed" for name in both if old.positions[name] != new.positions[name])
+    if changes:
+        yield f"named positions: {', '.join(changes)}"
+
+
+def _limit_changes(old: JointLimits, new: JointLimits) -> Iterator[str]:
+    for item in fields(JointLimits)[1:]:
+        for joint, before, after in zip(
+            old.names, getattr(old, item.name).tolist(), getattr(new, item.name).tolist(), strict=True
+        ):
+            if before != after:
+                yield f"{joint}.{item.name}: {before:g} → {after:g}"

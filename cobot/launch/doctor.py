@@ -1,0 +1,372 @@
+"""`cobot doctor`: whether this computer is fit for a punctual robot, and what to type where it is not.
+
+Reads and tries, and changes nothing. Long, as it is the list of what can be wrong with a computer.
+"""
+
+from __future__ import annotations
+
+import grp
+import io
+import json
+import os
+import pwd
+import re
+import shlex
+import shutil
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import TextIO
+
+from cobot.config import Settings, load_settings
+from cobot.errors import CobotError
+from cobot.ipc.shm import FOLDER, Role, memory_bytes, user_of
+from cobot.launch.check import check
+from cobot.launch.process import RUN_MODULE
+from cobot.robot.limits import load_joint_limits
+
+PRECISE_CLOCKS = ("tsc", "arch_sys_counter", "kvm-clock", "hyperv_clocksource_tsc_page")
+ENOUGH_LOG_BYTES, FEW_LOG_BYTES = 500_000_000, 50_000_000
+WELL_CORES = 2
+CONTAINER_FILES = ("/.dockerenv", "/run/.containerenv")
+UDEV_FILE = "/etc/udev/rules.d/90-cobot.rules"
+LIMITS_FILE = "/etc/security/limits.d/90-cobot.conf"
+
+
+class Verdict(StrEnum):
+    OK = "ok"
+    WARNING = "warning"  # it works, less well
+    PROBLEM = "problem"  # it does not work
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One line of the report; `remedy` is what to type."""
+
+    item: str
+    verdict: Verdict
+    found: str
+    remedy: str = ""
+
+
+class Machine:
+    """The files in which Linux tells about itself.
+
+    Args:
+        root: where they begin; another one for tests.
+    """
+
+    def __init__(self, root: Path = Path("/")) -> None:
+        self._root = root
+
+    def path(self, name: str) -> Path:
+        return self._root / name.lstrip("/")
+
+    def read(self, name: str) -> str:
+        """A file's text, "" where there is none."""
+        try:
+            return self.path(name).read_text(encoding="utf-8", errors="replace").strip()
+        except OSError:
+            return ""
+
+    def each(self, folder: str, pattern: str) -> list[str]:
+        """The texts of all files that fit."""
+        files = sorted(self.path(folder).glob(pattern))
+        return [file.read_text(encoding="utf-8", errors="replace").strip() for file in files]
+
+    @property
+    def in_container(self) -> bool:
+        return any(self.path(name).exists() for name in CONTAINER_FILES)
+
+
+def doctor(
+    config: Path | None, out: TextIO, *, as_json: bool = False, machine: Machine | None = None
+) -> bool:
+    """Examine this computer and the configuration.
+
+    Returns:
+        Whether there is no problem; warnings are none.
+    """
+    findings = list(_findings(config, machine or Machine()))
+    if as_json:
+        print(json.dumps([asdict(finding) for finding in findings], indent=2), file=out)
+    else:
+        for finding in findings:
+            print(f"{finding.verdict:<8} {finding.item}: {finding.found}", file=out)
+            if finding.remedy:
+                print(f"         type: {finding.remedy}", file=out)
+    return all(finding.verdict is not Verdict.PROBLEM for finding in findings)
+
+
+def _findings(config: Path | None, machine: Machine) -> Iterator[Finding]:
+    try:
+        settings = load_settings(config)
+    except CobotError as exc:
+        yield Finding("settings", Verdict.PROBLEM, str(exc), f"{_cobot()} check{_option(config)}")
+        settings = load_settings()
+        config = None
+    else:
+        yield from configuration(settings, config)
+    yield kernel(machine)
+    yield governor(machine)
+    yield clock_source(machine)
+    yield cores(len(os.sched_getaffinity(0)))
+    for name, each in settings.each.items():
+        yield isolation(machine, name, each.rt.cpu, max(os.sched_getaffinity(0)))
+        yield from permissions(machine, name, config)
+    yield shared_memory(settings, FOLDER, machine)
+    yield log_disk(settings.logs)
+    if settings.web.enabled:
+        yield port(settings, machine)
+    yield compiler(Path(__file__).parents[2])
+
+
+def configuration(settings: Settings, config: Path | None) -> Iterator[Finding]:
+    """What `cobot check` says: of what is good, how much there is."""
+    items = check(settings, config, io.StringIO())
+    wrong = [item for item in items if not item.good]
+    for item in wrong:
+        where = config or "a settings file of yours"
+        yield Finding(item.item, Verdict.PROBLEM, item.found, f'"${{EDITOR:-vi}}" {where}')
+    if not wrong:
+        yield Finding("configuration", Verdict.OK, f"{len(items)} items are good, see `cobot check`")
+
+
+def kernel(machine: Machine) -> Finding:
+    """How soon a process that is due gets its turn."""
+    version = machine.read("/proc/sys/kernel/version")
+    found = f"Linux {machine.read('/proc/sys/kernel/osrelease')} {version}"
+    if "PREEMPT_RT" in version or machine.read("/sys/kernel/realtime") == "1":
+        return Finding("kernel", Verdict.OK, found)
+    kind = "amd64" if os.uname().machine == "x86_64" else "arm64"
+    return Finding(
+        "kernel",
+        Verdict.WARNING,
+        f"{found}: not PREEMPT_RT, so some cycles begin late when the computer is busy",
+        f"sudo apt-get install linux-image-rt-{kind} && sudo reboot",
+    )
+
+
+def governor(machine: Machine) -> Finding:
+    """Whether the cores slow down when they have little to do, as the cycle has."""
+    found = machine.each("/sys/devices/system/cpu", "cpu[0-9]*/cpufreq/scaling_governor")
+    if not found:
+        return Finding("governor", Verdict.OK, "the cores' frequency is not Linux's to choose here")
+    slow = sorted({each for each in found if each != "performance"})
+    if not slow:
+        return Finding("governor", Verdict.OK, f"performance on all {len(found)} cores")
+    return Finding(
+        "governor",
+        Verdict.WARNING,
+        f"{', '.join(slow)} on {sum(each in slow for each in found)} of {len(found)} cores: slow to wake up",
+        "echo performance | sudo tee /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor",
+    )
+
+
+def clock_source(machine: Machine) -> Finding:
+    """Whether the time is read without a call into the kernel."""
+    folder = "/sys/devices/system/clocksource/clocksource0"
+    clock = machine.read(f"{folder}/current_clocksource")
+    if not clock or clock in PRECISE_CLOCKS:
+        return Finding("clock", Verdict.OK, clock or "Linux does not say which")
+    available = machine.read(f"{folder}/available_clocksource").split()
+    better = next((each for each in PRECISE_CLOCKS if each in available), None)
+    remedy = f"echo {better} | sudo tee {folder}/current_clocksource"
+    if better is None:
+        remedy = _kernel_option("tsc=reliable")
+    return Finding("clock", Verdict.WARNING, f"{clock}: reading the time takes microseconds", remedy)
+
+
+def cores(count: int) -> Finding:
+    """Whether planning and the service leave one to the cycle."""
+    found = f"{count} for this process"
+    if count >= WELL_CORES:
+        return Finding("cores", Verdict.OK, found)
+    remedy = f"taskset --cpu-list 0-{(os.cpu_count() or 2) - 1} {_cobot()} run"
+    return Finding("cores", Verdict.WARNING, f"{found}: the cycle shares it with planning", remedy)
+
+
+def isolation(machine: Machine, robot: str, cpu: int | None, last: int) -> Finding:
+    """Whether the real-time process has a core of its own."""
+    item = f"isolation {robot}"
+    isolated = _numbers(machine.read("/sys/devices/system/cpu/isolated"))
+    shown = f"isolated cores: {', '.join(map(str, sorted(isolated))) or 'none'}"
+    if cpu is not None and cpu in isolated:
+        return Finding(item, Verdict.OK, f"rt.cpu is {cpu}; {shown}")
+    core = cpu if cpu is not None else min(isolated, default=last)
+    said = "null: the cycle runs on any core" if cpu is None else f"{cpu}, which others use too"
+    own = f"rt: {{cpu: {core}}} in the settings, and: " if cpu is None else ""
+    remedy = f"{own}{_kernel_option(f'isolcpus={core} nohz_full={core} rcu_nocbs={core}')}"
+    if cpu is None and isolated:
+        remedy = f"rt: {{cpu: {core}}} in the settings"
+    return Finding(item, Verdict.WARNING, f"rt.cpu is {said}; {shown}", remedy)
+
+
+def permissions(machine: Machine, robot: str, config: Path | None) -> Iterator[Finding]:
+    """What rtloop would be granted, by its own asking."""
+    command = [*RUN_MODULE, "rtloop", "--permissions", "--robot", robot]
+    command += ["--config", str(config)] if config else []
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    try:
+        granted = json.loads(done.stdout)
+    except ValueError:
+        said = (done.stdout + done.stderr).strip().splitlines() or [f"status {done.returncode}"]
+        yield Finding(
+            f"permissions {robot}", Verdict.PROBLEM, f"rtloop does not start: {said[-1]}", _check(config)
+        )
+        return
+    refused = dict(part.partition(": ")[::2] for part in granted["refused"].split("; ") if part)
+    for item, asked, remedy in (
+        ("SCHED_FIFO", "SCHED_FIFO", _limits_remedy(machine)),
+        ("memory lock", "locked memory", _limits_remedy(machine)),
+        ("core sleep", "rt.cpu_latency_us", _awake_remedy(machine)),
+    ):
+        why = next((text for name, text in refused.items() if name.startswith(asked)), None)
+        if why is None:
+            yield Finding(f"{item} {robot}", Verdict.OK, "granted")
+        else:
+            yield Finding(f"{item} {robot}", Verdict.WARNING, f"refused: {why}", remedy)
+
+
+def _awake_remedy(machine: Machine) -> str:
+    if machine.in_container:
+        return "docker run --user root --device /dev/cpu_dma_latency ..."
+    group = grp.getgrgid(os.getgid()).gr_name
+    rule = f'KERNEL=="cpu_dma_latency", GROUP="{group}", MODE="0660"'
+    trigger = "sudo udevadm control --reload && sudo udevadm trigger --name-match=cpu_dma_latency"
+    return f"echo '{rule}' | sudo tee {UDEV_FILE} && {trigger}"
+
+
+def _limits_remedy(machine: Machine) -> str:
+    if machine.in_container:
+        return (
+            "docker run --ulimit rtprio=98 --ulimit memlock=-1 --ulimit nice=30 ... (compose.yaml has them)"
+        )
+    user = pwd.getpwuid(os.getuid()).pw_name
+    lines = "".join(rf"{user} - {limit}\n" for limit in ("rtprio 98", "memlock unlimited", "nice -10"))
+    return (
+        f"printf '{lines}' | sudo tee {LIMITS_FILE}    # then log in again; `cobot install` needs none of it"
+    )
+
+
+def shared_memory(settings: Settings, folder: Path, machine: Machine) -> Finding:
+    """Whether the robots' memory fits."""
+    need = sum(
+        memory_bytes(load_joint_limits(each.web.joint_limits).dof, each.rt.trajectory_capacity)
+        for name, each in settings.each.items()
+        if not user_of(name, Role.SUPERVISOR) and each.web.joint_limits.is_file()
+    )
+    usage = shutil.disk_usage(folder)
+    found = f"{folder}: {_mb(usage.free)} of {_mb(usage.total)} free, {_mb(need)} needed"
+    if usage.free >= need:
+        return Finding("shared memory", Verdict.OK, found)
+    size = f"{-(-(usage.used + 2 * need) // 1_000_000)}M"
+    remedy = (
+        f"docker run --shm-size={size} ..."
+        if machine.in_container
+        else f"sudo mount -o remount,size={size} {folder}"
+    )
+    return Finding("shared memory", Verdict.PROBLEM, f"{found}; or a smaller rt.trajectory_capacity", remedy)
+
+
+def log_disk(folder: Path) -> Finding:
+    """Whether there is room for logs, audit and recordings."""
+    there = next(each for each in (folder, *folder.parents) if each.exists())
+    free = shutil.disk_usage(there).free
+    found = f"{folder}: {_mb(free)} free"
+    if free >= ENOUGH_LOG_BYTES:
+        return Finding("log disk", Verdict.OK, found)
+    verdict = Verdict.WARNING if free >= FEW_LOG_BYTES else Verdict.PROBLEM
+    return Finding(
+        "log disk", verdict, found, f"sudo du -xh --max-depth=2 {shlex.quote(str(there))} | sort -h"
+    )
+
+
+def port(settings: Settings, machine: Machine) -> Finding:
+    """Whether the service can listen, and who does if it cannot."""
+    host, number = settings.web.host, settings.web.port
+    found = f"{host} port {number}"
+    try:
+        family, _, _, _, address = socket.getaddrinfo(host, number, type=socket.SOCK_STREAM)[0]
+        with closing(socket.socket(family, socket.SOCK_STREAM)) as listener:
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            listener.bind(address)
+    except (OSError, ValueError) as exc:  # ValueError: no name of a host at all
+        pid = listening(machine, number)
+        if pid is not None and pid == user_of(settings.robot.name, Role.SUPERVISOR):
+            return Finding("port", Verdict.OK, f"{found}: cobot itself listens, pid {pid}")
+        reason = getattr(exc, "strerror", None) or str(exc)
+        whose = f", by pid {pid}: {_command(machine, pid)}" if pid else ""
+        remedy = (
+            f"kill {pid}    # or another web.port"
+            if pid
+            else f"{_cobot()} run --port 0    # or another web.port"
+        )
+        return Finding("port", Verdict.PROBLEM, f"{found}: {reason}{whose}", remedy)
+    return Finding("port", Verdict.OK, f"{found} is free")
+
+
+def listening(machine: Machine, number: int) -> int | None:
+    """The process that listens on a TCP port, the first that has the socket; None if nobody can be seen."""
+    inodes = set()
+    for table in ("tcp", "tcp6"):
+        for line in machine.read(f"/proc/net/{table}").splitlines()[1:]:
+            fields = line.split()
+            if fields[3] == "0A" and int(fields[1].rpartition(":")[2], 16) == number:
+                inodes.add(f"socket:[{fields[9]}]")
+    for process in sorted(machine.path("/proc").glob("[0-9]*"), key=lambda each: int(each.name)):
+        try:
+            if any(os.readlink(each) in inodes for each in (process / "fd").iterdir()):
+                return int(process.name)
+        except OSError:  # it has ended, or is somebody else's
+            continue
+    return None
+
+
+def compiler(checkout: Path) -> Finding:
+    """Needed only where cobot is built; setup.py has the rule."""
+    if not (checkout / "setup.py").is_file():
+        return Finding("compiler", Verdict.OK, "not needed: cobot is installed")
+    command = [sys.executable, "setup.py", "preflight"]
+    done = subprocess.run(command, cwd=checkout, capture_output=True, text=True, check=False)
+    if done.returncode == 0:
+        return Finding("compiler", Verdict.OK, "there is one, for the checkout")
+    return Finding("compiler", Verdict.PROBLEM, done.stderr.strip(), "sudo apt-get install gcc python3-dev")
+
+
+def _command(machine: Machine, pid: int) -> str:
+    return machine.read(f"/proc/{pid}/cmdline").replace("\0", " ").strip()[:80]
+
+
+def _numbers(text: str) -> set[int]:
+    """Of Linux's lists of cores: "2,4-6"."""
+    found: set[int] = set()
+    for low, high in re.findall(r"(\d+)(?:-(\d+))?", text):
+        found.update(range(int(low), int(high or low) + 1))
+    return found
+
+
+def _kernel_option(options: str) -> str:
+    edit = f"sudo sed -i 's/^GRUB_CMDLINE_LINUX=\"/&{options} /' /etc/default/grub"
+    return f"{edit} && sudo update-grub && sudo reboot"
+
+
+def _cobot() -> str:
+    return shlex.quote(sys.argv[0]) if Path(sys.argv[0]).name == "cobot" else "cobot"
+
+
+def _option(config: Path | None) -> str:
+    return f" --config {shlex.quote(str(config))}" if config else ""
+
+
+def _check(config: Path | None) -> str:
+    return f"{_cobot()} check{_option(config)}"
+
+
+def _mb(size: int) -> str:
+    return f"{size / 1e6:.0f} MB"

@@ -1,0 +1,273 @@
+"""`cobot install` and `cobot uninstall`: cobot as a service of systemd, under a user of its own.
+
+What a system gets is a list of files and a list of commands, both made here as plain data (`plan`), so that
+`--dry-run` prints exactly what an installation writes. What is there already and the same is left alone.
+"""
+
+from __future__ import annotations
+
+import difflib
+import os
+import shlex
+import shutil
+import stat
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import TextIO
+
+from cobot.errors import CobotError
+
+USER = "cobot"
+SETTINGS = Path("/etc/cobot/cobot-setting.yaml")
+UNIT = Path("/etc/systemd/system/cobot.service")
+JOURNAL = Path("/etc/systemd/journald@cobot.conf")
+UDEV = Path("/etc/udev/rules.d/90-cobot.rules")
+SYSUSERS = Path("/etc/sysusers.d/cobot.conf")
+STATE, LOGS = Path("/var/lib/cobot"), Path("/var/log/cobot")
+
+
+class InstallError(CobotError):
+    """This computer cannot be given the service; says why and what to do."""
+
+    code = "install"
+
+
+class Keep(Enum):
+    """Whose a file is once it is there."""
+
+    OURS = "replaced by each installation"
+    THEIRS = "left as it is: the settings are the user's"
+
+
+@dataclass(frozen=True, slots=True)
+class File:
+    """A file of the installation; its folders are made where they are missing."""
+
+    path: Path
+    content: str
+    keep: Keep = Keep.OURS
+
+
+def files(command: Sequence[str]) -> list[File]:
+    """All files, in the order in which they are written.
+
+    Args:
+        command: that starts cobot, without arguments.
+    """
+    return [
+        File(SETTINGS, _SETTINGS, Keep.THEIRS),
+        File(SYSUSERS, f'u {USER} - "cobot, a robot arm behind a REST service" {STATE}\n'),
+        File(UDEV, _UDEV),
+        File(JOURNAL, _JOURNAL),
+        File(UNIT, _unit(command)),
+    ]
+
+
+def commands(changed: bool) -> list[list[str]]:
+    """What makes the system know the files; none where nothing has changed."""
+    if not changed:
+        return []
+    return [
+        ["systemd-sysusers", str(SYSUSERS)],
+        ["udevadm", "control", "--reload"],
+        ["udevadm", "trigger", "--name-match=cpu_dma_latency"],
+        ["systemctl", "daemon-reload"],
+        ["systemctl", "enable", UNIT.name],
+    ]
+
+
+def install(out: TextIO, prefix: Path | None, *, dry_run: bool, command: Sequence[str] | None = None) -> None:
+    """Write what is missing or different, tell the system, and print both as it is done.
+
+    Args:
+        prefix: a folder that stands for /: only files are written, below it.
+        command: that starts cobot; that which runs now if it is None.
+
+    Raises:
+        InstallError: no systemd, not root, or an installation that the service's user cannot read.
+    """
+    command = command or [sys.executable, "-P", "-m", "cobot"]
+    if prefix is None:
+        _require_readable(Path(command[0]))
+    if prefix is None and not dry_run:
+        _require_system("cobot install")
+    changed = [_write(file, out, prefix or Path("/"), dry_run) for file in files(command)]
+    if prefix is None:
+        _run(commands(any(changed)), out, dry_run, subprocess.run)
+    if not dry_run:
+        print(f"next: edit {SETTINGS}, then: systemctl restart cobot; cobot doctor", file=out)
+
+
+def uninstall(out: TextIO, prefix: Path | None, *, dry_run: bool) -> None:
+    """Take away what `install` has written; settings that were edited, logs, state and the user stay.
+
+    Raises:
+        InstallError: not root, or no systemd.
+    """
+    if prefix is None and not dry_run:
+        _require_system("cobot uninstall")
+    root = prefix or Path("/")
+    there = [file for file in files([sys.executable]) if _below(root, file.path).exists()]
+    if prefix is None and any(file.path == UNIT for file in there):
+        _run([["systemctl", "disable", "--now", UNIT.name]], out, dry_run, subprocess.run)
+    for file in reversed(there):
+        target = _below(root, file.path)
+        if file.keep is Keep.THEIRS and target.read_text(encoding="utf-8") != file.content:
+            print(f"kept      {file.path}: it was edited", file=out)
+            continue
+        print(f"remove    {file.path}", file=out)
+        if not dry_run:
+            target.unlink()
+    if there and prefix is None:
+        _run([["systemctl", "daemon-reload"]], out, dry_run, subprocess.run)
+    print(f"kept      {STATE}, {LOGS} and the user {USER}, where there are any", file=out)
+
+
+def _write(file: File, out: TextIO, root: Path, dry_run: bool) -> bool:
+    """Whether it was, or would be, written."""
+    target = _below(root, file.path)
+    old = target.read_text(encoding="utf-8") if target.exists() else None
+    if old is not None and (old == file.content or file.keep is Keep.THEIRS):
+        print(f"unchanged {file.path}{'' if old == file.content else ': edited, left as it is'}", file=out)
+        return False
+    print(f"{'create   ' if old is None else 'change   '} {file.path}", file=out)
+    before, after = (old or "").splitlines(), file.content.splitlines()
+    names = "/dev/null" if old is None else str(file.path), str(file.path)
+    for line in difflib.unified_diff(before, after, *names, lineterm=""):
+        print(f"    {line}", file=out)
+    if not dry_run:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        new = target.with_name(f".{target.name}.new")
+        new.write_text(file.content, encoding="utf-8")
+        new.chmod(0o644)
+        os.replace(new, target)
+    return True
+
+
+def _run(
+    lines: list[list[str]], out: TextIO, dry_run: bool, run: Callable[..., subprocess.CompletedProcess[str]]
+) -> None:
+    for line in lines:
+        print(f"run       {shlex.join(line)}", file=out)
+        if dry_run:
+            continue
+        done = run(line, capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            raise InstallError(f"{shlex.join(line)}: {(done.stderr or done.stdout).strip()}")
+
+
+def _below(root: Path, path: Path) -> Path:
+    return root / path.relative_to("/")
+
+
+def _require_system(what: str) -> None:
+    if os.geteuid() != 0:
+        raise InstallError(f"{what} writes to /etc: type sudo {what}; --dry-run and --prefix need no root")
+    if shutil.which("systemctl") is None or shutil.which("systemd-sysusers") is None:
+        raise InstallError("there is no systemd here: use `cobot run`, or the container of compose.yaml")
+
+
+def _require_readable(python: Path) -> None:
+    """The service's user has to get at it: a virtual environment below /root or a closed home is no place."""
+    for folder in (python.absolute().parent, *python.absolute().parents):
+        if not folder.stat().st_mode & stat.S_IXOTH:
+            raise InstallError(
+                f"the user {USER} could not start {python}: {folder} is closed to others. Install cobot "
+                "where everybody can read it: python3 -m venv /opt/cobot && /opt/cobot/bin/pip install "
+                "WHEEL, then /opt/cobot/bin/cobot install"
+            )
+
+
+_SETTINGS = f"""\
+# The settings of the cobot service, which differ from the shipped ones: keep here only what is yours.
+# `cobot check --config {SETTINGS}` validates them; `systemctl reload cobot` takes over named positions, joint
+# limits and web settings while nothing moves; everything else needs `systemctl restart cobot`.
+logs: {LOGS}
+sequences:
+  recordings: {STATE}/recordings
+  programs: {STATE}/programs
+"""
+
+_UDEV = f"""\
+# rtloop may keep the cores awake (rt.cpu_latency_us).
+KERNEL=="cpu_dma_latency", GROUP="{USER}", MODE="0660"
+"""
+
+_JOURNAL = """\
+# The journal of cobot alone (journalctl --namespace=cobot): what it says pushes nobody else's lines out, and
+# what others say none of its. cobot's own files in /var/log/cobot are rotated by itself.
+[Journal]
+SystemMaxUse=200M
+SystemMaxFileSize=20M
+MaxRetentionSec=3month
+"""
+
+
+def _unit(command: Sequence[str]) -> str:
+    start = shlex.join(command)
+    return f"""\
+# Written by `cobot install`, and replaced by the next one: `systemctl edit cobot` keeps what is yours.
+[Unit]
+Description=cobot, a robot arm behind a REST service
+Wants=network-online.target
+After=network-online.target
+StartLimitIntervalSec=60
+StartLimitBurst=5
+
+[Service]
+Type=notify
+NotifyAccess=main
+User={USER}
+Group={USER}
+Environment=HOME={STATE}
+WorkingDirectory={STATE}
+StateDirectory={USER}
+LogsDirectory={USER}
+ConfigurationDirectory={USER}
+ExecStart={start} run --config {SETTINGS}
+ExecReload=/bin/kill -HUP $MAINPID
+
+# The supervisor brings the arm to rest before it ends its children, so only it is told to.
+KillMode=mixed
+TimeoutStartSec=60
+TimeoutStopSec=20
+WatchdogSec=10
+Restart=on-failure
+RestartSec=2
+
+# What a punctual cycle needs. rtloop asks for SCHED_FIFO itself (rt.priority), so nothing else runs with it.
+LimitRTPRIO=98
+LimitMEMLOCK=infinity
+LimitNICE=-10
+LimitNOFILE=65536
+OOMScoreAdjust=-500
+
+# It needs no privilege beyond these limits, and writes to its own folders and /dev/shm.
+CapabilityBoundingSet=
+NoNewPrivileges=yes
+ProtectSystem=strict
+ProtectHome=read-only
+ReadWritePaths=/dev/shm
+PrivateTmp=yes
+ProtectKernelTunables=yes
+ProtectKernelModules=yes
+ProtectKernelLogs=yes
+ProtectControlGroups=yes
+ProtectHostname=yes
+RestrictNamespaces=yes
+RestrictSUIDSGID=yes
+LockPersonality=yes
+RestrictAddressFamilies=AF_INET AF_INET6 AF_UNIX AF_NETLINK
+SystemCallArchitectures=native
+UMask=0077
+
+LogNamespace={USER}
+SyslogIdentifier={USER}
+
+[Install]
+WantedBy=multi-user.target
+"""
