@@ -15,10 +15,11 @@ from fastapi.routing import APIRoute, APIWebSocketRoute
 from fastapi_offline import FastAPIOffline
 from starlette.routing import BaseRoute
 
-from app.api import errors
+from app.api import documentation, errors
 from app.api.body_limit import BodyLimit
+from app.api.clients import Clients
 from app.api.openapi import with_limits
-from app.api.routers import common, sequences, trajectory
+from app.api.routers import common, control, sequences, trajectory
 from app.api.routers import robot as robot_router
 from app.api.routers import robots as robots_router
 from app.api.routers import stream as stream_router
@@ -33,13 +34,8 @@ from cobot.config import Endpoint, Settings, load_endpoints
 from cobot.robot.description import load_robot
 
 DESCRIPTION = """Moves a robot arm. Motions answer when the arm has arrived and settled: look at `success`.
-Lengths in m, angles in rad. **This is no safety system and there is no authentication.**"""
-
-SWAGGER = {
-    "displayRequestDuration": True,
-    "tryItOutEnabled": True,
-    "defaultModelsExpandDepth": -1,  # no list of models below the endpoints, which show theirs
-}
+Lengths in m, angles in rad. The services of the controller's vendor are on
+[a page of their own](/docs/vendor). **This is no safety system and there is no authentication.**"""
 
 
 def create_app(
@@ -95,14 +91,17 @@ def create_app(
         version=version("cobot"),
         description=DESCRIPTION,
         lifespan=lifespan,
-        swagger_ui_parameters=SWAGGER,
+        docs_url=None,
+        openapi_tags=documentation.TAGS,
     )
+    documentation.install(app)
     app.state.endpoints = endpoints | {
         robots_router.twin_name(name): each for name, each in endpoints.items()
     }
     app.state.large_body = asyncio.Lock()
     app.state.rosbridge_connections = 0
     app.state.stop_on_disconnect = settings.web.stop_on_disconnect
+    app.add_middleware(Clients)
     app.add_middleware(
         BodyLimit, limit_bytes=settings.web.max_body_bytes, json_limit_bytes=settings.web.max_json_bytes
     )
@@ -110,12 +109,13 @@ def create_app(
     limits = {name: robot.limits for name, robot in robots.items()}
     app.openapi = with_limits(app.openapi, limits)  # type: ignore[method-assign]
     if endpoints[f"POST {vendor_http.PATH}"].enabled:
-        app.openapi = vendor_http.with_services(app.openapi, list(robots))  # type: ignore[method-assign]
+        documentation.install_vendor(app, lambda: vendor_http.schema(app.openapi(), list(robots)))
     # Routes are matched one after the other: those that are polled come first, the documentation's last. Not
     # by include_router, for the nesting it keeps is matched in each request too. Those of these routers are
     # there a second time, below the name of any robot.
     routers = (
         robot_router.router,
+        control.router,
         trajectory.router,
         sequences.router,
         common.router,

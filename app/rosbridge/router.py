@@ -13,6 +13,7 @@ from app.api.errors import status_of
 from app.api.routers.stream import require_own_page
 from app.graph.graph import Graph
 from app.rosbridge.connection import MAX_MESSAGE, MAX_OBJECTS, Connection
+from app.services.motion.lease import CLIENT
 from cobot.errors import CobotError, InputError, PayloadError, UnavailableError
 
 PATH = "/rosbridge"
@@ -47,6 +48,7 @@ async def _serve(socket: WebSocket, graph: Graph, large: asyncio.Lock) -> None:
     await socket.accept()
     client = socket.client
     connection = Connection(graph, f"{client.host}:{client.port}" if client else "a client")
+    CLIENT.get().tell = connection.tell
     work = [
         asyncio.create_task(each)
         for each in (
