@@ -18,6 +18,7 @@ from benchmarks import (
     idle,
     latency,
     modes,
+    pages,
     planning,
     servo,
     smoothness,
@@ -44,6 +45,8 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "virtual_clock": lambda quick: virtual_clock.factor(2 if quick else 10),
     "planning": lambda quick: planning.planning_time(30 if quick else 300),
     "straightness": lambda quick: planning.straightness(2 if quick else 12),
+    "documentation": lambda quick: pages.documentation(2 if quick else 7),
+    "csv": lambda quick: pages.csv_upload(2 if quick else 7),
     "requests": lambda quick: web.requests_per_second(2 if quick else 8, 2.0 if quick else 4.0),
     "stop": lambda quick: web.stop(10 if quick else 100),
 }

@@ -301,7 +301,7 @@ class SentAnswer(BaseModel):
 
     model_config = _example({"status": "sent", "motion_id": 13, "duration_s": 4.0, "points": 3, "note": ""})
 
-    status: Literal["sent"] = Field("sent", description="The motion has begun.")
+    status: Annotated[Literal["sent"], Field(description="The motion has begun.")] = "sent"
     motion_id: int = Field(description="Its number, as in /trajectory/logs and in the state.")
     duration_s: float = Field(description="Of the whole motion, s, the way to the start included.")
     points: int = Field(description="How many were sent.")
@@ -327,7 +327,7 @@ class LogAnswer(BaseModel):
 class StartedAnswer(BaseModel):
     """The runner has started; whether its file is any good, /sequences/status will tell."""
 
-    status: Literal["started"] = Field("started", description="The runner's process runs.")
+    status: Annotated[Literal["started"], Field(description="The runner's process runs.")] = "started"
     sequence_id: int = Field(description="Its number, counted from 1.")
     pid: int = Field(description="The runner's process.")
 

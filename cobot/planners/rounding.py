@@ -24,12 +24,12 @@ LONGEST_STEP_S = 0.02
 """Points further apart are meant one by one, s."""
 UNEVEN = 0.01
 """Steps of time may differ by this share."""
-WINDOWS = (24.0, 16.0, 12.0, 8.0, 6.0, 4.0)
+WINDOWS = (24.0, 16.0, 12.0, 8.0, 6.0, 5.0, 4.0, 3.0, 2.0)
 """Over so many points it is smoothed: the most that stays within the rounding."""
 ORDER = 4
+REST = 1e4
+"""How much more than the differences it weighs that the motion comes from rest, and to rest."""
 DIFFERENCE = np.array([(-1) ** k * math.comb(ORDER, k) for k in range(ORDER + 1)], dtype=np.float64)
-HELD = 1e6
-"""The weight of the ends and of the rest before and after them, beside 1 for each other point."""
 
 
 def smoothed(times_s: Array, positions: Array) -> tuple[Array, float] | None:
@@ -53,12 +53,9 @@ def smoothed(times_s: Array, positions: Array) -> tuple[Array, float] | None:
     unit = _unit(positions[1:-1])
     if unit is None:
         return None
-    # What stands still before and after the motion keeps its ends at rest.
-    rows = np.vstack([positions[:1].repeat(ORDER, axis=0), positions, positions[-1:].repeat(ORDER, axis=0)])
     for window in WINDOWS:
-        change = _change(rows, (window / math.pi) ** (2 * ORDER))[ORDER:-ORDER]
+        change = _change(positions, (window / math.pi) ** (2 * ORDER))
         if np.abs(change).max() <= unit:
-            change[[0, -1]] = 0.0
             return positions + change, unit
     return None
 
@@ -71,22 +68,38 @@ def _unit(positions: Array) -> float | None:
     return None
 
 
-def _change(rows: Array, weight: float) -> Array:
+def _change(positions: Array, weight: float) -> Array:
     """What smoothing adds to each row; solved for the change itself, which is far more exact than the sum.
 
     Args:
         weight: of the differences; what repeats within fewer than 2 π weight^(1/8) rows is taken out.
     """
-    count = len(rows)
-    differences = sum(c * rows[k : count - ORDER + k] for k, c in enumerate(DIFFERENCE))
-    pull = np.zeros_like(rows)
+    count = len(positions)
+    away = positions - positions[0]
+    differences = sum(c * away[k : count - ORDER + k] for k, c in enumerate(DIFFERENCE))
+    pull = np.zeros_like(away)
+    band = np.zeros((ORDER + 1, count))  # the matrix's upper half, its main diagonal in the last row
     for k, c in enumerate(DIFFERENCE):
         pull[k : count - ORDER + k] -= weight * c * differences
-    band = np.zeros((ORDER + 1, count))  # of DᵀD, the main diagonal in the last row
-    for k, c in enumerate(DIFFERENCE):
         for j in range(k, ORDER + 1):
             band[ORDER - (j - k), j : count - ORDER + j] += weight * c * DIFFERENCE[j]
     band[ORDER] += 1.0
-    band[ORDER, : ORDER + 1] += HELD
-    band[ORDER, -ORDER - 1 :] += HELD
-    return np.asarray(solveh_banded(band, pull, overwrite_ab=True, overwrite_b=True, check_finite=False))
+    for rows in (range(ORDER), range(count - 1, count - 1 - ORDER, -1)):
+        _rest(band, pull, positions, rows, REST * weight)
+    free = slice(1, -1)
+    change: Array = np.zeros_like(away)
+    change[free] = solveh_banded(band[:, free], pull[free], overwrite_b=True, check_finite=False)
+    return change
+
+
+def _rest(band: Array, pull: Array, positions: Array, rows: range, weight: float) -> None:
+    """Have the points at one end be those of a motion from rest with constant jerk: 1, 8 and 27 parts."""
+    end, *near, far = rows
+    for number, row in enumerate(near, start=1):
+        share = (number / (len(rows) - 1)) ** 3
+        off = positions[row] - positions[end] - share * (positions[far] - positions[end])
+        band[ORDER, row] += weight
+        band[ORDER, far] += weight * share**2
+        band[ORDER - abs(far - row), max(row, far)] -= weight * share
+        pull[row] -= weight * off
+        pull[far] += weight * share * off

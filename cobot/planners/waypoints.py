@@ -63,13 +63,15 @@ def plan_waypoints(robot: RobotDescription, request: WaypointRequest) -> Traject
     if len(request.points) == 1 and request.approach is not None:
         start = request.start
     course = _course(request.points, start, limits, tolerance_rad)
-    motion = _within_rounding(course, limits) if request.check_limits or request.retime else course.motion()
-    if request.retime:
-        motion = stretch_to_limits(motion, limits)
-    if request.check_limits:
-        _validate(robot, motion, course.labels, request)
+    if request.check_limits or request.retime:
+        motion, beyond = _within_rounding(course, limits)
+        if request.retime:
+            motion = stretch_to_limits(motion, limits)
+        if request.check_limits and (beyond or request.retime):
+            _require_limits(motion, limits, course.labels, request)
     else:
-        robot.collision.check_trajectory(motion)
+        motion = course.motion()
+    robot.collision.check_trajectory(motion)
     if request.approach is None or is_there(request.start, motion.start):
         return motion
     approach = MotionRequest(request.start, motion.start, PlannerName.PTP, request.approach)
@@ -166,31 +168,35 @@ def _course(
     return _Course(times, positions, labels, points)
 
 
-def _within_rounding(course: _Course, limits: JointLimits) -> Trajectory:
-    """The motion, without the rounding of its points if that is needed to keep the limits and can be."""
+def _within_rounding(course: _Course, limits: JointLimits) -> tuple[Trajectory, bool]:
+    """The motion, without the rounding of its points if that is beyond the limits and can be taken out.
+
+    Returns:
+        The motion, and whether it may still be beyond a limit.
+    """
     motion = course.motion()
     try:
         check_limits(motion, limits.including(motion.start))
     except LimitError:
         found = None if course.given_rates else smoothed(course.times_s, course.positions)
         if found is None:
-            return motion
+            return motion, True
         positions, unit = found
         off_rad = np.abs(positions - course.positions).max()
         note = (
             f"the points were smoothed by up to {off_rad:.1e} rad, within the {unit:.0e} rad to which they "
             "are rounded: the jerk of the rounding would be beyond the limits"
         )
-        return replace(replace(course, positions=positions).motion(), note=note)
-    return motion
+        return replace(replace(course, positions=positions).motion(), note=note), True
+    return motion, False
 
 
-def _validate(
-    robot: RobotDescription, motion: Trajectory, labels: list[str], request: WaypointRequest
+def _require_limits(
+    motion: Trajectory, limits: JointLimits, labels: list[str], request: WaypointRequest
 ) -> None:
-    """See `validate`; what is beyond a limit comes with the way out."""
+    """See `check_limits`; what is beyond a limit comes with the way out."""
     try:
-        validate(robot, motion, robot.limits, labels)
+        check_limits(motion, limits.including(motion.start), labels)
     except LimitError as exc:
         sentence = str(exc)
         if f"between {PRESENT} and" in sentence and request.approach is None:

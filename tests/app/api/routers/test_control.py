@@ -16,6 +16,7 @@ from asgi import Socket
 from virtual import VirtualService, virtual_service
 
 from app.aubo.codes import Code
+from app.services.motion.lease import CLIENT, Client
 from cobot.errors import ConflictError
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
@@ -242,6 +243,27 @@ def test_a_client_of_rosbridge_takes_it_is_told_and_lets_go_by_leaving(run: Virt
             assert moves(socket) == Code.CONFLICT
         run.ask("DELETE", PATH, headers=shown(take(run, force=True)))
         assert asked(other, True)["success"]
+    assert not run.get(PATH).json()["held"]
+
+
+def test_a_sequence_moves_for_who_has_started_it_and_its_speed_ends_with_it(run: VirtualService) -> None:
+    token = take(run, timeout_s=5.0)
+    ownership = run.app.state.services.ownership
+    with pytest.raises(ConflictError, match="under the control of anonymous"):
+        ownership.claim_for_sequence("sequence 1", "secret")
+    before = CLIENT.set(Client("anonymous", "127.0.0.1", frozenset({token})))
+    ownership.claim_for_sequence("sequence 1", "secret")
+    CLIENT.reset(before)
+    body, own = {"joints": AWAY, "speed": 1.0}, {"X-Motion-Token": "secret"}
+    assert run.ask("POST", "/robot/move/joints", json=body, headers=own).json()["success"]
+    assert "in use by sequence 1" in move(run).json()["detail"]
+    path, slower = f"/{run.name}/MotionControl/setSpeedFraction", {"fraction": 0.5}
+    assert run.ask("POST", path, json=slower, headers=own).json()["code"] == 0
+    run.sleep(20.0)
+    assert run.get(PATH).json()["how"] == "explicit"  # as long as it runs
+    ownership.release_sequence()
+    assert run.get(PATH).json()["speed_fraction"] == 1.0
+    run.sleep(6.0)
     assert not run.get(PATH).json()["held"]
 
 
