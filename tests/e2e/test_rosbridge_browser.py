@@ -5,18 +5,21 @@ Needs chromium and npm with a registry; skipped, with the reason, where they are
 
 from __future__ import annotations
 
+import itertools
 import json
+import re
 import shutil
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
-from chromium import CHROMIUM, Page, browsing
-from running import Run
-from websockets.sync.client import ClientConnection
+from running import WAIT_S, Run
+from websockets.sync.client import ClientConnection, connect
 
 PAGE = Path(__file__).parents[1] / "roslib_page.js"
+CHROMIUM = shutil.which("chromium")
 
 
 @pytest.fixture(scope="module")
@@ -37,8 +40,45 @@ def roslib(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.fixture
 def browser(tmp_path: Path) -> Iterator[ClientConnection]:
-    with browsing(tmp_path) as tools:
-        yield tools
+    """The DevTools of a Chromium of its own."""
+    options = ("--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0")
+    process = subprocess.Popen(
+        [str(CHROMIUM), *options, f"--user-data-dir={tmp_path}", "about:blank"],
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stderr is not None
+        found = next(filter(None, (re.search(r"ws://\S+", line) for line in process.stderr)))
+        with connect(found.group(), max_size=None) as tools:
+            yield tools
+    finally:
+        process.terminate()
+        process.communicate(timeout=WAIT_S)
+
+
+class Page:
+    """A page, by the DevTools protocol."""
+
+    def __init__(self, tools: ClientConnection) -> None:
+        self._tools = tools
+        self._numbers = itertools.count(1)
+        self._session: dict[str, str] = {}
+        target = self.ask("Target.createTarget", url="about:blank")["targetId"]
+        attached = self.ask("Target.attachToTarget", targetId=target, flatten=True)
+        self._session = {"sessionId": attached["sessionId"]}
+
+    def ask(self, method: str, **params: Any) -> dict[str, Any]:
+        number = next(self._numbers)
+        self._tools.send(json.dumps({"id": number, "method": method, "params": params, **self._session}))
+        while (answer := json.loads(self._tools.recv(WAIT_S))).get("id") != number:
+            pass
+        return answer["result"]
+
+    def run(self, script: str) -> Any:
+        found = self.ask("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
+        assert "exceptionDetails" not in found, found
+        return found["result"].get("value")
 
 
 def test_roslib_in_a_page_of_the_service(shared: Run, roslib: str, browser: ClientConnection) -> None:
