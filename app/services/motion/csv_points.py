@@ -118,6 +118,8 @@ def _spaced_rows(file: BinaryIO) -> Generator[tuple[int, list[str]]]:
     number = 0
     try:
         for number, line in enumerate(text, start=1):
+            if len(line) > HEADER_BYTES:
+                raise InputError(f"row {number}: not CSV: {len(line)} characters in a line")
             yield number, line.split()
     except UnicodeDecodeError as exc:
         raise _no_text(number + 1, exc) from exc

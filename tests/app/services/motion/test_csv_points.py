@@ -175,6 +175,7 @@ def test_white_space_may_be_of_any_length_and_on_either_side() -> None:
     assert "row 3, column joint2: must be a finite number, got 'x'" in refusal(
         f"{HEADER.replace(',', ' ')}\n{' '.join(words)}\n0 x 0 0 0 0 0 4\n", None
     )
+    assert "row 1: not CSV: 200000 characters" in refusal("x" * 200_000, None)
     assert "not UTF-8 text (byte 0xff)" in refusal(HEADER.replace(",", " ").encode() + b"\n\xff", None)
 
 
