@@ -9,6 +9,7 @@ import signal
 from collections.abc import AsyncIterator
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 from fastapi import FastAPI
@@ -17,15 +18,16 @@ from fastapi.routing import APIRoute, APIWebSocketRoute
 from fastapi_offline import FastAPIOffline
 from starlette.routing import BaseRoute
 
-from app.api import errors
+from app.api import documentation, errors
 from app.api.access import Access
 from app.api.audit import RequestTrail
 from app.api.body_limit import BodyLimit
+from app.api.clients import Clients
 from app.api.openapi import with_limits, with_tokens
 from app.api.origins import Origins
 from app.api.roles import guard, roles
 from app.api.routers import audit as audit_router
-from app.api.routers import common, operations, sequences, trajectory
+from app.api.routers import common, control, operations, sequences, trajectory
 from app.api.routers import robot as robot_router
 from app.api.routers import robots as robots_router
 from app.api.routers import stream as stream_router
@@ -47,13 +49,8 @@ from cobot.logs.supervision import Losses
 from cobot.robot.description import load_robot
 
 DESCRIPTION = """Moves a robot arm. Motions answer when the arm has arrived and settled: look at `success`.
-Lengths in m, angles in rad. **This is no safety system.**"""
-
-SWAGGER = {
-    "displayRequestDuration": True,
-    "tryItOutEnabled": True,
-    "defaultModelsExpandDepth": -1,  # no list of models below the endpoints, which show theirs
-}
+Lengths in m, angles in rad. The services of the controller's vendor are on
+[a page of their own](/docs/vendor). **This is no safety system.**"""
 
 
 def create_app(
@@ -125,8 +122,10 @@ def create_app(
         version=version("cobot"),
         description=DESCRIPTION,
         lifespan=lifespan,
-        swagger_ui_parameters=SWAGGER,
+        docs_url=None,
+        openapi_tags=documentation.TAGS,
     )
+    documentation.install(app)
     app.state.endpoints = endpoints | {
         robots_router.twin_name(name): each for name, each in endpoints.items()
     }
@@ -136,6 +135,7 @@ def create_app(
     app.state.web = settings.web
     app.state.reloading = Reloading(settings, config, source, app.state)
     app.state.requests = RequestTimes()
+    app.add_middleware(Clients)
     app.add_middleware(BodyLimit, all_bytes=settings.web.limits.bodies_bytes)
     hosts = [host, urlsplit(base_url).hostname or host, *settings.web.allowed_hosts]
     origins = Origins(hosts, settings.web.allowed_origins, host)
@@ -145,16 +145,21 @@ def create_app(
     errors.install(app)
     limits = {name: robot.limits for name, robot in robots.items()}
     app.openapi = with_limits(app.openapi, limits)  # type: ignore[method-assign]
-    if endpoints[f"POST {vendor_http.PATH}"].enabled:
-        app.openapi = vendor_http.with_services(app.openapi, list(robots))  # type: ignore[method-assign]
     table = roles(stop_without_token=settings.web.stop_without_token)
     if required:
         app.openapi = with_tokens(app.openapi, table)  # type: ignore[method-assign]
+    if endpoints[f"POST {vendor_http.PATH}"].enabled:
+
+        def services() -> dict[str, Any]:
+            return vendor_http.schema(app.openapi(), list(robots))
+
+        documentation.install_vendor(app, with_tokens(services, table) if required else services)
     # Routes are matched one after the other: those that are polled come first, the documentation's last. Not
     # by include_router, for the nesting it keeps is matched in each request too. Those of these routers are
     # there a second time, below the name of any robot.
     routers = (
         robot_router.router,
+        control.router,
         trajectory.router,
         sequences.router,
         common.router,

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from app.actions.fjt import FollowJointTrajectory
 from app.services.devices.equipment import Equipment
+from app.services.motion.control import ControlService
 from app.services.motion.execution import LATEST_ANSWER_S, MotionService
 from app.services.motion.ownership import Ownership
 from app.services.motion.planning import PlanningService
@@ -67,6 +68,7 @@ class Services:
     trajectories: TrajectoryService
     sequences: SequenceService
     stopping: StopService
+    control: ControlService
     health: HealthService
     streams: StreamService
     equipment: Equipment
@@ -136,10 +138,11 @@ def _services(
         link=link,
         ownership=ownership,
         motion=motion,
-        trajectories=TrajectoryService(ownership, motion, tolerance_rad, link.label),
+        trajectories=TrajectoryService(robot.limits, ownership, motion, tolerance_rad, link.label),
         sequences=sequences,
         stopping=stopping,
         health=HealthService(settings.robot.name, link, ownership, sequences, streams, planning, stale_s),
+        control=ControlService(link, ownership, stopping),
         streams=streams,
         equipment=equipment,
         force=force,

@@ -30,6 +30,7 @@ class Trajectory:
     Attributes:
         breakpoints_s: shape (n+1,), strictly increasing, starting at 0.
         coefficients: shape (n, dof, 6), rad, rad/s, ... in the time since the segment's start.
+        note: how it differs from what was asked for, for people; "" if it does not.
 
     Raises:
         InputError: on other shapes, times that do not increase, values that are not finite, or a
@@ -38,6 +39,7 @@ class Trajectory:
 
     breakpoints_s: Array
     coefficients: Array
+    note: str = ""
 
     def __post_init__(self) -> None:
         times = np.ascontiguousarray(self.breakpoints_s, dtype=np.float64)
@@ -155,13 +157,15 @@ class Trajectory:
 
     def stretched(self, factor: float) -> Trajectory:
         """The same path in `factor` times the duration: velocities fall by factor, jerks by factor³."""
-        return Trajectory(self.breakpoints_s * factor, self.coefficients / factor ** np.arange(ORDER))
+        coefficients = self.coefficients / factor ** np.arange(ORDER)
+        return Trajectory(self.breakpoints_s * factor, coefficients, self.note)
 
     def followed_by(self, other: Trajectory) -> Trajectory:
         """This trajectory and then the other; they must meet in position, velocity and acceleration."""
         return Trajectory(
             np.concatenate([self.breakpoints_s, self.duration_s + other.breakpoints_s[1:]]),
             np.concatenate([self.coefficients, other.coefficients]),
+            "; ".join(filter(None, (self.note, other.note))),
         )
 
     def _durations(self) -> Array:

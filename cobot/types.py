@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum, StrEnum
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -203,3 +204,8 @@ class Waypoint:
     velocities: Sequence[float] | None = None
     accelerations: Sequence[float] | None = None
     label: str = field(default="", compare=False)
+
+    def __reduce__(self) -> tuple[type[Waypoint], tuple[Any, ...]]:
+        """For pickle, several times faster than a dataclass's own way: there may be 100,000 of them."""
+        values = (self.positions, self.time_from_start_s, self.velocities, self.accelerations, self.label)
+        return Waypoint, values

@@ -17,6 +17,7 @@ from fastapi.routing import APIRoute
 from pydantic import BaseModel, ValidationError
 from starlette.requests import HTTPConnection
 
+from app.api.clients import MOTION_TOKEN
 from app.api.errors import status_of
 from app.robot_services import Services
 from app.services.motion.ownership import Caller
@@ -88,7 +89,7 @@ class Call:
     @property
     def token(self) -> str | None:
         """Of the sequence on whose behalf the arm shall move, if any."""
-        return self._request.headers.get("X-Motion-Token")
+        return self._request.headers.get(MOTION_TOKEN)
 
     def caller(self, gone: asyncio.Event) -> Caller:
         """Who asks, for a motion."""

@@ -9,8 +9,17 @@ from typing import Any
 from app.api.errors import responses
 from cobot.access.roles import Role
 from cobot.addresses import ROBOTS
+from cobot.client.rest import CONTROL_TOKEN
 from cobot.types import JointLimits
 
+CONTROL: dict[str, Any] = {
+    "name": CONTROL_TOKEN,
+    "in": "header",
+    "required": False,
+    "description": "The token that POST /robot/control has given; only needed while its control is held.",
+    "schema": {"type": "string"},
+}
+"""Of all that moves the arm: who has the control shows it."""
 JOINT_FIELDS = (("MoveJoints", "joints"), ("TrajectoryPoint", "positions"))
 
 
@@ -41,6 +50,8 @@ def with_limits(
         for path, operations in schema["paths"].items():
             for endpoint in operations.values():
                 summary = endpoint["description"].partition("\n")[0]  # says more than the path again
+                if "409" in endpoint["responses"] and not path.endswith(("/reset", "/reload")):
+                    _add(CONTROL, endpoint)
                 endpoint["summary"] = f"{summary} Of any robot." if path.startswith(f"{ROBOTS}/") else summary
         return schema
 
@@ -48,6 +59,13 @@ def with_limits(
 
 
 Row = tuple[str, float, float]
+
+
+def _add(parameter: dict[str, Any], endpoint: dict[str, Any]) -> None:
+    """Unless it is there: FastAPI keeps the schema that it has made."""
+    parameters = endpoint.setdefault("parameters", [])
+    if parameter not in parameters:
+        parameters.append(parameter)
 
 
 def _described(robots: dict[str, JointLimits]) -> tuple[str, list[dict[str, Any]]]:

@@ -11,9 +11,11 @@ from fastapi.routing import APIRoute, APIWebSocketRoute
 from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from app.api import documentation
 from app.api.access import IDENTITY
 from app.api.errors import answer_to
 from app.api.routers.robots import twin_name
+from app.api.samples import SAMPLES_PATH
 from cobot.access.authentication import is_loopback
 from cobot.access.roles import Identity, Role, require
 from cobot.errors import CobotError
@@ -37,6 +39,9 @@ ROLES: dict[str, Role] = {
     STOP: Role.OBSERVER,  # whoever sees that it goes wrong
     "GET /health": Role.OBSERVER,
     "GET /robots": Role.OBSERVER,
+    "GET /robot/control": Role.OBSERVER,
+    "POST /robot/control": Role.OPERATOR,
+    "DELETE /robot/control": Role.OPERATOR,
     "GET /audit": Role.ADMIN,
     "GET /metrics": Role.OBSERVER,
     "GET /health/live": Role.NOBODY,  # who restarts what does not answer has no token
@@ -46,7 +51,17 @@ ROLES: dict[str, Role] = {
     "WS /rosbridge": Role.OBSERVER,  # each operation needs its own: app.rosbridge.roles
     "POST /{robot}/{Class}/{method}": Role.OBSERVER,  # and each method: app.aubo.roles
 }
-PUBLIC = ("/", "/docs", "/docs/oauth2-redirect", "/redoc", "/openapi.json", "/static-offline-docs")
+PUBLIC = (
+    "/",
+    "/docs",
+    "/docs/oauth2-redirect",
+    f"{SAMPLES_PATH}/{{name}}",
+    documentation.VENDOR_PAGE,
+    "/redoc",
+    "/openapi.json",
+    documentation.VENDOR_SCHEMA,
+    documentation.STATIC,
+)
 """The documentation, in which a token can be entered, is open to all: it tells nothing about this robot but
 its joints' limits and its name."""
 

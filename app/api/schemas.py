@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, FailFast, Field
 
+from app.services.motion.lease import TIMEOUT_S, TIMEOUTS_S
 from cobot.strict import StrictModel
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
@@ -67,9 +68,9 @@ class MoveNamed(StrictModel):
 class Point(StrictModel):
     """A point in the frame of the motion, m."""
 
-    x: Finite
-    y: Finite
-    z: Finite
+    x: Finite = Field(description="m")
+    y: Finite = Field(description="m")
+    z: Finite = Field(description="m")
 
 
 class MovePose(StrictModel):
@@ -125,19 +126,57 @@ class MoveAnswer(BaseModel):
         }
     )
 
-    success: bool
+    success: bool = Field(description="Whether the arm has arrived and settled.")
     message: str = Field(description="The reason, when it has not arrived.")
     code: str | None = Field(None, description="A stable word for the reason, null on success.")
     motion_id: int | None = Field(None, description="Null when nothing moved.")
-    duration_s: float = Field(description="From request to answer.")
-    planning_time_s: float
+    duration_s: float = Field(description="From request to answer, s.")
+    planning_time_s: float = Field(description="Of that, s, until there was a plan.")
 
 
 class ResetAnswer(BaseModel):
     """What a reset has led to."""
 
-    success: bool
-    message: str
+    success: bool = Field(description="Whether the robot may move.")
+    message: str = Field(description="The same in words.")
+
+
+class TakeControl(StrictModel):
+    """How long, and whether from somebody else."""
+
+    model_config = _example({"timeout_s": 60.0})
+
+    timeout_s: float = Field(
+        TIMEOUT_S,
+        ge=TIMEOUTS_S[0],
+        le=TIMEOUTS_S[1],
+        description="s; it ends when nothing has moved for so long.",
+    )
+    force: bool = Field(
+        False, description="Take it from whoever has it: what moves the arm ends, and they are told."
+    )
+
+
+class ControlAnswer(BaseModel):
+    """Who controls the robot."""
+
+    held: bool = Field(description="Whether anybody does.")
+    holder: str | None = Field(description="The name of their access token; anonymous without one.")
+    address: str | None = Field(description="Where they come from.")
+    how: Literal["explicit", "implicit"] | None = Field(
+        description="explicit: by a lease; implicit: by what moves the arm, for as long as it does."
+    )
+    what: str | None = Field(description="What moves the arm now.")
+    since: datetime | None = Field(description="When they took it, if that is known.")
+    until: datetime | None = Field(description="When a lease ends, if nothing moves until then.")
+    speed_fraction: float = Field(description="How fast motions go, as a share of their planned speed.")
+
+
+class TakenAnswer(ControlAnswer):
+    """The control is the caller's."""
+
+    token: str = Field(description="To be sent as the header X-Control-Token.")
+    stopped: list[str] = Field(description="What was ended to take over.")
 
 
 class JointStates(BaseModel):
@@ -152,7 +191,7 @@ class JointStates(BaseModel):
         }
     )
 
-    name: list[str]
+    name: list[str] = Field(description="The joints' names, from the base to the flange.")
     position: list[float] = Field(description="rad")
     velocity: list[float] = Field(description="rad/s")
     effort: list[float] = Field(description="N·m")
@@ -160,48 +199,53 @@ class JointStates(BaseModel):
 
 class Position(BaseModel):
     x: float = Field(description="m")
-    y: float
-    z: float
+    y: float = Field(description="m")
+    z: float = Field(description="m")
 
 
 class Quaternion(BaseModel):
     """Unit quaternion; w is the scalar part."""
 
-    x: float
-    y: float
-    z: float
-    w: float
+    x: float = Field(description="Of the axis, times the sine of half the angle.")
+    y: float = Field(description="The same.")
+    z: float = Field(description="The same.")
+    w: float = Field(description="The scalar part.")
 
 
 class Angles(BaseModel):
     """KUKA ABC: about z, then the new y, then the newest x."""
 
-    a: float
-    b: float
-    c: float
+    a: float = Field(description="About z.")
+    b: float = Field(description="About the new y.")
+    c: float = Field(description="About the newest x.")
 
 
 class Orientation(BaseModel):
-    quaternion: Quaternion
-    euler_rad: Angles
-    euler_deg: Angles
+    quaternion: Quaternion = Field(description="The rotation as a unit quaternion.")
+    euler_rad: Angles = Field(description="The same as angles, rad.")
+    euler_deg: Angles = Field(description="The same as angles, degrees.")
 
 
 class PoseAnswer(BaseModel):
     """The TCP, from the measured joints."""
 
-    position: Position
-    orientation: Orientation
-    frame_id: str
+    position: Position = Field(description="Of the TCP, m.")
+    orientation: Orientation = Field(description="Of the TCP.")
+    frame_id: str = Field(description="The frame in which both are: the robot's base.")
 
 
 class NamedPositionAnswer(BaseModel):
     """A `group_state` of the SRDF."""
 
-    name: str
-    group: str
-    description: str
+    name: str = Field(description="For POST /robot/move/named.")
+    group: str = Field(description="The group of joints in the SRDF.")
+    description: str = Field(description="What the SRDF says about it.")
     joints: list[float] = Field(description="rad")
+
+
+VALIDATE = "False skips this check; the safety layer of the real-time process stays."
+RETIME = "Keep the path and stretch time until the limits hold."
+MOVE_TO_START = "Go to the first point by ptp before; else the arm has to be there."
 
 
 class TrajectoryPoint(StrictModel):
@@ -230,11 +274,9 @@ class SendTrajectory(StrictModel):
     points: Annotated[list[TrajectoryPoint], FailFast(), BeforeValidator(_as_list)] = Field(
         min_length=1, max_length=100_000, description="At strictly increasing times."
     )
-    validate_limits: bool = Field(
-        True, description="False skips this check; the safety layer of the real-time process stays."
-    )
-    retime: bool = Field(False, description="Keep the path and stretch time until the limits hold.")
-    move_to_start: bool = Field(False, description="Go to the first point by ptp before.")
+    validate_limits: bool = Field(True, description=VALIDATE)
+    retime: bool = Field(False, description=RETIME)
+    move_to_start: bool = Field(False, description=MOVE_TO_START)
 
 
 class CsvQuery(StrictModel):
@@ -242,23 +284,30 @@ class CsvQuery(StrictModel):
 
     model_config = ConfigDict(strict=False)  # a query consists of strings
 
-    separator: str = Field(
-        ",", min_length=1, max_length=1, description="With ; numbers may have decimal commas."
+    separator: str | None = Field(
+        None,
+        min_length=1,
+        max_length=1,
+        description="One character. Without it that of the header: semicolons, tabs, commas or white space. "
+        "Only with semicolons may numbers have decimal commas.",
     )
-    validate_limits: bool = True
-    retime: bool = False
-    move_to_start: bool = False
+    validate_limits: bool = Field(True, description=VALIDATE)
+    retime: bool = Field(False, description=RETIME)
+    move_to_start: bool = Field(False, description=MOVE_TO_START)
 
 
 class SentAnswer(BaseModel):
     """The real-time process has verified the motion and begun it; /trajectory/logs tells its end."""
 
-    model_config = _example({"status": "sent", "motion_id": 13, "duration_s": 4.0, "points": 3})
+    model_config = _example({"status": "sent", "motion_id": 13, "duration_s": 4.0, "points": 3, "note": ""})
 
-    status: Literal["sent"] = "sent"
-    motion_id: int
-    duration_s: float = Field(description="Of the whole motion, the way to the start included.")
-    points: int
+    status: Annotated[Literal["sent"], Field(description="The motion has begun.")] = "sent"
+    motion_id: int = Field(description="Its number, as in /trajectory/logs and in the state.")
+    duration_s: float = Field(description="Of the whole motion, s, the way to the start included.")
+    points: int = Field(description="How many were sent.")
+    note: str = Field(
+        "", description="What was changed: rounding in the points that would exceed the jerk limits."
+    )
 
 
 class LogQuery(StrictModel):
@@ -266,37 +315,37 @@ class LogQuery(StrictModel):
 
     model_config = ConfigDict(strict=False)
 
-    n: int = Field(50, ge=1, le=300)
+    n: int = Field(50, ge=1, le=300, description="How many lines, the newest ones.")
 
 
 class LogAnswer(BaseModel):
     """The newest lines, the oldest of them first, each with its time."""
 
-    lines: list[str]
+    lines: list[str] = Field(description="The oldest of them first.")
 
 
 class StartedAnswer(BaseModel):
     """The runner has started; whether its file is any good, /sequences/status will tell."""
 
-    status: Literal["started"] = "started"
-    sequence_id: int
-    pid: int
+    status: Annotated[Literal["started"], Field(description="The runner's process runs.")] = "started"
+    sequence_id: int = Field(description="Its number, counted from 1.")
+    pid: int = Field(description="The runner's process.")
 
 
 class SequenceStatusAnswer(BaseModel):
     """The newest sequence."""
 
-    status: Literal["idle", "running", "finished"]
-    sequence_id: int | None
-    pid: int | None
+    status: Literal["idle", "running", "finished"] = Field(description="idle: there was none yet.")
+    sequence_id: int | None = Field(description="Its number, counted from 1.")
+    pid: int | None = Field(description="The runner's process.")
     iteration: int | None = Field(description="From 1.")
-    n_iterations: int | None
+    n_iterations: int | None = Field(description="How many were asked for.")
     waypoint: int | None = Field(description="From 1; 0 is the way home.")
-    n_waypoints: int | None
-    started_at: datetime | None
-    finished_at: datetime | None
+    n_waypoints: int | None = Field(description="How many an iteration has.")
+    started_at: datetime | None = Field(description="When.")
+    finished_at: datetime | None = Field(description="When; null while it runs.")
     returncode: int | None = Field(description="0: all done; negative: the signal that ended it.")
-    bag_path: str | None
+    bag_path: str | None = Field(description="The recording's folder; null without one.")
 
 
 class AuditQuery(StrictModel):
@@ -346,22 +395,22 @@ class StopAnswer(BaseModel):
     )
 
     success: bool = Field(description="The arm is known to be at rest, and nothing will move it.")
-    message: str
-    stopped: list[str]
+    message: str = Field(description="What was stopped, and what could not be confirmed.")
+    stopped: list[str] = Field(description="What was under way.")
     position: list[float] | None = Field(description="Measured, rad; null when it is not known.")
-    at_rest: bool
-    duration_s: float
+    at_rest: bool = Field(description="Whether the arm is known to stand still.")
+    duration_s: float = Field(description="From request to answer, s.")
 
 
 class RobotHealth(BaseModel):
     """How a robot is; `degraded` comes with `problems`."""
 
-    status: Literal["ok", "degraded"]
-    problems: list[str]
-    robot: dict[str, Any]
+    status: Literal["ok", "degraded"] = Field(description="ok: there is no problem.")
+    problems: list[str] = Field(description="What is wrong, a sentence each.")
+    robot: dict[str, Any] = Field(description="The arm: mode, motion, whether it is settled.")
     rtloop: dict[str, Any] = Field(description="The real-time process: pid, permissions, overruns.")
-    service: dict[str, Any]
-    sequence: dict[str, Any]
+    service: dict[str, Any] = Field(description="This service: pid, time since its start, who moves the arm.")
+    sequence: dict[str, Any] = Field(description="The newest sequence, as in /sequences/status.")
     session: dict[str, Any] | None = Field(description="The streaming session: number, client, mode.")
 
 
@@ -375,7 +424,7 @@ class HealthAnswer(RobotHealth):
     last_interventions_s: dict[str, float | None] = Field(
         description="Seconds since the last one of each kind; null: there was none."
     )
-    versions: dict[str, str]
+    versions: dict[str, str] = Field(description="Of cobot and of what it stands on.")
     robots: dict[str, RobotHealth] = Field(description="Of each robot that was asked for, by its name.")
 
 
@@ -402,8 +451,8 @@ class ReloadAnswer(BaseModel):
 class RobotAnswer(BaseModel):
     """A robot that is served."""
 
-    name: str
+    name: str = Field(description="For /robots/{robot}/...")
     default: bool = Field(description="The endpoints without the name of a robot are about this one.")
     path: str = Field(description="What its own endpoints begin with.")
-    base_frame: str
-    joint_names: list[str]
+    base_frame: str = Field(description="The frame of all its poses.")
+    joint_names: list[str] = Field(description="From the base to the flange.")

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from app.api.schemas import Finite
+from app.services.motion.lease import TIMEOUT_S, TIMEOUTS_S
 from cobot.errors import InputError
 from cobot.ipc.layout import CHUNK_POINTS, Interpolation, Intervention, Stream, chunk_dtype
 from cobot.ipc.session_rules import MOVE_S, decimation, nominal_session
@@ -148,8 +149,28 @@ class End(StrictModel):
     type: Literal["end"]
 
 
+class Control(StrictModel):
+    type: Literal["control"]
+    timeout_s: float = Field(TIMEOUT_S, ge=TIMEOUTS_S[0], le=TIMEOUTS_S[1])
+
+
+class Release(StrictModel):
+    type: Literal["release"]
+
+
 TextFrame = (
-    Subscribe | OpenSession | JointTarget | PoseTarget | TorqueTarget | Move | Cancel | Chunk | Estop | End
+    Subscribe
+    | OpenSession
+    | JointTarget
+    | PoseTarget
+    | TorqueTarget
+    | Move
+    | Cancel
+    | Chunk
+    | Estop
+    | End
+    | Control
+    | Release
 )
 MODELS: dict[str, type[TextFrame]] = {
     "subscribe": Subscribe,
@@ -159,6 +180,8 @@ MODELS: dict[str, type[TextFrame]] = {
     "chunk": Chunk,
     "estop": Estop,
     "end": End,
+    "control": Control,
+    "release": Release,
 }
 
 

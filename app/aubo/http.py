@@ -7,7 +7,6 @@ in, `registry.bind`, is the same for every transport.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
 from dataclasses import asdict
 from typing import Any
 
@@ -18,8 +17,10 @@ from starlette.routing import Match
 from starlette.types import Scope
 
 from app.api.access import identity_of
+from app.api.clients import MOTION_TOKEN
 from app.api.dependencies import LARGE_BYTES, decoded, json_body, services_of
-from app.api.errors import responses
+from app.api.errors import ErrorAnswer, responses
+from app.api.openapi import CONTROL
 from app.aubo.classes import CLASSES, REGISTRY
 from app.aubo.fields import REQUIRED, Field
 from app.aubo.registry import Origin, Service, bind, run, unknown_service
@@ -28,6 +29,8 @@ from cobot.access.roles import require
 from cobot.errors import NotFoundError
 
 PATH = "/{robot}/{Class}/{method}"
+MOVING = ("MotionControl", "SyncMove", "RuntimeMachine")
+"""Classes whose services move the arm: some look at who has the control of it."""
 STATUSES = (404, 413, 415, 422)
 JSON_TYPES: dict[str, dict[str, Any]] = {
     "bool": {"type": "boolean"},
@@ -37,6 +40,9 @@ JSON_TYPES: dict[str, dict[str, Any]] = {
     "string": {"type": "string"},
     "json": {"type": "string", "contentMediaType": "application/json"},
 }
+DESCRIPTION = """The services of the controller's vendor, as they are on ROS 2 too. Each answers with a
+`code`: 0 is success, see docs/services.md. Lengths in m, angles in rad. The REST API is on
+[a page of its own](/docs)."""
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 POSE = [0.4, 0.0, 0.5, 0.0, 3.1, 0.0]
 VIA, END = [0.45, 0.1, 0.55, 0.0, 3.1, 0.0], [0.4, 0.2, 0.55, 0.0, 3.1, 0.0]
@@ -76,7 +82,7 @@ async def vendor_service(request: Request) -> JSONResponse:
     require(identity_of(request), found.role)
     bound = bind(found, await _content(request))
     audit.leave_out()  # `run` has an entry for what it changes, whoever asks
-    origin = Origin(f"POST {request.url.path}", stops, request.headers.get("X-Motion-Token"))
+    origin = Origin(f"POST {request.url.path}", stops, request.headers.get(MOTION_TOKEN))
     return JSONResponse(asdict(await run(services, found, bound, origin)))
 
 
@@ -92,24 +98,34 @@ async def _content(request: Request) -> Any:
         return await asyncio.to_thread(decoded, body, "the body")
 
 
-def with_services(openapi: Callable[[], dict[str, Any]], robots: list[str]) -> Callable[[], dict[str, Any]]:
-    """A schema function that documents each service, grouped by class."""
-    robot = {"name": "robot", "in": "path", "required": True, "schema": {"type": "string", "enum": robots}}
+def schema(rest: dict[str, Any], robots: list[str]) -> dict[str, Any]:
+    """The OpenAPI document of the services, grouped by class.
+
+    Args:
+        rest: that of the REST API, of which it has the version, the errors and what says who may call.
+        robots: the valid names.
+    """
+    robot = {
+        "name": "robot",
+        "in": "path",
+        "required": True,
+        "description": "The robot's name.",
+        "schema": {"type": "string", "enum": robots},
+    }
     order = list(CLASSES)
     services = sorted(REGISTRY.values(), key=lambda found: order.index(found.robot_class))
-    operations = {
-        f"/{{robot}}/{found.robot_class}/{found.method}": _operation(found, robot) for found in services
+    components = dict(rest.get("components", {}))
+    components["schemas"] = {"ErrorAnswer": ErrorAnswer.model_json_schema()}
+    return {
+        **{key: value for key, value in rest.items() if key in ("openapi", "security", "servers")},
+        "info": {**rest["info"], "title": "cobot: vendor services", "description": DESCRIPTION},
+        "paths": {
+            f"/{{robot}}/{found.robot_class}/{found.method}": {"post": _operation(found, robot)}
+            for found in services
+        },
+        "components": components,
+        "tags": [{"name": name, "description": text} for name, text in CLASSES.items()],
     }
-
-    def described() -> dict[str, Any]:
-        schema = openapi()  # the same one each time, with what others may have changed in it
-        schema["paths"] |= {path: {"post": dict(operation)} for path, operation in operations.items()}
-        tags = (tag for path in schema["paths"].values() for each in path.values() for tag in each["tags"])
-        plain = [{"name": tag} for tag in dict.fromkeys(tags) if tag not in CLASSES]  # Swagger's order
-        schema["tags"] = plain + [{"name": name, "description": text} for name, text in CLASSES.items()]
-        return schema
-
-    return described
 
 
 def _operation(found: Service, robot: dict[str, Any]) -> dict[str, Any]:
@@ -141,7 +157,7 @@ def _operation(found: Service, robot: dict[str, Any]) -> dict[str, Any]:
         "summary": f"{found.method}: {found.doc.partition('. ')[0].rstrip('.')}.",
         "description": found.doc,
         "x-role": found.role.name.lower(),
-        "parameters": [robot],
+        "parameters": [robot, CONTROL] if found.robot_class in MOVING else [robot],
         "requestBody": {"required": bool(needed), "content": {"application/json": {"schema": body}}},
         "responses": {
             "200": {

@@ -13,7 +13,7 @@ import numpy as np
 
 from app.aubo.poses import pose_of
 from app.aubo.registry import Json, Origin, service
-from cobot.errors import InputError, NotFoundError, NotSupportedError
+from cobot.errors import ConflictError, InputError, NotFoundError, NotSupportedError
 from cobot.ipc.layout import ServoMode
 from cobot.planners.rated import RatedMove
 from cobot.robot.limits import check_positions
@@ -169,38 +169,47 @@ def get_speed_fraction(robot: Services) -> float:
     Returns:
         A share of their planned speed, from 0.01 to 1.
     """
-    return robot.ownership.speed_override.fraction
+    return robot.ownership.speed_fraction
 
 
 @service("MotionControl")
 async def set_speed_fraction(robot: Services, fraction: float) -> None:
     """Go faster or slower along the paths, from now on: the motion that runs and all that follow.
 
+    Refused while somebody else moves the arm or has the control of it, and while it follows a stream. What a
+    program or the holder of a control lease has set ends with the program or the lease.
+
     Args:
         fraction: of the planned speed, from 0.01 to 1.
     """
-    await robot.ownership.speed_override.set_fraction(fraction)
+    await robot.ownership.set_speed_fraction(fraction)
 
 
 @service("MotionControl")
 async def stop_move(robot: Services) -> None:
     """Come to rest on the path and wait there, moves that are queued included, until startMove or clearPath.
 
-    With an empty queue it does nothing.
+    With an empty queue it does nothing, and is refused while something else moves the arm.
     """
+    _require_no_other_motion(robot)
     if not robot.queue.idle:
         await robot.ownership.speed_override.pause()
 
 
 @service("MotionControl")
 async def start_move(robot: Services) -> None:
-    """Go on after stopMove."""
+    """Go on after stopMove. Refused while somebody else has the control of the arm."""
+    robot.ownership.require_control()
     await robot.ownership.speed_override.resume()
 
 
 @service("MotionControl")
 async def clear_path(robot: Services) -> None:
-    """Come to rest on the path and forget all moves of the queue. Answers when the arm rests."""
+    """Come to rest on the path and forget all moves of the queue. Answers when the arm rests.
+
+    With an empty queue it does nothing, and is refused while something else moves the arm.
+    """
+    _require_no_other_motion(robot)
     await robot.queue.clear("the path was cleared by MotionControl/clearPath")
 
 
@@ -208,16 +217,20 @@ async def clear_path(robot: Services) -> None:
 async def stop_joint(robot: Services, acc: float = 0.0) -> None:
     """Come to rest on the path as fast as the limits permit, and forget all moves. Answers at rest.
 
+    Whatever moves the arm ends, whosever it is: a stop asks for no ownership.
+
     Args:
         acc: rad/s²; 0, or no less than the joints' limits: a gentler stop is not supported.
     """
     _require_fastest(acc, float(robot.robot.limits.max_acceleration.max()), "rad/s²")
-    await robot.queue.clear("stopped by MotionControl/stopJoint")
+    await robot.stopping.stop_motion("stopped by MotionControl/stopJoint")
 
 
 @service("MotionControl")
 async def stop_line(robot: Services, acc: float = 0.0, acc_rot: float = 0.0) -> None:
     """Come to rest on the path as fast as the limits permit, and forget all moves. Answers at rest.
+
+    Whatever moves the arm ends, whosever it is: a stop asks for no ownership.
 
     Args:
         acc: m/s²; 0, or no less than the limit of the tool's tip: a gentler stop is not supported.
@@ -226,7 +239,7 @@ async def stop_line(robot: Services, acc: float = 0.0, acc_rot: float = 0.0) -> 
     limits = robot.robot.cartesian_limits
     _require_fastest(acc, limits.max_linear_acceleration, "m/s²")
     _require_fastest(acc_rot, limits.max_angular_acceleration, "rad/s²")
-    await robot.queue.clear("stopped by MotionControl/stopLine")
+    await robot.stopping.stop_motion("stopped by MotionControl/stopLine")
 
 
 @service("MotionControl")
@@ -360,6 +373,13 @@ async def _add(
         )
 
     await robot.queue.add(name, move, rate.blend_radius_m, origin.stops, origin.token)
+
+
+def _require_no_other_motion(robot: Services) -> None:
+    """See that the queue is what moves the arm, if anything does: else its stop would be none."""
+    owner = robot.ownership.owner if robot.queue.idle and robot.ownership.in_motion else None
+    if owner is not None:
+        raise ConflictError(f"the queue is empty, but {owner} moves the arm; stopJoint stops it")
 
 
 def _require_fastest(acceleration: float, limit: float, unit: str) -> None:

@@ -29,7 +29,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from app.aubo.codes import Code, code_of
-from app.aubo.fields import REQUIRED, ROS_TYPES, Field, Int64, Json, argument
+from app.aubo.fields import LARGEST, REQUIRED, ROS_TYPES, Field, Int64, Json, argument
 from app.aubo.roles import role_of
 from cobot import audit
 from cobot.access.roles import Role
@@ -185,7 +185,7 @@ async def _run(robot: Services, found: Service, bound: dict[str, Any], origin: O
 
 def failed(found: Service, code: Code, message: str) -> Answer:
     """The answer of a call that failed."""
-    return Answer(code, message, int(code) if found.result.kind.startswith("int") else found.result.empty)
+    return Answer(code, message, int(code) if found.result.kind in LARGEST else found.result.empty)
 
 
 def unknown_service(robot_class: str, method: str) -> str:

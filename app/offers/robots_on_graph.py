@@ -41,6 +41,8 @@ async def serving(
                 owner=graph,
                 role=service.role,
             )
+        take = partial(_take_control, services)
+        graph.add_service(f"/{name}/take_control", "std_srvs/srv/SetBool", take, owner=graph)
         graph.add_action(ServoModeAction(name, services.servo))
         graph.add_action(services.fjt)
     try:
@@ -49,6 +51,12 @@ async def serving(
         await graph.close()
         for each in topics:
             each.close()
+
+
+async def _take_control(services: Services, request: Message) -> Message:
+    """For the client that asks: true takes it until it disconnects or lets it be unused, false lets go."""
+    success, message = await services.control.set_control(request["data"])
+    return {"success": success, "message": message}
 
 
 async def _call(services: Services, robot_class: str, method: str, request: Message) -> Message:

@@ -106,6 +106,11 @@ class Connection:
             status = {"op": "status", "level": "error", "msg": str(error)}
             self.outbox.mention(status if message_id is None else {**status, "id": message_id})
 
+    def tell(self, sentence: str) -> None:
+        """Tell the client what it has not asked for, unless it does not want to know."""
+        if self._level != "none":
+            self.outbox.mention({"op": "status", "level": "warning", "msg": sentence})
+
     async def close(self) -> None:
         """The client is gone."""
         self.outbox.close()

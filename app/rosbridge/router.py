@@ -13,6 +13,7 @@ from app.api.dependencies import LARGE_BYTES, decoded, without_collection
 from app.api.errors import status_of
 from app.graph.graph import Graph
 from app.rosbridge.connection import MAX_MESSAGE, MAX_OBJECTS, MAX_VALUES, Connection
+from app.services.motion.lease import CLIENT
 from cobot.errors import CobotError, InputError, PayloadError, UnavailableError
 
 PATH = "/rosbridge"
@@ -47,6 +48,7 @@ async def _serve(socket: WebSocket, graph: Graph, large: asyncio.Lock) -> None:
     client = socket.client
     name = f"{client.host}:{client.port}" if client else "a client"
     connection = Connection(graph, name, identity_of(socket))
+    CLIENT.get().tell = connection.tell
     work = [
         asyncio.create_task(each)
         for each in (

@@ -9,7 +9,8 @@ service had: an unreachable pose is an `UnreachableError` here too.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import contextlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -24,6 +25,8 @@ from cobot.errors import CobotError, ExecutionError, InputError, UnavailableErro
 DEFAULT_URL = "http://localhost:8007"
 MOTION_TIMEOUT_S = 90.0
 """A motion is waited for so long, s: longer than the service's own timeouts as shipped."""
+CONTROL_TOKEN = "X-Control-Token"
+"""The header that shows the token of a lease: its holder's motions carry it."""
 Json = dict[str, Any]
 
 
@@ -151,13 +154,17 @@ class Client:
         body = {"points": [dict(point) for point in points], **options}
         return self._json("POST", "/trajectory/send", json=body, timeout=self._motion_timeout_s)
 
-    def send_csv(self, path: str | Path, *, separator: str = ",", **options: bool) -> Json:
-        """Run timed points from a CSV file; returns when the motion has begun."""
+    def send_csv(self, path: str | Path, *, separator: str | None = None, **options: bool) -> Json:
+        """Run timed points from a CSV file; returns when the motion has begun.
+
+        Args:
+            separator: None for what the header has.
+        """
         with Path(path).open("rb") as file:
             return self._json(
                 "POST",
                 "/trajectory/send_csv",
-                params={"separator": separator, **options},
+                params=options if separator is None else {"separator": separator, **options},
                 files={"file": (Path(path).name, file, "text/csv")},
                 timeout=self._motion_timeout_s,
             )
@@ -188,6 +195,31 @@ class Client:
         """Call a vendor service of the robot by its name; `code` (0 is success), `message`, `result`."""
         url = self._http.base_url.copy_with(path=f"/{robot}/{robot_class}/{method}")  # of the service itself
         return self._json("POST", str(url), json=dict(arguments), timeout=self._motion_timeout_s)
+
+    def who_controls(self) -> Json:
+        """Who moves the robot or alone may: `held`, `holder`, `address`, `how`, `what`, `since`, `until`."""
+        return self._json("GET", "/robot/control")
+
+    @contextlib.contextmanager
+    def control(self, *, timeout_s: float = 60.0, force: bool = False) -> Iterator[Json]:
+        """Nobody but this client moves the robot within the `with` block; gives what the service answered.
+
+        Args:
+            timeout_s: when nothing has moved for so long, the control is lost; each motion renews it.
+            force: take it over from whoever has it: what moves the arm ends.
+
+        Raises:
+            ConflictError: somebody else has it, with who; in the block: somebody has taken it over.
+        """
+        body = {"timeout_s": timeout_s, "force": force}
+        taken = self._json("POST", "/robot/control", json=body, timeout=15.0)
+        self._http.headers[CONTROL_TOKEN] = str(taken["token"])
+        try:
+            yield taken
+        finally:
+            with contextlib.suppress(CobotError):  # it is lost already, or nobody answers
+                self._json("DELETE", "/robot/control")
+            del self._http.headers[CONTROL_TOKEN]
 
     def stop(self) -> Json:
         """End the sequence, the planning and the motion; the answer says whether the arm is at rest.

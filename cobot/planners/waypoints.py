@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from cobot.errors import InputError
+from cobot.errors import InputError, LimitError
 from cobot.planners.ptp import plan_ptp
 from cobot.planners.request import MotionRequest, is_there, validate
+from cobot.planners.rounding import smoothed
 from cobot.robot.description import RobotDescription
-from cobot.robot.feasibility import stretch_to_limits
+from cobot.robot.feasibility import check_limits, stretch_to_limits
 from cobot.robot.limits import check_positions
 from cobot.trajectory import Trajectory, from_hermite
 from cobot.types import Array, JointLimits, PlannerName, Scaling, Waypoint
 
 REST_TOLERANCE = 1e-6
+PRESENT = "the present position"
+GO_THERE = "go there first, or send move_to_start=true"
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +45,7 @@ class WaypointRequest:
 
 
 def plan_waypoints(robot: RobotDescription, request: WaypointRequest) -> Trajectory:
-    """The validated motion.
+    """The validated motion. Its `note` says if rounding was taken out of the points, see `rounding`.
 
     Raises:
         InputError: the points do not make a motion, see `through`.
@@ -52,21 +55,23 @@ def plan_waypoints(robot: RobotDescription, request: WaypointRequest) -> Traject
     limits = robot.limits
     labels = _labels(request.points, limits.dof)
     if request.check_limits:
-        for point, label in zip(request.points, labels, strict=True):
-            check_positions(limits, np.asarray(point.positions), f"{label}: angle")
+        _require_positions(request.points, limits, labels)
     if request.approach is None:
         start, tolerance_rad = request.start, request.start_tolerance_rad
     else:
         start, tolerance_rad = np.asarray(request.points[0].positions, dtype=np.float64), 0.0
     if len(request.points) == 1 and request.approach is not None:
         start = request.start
-    motion, knots = through(request.points, start, limits, tolerance_rad)
-    if request.retime:
-        motion = stretch_to_limits(motion, limits)
-    if request.check_limits:
-        validate(robot, motion, limits, knots)
+    course = _course(request.points, start, limits, tolerance_rad)
+    if request.check_limits or request.retime:
+        motion, beyond = _within_rounding(course, limits)
+        if request.retime:
+            motion = stretch_to_limits(motion, limits)
+        if request.check_limits and (beyond or request.retime):
+            _require_limits(motion, limits, course.labels, request)
     else:
-        robot.collision.check_trajectory(motion)
+        motion = course.motion()
+    robot.collision.check_trajectory(motion)
     if request.approach is None or is_there(request.start, motion.start):
         return motion
     approach = MotionRequest(request.start, motion.start, PlannerName.PTP, request.approach)
@@ -90,6 +95,62 @@ def through(
     Raises:
         InputError: no points, times that do not increase, a start elsewhere, ends that are not at rest.
     """
+    course = _course(points, start, limits, start_tolerance_rad)
+    return course.motion(), course.labels
+
+
+def check_first(
+    point: Waypoint, start: Array, limits: JointLimits, tolerance_rad: float, *, within_limits: bool
+) -> None:
+    """Refuse a motion by its first point, before the others are read: see `WaypointRequest`.
+
+    Raises:
+        InputError: the motion starts now and not where the arm is.
+        LimitError: the point lies beyond the limits.
+    """
+    (label,) = _labels([point], limits.dof)
+    positions = np.asarray(point.positions, dtype=np.float64)
+    if within_limits:
+        check_positions(limits, positions, f"{label}: angle")
+    if point.time_from_start_s == 0.0:
+        _require_start(positions, start, limits, tolerance_rad, label)
+
+
+@dataclass(frozen=True, slots=True)
+class _Course:
+    """The points as arrays, the present position included where it is one of them.
+
+    Attributes:
+        times_s, positions: shape (n,), and (n, dof), rad.
+        labels: what each is called.
+        points: for the rates that they give.
+    """
+
+    times_s: Array
+    positions: Array
+    labels: list[str]
+    points: Sequence[Waypoint]
+
+    def motion(self) -> Trajectory:
+        spline = CubicSpline(self.times_s, self.positions, bc_type="clamped")
+        velocities, accelerations = spline(self.times_s, 1), spline(self.times_s, 2)
+        accelerations[[0, -1]] = 0.0
+        for index, point in enumerate(self.points):
+            if point.velocities is not None:
+                velocities[index] = point.velocities
+            if point.accelerations is not None:
+                accelerations[index] = point.accelerations
+        return from_hermite(self.times_s, self.positions, velocities, accelerations)
+
+    @property
+    def given_rates(self) -> bool:
+        return any(p.velocities is not None or p.accelerations is not None for p in self.points)
+
+
+def _course(
+    points: Sequence[Waypoint], start: Array, limits: JointLimits, start_tolerance_rad: float
+) -> _Course:
+    """See `through`."""
     labels = _labels(points, limits.dof)
     times = np.array([point.time_from_start_s for point in points])
     positions = np.array([point.positions for point in points], dtype=np.float64)
@@ -102,17 +163,55 @@ def through(
         positions[0] = start
     else:
         times, positions = np.append(0.0, times), np.vstack([start, positions])
-        labels = ["the present position", *labels]
+        labels = [PRESENT, *labels]
         points = [Waypoint(start.tolist(), 0.0), *points]
-    spline = CubicSpline(times, positions, bc_type="clamped")
-    velocities, accelerations = spline(times, 1), spline(times, 2)
-    accelerations[[0, -1]] = 0.0
-    for index, point in enumerate(points):
-        if point.velocities is not None:
-            velocities[index] = point.velocities
-        if point.accelerations is not None:
-            accelerations[index] = point.accelerations
-    return from_hermite(times, positions, velocities, accelerations), labels
+    return _Course(times, positions, labels, points)
+
+
+def _within_rounding(course: _Course, limits: JointLimits) -> tuple[Trajectory, bool]:
+    """The motion, without the rounding of its points if that is beyond the limits and can be taken out.
+
+    Returns:
+        The motion, and whether it may still be beyond a limit.
+    """
+    motion = course.motion()
+    try:
+        check_limits(motion, limits.including(motion.start))
+    except LimitError:
+        found = None if course.given_rates else smoothed(course.times_s, course.positions)
+        if found is None:
+            return motion, True
+        positions, unit = found
+        off_rad = np.abs(positions - course.positions).max()
+        note = (
+            f"the points were smoothed by up to {off_rad:.1e} rad, within the {unit:.0e} rad to which they "
+            "are rounded: the jerk of the rounding would be beyond the limits"
+        )
+        return replace(replace(course, positions=positions).motion(), note=note), True
+    return motion, False
+
+
+def _require_limits(
+    motion: Trajectory, limits: JointLimits, labels: list[str], request: WaypointRequest
+) -> None:
+    """See `check_limits`; what is beyond a limit comes with the way out."""
+    try:
+        check_limits(motion, limits.including(motion.start), labels)
+    except LimitError as exc:
+        sentence = str(exc)
+        if f"between {PRESENT} and" in sentence and request.approach is None:
+            raise LimitError(f"{exc}; {GO_THERE}") from None
+        if not request.retime and "the position of" not in sentence:
+            raise LimitError(f"{exc}; retime=true slows the motion down until the limits hold") from None
+        raise
+
+
+def _require_positions(points: Sequence[Waypoint], limits: JointLimits, labels: list[str]) -> None:
+    """All at once: there may be many."""
+    positions = np.array([point.positions for point in points], dtype=np.float64)
+    within = (limits.min_position <= positions) & (positions <= limits.max_position)
+    for index in np.flatnonzero(~within.all(axis=1))[:1]:
+        check_positions(limits, positions[index], f"{labels[index]}: angle")
 
 
 def _labels(points: Sequence[Waypoint], dof: int) -> list[str]:
@@ -159,5 +258,5 @@ def _require_start(first: Array, start: Array, limits: JointLimits, tolerance_ra
     raise InputError(
         f"{label}: starts with {limits.names[joint]} at {first[joint]:.4f} rad, but it is at "
         f"{start[joint]:.4f} rad: {off[joint]:.4f} rad apart, allowed are {tolerance_rad:g} rad; "
-        "go there first; POST /trajectory/send does it by itself with move_to_start"
+        f"{GO_THERE}"
     )

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cobot.errors import ConfigError, LimitError
 from cobot.types import Array, JointLimits, vector
 from cobot.yaml_file import read_yaml
@@ -16,6 +18,9 @@ _KEYS = (
     "max_position",
     *(key for rate in _RATES for key in (f"has_{rate}_limits", f"max_{rate}")),
 )
+
+DEGREES_FROM_RAD = 9.5
+"""No joint turns one and a half times either way: whose angle is beyond this has written degrees."""
 
 
 def load_joint_limits(path: Path) -> JointLimits:
@@ -50,7 +55,10 @@ def check_positions(limits: JointLimits, joints: Array, what: str = "joint angle
         if not low <= value <= high
     ]
     if beyond:
-        raise LimitError("; ".join(beyond))
+        turned = np.abs(joints).max() > DEGREES_FROM_RAD
+        raise LimitError(
+            "; ".join(beyond) + ("; these look like degrees, angles are in rad" if turned else "")
+        )
 
 
 def _joint(path: Path, name: str, entry: Any) -> tuple[float, ...]:

@@ -103,7 +103,7 @@ def test_a_schema_of_nothing_but_the_stop_is_a_schema(settings: Settings, tmp_pa
 
 def test_the_documentation_needs_nobody_else(settings: Settings) -> None:
     app = create_app(settings, None, "http://robot.test")
-    for page in ("/docs", "/redoc"):
+    for page in ("/docs", "/docs/vendor", "/redoc"):
         text = ask(app, "GET", page).text
         addresses = re.findall(r'(?:src|href)="([^"]+)"', text)
         assert len(addresses) >= 2

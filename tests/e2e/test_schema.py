@@ -28,7 +28,8 @@ CHECKS = (
     "response_headers_conformance",
 )
 ALL_CHECKS = ",".join(CHECKS)
-VENDOR_SERVICES = r"^/\{robot\}/"
+VENDOR_SERVICES = "/openapi/vendor.json"
+CONTROL = r"control$"
 BY_NAME = r"^/robots/\{robot\}/"
 """The same routes once more, of a robot that is named."""
 STOP_EVERY_S = 0.5
@@ -55,9 +56,9 @@ def stopped_again_and_again(service: Run) -> Iterator[None]:
         httpx.post(f"{service.url}/stop", timeout=WAIT_S).raise_for_status()
 
 
-def fuzzed(service: Run, folder: Path, *options: str) -> None:
+def fuzzed(service: Run, folder: Path, *options: str, document: str = "/openapi.json") -> None:
     command = [
-        *(sys.executable, "-m", "schemathesis.cli", "run", f"{service.url}/openapi.json"),
+        *(sys.executable, "-m", "schemathesis.cli", "run", f"{service.url}{document}"),
         *("--checks", ALL_CHECKS, "--seed", "8007", "--request-timeout", "30", "--no-color"),
         *options,
     ]
@@ -70,15 +71,26 @@ def fuzzed(service: Run, folder: Path, *options: str) -> None:
 
 def test_schemathesis_finds_no_server_error_and_no_undocumented_answer(shared: Run, tmp_path: Path) -> None:
     phases = ("--phases", "examples,coverage,fuzzing", "--max-examples", "25", "--workers", "2")
-    fuzzed(shared, tmp_path, *phases, "--exclude-path-regex", f"{VENDOR_SERVICES}|{BY_NAME}")
+    # Nothing would move with the control taken.
+    fuzzed(shared, tmp_path, *phases, "--exclude-path-regex", f"{CONTROL}|{BY_NAME}")
     phases = ("--phases", "examples,fuzzing", "--max-examples", "3")
-    fuzzed(shared, tmp_path, *phases, "--include-path-regex", BY_NAME)
+    fuzzed(shared, tmp_path, *phases, "--include-path-regex", BY_NAME, "--exclude-path-regex", CONTROL)
+
+
+def test_schemathesis_finds_none_in_taking_the_control(shared: Run, tmp_path: Path) -> None:
+    phases = ("--phases", "examples,coverage,fuzzing", "--max-examples", "25")
+    try:
+        fuzzed(shared, tmp_path, *phases, "--include-path-regex", CONTROL)
+    finally:
+        path = f"{shared.url}/robot/control"
+        taken = httpx.post(path, json={"force": True}, timeout=WAIT_S).raise_for_status().json()
+        httpx.delete(path, headers={"X-Control-Token": taken["token"]}).raise_for_status()
 
 
 def test_schemathesis_finds_none_in_the_vendor_services_either(run: Run, tmp_path: Path) -> None:
     tags = [word for tag in WAITING for word in ("--exclude-tag", tag)]
     phases = ("--phases", "examples,fuzzing", "--max-examples", "3")
-    fuzzed(run, tmp_path, *phases, "--include-path-regex", VENDOR_SERVICES, *tags)
+    fuzzed(run, tmp_path, *phases, *tags, document=VENDOR_SERVICES)
 
 
 @pytest.fixture(scope="module")
@@ -109,5 +121,5 @@ def test_schemathesis_finds_no_way_around_the_tokens(
     ]
     if shown:
         options += ["--header", f"Authorization: {token}"]
-    fuzzed(service, tmp_path, *options, "--exclude-path-regex", f"{VENDOR_SERVICES}|{BY_NAME}")
+    fuzzed(service, tmp_path, *options, "--exclude-path-regex", BY_NAME)
     assert service.joints() == pytest.approx(before, abs=0.01)

@@ -72,6 +72,17 @@ def test_a_sequence_visits_all_points_in_all_iterations(http: httpx.Client) -> N
     assert http.get("/health").json()["service"]["motion"] is None
 
 
+def test_a_sequence_has_the_control_of_who_has_started_it(http: httpx.Client) -> None:
+    token = http.post("/robot/control", json={"timeout_s": 600}).raise_for_status().json()["token"]
+    refused = start(http, SHORT)
+    assert refused.status_code == 409
+    assert "under the control of" in refused.json()["detail"]
+    http.headers["X-Control-Token"] = token
+    assert start(http, SHORT).status_code == 200
+    assert finished(http)["returncode"] == 0
+    http.delete("/robot/control").raise_for_status()
+
+
 def test_while_a_sequence_runs_nobody_else_moves_the_arm(http: httpx.Client) -> None:
     pid = start(http, LONG).json()["pid"]
     until(lambda: moving(http))

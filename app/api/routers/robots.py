@@ -39,7 +39,13 @@ def twins(routes: Iterable[BaseRoute], robots: list[str]) -> list[BaseRoute]:
         robots: the valid names, for the documentation.
     """
     made = APIRouter(prefix=ANY, tags=["robots"], responses=responses(404))
-    name = {"name": "robot", "in": "path", "required": True, "schema": {"type": "string", "enum": robots}}
+    name = {
+        "name": "robot",
+        "in": "path",
+        "required": True,
+        "description": "The robot's name.",
+        "schema": {"type": "string", "enum": robots},
+    }
     for route in routes:
         if isinstance(route, APIWebSocketRoute):
             made.add_api_websocket_route(path_below(route.path), route.endpoint)

@@ -4,32 +4,48 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import asdict
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, File, Form, Query, Request, UploadFile
 
 from app.api.dependencies import Call, CobotRoute, form_body
 from app.api.errors import responses
+from app.api.samples import link
 from app.api.schemas import LogAnswer, LogQuery, SequenceStatusAnswer, StartedAnswer
 from app.services.programs.sequences import SequenceOrder
 from cobot import audit
 
 router = APIRouter(prefix="/sequences", tags=["sequences"], route_class=CobotRoute)
-Text = Annotated[str, Form(max_length=1000, pattern=r"^[^\x00]*$")]  # no command line can have a NUL
+
+
+def _text(description: str) -> Any:
+    """A field of a form; no command line can have a NUL."""
+    return Form(max_length=1000, pattern=r"^[^\x00]*$", description=description)
+
+
+ACTION = "Not used; taken for compatibility and written to the log."
 
 
 @router.post("/start", responses=responses(409, 413, 415, 422, 503), dependencies=[Depends(form_body)])
 async def start_sequence(
     request: Request,
     config: Annotated[
-        UploadFile, File(description="JSON, see docs/api.md; *.lua: a program, see docs/lua.md.")
+        UploadFile,
+        File(
+            description=f"JSON, as {link('sequence.json')}, see docs/api.md; *.lua: a program, as "
+            f"{link('program.lua')}, see docs/lua.md."
+        ),
     ],
-    n_iterations: Annotated[int, Form(ge=1, le=1_000_000)] = 3,
-    delay_between_iterations: Annotated[float, Form(ge=0.0, le=86400.0, allow_inf_nan=False)] = 5.0,
-    bag_path: Text = "",
-    topics: Text = "",
-    joints_action: Text = "cobot/move_to_joints",
-    pose_action: Text = "cobot/move_to_pose",
+    n_iterations: Annotated[int, Form(ge=1, le=1_000_000, description="How often it runs.")] = 3,
+    delay_between_iterations: Annotated[
+        float, Form(ge=0.0, le=86400.0, allow_inf_nan=False, description="s, between two of them.")
+    ] = 5.0,
+    bag_path: Annotated[
+        str, _text("A new folder below the recordings folder, for a recording; empty for none.")
+    ] = "",
+    topics: Annotated[str, _text("What is recorded, comma separated; empty for all.")] = "",
+    joints_action: Annotated[str, _text(ACTION)] = "cobot/move_to_joints",
+    pose_action: Annotated[str, _text(ACTION)] = "cobot/move_to_pose",
 ) -> StartedAnswer:
     """Start a sequence or a Lua program; answers when its process runs. Only one at a time."""
     call = Call(request)

@@ -16,17 +16,21 @@ from app.api.dependencies import decoded, services_of
 from app.api.errors import status_of
 from app.api.stream_frames import (
     Chunk,
+    Control,
     End,
     Estop,
     Frame,
     OpenSession,
+    Release,
     Subscribe,
     TextFrame,
     hello_frame,
     read_frame,
     state_frame,
 )
-from app.services.streaming.sessions import Session, StreamService
+from app.robot_services import Services
+from app.services.motion.lease import CLIENT
+from app.services.streaming.sessions import Session
 from cobot import audit
 from cobot.access.roles import Role, require
 from cobot.client import wire
@@ -48,7 +52,7 @@ async def stream(socket: WebSocket) -> None:
     try:
         services = services_of(socket)
         with services.streams.connection():
-            await Connection(socket, services.streams, timeout_s).serve()
+            await Connection(socket, services, timeout_s).serve()
     except CobotError as exc:  # before it was accepted
         answer = JSONResponse({"detail": str(exc), "code": exc.code}, status_of(exc))
         await socket.send_denial_response(answer)
@@ -57,9 +61,10 @@ async def stream(socket: WebSocket) -> None:
 class Connection:
     """One client. What it sends is taken at once; it is sent the newest state, whatever it has missed."""
 
-    def __init__(self, socket: WebSocket, streams: StreamService, timeout_s: float) -> None:
+    def __init__(self, socket: WebSocket, services: Services, timeout_s: float) -> None:
         self._socket = socket
-        self._streams = streams
+        self._streams = services.streams
+        self._control = services.control
         self._timeout_s = timeout_s
         self._session: Session | None = None
         self._answers: deque[str] = deque(maxlen=MAX_ANSWERS)
@@ -72,6 +77,7 @@ class Connection:
     async def serve(self) -> None:
         """Until the client goes."""
         streams = self._streams
+        CLIENT.get().tell = lambda reason: self._answer("control_lost", reason=reason)
         await self._socket.accept()
         hello = hello_frame(
             streams.info,
@@ -167,6 +173,12 @@ class Connection:
                 self._estop()
             case End():
                 self._required.end()
+            case Control():
+                taken = await self._control.take(frame.timeout_s)
+                self._answer("control", token=taken.token, timeout_s=frame.timeout_s)
+            case Release():
+                self._control.release()
+                self._answer("control_released")
             case Chunk():
                 record = frame.record(len(self._streams.info["joint_names"]))
                 self._required.take_chunk(frame.sequence, record)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Annotated
 
@@ -9,6 +10,7 @@ from fastapi import APIRouter, Depends, File, Query, Request, UploadFile
 
 from app.api.dependencies import Call, CobotRoute, Gone, form_body, json_body
 from app.api.errors import responses
+from app.api.samples import link
 from app.api.schemas import CsvQuery, LogAnswer, LogQuery, SendTrajectory, SentAnswer
 from app.services.motion.csv_points import read_points
 from app.services.motion.trajectories import Options, StartedTrajectory
@@ -25,18 +27,23 @@ async def send_trajectory(body: SendTrajectory, request: Request, gone: Gone) ->
     call = Call(request)
     options = Options(body.validate_limits, body.retime, body.move_to_start)
 
-    def read() -> list[Waypoint]:
-        return [
+    def read(check: Callable[[Waypoint], None]) -> list[Waypoint]:
+        points = [
             Waypoint(p.positions, p.time_from_start, p.velocities, p.accelerations, f"points[{index}]")
             for index, p in enumerate(body.points)
         ]
+        check(points[0])
+        return points
 
     return _answer(await call.services.trajectories.send(read, options, call.caller(gone)))
 
 
 @router.post("/send_csv", responses=SEND_RESPONSES, dependencies=[Depends(form_body)])
 async def send_csv(
-    file: Annotated[UploadFile, File(description="Header joint1 ... joint7, t; angles in rad, times in s.")],
+    file: Annotated[
+        UploadFile,
+        File(description=f"As {link('trajectory.csv')}: header joint1 ... joint7, t; angles in rad, t in s."),
+    ],
     query: Annotated[CsvQuery, Query()],
     request: Request,
     gone: Gone,
@@ -59,4 +66,6 @@ async def trajectory_logs(query: Annotated[LogQuery, Query()], request: Request)
 
 def _answer(sent: StartedTrajectory) -> SentAnswer:
     audit.add_details(motion=sent.motion_id)
-    return SentAnswer(motion_id=sent.motion_id, duration_s=sent.duration_s, points=sent.points)
+    return SentAnswer(
+        motion_id=sent.motion_id, duration_s=sent.duration_s, points=sent.points, note=sent.note
+    )

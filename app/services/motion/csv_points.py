@@ -7,7 +7,7 @@ import csv
 import io
 import math
 import re
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 from typing import BinaryIO
 
@@ -17,6 +17,12 @@ from cobot.types import Waypoint
 
 MAX_ROWS = 100_000
 SHOWN_CHARACTERS = 40
+SEPARATORS = (";", "\t", ",")
+WHITESPACE = " "
+HEADER_BYTES = 65536
+DECIMAL_COMMAS = 1.5
+"""A row with so many times more cells than the header had its numbers cut at decimal commas."""
+NO_DECIMAL_COMMA = "a decimal comma is understood only where semicolons separate the columns: write 0.5"
 TIME_NAMES = ("t", "time", "time_from_start")
 _JOINT_NAME = re.compile(r"(joint|velocity|acceleration)_?(\d{1,3})")
 
@@ -32,30 +38,61 @@ class _Columns:
     accelerations: list[int] | None
 
 
-def read_points(file: BinaryIO, separator: str, dof: int) -> list[Waypoint]:
+def read_points(
+    file: BinaryIO, separator: str | None, dof: int, check: Callable[[Waypoint], None] | None = None
+) -> list[Waypoint]:
     """The waypoints of a CSV file, each labelled with its row; the header is row 1.
 
     Columns, in any order and any case: joint1 or joint_1 and so on (rad), one of t, time,
     time_from_start (s), and optionally velocity1 ... (rad/s) and acceleration1 ... (rad/s²).
     With ";" as separator numbers may have a decimal comma.
 
+    Args:
+        separator: None for what the header has: semicolons, tabs, commas, or else white space.
+        check: called with the first point, before the others are read; what it raises is raised.
+
     Raises:
         InputError: naming row, column and what stands there.
     """
+    if separator is None:
+        separator = _found(file)
+        if separator == WHITESPACE:
+            rows = _spaced_rows(file)
+            return _read(rows, separator, dof, check)
     printable = separator.isprintable() or separator == "\t"
     if len(separator) != 1 or not printable or separator.isalnum() or separator in "\"'.+-":
         raise InputError(
             f"separator: {separator!r} cannot separate numbers; use one character such as , ; | space or tab"
         )
-    with contextlib.closing(_rows(file, separator)) as rows:
+    return _read(_rows(file, separator), separator, dof, check)
+
+
+def _found(file: BinaryIO) -> str:
+    """What separates the columns' names, in which none of these can stand."""
+    header = re.split(rb"[\r\n]", file.read(HEADER_BYTES), maxsplit=1)[0]
+    file.seek(0)
+    return next((each for each in SEPARATORS if each.encode() in header), WHITESPACE)
+
+
+def _read(
+    rows: Generator[tuple[int, list[str]]],
+    separator: str,
+    dof: int,
+    check: Callable[[Waypoint], None] | None,
+) -> list[Waypoint]:
+    with contextlib.closing(rows):
         _, header = next(rows, (1, []))
         if not header:
             raise InputError("row 1 is empty; it must name the columns")
-        return _points(rows, _columns(header, dof), decimal_comma=separator == ";")
+        return _points(rows, _columns(header, dof), check, decimal_comma=separator == ";")
 
 
 def _points(
-    rows: Iterator[tuple[int, list[str]]], columns: _Columns, *, decimal_comma: bool
+    rows: Iterator[tuple[int, list[str]]],
+    columns: _Columns,
+    check: Callable[[Waypoint], None] | None,
+    *,
+    decimal_comma: bool,
 ) -> list[Waypoint]:
     points: list[Waypoint] = []
     blank = 0
@@ -68,9 +105,26 @@ def _points(
         if len(points) == MAX_ROWS:
             raise InputError(f"row {number}: there are more than {MAX_ROWS} rows")
         points.append(_waypoint(row, number, columns, decimal_comma))
+        if check is not None and len(points) == 1:
+            check(points[0])
     if not points:
         raise InputError("the file has a header, but no rows")
     return points
+
+
+def _spaced_rows(file: BinaryIO) -> Generator[tuple[int, list[str]]]:
+    """(line number, cells) of each row of words between any white space."""
+    text = io.TextIOWrapper(file, encoding="utf-8-sig")
+    number = 0
+    try:
+        for number, line in enumerate(text, start=1):
+            if len(line) > HEADER_BYTES:
+                raise InputError(f"row {number}: not CSV: {len(line)} characters in a line")
+            yield number, line.split()
+    except UnicodeDecodeError as exc:
+        raise _no_text(number + 1, exc) from exc
+    finally:
+        text.detach()  # the file is the caller's to close
 
 
 def _rows(file: BinaryIO, separator: str) -> Generator[tuple[int, list[str]]]:
@@ -86,14 +140,16 @@ def _rows(file: BinaryIO, separator: str) -> Generator[tuple[int, list[str]]]:
             except StopIteration:
                 return
             except UnicodeDecodeError as exc:
-                raise InputError(
-                    f"row {number} or soon after: not UTF-8 text (byte 0x{exc.object[exc.start]:02x})"
-                ) from exc
+                raise _no_text(number, exc) from exc
             except csv.Error as exc:
                 raise InputError(f"row {number}: not CSV: {exc}") from exc
             yield number, row
     finally:
         text.detach()  # the file is the caller's to close
+
+
+def _no_text(number: int, exc: UnicodeDecodeError) -> InputError:
+    return InputError(f"row {number} or soon after: not UTF-8 text (byte 0x{exc.object[exc.start]:02x})")
 
 
 def _columns(header: list[str], dof: int) -> _Columns:
@@ -132,7 +188,11 @@ def _columns(header: list[str], dof: int) -> _Columns:
 
 def _waypoint(row: list[str], number: int, columns: _Columns, decimal_comma: bool) -> Waypoint:
     if len(row) != len(columns.names):
-        raise InputError(f"row {number}: has {len(row)} columns, the header has {len(columns.names)}")
+        cut = len(row) >= DECIMAL_COMMAS * len(columns.names)
+        raise InputError(
+            f"row {number}: has {len(row)} columns, the header has {len(columns.names)}"
+            + (f"; {NO_DECIMAL_COMMA}" if cut else "")
+        )
     values = [_number(cell, number, index, columns, decimal_comma) for index, cell in enumerate(row)]
 
     def pick(indices: list[int] | None) -> list[float] | None:
@@ -154,8 +214,10 @@ def _number(cell: str, number: int, index: int, columns: _Columns, decimal_comma
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
+        comma = not decimal_comma and re.fullmatch(r"\s*[-+]?\d+,\d+\s*", cell)
         raise InputError(
             f"row {number}, column {columns.names[index]}: must be a finite number, got {_shown(cell)!r}"
+            + (f"; {NO_DECIMAL_COMMA}" if comma else "")
         )
     return value
 

@@ -8,6 +8,7 @@ from collections.abc import Coroutine, Iterator
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
+from app.services.motion.lease import CLIENT, Client, ControlLease
 from app.services.motion.speed_override import MAX_PAUSE_S, SpeedOverride
 from app.services.state.link import RobotLink
 from cobot import logs
@@ -16,6 +17,7 @@ from cobot.errors import ConflictError, ExecutionError, MotionStopped, MotionTim
 
 Result = TypeVar("Result")
 LONGEST_WAIT_S = 3600.0
+BY_STOP = "stopped by POST /stop"
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,7 @@ class Claim:
         stops: the link's count of stops when the claim was made.
         speed_override: of its motion.
         since_s: when it was made, on `clock`.
+        client: on whose behalf.
         motion_id: once it runs.
         interruption: why it has to end early, once it has to; then `interrupted` is set.
         ended: set when it has.
@@ -56,6 +59,7 @@ class Claim:
     speed_override: SpeedOverride
     clock: Clock
     since_s: float
+    client: Client
     motion_id: int | None = None
     interruption: ExecutionError | None = None
     interrupted: asyncio.Event = field(default_factory=asyncio.Event)
@@ -89,58 +93,136 @@ class Claim:
         return f"{self.name} (for {self.clock.now_s() - self.since_s:.1f} s{number})"
 
 
+@dataclass(frozen=True, slots=True)
+class SequenceClaim:
+    """The right to move, of a sequence.
+
+    Attributes:
+        token: of its requests.
+        since_s: when it was made, on the service's clock.
+        fraction: of the speed override, to which it returns.
+    """
+
+    name: str
+    token: str
+    client: Client
+    since_s: float
+    fraction: float
+
+
 class Ownership:
     """Gives the right to move to one request at a time.
 
     A running sequence has it from its start to its end; requests that carry its token move on its
-    behalf.
+    behalf. What the holder of the lease or a sequence does to the speed override ends with its control.
 
     Attributes:
         stops: how often POST /stop was called.
         speed_override: of all motions.
+        lease: who alone may ask for motions.
     """
 
     def __init__(self, link: RobotLink) -> None:
         self._link = link
         self._claim: Claim | None = None
-        self._sequence: tuple[str, str] | None = None  # name, token
+        self._sequence: SequenceClaim | None = None
+        self._fraction = 1.0  # without a lease or a sequence
         self.stops = 0
         self.speed_override = SpeedOverride(link)
+        self.lease = ControlLease(link.clock, lambda: bool(self._claim or self._sequence), self._lease_ended)
 
     @property
     def owner(self) -> str | None:
         """Who moves the arm, for people."""
         if self._claim is not None:
             return str(self._claim)
-        return self._sequence[0] if self._sequence else self._link.streamer()
+        return self._sequence.name if self._sequence else self._link.streamer()
+
+    @property
+    def moving(self) -> Claim | SequenceClaim | None:
+        """The motion that is under way, or else the sequence."""
+        return self._claim or self._sequence
+
+    @property
+    def in_motion(self) -> bool:
+        """Whether a motion or a stream is under way; a sequence between its motions is none."""
+        return self._claim is not None or self._link.streamer() is not None
+
+    @property
+    def speed_fraction(self) -> float:
+        """How fast a motion that began now would go, as a share of its planned speed."""
+        _ = self.lease.current  # with one that has expired, its fraction has
+        return self.speed_override.fraction
 
     def claim_for_sequence(self, name: str, token: str) -> None:
         """Reserve the motion for requests with a token.
 
         Raises:
-            ConflictError: somebody else owns it.
+            ConflictError: somebody else owns it, or may alone.
         """
+        client = CLIENT.get()
+        self.lease.require_not_lost(client)
         if self.owner is not None:
             raise ConflictError(f"the robot is in use by {self.owner}")
-        self._sequence = name, token
+        self.lease.require(client)
+        now_s, fraction = self._link.clock.now_s(), self.speed_override.fraction
+        self._sequence = SequenceClaim(name, token, client, now_s, fraction)
 
     def release_sequence(self) -> None:
+        if self._sequence is not None:
+            self.speed_override.fraction = self._sequence.fraction
         self._sequence = None
         self.speed_override.reset()
+        self.lease.renew()
 
     def require_free(self, token: str | None) -> None:
         """See that a request with this token may move the arm.
 
         Raises:
-            ConflictError: somebody else owns it.
+            ConflictError: somebody else owns it, or may alone.
         """
-        if self._claim is not None or (self._sequence is not None and self._sequence[1] != token):
+        client = CLIENT.get()
+        self.lease.require_not_lost(client)
+        if self._claim is not None or (self._sequence is not None and self._sequence.token != token):
             raise ConflictError(f"the robot is in use by {self.owner}; wait for it, or POST /stop")
         streamer = self._link.streamer()
         if streamer is not None:
             raise ConflictError(f"the robot is in use by {streamer}; wait for its end, or POST /stop")
         if token is not None and self._sequence is None:
             raise ConflictError("the sequence that this request belongs to has ended")
+        if self._sequence is None:
+            self.lease.require(client)
+
+    def require_control(self) -> None:
+        """See that nobody else has the lease, as a sequence that runs has not.
+
+        Raises:
+            ConflictError: somebody has.
+        """
+        client = CLIENT.get()
+        if self._sequence is None or self._sequence.token != client.sequence:
+            self.lease.require(client)
+
+    async def set_speed_fraction(self, fraction: float) -> None:
+        """Go faster or slower along the path: the motion that runs, and all that follow.
+
+        Raises:
+            ConflictError: somebody else moves the arm, or may alone; or it follows a stream.
+            LimitError, UnavailableError: see `SpeedOverride.set_fraction`.
+        """
+        self.require_control()
+        client, moving = CLIENT.get(), self.moving
+        if self._link.streamer() is not None:
+            raise ConflictError(f"{self.owner}: a stream has no path along which it could go slower")
+        own = self._sequence is not None and self._sequence.token == client.sequence
+        if moving is not None and not own and not moving.client.same(client):
+            raise ConflictError(f"the robot is in use by {self.owner}, of {moving.client}: so is its speed")
+        await self.speed_override.set_fraction(fraction)
+        if self._sequence is None and self.lease.current is None:
+            self._fraction = fraction
+
+    def _lease_ended(self) -> None:
+        self.speed_override.fraction = self._fraction
 
     @contextlib.contextmanager
     def claim(self, caller: Caller) -> Iterator[Claim]:
@@ -150,25 +232,30 @@ class Ownership:
             ConflictError: somebody else owns it.
         """
         self.require_free(caller.token)
-        claim = Claim(
-            caller.name, self._link.stops, self.speed_override, self._link.clock, self._link.clock.now_s()
-        )
+        clock = self._link.clock
+        claim = Claim(caller.name, self._link.stops, self.speed_override, clock, clock.now_s(), CLIENT.get())
         if self.stops != caller.stops:
             claim.interrupt(MotionStopped("a stop was requested while the request was being read"))
         self._claim = claim
+        self.lease.renew()
         try:
             yield claim
         finally:
             self._claim = None
+            self.lease.renew()
             claim.ended.set()
             logs.bind(motion=None)
 
     def stop(self) -> Claim | None:
         """Interrupt the motion that is read, planned or runs; its claim, which will end, or None."""
         self.stops += 1
+        return self.interrupt(MotionStopped(BY_STOP))
+
+    def interrupt(self, cause: ExecutionError) -> Claim | None:
+        """The same for what goes on now: what was asked for and waits to be read is not meant."""
         self.speed_override.reset()
         if self._claim is not None:
-            self._claim.interrupt(MotionStopped("stopped by POST /stop"))
+            self._claim.interrupt(cause)
         return self._claim
 
 

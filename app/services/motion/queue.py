@@ -146,7 +146,7 @@ class MotionQueue:
 
         Raises:
             InputError, PlanningError: it is no possible motion. The moves before it go on.
-            ConflictError: somebody else owns the motion, or the queue is full.
+            ConflictError: somebody else owns the motion, or may alone; or the queue is full.
             MotionStopped: a stop was requested meanwhile.
             UnavailableError: see `MotionService.ready`.
         """
@@ -154,6 +154,7 @@ class MotionQueue:
             raise InputError(f"blend_radius must not be negative, got {radius_m:g} m")
         async with self._turn:
             if self._claim is not None:
+                self._ownership.require_control()
                 if token != self._token:
                     raise ConflictError(f"the robot is in use by {self._ownership.owner}; wait for it")
                 if self.size >= CAPACITY:

@@ -11,11 +11,13 @@ from app.services.programs.sequences import SequenceService
 from app.services.state.link import POLL_S, RobotLink
 from app.services.state.robot_state import RobotState
 from cobot.config import MIN_STOP_S
-from cobot.errors import CobotError, UnavailableError
+from cobot.errors import CobotError, ExecutionError, MotionStopped, UnavailableError
 from cobot.types import RESTING, LoopMode
 
 END_TIMEOUT_S = 2.0
 """How long a motion is waited for that has come to rest and has only to notice."""
+MOTION_STOP_S = 5.0
+"""So long the end of a motion is waited for that is stopped alone, s: it takes 2.5 s at the most."""
 LATCHED = (LoopMode.ESTOP, LoopMode.FAULT)
 UNMEASURED_S = 0.25
 """Without a measurement for so long, nobody can say that the arm is at rest."""
@@ -94,6 +96,29 @@ class StopService:
             at_rest,
             self._link.clock.now_s() - begun_s,
         )
+
+    async def stop_motion(self, reason: str, timeout_s: float = MOTION_STOP_S) -> None:
+        """End what moves the arm now, whosever it is; returns when it rests.
+
+        Nothing else ends: a sequence goes on with a motion that was stopped.
+
+        Args:
+            reason: what its owner is told.
+
+        Raises:
+            ExecutionError: the arm is not known to be at rest, with why.
+        """
+        claim = self._ownership.interrupt(MotionStopped(reason))
+        if claim is None and self._orphan() is None:
+            return
+        self._link.request_stop()
+        problems: list[str] = []
+        await self._rest(timeout_s, problems)
+        if problems:
+            raise ExecutionError("; ".join(problems))
+        if claim is not None:
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(claim.ended.wait(), END_TIMEOUT_S)
 
     async def reset(self, timeout_s: float) -> None:
         """Leave ESTOP or FAULT. What was under way or waits for something moves nothing any more: a sequence

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import math
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,11 +16,15 @@ from app.services.motion.ownership import Caller, Claim, Ownership, watching
 from cobot.errors import CobotError, ExecutionError
 from cobot.logs import printable
 from cobot.planners import WaypointRequest
-from cobot.types import Scaling, Waypoint
+from cobot.planners.waypoints import check_first
+from cobot.types import JointLimits, Scaling, Waypoint
 
 LOG_LINES = 300
 APPROACH = Scaling(0.25)
 """`move_to_start` goes at a quarter of full speed."""
+
+Read = Callable[[Callable[[Waypoint], None]], Sequence[Waypoint]]
+"""See `TrajectoryService.send`."""
 
 log = logging.getLogger("cobot.trajectories")
 
@@ -35,19 +40,30 @@ class Options:
 
 @dataclass(frozen=True, slots=True)
 class StartedTrajectory:
-    """A trajectory that rtloop has accepted."""
+    """A trajectory that rtloop has accepted.
+
+    Attributes:
+        note: how it differs from the points, for people; "" if it does not.
+    """
 
     motion_id: int
     duration_s: float
     points: int
+    note: str
 
 
 class TrajectoryService:
     """Sends trajectories and keeps the log of what became of them."""
 
     def __init__(
-        self, ownership: Ownership, motion: MotionService, start_tolerance_rad: float, label: str = ""
+        self,
+        limits: JointLimits,
+        ownership: Ownership,
+        motion: MotionService,
+        start_tolerance_rad: float,
+        label: str = "",
     ) -> None:
+        self._limits = limits
         self._label = label
         self._ownership = ownership
         self._motion = motion
@@ -59,14 +75,13 @@ class TrajectoryService:
         """The newest log lines, the oldest of them first."""
         return list(self._lines)[-count:]
 
-    async def send(
-        self, read: Callable[[], Sequence[Waypoint]], options: Options, caller: Caller
-    ) -> StartedTrajectory:
+    async def send(self, read: Read, options: Options, caller: Caller) -> StartedTrajectory:
         """Interpolate, check, hand over; returns when rtloop has accepted, the motion then goes on alone.
 
         Args:
-            read: gives the points, or raises an InputError; called in a thread, and only when the arm is
-                free: who only wants to know that it is not shall not cost the owner's service its time.
+            read: gives the points, or raises an InputError; it calls what it is given with the first of them
+                before it reads the others. Called in a thread, and only when the arm is free: who only wants
+                to know that it is not shall not cost the owner's service its time.
 
         Raises:
             InputError, PlanningError: the points make no motion, with the reason. Nothing has moved.
@@ -82,6 +97,8 @@ class TrajectoryService:
                 self._note(f"{caller.name}: refused: {exc}")
                 raise
             self._note(f"motion {sent.motion_id}: accepted, {sent.points} points, {sent.duration_s:.3f} s")
+            if sent.note:
+                self._note(f"motion {sent.motion_id}: {sent.note}")
             # From here the claim belongs to the task that follows the motion to its end.
             follower = asyncio.create_task(self._follow(claim, stack.pop_all()))
             self._followers.add(follower)
@@ -89,10 +106,15 @@ class TrajectoryService:
         return sent
 
     async def _hand_over(
-        self, claim: Claim, read: Callable[[], Sequence[Waypoint]], options: Options, timeout_s: float
+        self, claim: Claim, read: Read, options: Options, timeout_s: float
     ) -> StartedTrajectory:
-        await self._motion.ready()
-        points = await claim.unless_interrupted(asyncio.to_thread(read))
+        start = (await self._motion.ready()).commanded_position
+        tolerance_rad = math.inf if options.move_to_start else self._start_tolerance_rad
+
+        def check(point: Waypoint) -> None:
+            check_first(point, start, self._limits, tolerance_rad, within_limits=options.validate_limits)
+
+        points = await claim.unless_interrupted(asyncio.to_thread(read, check))
         state = await self._motion.ready()
         request = WaypointRequest(
             state.commanded_position,
@@ -106,7 +128,7 @@ class TrajectoryService:
         assert trajectory is not None  # plan_waypoints always has one
         await self._motion.start(claim, trajectory)
         assert claim.motion_id is not None
-        return StartedTrajectory(claim.motion_id, trajectory.duration_s, len(points))
+        return StartedTrajectory(claim.motion_id, trajectory.duration_s, len(points), trajectory.note)
 
     async def _follow(self, claim: Claim, ownership: contextlib.ExitStack) -> None:
         with ownership:

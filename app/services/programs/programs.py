@@ -121,10 +121,11 @@ class ProgramService:
         """Go on.
 
         Raises:
-            ConflictError: nothing is paused.
+            ConflictError: nothing is paused, or somebody else has the control.
             UnavailableError: see `SpeedOverride.resume`.
         """
         self._require_running()
+        self._ownership.require_control()
         if not self._ownership.speed_override.paused:
             raise ConflictError("the program is not paused")
         await self._ownership.speed_override.resume()

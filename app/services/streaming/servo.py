@@ -45,6 +45,7 @@ class ServoService:
         limits = robot.limits
         self.rules = ServoRules(limits.min_position.tolist(), limits.max_position.tolist(), streams.period_s)
         self._link = link
+        self._streams = streams
         inverse = PointInverse(robot, link, settings)
         self._points = ServoPoints(link, self.rules, inverse, ServoWrench(force, link.memory.dof))
         self._sessions = ServoSessions(link, streams, force, self.rules, self._points, inverse)
@@ -90,6 +91,11 @@ class ServoService:
             case FjtControl():
                 self.rules.fjt = message
             case Point():
+                try:
+                    self._streams.require_control()
+                except ConflictError as exc:
+                    self.rules.refuse(Refusal.REJECTED, str(exc))
+                    return
                 with contextlib.suppress(BrokenRule):
                     self._points.take(message, self._sessions.current)
 
@@ -150,9 +156,10 @@ class ServoService:
             owner: see `begin`.
 
         Raises:
-            ConflictError: there is no session, or the buffer is full.
+            ConflictError: there is no session, the buffer is full, or somebody else has the control.
             LimitError, UnreachableError, InputError: it cannot be a target, and why.
         """
+        self._streams.require_control()
         try:
             point = self.rules.point(
                 position, cartesian=cartesian, time_s=time_s, lookahead_s=lookahead_s, gain=gain, owner=owner

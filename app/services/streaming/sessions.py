@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from app.services.motion.execution import STATE_TIMEOUT_S, MotionService
-from app.services.motion.ownership import Caller, Ownership
+from app.services.motion.ownership import BY_STOP, Caller, Claim, Ownership
 from app.services.state.link import POLL_S, RobotLink
 from cobot import audit, logs
 from cobot.clock import Clock
@@ -158,6 +158,10 @@ class StreamService:
         finally:
             self._connections -= 1
 
+    def require_control(self) -> None:
+        """See `Ownership.require_control`."""
+        self._ownership.require_control()
+
     def state_since(self, publication: int) -> tuple[int, np.ndarray | None]:
         """See `RobotLink.record_since`."""
         return self._link.record_since(publication)
@@ -201,7 +205,7 @@ class StreamService:
             )
             # From here claim and blocks belong to the task that follows the session to its end.
             with logs.bound(session=number):
-                task = asyncio.create_task(self._follow(session, stack.pop_all()))
+                task = asyncio.create_task(self._follow(session, claim, stack.pop_all()))
             self._tasks.add(task)
             task.add_done_callback(self._tasks.discard)
         self.session = session
@@ -233,11 +237,11 @@ class StreamService:
                 raise UnavailableError(f"rtloop has not answered for {timeout_s:g} s")
             await asyncio.sleep(POLL_S / 2)
 
-    async def _follow(self, session: Session, belongings: contextlib.ExitStack) -> None:
+    async def _follow(self, session: Session, claim: Claim, belongings: contextlib.ExitStack) -> None:
         reason = "the service ends"
         try:
             with belongings:
-                reason = await self._end(session)
+                reason = await self._end(session, claim)
         finally:
             self.session = None
             session.over = session.over or reason
@@ -245,7 +249,7 @@ class StreamService:
             log.info("%ssession %d has ended: %s", self._link.label, session.number, reason)
             audit.note("session ended", session=session.number, reason=reason)
 
-    async def _end(self, session: Session) -> str:
+    async def _end(self, session: Session, claim: Claim) -> str:
         """Why the session has ended, once it has."""
         while True:
             try:
@@ -253,6 +257,9 @@ class StreamService:
             except CobotError as exc:
                 session.end()  # if rtloop goes on after all, then not for nobody
                 return str(exc)
+            cause = str(claim.interruption or BY_STOP)
+            if cause != BY_STOP:  # for which rtloop has its own words
+                session.over = session.over or cause
             if state.session != session.number:
                 return session.over or state.reason
             if state.mode in (LoopMode.STOPPING, *RESTING) and not session.over:

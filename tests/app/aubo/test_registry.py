@@ -1,7 +1,7 @@
 """The registry: how functions become services, and what a call does with what comes in.
 
 Oracle: the design of the services ({code, message, result}, 0 is success, ROS defaults), written out by
-hand; the rules of ROS 2's interface files for names.
+hand; the rules of ROS 2's interface files for names; jsonschema_rs, a validator of others.
 """
 
 from __future__ import annotations
@@ -13,12 +13,15 @@ from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import Any
 
+import jsonschema_rs
 import pytest
 
-from app.aubo import classes, registry
+from app.aubo import classes, http, registry
 from app.aubo.codes import Code
+from app.aubo.interfaces import PACKAGE, interface_definitions
 from app.aubo.registry import REGISTRY, Answer, Int64, Json, Origin, call, service
 from cobot.errors import LimitError, NotSupportedError
+from cobot.ros.messages import Messages
 
 ROBOT: Any = SimpleNamespace(ownership=SimpleNamespace(stops=3))
 
@@ -325,6 +328,19 @@ def test_every_method_that_the_manual_names_is_served() -> None:
     }
     named = {(robot_class, method) for robot_class, words in manual.items() for method in words.split()}
     assert named <= set(REGISTRY)
+
+
+def test_each_services_failure_is_an_answer_of_its_schema_on_every_transport() -> None:
+    messages = Messages(interface_definitions())
+    kinds = set()
+    for (robot_class, method), found in REGISTRY.items():
+        answer = asyncio.run(call(ROBOT, robot_class, method, {"no_such_field": 1}))
+        assert answer.code == Code.INPUT
+        kinds.add(found.result.kind)
+        jsonschema_rs.validate(http._schema(found.result), answer.result)
+        content = {"code": int(answer.code), "message": answer.message, "result": answer.result}
+        assert messages.checked(f"{PACKAGE}/srv/{found.type_name}_Response", content) == content
+    assert {"int32", "int32[]", "float64[]", "string", "json"} <= kinds
 
 
 def test_an_int64_may_be_larger_than_an_int32() -> None:

@@ -32,11 +32,11 @@ EXAMPLE = Path(__file__).parents[4] / "examples" / "trajectory.csv"
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 
 
-def read(text: str | bytes, separator: str = ",", dof: int = DOF) -> list[Waypoint]:
+def read(text: str | bytes, separator: str | None = ",", dof: int = DOF) -> list[Waypoint]:
     return read_points(io.BytesIO(text if isinstance(text, bytes) else text.encode()), separator, dof)
 
 
-def refusal(text: str | bytes, separator: str = ",") -> str:
+def refusal(text: str | bytes, separator: str | None = ",") -> str:
     with pytest.raises(InputError) as caught:
         read(text, separator)
     return str(caught.value)
@@ -153,6 +153,61 @@ def test_a_decimal_comma_is_for_semicolons_only() -> None:
     assert read(f"{HEADER.replace(',', ';')}\n{row}\n", ";")[0].positions == [0.25] * 7
     assert "'0,25'" in refusal(f"{HEADER.replace(',', '|')}\n{row.replace(';', '|')}\n", "|")
     assert "'1.000,5'" in refusal(f"{HEADER.replace(',', ';')}\n{row.replace('1,5', '1.000,5')}\n", ";")
+
+
+@pytest.mark.parametrize("line_end", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("written", [";", "\t", ",", ", ", " ; ", " ", "   "])
+def test_the_separator_is_found_in_the_header(written: str, line_end: str) -> None:
+    rows = [HEADER, ROW, ROW.replace("3.0", "4.0")]
+    text = line_end.join(row.replace(",", written) for row in rows)
+    points = read(text, None)
+    assert [point.positions for point in points] == [[0, 0.5, 0, -1.0, 0, 1.0, 0]] * 2
+    assert [point.time_from_start_s for point in points] == [3.0, 4.0]
+    assert [point.label for point in points] == ["row 2", "row 3"]
+
+
+def test_white_space_may_be_of_any_length_and_on_either_side() -> None:
+    text = f"\ufeff  {HEADER.replace(',', '   ')} \n\n"
+    assert "the file has a header, but no rows" in refusal(text, None)
+    words = ROW.split(",")
+    points = read(f"{HEADER.replace(',', '  ')}\n   {' '.join(words)}\n{'   '.join(words)}  \n", None)
+    assert len(points) == 2
+    assert "row 3, column joint2: must be a finite number, got 'x'" in refusal(
+        f"{HEADER.replace(',', ' ')}\n{' '.join(words)}\n0 x 0 0 0 0 0 4\n", None
+    )
+    assert "row 1: not CSV: 200000 characters" in refusal("x" * 200_000, None)
+    assert "not UTF-8 text (byte 0xff)" in refusal(HEADER.replace(",", " ").encode() + b"\n\xff", None)
+
+
+def test_decimal_commas_with_semicolons_are_found_too() -> None:
+    row = ";".join(["0,25"] * 7 + ["1,5"])
+    assert read(f"{HEADER.replace(',', ';')}\n{row}\n", None)[0].positions == [0.25] * 7
+
+
+@pytest.mark.parametrize("separator", [",", "\t", " "])
+def test_other_decimal_commas_are_refused_in_so_many_words(separator: str) -> None:
+    row = separator.join(["0,25"] * 7 + ["1,5"])
+    message = refusal(f"{HEADER.replace(',', separator)}\n{row}\n", None)
+    assert message.startswith("row 2")
+    assert "a decimal comma is understood only where semicolons separate the columns: write 0.5" in message
+
+
+def test_the_first_point_is_looked_at_before_the_others_are_read() -> None:
+    class Elsewhere(Exception):
+        pass
+
+    def check(point: Waypoint) -> None:
+        assert point.label == "row 2"
+        raise Elsewhere
+
+    with pytest.raises(Elsewhere):
+        read_points(io.BytesIO(f"{HEADER}\n{ROW}\nnonsense\n".encode()), None, DOF, check)
+
+
+@given(st.binary(max_size=400))
+def test_no_bytes_do_anything_but_be_refused_when_the_separator_is_looked_for(content: bytes) -> None:
+    refusal(content, None)
+    refusal(HEADER.replace(",", " ").encode() + b"\n\xff" + content, None)
 
 
 @pytest.mark.parametrize("cells", [7, 9])

@@ -1,0 +1,60 @@
+"""Who asks: noted for all that a request or a WebSocket leads to.
+
+The names come from the middleware of access, where there is one: `scope["cobot.identity"]`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from app.services.motion.lease import CLIENT, Client
+from cobot.client.rest import CONTROL_TOKEN
+
+IDENTITY = "cobot.identity"
+ANONYMOUS = "anonymous"
+MOTION_TOKEN = "X-Motion-Token"
+_CONTROL, _MOTION = CONTROL_TOKEN.lower().encode(), MOTION_TOKEN.lower().encode()
+
+
+class Clients:
+    """ASGI middleware. A GET is on nobody's behalf: it changes nothing."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "http":
+            if scope["method"] != "GET":
+                CLIENT.set(client_of(scope))
+            await self._app(scope, receive, send)
+        elif scope["type"] == "websocket":
+            client = client_of(scope)
+            CLIENT.set(client)
+            try:
+                await self._app(scope, receive, send)
+            finally:
+                for services in scope["app"].state.robots.values():
+                    services.control.disconnected(client)
+        else:
+            await self._app(scope, receive, send)
+
+
+def client_of(scope: Scope) -> Client:
+    """Who has sent a request or opened a WebSocket."""
+    identity: Any = scope.get(IDENTITY)
+    peer = scope.get("client")
+    leases: list[str] = []
+    sequence = None
+    for name, value in scope["headers"]:
+        if name == _CONTROL:
+            leases += (token.strip() for token in value.decode("latin-1").split(","))
+        elif name == _MOTION:
+            sequence = value.decode("latin-1")
+    return Client(
+        ANONYMOUS if identity is None else str(identity.name),
+        str(identity.address) if identity is not None else peer[0] if peer else "",
+        frozenset(leases),
+        sequence,
+    )

@@ -1,0 +1,95 @@
+"""Swagger's pages: /docs for the REST API alone, /docs/vendor for the vendor services, and files to try with.
+
+Together they would be a page of 330 operations, which takes a browser seconds to draw.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+from fastapi import FastAPI
+from fastapi.openapi.docs import get_swagger_ui_html
+from fastapi.responses import HTMLResponse, Response
+
+from app.api.samples import SAMPLES, SAMPLES_PATH
+from cobot.errors import NotFoundError
+from cobot.strict import unknown_key
+
+STATIC = "/static-offline-docs"
+VENDOR_PAGE, VENDOR_SCHEMA = "/docs/vendor", "/openapi/vendor.json"
+PARAMETERS = {
+    "displayRequestDuration": True,
+    "tryItOutEnabled": True,
+    "defaultModelsExpandDepth": -1,  # no list of models below the endpoints, which show theirs
+    "docExpansion": "none",
+}
+TAGS = [
+    {"name": "robot", "description": "State, motions, and who controls the arm."},
+    {"name": "trajectory", "description": "Timed joint trajectories."},
+    {"name": "sequences", "description": "Sequences of motions, and Lua programs."},
+    {"name": "common", "description": "Stop, and health."},
+    {"name": "robots", "description": "The same for any of several robots, by its name."},
+]
+"""The groups in Swagger's order; it shows the first one open."""
+
+
+def install(app: FastAPI) -> None:
+    """Serve the page of the REST API, and the sample files."""
+
+    @app.get("/docs", include_in_schema=False)
+    async def docs() -> HTMLResponse:
+        return _page(f"{app.title} - Swagger UI", str(app.openapi_url), PARAMETERS, first=TAGS[0]["name"])
+
+    @app.get(f"{SAMPLES_PATH}/{{name}}", include_in_schema=False)
+    async def sample(name: str) -> Response:
+        if name not in SAMPLES:
+            raise NotFoundError(
+                unknown_key(name, list(SAMPLES)).replace("unknown key", "there is no sample", 1)
+            )
+        kind, text = SAMPLES[name]
+        return Response(
+            text, media_type=kind, headers={"Content-Disposition": f'attachment; filename="{name}"'}
+        )
+
+
+def install_vendor(app: FastAPI, schema: Callable[[], dict[str, Any]]) -> None:
+    """Serve the page of the vendor services.
+
+    Args:
+        schema: gives their OpenAPI document, which is made once.
+    """
+    made: list[bytes] = []
+
+    @app.get(VENDOR_SCHEMA, include_in_schema=False)
+    async def vendor_schema() -> Response:
+        if not made:
+            made.append(json.dumps(schema(), ensure_ascii=False, separators=(",", ":")).encode())
+        return Response(made[0], media_type="application/json")
+
+    @app.get(VENDOR_PAGE, include_in_schema=False)
+    async def vendor_docs() -> HTMLResponse:
+        return _page(f"{app.title}: vendor services - Swagger UI", VENDOR_SCHEMA, PARAMETERS)
+
+
+def _page(title: str, schema: str, parameters: dict[str, Any], first: str = "") -> HTMLResponse:
+    """A page of Swagger UI, all of it from this service.
+
+    Args:
+        first: the group that is shown open, "" for none.
+    """
+    page = get_swagger_ui_html(
+        openapi_url=schema,
+        title=title,
+        swagger_js_url=f"{STATIC}/swagger-ui-bundle.js",
+        swagger_css_url=f"{STATIC}/swagger-ui.css",
+        swagger_favicon_url=f"{STATIC}/favicon.png",
+        swagger_ui_parameters=parameters,
+    )
+    if not first:
+        return page
+    # Swagger UI can show all groups open or none; FastAPI writes its settings as JSON, without functions.
+    begin = "SwaggerUIBundle({"
+    show = f'onComplete: () => ui.layoutActions.show(["operations-tag", {json.dumps(first)}], true),'
+    return HTMLResponse(bytes(page.body).decode().replace(begin, f"{begin}\n        {show}", 1))

@@ -1,0 +1,58 @@
+"""Who controls the arm."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from fastapi import APIRouter, Depends, Request
+
+from app.api.dependencies import Call, CobotRoute, json_body
+from app.api.errors import responses
+from app.api.schemas import ControlAnswer, TakeControl, TakenAnswer
+from app.robot_services import Services
+from app.services.motion.lease import CLIENT
+
+router = APIRouter(prefix="/robot/control", tags=["robot"], route_class=CobotRoute)
+REST_S = 1.5
+"""Of an endpoint's time, so much is left for the answer, s."""
+
+
+@router.get("")
+async def control(request: Request) -> ControlAnswer:
+    """Who moves the robot, or alone may: with a lease, or by what moves it now."""
+    return ControlAnswer.model_validate(_state(Call(request).services))
+
+
+@router.post("", responses=responses(409, 413, 415, 422), dependencies=[Depends(json_body)])
+async def take_control(body: TakeControl, request: Request) -> TakenAnswer:
+    """Take the control, renew it, or take it over: nobody else can move the robot then.
+
+    Send the answer's `token` as the header `X-Control-Token` with whatever shall move it. The lease ends
+    when it is given back, or when nothing has moved for `timeout_s`. A stop never needs it.
+    """
+    call = Call(request)
+    taken = await call.services.control.take(
+        body.timeout_s, force=body.force, stop_s=max(call.timeout_s - REST_S, 1.0)
+    )
+    if taken.former is not None:
+        audit = getattr(request.app.state, "audit", None)
+        if audit is not None:
+            client = CLIENT.get()
+            audit.record(
+                client.name, client.address, f"{call.name}: control taken over", "ok", former=taken.former
+            )
+    state = _state(call.services)
+    return TakenAnswer.model_validate({**state, "token": taken.token, "stopped": taken.stopped})
+
+
+@router.delete("", responses=responses(409))
+async def release_control(request: Request) -> ControlAnswer:
+    """Give the control back. What moves on goes on."""
+    services = Call(request).services
+    services.control.release()
+    return ControlAnswer.model_validate(_state(services))
+
+
+def _state(services: Services) -> dict[str, Any]:
+    return asdict(services.control.state())

@@ -1,0 +1,156 @@
+"""Who controls a robot: shown, taken, given back, and taken over."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from app.services.motion.lease import CLIENT, TIMEOUT_S, Client
+from app.services.motion.ownership import Ownership
+from app.services.motion.stopping import StopService
+from app.services.state.link import RobotLink
+from cobot.errors import CobotError, ConflictError, MotionStopped
+
+
+@dataclass(frozen=True, slots=True)
+class Control:
+    """How it stands.
+
+    Attributes:
+        held: whether somebody has the control.
+        holder, address: who, and from where; None if nobody has it, or a process that streams through shared
+            memory, of which only `what` is known.
+        how: "explicit" with a lease, "implicit" with something that moves the arm.
+        what: that moves the arm now.
+        since: when it began, if that is known.
+        until: when a lease ends if nothing moves until then.
+        speed_fraction: how fast motions go, as a share of their planned speed.
+    """
+
+    held: bool
+    holder: str | None
+    address: str | None
+    how: str | None
+    what: str | None
+    since: datetime | None
+    until: datetime | None
+    speed_fraction: float
+
+
+@dataclass(frozen=True, slots=True)
+class Taken:
+    """What taking the control has led to.
+
+    Attributes:
+        token: of the lease.
+        former: who had the control until now; None if nobody had.
+        stopped: what of theirs was ended, for people.
+    """
+
+    token: str
+    former: str | None
+    stopped: list[str]
+
+
+class ControlService:
+    """The control of one robot, for the client on whose behalf the present task runs."""
+
+    def __init__(self, link: RobotLink, ownership: Ownership, stopping: StopService) -> None:
+        self._link = link
+        self._ownership = ownership
+        self._stopping = stopping
+
+    def state(self) -> Control:
+        """Who has the control now."""
+        ownership = self._ownership
+        lease, moving, what = ownership.lease.current, ownership.moving, ownership.owner
+        client: Client | None = None
+        since_s: float | None = None
+        if lease is not None:
+            client, since_s = lease.client, lease.since_s
+        elif moving is not None:
+            client, since_s = moving.client, moving.since_s
+        return Control(
+            held=lease is not None or what is not None,
+            holder=None if client is None else client.name,
+            address=None if client is None else client.address,
+            how="explicit" if lease is not None else "implicit" if what is not None else None,
+            what=what,
+            since=self._moment(since_s),
+            until=None if lease is None else self._moment(lease.until_s),
+            speed_fraction=ownership.speed_fraction,
+        )
+
+    async def take(self, timeout_s: float = TIMEOUT_S, *, force: bool = False, stop_s: float = 8.0) -> Taken:
+        """Take the control, or renew it.
+
+        Args:
+            timeout_s: the lease ends when nothing has moved for so long.
+            force: take it over: whatever moves the arm ends, and who has had it is told.
+            stop_s: how long the arm is waited for then.
+
+        Raises:
+            ConflictError: somebody else has it, without `force`; with who.
+        """
+        ownership, client = self._ownership, CLIENT.get()
+        lease = ownership.lease
+        if lease.holds(client):
+            return Taken(lease.take(client, timeout_s).token, None, [])
+        if not force:
+            self._require_nobody(client)
+            return Taken(lease.take(client, timeout_s).token, None, [])
+        former = self._former()
+        token = lease.take(client, timeout_s).token  # before the stop: nobody shall come between
+        if not former and ownership.owner is None:
+            return Taken(token, None, [])
+        reason = f"{client} has taken over the control"
+        for each in former:
+            if each.tell is not None:
+                each.tell(reason)
+        ownership.interrupt(MotionStopped(reason))
+        stopped = await self._stopping.stop(stop_s)
+        names = " and ".join(dict.fromkeys(map(str, former))) or "a local client"
+        return Taken(token, names, stopped.stopped)
+
+    def release(self) -> None:
+        """Give it back; nothing happens if nobody has it.
+
+        Raises:
+            ConflictError: somebody else has it, or the client has lost it, with how.
+        """
+        self._ownership.lease.release(CLIENT.get())
+
+    async def set_control(self, wanted: bool) -> tuple[bool, str]:
+        """Take the control or give it back: whether that was possible, and why not."""
+        try:
+            if wanted:
+                await self.take()
+            else:
+                self.release()
+        except CobotError as exc:
+            return False, str(exc)
+        return True, ""
+
+    def disconnected(self, client: Client) -> None:
+        """A WebSocket is gone, and with it the lease that it has taken."""
+        self._ownership.lease.disconnected(client)
+
+    def _require_nobody(self, client: Client) -> None:
+        lease, owner = self._ownership.lease, self._ownership.owner
+        if owner is not None:
+            raise ConflictError(f"the robot is in use by {owner}; wait for it, or take over with force")
+        if lease.current is not None:
+            lease.require(Client(client.name, client.address))
+
+    def _former(self) -> list[Client]:
+        """Who has the control, in whatever way; each once."""
+        lease, moving = self._ownership.lease.current, self._ownership.moving
+        clients = [each.client for each in (lease, moving) if each is not None]
+        return list({id(each): each for each in clients}.values())
+
+    def _moment(self, time_s: float | None) -> datetime | None:
+        """A time of the service's clock as one of the wall clock's."""
+        if time_s is None:
+            return None
+        clock = self._link.clock
+        return datetime.fromtimestamp(clock.wall_ns() * 1e-9 + time_s - clock.now_s(), UTC)

@@ -1,0 +1,165 @@
+"""The control lease: who alone may move a robot, between motions too.
+
+A motion, a session or a sequence has the robot while it lasts: that is `Ownership`'s. Who wants nobody else
+to move it before, between or after takes a lease. It ends when it is released, when its client disconnects,
+when it was not used for its time, or when somebody takes it over. Stopping never asks for it.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Callable
+from contextvars import ContextVar
+from dataclasses import dataclass
+
+from cobot.clock import Clock
+from cobot.errors import ConflictError
+
+TIMEOUTS_S = (1.0, 3600.0)
+"""The shortest and the longest time that a lease may go unused, s."""
+TIMEOUT_S = 60.0
+KEPT_ENDS = 100
+"""So many ended leases are remembered, to tell those who still use them."""
+
+
+@dataclass(eq=False)
+class Client:
+    """Who asks for something: one for each request, and for each WebSocket as long as it is open.
+
+    Attributes:
+        name: of the access token, "anonymous" without one.
+        address: where it comes from, without a port.
+        leases: the tokens of leases that it shows.
+        sequence: the token of the sequence for which it speaks, if any.
+        tell: called with a sentence when somebody takes over what it has; None for who cannot be told.
+    """
+
+    name: str
+    address: str = ""
+    leases: frozenset[str] = frozenset()
+    sequence: str | None = None
+    tell: Callable[[str], None] | None = None
+
+    def same(self, other: Client) -> bool:
+        """Whether both are the same person's, as far as anybody can tell."""
+        return (self.name, self.address) == (other.name, other.address)
+
+    def __str__(self) -> str:
+        return f"{self.name} from {self.address}" if self.address else self.name
+
+
+NOBODY = Client("the service itself")
+CLIENT: ContextVar[Client] = ContextVar("client", default=NOBODY)
+"""On whose behalf the present task runs; tasks that it starts inherit it."""
+
+
+@dataclass(slots=True)
+class Lease:
+    """One client's control, from when it was taken.
+
+    Attributes:
+        token: whoever shows it is its holder; so is the WebSocket that has taken it.
+        since_s, until_s: on the service's clock; `until_s` moves on while it is used.
+        timeout_s: how long it lasts unused.
+    """
+
+    client: Client
+    token: str
+    since_s: float
+    until_s: float
+    timeout_s: float
+
+
+class ControlLease:
+    """The lease of one robot. An expired one ends when somebody next looks.
+
+    Args:
+        moving: whether a motion or a sequence is under way, during which none expires.
+        ended: called when a lease has ended.
+    """
+
+    def __init__(self, clock: Clock, moving: Callable[[], bool], ended: Callable[[], None]) -> None:
+        self._clock = clock
+        self._moving = moving
+        self._ended = ended
+        self._lease: Lease | None = None
+        self._ends: dict[str, str] = {}  # why each token holds no longer
+
+    @property
+    def current(self) -> Lease | None:
+        """The lease that is held, or None."""
+        lease = self._lease
+        if lease is not None and not self._moving() and self._clock.now_s() >= lease.until_s:
+            self._end(f"has expired: nothing has moved for {lease.timeout_s:g} s; take control anew")
+        return self._lease
+
+    def holds(self, client: Client) -> bool:
+        """Whether the lease is this client's."""
+        lease = self.current
+        return lease is not None and (lease.client is client or lease.token in client.leases)
+
+    def require_not_lost(self, client: Client) -> None:
+        """See that a client does not go on as if it still had what it has lost.
+
+        Raises:
+            ConflictError: its lease has ended, with how.
+        """
+        if self.holds(client):
+            return
+        for token in client.leases:
+            if token in self._ends:
+                raise ConflictError(self._ends[token])
+
+    def require(self, client: Client) -> None:
+        """See that nobody else has the lease.
+
+        Raises:
+            ConflictError: somebody has, with who; or this client's own has ended, with how.
+        """
+        self.require_not_lost(client)
+        lease = self.current
+        if lease is not None and not self.holds(client):
+            left_s = lease.until_s - self._clock.now_s()
+            raise ConflictError(
+                f"the robot is under the control of {lease.client}, for {left_s:.0f} s unless they move: "
+                "wait, or take over: POST /robot/control with force"
+            )
+
+    def take(self, client: Client, timeout_s: float) -> Lease:
+        """Give the lease to a client, whoever has it; one that this client has already is renewed."""
+        now_s = self._clock.now_s()
+        if self._lease is not None and self.holds(client):
+            self._lease.timeout_s, self._lease.until_s = timeout_s, now_s + timeout_s
+            return self._lease
+        if self._lease is not None:
+            self._end(f"was taken over by {client}")
+        self._lease = Lease(client, secrets.token_hex(16), now_s, now_s + timeout_s, timeout_s)
+        return self._lease
+
+    def renew(self) -> None:
+        """Its holder moves."""
+        if self._lease is not None:
+            self._lease.until_s = self._clock.now_s() + self._lease.timeout_s
+
+    def release(self, client: Client) -> None:
+        """Let go; without a lease nothing happens.
+
+        Raises:
+            ConflictError: see `require`.
+        """
+        self.require(client)
+        if self.current is not None:
+            self._end("was released")
+
+    def disconnected(self, client: Client) -> None:
+        """A WebSocket is gone, and with it what it has taken."""
+        if self._lease is not None and self._lease.client is client:
+            self._end("ended when its client disconnected")
+
+    def _end(self, how: str) -> None:
+        assert self._lease is not None
+        self._ends[self._lease.token] = f"the control that {self._lease.client} had {how}"
+        if len(self._ends) > KEPT_ENDS:
+            del self._ends[next(iter(self._ends))]
+        self._lease = None
+        self._ended()

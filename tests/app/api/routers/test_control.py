@@ -1,0 +1,343 @@
+"""Who controls the robot, on virtual time: over REST, the stream and rosbridge, and in the vendor's services.
+
+Oracle: the design of the lease (docs/api.md), written out by hand; where the arm is.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from datetime import datetime
+from typing import Any
+
+import httpx
+import pytest
+from asgi import Socket
+from virtual import VirtualService, virtual_service
+
+from app.aubo.codes import Code
+from app.services.motion.lease import CLIENT, Client
+from cobot.errors import ConflictError
+
+HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
+AWAY = [0.5, *HOME[1:]]
+POINTS = {
+    "points": [{"positions": HOME, "time_from_start": 0.0}, {"positions": AWAY, "time_from_start": 30.0}]
+}
+PATH = "/robot/control"
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
+    """One for all tests here."""
+    with virtual_service(tmp_path_factory.mktemp("control")) as started:
+        yield started
+
+
+@pytest.fixture
+def run(service: VirtualService) -> Iterator[VirtualService]:
+    """Nobody has the control; the arm is at home."""
+    service.go_home()
+    yield service
+    token = service.post(PATH, {"force": True}).json()["token"]
+    called(service, "MotionControl", "setSpeedFraction", fraction=1.0, token=token)
+    service.ask("DELETE", PATH, headers=shown(token))
+
+
+def shown(token: str) -> dict[str, str]:
+    return {"X-Control-Token": token}
+
+
+def take(run: VirtualService, **body: Any) -> str:
+    answer = run.post(PATH, body)
+    assert answer.status_code == 200, answer.text
+    token: str = answer.json()["token"]
+    return token
+
+
+def move(run: VirtualService, token: str = "") -> httpx.Response:
+    body = {"joints": AWAY, "speed": 1.0}
+    return run.ask("POST", "/robot/move/joints", json=body, headers=shown(token) if token else {})
+
+
+def called(run: VirtualService, robot_class: str, method: str, token: str = "", **fields: Any) -> Any:
+    headers = shown(token) if token else {}
+    answer = run.ask("POST", f"/{run.name}/{robot_class}/{method}", json=fields, headers=headers)
+    return answer.json()
+
+
+def heard(socket: Socket, kind: str) -> dict[str, Any]:
+    """The next frame of a type."""
+    while True:
+        frame: dict[str, Any] = json.loads(socket.recv())
+        if kind in (frame.get("type"), frame.get("op")):
+            return frame
+
+
+def test_nobody_has_it_then_a_motion_has_then_nobody(run: VirtualService) -> None:
+    free = run.get(PATH).json()
+    assert (free["held"], free["holder"], free["how"], free["what"]) == (False, None, None, None)
+    run.post("/trajectory/send", POINTS).raise_for_status()
+    taken = run.get(PATH).json()
+    assert (taken["held"], taken["holder"], taken["address"]) == (True, "anonymous", "127.0.0.1")
+    assert (taken["how"], taken["until"]) == ("implicit", None)
+    assert "POST /trajectory/send" in taken["what"]
+    now_s = run.clock.wall_ns() * 1e-9
+    assert 0.0 <= now_s - datetime.fromisoformat(taken["since"]).timestamp() < 1.0
+    run.post("/stop").raise_for_status()
+    assert run.get(PATH).json() == free
+
+
+def test_who_has_taken_it_moves_and_others_are_told_who_has(run: VirtualService) -> None:
+    token = take(run, timeout_s=20.0)
+    state = run.get(PATH).json()
+    assert (state["held"], state["how"], state["what"]) == (True, "explicit", None)
+    until_s = datetime.fromisoformat(state["until"]).timestamp()
+    assert 19.0 < until_s - run.clock.wall_ns() * 1e-9 <= 20.0
+    refused = move(run)
+    assert (refused.status_code, refused.json()["code"]) == (409, "conflict")
+    assert "under the control of anonymous from 127.0.0.1" in refused.json()["detail"]
+    assert run.post(PATH, {}).status_code == 409
+    assert move(run, token).json()["success"]
+    later_s = datetime.fromisoformat(run.get(PATH).json()["until"]).timestamp()
+    assert later_s > until_s  # a motion renews it
+    assert run.ask("DELETE", PATH).status_code == 409
+    assert run.ask("DELETE", PATH, headers=shown(token)).json()["held"] is False
+    assert move(run).json()["success"]
+
+
+def test_every_way_to_move_asks_for_it_and_no_way_to_stop_does(run: VirtualService) -> None:
+    token = take(run, timeout_s=600.0)
+    ways = [
+        ("/robot/move/named", {"json": {"name": "work"}}),
+        ("/robot/move/pose", {"json": {"x": 0.5, "y": 0.0, "z": 0.5, "b": 3.1}}),
+        ("/trajectory/send", {"json": POINTS}),
+        ("/trajectory/send_csv", {"files": {"file": ("a.csv", b"x")}}),
+        ("/sequences/start", {"files": {"config": ("a.json", b"{}")}}),
+    ]
+    for path, content in ways:
+        refused = run.ask("POST", path, **content)
+        assert refused.status_code == 409, path
+        assert "under the control of" in refused.json()["detail"]
+    for method, fields in (
+        ("moveJoint", {"q": AWAY}),
+        ("setServoMode", {"enable": True}),
+        ("setSpeedFraction", {"fraction": 0.5}),
+        ("startMove", {}),
+    ):
+        assert called(run, "MotionControl", method, **fields)["code"] == Code.CONFLICT, method
+    with run.connect("/robot/stream") as socket:
+        socket.send('{"type": "session"}')
+        assert "under the control of" in heard(socket, "error")["detail"]
+    run.ask("POST", "/trajectory/send", json=POINTS, headers=shown(token)).raise_for_status()
+    assert called(run, "MotionControl", "stopJoint")["code"] == 0
+    assert run.post("/stop").json()["success"]
+
+
+def test_it_expires_when_nothing_moves_and_not_during_a_long_motion(run: VirtualService) -> None:
+    token = take(run, timeout_s=2.0)
+    run.ask("POST", "/trajectory/send", json=POINTS, headers=shown(token)).raise_for_status()
+    run.sleep(20.0)
+    assert run.get(PATH).json()["how"] == "explicit"
+    run.until(lambda: run.get(PATH).json()["what"] is None)
+    run.sleep(1.5)
+    assert run.get(PATH).json()["held"]
+    run.sleep(1.0)
+    assert not run.get(PATH).json()["held"]
+    assert "has expired" in move(run, token).json()["detail"]
+    assert move(run).json()["success"]
+
+
+def test_a_take_over_ends_the_motion_and_tells_the_former_holder(run: VirtualService) -> None:
+    first = take(run)
+    run.ask("POST", "/trajectory/send", json=POINTS, headers=shown(first)).raise_for_status()
+    run.sleep(3.0)
+    refused = run.post(PATH, {})
+    assert refused.status_code == 409
+    assert "POST /trajectory/send" in refused.json()["detail"]
+    records: list[tuple[Any, ...]] = []
+
+    class Audit:
+        def record(self, *what: Any, **details: Any) -> None:
+            records.append((*what, details))
+
+    run.app.state.audit = Audit()
+    try:
+        taken = run.post(PATH, {"force": True}).json()
+    finally:
+        del run.app.state.audit
+    assert "POST /trajectory/send" in taken["stopped"][0]
+    assert (taken["held"], taken["what"]) == (True, None)
+    assert records == [
+        (
+            "anonymous",
+            "127.0.0.1",
+            "POST /robot/control: control taken over",
+            "ok",
+            {"former": "anonymous from 127.0.0.1"},
+        )
+    ]
+    line = run.get("/trajectory/logs").json()["lines"][-1]
+    assert "anonymous from 127.0.0.1 has taken over the control: the arm came to rest" in line
+    told = move(run, first)
+    assert told.status_code == 409
+    assert "was taken over by anonymous from 127.0.0.1" in told.json()["detail"]
+    assert move(run, taken["token"]).json()["success"]
+
+
+def test_a_stream_takes_it_and_loses_it_with_its_connection(run: VirtualService) -> None:
+    with run.connect("/robot/stream") as socket:
+        socket.send('{"type": "control", "timeout_s": 600}')
+        token = heard(socket, "control")["token"]
+        assert move(run).status_code == 409
+        assert move(run, token).json()["success"]
+        socket.send('{"type": "session"}')
+        assert heard(socket, "session")
+        socket.send('{"type": "end"}')
+        assert heard(socket, "session_ended")
+        socket.send('{"type": "release"}')
+        heard(socket, "control_released")
+        assert not run.get(PATH).json()["held"]
+        socket.send('{"type": "control"}')
+        heard(socket, "control")
+    assert not run.get(PATH).json()["held"]
+    assert move(run).json()["success"]
+
+
+def test_a_stream_is_told_when_it_is_taken_over(run: VirtualService) -> None:
+    with run.connect("/robot/stream") as socket:
+        socket.send('{"type": "session"}')
+        heard(socket, "session")
+        assert run.get(PATH).json()["how"] == "implicit"
+        take(run, force=True)
+        assert (
+            heard(socket, "control_lost")["reason"] == "anonymous from 127.0.0.1 has taken over the control"
+        )
+        assert (
+            heard(socket, "session_ended")["reason"] == "anonymous from 127.0.0.1 has taken over the control"
+        )
+
+
+def test_a_client_of_rosbridge_takes_it_is_told_and_lets_go_by_leaving(run: VirtualService) -> None:
+    def asked(socket: Socket, wanted: bool) -> dict[str, Any]:
+        name = f"/{run.name}/take_control"
+        socket.send(json.dumps({"op": "call_service", "service": name, "args": {"data": wanted}}))
+        values: dict[str, Any] = heard(socket, "service_response")["values"]
+        return values
+
+    def moves(socket: Socket) -> Any:
+        name = f"/{run.name}/MotionControl/moveJoint"
+        socket.send(json.dumps({"op": "call_service", "service": name, "args": {"q": HOME}}))
+        return heard(socket, "service_response")["values"]["code"]
+
+    with run.connect("/rosbridge") as other:
+        with run.connect("/rosbridge") as socket:
+            assert asked(socket, True) == {"success": True, "message": ""}
+            assert move(run).status_code == 409
+            assert moves(other) == Code.CONFLICT
+            assert moves(socket) == 0
+            run.until(lambda: run.get(PATH).json()["what"] is None)
+            assert asked(other, True)["success"] is False
+            take(run, force=True)
+            assert "has taken over the control" in heard(socket, "status")["msg"]
+            assert moves(socket) == Code.CONFLICT
+        run.ask("DELETE", PATH, headers=shown(take(run, force=True)))
+        assert asked(other, True)["success"]
+    assert not run.get(PATH).json()["held"]
+
+
+def test_a_sequence_moves_for_who_has_started_it_and_its_speed_ends_with_it(run: VirtualService) -> None:
+    token = take(run, timeout_s=5.0)
+    ownership = run.app.state.services.ownership
+    with pytest.raises(ConflictError, match="under the control of anonymous"):
+        ownership.claim_for_sequence("sequence 1", "secret")
+    before = CLIENT.set(Client("anonymous", "127.0.0.1", frozenset({token})))
+    ownership.claim_for_sequence("sequence 1", "secret")
+    CLIENT.reset(before)
+    body, own = {"joints": AWAY, "speed": 1.0}, {"X-Motion-Token": "secret"}
+    assert run.ask("POST", "/robot/move/joints", json=body, headers=own).json()["success"]
+    assert "in use by sequence 1" in move(run).json()["detail"]
+    path, slower = f"/{run.name}/MotionControl/setSpeedFraction", {"fraction": 0.5}
+    assert run.ask("POST", path, json=slower, headers=own).json()["code"] == 0
+    run.sleep(20.0)
+    assert run.get(PATH).json()["how"] == "explicit"  # as long as it runs
+    ownership.release_sequence()
+    assert run.get(PATH).json()["speed_fraction"] == 1.0
+    run.sleep(6.0)
+    assert not run.get(PATH).json()["held"]
+
+
+def test_the_python_client_holds_it_for_a_block(run: VirtualService) -> None:
+    with run.client(run.url) as robot, run.client(run.url) as other:
+        with robot.control(timeout_s=30.0):
+            assert robot.who_controls()["how"] == "explicit"
+            robot.move_joints(AWAY, speed=1.0)
+            with pytest.raises(ConflictError, match="under the control of anonymous"):
+                other.move_joints(HOME, speed=1.0)
+        other.move_joints(HOME, speed=1.0)
+        with robot.control(), other.control(force=True):
+            with pytest.raises(ConflictError, match="was taken over by"):
+                robot.move_joints(AWAY)
+            other.move_joints(AWAY, speed=1.0)
+        robot.move_joints(HOME, speed=1.0)
+
+
+@pytest.mark.parametrize("method", ["stopJoint", "stopLine"])
+def test_anybodys_stop_stops_anybodys_motion(run: VirtualService, method: str) -> None:
+    run.post("/trajectory/send", POINTS).raise_for_status()
+    run.sleep(3.0)
+    for queue_only in ("stopMove", "clearPath"):
+        refused = called(run, "MotionControl", queue_only)
+        assert refused["code"] == Code.CONFLICT
+        assert "POST /trajectory/send" in refused["message"]
+    assert called(run, "MotionControl", method)["code"] == 0
+    assert called(run, "RobotState", "isSteady")["result"]
+    line = run.get("/trajectory/logs").json()["lines"][-1]
+    assert f"stopped by MotionControl/{method}: the arm came to rest on its path" in line
+    with run.connect("/robot/stream") as socket:
+        socket.send('{"type": "session"}')
+        heard(socket, "session")
+        assert called(run, "MotionControl", method)["code"] == 0
+        assert heard(socket, "session_ended")["reason"] == f"stopped by MotionControl/{method}"
+    assert move(run).json()["success"]
+
+
+def test_a_speed_fraction_set_during_a_session_does_not_slow_what_follows(run: VirtualService) -> None:
+    with run.connect("/robot/stream") as socket:
+        socket.send('{"type": "session"}')
+        heard(socket, "session")
+        refused = called(run, "MotionControl", "setSpeedFraction", fraction=0.1)
+        assert refused["code"] == Code.CONFLICT
+        assert "a stream has no path" in refused["message"]
+        socket.send('{"type": "end"}')
+        heard(socket, "session_ended")
+    assert called(run, "MotionControl", "getSpeedFraction")["result"] == 1.0
+    began_s = run.clock.now_s()
+    assert move(run).json()["success"]
+    assert run.clock.now_s() - began_s < 3.0
+
+
+@pytest.mark.parametrize("how", ["released", "expired", "taken over"])
+def test_a_speed_fraction_ends_with_the_lease_of_who_has_set_it(run: VirtualService, how: str) -> None:
+    called(run, "MotionControl", "setSpeedFraction", fraction=0.8)
+    token = take(run, timeout_s=5.0)
+    assert called(run, "MotionControl", "setSpeedFraction", token=token, fraction=0.3)["code"] == 0
+    assert run.get(PATH).json()["speed_fraction"] == 0.3
+    if how == "released":
+        run.ask("DELETE", PATH, headers=shown(token))
+    elif how == "expired":
+        run.sleep(6.0)
+    else:
+        take(run, force=True)
+    assert called(run, "MotionControl", "getSpeedFraction")["result"] == 0.8
+    assert run.get(PATH).json()["speed_fraction"] == 0.8
+
+
+def test_points_of_others_do_not_reach_a_session_of_who_has_the_control(run: VirtualService) -> None:
+    token = take(run, timeout_s=60.0)
+    assert called(run, "MotionControl", "setServoMode", token=token, enable=True)["code"] == 0
+    assert called(run, "MotionControl", "servoJoint", token=token, q=HOME)["code"] == 0
+    refused = called(run, "MotionControl", "servoJoint", q=HOME)
+    assert refused["code"] == Code.CONFLICT
+    assert "under the control of" in refused["message"]
+    assert called(run, "MotionControl", "setServoMode", token=token, enable=False)["code"] == 0

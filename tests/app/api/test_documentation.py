@@ -1,0 +1,159 @@
+"""The pages of Swagger and what they say. Oracle: the OpenAPI documents, walked; httpx, without a network.
+
+How soon a browser shows them: benchmarks/browser.py.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from fastapi import FastAPI
+from virtual import VirtualService, virtual_service
+
+from app.api.samples import SAMPLES, SAMPLES_PATH
+from app.aubo.classes import CLASSES, REGISTRY
+from app.main import create_app
+from cobot.config import Settings
+
+DOCUMENTS = {"/docs": "/openapi.json", "/docs/vendor": "/openapi/vendor.json"}
+
+
+@pytest.fixture(scope="module")
+def app(settings: Settings) -> FastAPI:
+    return create_app(settings, None, "http://robot.test")
+
+
+def ask(app: FastAPI, path: str) -> httpx.Response:
+    async def request() -> httpx.Response:
+        transport = httpx.ASGITransport(app)
+        async with httpx.AsyncClient(transport=transport, base_url="http://robot.test") as client:
+            return await client.get(path)
+
+    return asyncio.run(request())
+
+
+def operations(document: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    for path, methods in document["paths"].items():
+        for method, operation in methods.items():
+            yield f"{method.upper()} {path}", operation
+
+
+def undescribed(place: str, schema: dict[str, Any], models: dict[str, Any], seen: set[str]) -> Iterator[str]:
+    """The properties below a schema that say nothing about themselves."""
+    name = schema.get("$ref", "").rpartition("/")[2]
+    if name:
+        if name not in seen:
+            yield from undescribed(name, models[name], models, seen | {name})
+        return
+    for key in ("anyOf", "allOf", "oneOf", "prefixItems"):
+        for index, each in enumerate(schema.get(key, [])):
+            yield from undescribed(f"{place} {key}[{index}]", each, models, seen)
+    for key in ("items", "additionalProperties"):
+        if isinstance(schema.get(key), dict):
+            yield from undescribed(f"{place}[]", schema[key], models, seen)
+    for field, each in schema.get("properties", {}).items():
+        if not each.get("description"):
+            yield f"{place}.{field}"
+        yield from undescribed(f"{place}.{field}", each, models, seen)
+
+
+@pytest.mark.parametrize("path", DOCUMENTS.values())
+def test_every_operation_parameter_and_field_is_described(app: FastAPI, path: str) -> None:
+    document = ask(app, path).json()
+    models = document["components"]["schemas"]
+    missing = []
+    for name, operation in operations(document):
+        missing += [name for key in ("summary", "description") if not operation.get(key)]
+        for parameter in operation.get("parameters", []):
+            if not parameter.get("description"):
+                missing.append(f"{name}: {parameter['name']}")
+        bodies = [operation.get("requestBody", {}), *operation["responses"].values()]
+        for content in (each for body in bodies for each in body.get("content", {}).values()):
+            missing += undescribed(name, content["schema"], models, set())
+    assert sorted(set(missing)) == []
+
+
+def test_the_page_of_the_rest_api_has_that_alone_and_its_first_group_open(app: FastAPI) -> None:
+    document = ask(app, DOCUMENTS["/docs"]).json()
+    paths = list(document["paths"])
+    assert not [path for path in paths if path.startswith("/{robot}/")]
+    assert len(list(operations(document))) < 60
+    page = ask(app, "/docs").text
+    assert '"docExpansion": "none"' in page
+    assert '["operations-tag", "robot"], true' in page
+    assert document["tags"][0]["name"] == "robot"
+    assert "(/docs/vendor)" in document["info"]["description"]
+
+
+def test_the_page_of_the_vendor_services_has_those_alone(app: FastAPI) -> None:
+    document = ask(app, DOCUMENTS["/docs/vendor"]).json()
+    found = {tuple(path.split("/")[2:]) for path in document["paths"]}
+    assert found == set(REGISTRY)
+    assert [tag["name"] for tag in document["tags"]] == list(CLASSES)
+    assert all(operation["tags"][0] in CLASSES for _, operation in operations(document))
+    page = ask(app, "/docs/vendor").text
+    assert "url: '/openapi/vendor.json'" in page
+    assert '"docExpansion": "none"' in page
+
+
+@pytest.mark.parametrize("path", DOCUMENTS.values())
+def test_no_document_refers_to_what_it_does_not_have(app: FastAPI, path: str) -> None:
+    text = ask(app, path).text
+    models = json.loads(text)["components"]["schemas"]
+    assert set(re.findall(r'"#/components/schemas/([^"]+)"', text)) <= set(models)
+
+
+def test_every_upload_says_where_a_sample_is(app: FastAPI) -> None:
+    document = ask(app, "/openapi.json").json()
+    models = document["components"]["schemas"]
+    found = set()
+    for name, operation in operations(document):
+        content = operation.get("requestBody", {}).get("content", {}).get("multipart/form-data")
+        if content is None:
+            continue
+        fields = models[content["schema"]["$ref"].rpartition("/")[2]]["properties"]
+        links = re.findall(rf"\({SAMPLES_PATH}/([^)]+)\)", json.dumps(fields))
+        assert links, name
+        found |= set(links)
+    assert found == set(SAMPLES)
+
+
+def test_a_sample_that_is_not_there_is_not_found_and_those_that_are_are_listed(app: FastAPI) -> None:
+    answer = ask(app, f"{SAMPLES_PATH}/trajectori.csv")
+    assert (answer.status_code, answer.json()["code"]) == (404, "not_found")
+    assert "did you mean 'trajectory.csv'" in answer.json()["detail"]
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
+    with virtual_service(tmp_path_factory.mktemp("samples")) as started:
+        yield started
+
+
+def test_the_sample_trajectory_runs_from_anywhere(service: VirtualService) -> None:
+    service.post("/robot/move/joints", {"joints": [0.4, 0.1, 0.0, -1.4, 0.0, 1.5, 0.0], "speed": 1.0})
+    sample = service.get(f"{SAMPLES_PATH}/trajectory.csv")
+    assert sample.headers["content-type"].startswith("text/csv")
+    files = {"file": ("trajectory.csv", sample.content)}
+    sent = service.ask("POST", "/trajectory/send_csv?move_to_start=true", files=files)
+    assert sent.json()["points"] == 3, sent.text
+    service.until(lambda: service.get("/robot/control").json()["what"] is None)
+    assert service.joints() == pytest.approx([0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0], abs=1e-3)
+
+
+@pytest.mark.parametrize("name", ["sequence.json", "program.lua"])
+def test_the_other_samples_are_what_the_runner_takes(name: str, tmp_path: Path) -> None:
+    file = tmp_path / name
+    file.write_text(SAMPLES[name][1], encoding="utf-8")
+    command = [sys.executable, "-P", "-m", "sequences", "check", str(file)]
+    checked = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert checked.returncode == 0, checked.stderr
