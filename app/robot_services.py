@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
@@ -89,7 +88,7 @@ async def serving_robot(
     label = f"{robot.name}: " if shared.several else ""
     link = RobotLink(robot.name, settings.web.stale_after_s, label, shared.clock)
     planning = shared.planner(shared.config, settings.planning.workers, robot.name)
-    warming = asyncio.create_task(planning.warm_up())
+    planning.warm_up()
     async with link.heartbeat(), reporting(link):
         services = _services(settings, robot, shared, link, planning)
         yield services
@@ -97,7 +96,6 @@ async def serving_robot(
         services.force.close()
         services.equipment.close()
         services.streams.close()
-    warming.cancel()
     planning.close()
     link.close()
 
@@ -135,7 +133,7 @@ def _services(
         trajectories=TrajectoryService(ownership, motion, tolerance_rad, link.label),
         sequences=sequences,
         stopping=stopping,
-        health=HealthService(settings.robot.name, link, ownership, sequences, streams, stale_s),
+        health=HealthService(settings.robot.name, link, ownership, sequences, streams, planning, stale_s),
         streams=streams,
         equipment=equipment,
         force=force,

@@ -29,6 +29,7 @@ CobotError
 
 from __future__ import annotations
 
+import errno
 from typing import ClassVar
 
 
@@ -124,3 +125,21 @@ class LayoutError(SharedMemoryError):
 
 class TornReadError(SharedMemoryError):
     code = "torn_read"
+
+
+EXHAUSTED = {
+    errno.ENOSPC: "a disk is full: make room, see df",
+    errno.EDQUOT: "a disk quota is used up: make room",
+    errno.EROFS: "a file system can only be read: mount it for writing",
+    errno.EMFILE: "no file descriptor is left: close connections, or raise the limit (ulimit -n)",
+    errno.ENFILE: "the computer has no file descriptor left",
+    errno.ENOMEM: "the service has no memory left: raise its limit (ulimit -v), or free some",
+    errno.EAGAIN: "no further process can be started: raise the limit (ulimit -u)",
+}
+"""What an operating system may refuse at any time, and what to do about it."""
+
+
+def exhausted(error: BaseException | None) -> UnavailableError | None:
+    """What an error means for people if something of this computer is used up; None if it is another one."""
+    number = errno.ENOMEM if isinstance(error, MemoryError) else getattr(error, "errno", None)
+    return UnavailableError(EXHAUSTED[number]) if number in EXHAUSTED else None

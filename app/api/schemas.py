@@ -329,6 +329,9 @@ class RobotHealth(BaseModel):
     robot: dict[str, Any]
     rtloop: dict[str, Any] = Field(description="The real-time process: pid, permissions, overruns.")
     service: dict[str, Any]
+    planning: dict[str, Any] = Field(
+        description="The planning processes: state, how many are usable and busy, how many were replaced."
+    )
     sequence: dict[str, Any]
     session: dict[str, Any] | None = Field(description="The streaming session: number, client, mode.")
 

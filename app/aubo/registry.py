@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Any
 
 from app.aubo.codes import Code, code_of
 from app.aubo.fields import REQUIRED, ROS_TYPES, Field, Int64, Json, argument
-from cobot.errors import CobotError, InputError
+from cobot.errors import CobotError, InputError, exhausted
 from cobot.strict import shown, unknown_key
 
 if TYPE_CHECKING:
@@ -149,6 +149,9 @@ async def run(robot: Services, found: Service, bound: dict[str, Any], origin: Or
     except CobotError as exc:
         return failed(found, code_of(exc), str(exc))
     except Exception as exc:  # no traceback reaches a client
+        if error := exhausted(exc):
+            log.error("%s: %s", where, error)
+            return failed(found, code_of(error), str(error))
         log.error("%s failed", where, exc_info=exc)
         return failed(found, Code.ERROR, "an error in cobot itself; its log has the details")
 

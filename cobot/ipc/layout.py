@@ -11,7 +11,7 @@ from enum import IntEnum
 import numpy as np
 
 MAGIC = b"COBOTRT\0"
-LAYOUT_VERSION = 5
+LAYOUT_VERSION = 6
 RING = 32
 SLOTS = 2
 LOADED_SEGMENTS = 96
@@ -176,6 +176,7 @@ HEADER = np.dtype(
         ("created_ns", "i8"),
         ("robot", "S64"),
         ("url", "S128"),
+        ("checksum", "u8"),  # the last one: of all that stands before it
     ]
 )
 STATISTICS = np.dtype(

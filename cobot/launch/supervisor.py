@@ -137,6 +137,7 @@ class Supervisor:
                 self._await_first(rtloops, list(memories.values()))  # the others take longer
                 self._announce(url, memories, log_file)
                 while not self._stopping.is_set():
+                    _mend(memories)
                     for child in (*rtloops, *service):
                         self._revive(child)
                     self._sleep(0.1)
@@ -282,6 +283,13 @@ class Supervisor:
             log.info("  real time  %s", _permissions(memory))
         log.info("  logs       %s", log_file)
         log.info("  Ctrl-C stops: the arm first, then the service")
+
+
+def _mend(memories: dict[str, RobotMemory]) -> None:
+    """Nothing reads a header but who maps the memory, above all a process that is restarted."""
+    for name, memory in memories.items():
+        if memory.mend_header():
+            log.error("the header of the shared memory of %s was spoilt, and is written anew", name)
 
 
 def _url(listener: socket.socket) -> str:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import os
 from collections.abc import AsyncIterator
 
@@ -29,6 +30,12 @@ STATE_TRIES = 3
 """So often a state is read that rtloop may be writing just now."""
 IN_THREAD_SEGMENTS = 2000
 """A longer trajectory is copied in a thread, so that nobody else waits."""
+PAUSE_S = 1.0
+"""A service without a sign of life for so long stood still; rtloop has stopped the arm by then."""
+CATCH_UP_S = 0.25
+"""In so much time after that it has read what came meanwhile."""
+
+log = logging.getLogger("cobot.service")
 
 
 class RobotLink:
@@ -52,6 +59,8 @@ class RobotLink:
         self._take_over()
         self._command_turn = asyncio.Lock()
         self._last_motion = 0
+        self._beaten_s: float | None = None
+        self._paused_s, self._resumed_s = 0.0, float("-inf")
 
     def close(self) -> None:
         self.memory.close()
@@ -81,9 +90,32 @@ class RobotLink:
         block = self.memory.heartbeat
         block.data["pid"] = os.getpid()
         while True:
+            self._note_pause()
+            self._beaten_s = self.clock.now_s()
             block.data["monotonic_ns"] = self.clock.now_ns()
             block.publish()
             await asyncio.sleep(HEARTBEAT_S)
+
+    def _note_pause(self) -> None:
+        """See whether this process has just gone on after a pause."""
+        now_s = self.clock.now_s()
+        if self._beaten_s is not None and now_s - self._beaten_s > PAUSE_S:
+            self._paused_s, self._resumed_s = now_s - self._beaten_s, now_s
+            self._beaten_s = now_s
+            log.warning("%sthe service stood still for %.1f s", self.label, self._paused_s)
+
+    def require_awake(self) -> None:
+        """See that what has been asked for can be new: while this process stands still, requests wait.
+
+        Raises:
+            UnavailableError: it stood still until just now.
+        """
+        self._note_pause()
+        if self.clock.now_s() - self._resumed_s < CATCH_UP_S:
+            raise UnavailableError(
+                f"the service stood still for {self._paused_s:.1f} s until just now: what was asked for "
+                "meanwhile moves nothing; ask again"
+            )
 
     def state(self) -> RobotState:
         """The newest state, however old.
@@ -209,7 +241,7 @@ class RobotLink:
 
         Raises:
             ExecutionError: rtloop refuses it, with its reason.
-            UnavailableError: rtloop does not answer.
+            UnavailableError: rtloop does not answer, or see `require_awake`.
             InputError: the motion is larger than a slot.
         """
         async with self._command_turn:
@@ -221,6 +253,7 @@ class RobotLink:
                 await asyncio.to_thread(slot.write, motion_id, trajectory)
             else:
                 slot.write(motion_id, trajectory)
+            self.require_awake()
             await self._send(
                 Command.START,
                 slot=number,
