@@ -24,6 +24,7 @@ from app.services.state.health import HealthService
 from app.services.state.interventions import reporting
 from app.services.state.link import RobotLink, loading_s
 from app.services.streaming.force import ForceService
+from app.services.streaming.hung_clients import watching_clients
 from app.services.streaming.servo import ServoService
 from app.services.streaming.sessions import StreamService
 from cobot.addresses import address
@@ -89,7 +90,8 @@ async def serving_robot(
     link = RobotLink(robot.name, settings.web.stale_after_s, label, shared.clock)
     planning = shared.planner(shared.config, settings.planning.workers, robot.name)
     planning.warm_up()
-    async with link.heartbeat(), reporting(link):
+    timeout_s = settings.streaming.client_timeout_s
+    async with link.heartbeat(), reporting(link), watching_clients(link, timeout_s):
         services = _services(settings, robot, shared, link, planning)
         yield services
         services.servo.close()

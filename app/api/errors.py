@@ -75,6 +75,7 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, _http_exception)
     app.add_exception_handler(OSError, _refused_by_system)
     app.add_exception_handler(MemoryError, _refused_by_system)
+    app.add_exception_handler(RuntimeError, _refused_by_system)  # of a thread that cannot be started
     app.add_exception_handler(Exception, _unexpected)
 
 

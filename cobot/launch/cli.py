@@ -13,7 +13,7 @@ from cobot.addresses import address
 from cobot.client.rest import DEFAULT_URL
 from cobot.config import Settings, load_settings
 from cobot.errors import CobotError
-from cobot.launch.process import RUN_MODULE
+from cobot.launch.process import RUN_MODULE, in_words
 from cobot.launch.supervisor import Supervisor
 
 DESCRIPTION = """\
@@ -37,6 +37,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return EXIT_USAGE
     if chosen.command == "lua":
         return _lua(chosen)
+    return in_words(lambda: _run(chosen))
+
+
+def _run(chosen: argparse.Namespace) -> int:
     try:
         settings = load_settings(chosen.config)
         if chosen.command == "check":

@@ -95,13 +95,29 @@ class Child:
                 log.info("%s: %s", self.name, line.decode("utf-8", "replace").rstrip())
 
 
+class _Flag:
+    """An event that a signal's handler sets, which the next signal may interrupt in the middle of that.
+
+    A `threading.Event` would then wait for itself, for ever.
+    """
+
+    def __init__(self) -> None:
+        self._set = False
+
+    def set(self) -> None:
+        self._set = True
+
+    def is_set(self) -> bool:
+        return self._set
+
+
 class Supervisor:
     """Runs the robots until it is told to stop: a process for each, and one service for all."""
 
     def __init__(self, settings: Settings, config: Path | None) -> None:
         self._settings = settings
         self._config = ["--config", str(config.resolve())] if config else []
-        self._stopping = threading.Event()
+        self._stopping = _Flag()
         self._wake_read, self._wake_write = socket.socketpair()
         self._wake_write.setblocking(False)
 
@@ -217,7 +233,7 @@ class Supervisor:
         signal.signal(signal.SIGCHLD, lambda number, frame: None)  # only to wake the loop
 
     def _sleep(self, seconds: float) -> None:
-        with selectors.DefaultSelector() as selector:
+        with selectors.PollSelector() as selector:  # it needs no descriptor, of which there may be none
             selector.register(self._wake_read, selectors.EVENT_READ)
             if selector.select(seconds):
                 self._wake_read.recv(4096)
@@ -271,7 +287,17 @@ class Supervisor:
             )
             child.backoff_s = min(2.0 * child.backoff_s, MAX_BACKOFF_S)
         elif now_s >= child.restart_at_s:
-            child.start()
+            try:
+                child.start()
+            except OSError as exc:
+                log.error(
+                    "%s cannot be started: %s; next attempt in %.1f s",
+                    child.name,
+                    exc.strerror,
+                    child.backoff_s,
+                )
+                child.restart_at_s = now_s + child.backoff_s
+                child.backoff_s = min(2.0 * child.backoff_s, MAX_BACKOFF_S)
 
     def _announce(self, url: str, memories: dict[str, RobotMemory], log_file: Path) -> None:
         log.info("cobot %s (pid %d)", version("cobot"), os.getpid())

@@ -54,14 +54,23 @@ def test_what_the_system_refuses_is_said_with_what_to_do(
     require_refusal(service, answer, EXHAUSTED[number])
 
 
-def test_a_service_without_memory_says_so(service: VirtualService, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (MemoryError(), "no memory left"),
+        (RuntimeError("can't start new thread"), "no further process or thread"),
+    ],
+)
+def test_a_service_without_memory_says_so(
+    service: VirtualService, error: Exception, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def refuse(*_: object) -> None:
-        raise MemoryError
+        raise error
 
     with monkeypatch.context() as patch:
         patch.setattr(HealthService, "health", refuse)
         answer = service.get("/health")
-    require_refusal(service, answer, "no memory left")
+    require_refusal(service, answer, words)
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS])

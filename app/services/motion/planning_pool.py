@@ -15,12 +15,11 @@ import socket
 import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from app.services.motion.planning_worker import LENGTH, Task, message
 from cobot.errors import UnavailableError
-from cobot.launch.process import RUN_MODULE
+from cobot.launch.process import RUN_MODULE, is_stopped
 
 WORKER = "app.services.motion.planning_worker"
 LOOK_S = 0.5
@@ -60,7 +59,7 @@ class _Worker:
 
     def stands_still(self) -> bool:
         """Whether somebody has stopped it, and had at the last look already."""
-        before, self.paused = self.paused, _is_stopped(self.process.pid)
+        before, self.paused = self.paused, is_stopped(self.process.pid)
         return before and self.paused
 
 
@@ -144,7 +143,7 @@ class PlanningPool:
                 if self.problem and not self.usable:
                     raise UnavailableError(self.problem) from None
                 continue
-            if worker.usable and not _is_stopped(worker.process.pid):
+            if worker.usable and not is_stopped(worker.process.pid):
                 return worker
             worker.end()
 
@@ -244,15 +243,6 @@ def _outcome(packed: bytes) -> tuple[bool, Any]:
 
 def _ending(status: int) -> str:
     return f"was ended by {signal.Signals(-status).name}" if status < 0 else f"ended with status {status}"
-
-
-def _is_stopped(pid: int) -> bool:
-    """Whether SIGSTOP keeps this process from running; not, if that cannot be known."""
-    try:
-        stat = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
-    except OSError:
-        return False
-    return stat.rpartition(")")[2].split()[0] == "T"
 
 
 async def _message(reader: asyncio.StreamReader) -> bytes:

@@ -19,7 +19,7 @@ from pathlib import Path
 from socket import socket
 from typing import Any, BinaryIO
 
-from cobot.launch.process import Niceness, be, die_with_parent
+from cobot.launch.process import Niceness, be, die_with_parent, in_words
 
 LENGTH = struct.Struct("=Q")
 Task = Callable[[Any], Any]
@@ -90,4 +90,4 @@ if __name__ == "__main__":
     die_with_parent(signal.SIGKILL)
     be(Niceness.BACKGROUND)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    sys.exit(main())
+    sys.exit(in_words(main))

@@ -144,15 +144,22 @@ class RobotLink:
 
     def streamer(self) -> str | None:
         """Who streams to the arm, for people: the process that has opened the session."""
+        process = self.streaming_process()
+        if process is None:
+            return None
+        return f"a streaming client (process {process})" if process else "a streaming client"
+
+    def streaming_process(self) -> int | None:
+        """The process that has opened the session; 0 if that cannot be read, None if there is no session."""
         try:
             state = self.state()
             if state.session == 0 or state.age_s > self._stale_after_s:
                 return None
-            return f"a streaming client (process {self.memory.session.read()['pid']})"
+            return int(self.memory.session.read()["pid"])
         except UnavailableError:
             return None
         except TornReadError:
-            return "a streaming client"
+            return 0
 
     def statistics(self) -> np.ndarray:
         """A copy of rtloop's statistics block.

@@ -20,8 +20,9 @@ import psutil
 import pytest
 
 from app.services.motion.planning import PlanningService
-from app.services.motion.planning_pool import PlanningPool, _is_stopped
+from app.services.motion.planning_pool import PlanningPool
 from cobot.errors import InputError, PlanningError, PlanningTimeout, UnavailableError
+from cobot.launch.process import is_stopped
 from cobot.planners import MotionRequest, plan
 from cobot.robot.description import RobotDescription
 from cobot.types import PlannerName, Scaling
@@ -169,7 +170,7 @@ def test_a_worker_that_is_stopped_is_replaced(
             await until(lambda: planning.status.busy == 1)
         for worker in old:
             os.kill(worker.pid, signal.SIGSTOP)
-        await until(lambda: all(_is_stopped(worker.pid) for worker in old))
+        await until(lambda: all(is_stopped(worker.pid) for worker in old))
         if not busy:
             asked = asyncio.create_task(planning.compute(partial(_sleep, seconds=0.0), WAIT_S))
         assert await asked == "slept"
