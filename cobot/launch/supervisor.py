@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import logging
 import os
+import resource
 import selectors
 import signal
 import socket
@@ -38,6 +39,8 @@ STEADY_S = 10.0
 READY_TIMEOUT_S = 20.0
 STOP_TIMEOUT_S = 5.0
 LOG_BYTES = 10_000_000
+MIN_DESCRIPTORS = 64
+"""Fewer file descriptors leave a service that answers nobody."""
 
 log = logging.getLogger("cobot")
 
@@ -130,6 +133,7 @@ class Supervisor:
         Raises:
             CobotError: nothing could be started.
         """
+        _require_descriptors()
         log_file = self._open_log()
         listener = self._listen() if self._settings.web.enabled else None
         url = _url(listener) if listener is not None else ""
@@ -309,6 +313,15 @@ class Supervisor:
             log.info("  real time  %s", _permissions(memory))
         log.info("  logs       %s", log_file)
         log.info("  Ctrl-C stops: the arm first, then the service")
+
+
+def _require_descriptors() -> None:
+    limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if limit < MIN_DESCRIPTORS:
+        raise UnavailableError(
+            f"a process may have {limit} file descriptors here, cobot needs {MIN_DESCRIPTORS}: "
+            "raise the limit (ulimit -n)"
+        )
 
 
 def _mend(memories: dict[str, RobotMemory]) -> None:

@@ -1,6 +1,6 @@
-"""`cobot run` under the limits of a shell: it says what is missing, or works; it never hangs, and leaves nothing.
+"""`cobot run` under the limits of a shell: it says what is missing, or works; it never hangs.
 
-Each limit is one that the kernel keeps (setrlimit), as `ulimit` sets it.
+Each limit is one that the kernel keeps (setrlimit), as `ulimit` sets it. Nothing is left behind.
 """
 
 from __future__ import annotations
