@@ -182,20 +182,14 @@ class RobotMemory:
             ConflictError: another supervisor, or a process of its that still lives, uses it; with its pid.
             SharedMemoryError: no room in /dev/shm, or no permission.
         """
-        path = _path(robot)
+        path, size = _path(robot), _file_size(dof, capacity)
         try:
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            descriptor = _new_file(path, robot)
         except OSError as exc:
             raise SharedMemoryError(f"{path}: {exc.strerror}") from exc
         try:
-            _lock(descriptor, Role.SUPERVISOR, robot)
-            for role in (Role.RTLOOP, Role.SERVICE, Role.STREAM):
-                _refuse_if_locked(descriptor, role, robot)
-            size = _file_size(dof, capacity)
-            os.ftruncate(descriptor, 0)
-            os.posix_fallocate(
-                descriptor, 0, size
-            )  # a full /dev/shm fails here, not in the middle of a motion
+            # A full /dev/shm fails here, not in the middle of a motion.
+            os.posix_fallocate(descriptor, 0, size)
             header = np.zeros((), HEADER)
             header["magic"], header["layout"], header["dof"] = MAGIC, LAYOUT_VERSION, dof
             header["capacity"], header["ring"], header["period_s"] = capacity, RING, period_s
@@ -207,12 +201,8 @@ class RobotMemory:
         except OSError as exc:
             os.close(descriptor)
             path.unlink(missing_ok=True)
-            size = _file_size(dof, capacity)
             remedy = REMEDIES.get(exc.errno or 0, "")
             raise SharedMemoryError(f"{path}: cannot allocate {size} bytes: {exc.strerror}{remedy}") from exc
-        except ConflictError:
-            os.close(descriptor)
-            raise
 
     @classmethod
     def attach(cls, robot: str, role: Role) -> RobotMemory:
@@ -312,6 +302,51 @@ def _let_go(path: Path, descriptor: int) -> None:
     if not _users[path]:
         for each in _closed.pop(path):
             os.close(each)
+
+
+def _new_file(path: Path, robot: str) -> int:
+    """The descriptor of an empty file, locked for the supervisor.
+
+    What a killed run has left is removed and not used again: somebody may still have it mapped, and would get
+    SIGBUS from a file that is cut off.
+
+    Raises:
+        ConflictError: another supervisor, or a process of its that still lives, uses it; with its pid.
+        OSError: the system refuses.
+    """
+    while True:
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
+        except FileExistsError:
+            _remove_stale(path, robot)
+            continue
+        _lock(descriptor, Role.SUPERVISOR, robot)
+        if _is_at(path, descriptor):
+            return descriptor
+        os.close(descriptor)  # another supervisor took it for stale before it was locked
+
+
+def _remove_stale(path: Path, robot: str) -> None:
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
+    except FileNotFoundError:
+        return
+    try:
+        _lock(descriptor, Role.SUPERVISOR, robot)
+        for role in (Role.RTLOOP, Role.SERVICE, Role.STREAM):
+            _refuse_if_locked(descriptor, role, robot)
+        if _is_at(path, descriptor):
+            path.unlink()
+    finally:
+        os.close(descriptor)
+
+
+def _is_at(path: Path, descriptor: int) -> bool:
+    """Whether this file is the one of that name."""
+    try:
+        return os.path.samestat(path.stat(), os.fstat(descriptor))
+    except FileNotFoundError:
+        return False
 
 
 def _path(robot: str) -> Path:

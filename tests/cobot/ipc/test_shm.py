@@ -230,6 +230,49 @@ def test_the_error_of_a_full_dev_shm_says_what_to_do(robot: str, monkeypatch: py
         create(robot)
 
 
+def test_who_still_reads_what_a_killed_run_left_is_not_harmed_by_the_next(robot: str) -> None:
+    """A mapping of a file that is cut off is SIGBUS for who looks into it: here, for the test itself."""
+    left = create(robot)
+    left.head.data["id"] = 5
+    left.head.publish()
+    reader = RobotMemory.attach(robot, Role.READER)
+    create(robot)
+    assert reader.head.read()["id"] == 5
+    assert reader.slots[1].coefficients[-1].sum() == 0.0
+    assert RobotMemory.attach(robot, Role.READER).head.read()["id"] == 0
+
+
+def test_of_many_supervisors_that_take_over_what_a_killed_run_left_one_succeeds(robot: str) -> None:
+    create(robot).close()
+    others = [
+        subprocess.Popen(
+            [sys.executable, "-c", HOLDER, robot, "SUPERVISOR"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for _ in range(6)
+    ]
+    said = []
+    for other in others:
+        assert other.stdout is not None
+        said.append(other.stdout.readline())
+    outputs = [other.communicate()[1] for other in others]
+    assert sorted(said) == [""] * 5 + ["held\n"]
+    assert sum("is in use: pid" in output for output in outputs) == 5
+
+
+def test_a_link_in_the_place_of_the_file_is_refused_and_not_followed(robot: str) -> None:
+    path = Path(f"/dev/shm/cobot-{robot}")
+    path.symlink_to("/dev/shm/nothing")
+    try:
+        with pytest.raises(SharedMemoryError, match="Too many levels of symbolic links"):
+            create(robot)
+    finally:
+        path.unlink()
+
+
 def test_every_page_is_there_from_the_beginning(robot: str) -> None:
     """A page that had to be found when it is written first could not be, and its writer would get SIGBUS."""
     create(robot)
