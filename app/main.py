@@ -22,6 +22,7 @@ from app.api.routers import common, sequences, trajectory
 from app.api.routers import robot as robot_router
 from app.api.routers import robots as robots_router
 from app.api.routers import stream as stream_router
+from app.api.start_failure import StartFailure, saying_why
 from app.aubo import http as vendor_http
 from app.offers.robots_on_graph import serving
 from app.robot_services import Planner, SharedParts, serving_robot
@@ -75,7 +76,7 @@ def create_app(
             sync=SyncService(),
             several=len(robots) > 1,
         )
-        async with contextlib.AsyncExitStack() as stack:
+        async with saying_why(app), contextlib.AsyncExitStack() as stack:
             app.state.robots = {
                 name: await stack.enter_async_context(serving_robot(each, robots[name], shared))
                 for name, each in settings.each.items()
@@ -106,6 +107,7 @@ def create_app(
     app.add_middleware(
         BodyLimit, limit_bytes=settings.web.max_body_bytes, json_limit_bytes=settings.web.max_json_bytes
     )
+    app.add_middleware(StartFailure)
     errors.install(app)
     limits = {name: robot.limits for name, robot in robots.items()}
     app.openapi = with_limits(app.openapi, limits)  # type: ignore[method-assign]

@@ -139,7 +139,6 @@ class RobotMemory:
         self.role = role
         self._descriptor = descriptor
         self._roles: set[Role] = set() if role is Role.READER else {role}
-        _users[path] += 1
         header = np.frombuffer(raw, HEADER)[0]
         self._header_page = raw.ljust(_PAGE, b"\0")
         self.dof = int(header["dof"])
@@ -149,6 +148,7 @@ class RobotMemory:
         self.url = text(header["url"])
         capacity = int(header["capacity"])
         self._map = mmap.mmap(descriptor, _file_size(self.dof, capacity))
+        _users[path] += 1
         self._offset = _PAGE
         self.state = self._block(state_dtype(self.dof), "state")
         self.statistics = self._block(STATISTICS, "statistics")
@@ -225,6 +225,10 @@ class RobotMemory:
             if role is not Role.READER:
                 _lock(descriptor, role, robot)
             return cls(path, descriptor, role, raw)
+        except OSError as exc:
+            os.close(descriptor)
+            remedy = REMEDIES.get(exc.errno or 0, "")
+            raise SharedMemoryError(f"{path}: cannot be mapped: {exc.strerror}{remedy}") from exc
         except (LayoutError, ConflictError):
             _let_go(path, descriptor)
             raise

@@ -1,13 +1,11 @@
 """`cobot run` under the limits of a shell: it says what is missing, or works; it never hangs.
 
-Each limit is one that the kernel keeps (setrlimit), as `ulimit` sets it. Nothing is left behind.
+Nothing is left behind.
 """
 
 from __future__ import annotations
 
-import resource
 import signal
-import subprocess
 from pathlib import Path
 
 import httpx
@@ -18,24 +16,19 @@ HOME = {"name": "home"}
 
 
 class LimitedRun(Run):
-    """Under a limit from its beginning."""
+    """Started by a shell that has set a limit."""
 
-    def __init__(self, folder: Path, limit: int, value: int) -> None:
-        self._limit, self._value = limit, value
+    def __init__(self, folder: Path, limit: str) -> None:
+        self._limit = limit
         super().__init__(folder)
 
-    def start(self) -> subprocess.Popen[str]:
-        soft, hard = resource.getrlimit(self._limit)
-        resource.setrlimit(self._limit, (self._value, hard))  # what is started inherits it
-        try:
-            return super().start()
-        finally:
-            resource.setrlimit(self._limit, (soft, hard))
+    def command(self) -> list[str]:
+        return ["sh", "-c", f'ulimit {self._limit}; exec "$@"', "sh", *super().command()]
 
 
 def test_sixty_four_descriptors_are_enough(tmp_path: Path) -> None:
     """And it is said, and answered, when clients have taken them all."""
-    run = LimitedRun(tmp_path, resource.RLIMIT_NOFILE, 64)
+    run = LimitedRun(tmp_path, "-n 64")
     try:
         run.until(run.healthy)
         assert httpx.post(f"{run.url}/robot/move/named", json=HOME, timeout=WAIT_S).json()["success"]
@@ -48,19 +41,31 @@ def test_sixty_four_descriptors_are_enough(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("limit", "value", "words"),
+    ("limit", "words"),
     [
-        (resource.RLIMIT_NOFILE, 8, "raise the limit (ulimit -n)"),
-        (resource.RLIMIT_AS, 300_000 * 1024, "raise the limit of memory (ulimit -v)"),
-        (resource.RLIMIT_FSIZE, 2**20, "raise the limit of the size of files (ulimit -f)"),
+        ("-n 20", "raise the limit (ulimit -n)"),
+        ("-v 300000", "raise the limit of memory (ulimit -v)"),
+        ("-f 1024", "raise the limit of the size of files (ulimit -f)"),
     ],
-    ids=["descriptors", "memory", "file size"],
 )
 def test_a_limit_that_is_too_low_is_a_sentence_with_what_to_do(
-    tmp_path: Path, limit: int, value: int, words: str
+    tmp_path: Path, limit: str, words: str
 ) -> None:
-    run = LimitedRun(tmp_path, limit, value)
-    assert run.process.wait(WAIT_S) != 0
+    run = LimitedRun(tmp_path, limit)
+    assert run.process.wait(WAIT_S) == 1
     run.until(lambda: words in run.output)
     assert "Traceback" not in run.output
+    assert not run.memory.exists()
+
+
+def test_a_service_without_memory_says_so_and_the_robot_goes_on(tmp_path: Path) -> None:
+    """Enough for rtloop, not for the service, which is tried again and again."""
+    run = LimitedRun(tmp_path, "-v 440000")
+    try:
+        run.until(lambda: "restart in" in run.output)
+        assert "no memory left" in run.output
+        assert "Traceback" not in run.output
+        assert run.child("rtloop") is not None
+    finally:
+        run.end()
     assert not run.memory.exists()

@@ -24,6 +24,8 @@ from cobot.launch.process import RUN_MODULE, is_stopped
 WORKER = "app.services.motion.planning_worker"
 LOOK_S = 0.5
 """How often it is looked whether a worker that is waited for is stopped."""
+START_S = 60.0
+"""A worker that is not ready after so long will never be."""
 BACKOFF_S = (0.2, 5.0)
 """The first pause before a worker is started again and the longest one, s, while starts fail."""
 
@@ -153,6 +155,8 @@ class PlanningPool:
             await asyncio.wait({worker.answer}, timeout=LOOK_S)
             if worker.answer.done():
                 return worker.answer.result()
+            if not worker.usable:
+                raise WorkerLost(f"(pid {worker.process.pid}) has ended")
             if worker.stands_still():
                 raise WorkerLost(f"(pid {worker.process.pid}) is stopped")
 
@@ -162,9 +166,9 @@ class PlanningPool:
         while True:
             try:
                 was_usable = await self._live()
-            except OSError as exc:
+            except (OSError, RuntimeError) as exc:  # RuntimeError: no thread can be started
                 was_usable = False
-                self._fail(f"cannot be started: {exc.strerror}")
+                self._fail(f"cannot be started: {getattr(exc, 'strerror', None) or exc}")
             pause_s = BACKOFF_S[0] if was_usable else min(2.0 * pause_s, longest_s)
             if not was_usable:
                 await asyncio.sleep(pause_s)
@@ -179,7 +183,8 @@ class PlanningPool:
         self._workers.add(worker)
         began = False
         try:
-            await _message(reader)
+            async with asyncio.timeout(START_S):
+                await _message(reader)
             began = worker.usable = True
             self.problem = ""
             self._idle.put_nowait(worker)
@@ -188,7 +193,7 @@ class PlanningPool:
                 outcome = await asyncio.to_thread(_outcome, packed)
                 if worker.answer is not None and not worker.answer.done():
                     worker.answer.set_result(outcome)
-        except (asyncio.IncompleteReadError, OSError):  # its end, or that of what it was about to say
+        except (asyncio.IncompleteReadError, OSError):  # its end, or it does not begin
             worker.end()
             while worker.process.poll() is None:
                 await asyncio.sleep(0.01)
@@ -212,7 +217,12 @@ class PlanningPool:
             except OSError:
                 ours.close()
                 raise
-        reader, writer = await asyncio.open_unix_connection(sock=ours, limit=2**20)
+        try:
+            reader, writer = await asyncio.open_unix_connection(sock=ours, limit=2**20)
+        except BaseException:
+            process.kill()
+            process.wait()
+            raise
         return _Worker(process, writer), reader
 
     def _note_end(self, worker: _Worker, began: bool) -> None:
