@@ -27,7 +27,7 @@ from types import FrameType
 
 from cobot.addresses import address
 from cobot.config import Settings
-from cobot.errors import ConfigError, TornReadError, UnavailableError
+from cobot.errors import ConfigError, TornReadError, UnavailableError, exhausted
 from cobot.ipc.shm import RobotMemory, text
 from cobot.launch.process import RUN_MODULE
 from cobot.robot.description import load_robot
@@ -68,8 +68,14 @@ class Child:
             start_new_session=True,  # Ctrl-C reaches the supervisor alone, which stops the arm first
         )
         self.started_s = time.monotonic()
-        self.reader = threading.Thread(target=self._forward, args=(self.process,), daemon=True)
-        self.reader.start()
+        reader = threading.Thread(target=self._forward, args=(self.process,), daemon=True)
+        try:
+            reader.start()
+        except RuntimeError:  # no memory is left for a thread
+            self.process.kill()
+            self.process.wait()
+            raise
+        self.reader = reader
 
     def ask_to_end(self) -> None:
         if self.process is not None:
@@ -293,11 +299,11 @@ class Supervisor:
         elif now_s >= child.restart_at_s:
             try:
                 child.start()
-            except OSError as exc:
+            except (OSError, RuntimeError) as exc:  # RuntimeError: of a thread that cannot be started
                 log.error(
                     "%s cannot be started: %s; next attempt in %.1f s",
                     child.name,
-                    exc.strerror,
+                    exhausted(exc) or exc,
                     child.backoff_s,
                 )
                 child.restart_at_s = now_s + child.backoff_s

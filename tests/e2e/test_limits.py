@@ -56,16 +56,3 @@ def test_a_limit_that_is_too_low_is_a_sentence_with_what_to_do(
     run.until(lambda: words in run.output)
     assert "Traceback" not in run.output
     assert not run.memory.exists()
-
-
-def test_a_service_without_memory_says_so_and_the_robot_goes_on(tmp_path: Path) -> None:
-    """Enough for rtloop, not for the service, which is tried again and again."""
-    run = LimitedRun(tmp_path, "-v 440000")
-    try:
-        run.until(lambda: "restart in" in run.output)
-        assert "no memory left" in run.output
-        assert "Traceback" not in run.output
-        assert run.child("rtloop") is not None
-    finally:
-        run.end()
-    assert not run.memory.exists()

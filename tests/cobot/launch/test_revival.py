@@ -49,4 +49,4 @@ def test_a_start_that_fails_is_tried_again_with_growing_pauses(
     assert len(pauses_s) >= 8
     assert pauses_s == sorted(pauses_s)
     assert pauses_s[-1] <= MAX_BACKOFF_S + 0.11
-    assert "rtloop cannot be started: Too many open files; next attempt in" in caplog.text
+    assert "rtloop cannot be started: no file descriptor is left" in caplog.text
