@@ -87,6 +87,8 @@ def create_app(
             app.state.graph = await stack.enter_async_context(serving(app.state.robots, tcps, clock))
             gc.collect()
             gc.freeze()
+            for each in app.state.robots.values():
+                each.link.watch_for_pauses()
             yield
             stops = [each.stopping.stop(timeout_s=3.0) for each in app.state.robots.values()]
             await asyncio.gather(*stops)

@@ -90,11 +90,16 @@ class RobotLink:
         block = self.memory.heartbeat
         block.data["pid"] = os.getpid()
         while True:
-            self._note_pause()
-            self._beaten_s = self.clock.now_s()
+            if self._beaten_s is not None:
+                self._note_pause()
+                self._beaten_s = self.clock.now_s()
             block.data["monotonic_ns"] = self.clock.now_ns()
             block.publish()
             await asyncio.sleep(HEARTBEAT_S)
+
+    def watch_for_pauses(self) -> None:
+        """The service has started, which may take long and is no pause; from now on `require_awake` tells."""
+        self._beaten_s = self.clock.now_s()
 
     def _note_pause(self) -> None:
         """See whether this process has just gone on after a pause."""
