@@ -5,12 +5,17 @@ from __future__ import annotations
 import signal
 import sys
 
-from cobot.launch.process import Niceness, be, die_with_parent
+from cobot.launch.process import Niceness, be, die_with_parent, in_words
+
+
+def start() -> int:
+    from app.server import main  # takes some seconds, in which the supervisor might die unnoticed
+
+    return main()
+
 
 if __name__ == "__main__":
     die_with_parent(signal.SIGTERM)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)  # until the service can read its configuration again
     be(Niceness.PROMPT)
-    from app.server import main  # takes some seconds, in which the supervisor might die unnoticed
-
-    sys.exit(main())
+    sys.exit(in_words(start))

@@ -31,6 +31,7 @@ from app.api.routers import common, control, operations, sequences, trajectory
 from app.api.routers import robot as robot_router
 from app.api.routers import robots as robots_router
 from app.api.routers import stream as stream_router
+from app.api.start_failure import StartFailure, saying_why
 from app.api.timing import RequestTimes, Timing
 from app.aubo import http as vendor_http
 from app.offers.robots_on_graph import serving
@@ -98,7 +99,7 @@ def create_app(
             several=len(robots) > 1,
             tokens=tokens,
         )
-        async with contextlib.AsyncExitStack() as stack:
+        async with saying_why(app), contextlib.AsyncExitStack() as stack:
             app.state.audit = Audit(settings.audit_file, clock)
             stack.callback(app.state.audit.close)
             app.state.robots = {
@@ -113,6 +114,8 @@ def create_app(
             app.state.graph = await stack.enter_async_context(serving(app.state.robots, tcps, clock))
             gc.collect()
             gc.freeze()
+            for each in app.state.robots.values():
+                each.link.watch_for_pauses()
             yield
             stops = [each.stopping.stop(timeout_s=3.0) for each in app.state.robots.values()]
             await asyncio.gather(*stops)
@@ -139,6 +142,7 @@ def create_app(
     app.add_middleware(BodyLimit, all_bytes=settings.web.limits.bodies_bytes)
     hosts = [host, urlsplit(base_url).hostname or host, *settings.web.allowed_hosts]
     origins = Origins(hosts, settings.web.allowed_origins, host)
+    app.add_middleware(StartFailure)
     app.add_middleware(Access, tokens=tokens, origins=origins, required=required)
     app.add_middleware(Timing, times=app.state.requests)
     app.add_middleware(RequestTrail)  # The last one is the outermost: what is refused leaves a trail too.

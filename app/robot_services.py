@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
@@ -26,6 +25,7 @@ from app.services.state.health import HealthService
 from app.services.state.interventions import reporting
 from app.services.state.link import RobotLink, loading_s
 from app.services.streaming.force import ForceService
+from app.services.streaming.hung_clients import watching_clients
 from app.services.streaming.servo import ServoService
 from app.services.streaming.sessions import StreamService
 from cobot.access.authentication import Authenticator
@@ -94,15 +94,15 @@ async def serving_robot(
     label = f"{robot.name}: " if shared.several else ""
     link = RobotLink(robot.name, settings.web.stale_after_s, label, shared.clock)
     planning = shared.planner(shared.config, settings.planning.workers, robot.name)
-    warming = asyncio.create_task(planning.warm_up())
-    async with link.heartbeat(), reporting(link):
+    planning.warm_up()
+    timeout_s = settings.streaming.client_timeout_s
+    async with link.heartbeat(), reporting(link), watching_clients(link, timeout_s):
         services = _services(settings, robot, shared, link, planning)
         yield services
         services.servo.close()
         services.force.close()
         services.equipment.close()
         services.streams.close()
-    warming.cancel()
     planning.close()
     link.close()
 

@@ -193,6 +193,7 @@ class StreamingSection(Section):
     angular_acceleration: Rate
     angular_jerk: Rate
     command_timeout_s: Annotated[float, Field(ge=0.01, le=5.0)]
+    client_timeout_s: Annotated[float, Field(ge=1.0, le=3600.0)]
     collision_margin_m: Annotated[float, Field(ge=0.0, le=0.2)]
     slow_down_m: Annotated[float, Field(ge=0.01, le=1.0)]
     yield_rad: Annotated[float, Field(ge=0.01, le=1.5)]

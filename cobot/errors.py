@@ -32,6 +32,7 @@ CobotError
 
 from __future__ import annotations
 
+import errno
 from typing import ClassVar
 
 
@@ -139,3 +140,32 @@ class LayoutError(SharedMemoryError):
 
 class TornReadError(SharedMemoryError):
     code = "torn_read"
+
+
+EXHAUSTED = {
+    errno.ENOSPC: "a disk is full: make room, see df",
+    errno.EDQUOT: "a disk quota is used up: make room",
+    errno.EROFS: "a file system can only be read: mount it for writing",
+    errno.EMFILE: "no file descriptor is left: close connections, or raise the limit (ulimit -n)",
+    errno.ENFILE: "the computer has no file descriptor left",
+    errno.ENOMEM: "the service has no memory left: raise its limit (ulimit -v), or free some",
+    errno.EAGAIN: "no further process or thread can be started: raise the limits (ulimit -u, ulimit -v)",
+}
+"""What an operating system may refuse at any time, and what to do about it."""
+
+
+_IN_WORDS = {
+    "Cannot allocate memory": errno.ENOMEM,
+    "failed to map segment": errno.ENOMEM,
+    "Too many open files": errno.EMFILE,
+    "can't start new thread": errno.EAGAIN,
+}
+"""What Python and the loader of libraries say without a number."""
+
+
+def exhausted(error: BaseException | None) -> UnavailableError | None:
+    """What an error means for people if something of this computer is used up; None if it is another one."""
+    number = errno.ENOMEM if isinstance(error, MemoryError) else getattr(error, "errno", None)
+    if isinstance(error, ImportError | RuntimeError):
+        number = next((number for words, number in _IN_WORDS.items() if words in str(error)), None)
+    return UnavailableError(EXHAUSTED[number]) if number in EXHAUSTED else None

@@ -5,11 +5,16 @@ from __future__ import annotations
 import signal
 import sys
 
-from cobot.launch.process import Niceness, be, die_with_parent
+from cobot.launch.process import Niceness, be, die_with_parent, in_words
+
+
+def start() -> int:
+    from ros2.process import main  # takes a second, in which the supervisor might die unnoticed
+
+    return main()
+
 
 if __name__ == "__main__":
     die_with_parent(signal.SIGTERM)
     be(Niceness.PROMPT)
-    from ros2.process import main  # takes a second, in which the supervisor might die unnoticed
-
-    sys.exit(main())
+    sys.exit(in_words(start))

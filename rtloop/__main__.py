@@ -5,10 +5,15 @@ from __future__ import annotations
 import signal
 import sys
 
-from cobot.launch.process import die_with_parent
+from cobot.launch.process import die_with_parent, in_words
+
+
+def start() -> int:
+    from rtloop.main import main  # takes a second, in which the supervisor might die unnoticed
+
+    return main()
+
 
 if __name__ == "__main__":
     die_with_parent(signal.SIGTERM)
-    from rtloop.main import main  # takes a second, in which the supervisor might die unnoticed
-
-    sys.exit(main())
+    sys.exit(in_words(start))

@@ -24,7 +24,7 @@ from running import WAIT_S, unique_name
 from virtual_time import VirtualClock, VirtualLoop
 
 from app.main import create_app
-from app.services.motion.planning import PlanningService
+from app.services.motion.planning import PlanningService, PlanningStatus
 from cobot.client.rest import Client
 from cobot.config import Settings, load_settings
 from cobot.ipc.shm import RobotMemory
@@ -46,7 +46,11 @@ class PlanningHere(PlanningService):
     def __init__(self, robot: RobotDescription) -> None:
         self._robot = robot
 
-    async def warm_up(self) -> None: ...
+    def warm_up(self) -> None: ...
+
+    @property
+    def status(self) -> PlanningStatus:
+        return PlanningStatus("ready", workers=1, usable=1, busy=0, replaced=0, problem="")
 
     async def compute(self, work: Callable[[RobotDescription], Result], timeout_s: float) -> Result:
         return work(self._robot)

@@ -15,7 +15,7 @@ from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
 
 from cobot import audit, errors
-from cobot.errors import CobotError
+from cobot.errors import CobotError, exhausted
 from cobot.logs import log_context
 from cobot.strict import sentence, shown
 
@@ -79,6 +79,9 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(CobotError, _cobot_error)
     app.add_exception_handler(RequestValidationError, _invalid_request)
     app.add_exception_handler(HTTPException, _http_exception)
+    app.add_exception_handler(OSError, _refused_by_system)
+    app.add_exception_handler(MemoryError, _refused_by_system)
+    app.add_exception_handler(RuntimeError, _refused_by_system)  # of a thread that cannot be started
     app.add_exception_handler(Exception, _unexpected)
 
 
@@ -98,6 +101,18 @@ async def _cobot_error(request: Request, exc: Exception) -> JSONResponse:
     return answer_to(exc)
 
 
+async def _refused_by_system(request: Request, exc: Exception) -> JSONResponse:
+    error = exhausted(exc)
+    if error is None:
+        raise exc
+    return await _exhausted(request, error)
+
+
+async def _exhausted(request: Request, error: CobotError) -> JSONResponse:
+    log.error("%s %s: %s", request.method, request.url.path, error)
+    return await _cobot_error(request, error)
+
+
 async def _invalid_request(request: Request, exc: Exception) -> JSONResponse:
     assert isinstance(exc, RequestValidationError)
     found = dict.fromkeys(_sentence(error) for error in exc.errors())
@@ -108,6 +123,8 @@ async def _http_exception(request: Request, exc: Exception) -> JSONResponse:
     assert isinstance(exc, HTTPException)
     if isinstance(exc.__cause__, CobotError):
         return await _cobot_error(request, exc.__cause__)
+    if error := exhausted(exc.__cause__):  # of the disk on which an upload waits to be read
+        return await _exhausted(request, error)
     path = request.url.path
     match exc.status_code:
         case 400:  # FastAPI: a body that could not even be taken apart

@@ -410,6 +410,9 @@ class RobotHealth(BaseModel):
     robot: dict[str, Any] = Field(description="The arm: mode, motion, whether it is settled.")
     rtloop: dict[str, Any] = Field(description="The real-time process: pid, permissions, overruns.")
     service: dict[str, Any] = Field(description="This service: pid, time since its start, who moves the arm.")
+    planning: dict[str, Any] = Field(
+        description="The planning processes: state, how many are usable and busy, how many were replaced."
+    )
     sequence: dict[str, Any] = Field(description="The newest sequence, as in /sequences/status.")
     session: dict[str, Any] | None = Field(description="The streaming session: number, client, mode.")
 

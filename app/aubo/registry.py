@@ -33,7 +33,7 @@ from app.aubo.fields import LARGEST, REQUIRED, ROS_TYPES, Field, Int64, Json, ar
 from app.aubo.roles import role_of
 from cobot import audit
 from cobot.access.roles import Role
-from cobot.errors import CobotError, InputError
+from cobot.errors import CobotError, InputError, exhausted
 from cobot.strict import shown, unknown_key
 
 if TYPE_CHECKING:
@@ -179,6 +179,9 @@ async def _run(robot: Services, found: Service, bound: dict[str, Any], origin: O
     except CobotError as exc:
         return failed(found, code_of(exc), str(exc))
     except Exception as exc:  # no traceback reaches a client
+        if error := exhausted(exc):
+            log.error("%s: %s", where, error)
+            return failed(found, code_of(error), str(error))
         log.error("%s failed", where, exc_info=exc)
         return failed(found, Code.ERROR, "an error in cobot itself; its log has the details")
 

@@ -176,6 +176,7 @@ HEADER = np.dtype(
         ("created_ns", "i8"),
         ("robot", "S64"),
         ("url", "S128"),
+        ("checksum", "u8"),  # the last one: of all that stands before it
     ]
 )
 STATISTICS = np.dtype(

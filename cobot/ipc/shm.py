@@ -2,7 +2,7 @@
 
 A file in /dev/shm, made by the supervisor, mapped by rtloop and by the service:
 
-    header      constant: magic, layout version, dof, period, names
+    header      constant: magic, layout version, dof, period, names; the supervisor mends it when it is spoilt
     state       rtloop writes, every cycle
     statistics  rtloop writes, some times a second
     acks        rtloop writes, one entry per command
@@ -24,6 +24,7 @@ file make sure of it: they vanish with their process, however it ends, and name 
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import mmap
 import os
@@ -63,11 +64,19 @@ from cobot.ipc.layout import (
     setpoint_dtype,
     state_dtype,
 )
-from cobot.ipc.seqlock import Block, SharedCounter
+from cobot.ipc.seqlock import Block, SharedCounter, checksum
 from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array
 
 FOLDER = Path("/dev/shm")
+MAX_DOF = 16
+REMEDIES = {
+    errno.ENOSPC: "; make room there, enlarge it (docker run --shm-size), or lower rt.trajectory_capacity",
+    errno.ENOMEM: "; raise the limit of memory (ulimit -v), or lower rt.trajectory_capacity",
+    errno.EFBIG: "; raise the limit of the size of files (ulimit -f), or lower rt.trajectory_capacity",
+}
+MEND_S = 1.0
+"""A supervisor that lives has mended a spoilt header in this time, s."""
 _users: Counter[Path] = Counter()
 _closed: defaultdict[Path, list[int]] = defaultdict(list)
 """How many memories of each file this process has open, and the descriptors of those that it has closed."""
@@ -125,13 +134,14 @@ class Slot:
 class RobotMemory:
     """The mapped file. Make it with `create` or `attach`, leave it with `close`."""
 
-    def __init__(self, path: Path, descriptor: int, role: Role) -> None:
+    def __init__(self, path: Path, descriptor: int, role: Role, raw: bytes) -> None:
+        """raw: the header, which the caller has checked."""
         self.path = path
         self.role = role
         self._descriptor = descriptor
         self._roles: set[Role] = set() if role is Role.READER else {role}
-        _users[path] += 1
-        header = np.frombuffer(os.pread(descriptor, HEADER.itemsize, 0), HEADER)[0]
+        header = np.frombuffer(raw, HEADER)[0]
+        self._header_page = raw.ljust(_PAGE, b"\0")
         self.dof = int(header["dof"])
         self.period_s = float(header["period_s"])
         self.created_ns = int(header["created_ns"])
@@ -139,6 +149,7 @@ class RobotMemory:
         self.url = text(header["url"])
         capacity = int(header["capacity"])
         self._map = mmap.mmap(descriptor, _file_size(self.dof, capacity))
+        _users[path] += 1
         self._offset = _PAGE
         self.state = self._block(state_dtype(self.dof), "state")
         self.statistics = self._block(STATISTICS, "statistics")
@@ -173,37 +184,30 @@ class RobotMemory:
             ConflictError: another supervisor, or a process of its that still lives, uses it; with its pid.
             SharedMemoryError: no room in /dev/shm, or no permission.
         """
-        path = _path(robot)
+        path, size = _path(robot), _file_size(dof, capacity)
         try:
-            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+            descriptor = _new_file(path, robot)
         except OSError as exc:
             raise SharedMemoryError(
                 f"{path}: {exc.strerror}; if it is another user's, stop their cobot and remove it, or set "
                 "another robot.name"
             ) from exc
         try:
-            _lock(descriptor, Role.SUPERVISOR, robot)
-            for role in (Role.RTLOOP, Role.SERVICE, Role.STREAM):
-                _refuse_if_locked(descriptor, role, robot)
-            size = _file_size(dof, capacity)
-            os.ftruncate(descriptor, 0)
-            os.posix_fallocate(
-                descriptor, 0, size
-            )  # a full /dev/shm fails here, not in the middle of a motion
+            # A full /dev/shm fails here, not in the middle of a motion.
+            os.posix_fallocate(descriptor, 0, size)
             header = np.zeros((), HEADER)
             header["magic"], header["layout"], header["dof"] = MAGIC, LAYOUT_VERSION, dof
             header["capacity"], header["ring"], header["period_s"] = capacity, RING, period_s
             header["created_ns"], header["robot"] = time.time_ns(), robot.encode()
             header["url"] = url.encode()
+            header["checksum"] = _header_checksum(header.tobytes())
             os.pwrite(descriptor, header.tobytes(), 0)
-            return cls(path, descriptor, Role.SUPERVISOR)
+            return cls(path, descriptor, Role.SUPERVISOR, header.tobytes())
         except OSError as exc:
             os.close(descriptor)
             path.unlink(missing_ok=True)
-            raise SharedMemoryError(
-                f"{path}: cannot allocate {_file_size(dof, capacity)} bytes: {exc.strerror}; make {FOLDER} "
-                "larger, or set a smaller rt.trajectory_capacity"
-            ) from exc
+            remedy = REMEDIES.get(exc.errno or 0, "")
+            raise SharedMemoryError(f"{path}: cannot allocate {size} bytes: {exc.strerror}{remedy}") from exc
         except ConflictError as exc:
             os.close(descriptor)
             raise ConflictError(f"{exc}; end it, or set another robot.name") from exc
@@ -225,13 +229,27 @@ class RobotMemory:
         except OSError as exc:
             raise SharedMemoryError(f"{path}: {exc.strerror}") from exc
         try:
-            _require_layout(path, descriptor)
+            raw = _checked_header(path, descriptor)
             if role is not Role.READER:
                 _lock(descriptor, role, robot)
-            return cls(path, descriptor, role)
+            return cls(path, descriptor, role, raw)
+        except OSError as exc:
+            os.close(descriptor)
+            remedy = REMEDIES.get(exc.errno or 0, "")
+            raise SharedMemoryError(f"{path}: cannot be mapped: {exc.strerror}{remedy}") from exc
         except (LayoutError, ConflictError):
             _let_go(path, descriptor)
             raise
+
+    def mend_header(self) -> bool:
+        """Write the header anew if it is not what this process has found; whether it was not.
+
+        Only for who has made it: who maps the memory next would be refused otherwise.
+        """
+        if self._map[:_PAGE] == self._header_page:
+            return False
+        self._map[:_PAGE] = self._header_page
+        return True
 
     def take(self, role: Role) -> None:
         """Be the one writer of a further role's blocks; `release` or the process's end gives it back.
@@ -337,6 +355,51 @@ def _let_go(path: Path, descriptor: int) -> None:
             os.close(each)
 
 
+def _new_file(path: Path, robot: str) -> int:
+    """The descriptor of an empty file, locked for the supervisor.
+
+    What a killed run has left is removed and not used again: somebody may still have it mapped, and would get
+    SIGBUS from a file that is cut off.
+
+    Raises:
+        ConflictError: another supervisor, or a process of its that still lives, uses it; with its pid.
+        OSError: the system refuses.
+    """
+    while True:
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
+        except FileExistsError:
+            _remove_stale(path, robot)
+            continue
+        _lock(descriptor, Role.SUPERVISOR, robot)
+        if _is_at(path, descriptor):
+            return descriptor
+        os.close(descriptor)  # another supervisor took it for stale before it was locked
+
+
+def _remove_stale(path: Path, robot: str) -> None:
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
+    except FileNotFoundError:
+        return
+    try:
+        _lock(descriptor, Role.SUPERVISOR, robot)
+        for role in (Role.RTLOOP, Role.SERVICE, Role.STREAM):
+            _refuse_if_locked(descriptor, role, robot)
+        if _is_at(path, descriptor):
+            path.unlink()
+    finally:
+        os.close(descriptor)
+
+
+def _is_at(path: Path, descriptor: int) -> bool:
+    """Whether this file is the one of that name."""
+    try:
+        return os.path.samestat(path.stat(), os.fstat(descriptor))
+    except FileNotFoundError:
+        return False
+
+
 def _path(robot: str) -> Path:
     return FOLDER / f"cobot-{robot}"
 
@@ -353,8 +416,25 @@ def _file_size(dof: int, capacity: int) -> int:
     return 8 * _PAGE + _aligned(blocks) + SLOTS * _aligned(slot)
 
 
-def _require_layout(path: Path, descriptor: int) -> None:
-    raw = os.pread(descriptor, HEADER.itemsize, 0)
+def _checked_header(path: Path, descriptor: int) -> bytes:
+    """The header. A spoilt one is given the time in which its supervisor mends it, if there is one.
+
+    Raises:
+        LayoutError: made by another version of cobot, damaged, or no such file at all.
+    """
+    deadline_s = time.monotonic() + MEND_S
+    while True:
+        raw = os.pread(descriptor, HEADER.itemsize, 0)
+        try:
+            _require_layout(path, descriptor, raw)
+            return raw
+        except LayoutError:
+            if time.monotonic() > deadline_s or not _holder(descriptor, Role.SUPERVISOR):
+                raise
+        time.sleep(0.02)
+
+
+def _require_layout(path: Path, descriptor: int, raw: bytes) -> None:
     if len(raw) < HEADER.itemsize or not raw.startswith(MAGIC.rstrip(b"\0")):
         raise LayoutError(f"{path}: is not the shared memory of a robot")
     header = np.frombuffer(raw, HEADER)[0]
@@ -363,8 +443,15 @@ def _require_layout(path: Path, descriptor: int) -> None:
             f"{path}: has layout version {header['layout']}, this program has {LAYOUT_VERSION}: "
             "stop the cobot that made it, or use its version"
         )
-    if os.fstat(descriptor).st_size < _file_size(int(header["dof"]), int(header["capacity"])):
+    dof, capacity = int(header["dof"]), int(header["capacity"])
+    if dof <= MAX_DOF and os.fstat(descriptor).st_size < _file_size(dof, capacity):
         raise LayoutError(f"{path}: is shorter than its header says")
+    if header["checksum"] != _header_checksum(raw):
+        raise LayoutError(f"{path}: its header is damaged; restart the cobot that made it")
+
+
+def _header_checksum(raw: bytes) -> int:
+    return checksum(bytearray(raw[: HEADER.itemsize - 8]))
 
 
 def _flock(kind: int, role: Role) -> bytes:

@@ -16,7 +16,7 @@ from cobot.config import Settings, load_settings
 from cobot.errors import CobotError
 from cobot.launch import token
 from cobot.launch.install import install, uninstall
-from cobot.launch.process import RUN_MODULE
+from cobot.launch.process import RUN_MODULE, in_words
 from cobot.launch.stop import stop
 from cobot.launch.supervisor import Supervisor
 
@@ -45,6 +45,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return EXIT_USAGE
     if chosen.command == "lua":
         return _lua(chosen)
+    return in_words(lambda: _run(chosen))
+
+
+def _run(chosen: argparse.Namespace) -> int:
     try:
         if chosen.command == "token":
             token.run(chosen)

@@ -7,7 +7,11 @@ import ctypes
 import os
 import signal
 import sys
+from collections.abc import Callable
 from enum import IntEnum
+from pathlib import Path
+
+from cobot.errors import exhausted
 
 _PR_SET_PDEATHSIG = 1
 
@@ -21,6 +25,27 @@ class Niceness(IntEnum):
     PROMPT = -10  # what answers people
     ORDINARY = 0
     BACKGROUND = 10  # takes the time that nobody else wants
+
+
+def is_stopped(pid: int) -> bool:
+    """Whether SIGSTOP keeps a process from running; not, if that cannot be known."""
+    try:
+        stat = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return False
+    return stat.rpartition(")")[2].split()[0] == "T"
+
+
+def in_words(main: Callable[[], int]) -> int:
+    """The exit status of a process: 2 when the computer has nothing left for it; then it says of what."""
+    try:
+        return main()
+    except (OSError, MemoryError, ImportError, RuntimeError) as exc:
+        error = exhausted(exc)
+        if error is None:
+            raise
+        print(f"{error} ({exc})", file=sys.stderr, flush=True)
+        return 2
 
 
 def be(niceness: Niceness) -> None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import errno
 import logging
 import os
+import resource
 import secrets
 import selectors
 import signal
@@ -30,7 +31,7 @@ from cobot.access.tokens import TokenFile
 from cobot.addresses import address
 from cobot.client.tls import CERTIFICATE_VARIABLE
 from cobot.config import DEFAULT_SETTINGS, Settings, load_endpoints, resolve
-from cobot.errors import TornReadError, UnavailableError
+from cobot.errors import TornReadError, UnavailableError, exhausted
 from cobot.ipc.shm import RobotMemory, text
 from cobot.launch.process import RUN_MODULE, has_terminal
 from cobot.launch.running_config import ProcessState, RunningConfig
@@ -46,6 +47,8 @@ STEADY_S = 10.0
 READY_TIMEOUT_S = 20.0
 STOP_TIMEOUT_S = 5.0
 SERVICE = "service"
+MIN_DESCRIPTORS = 64
+"""Fewer file descriptors leave a service that answers nobody."""
 
 log = logging.getLogger("cobot")
 
@@ -89,7 +92,12 @@ class Child:
         finally:
             os.close(write_end)
         self.started_s = time.monotonic()
-        self.reader = self.log.follow(self.name, output, self._heard)
+        try:
+            self.reader = self.log.follow(self.name, output, self._heard)
+        except RuntimeError:  # no memory is left for a thread
+            self.process.kill()
+            self.process.wait()
+            raise
 
     def _heard(self, line: str) -> None:
         self.line = line
@@ -125,6 +133,25 @@ class Child:
             self.reader.join(1.0)
 
 
+class _Flag:
+    """An event that a signal's handler sets, which the next signal may interrupt in the middle of that.
+
+    A `threading.Event` would then wait for itself, for ever.
+    """
+
+    def __init__(self) -> None:
+        self._set = False
+
+    def set(self) -> None:
+        self._set = True
+
+    def clear(self) -> None:
+        self._set = False
+
+    def is_set(self) -> bool:
+        return self._set
+
+
 class Supervisor:
     """Runs the robots until it is told to stop: a process for each, and one service for all."""
 
@@ -138,8 +165,8 @@ class Supervisor:
         self._ros_token = secrets.token_urlsafe(32)
         self._systemd = Systemd()
         self._in_terminal = has_terminal()
-        self._stopping = threading.Event()
-        self._hangup = threading.Event()
+        self._stopping = _Flag()
+        self._hangup = _Flag()
         self._wake_read, self._wake_write = socket.socketpair()
         self._wake_write.setblocking(False)
 
@@ -164,6 +191,7 @@ class Supervisor:
         return 0
 
     def _run(self) -> None:
+        _require_descriptors()
         secure = check_certificate(self._settings.web)
         if self._settings.web.enabled:
             load_endpoints(self._settings.web.endpoints)  # what is wrong there is said here, not by a child
@@ -191,7 +219,7 @@ class Supervisor:
                     service[-1].start()
                 self._await_first(rtloops, list(memories.values()))  # the others take longer
                 self._announce(url, access, memories)
-                self._watch([*rtloops, *service], list(memories.values()) if service else [], url)
+                self._watch([*rtloops, *service], memories, url)
             finally:
                 self._systemd.stopping()
                 for child in rtloops:  # all arms come to rest at the same time, before anything is written
@@ -201,17 +229,16 @@ class Supervisor:
                     child.end(STOP_TIMEOUT_S)
         log.info("stopped")
 
-    def _watch(self, children: list[Child], served: list[RobotMemory], url: str) -> None:
-        """Until it is time to stop.
-
-        Args:
-            served: the robots for which the service has to begin before all is ready.
-        """
+    def _watch(self, children: list[Child], memories: dict[str, RobotMemory], url: str) -> None:
+        """Until it is time to stop."""
+        # For these robots the service has to begin before all is ready.
+        served = list(memories.values()) if url else []
         known: dict[str, ProcessState] = {}
         while not self._stopping.is_set():
             if self._hangup.is_set():
                 self._hangup.clear()
                 self._reload(children)
+            _mend(memories)
             for child in children:
                 self._revive(child)
             states = {child.name: child.state for child in children}
@@ -321,7 +348,7 @@ class Supervisor:
         signal.signal(signal.SIGCHLD, lambda number, frame: None)  # only to wake the loop
 
     def _sleep(self, seconds: float) -> None:
-        with selectors.DefaultSelector() as selector:
+        with selectors.PollSelector() as selector:  # it needs no descriptor, of which there may be none
             selector.register(self._wake_read, selectors.EVENT_READ)
             if selector.select(seconds):
                 self._wake_read.recv(4096)
@@ -385,8 +412,18 @@ class Supervisor:
             )
             child.backoff_s = min(2.0 * child.backoff_s, MAX_BACKOFF_S)
         elif now_s >= child.restart_at_s:
-            child.start()
-            child.restarts += 1
+            try:
+                child.start()
+                child.restarts += 1
+            except (OSError, RuntimeError) as exc:  # RuntimeError: of a thread that cannot be started
+                log.error(
+                    "%s cannot be started: %s; next attempt in %.1f s",
+                    child.name,
+                    exhausted(exc) or exc,
+                    child.backoff_s,
+                )
+                child.restart_at_s = now_s + child.backoff_s
+                child.backoff_s = min(2.0 * child.backoff_s, MAX_BACKOFF_S)
 
     def _announce(self, url: str, access: str, memories: dict[str, RobotMemory]) -> None:
         log.info("cobot %s (pid %d)", version("cobot"), os.getpid())
@@ -399,6 +436,22 @@ class Supervisor:
             log.info("  real time  %s", _permissions(memory))
         log.info("  logs       %s", self._settings.log_file)
         log.info("  Ctrl-C stops: the arm first, then the service")
+
+
+def _require_descriptors() -> None:
+    limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if limit < MIN_DESCRIPTORS:
+        raise UnavailableError(
+            f"a process may have {limit} file descriptors here, cobot needs {MIN_DESCRIPTORS}: "
+            "raise the limit (ulimit -n)"
+        )
+
+
+def _mend(memories: dict[str, RobotMemory]) -> None:
+    """Nothing reads a header but who maps the memory, above all a process that is restarted."""
+    for name, memory in memories.items():
+        if memory.mend_header():
+            log.error("the header of the shared memory of %s was spoilt, and is written anew", name)
 
 
 def _no_listener(host: str, port: int, error: OSError | ValueError) -> str:

@@ -13,9 +13,11 @@ class Change:
     """One sample as it was written.
 
     inline: parameters without their end.
+    time_s: when it was written by the clock on the wall, for readers.
     only: the one reader that it is meant for, None for all.
     key: of keyed (discovery) topics; a later change of the same key replaces this one.
     disposes: the payload is only a key, of something that is gone.
+    written_s: the same moment as time_s on CLOCK_MONOTONIC, for us.
     """
 
     sequence: int
@@ -25,6 +27,7 @@ class Change:
     only: bytes | None = None
     key: bytes | None = None
     disposes: bool = False
+    written_s: float = 0.0
 
 
 class History:

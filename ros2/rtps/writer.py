@@ -89,7 +89,7 @@ class Writer(Endpoint[ReaderProxy]):
         disposes: bool = False,
     ) -> int:
         self._last += 1
-        change = Change(self._last, payload, inline, time.time(), only, key, disposes)
+        change = Change(self._last, payload, inline, time.time(), only, key, disposes, time.monotonic())
         gone = self._history.add(change)
         if self.qos.depth is None:
             self._wire.statistics.overrun += gone
@@ -275,12 +275,16 @@ class Writer(Endpoint[ReaderProxy]):
         if self.qos.depth is not None or not len(self._history):
             return
         everywhere = min((proxy.passed for proxy in self._proxies.values()), default=self._last)
-        held_since_s = time.time() - _HELD_S
+        held_since_s = time.monotonic() - _HELD_S
         done = []
         for change in self._history:
             if change.sequence > everywhere:
                 break
-            if change.only is not None and change.only not in self._proxies and change.time_s > held_since_s:
+            if (
+                change.only is not None
+                and change.only not in self._proxies
+                and change.written_s > held_since_s
+            ):
                 continue
             if change.disposes or not self.qos.transient_local:
                 done.append(change.sequence)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import subprocess
 import sys
 import threading
@@ -178,6 +179,29 @@ def test_a_bag_that_exists_is_not_overwritten(tmp_path: Path, service: Service) 
     assert "cannot be written" in result.stdout
     assert not service.posted
     assert not list(bag.iterdir())
+
+
+def test_a_recording_that_the_disk_has_no_room_for_ends_alone(tmp_path: Path, service: Service) -> None:
+    """A limit on the size of files stands for a full disk: the kernel refuses to write in both cases."""
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (500, 500))
+
+    content = {"waypoints": [JOINTS] * 3}
+    result = run(tmp_path, service.url, content, "--bag", str(tmp_path / "bag"), preexec_fn=limit)
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert len(service.posted) == 3
+    assert f"the recording ended with: bag {tmp_path / 'bag'}: cannot be written: " in result.stdout
+    assert "Traceback" not in result.stdout + result.stderr
+
+
+def test_a_recording_where_nothing_can_be_written_is_refused_before_anything_moves(
+    tmp_path: Path, service: Service
+) -> None:
+    result = run(tmp_path, service.url, {"waypoints": [JOINTS]}, "--bag", "/proc/bag")
+    assert result.returncode == 2
+    assert "bag /proc/bag: cannot be written" in result.stdout
+    assert not service.posted
 
 
 def test_a_file_may_come_through_standard_input(service: Service) -> None:

@@ -8,21 +8,14 @@ import logging
 from dataclasses import dataclass
 from enum import IntEnum
 
-from pymodbus.client import AsyncModbusTcpClient
-from pymodbus.constants import ExcCodes
-from pymodbus.exceptions import ModbusException
-from pymodbus.pdu import ModbusPDU
-
+from app.services.devices.modbus_tcp import TIMEOUT_S, Function, ModbusConnection
 from cobot.errors import DeviceError
 
-TIMEOUT_S = 1.0
 FREQUENCY_HZ = 10.0
 BACKOFF_S = (0.2, 5.0)
 """The first pause between two attempts to connect and the longest one, s; each is twice the one before."""
 
 log = logging.getLogger("cobot.modbus")
-logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
-"""It writes each frame of a device that errs, ten times a second; the signals' problems say enough."""
 
 
 class Kind(IntEnum):
@@ -32,6 +25,15 @@ class Kind(IntEnum):
     DIGITAL_OUTPUT = 1  # coil
     REGISTER_INPUT = 2
     REGISTER_OUTPUT = 3  # holding register
+
+
+READS = {
+    Kind.DIGITAL_INPUT: Function.READ_DISCRETE_INPUTS,
+    Kind.DIGITAL_OUTPUT: Function.READ_COILS,
+    Kind.REGISTER_INPUT: Function.READ_INPUT_REGISTERS,
+    Kind.REGISTER_OUTPUT: Function.READ_HOLDING_REGISTERS,
+}
+WRITES = {Kind.DIGITAL_OUTPUT: Function.WRITE_COIL, Kind.REGISTER_OUTPUT: Function.WRITE_REGISTER}
 
 
 @dataclass(slots=True)
@@ -61,7 +63,7 @@ class Device:
         self.host = host
         self.port = port
         self.signals: list[Signal] = []
-        self._client = AsyncModbusTcpClient(host, port=port, timeout=TIMEOUT_S, retries=0, reconnect_delay=0)
+        self._client = ModbusConnection(host, port)
         self._turn = asyncio.Lock()
         self._more = asyncio.Event()
         self._task = asyncio.create_task(self._run(), name=f"modbus {self}")
@@ -90,30 +92,36 @@ class Device:
         if not self._client.connected:
             raise DeviceError(f"{self} is not connected: {signal.problem}")
         async with self._turn:
-            problem = await self._request(signal, value)
-        if problem:
-            raise DeviceError(f"{signal.name} at {self}: {problem}")
+            try:
+                await self._client.write(signal.unit, WRITES[signal.kind], signal.address, value)
+            except DeviceError as exc:
+                raise DeviceError(f"{signal.name} at {self}: {exc}") from exc
         signal.due_s = 0.0
         self.hurry()
 
     async def _run(self) -> None:
         delay_s, longest_s = BACKOFF_S
+        told = False
         while True:
             if not self._client.connected:
                 if not await self._connected():
+                    told = False
                     await asyncio.sleep(delay_s)
                     delay_s = min(2.0 * delay_s, longest_s)
                     continue
-                log.info("modbus %s: connected", self)
+                if not told:  # a device may end its connections again and again
+                    log.info("modbus %s: connected", self)
+                told = True
             delay_s = BACKOFF_S[0]
             await self._read_due()
 
     async def _connected(self) -> bool:
-        problem = "refused or not reachable"
         try:
-            if await self._client.connect():
-                return True
-        except (OSError, ModbusException, UnicodeError) as exc:  # a host name of strange letters
+            await self._client.connect()
+            return True
+        except TimeoutError:
+            problem = f"no answer within {TIMEOUT_S:g} s"
+        except (OSError, ValueError) as exc:  # a host name of strange letters
             problem = str(exc)
         for signal in self.signals:
             signal.problem = f"{self} is not connected: {problem}"
@@ -126,7 +134,7 @@ class Device:
             if signal.due_s > loop.time():
                 break
             async with self._turn:
-                signal.problem = await self._request(signal)
+                signal.problem = await self._read(signal)
             signal.due_s = loop.time() + signal.period_s
             if not self._client.connected:
                 return
@@ -135,41 +143,10 @@ class Device:
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(self._more.wait(), max(0.0, next_s - loop.time()))
 
-    async def _request(self, signal: Signal, value: int | None = None) -> str:
-        """Read a signal, or write it; what went wrong, or ""."""
-        client, where, unit = self._client, signal.address, signal.unit
+    async def _read(self, signal: Signal) -> str:
+        """Read a signal; what went wrong, or ""."""
         try:
-            match signal.kind, value:
-                case Kind.DIGITAL_INPUT, None:
-                    answer = await client.read_discrete_inputs(where, device_id=unit)
-                case Kind.DIGITAL_OUTPUT, None:
-                    answer = await client.read_coils(where, device_id=unit)
-                case Kind.REGISTER_INPUT, None:
-                    answer = await client.read_input_registers(where, device_id=unit)
-                case Kind.REGISTER_OUTPUT, None:
-                    answer = await client.read_holding_registers(where, device_id=unit)
-                case Kind.DIGITAL_OUTPUT, int():
-                    answer = await client.write_coil(where, bool(value), device_id=unit)
-                case _, int():
-                    answer = await client.write_register(where, value, device_id=unit)
-        except ModbusException:
-            self._client.close()  # an answer that comes late after all must not be taken for the next one's
-            return f"unit {unit} has not answered within {TIMEOUT_S:g} s"
-        except OSError as exc:
-            self._client.close()
+            signal.value = await self._client.read(signal.unit, READS[signal.kind], signal.address)
+        except DeviceError as exc:
             return str(exc)
-        return _outcome(signal, answer, value)
-
-
-def _outcome(signal: Signal, answer: ModbusPDU, written: int | None) -> str:
-    if answer.isError():
-        code = answer.exception_code
-        known = ExcCodes(code).name.lower().replace("_", " ") if code in list(ExcCodes) else "unknown"
-        return f"unit {signal.unit} refuses address {signal.address}: {known} (exception {code})"
-    if written is not None:
         return ""
-    values = answer.bits if signal.kind in (Kind.DIGITAL_INPUT, Kind.DIGITAL_OUTPUT) else answer.registers
-    if not values:  # pymodbus takes the answer to another question too
-        return f"unit {signal.unit} has answered something else than was asked"
-    signal.value = int(values[0])
-    return ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import stat
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,11 @@ from app.services.devices.channels import BUFFER_BYTES, TIMEOUT_S, Channel, Chan
 from cobot.errors import DeviceError, DeviceTimeout, InputError
 
 DEVICES = Path("/dev")
+DRIVERS = Path("/proc/tty/drivers")
+MAJORS = frozenset({4, 136, 166, 188, 204})
+"""Of ttyS, pts, ttyACM, ttyUSB and ttyAMA, where the kernel does not list its drivers."""
+CONSOLES = 64
+"""So many minor numbers of major 4 are consoles; then come the serial ports."""
 PARITIES = (serial.PARITY_NONE, serial.PARITY_ODD, serial.PARITY_EVEN)
 STOP_BITS = (1.0, 1.5, 2.0)
 OPEN_TIMEOUT_S = 5.0
@@ -34,7 +40,7 @@ class SerialPorts(Channels):
 
         Raises:
             InputError, ConflictError: wrong values, or a name that is taken.
-            DeviceError: it cannot be opened, with what the system says.
+            DeviceError: it is no serial port, or cannot be opened, with what the system says.
         """
         if stop_bits not in STOP_BITS:
             raise InputError(f"stop_bits must be 1, 1.5 or 2, got {stop_bits:g}")
@@ -112,10 +118,31 @@ class _Port(asyncio.ReadTransport):
 
 
 def _device(device: str) -> Path:
+    """The file of a serial port. Nothing is opened to find out: to open a FIFO waits for its other end, and
+    to open some devices acts on them.
+    """
     try:
         path = Path(device).resolve()
-        if path.is_relative_to(DEVICES) and path.is_char_device():
-            return path
+        about = path.stat() if path.is_relative_to(DEVICES) else None
     except (OSError, ValueError, RuntimeError) as exc:
         raise InputError(f"device: {device!r}: {exc}") from exc
-    raise InputError(f"device: {device!r} is no character device below {DEVICES}")
+    if about is None or not stat.S_ISCHR(about.st_mode):
+        raise InputError(f"device: {device!r} is no character device below {DEVICES}")
+    if not _is_serial(os.major(about.st_rdev), os.minor(about.st_rdev)):
+        raise DeviceError(f"{device}: is no serial port, but another kind of device")
+    return path
+
+
+def _is_serial(major: int, minor: int) -> bool:
+    """Whether a device number is that of a serial port or of a pseudo terminal, as the kernel tells."""
+    try:
+        lines = DRIVERS.read_text(encoding="ascii", errors="replace").splitlines()
+    except OSError:
+        return major in MAJORS and not (major == 4 and minor < CONSOLES)
+    for line in lines:  # NAME /dev/PREFIX MAJOR MINOR[-MINOR] TYPE
+        fields = line.split()
+        if len(fields) == 5 and fields[4] in ("serial", "pty:slave") and fields[2] == str(major):
+            first, _, last = fields[3].partition("-")
+            if int(first) <= minor <= int(last or first):
+                return True
+    return False

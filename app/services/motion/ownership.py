@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Coroutine, Iterator
+import math
+from collections.abc import Callable, Coroutine, Iterator
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
@@ -49,6 +50,7 @@ class Claim:
         speed_override: of its motion.
         since_s: when it was made, on `clock`.
         client: on whose behalf.
+        timeout_s, left_s: its time, and how much of it is left, s.
         motion_id: once it runs.
         interruption: why it has to end early, once it has to; then `interrupted` is set.
         ended: set when it has.
@@ -60,6 +62,8 @@ class Claim:
     clock: Clock
     since_s: float
     client: Client
+    timeout_s: float = math.inf
+    left_s: Callable[[], float] = field(default=lambda: math.inf)
     motion_id: int | None = None
     interruption: ExecutionError | None = None
     interrupted: asyncio.Event = field(default_factory=asyncio.Event)
@@ -71,8 +75,18 @@ class Claim:
             self.interruption = cause
             self.interrupted.set()
 
+    def run_out(self) -> None:
+        """Its time is up."""
+        done = "begun" if self.motion_id is None else "arrived"
+        self.interrupt(MotionTimeout(f"not {done} within {self.timeout_s:g} s"))
+
     def proceed(self) -> None:
-        """Raise what has interrupted it, if something has."""
+        """Raise what has interrupted it, if something has.
+
+        Its time may be up although nobody has had the time to notice: this process may have been stopped.
+        """
+        if self.left_s() <= 0.0:
+            self.run_out()
         if self.interruption is not None:
             raise self.interruption
 
@@ -159,12 +173,14 @@ class Ownership:
 
         Raises:
             ConflictError: somebody else owns it, or may alone.
+            UnavailableError: see `RobotLink.require_awake`.
         """
         client = CLIENT.get()
         self.lease.require_not_lost(client)
         if self.owner is not None:
             raise ConflictError(f"the robot is in use by {self.owner}")
         self.lease.require(client)
+        self._link.require_awake()
         now_s, fraction = self._link.clock.now_s(), self.speed_override.fraction
         self._sequence = SequenceClaim(name, token, client, now_s, fraction)
 
@@ -230,8 +246,10 @@ class Ownership:
 
         Raises:
             ConflictError: somebody else owns it.
+            UnavailableError: see `RobotLink.require_awake`.
         """
         self.require_free(caller.token)
+        self._link.require_awake()
         clock = self._link.clock
         claim = Claim(caller.name, self._link.stops, self.speed_override, clock, clock.now_s(), CLIENT.get())
         if self.stops != caller.stops:
@@ -279,9 +297,9 @@ def watching(claim: Claim, caller: Caller) -> Iterator[None]:
         if caller.gone.is_set():
             claim.interrupt(MotionStopped("the client went away"))
         else:
-            done = "begun" if claim.motion_id is None else "arrived"
-            claim.interrupt(MotionTimeout(f"not {done} within {caller.timeout_s:g} s"))
+            claim.run_out()
 
+    claim.timeout_s, claim.left_s = caller.timeout_s, left_s
     watcher = asyncio.create_task(watch())
     try:
         yield

@@ -3,50 +3,48 @@
 from __future__ import annotations
 
 import asyncio
-import multiprocessing
-import signal
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TypeVar, cast
 
-import pebble
-
-from cobot.config import load_settings
+from app.services.motion.planning_pool import PlanningPool, WorkerLost
 from cobot.errors import PlanningError, PlanningTimeout
-from cobot.launch.process import Niceness, be, die_with_parent
-from cobot.logs import start_logging
 from cobot.planners import MotionRequest, WaypointRequest, plan, plan_waypoints
 from cobot.planners.rated import RatedMove, plan_rated
-from cobot.robot.description import RobotDescription, load_robot
+from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
+
+POLL_S = 0.02
+ATTEMPTS = 2
+"""A task that has lost its worker is given to so many at the most: it may be what ends them."""
 
 Result = TypeVar("Result")
 PlanRequest = MotionRequest | WaypointRequest | RatedMove
 
-
-@dataclass
-class _Worker:
-    robot: RobotDescription | None = None
+log = logging.getLogger("cobot.planning")
 
 
-_worker = _Worker()
-"""A worker process keeps this between its tasks; in the service itself it stays empty."""
+@dataclass(frozen=True, slots=True)
+class PlanningStatus:
+    """How the pool stands.
 
+    Attributes:
+        state: "ready", "starting" while there is no worker yet, or "failed" while none can be started.
+        workers: how many there shall be.
+        usable, busy: how many can be given a task or have one, and how many have one.
+        replaced: how many have ended, or stood still, by no act of the service.
+        problem: why no worker can be started; "" otherwise.
+    """
 
-def _prepare(config: Path | None, robot: str | None) -> None:
-    die_with_parent(signal.SIGKILL)
-    be(Niceness.BACKGROUND)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    settings = load_settings(config).of(robot)
-    start_logging("planning", settings.logging)
-    _worker.robot = load_robot(settings)
-
-
-def _work(work: Callable[[RobotDescription], Result]) -> Result:
-    assert _worker.robot is not None
-    return work(_worker.robot)
+    state: str
+    workers: int
+    usable: int
+    busy: int
+    replaced: int
+    problem: str
 
 
 def _planned(robot: RobotDescription, request: PlanRequest) -> Trajectory | None:
@@ -57,10 +55,6 @@ def _planned(robot: RobotDescription, request: PlanRequest) -> Trajectory | None
     return plan_rated(robot, request)
 
 
-def _ready(robot: RobotDescription) -> None:
-    """A task that only waits for the worker."""
-
-
 class PlanningService:
     """A pool of planning processes, each with the robot loaded.
 
@@ -69,37 +63,39 @@ class PlanningService:
     Args:
         config: the settings' file, None for the shipped one.
         robot: one of its robots, None for the default one.
-
-    Attributes:
-        warm: whether the workers have started.
     """
 
-    warm = False
-
     def __init__(self, config: Path | None, workers: int, robot: str | None = None) -> None:
-        self._workers = workers
-        self._arguments = [config, robot]
-        self._pool = self._new_pool()
+        chosen = {"--config": config, "--robot": robot}
+        self._arguments = [part for name, value in chosen.items() if value for part in (name, str(value))]
+        self._pool = PlanningPool(self._arguments, workers)
 
-    def _new_pool(self) -> pebble.ProcessPool:
-        return pebble.ProcessPool(
-            max_workers=self._workers,
-            initializer=_prepare,
-            initargs=self._arguments,
-            context=multiprocessing.get_context("spawn"),
-        )
-
-    async def warm_up(self) -> None:
+    def warm_up(self) -> None:
         """Start the workers: the first plan should not wait for their imports."""
-        await asyncio.gather(*(self._run(_ready, None) for _ in range(self._workers)))
-        self.warm = True
+        self._pool.start()
+
+    @property
+    def warm(self) -> bool:
+        """Whether all workers have started."""
+        return self._pool.usable == self._pool.size
 
     async def renew(self) -> None:
-        """Have workers that know the settings' file as it is now; the old ones have nothing to do."""
-        self.warm = False
-        old, self._pool = self._pool, self._new_pool()
-        await asyncio.to_thread(_end, old)
-        await self.warm_up()
+        """Have workers that know the settings file as it is now; returns when they are there or cannot be."""
+        old = self._pool
+        self._pool = PlanningPool(self._arguments, old.size)
+        self._pool.replaced = old.replaced
+        old.close()
+        self._pool.start()
+        while not (self.warm or self._pool.problem):
+            await asyncio.sleep(POLL_S)
+
+    @property
+    def status(self) -> PlanningStatus:
+        """How the pool stands now."""
+        pool = self._pool
+        problem = "" if pool.usable else pool.problem
+        state = "ready" if pool.usable else "failed" if problem else "starting"
+        return PlanningStatus(state, pool.size, pool.usable, pool.busy, pool.replaced, problem)
 
     async def plan(self, request: PlanRequest, timeout_s: float) -> Trajectory | None:
         """See `cobot.planners.plan`, `plan_waypoints` and `plan_rated`; raises as `compute` does."""
@@ -108,25 +104,28 @@ class PlanningService:
     async def compute(self, work: Callable[[RobotDescription], Result], timeout_s: float) -> Result:
         """What a picklable function makes of the robot. Cancelling this kills the worker.
 
+        A function whose worker has been lost is given to another one: it has moved nothing.
+
         Raises:
             PlanningTimeout: the worker did not finish in time.
+            PlanningError: the workers that had it have ended.
+            UnavailableError: no worker can be started.
             CobotError: what the function raises.
         """
-        try:
-            return await self._run(work, timeout_s)
-        except TimeoutError as exc:
-            raise PlanningTimeout(f"planning took longer than {timeout_s:.0f} s and was given up") from exc
-        except pebble.ProcessExpired as exc:
-            raise PlanningError(f"the planning process died (exit code {exc.exitcode})") from exc
-
-    async def _run(self, work: Callable[[RobotDescription], Result], timeout_s: float | None) -> Result:
-        found = await asyncio.wrap_future(self._pool.schedule(_work, args=[work], timeout=timeout_s))
-        return cast(Result, found)
+        for left in reversed(range(ATTEMPTS)):
+            try:
+                return cast(Result, await self._pool.run(work, timeout_s))
+            except TimeoutError as exc:
+                raise PlanningTimeout(
+                    f"planning took longer than {timeout_s:.0f} s and was given up"
+                ) from exc
+            except MemoryError as exc:
+                raise PlanningError("the planning process has no memory left for this motion") from exc
+            except WorkerLost as exc:
+                if not left:
+                    raise PlanningError(f"the planning process {exc}, and so did the one before") from exc
+                log.warning("the planning process %s; what it had is planned again", exc)
+        raise AssertionError("unreachable")
 
     def close(self) -> None:
-        _end(self._pool)
-
-
-def _end(pool: pebble.ProcessPool) -> None:
-    pool.stop()
-    pool.join()
+        self._pool.close()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 
 import numpy as np
@@ -38,6 +38,7 @@ class Health:
     robot: dict[str, object]
     rtloop: dict[str, object]
     service: dict[str, object]
+    planning: dict[str, object]
     sequence: dict[str, object]
     session: dict[str, object] | None
     cycle_us: dict[str, dict[str, float]]
@@ -101,6 +102,9 @@ class HealthService:
                 problems.append(f"rtloop (pid {rtloop['pid']}) has been silent for {state.age_s:.1f} s")
             if state.mode in (LoopMode.ESTOP, LoopMode.FAULT):
                 problems.append(f"mode {state.mode.name}: {state.reason}")
+        planning = self._planning.status
+        if planning.problem:
+            problems.append(planning.problem)
         return Health(
             status="degraded" if problems else "ok",
             problems=problems,
@@ -111,6 +115,7 @@ class HealthService:
                 "uptime_s": self._link.clock.now_s() - self._started_s,
                 "motion": self._ownership.owner,
             },
+            planning=asdict(planning),
             sequence={"status": self._sequences.status.status, "pid": self._sequences.status.pid},
             session=session,
             cycle_us=cycle_us,

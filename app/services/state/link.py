@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import os
 from collections.abc import AsyncIterator, Callable
 
@@ -30,6 +31,12 @@ STATE_TRIES = 3
 ENDS = (MotionResult.ARRIVED, MotionResult.STOPPED, MotionResult.STOPPED_ASIDE, MotionResult.FAILED)
 IN_THREAD_SEGMENTS = 2000
 """A longer trajectory is copied in a thread, so that nobody else waits."""
+PAUSE_S = 1.0
+"""A service without a sign of life for so long stood still; rtloop has stopped the arm by then."""
+CATCH_UP_S = 0.25
+"""In so much time after that it has read what came meanwhile."""
+
+log = logging.getLogger("cobot.service")
 
 
 class RobotLink:
@@ -59,6 +66,8 @@ class RobotLink:
         self.on_outside_stop: Callable[[], None] | None = None
         self._command_turn = asyncio.Lock()
         self._last_motion = 0
+        self._beaten_s: float | None = None
+        self._paused_s, self._resumed_s = 0.0, float("-inf")
 
     def close(self) -> None:
         self.memory.close()
@@ -94,9 +103,37 @@ class RobotLink:
                 outside = newest
                 if self.on_outside_stop is not None:
                     self.on_outside_stop()
+            if self._beaten_s is not None:
+                self._note_pause()
+                self._beaten_s = self.clock.now_s()
             block.data["monotonic_ns"] = self.clock.now_ns()
             block.publish()
             await asyncio.sleep(HEARTBEAT_S)
+
+    def watch_for_pauses(self) -> None:
+        """The service has started, which may take long and is no pause; from now on `require_awake` tells."""
+        self._beaten_s = self.clock.now_s()
+
+    def _note_pause(self) -> None:
+        """See whether this process has just gone on after a pause."""
+        now_s = self.clock.now_s()
+        if self._beaten_s is not None and now_s - self._beaten_s > PAUSE_S:
+            self._paused_s, self._resumed_s = now_s - self._beaten_s, now_s
+            self._beaten_s = now_s
+            log.warning("%sthe service stood still for %.1f s", self.label, self._paused_s)
+
+    def require_awake(self) -> None:
+        """See that what has been asked for can be new: while this process stands still, requests wait.
+
+        Raises:
+            UnavailableError: it stood still until just now.
+        """
+        self._note_pause()
+        if self.clock.now_s() - self._resumed_s < CATCH_UP_S:
+            raise UnavailableError(
+                f"the service stood still for {self._paused_s:.1f} s until just now: what was asked for "
+                "meanwhile moves nothing; ask again"
+            )
 
     def state(self) -> RobotState:
         """The newest state, however old.
@@ -129,15 +166,22 @@ class RobotLink:
 
     def streamer(self) -> str | None:
         """Who streams to the arm, for people: the process that has opened the session."""
+        process = self.streaming_process()
+        if process is None:
+            return None
+        return f"a streaming client (process {process})" if process else "a streaming client"
+
+    def streaming_process(self) -> int | None:
+        """The process that has opened the session; 0 if that cannot be read, None if there is no session."""
         try:
             state = self.state()
             if state.session == 0 or state.age_s > self._stale_after_s:
                 return None
-            return f"a streaming client (process {self.memory.session.read()['pid']})"
+            return int(self.memory.session.read()["pid"])
         except UnavailableError:
             return None
         except TornReadError:
-            return "a streaming client"
+            return 0
 
     def sessions(self) -> int | None:
         """How many streaming sessions have been asked for; None if that cannot be read."""
@@ -233,7 +277,7 @@ class RobotLink:
 
         Raises:
             ExecutionError: rtloop refuses it, with its reason.
-            UnavailableError: rtloop does not answer.
+            UnavailableError: rtloop does not answer, or see `require_awake`.
             InputError: the motion is larger than a slot.
         """
         async with self._command_turn:
@@ -245,6 +289,7 @@ class RobotLink:
                 await asyncio.to_thread(slot.write, motion_id, trajectory)
             else:
                 slot.write(motion_id, trajectory)
+            self.require_awake()
             await self._send(
                 Command.START,
                 slot=number,

@@ -10,7 +10,8 @@ import socket
 import subprocess
 import sys
 from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager, closing
+from contextlib import AsyncExitStack, asynccontextmanager, closing
+from random import Random
 from typing import Any
 
 import pytest
@@ -201,9 +202,11 @@ def test_a_device_that_answers_something_else_is_told_and_asked_again(
         answers = iter([wrong])
 
         async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-            while asked := await reader.read(1000):
-                writer.write(next(answers, right)(asked))
-            writer.close()
+            try:
+                while asked := await reader.read(1000):
+                    writer.write(next(answers, right)(asked))
+            finally:
+                writer.close()
 
         device = await asyncio.start_server(answer, "127.0.0.1", 0)
         port = device.sockets[0].getsockname()[1]
@@ -289,3 +292,93 @@ def test_a_signal_that_cannot_be_is_refused(wrong: dict[str, Any], code: Code) -
             assert modbus.signals() == []
 
     run(check())
+
+
+def _framed(asked: bytes, *body: int, number: bytes | None = None, length: int | None = None) -> bytes:
+    """An answer to a request, whose head may be wrong."""
+    size = len(body) if length is None else length
+    return (asked[:2] if number is None else number) + b"\0\0" + size.to_bytes(2, "big") + bytes(body)
+
+
+MALFORMED: dict[str, Callable[[bytes], bytes]] = {
+    "random bytes": lambda asked: Random(5).randbytes(300),
+    "HTTP": lambda asked: b"HTTP/1.1 400 Bad Request\r\nContent-Length: 0\r\n\r\n",
+    "one byte": lambda asked: b"\0",
+    "half a head": lambda asked: asked[:4],
+    "a head alone": lambda asked: _framed(asked, length=5),
+    "a length of 0": lambda asked: _framed(asked, length=0),
+    "a length of 2": lambda asked: _framed(asked, 3, 4),
+    "a length of 65535": lambda asked: _framed(asked, 3, 4, 2, 0, 7, length=0xFFFF),
+    "a length that is too large by one": lambda asked: _framed(asked, 3, 4, 2, 0, 7, length=6),
+    "a length that is too small by one": lambda asked: _framed(asked, 3, 4, 2, 0, 7, length=4),
+    "another transaction": lambda asked: _framed(asked, 3, 4, 2, 0, 7, number=b"\xff\xff"),
+    "another protocol": lambda asked: asked[:2] + b"\0\1\0\5\3\4\2\0\7",
+    "another unit": lambda asked: _framed(asked, 4, 4, 2, 0, 7),
+    "another function": lambda asked: _framed(asked, 3, 3, 2, 0, 7),
+    "no function": lambda asked: _framed(asked, 3, 0, 2, 0, 7),
+    "no bytes": lambda asked: _framed(asked, 3, 4, 0),
+    "fewer bytes than announced": lambda asked: _framed(asked, 3, 4, 2, 7),
+    "more bytes than announced": lambda asked: _framed(asked, 3, 4, 2, 0, 7, 7),
+    "two registers": lambda asked: _framed(asked, 3, 4, 4, 0, 7, 0, 7),
+    "an exception without a code": lambda asked: _framed(asked, 3, 0x84, length=2),
+    "an exception of another function": lambda asked: _framed(asked, 3, 0x83, 2),
+    "an exception that nobody knows": lambda asked: _framed(asked, 3, 0x84, 0xEE),
+    "two answers": lambda asked: 2 * _framed(asked, 3, 4, 2, 0, 9),
+    "10 MB": lambda asked: bytes(10_000_000),
+}
+
+
+@pytest.mark.parametrize("ends", [False, True])
+def test_a_device_may_answer_whatever_it_likes(ends: bool, caplog: pytest.LogCaptureFixture) -> None:
+    """With each of these first, then well: the signal says what is wrong, then has the true value.
+
+    All at once, each by a device of its own. With `ends` it hangs up after that answer.
+    """
+    counts = dict.fromkeys(MALFORMED, 0)
+
+    def device(name: str) -> Callable[[asyncio.StreamReader, asyncio.StreamWriter], Any]:
+        async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            try:
+                while asked := await reader.read(1000):
+                    counts[name] += 1
+                    first = counts[name] == 1
+                    writer.write(MALFORMED[name](asked) if first else _framed(asked, 3, 4, 2, 0, 7))
+                    await writer.drain()
+                    if first and ends:
+                        break
+            except OSError:
+                pass
+            finally:
+                writer.transport.abort()
+
+        return answer
+
+    async def check() -> None:
+        async with AsyncExitStack() as stack:
+            ask, modbus = await stack.enter_async_context(asking())
+            problems: dict[str, set[str]] = {name: set() for name in MALFORMED}
+            for name in MALFORMED:
+                server = await asyncio.start_server(device(name), "127.0.0.1", 0)
+                stack.push_async_callback(server.wait_closed)
+                stack.callback(server.close)
+                await add(ask, f"127.0.0.1:{server.sockets[0].getsockname()[1]}", name, 2, 0)
+
+            def all_well() -> bool:
+                for name in MALFORMED:
+                    problems[name].add(modbus.signal(name).problem)
+                return all(
+                    modbus.signal(each).value == 7 and not modbus.signal(each).problem for each in counts
+                )
+
+            await eventually(all_well)
+            for name, seen in problems.items():
+                told = seen - {"", "it has not been read yet"}
+                assert told or name == "two answers", name
+                for problem in told:
+                    known = ("something else", "has not answered", "has closed", "exception 238", "reset")
+                    assert any(words in problem for words in known), (name, problem)
+            await ask("modbusDeleteAllSignals")
+
+    run(check())
+    assert "Traceback" not in caplog.text
+    assert not [record for record in caplog.records if record.name.startswith("asyncio")]

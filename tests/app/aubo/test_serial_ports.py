@@ -7,16 +7,20 @@ from __future__ import annotations
 
 import asyncio
 import os
+import tempfile
 import tty
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import pytest
+import serial
 from vendor_calls import Caller, equipped, run
 
 from app.aubo.codes import Code
+from app.services.devices import serial_ports
 from app.services.devices.channels import BUFFER_BYTES
 
 CLASS = "Serial"
@@ -174,3 +178,44 @@ def test_a_device_that_is_no_serial_port_says_so() -> None:
         assert message.startswith("/dev/null: ")
 
     run(check())
+
+
+@pytest.mark.parametrize("kind", ["FIFO", "regular file", "directory"])
+def test_what_is_no_device_is_refused_at_once(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """To open a FIFO that nobody writes to would wait for ever."""
+    with tempfile.TemporaryDirectory(dir="/dev/shm") as folder:
+        path = Path(folder) / "port"
+        match kind:
+            case "FIFO":
+                os.mkfifo(path)
+            case "regular file":
+                path.touch()
+            case "directory":
+                path.mkdir()
+        monkeypatch.setattr(serial, "Serial", never)
+
+        async def check() -> None:
+            message = await Caller(equipped(), CLASS).fails("serialOpen", Code.INPUT, device=str(path))
+            assert "no character device" in message
+
+        run(check())
+
+
+@pytest.mark.parametrize("drivers", [serial_ports.DRIVERS, Path("/nothing")])
+@pytest.mark.parametrize("path", ["/dev/null", "/dev/tty", "/dev/ptmx", "/dev/urandom"])
+def test_a_device_of_another_kind_is_not_even_opened(
+    path: str, drivers: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To open one may act on it: a watchdog begins to run, a tape is wound back."""
+    monkeypatch.setattr(serial, "Serial", never)
+    monkeypatch.setattr(serial_ports, "DRIVERS", drivers)
+
+    async def check() -> None:
+        message = await Caller(equipped(), CLASS).fails("serialOpen", Code.DEVICE, device=path)
+        assert message == f"{path}: is no serial port, but another kind of device"
+
+    run(check())
+
+
+def never(*_: object, **__: object) -> None:
+    raise AssertionError("it was opened")

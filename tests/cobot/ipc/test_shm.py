@@ -7,6 +7,7 @@ import errno
 import os
 import subprocess
 import sys
+import threading
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -18,7 +19,7 @@ from hypothesis import strategies as st
 from running import unique_name
 
 from cobot.errors import ConflictError, InputError, LayoutError, SharedMemoryError, UnavailableError
-from cobot.ipc.layout import LAYOUT_VERSION, POINTS, RING
+from cobot.ipc.layout import HEADER, LAYOUT_VERSION, POINTS, RING
 from cobot.ipc.seqlock import Block
 from cobot.ipc.shm import RobotMemory, Role, encoded
 from cobot.trajectory import from_hermite
@@ -218,6 +219,105 @@ def test_a_full_dev_shm_is_said_at_the_start_and_leaves_no_file(
     with pytest.raises(SharedMemoryError, match=r"cannot allocate \d+ bytes: No space left on device"):
         create(robot)
     assert not Path(f"/dev/shm/cobot-{robot}").exists()
+
+
+def test_the_error_of_a_full_dev_shm_says_what_to_do(robot: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "posix_fallocate", full)
+    with pytest.raises(SharedMemoryError, match=r"make room there, .*--shm-size.*trajectory_capacity"):
+        create(robot)
+
+
+def test_who_still_reads_what_a_killed_run_left_is_not_harmed_by_the_next(robot: str) -> None:
+    """A mapping of a file that is cut off is SIGBUS for who looks into it: here, for the test itself."""
+    left = create(robot)
+    left.head.data["id"] = 5
+    left.head.publish()
+    reader = RobotMemory.attach(robot, Role.READER)
+    create(robot)
+    assert reader.head.read()["id"] == 5
+    assert reader.slots[1].coefficients[-1].sum() == 0.0
+    assert RobotMemory.attach(robot, Role.READER).head.read()["id"] == 0
+
+
+def test_of_many_supervisors_that_take_over_what_a_killed_run_left_one_succeeds(robot: str) -> None:
+    create(robot).close()
+    others = [
+        subprocess.Popen(
+            [sys.executable, "-c", HOLDER, robot, "SUPERVISOR"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for _ in range(6)
+    ]
+    said = []
+    for other in others:
+        assert other.stdout is not None
+        said.append(other.stdout.readline())
+    outputs = [other.communicate()[1] for other in others]
+    assert sorted(said) == [""] * 5 + ["held\n"]
+    assert sum("is in use: pid" in output for output in outputs) == 5
+
+
+def test_a_link_in_the_place_of_the_file_is_refused_and_not_followed(robot: str) -> None:
+    path = Path(f"/dev/shm/cobot-{robot}")
+    path.symlink_to("/dev/shm/nothing")
+    try:
+        with pytest.raises(SharedMemoryError, match="Too many levels of symbolic links"):
+            create(robot)
+    finally:
+        path.unlink()
+
+
+def test_every_page_is_there_from_the_beginning(robot: str) -> None:
+    """A page that had to be found when it is written first could not be, and its writer would get SIGBUS."""
+    create(robot)
+    about = Path(f"/dev/shm/cobot-{robot}").stat()
+    assert about.st_blocks * 512 >= about.st_size
+
+
+@pytest.mark.parametrize("place", range(0, 300, 13))
+def test_a_spoilt_header_is_found_whatever_is_spoilt(robot: str, place: int) -> None:
+    supervisor = create(robot)
+    known = RobotMemory.attach(robot, Role.READER)
+    before = Path(f"/dev/shm/cobot-{robot}").read_bytes()[:4096]
+    changed(robot, place, bytes([before[place] ^ 0x15]))
+    if place < HEADER.itemsize:
+        with pytest.raises(LayoutError):
+            RobotMemory.attach(robot, Role.READER)
+    assert supervisor.mend_header()
+    assert not supervisor.mend_header()
+    assert Path(f"/dev/shm/cobot-{robot}").read_bytes()[:4096] == before
+    assert RobotMemory.attach(robot, Role.READER).dof == known.dof == DOF
+
+
+def test_random_headers_are_refused_in_words(robot: str) -> None:
+    """Numbers of joints that no array could hold among them, below a head that is as it should be."""
+    supervisor = create(robot)
+    random = np.random.default_rng(3)
+    for _ in range(200):
+        changed(robot, 12, random.bytes(HEADER.itemsize - 12))
+        with pytest.raises(LayoutError):
+            RobotMemory.attach(robot, Role.READER)
+    assert supervisor.mend_header()
+    RobotMemory.attach(robot, Role.READER)
+
+
+def test_who_comes_while_the_header_is_spoilt_waits_for_the_supervisor(
+    robot: str, holding: Callable[[Role], subprocess.Popen[str]]
+) -> None:
+    """It lives in another process, and has mended it in a moment."""
+    holding(Role.SUPERVISOR)
+    known = Path(f"/dev/shm/cobot-{robot}").read_bytes()[:4096]
+    changed(robot, 0, bytes(4096))
+    mending = threading.Timer(0.2, changed, (robot, 0, known))
+    mending.start()
+    assert RobotMemory.attach(robot, Role.READER).dof == DOF
+    mending.join()
 
 
 def test_only_its_owner_may_read_the_file(robot: str) -> None:

@@ -22,6 +22,7 @@ import pytest
 import yaml
 from running import WAIT_S, Run, until
 from streaming_client import StreamClient
+from tasks import CLIENT
 from websockets.exceptions import ConnectionClosed, ConnectionClosedError
 
 from cobot import Mode, Robot
@@ -29,6 +30,8 @@ from cobot.ipc.layout import state_dtype
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 CONFIG = Path(__file__).parents[3] / "config"
+PATIENCE_S = 2.0
+"""For a busy computer."""
 LIMITS = yaml.safe_load((CONFIG / "joint_limits.yaml").read_text(encoding="utf-8"))["joint_limits"]
 
 
@@ -96,6 +99,7 @@ import sys, time
 sys.path.insert(0, {tests!r})
 import numpy as np
 from streaming_client import StreamClient
+from tasks import CLIENT
 client = StreamClient({url!r})
 client.session(inner_control_hz=100)
 home = {home!r}
@@ -191,6 +195,26 @@ def test_a_connection_that_breaks_off_ends_its_session(run: Run) -> None:
     until(lambda: health(run)["session"] is None)
     assert "has ended: the connection to the client was lost" in run.output
     assert health(run)["robot"]["mode"] == "HOLD"
+
+
+def test_a_client_that_hangs_loses_its_session_and_the_right_to_stream(run: Run) -> None:
+    """Its process is stopped: the connection stands, and nobody answers. The time is that of docs/api.md."""
+    command = [sys.executable, "-c", CLIENT, run.url]
+    hung = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    assert hung.stdout is not None
+    try:
+        assert hung.stdout.readline() == "streaming\n"
+        hung.send_signal(signal.SIGSTOP)
+        begin_s = time.monotonic()
+        until(lambda: health(run)["session"] is None)
+        assert time.monotonic() - begin_s < 10.0 + 2.0 * PATIENCE_S
+        assert health(run)["robot"]["mode"] == "HOLD"
+        with StreamClient(run.url) as again:
+            again.session()
+            again.ended()
+    finally:
+        hung.kill()
+        hung.communicate()
 
 
 def test_a_lost_rtloop_ends_the_session(run: Run) -> None:

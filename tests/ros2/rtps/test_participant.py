@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import random
 import threading
+import time
 from collections.abc import Callable
 from ipaddress import IPv4Interface
 
@@ -29,6 +30,7 @@ from ros2.rtps import (
 from ros2.rtps import submessages as sub
 from ros2.rtps.announcements import ParticipantAnnouncement, pack_participant
 from ros2.rtps.discovery import PARTICIPANT_WRITER
+from ros2.rtps.history import Change
 from ros2.rtps.network import local_interfaces, reachable
 from ros2.rtps.types import PARTICIPANT_ENTITY, UNKNOWN_ENTITY
 
@@ -93,6 +95,23 @@ def test_a_sample_waits_for_the_one_reader_that_it_is_for(join: Join) -> None:
     until(lambda: mine == [2])
     writer.write(payload(3))
     until(lambda: (mine, other) == ([2, 3], [3]))
+
+
+def test_a_sample_waits_for_its_reader_although_the_clock_on_the_wall_jumps(
+    join: Join, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here, there = join(), join()
+    writer = here.create_writer("topic", "Type", KEEP_ALL)
+    writer.write(payload(1), only=Guid(there.guid.prefix + bytes((0, 0, 2, 4))))
+    now_s = time.time()
+    for jump_s in (1e6, -1e6):
+        monkeypatch.setattr(time, "time", lambda jump_s=jump_s: now_s + jump_s)
+        writer.write(payload(2))
+        assert [number_of_change(change) for change in writer._history] == [1]
+
+
+def number_of_change(change: Change) -> int:
+    return int.from_bytes(change.payload[4:8], "little")
 
 
 def test_writers_in_many_threads_share_one_order(join: Join) -> None:

@@ -1,0 +1,36 @@
+"""A start that fails for a reason that people can see to is said in a sentence, not in a traceback."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import AsyncIterator
+
+from fastapi import FastAPI
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from cobot.errors import CobotError, exhausted
+
+
+@contextlib.asynccontextmanager
+async def saying_why(app: FastAPI) -> AsyncIterator[None]:
+    """Keep for `StartFailure` why what the context holds cannot begin; a mistake of ours stays one."""
+    app.state.start_failure = None
+    try:
+        yield
+    except (CobotError, OSError, MemoryError, RuntimeError) as exc:
+        app.state.start_failure = exc if isinstance(exc, CobotError) else exhausted(exc)
+        raise
+
+
+class StartFailure:
+    """ASGI middleware, which has the server log the sentence."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        async def say(message: Message) -> None:
+            reason = scope["app"].state.start_failure
+            await send({**message, "message": str(reason)} if reason and "message" in message else message)
+
+        await self._app(scope, receive, say if scope["type"] == "lifespan" else send)

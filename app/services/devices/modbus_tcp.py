@@ -1,0 +1,132 @@
+"""Requests of Modbus TCP, one at a time; whatever comes back.
+
+Sources: MODBUS Application Protocol V1.1b3 and MODBUS Messaging on TCP/IP V1.0b, modbus.org. Anything else
+than what these say is an error, and if it leaves open where the next answer begins, the connection is closed.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import struct
+from enum import IntEnum
+
+from cobot.errors import DeviceError
+
+TIMEOUT_S = 1.0
+MAX_LENGTH = 254
+"""Of a message, from its unit on: more is none."""
+REFUSED = 0x80
+"""Is added to the function of a request that the device refuses."""
+REFUSALS = {
+    1: "illegal function",
+    2: "illegal address",
+    3: "illegal value",
+    4: "device failure",
+    5: "acknowledge",
+    6: "device busy",
+    8: "memory parity error",
+    10: "gateway path unavailable",
+    11: "gateway no response",
+}
+_HEAD = struct.Struct(">HHH")  # number of the transaction, 0 for Modbus, length of the rest
+_REQUEST = struct.Struct(">BBHH")  # unit, function, address, count or value
+
+
+class Function(IntEnum):
+    READ_COILS = 1
+    READ_DISCRETE_INPUTS = 2
+    READ_HOLDING_REGISTERS = 3
+    READ_INPUT_REGISTERS = 4
+    WRITE_COIL = 5
+    WRITE_REGISTER = 6
+
+
+_BYTES = {
+    Function.READ_COILS: 1,
+    Function.READ_DISCRETE_INPUTS: 1,
+    Function.READ_HOLDING_REGISTERS: 2,
+    Function.READ_INPUT_REGISTERS: 2,
+}
+"""So many has a single value."""
+_COIL_ON = 0xFF00
+
+
+class ModbusConnection:
+    """A connection to one device."""
+
+    def __init__(self, host: str, port: int) -> None:
+        self._host = host
+        self._port = port
+        self._streams: tuple[asyncio.StreamReader, asyncio.StreamWriter] | None = None
+        self._number = 0
+
+    @property
+    def connected(self) -> bool:
+        return self._streams is not None
+
+    async def connect(self) -> None:
+        """Raises OSError, TimeoutError among them, or ValueError for what is no name of a host."""
+        async with asyncio.timeout(TIMEOUT_S):
+            self._streams = await asyncio.open_connection(self._host, self._port, limit=4 * MAX_LENGTH)
+
+    def close(self) -> None:
+        if self._streams is not None:
+            self._streams[1].close()
+            self._streams = None
+
+    async def read(self, unit: int, function: Function, address: int) -> int:
+        """One value; raises as `write` does."""
+        size = _BYTES[function]
+        data = await self._ask(unit, function, address, 1)
+        if len(data) != 1 + size or data[0] != size:
+            raise _unasked(unit)
+        value = int.from_bytes(data[1:], "big")
+        return value & 1 if size == 1 else value
+
+    async def write(self, unit: int, function: Function, address: int, value: int) -> None:
+        """Set a coil, 0 or 1, or a register; returns when the device has confirmed it.
+
+        Raises:
+            DeviceError: it refuses, does not answer, or answers something else; with what.
+        """
+        sent = _COIL_ON * value if function is Function.WRITE_COIL else value
+        if await self._ask(unit, function, address, sent) != struct.pack(">HH", address, sent):
+            raise _unasked(unit)
+
+    async def _ask(self, unit: int, function: Function, address: int, value: int) -> bytes:
+        """What the answer holds after its function."""
+        if self._streams is None:
+            raise DeviceError(f"unit {unit} is not connected")
+        reader, writer = self._streams
+        self._number = self._number % 0xFFFF + 1
+        request = _REQUEST.pack(unit, function, address, value)
+        try:
+            async with asyncio.timeout(TIMEOUT_S):
+                writer.write(_HEAD.pack(self._number, 0, len(request)) + request)
+                number, protocol, length = _HEAD.unpack(await reader.readexactly(_HEAD.size))
+                if (number, protocol) != (self._number, 0) or not 3 <= length <= MAX_LENGTH:
+                    self.close()
+                    raise _unasked(unit)
+                body = await reader.readexactly(length)
+        except TimeoutError:
+            self.close()  # an answer that comes late after all must not be taken for the next one's
+            raise DeviceError(f"unit {unit} has not answered within {TIMEOUT_S:g} s") from None
+        except asyncio.IncompleteReadError:
+            self.close()
+            raise DeviceError(f"unit {unit} has closed the connection instead of answering") from None
+        except OSError as exc:
+            self.close()
+            raise DeviceError(f"unit {unit}: {exc.strerror or exc}") from exc
+        except asyncio.CancelledError:
+            self.close()
+            raise
+        if body[0] != unit or body[1] & ~REFUSED != function:
+            raise _unasked(unit)
+        if body[1] & REFUSED:
+            why = REFUSALS.get(body[2], "unknown")
+            raise DeviceError(f"unit {unit} refuses address {address}: {why} (exception {body[2]})")
+        return body[2:]
+
+
+def _unasked(unit: int) -> DeviceError:
+    return DeviceError(f"unit {unit} has answered something else than was asked")

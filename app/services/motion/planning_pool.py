@@ -1,0 +1,265 @@
+"""Keeps planning processes alive, and gives each one task at a time.
+
+Each has a socket of its own and shares no lock with the others, so that one can be killed at any moment: by
+a stop, by a timeout, or by whoever. One that has ended, or is stopped, is replaced; the task that it had is
+lost with it, and its caller told. Time is the event loop's, which no change of the clock on the wall touches.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import pickle
+import signal
+import socket
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from app.services.motion.planning_worker import LENGTH, Task, message
+from cobot.errors import UnavailableError
+from cobot.launch.process import RUN_MODULE, is_stopped
+
+WORKER = "app.services.motion.planning_worker"
+LOOK_S = 0.5
+"""How often it is looked whether a worker that is waited for is stopped."""
+START_S = 60.0
+"""A worker that is not ready after so long will never be."""
+BACKOFF_S = (0.2, 5.0)
+"""The first pause before a worker is started again and the longest one, s, while starts fail."""
+
+log = logging.getLogger("cobot.planning")
+
+
+class WorkerLost(Exception):
+    """The worker that had the task has ended, or stands still, with how."""
+
+
+@dataclass(eq=False)
+class _Worker:
+    """A process.
+
+    Attributes:
+        answer: to the task that it has, if it has one: whether it returned, and what.
+        usable: it has loaded its robot and has not ended.
+        dismissed: it is ours to have ended it.
+        paused: it was stopped when it was looked at last.
+    """
+
+    process: subprocess.Popen[bytes]
+    writer: asyncio.StreamWriter
+    answer: asyncio.Future[tuple[bool, Any]] | None = None
+    usable: bool = False
+    dismissed: bool = False
+    paused: bool = False
+
+    def end(self) -> None:
+        """Kill it; a new one takes its place."""
+        self.usable = False
+        self.process.kill()
+
+    def stands_still(self) -> bool:
+        """Whether somebody has stopped it, and had at the last look already."""
+        before, self.paused = self.paused, is_stopped(self.process.pid)
+        return before and self.paused
+
+
+class PlanningPool:
+    """So many workers, started with the first task.
+
+    Args:
+        arguments: of a worker's command line.
+
+    Attributes:
+        replaced: how many workers have ended, or were stopped, by no act of ours.
+        problem: why the last start of a worker failed; "" if it did not.
+    """
+
+    def __init__(self, arguments: Sequence[str], size: int) -> None:
+        self.size = size
+        self.replaced = 0
+        self.problem = ""
+        self._command = [*RUN_MODULE, WORKER, *arguments]
+        self._workers: set[_Worker] = set()
+        self._idle: asyncio.Queue[_Worker] = asyncio.Queue()
+        self._keepers: list[asyncio.Task[None]] = []
+
+    @property
+    def usable(self) -> int:
+        """How many workers can be given a task, or have one."""
+        return sum(worker.usable for worker in self._workers)
+
+    @property
+    def busy(self) -> int:
+        """How many of them have one."""
+        return sum(worker.usable and worker.answer is not None for worker in self._workers)
+
+    def start(self) -> None:
+        """Have the workers started, if they are not."""
+        if not self._keepers:
+            self._keepers = [asyncio.create_task(self._keep()) for _ in range(self.size)]
+
+    async def run(self, task: Task, timeout_s: float | None) -> Any:
+        """What a worker makes of a task; raises what the task raises. Cancelling this kills the worker.
+
+        Raises:
+            TimeoutError: not done in this time from when a worker has it.
+            WorkerLost: the worker has ended, or is stopped.
+            UnavailableError: no worker can be started.
+        """
+        self.start()
+        packed = await asyncio.to_thread(message, task)
+        worker = await self._free()
+        worker.answer = asyncio.get_running_loop().create_future()
+        try:
+            async with asyncio.timeout(timeout_s):
+                worker.writer.write(packed)
+                succeeded, found = await self._answer(worker)
+        except BaseException as exc:
+            worker.dismissed = not isinstance(exc, WorkerLost)
+            worker.end()
+            raise
+        finally:
+            worker.answer = None
+        self._idle.put_nowait(worker)
+        if succeeded:
+            return found
+        raise found
+
+    def close(self) -> None:
+        """End all workers."""
+        for keeper in self._keepers:
+            keeper.cancel()
+        for worker in self._workers:
+            worker.dismissed = True
+            worker.end()
+
+    async def _free(self) -> _Worker:
+        """A worker without a task, once there is one."""
+        while True:
+            try:
+                async with asyncio.timeout(LOOK_S):
+                    worker = await self._idle.get()
+            except TimeoutError:
+                if self.problem and not self.usable:
+                    raise UnavailableError(self.problem) from None
+                continue
+            if worker.usable and not is_stopped(worker.process.pid):
+                return worker
+            worker.end()
+
+    async def _answer(self, worker: _Worker) -> tuple[bool, Any]:
+        assert worker.answer is not None
+        while True:
+            await asyncio.wait({worker.answer}, timeout=LOOK_S)
+            if worker.answer.done():
+                return worker.answer.result()
+            if not worker.usable:
+                raise WorkerLost(f"(pid {worker.process.pid}) has ended")
+            if worker.stands_still():
+                raise WorkerLost(f"(pid {worker.process.pid}) is stopped")
+
+    async def _keep(self) -> None:
+        """Have one worker there, for ever."""
+        pause_s, longest_s = BACKOFF_S
+        while True:
+            try:
+                was_usable = await self._live()
+            except (OSError, RuntimeError) as exc:  # RuntimeError: no thread can be started
+                was_usable = False
+                self._fail(f"cannot be started: {getattr(exc, 'strerror', None) or exc}")
+            pause_s = BACKOFF_S[0] if was_usable else min(2.0 * pause_s, longest_s)
+            if not was_usable:
+                await asyncio.sleep(pause_s)
+
+    async def _live(self) -> bool:
+        """One worker from its start to its end; whether it could be used.
+
+        Raises:
+            OSError: it cannot be started.
+        """
+        worker, reader = await self._started()
+        self._workers.add(worker)
+        began = False
+        try:
+            async with asyncio.timeout(START_S):
+                await _message(reader)
+            began = worker.usable = True
+            self.problem = ""
+            self._idle.put_nowait(worker)
+            while True:
+                packed = await _message(reader)
+                outcome = await asyncio.to_thread(_outcome, packed)
+                if worker.answer is not None and not worker.answer.done():
+                    worker.answer.set_result(outcome)
+        except (asyncio.IncompleteReadError, OSError):  # its end, or it does not begin
+            worker.end()
+            while worker.process.poll() is None:
+                await asyncio.sleep(0.01)
+            self._note_end(worker, began)
+            return began
+        finally:
+            self._workers.discard(worker)
+            worker.end()
+            worker.writer.close()
+            worker.process.wait()
+
+    async def _started(self) -> tuple[_Worker, asyncio.StreamReader]:
+        ours, theirs = socket.socketpair()
+        with theirs:
+            try:
+                process = subprocess.Popen(
+                    [*self._command, "--fd", str(theirs.fileno())],
+                    stdin=subprocess.DEVNULL,
+                    pass_fds=(theirs.fileno(),),
+                )
+            except OSError:
+                ours.close()
+                raise
+        try:
+            reader, writer = await asyncio.open_unix_connection(sock=ours, limit=2**20)
+        except BaseException:
+            process.kill()
+            process.wait()
+            raise
+        return _Worker(process, writer), reader
+
+    def _note_end(self, worker: _Worker, began: bool) -> None:
+        """Tell who waits for it, and who reads the log."""
+        how = f"(pid {worker.process.pid}) {_ending(worker.process.returncode)}"
+        if worker.answer is not None and not worker.answer.done():
+            worker.answer.set_exception(WorkerLost(how))
+        if not began:
+            self._fail(f"{_ending(worker.process.returncode)} at its start")
+        elif not worker.dismissed:
+            self.replaced += 1
+            log.warning("a planning process %s and is replaced", how)
+
+    def _fail(self, why: str) -> None:
+        problem = f"a planning process {why}; it is tried again"
+        if problem != self.problem:
+            log.error("%s", problem)
+        self.problem = problem
+
+
+def _outcome(packed: bytes) -> tuple[bool, Any]:
+    try:
+        found: tuple[bool, Any] = pickle.loads(packed)
+    except Exception as exc:  # noqa: BLE001 - an error that cannot be told is one
+        return False, exc
+    return found
+
+
+def _ending(status: int) -> str:
+    return f"was ended by {signal.Signals(-status).name}" if status < 0 else f"ended with status {status}"
+
+
+async def _message(reader: asyncio.StreamReader) -> bytes:
+    """The pickle of the next message.
+
+    Raises:
+        asyncio.IncompleteReadError: the other end is closed.
+    """
+    (size,) = LENGTH.unpack(await reader.readexactly(LENGTH.size))
+    return await reader.readexactly(size)

@@ -1,0 +1,96 @@
+"""`python -m app.services.motion.planning_worker`: a process that computes one task after the other.
+
+It shares nothing with the service but the socket that it has inherited, so it may be killed at any moment. On
+it go pickles, each after its length in 8 bytes: a function of the robot comes, whether it has returned and
+what, or what it has raised, goes. The first message says that the robot is loaded.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import pickle
+import signal
+import struct
+import sys
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from socket import socket
+from typing import Any, BinaryIO
+
+from cobot.launch.process import Niceness, be, die_with_parent, in_words
+
+LENGTH = struct.Struct("=Q")
+Task = Callable[[Any], Any]
+"""What is asked of a worker: a picklable function of `cobot.robot.description.RobotDescription`."""
+
+
+def message(content: object) -> bytes:
+    """What goes over the socket."""
+    packed = pickle.dumps(content, pickle.HIGHEST_PROTOCOL)
+    return LENGTH.pack(len(packed)) + packed
+
+
+def main() -> int:
+    """Work until the service goes; the exit status: 0, or 2 when the robot cannot be loaded."""
+    parser = argparse.ArgumentParser(prog="python -m app.services.motion.planning_worker")
+    parser.add_argument("--config", type=Path)
+    parser.add_argument("--robot")
+    parser.add_argument("--fd", type=int, required=True, help="descriptor of the socket")
+    arguments = parser.parse_args()
+    # What takes a second to import, for a worker that says it is ready shall be so.
+    from app.services.motion import planning  # noqa: F401
+    from cobot.config import load_settings
+    from cobot.errors import CobotError
+    from cobot.logs import start_logging
+    from cobot.robot.description import load_robot
+
+    try:
+        settings = load_settings(arguments.config).of(arguments.robot)
+        start_logging("planning", settings.logging)
+        robot = load_robot(settings)
+    except CobotError as exc:
+        with contextlib.suppress(OSError):
+            print(exc, flush=True)
+        return 2
+    with socket(fileno=arguments.fd) as connection, connection.makefile("rwb") as channel:
+        _work(channel, robot)
+    return 0
+
+
+def _work(channel: Any, robot: Any) -> None:
+    _send(channel, message(None))
+    while (task := _received(channel)) is not None:
+        _send(channel, _outcome(task, robot))
+
+
+def _outcome(packed: bytes, robot: Any) -> bytes:
+    try:
+        task: Task = pickle.loads(packed)
+        return message((True, task(robot)))
+    except Exception as exc:  # noqa: BLE001 - the service decides what becomes of it
+        exc.add_note("".join(traceback.format_tb(exc.__traceback__)))
+        return message((False, exc))
+
+
+def _send(channel: BinaryIO, content: bytes) -> None:
+    channel.write(content)
+    channel.flush()
+
+
+def _received(channel: BinaryIO) -> bytes | None:
+    """A message's pickle; None at the end."""
+    head = channel.read(LENGTH.size)
+    if len(head) < LENGTH.size:
+        return None
+    size = LENGTH.unpack(head)[0]
+    packed = channel.read(size)
+    return packed if len(packed) == size else None
+
+
+if __name__ == "__main__":
+    die_with_parent(signal.SIGKILL)
+    be(Niceness.BACKGROUND)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    sys.exit(in_words(main))

@@ -1,0 +1,43 @@
+"""Local streaming clients that hang: one that is stopped, as by SIGSTOP or a debugger, loses the arm.
+
+rtloop brings the arm to rest when no targets come, and notices the end of the client's process; but a process
+that is stopped has not ended. A remote client that hangs answers no ping, so its connection ends.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import AsyncIterator
+
+from app.services.state.link import RobotLink
+from cobot.launch.process import is_stopped
+
+PERIOD_S = 0.5
+
+log = logging.getLogger("cobot.streams")
+
+
+@contextlib.asynccontextmanager
+async def watching_clients(link: RobotLink, timeout_s: float) -> AsyncIterator[None]:
+    """While the context lasts, end the session of a client that has been stopped for so long."""
+    task = asyncio.create_task(_watch(link, timeout_s), name="hung clients")
+    try:
+        yield
+    finally:
+        task.cancel()
+
+
+async def _watch(link: RobotLink, timeout_s: float) -> None:
+    stopped_s = 0.0
+    while True:
+        await asyncio.sleep(PERIOD_S)
+        process = link.streaming_process()
+        stopped_s = stopped_s + PERIOD_S if process is not None and is_stopped(process) else 0.0
+        if stopped_s >= timeout_s:
+            log.warning(
+                "%sthe streaming client, process %s, is stopped: its session ends", link.label, process
+            )
+            link.request_stop()
+            stopped_s = 0.0

@@ -1,0 +1,149 @@
+"""What the arm of a running service does by way of the service, beside tasks.py: servo points, a goal of
+FollowJointTrajectory, a sequence, a Lua program. Each goes on by itself until it is ended, whatever dies.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import httpx
+from running import WAIT_S, Run
+from tasks import BUSY, HOME, Motion, robot_health
+from websockets.exceptions import WebSocketException
+from websockets.sync.client import connect
+
+PERIOD_S = 0.02
+AWAY = [0.8, 0.3, -0.3, -1.2, 0.3, 1.2, 0.5]
+
+
+class OverRosbridge:
+    """A client of rosbridge, in a thread.
+
+    Attributes:
+        answers: what has come back.
+        lost: set when its connection has gone.
+    """
+
+    def __init__(self, run: Run) -> None:
+        self._run = run
+        self._over = threading.Event()
+        self.lost = threading.Event()
+        self.answers: list[dict[str, Any]] = []
+        self._thread = threading.Thread(target=self._talk, daemon=True)
+        self._thread.start()
+        run.until(lambda: robot_health(run).get("mode") in {mode.name for mode in BUSY})
+
+    def end(self) -> None:
+        self._over.set()
+        self._thread.join(WAIT_S)
+        assert not self._thread.is_alive()
+
+    def _talk(self) -> None:
+        url = self._run.url.replace("http", "ws") + "/rosbridge"
+        with contextlib.suppress(WebSocketException, OSError), connect(url) as socket:
+            self._do(socket)
+        self.lost.set()
+
+    def _do(self, socket: Any) -> None:
+        raise NotImplementedError
+
+    def _take(self, socket: Any, seconds: float) -> None:
+        with contextlib.suppress(TimeoutError):
+            self.answers.append(json.loads(socket.recv(seconds)))
+
+
+class Servo(OverRosbridge):
+    """Points on /{robot}/joint_cmd."""
+
+    def _do(self, socket: Any) -> None:
+        def send(**content: Any) -> None:
+            message = {"op": "publish", "topic": f"/{self._run.name}/joint_cmd"}
+            data = {"data": json.dumps(content)}
+            socket.send(json.dumps({**message, "type": "std_msgs/String", "msg": data}))
+
+        begin = self._run.joints()
+        send(type="servo_control", command="set_mode", mode=1, watchdog_timeout=1.0, send_period=PERIOD_S)
+        number = 0
+        while not self._over.wait(PERIOD_S):
+            number += 1
+            turned = begin[0] + 0.1 * (1.0 - math.cos(2.0 * number * PERIOD_S))
+            where = {"session_id": 1, "point_id": number, "time": PERIOD_S}
+            send(type="servo_point", position=[turned, *begin[1:]], **where)
+
+
+class Goal(OverRosbridge):
+    """A goal of FollowJointTrajectory."""
+
+    def _do(self, socket: Any) -> None:
+        here = self._run.joints()
+        there = AWAY if abs(here[0] - AWAY[0]) > 0.1 else HOME
+        points = [{"positions": there, "time_from_start": {"sec": 20, "nanosec": 0}}]
+        joints = [f"joint{number}" for number in range(1, 8)]
+        goal = {"trajectory": {"joint_names": joints, "points": points}}
+        asked = {
+            "op": "send_action_goal",
+            "id": "goal",
+            "action": f"/{self._run.name}/follow_joint_trajectory",
+            "action_type": "control_msgs/action/FollowJointTrajectory",
+            "args": goal,
+        }
+        socket.send(json.dumps(asked))
+        while not self._over.is_set() and not self.answers:
+            self._take(socket, 0.05)
+
+
+class Program:
+    """A sequence file, or a Lua program, that the runner runs."""
+
+    file = ""
+    source = b""
+
+    def __init__(self, run: Run) -> None:
+        self._run = run
+        files = {"config": (self.file, self.source)}
+        started = httpx.post(f"{run.url}/sequences/start", files=files, timeout=WAIT_S)
+        assert started.status_code == 200, started.text
+        self.pid = int(started.json()["pid"])
+        run.until(lambda: robot_health(run).get("mode") == "TRAJECTORY")
+
+    def end(self) -> None:
+        with contextlib.suppress(httpx.TransportError):
+            httpx.post(f"{self._run.url}/stop", timeout=WAIT_S)
+
+
+class Sequence(Program):
+    file = "s.json"
+    source = json.dumps(
+        {"waypoints": [{"joints": joints, "speed": 0.1} for joints in 50 * (AWAY, HOME)]}
+    ).encode()
+
+
+class Lua(Program):
+    file = "p.lua"
+    source = (
+        f"while true do movej({{{', '.join(map(str, AWAY))}}}, 0.1) "
+        f"movej({{{', '.join(map(str, HOME))}}}, 0.1) end"
+    ).encode()
+
+
+ACTIVITIES: dict[str, Any] = {
+    "motion": Motion,
+    "servo": Servo,
+    "goal": Goal,
+    "sequence": Sequence,
+    "lua": Lua,
+}
+
+
+@contextlib.contextmanager
+def active(run: Run, activity: str) -> Iterator[Any]:
+    made = ACTIVITIES[activity](run)
+    try:
+        yield made
+    finally:
+        made.end()

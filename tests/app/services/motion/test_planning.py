@@ -1,0 +1,268 @@
+"""Planning processes that are killed, stopped and kept busy: what was asked for is answered all the same.
+
+Oracles: the operating system's process table, and what the planner makes of the same request in this process.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Coroutine, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import pytest
+
+from app.services.motion.planning import PlanningService
+from app.services.motion.planning_pool import PlanningPool
+from cobot.errors import InputError, PlanningError, PlanningTimeout, UnavailableError
+from cobot.launch.process import is_stopped
+from cobot.planners import MotionRequest, plan
+from cobot.robot.description import RobotDescription
+from cobot.types import PlannerName, Scaling
+
+WAIT_S = 60.0
+
+
+@pytest.fixture(scope="module")
+def runner() -> Iterator[asyncio.Runner]:
+    with asyncio.Runner() as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def planning(runner: asyncio.Runner) -> Iterator[PlanningService]:
+    """Two workers for all tests here."""
+    made = PlanningService(None, 2)
+
+    async def start() -> None:
+        made.warm_up()
+        await until(lambda: made.status.usable == 2)
+
+    runner.run(start())
+    yield made
+    made.close()
+    runner.run(until(lambda: not workers()))
+
+
+async def until(condition: Callable[[], object]) -> None:
+    async with asyncio.timeout(WAIT_S):
+        while not condition():
+            await asyncio.sleep(0.01)
+
+
+def workers() -> list[psutil.Process]:
+    children = psutil.Process().children()
+    return [child for child in children if "app.services.motion.planning_worker" in child.cmdline()]
+
+
+def _pid(robot: RobotDescription) -> int:
+    return os.getpid()
+
+
+def _sleep(robot: RobotDescription, seconds: float) -> str:
+    time.sleep(seconds)
+    return "slept"
+
+
+def _end(robot: RobotDescription) -> None:
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
+def _end_once(robot: RobotDescription, mark: Path) -> str:
+    if not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return "planned"
+
+
+def _exhaust(robot: RobotDescription) -> int:
+    return len(bytearray(2**62))
+
+
+def _refuse(robot: RobotDescription) -> None:
+    raise InputError("no")
+
+
+def _tell(robot: RobotDescription) -> bytes:
+    print("a library of somebody else's is chatty")
+    return b"x" * 30_000_000
+
+
+class _Unpicklable(Exception):
+    def __init__(self, first: int, second: int) -> None:
+        super().__init__("two numbers")
+
+
+def _raise_what_cannot_be_told(robot: RobotDescription) -> None:
+    raise _Unpicklable(1, 2)
+
+
+Check = Callable[[], Coroutine[Any, Any, None]]
+
+
+def test_a_plan_is_what_the_planner_makes_of_it_here(
+    runner: asyncio.Runner, planning: PlanningService, robot: RobotDescription
+) -> None:
+    home = np.array(robot.positions["home"].joints)
+    request = MotionRequest(home, home + 0.2, PlannerName.PTP, Scaling(0.5))
+    made = runner.run(planning.plan(request, WAIT_S))
+    known = plan(robot, request)
+    assert made is not None
+    assert known is not None
+    np.testing.assert_array_equal(made.coefficients, known.coefficients)
+
+
+def test_idle_workers_that_are_killed_are_replaced_and_nobody_notices(
+    runner: asyncio.Runner, planning: PlanningService
+) -> None:
+    """All of them, so that whoever comes next must wait for a new one."""
+    replaced = planning.status.replaced
+
+    async def check() -> None:
+        old = workers()
+        for worker in old:
+            worker.kill()
+        found = await planning.compute(_pid, WAIT_S)
+        assert found not in [worker.pid for worker in old]
+        await until(lambda: planning.status.usable == 2)
+
+    runner.run(check())
+    assert planning.status.replaced == replaced + 2
+    assert planning.status.state == "ready"
+
+
+def test_what_was_being_planned_when_a_worker_died_is_planned_by_another(
+    runner: asyncio.Runner, planning: PlanningService, tmp_path: Path
+) -> None:
+    work = partial(_end_once, mark=tmp_path / "mark")
+    assert runner.run(planning.compute(work, WAIT_S)) == "planned"
+
+
+def test_what_ends_every_worker_is_given_up_after_two(
+    runner: asyncio.Runner, planning: PlanningService
+) -> None:
+    replaced = planning.status.replaced
+
+    async def check() -> None:
+        with pytest.raises(PlanningError, match=r"SIGSEGV, and so did the one before"):
+            await planning.compute(_end, WAIT_S)
+        await until(lambda: planning.status.usable == 2)
+
+    runner.run(check())
+    assert planning.status.replaced == replaced + 2
+
+
+@pytest.mark.parametrize("busy", [False, True])
+def test_a_worker_that_is_stopped_is_replaced(
+    runner: asyncio.Runner, planning: PlanningService, busy: bool
+) -> None:
+    async def check() -> None:
+        old = workers()
+        if busy:
+            asked = asyncio.create_task(planning.compute(partial(_sleep, seconds=0.5), WAIT_S))
+            await until(lambda: planning.status.busy == 1)
+        for worker in old:
+            os.kill(worker.pid, signal.SIGSTOP)
+        await until(lambda: all(is_stopped(worker.pid) for worker in old))
+        if not busy:
+            asked = asyncio.create_task(planning.compute(partial(_sleep, seconds=0.0), WAIT_S))
+        assert await asked == "slept"
+        await until(lambda: not {each.pid for each in old} & {each.pid for each in workers()})
+
+    runner.run(check())
+
+
+def test_an_interruption_ends_the_worker_and_is_no_accident(
+    runner: asyncio.Runner, planning: PlanningService
+) -> None:
+    async def check() -> None:
+        replaced, old = planning.status.replaced, {worker.pid for worker in workers()}
+        asked = asyncio.create_task(planning.compute(partial(_sleep, seconds=WAIT_S), WAIT_S))
+        await until(lambda: planning.status.busy == 1)
+        asked.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await asked
+        with pytest.raises(PlanningTimeout, match="longer than 0 s"):
+            await planning.compute(partial(_sleep, seconds=WAIT_S), 0.2)
+        await until(lambda: planning.status.usable == 2)
+        assert not old & {worker.pid for worker in workers()}
+        assert planning.status.replaced == replaced
+
+    runner.run(check())
+
+
+def test_a_clock_on_the_wall_that_jumps_ends_no_planning(
+    runner: asyncio.Runner, planning: PlanningService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = time.time
+
+    async def check() -> None:
+        asked = asyncio.create_task(planning.compute(partial(_sleep, seconds=0.6), 5.0))
+        await until(lambda: planning.status.busy == 1)
+        monkeypatch.setattr(time, "time", lambda: real() + 1e6)
+        assert await asked == "slept"
+
+    runner.run(check())
+
+
+def test_errors_come_as_they_are_and_output_does_not_disturb(
+    runner: asyncio.Runner, planning: PlanningService
+) -> None:
+    async def check() -> None:
+        with pytest.raises(InputError, match="no"):
+            await planning.compute(_refuse, WAIT_S)
+        with pytest.raises(PlanningError, match="no memory left"):
+            await planning.compute(_exhaust, WAIT_S)
+        with pytest.raises(TypeError):
+            await planning.compute(_raise_what_cannot_be_told, WAIT_S)
+        assert len(await planning.compute(_tell, WAIT_S)) == 30_000_000
+
+    runner.run(check())
+
+
+def test_new_workers_take_over_from_the_old_ones(runner: asyncio.Runner, planning: PlanningService) -> None:
+    old = {worker.pid for worker in workers()}
+
+    async def check() -> None:
+        await planning.renew()
+        assert planning.warm
+        assert await planning.compute(_pid, WAIT_S) not in old
+        await until(lambda: not old & {worker.pid for worker in workers()})
+
+    runner.run(check())
+
+
+def test_workers_that_cannot_be_started_are_an_error_that_says_so(tmp_path: Path) -> None:
+    """And not one for ever: a start that succeeds ends it."""
+    config = tmp_path / "settings.yaml"
+    config.write_text("nonsense: 1\n", encoding="utf-8")
+
+    async def check() -> None:
+        planning = PlanningService(config, 1)
+        with pytest.raises(UnavailableError, match="a planning process ended with status 2 at its start"):
+            await planning.compute(_pid, WAIT_S)
+        assert planning.status.state == "failed"
+        config.write_text("{}\n", encoding="utf-8")
+        await until(lambda: planning.status.state == "ready")
+        assert planning.status.problem == ""
+        planning.close()
+
+    asyncio.run(check())
+
+
+def test_a_program_that_is_not_there_is_an_error_that_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def check() -> None:
+        pool = PlanningPool([], 1)
+        pool._command[0] = os.fspath(Path(sys.executable).with_name("nothing"))
+        with pytest.raises(UnavailableError, match="cannot be started: No such file"):
+            await pool.run(_pid, WAIT_S)
+        pool.close()
+
+    asyncio.run(check())

@@ -1,0 +1,227 @@
+"""Every process is killed or stopped in what the service does for others: the table in docs/architecture.md.
+
+What test_faults.py has is not here again: a planned motion and a local client's stream. There is one `cobot
+run` for all, and nothing is restarted by hand. Oracles: `faults.Record`, which reads the state block as
+anybody can and takes numpy's differences of consecutive cycles; the process table.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterator
+
+import httpx
+import numpy as np
+import psutil
+import pytest
+from activities import AWAY, active
+from faults import Record, watched
+from peers import own_domain
+from running import WAIT_S, Run, answering
+from tasks import HOME, child, name, reset, robot_health
+
+from cobot.config import load_settings
+from cobot.ipc.shm import RobotMemory, Role
+from cobot.robot import description as robots
+
+MOVE = {"joints": AWAY, "speed": 0.3}
+
+
+@pytest.fixture(scope="module")
+def crashing(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
+    with own_domain() as domain:
+        run = Run(tmp_path_factory.mktemp("crashes"), clock="realtime", ros_domain=domain)
+        with answering(run):
+            yield run
+
+
+@pytest.fixture
+def record(crashing: Run) -> Iterator[Record]:
+    limits = robots.load_robot(load_settings()).limits
+    with watched(name(crashing), limits, 0.001) as made:
+        yield made
+
+
+def workers(run: Run) -> list[psutil.Process]:
+    service = child(run, "app", None)
+    found = service.children()
+    return [each for each in found if "app.services.motion.planning_worker" in each.cmdline()]
+
+
+def runners(run: Run) -> list[psutil.Process]:
+    found = []
+    for process in psutil.process_iter(["cmdline"]):
+        line = process.info["cmdline"] or []
+        if "sequences" in line and any(run.url.rsplit(":", 1)[1] in part for part in line):
+            found.append(process)
+    return found
+
+
+def move(run: Run, goal: list[float], speed: float = 1.0) -> httpx.Response:
+    body = {"joints": goal, "speed": speed}
+    return httpx.post(f"{run.url}/robot/move/joints", json=body, timeout=WAIT_S)
+
+
+def require_able(run: Run, record: Record) -> None:
+    """The arm rests, can be moved, and no limit was violated."""
+    run.until(lambda: robot_health(run).get("mode") in ("HOLD", "ESTOP", "FAULT"))
+    run.until(lambda: reset(run) and run.healthy())
+    run.until(lambda: move(run, HOME).json().get("success"))
+    assert record.violations() == []
+
+
+@pytest.mark.parametrize("activity", ["servo", "goal", "sequence", "lua"])
+def test_a_service_that_is_killed_leaves_an_arm_at_rest_and_no_runner(
+    crashing: Run, record: Record, activity: str
+) -> None:
+    run = crashing
+    with active(run, activity):
+        old = child(run, "app", None)
+        old.kill()
+        run.until(lambda: run.restarted("app", old.pid) and run.healthy())
+        robot = robot_health(run)
+        assert robot["mode"] == "HOLD", robot
+        assert "silent" in robot["reason"] or robot["reason"] == "the streaming client has died"
+        run.until(lambda: not runners(run))
+        health = run.health()
+        assert health is not None
+        assert health["service"]["motion"] is None  # type: ignore[index]
+    require_able(run, record)
+
+
+@pytest.mark.parametrize("activity", ["servo", "goal", "sequence"])
+def test_an_rtloop_that_is_killed_ends_what_it_did_and_everybody_is_told(
+    crashing: Run, record: Record, activity: str
+) -> None:
+    run = crashing
+    with active(run, activity) as doing:
+        old = child(run, "rtloop", None)
+        old.kill()
+        run.until(lambda: run.restarted("rtloop", old.pid) and run.healthy())
+        run.until(lambda: (run.health() or {"service": {"motion": ""}})["service"]["motion"] is None)  # type: ignore[index]
+        if activity == "goal":
+            run.until(lambda: doing.answers)
+            assert doing.answers[0]["status"] == 6, "aborted"
+        elif activity == "sequence":
+            status = httpx.get(f"{run.url}/sequences/status", timeout=WAIT_S).json()
+            assert status["returncode"] not in (0, None)
+    require_able(run, record)
+
+
+@pytest.mark.parametrize("activity", ["servo", "sequence"])
+def test_a_service_that_is_stopped_for_a_while_goes_on_with_an_arm_at_rest(
+    crashing: Run, record: Record, activity: str
+) -> None:
+    run = crashing
+    with active(run, activity):
+        service = child(run, "app", None)
+        service.suspend()
+        time.sleep(1.5)
+        service.resume()
+        run.until(lambda: "silent" in " ".join(record.reasons))
+        run.until(run.healthy)
+    require_able(run, record)
+
+
+@pytest.mark.parametrize("signal", ["kill", "suspend"])
+def test_a_ros_process_that_fails_is_no_business_of_the_arm(
+    crashing: Run, record: Record, signal: str
+) -> None:
+    run = crashing
+    move(run, HOME)
+    old = run.until(lambda: run.child("ros2"))
+    getattr(old, signal)()
+    assert move(run, AWAY, 0.5).json()["success"]
+    if signal == "suspend":
+        old.resume()
+    else:
+        run.until(lambda: run.restarted("ros2", old.pid))
+    require_able(run, record)
+
+
+def test_a_planning_process_that_is_killed_is_replaced_and_the_next_motion_arrives(
+    crashing: Run, record: Record
+) -> None:
+    run = crashing
+
+    def planning() -> dict[str, int]:
+        return (run.health() or {})["planning"]  # type: ignore[return-value]
+
+    run.until(lambda: planning()["usable"] == 1)
+    before = planning()["replaced"]
+    (worker,) = workers(run)
+    worker.kill()
+    answer = move(run, AWAY)
+    assert answer.status_code == 200, answer.text
+    assert answer.json()["success"], answer.text
+    run.until(lambda: planning()["usable"] == 1)
+    assert planning()["replaced"] == before + 1
+    assert run.healthy()
+    assert f"a planning process (pid {worker.pid}) was ended by SIGKILL and is replaced" in run.output
+    require_able(run, record)
+
+
+def test_a_planning_process_that_is_stopped_is_replaced(crashing: Run, record: Record) -> None:
+    run = crashing
+    (worker,) = run.until(lambda: workers(run))
+    worker.suspend()
+    assert move(run, AWAY).json()["success"]
+    assert worker.pid not in [each.pid for each in workers(run)]
+    require_able(run, record)
+
+
+def test_a_spoilt_header_is_mended_and_who_is_restarted_meanwhile_comes_back(
+    crashing: Run, record: Record
+) -> None:
+    """Wild bytes in the whole page, again and again, while rtloop is dead."""
+    run, random = crashing, np.random.default_rng(8)
+    with active(run, "goal"):
+        old = child(run, "rtloop", None)
+        with run.memory.open("r+b", buffering=0) as file:
+            file.write(random.bytes(4096))
+            old.kill()
+            for _ in range(10):
+                file.seek(0)
+                file.write(random.bytes(4096))
+                time.sleep(0.03)
+        run.until(lambda: run.restarted("rtloop", old.pid) and run.healthy())
+    RobotMemory.attach(name(run), Role.READER).close()
+    run.until(lambda: "was spoilt, and is written anew" in run.output)
+    require_able(run, record)
+
+
+def test_a_supervisor_that_is_stopped_is_missed_by_nobody_until_something_dies(
+    crashing: Run, record: Record
+) -> None:
+    run = crashing
+    supervisor = psutil.Process(run.process.pid)
+    supervisor.suspend()
+    try:
+        assert move(run, AWAY, 0.5).json()["success"]
+        old = child(run, "rtloop", None)
+        old.kill()
+        run.until(lambda: move(run, HOME).status_code == 503)
+    finally:
+        supervisor.resume()
+    run.until(lambda: run.restarted("rtloop", old.pid) and run.healthy())
+    require_able(run, record)
+
+
+def test_a_supervisor_that_is_killed_takes_all_with_it_and_the_arm_comes_to_rest(
+    crashing: Run, record: Record
+) -> None:
+    """The last test here: it needs another `cobot run`."""
+    run = crashing
+    family = psutil.Process(run.process.pid).children(recursive=True)
+    with active(run, "motion"):
+        os.kill(run.process.pid, 9)
+        run.process.wait(WAIT_S)
+        _, left = psutil.wait_procs(family, timeout=WAIT_S)
+        assert left == []
+        assert record.violations() == []
+        assert np.ptp(np.array(record.commanded[-3:]), axis=0).max() < 1e-9, (
+            "the last commands are of an arm at rest"
+        )
+        run.start()
+        run.until(run.healthy)
