@@ -10,8 +10,8 @@ import numpy as np
 from running import unique_name
 
 from cobot.config import Settings
-from cobot.ipc.layout import RING, Ack, Command, Interpolation, Intervention, MotionResult, Stream
-from cobot.ipc.shm import RobotMemory, text
+from cobot.ipc.layout import RING, Ack, Command, Interpolation, Intervention, MotionResult, Stream, text
+from cobot.ipc.shm import RobotMemory
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array, LoopMode

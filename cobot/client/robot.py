@@ -26,12 +26,11 @@ from cobot.client.plans import Plan, Run
 from cobot.client.primitives import primitive
 from cobot.client.session_settings import SessionSettings
 from cobot.client.states import RobotInfo, RobotStates, robot_info, robot_states
-from cobot.client.transport import SharedMemoryTransport, Transport
+from cobot.client.transport import Transport, local_transport
 from cobot.client.websocket import WebSocketTransport
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import ConflictError, InputError, NotReadyError, UnavailableError
-from cobot.ipc.layout import Intervention, Stream
-from cobot.ipc.shm import text
+from cobot.ipc.layout import Intervention, Stream, text
 from cobot.types import LoopMode
 
 log = logging.getLogger("cobot.realtime")
@@ -67,6 +66,7 @@ class Robot(SessionSettings):
     Raises:
         UnavailableError: there is no such robot, or its rtloop does not answer.
         LayoutError: it is served by another version of cobot.
+        NotSupportedError: a name, where the service is not installed: only its URL leads to it from there.
     """
 
     def __init__(
@@ -387,7 +387,7 @@ def _connect(serial_number: str, retries: int, interval_s: float, clock: Clock) 
     remote = serial_number.startswith(("http://", "https://"))
     for attempt in range(retries + 1):
         try:
-            transport = WebSocketTransport if remote else SharedMemoryTransport
+            transport = WebSocketTransport if remote else local_transport
             return transport(serial_number, clock)
         except UnavailableError:
             if attempt == retries:

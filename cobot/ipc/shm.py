@@ -61,6 +61,7 @@ from cobot.ipc.layout import (
     session_dtype,
     setpoint_dtype,
     state_dtype,
+    text,
 )
 from cobot.ipc.seqlock import Block
 from cobot.trajectory import ORDER, Trajectory
@@ -270,11 +271,6 @@ class RobotMemory:
         self._offset += coefficients.nbytes
         self._next_page()
         return Slot(head, times, coefficients)
-
-
-def text(field: np.ndarray) -> str:
-    """A text field of a record."""
-    return bytes(field.item() if isinstance(field, np.ndarray) else field).decode("utf-8", "replace")
 
 
 def encoded(message: str, size: int = np.dtype(TEXT).itemsize) -> bytes:

@@ -27,7 +27,8 @@ from types import FrameType
 from cobot.addresses import address
 from cobot.config import Settings
 from cobot.errors import ConfigError, TornReadError, UnavailableError
-from cobot.ipc.shm import RobotMemory, text
+from cobot.ipc.layout import text
+from cobot.ipc.shm import RobotMemory
 from cobot.launch.process import RUN_MODULE
 from cobot.robot.description import load_robot
 
