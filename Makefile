@@ -13,7 +13,7 @@ COMPILED := $(sort $(foreach file,$(shell find $(PACKAGES) -name '*.so'),$(first
 
 PARALLEL := --numprocesses 2 --dist loadfile --no-loadscope-reorder
 
-.PHONY: run setup setup-dev test lint bench lock clean help FORCE
+.PHONY: run setup setup-dev client-wheel test lint bench lock clean help FORCE
 
 run: setup ## start the service and the simulated robot on http://localhost:8007
 	$(BIN)/cobot run
@@ -21,6 +21,9 @@ run: setup ## start the service and the simulated robot on http://localhost:8007
 setup: $(VENV)/.install-stamp ## make the virtual environment that `make run` uses
 
 setup-dev: setup $(VENV)/.dev-stamp ## add what the tests and benchmarks need
+
+client-wheel: $(VENV)/.run-stamp ## build dist/cobot_client-*.whl, which any computer with Python can install
+	$(PIP) wheel --no-deps --no-build-isolation --wheel-dir dist ./cobot-client
 
 test: setup-dev lint ## lint, types, import contract, unit, property and end-to-end tests
 	$(BIN)/python -m pytest $(PARALLEL) --ignore tests/e2e/realtime
@@ -36,15 +39,15 @@ lint: setup-dev
 bench: setup-dev ## print the benchmark table
 	$(BIN)/python -m benchmarks
 
-COMPILE_LOCK = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate
+COMPILE_LOCK = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate $(UPGRADE)
 
-lock: setup-dev ## resolve the pinned versions and hashes anew
+lock: setup-dev ## resolve versions and hashes anew; UPGRADE=--upgrade for the newest within the ranges
 	$(COMPILE_LOCK) pyproject.toml -o requirements.lock
 	$(BIN)/python setup.py requirements | $(COMPILE_LOCK) -c requirements.lock - -o requirements-build.lock
 	$(COMPILE_LOCK) --extra dev -c requirements.lock -c requirements-build.lock pyproject.toml -o requirements-dev.lock
 
 clean:
-	rm -rf $(VENV) build *.egg-info
+	rm -rf $(VENV) build dist *.egg-info cobot-client/build cobot-client/*.egg-info
 	find $(PACKAGES) -name '*.so' -delete
 
 help:

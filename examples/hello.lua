@@ -1,5 +1,5 @@
--- Tells ROS 2 where the arm is, and asks it for a name to greet.
---     cobot lua examples/hello.lua
+-- Tells ROS 2 where the arm is, and asks it for a name to greet. Start `make run` in another terminal, then:
+--     .venv/bin/cobot lua examples/hello.lua
 -- Meanwhile, from any ROS 2 node or rosbridge client: publish a std_msgs/msg/String on /demo/name.
 local ros = require("ros_bind")
 local names = ros.ros_subscriber_factory("/demo/name", "std_msgs/msg/String")

@@ -1,5 +1,6 @@
--- A pick without a gripper: over the part, straight down, up again, home.
---     cobot lua examples/pick.lua
+-- A pick without a gripper: over the part, straight down, up again, home. Start `make run` in another
+-- terminal, then:
+--     .venv/bin/cobot lua examples/pick.lua
 -- Lengths in m, angles in rad: a pose is {x, y, z, rx, ry, rz}.
 local ros_bind = require("ros_bind")
 local events = ros_bind.ros_publisher_factory("/demo/pick", "std_msgs/msg/String")

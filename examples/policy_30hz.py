@@ -1,6 +1,8 @@
-"""A policy that decides 30 times a second moves the arm.
+"""A policy that decides 30 times a second moves the arm. Start `make run` in another terminal, then:
 
-Start `make run` in another terminal, then: python examples/policy_30hz.py [SECONDS]
+    .venv/bin/python examples/policy_30hz.py
+
+or with a number of seconds. From another computer, with COBOT_ROBOT=http://HOST:8007.
 """
 
 from __future__ import annotations

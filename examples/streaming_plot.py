@@ -1,7 +1,12 @@
 """Draws how the arm follows a policy: along lines, quintics, profiles of Ruckig's, and action chunks.
 
-Start `make run` in another terminal, then: python examples/streaming_plot.py [--rate 10] [--output FILE]
-It needs matplotlib. It moves the first joint by some degrees, four times, and records what rtloop commands.
+Install matplotlib and start the service, each in a terminal on the robot's computer, then:
+
+    make setup-dev
+    make run
+    .venv/bin/python examples/streaming_plot.py --rate 10 --output streaming.png
+
+It moves the first joint by some degrees, four times, and records what rtloop commands.
 """
 
 from __future__ import annotations

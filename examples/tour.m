@@ -1,4 +1,5 @@
-% The ten-minute tour with MATLAB. Start `make run` in another terminal, then: tour
+% The ten-minute tour with MATLAB. Start `make run` in another terminal, then, in MATLAB:
+%     run examples/tour
 URL = getenv('COBOT_URL');
 if isempty(URL), URL = 'http://localhost:8007'; end
 T_READ = 10;

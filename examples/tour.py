@@ -1,4 +1,7 @@
-"""The ten-minute tour with httpx. Start `make run` in another terminal, then: python examples/tour.py"""
+"""The ten-minute tour with httpx. Start `make run` in another terminal, then:
+
+.venv/bin/python examples/tour.py
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# The ten-minute tour with curl. Start `make run` in another terminal, then: bash examples/tour.sh
+# The ten-minute tour with curl. Start `make run` in another terminal, then:
+#     bash examples/tour.sh
 set -euo pipefail
 COBOT_URL=${COBOT_URL:-http://localhost:8007}
 export no_proxy=*   # what moves a robot goes to it directly

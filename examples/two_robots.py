@@ -1,6 +1,7 @@
-"""Moves all robots of a service at the same time. Start this in another terminal first:
+"""Moves all robots of a service at the same time. In two terminals:
 
-cobot run --config examples/two_robots.yaml
+.venv/bin/cobot run --config examples/two_robots.yaml
+.venv/bin/python examples/two_robots.py
 """
 
 from __future__ import annotations

@@ -13,9 +13,9 @@ from rig import Rig
 
 from cobot.config import Settings
 from cobot.errors import TornReadError
-from cobot.ipc.layout import RING, Ack, Command, ServoMode, Stream
+from cobot.ipc.layout import RING, Ack, Command, ServoMode, Stream, text
 from cobot.ipc.seqlock import Block
-from cobot.ipc.shm import RobotMemory, Role, text
+from cobot.ipc.shm import RobotMemory, Role
 from cobot.ipc.stream_writer import PointWriter
 from cobot.planners.ptp import plan_ptp
 from cobot.planners.request import MotionRequest

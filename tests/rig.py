@@ -13,8 +13,8 @@ from running import unique_name
 from cobot.access.authentication import Authenticator
 from cobot.access.tokens import TokenFile
 from cobot.config import Settings
-from cobot.ipc.layout import RING, Ack, Command, Interpolation, Intervention, MotionResult, Stream
-from cobot.ipc.shm import RobotMemory, text
+from cobot.ipc.layout import RING, Ack, Command, Interpolation, Intervention, MotionResult, Stream, text
+from cobot.ipc.shm import RobotMemory
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array, LoopMode

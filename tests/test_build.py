@@ -5,17 +5,23 @@ from __future__ import annotations
 import importlib.util
 import os
 import re
+import shutil
 import subprocess
 import sys
 import sysconfig
 import tomllib
+import zipfile
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+from packaging.requirements import Requirement
+from wheels import Environment
 
 ROOT = Path(__file__).parents[1]
-BUILD = tomllib.loads((ROOT / "pyproject.toml").read_text())["build-system"]
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+CLIENT = tomllib.loads((ROOT / "cobot-client" / "pyproject.toml").read_text())
+BUILD = PYPROJECT["build-system"]
 MODULES = sorted(
     ".".join(source.relative_to(ROOT).with_suffix("").parts)
     for package in ("cobot", "rtloop", "app", "ros2", "sequences")
@@ -75,3 +81,43 @@ def test_what_the_build_needs_is_pinned_with_hashes() -> None:
     lock = (ROOT / "requirements-build.lock").read_text().lower()
     for requirement in BUILD["requires"]:
         assert f"\n{requirement.lower()} \\\n    --hash=" in "\n" + lock
+
+
+def test_dependencies_are_ranges_that_have_the_pinned_versions_in_them() -> None:
+    pins = dict(re.findall(r"^([\w.-]+)==(\S+)", (ROOT / "requirements-dev.lock").read_text(), re.M))
+    pins |= dict(re.findall(r"^([\w.-]+)==(\S+)", (ROOT / "requirements.lock").read_text(), re.M))
+    project = PYPROJECT["project"]
+    needed = [*project["dependencies"], *CLIENT["project"]["dependencies"]]
+    for each in map(Requirement, needed):
+        operators = {specifier.operator for specifier in each.specifier}
+        assert operators == {">=", "<"} or each.name == "mujoco-core", each  # compiled into our modules
+    for each in map(Requirement, [*needed, *project["optional-dependencies"]["dev"]]):
+        assert pins[each.name.lower()] in each.specifier, each
+
+
+@pytest.fixture
+def parent(tmp_path: Path) -> Path:
+    """A folder with a clone in it that is named cobot: its Python modules, and what setup.py reads."""
+    clone = tmp_path / "parent" / "cobot"
+    for package in ("cobot", "rtloop", "app", "ros2", "sequences", "config"):
+        unread = shutil.ignore_patterns("__pycache__", "*.so", "*.py[xi]", "*.pxd")
+        shutil.copytree(ROOT / package, clone / package, ignore=unread)
+    for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
+        shutil.copy2(ROOT / name, clone)
+    return clone.parent
+
+
+def test_a_script_beside_the_clone_gets_the_installed_package(parent: Path, tmp_path: Path) -> None:
+    """To Python, a clone named cobot beside the script is a package cobot, without an __init__."""
+    make = "from setuptools import build_meta; build_meta.build_editable('made')"
+    subprocess.run([sys.executable, "-c", make], cwd=parent / "cobot", check=True, capture_output=True)
+    (wheel,) = (parent / "cobot" / "made").glob("*.whl")
+    environment = Environment(tmp_path / "environment")
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(environment.packages)
+    for each in CLIENT["project"]["dependencies"]:
+        environment.lend(Requirement(each))
+    (parent / "script.py").write_text("from cobot import Robot\nimport cobot\nprint(cobot.__file__)\n")
+    found = str(parent / "cobot" / "cobot" / "__init__.py")
+    assert environment.run("script.py", cwd=parent) == found
+    assert environment.run("-c", "import cobot.client; print(cobot.__file__)", cwd=parent) == found

@@ -13,9 +13,8 @@ import numpy as np
 from cobot.client.states import CartesianState, JointState, cartesian_state, joint_state
 from cobot.client.transport import Transport
 from cobot.errors import ExecutionError, MotionStopped, UnavailableError
-from cobot.ipc.layout import CHUNK_POINTS, Stream, chunk_dtype, setpoint_dtype
+from cobot.ipc.layout import CHUNK_POINTS, Stream, chunk_dtype, setpoint_dtype, text
 from cobot.ipc.session_rules import check_chunk, check_setpoint
-from cobot.ipc.shm import text
 from cobot.types import LoopMode, vector
 
 REST_S = 5.0

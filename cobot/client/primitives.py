@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from cobot.client.orientations import kuka_angles, normalised
 from cobot.client.plans import Run
 from cobot.client.rest import Json
 from cobot.errors import InputError
-from cobot.robot.frames import abc_from_quaternion
 from cobot.types import vector
 
 
@@ -37,7 +37,9 @@ def primitive(name: str, params: Mapping[str, Any], dof: int) -> Run:
         joints = vector(params["target"], dof, name="MoveJ: target").tolist()
         return lambda client: client.move_joints(joints, **rates)
     x, y, z, *quaternion = vector(params["target"], 7, name=f"{name}: target").tolist()
-    a, b, c = abc_from_quaternion(vector(quaternion)).tolist()
+    if not any(quaternion):
+        raise InputError(f"{name}: the quaternion of target must not be zero")
+    a, b, c = kuka_angles(normalised(quaternion))
     pose: Json = {"x": x, "y": y, "z": z, "a": a, "b": b, "c": c, "planner": PLANNERS[name], **rates}
     if name == "MoveC":
         pose["via"] = dict(zip("xyz", vector(params["via"], 3, name="MoveC: via").tolist(), strict=True))

@@ -28,12 +28,11 @@ from cobot.client.primitives import primitive
 from cobot.client.session_settings import SessionSettings
 from cobot.client.states import RobotInfo, RobotStates, robot_info, robot_states
 from cobot.client.tls import Verify
-from cobot.client.transport import SharedMemoryTransport, Transport
+from cobot.client.transport import Transport, local_transport
 from cobot.client.websocket import WebSocketTransport
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import ConflictError, InputError, NotReadyError, UnavailableError
-from cobot.ipc.layout import Intervention, Stream
-from cobot.ipc.shm import text
+from cobot.ipc.layout import Intervention, Stream, text
 from cobot.types import LoopMode
 
 log = logging.getLogger("cobot.realtime")
@@ -70,6 +69,7 @@ class Robot(SessionSettings):
     Raises:
         UnavailableError: there is no such robot, or its rtloop does not answer.
         LayoutError: it is served by another version of cobot.
+        NotSupportedError: a name, where the service is not installed: only its URL leads to it from there.
     """
 
     def __init__(
@@ -399,7 +399,7 @@ def _connect(
     far = serial_number.startswith(("http://", "https://"))
     for attempt in range(retries + 1):
         try:
-            return (remote if far else SharedMemoryTransport)(serial_number, clock)
+            return (remote if far else local_transport)(serial_number, clock)
         except UnavailableError:
             if attempt == retries:
                 raise

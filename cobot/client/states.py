@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cobot.ipc.shm import text
-from cobot.robot.quaternion import conjugate, normalised, product, rotated
+from cobot.client.orientations import inverse, normalised, product, rotated
+from cobot.ipc.layout import text
 
 Values = list[float]
 
@@ -160,5 +160,5 @@ def robot_states(state: np.ndarray, flange: Values) -> RobotStates:
 
 
 def _in_tcp(pose: Values, wrench: Values) -> Values:
-    back = conjugate(pose[3:])
+    back = inverse(pose[3:])
     return [*rotated(back, wrench[:3]), *rotated(back, wrench[3:])]

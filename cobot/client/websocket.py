@@ -191,8 +191,7 @@ def _open(url: str, token: str | None, verify: Verify) -> ClientConnection:
             close_timeout=1.0,
             ping_interval=PING_S,
             ping_timeout=PING_S,
-            legacy=True,  # a connection that is used without `with`
-        )
+        ).__enter__()  # or websockets 17 takes it for an iterator; `close` is all that the exit does
     except InvalidStatus as exc:
         answer = exc.response
         try:

@@ -309,3 +309,8 @@ POINT_HEAD = np.dtype([("session", "u8"), ("number", "u8")])
 """The block that holds the newest point's number."""
 SESSION_ACK = np.dtype([("session", "u8"), ("result", "u8"), ("message", TEXT)])
 STREAM_REQUESTS = np.dtype([("estops", "u8")])
+
+
+def text(field: np.ndarray) -> str:
+    """A text field of a record."""
+    return bytes(field.item() if isinstance(field, np.ndarray) else field).decode("utf-8", "replace")

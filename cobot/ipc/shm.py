@@ -63,6 +63,7 @@ from cobot.ipc.layout import (
     session_dtype,
     setpoint_dtype,
     state_dtype,
+    text,
 )
 from cobot.ipc.seqlock import Block, SharedCounter, checksum
 from cobot.trajectory import ORDER, Trajectory
@@ -333,11 +334,6 @@ def user_of(robot: str, role: Role) -> int:
         return _holder(descriptor, role)
     finally:
         os.close(descriptor)
-
-
-def text(field: np.ndarray) -> str:
-    """A text field of a record."""
-    return bytes(field.item() if isinstance(field, np.ndarray) else field).decode("utf-8", "replace")
 
 
 def encoded(message: str, size: int = np.dtype(TEXT).itemsize) -> bytes:

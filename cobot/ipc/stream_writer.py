@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cobot.ipc.layout import POINTS, Ack
-from cobot.ipc.shm import RobotMemory, Role, text
+from cobot.ipc.layout import POINTS, Ack, text
+from cobot.ipc.shm import RobotMemory, Role
 
 
 def _after(number: int) -> int:

@@ -14,8 +14,8 @@ from typing import TextIO
 import numpy as np
 
 from cobot.errors import CobotError, TornReadError
-from cobot.ipc.layout import MotionResult
-from cobot.ipc.shm import RobotMemory, Role, robots_running, text
+from cobot.ipc.layout import MotionResult, text
+from cobot.ipc.shm import RobotMemory, Role, robots_running
 from cobot.types import RESTING, LoopMode
 
 REST_S = 5.0

@@ -32,7 +32,8 @@ from cobot.addresses import address
 from cobot.client.tls import CERTIFICATE_VARIABLE
 from cobot.config import DEFAULT_SETTINGS, Settings, load_endpoints, resolve
 from cobot.errors import TornReadError, UnavailableError, exhausted
-from cobot.ipc.shm import RobotMemory, text
+from cobot.ipc.layout import text
+from cobot.ipc.shm import RobotMemory
 from cobot.launch.process import RUN_MODULE, has_terminal
 from cobot.launch.running_config import ProcessState, RunningConfig
 from cobot.launch.systemd import Systemd

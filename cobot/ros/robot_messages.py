@@ -9,7 +9,7 @@ import numpy as np
 
 from cobot.client.states import Values, cartesian_state
 from cobot.clock import SYSTEM, Clock
-from cobot.ipc.shm import text
+from cobot.ipc.layout import text
 from cobot.robot.model import RobotModel
 from cobot.robot.quaternion import conjugate, product, rotated
 from cobot.ros.messages import Message

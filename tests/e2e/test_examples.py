@@ -1,8 +1,9 @@
-"""Each example, the tour in each of its languages, against a running service."""
+"""Each example, as its own header says how to run it, against a running service."""
 
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -13,44 +14,93 @@ import tree_sitter_matlab
 from running import Run
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
+SCRIPTS = sorted(path.name for path in EXAMPLES.iterdir() if path.suffix not in (".csv", ".json"))
+STARTS = ("make run", "make setup-dev")
+"""They are run already: the shared service, and the environment of the tests."""
+COMMAND = re.compile(r"^(?:#|--|%)? *((?:make|bash|run|\.venv/bin/\w+) .*)$", re.M)
 
 
-@pytest.mark.parametrize(
-    "command", [["bash", str(EXAMPLES / "tour.sh")], [sys.executable, str(EXAMPLES / "tour.py")]]
-)
-def test_the_tour_runs_from_its_first_to_its_last_step(shared: Run, command: list[str]) -> None:
-    tour = subprocess.run(
-        command,
-        env={**os.environ, "COBOT_URL": shared.url, "http_proxy": "http://127.0.0.1:9"},
+def commands(script: str) -> list[str]:
+    """The command lines of a header: what comes before the first line of the program."""
+    header = re.split(r"\n(?:from|local|set|URL|robots)\b", (EXAMPLES / script).read_text(encoding="utf-8"))[
+        0
+    ]
+    assert "make run" in header or "cobot run" in header, f"{script} does not say what has to run"
+    return [command for command in COMMAND.findall(header) if command not in STARTS]
+
+
+@pytest.fixture
+def clone(tmp_path: Path) -> Path:
+    """A folder in which the commands can be typed as they stand."""
+    (tmp_path / "examples").symlink_to(EXAMPLES)
+    (tmp_path / ".venv").symlink_to(sys.prefix)
+    return tmp_path
+
+
+def output(clone: Path, command: str, run: Run) -> str:
+    """What a command prints, at the shared service instead of that of `make run`."""
+    ended = subprocess.run(
+        ["bash", "-c", command],
+        cwd=clone,
+        env={
+            **os.environ,
+            "COBOT_URL": run.url,
+            "COBOT_ROBOT": run.name,
+            "http_proxy": "http://127.0.0.1:9",
+        },
         capture_output=True,
         text=True,
         timeout=240,
         check=False,
     )
-    assert tour.returncode == 0, tour.stdout + tour.stderr
-    assert "ok" in tour.stdout.splitlines()[-1] + tour.stdout.splitlines()[-2]
-    assert "return code 0" in tour.stdout
-
-
-def test_the_streaming_plot_is_drawn(shared: Run, tmp_path: Path) -> None:
-    picture = tmp_path / "streaming.png"
-    assert example(shared, "streaming_plot.py", "--seconds", "1.5", "--output", str(picture))
-    assert picture.read_bytes().startswith(b"\x89PNG\r\n")
-
-
-def example(run: Run, script: str, *arguments: str) -> list[str]:
-    """What it prints."""
-    name = run.memory.name.removeprefix("cobot-")
-    ended = subprocess.run(
-        [sys.executable, str(EXAMPLES / script), *arguments],
-        env={**os.environ, "COBOT_ROBOT": name},
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
     assert ended.returncode == 0, ended.stdout + ended.stderr
-    return ended.stdout.splitlines()
+    return ended.stdout
+
+
+def test_every_example_says_how_it_is_run() -> None:
+    assert {script: commands(script)[-1] for script in SCRIPTS} == {
+        "hello.lua": ".venv/bin/cobot lua examples/hello.lua",
+        "pick.lua": ".venv/bin/cobot lua examples/pick.lua",
+        "policy_30hz.py": ".venv/bin/python examples/policy_30hz.py",
+        "streaming_plot.py": ".venv/bin/python examples/streaming_plot.py --rate 10 --output streaming.png",
+        "tour.m": "run examples/tour",
+        "tour.py": ".venv/bin/python examples/tour.py",
+        "tour.sh": "bash examples/tour.sh",
+        "two_robots.py": ".venv/bin/python examples/two_robots.py",
+        "two_robots.yaml": ".venv/bin/cobot run --config examples/two_robots.yaml",
+    }
+    # This one is run beside two robots, in tests/e2e/realtime; here it is not run but checked.
+    assert commands("two_robots.py")[0] == commands("two_robots.yaml")[0]
+
+
+@pytest.mark.parametrize("script", ["tour.sh", "tour.py"])
+def test_the_tour_runs_from_its_first_to_its_last_step(shared: Run, clone: Path, script: str) -> None:
+    (command,) = commands(script)
+    said = output(clone, command, shared)
+    assert "ok" in said.splitlines()[-1] + said.splitlines()[-2]
+    assert "return code 0" in said
+
+
+def test_the_streaming_plot_is_drawn(shared: Run, clone: Path) -> None:
+    (command,) = commands("streaming_plot.py")
+    assert output(clone, f"{command} --seconds 1.5", shared) == "drawn: streaming.png\n"
+    assert (clone / "streaming.png").read_bytes().startswith(b"\x89PNG\r\n")
+
+
+def test_a_policy_moves_the_arm(shared: Run, clone: Path) -> None:
+    (command,) = commands("policy_30hz.py")
+    assert output(clone, f"{command} 0.5", shared).endswith("and rests\n")
+
+
+@pytest.mark.parametrize("script", ["hello.lua", "pick.lua"])
+def test_a_lua_program_runs(shared: Run, clone: Path, script: str) -> None:
+    (command,) = commands(script)
+    assert output(clone, f"{command} --url {shared.url}", shared).endswith("done\n")
+
+
+def test_the_settings_of_two_robots_are_valid(shared: Run, clone: Path) -> None:
+    (command,) = commands("two_robots.yaml")
+    assert output(clone, command.replace("cobot run", "cobot check"), shared)
 
 
 def test_the_matlab_tour_is_matlab() -> None:

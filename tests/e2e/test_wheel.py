@@ -1,15 +1,14 @@
-"""A wheel runs outside the checkout, with nothing of it."""
+"""A wheel runs outside the checkout, with nothing of it, and beside that of the client alone."""
 
 from __future__ import annotations
 
 import shutil
-import subprocess
-import sys
 import zipfile
 from pathlib import Path
 
 import pytest
 from running import Run, answering
+from wheels import Environment, build, client_wheel
 
 ROOT = Path(__file__).parents[2]
 # With what is compiled already: the wheel has to be whole, not new.
@@ -17,21 +16,24 @@ SOURCES = ("cobot", "rtloop", "app", "ros2", "sequences", "config", "build")
 FILES = ("pyproject.toml", "setup.py", "requirements-build.lock", "README.md", "LICENSE")
 
 
-@pytest.fixture
-def installed(tmp_path: Path) -> Path:
-    """The folder that the wheel of this checkout was unpacked into."""
-    copy = tmp_path / "copy"
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """That of this checkout."""
+    copy = tmp_path_factory.mktemp("copy")
     for name in SOURCES:
         if (ROOT / name).exists():
             unread = shutil.ignore_patterns("__pycache__", "lib", "bdist.*")
             shutil.copytree(ROOT / name, copy / name, ignore=unread)
     for name in FILES:
         shutil.copy2(ROOT / name, copy)
-    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet", "wheel"]
-    options = ["--no-build-isolation", "--no-deps", "--no-index", "--wheel-dir", str(tmp_path)]
-    subprocess.run([*pip, *options, str(copy)], check=True)
+    made = build(copy, tmp_path_factory.mktemp("wheel"))
     shutil.rmtree(copy)
-    (wheel,) = tmp_path.glob("*.whl")
+    return made
+
+
+@pytest.fixture
+def installed(wheel: Path, tmp_path: Path) -> Path:
+    """The folder that the wheel was unpacked into."""
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path / "installed")
     return tmp_path / "installed"
@@ -56,3 +58,36 @@ def test_a_wheel_runs_outside_the_checkout(
             assert process is not None
             loaded = [Path(each.path) for each in process.memory_maps() if ".so" in each.path]
             assert not any(each.is_relative_to(ROOT / package) for each in loaded for package in SOURCES)
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return client_wheel(tmp_path_factory.mktemp("client"))
+
+
+def whole(wheel: Path, environment: Environment) -> bool:
+    """Whether all of a wheel is installed, as it is in the wheel."""
+    with zipfile.ZipFile(wheel) as archive:
+        return all(
+            (environment.packages / name).read_bytes() == archive.read(name)
+            for name in archive.namelist()
+            if not name.endswith("/RECORD")
+        )
+
+
+@pytest.mark.parametrize("client_first", [True, False])
+def test_beside_the_client_each_stays_whole(
+    wheel: Path, client: Path, tmp_path: Path, client_first: bool
+) -> None:
+    """The one that came first goes first, too: its files must not have become those of the other."""
+    environment = Environment(tmp_path / "environment")
+    first, second = (client, wheel) if client_first else (wheel, client)
+    environment.install(first, second)
+    assert whole(first, environment)
+    assert whole(second, environment)
+    place = ["-c", "import cobot; print(cobot.__path__[0])"]
+    assert environment.run(*place) == str(environment.packages / "cobot")
+    environment.pip("uninstall", "--yes", first.name.partition("-")[0])
+    assert whole(second, environment)
+    left = environment.packages / ("cobot" if client_first else "cobot_client/cobot")
+    assert environment.run(*place) == str(left)

@@ -13,8 +13,8 @@ import numpy as np
 from rig import Rig
 
 from cobot.config import Settings
-from cobot.ipc.layout import Stream
-from cobot.ipc.shm import RobotMemory, text
+from cobot.ipc.layout import Stream, text
+from cobot.ipc.shm import RobotMemory
 from cobot.ipc.stream_writer import PointWriter
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory

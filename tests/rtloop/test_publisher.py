@@ -13,8 +13,8 @@ from running import unique_name
 import rtloop.publisher
 from cobot.config import Settings
 from cobot.errors import LayoutError
-from cobot.ipc.layout import HISTOGRAM_BUCKETS, STATE_SCALARS, Command, Intervention, Phase
-from cobot.ipc.shm import RobotMemory, Role, text
+from cobot.ipc.layout import HISTOGRAM_BUCKETS, STATE_SCALARS, Command, Intervention, Phase, text
+from cobot.ipc.shm import RobotMemory, Role
 from cobot.robot.description import RobotDescription
 from rtloop.backends import Measured
 from rtloop.publisher import EFFORT_RATE_S, STATISTICS_CYCLES, StatePublisher, Statistics

@@ -16,8 +16,7 @@ from app.services.state.link import RobotLink
 from app.services.state.robot_state import RobotState
 from app.services.streaming.sessions import StreamService
 from cobot.errors import UnavailableError
-from cobot.ipc.layout import LAYOUT_VERSION, Intervention, Phase
-from cobot.ipc.shm import text
+from cobot.ipc.layout import LAYOUT_VERSION, Intervention, Phase, text
 from cobot.types import LoopMode
 
 VERSIONS = {

@@ -17,8 +17,8 @@ from app.services.state.robot_state import RobotState, robot_state
 from cobot.addresses import address
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import ConflictError, ExecutionError, NotReadyError, TornReadError, UnavailableError
-from cobot.ipc.layout import LOADED_SEGMENTS, RING, SLOTS, Ack, Command, MotionResult
-from cobot.ipc.shm import RobotMemory, Role, text
+from cobot.ipc.layout import LOADED_SEGMENTS, RING, SLOTS, Ack, Command, MotionResult, text
+from cobot.ipc.shm import RobotMemory, Role
 from cobot.trajectory import Trajectory
 from cobot.types import LoopMode
 

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cobot.ipc.layout import STATE_SCALARS, STATE_STRUCT, MotionResult
-from cobot.ipc.shm import text
+from cobot.ipc.layout import STATE_SCALARS, STATE_STRUCT, MotionResult, text
 from cobot.types import Array, LoopMode
 
 SCALARS = [name for name, _ in STATE_SCALARS]

@@ -64,6 +64,7 @@ def test_a_pose_is_moved_to_by_its_planner_with_kukas_angles(name: str, planner:
         ("MoveC", {"target": POSE}, "MoveC: via is missing"),
         ("MoveJ", {"target": JOINTS[:6]}, "MoveJ: target"),
         ("MoveL", {"target": [*POSE[:6], float("nan")]}, "MoveL: target"),
+        ("MoveL", {"target": [*POSE[:3], 0, 0, 0, 0]}, "MoveL: the quaternion of target must not be zero"),
     ],
 )
 def test_what_is_wrong_is_refused_before_anything_is_asked(

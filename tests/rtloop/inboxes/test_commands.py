@@ -15,8 +15,8 @@ from rig import Rig
 from samples import samples
 from shaken import Writer
 
-from cobot.ipc.layout import RING, Ack, Command
-from cobot.ipc.shm import RobotMemory, text
+from cobot.ipc.layout import RING, Ack, Command, text
+from cobot.ipc.shm import RobotMemory
 from rtloop.inboxes.commands import UNREADABLE_CYCLES, CommandInbox
 
 OPERATIONS = samples(100_000)

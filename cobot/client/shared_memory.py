@@ -1,0 +1,102 @@
+"""How a `Robot` reaches its rtloop on the same computer: through shared memory, which is Linux's."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+
+from cobot.clock import SYSTEM, Clock
+from cobot.errors import ConflictError, ExecutionError, TornReadError, UnavailableError
+from cobot.ipc.shm import FOLDER, RobotMemory, Role
+from cobot.ipc.stream_writer import StreamWriter
+from cobot.types import LoopMode
+
+STALE_S = 0.25
+"""A state that is older, s, is taken for none: rtloop publishes a thousand in a second."""
+ANSWER_S = 2.0
+POLL_S = 0.001
+
+
+class SharedMemoryTransport:
+    """The `Transport` on the robot's own computer."""
+
+    def __init__(self, robot: str, clock: Clock = SYSTEM) -> None:
+        self.clock = clock
+        try:
+            self._memory = RobotMemory.attach(robot, Role.READER)
+        except UnavailableError as exc:
+            running = ", ".join(sorted(path.name.removeprefix("cobot-") for path in FOLDER.glob("cobot-*")))
+            raise UnavailableError(f"{exc}; robots that run here: {running or 'none'}") from exc
+        self.robot, self.url, self.dof = robot, self._memory.url, self._memory.dof
+        self._writer = StreamWriter(self._memory)
+        self._turn = threading.Lock()
+        self._streaming = False
+        self.info = self._read_info()
+
+    def state(self) -> np.ndarray:
+        block = self._memory.state
+        with self._turn:
+            try:
+                record = block.read().copy()
+            except TornReadError as exc:
+                raise UnavailableError(f"robot {self.robot!r}: {exc}") from exc
+        age_s = (self.clock.now_ns() - int(record["monotonic_ns"])) * 1e-9
+        if block.sequence == 0 or age_s > STALE_S:
+            raise UnavailableError(f"robot {self.robot!r}: rtloop has published nothing for {age_s:.1f} s")
+        return record
+
+    def open_session(self, request: np.ndarray) -> int:
+        state = self.state()
+        if state["session"]:
+            raise ConflictError(
+                f"the arm is in mode {LoopMode(int(state['mode'])).name}: somebody streams already"
+            )
+        number = self._writer.begin(request, int(state["stops_seen"]))
+        try:
+            self._await_session(number)
+        except (ExecutionError, UnavailableError):
+            self._writer.end()
+            self._writer.release()
+            raise
+        self._streaming = True
+        return number
+
+    def send_setpoint(self, setpoint: np.ndarray) -> None:
+        self._writer.setpoint(setpoint)
+
+    def send_chunk(self, chunk: np.ndarray) -> None:
+        self._writer.chunk(chunk)
+
+    def request_estop(self) -> None:
+        self._writer.estop()
+
+    def end_session(self) -> None:
+        if self._streaming:
+            self._streaming = False
+            self._writer.end()
+            self._writer.release()
+
+    def close(self) -> None:
+        self.end_session()
+        self._memory.close()
+
+    def _read_info(self) -> np.ndarray:
+        """rtloop describes its robot before its first cycle."""
+        self.state()
+        try:
+            return self._memory.info.read().copy()
+        except TornReadError as exc:
+            raise UnavailableError(f"robot {self.robot!r}: {exc}") from exc
+
+    def _await_session(self, number: int) -> None:
+        """Wait for rtloop's answer, and for the first state in which the session is under way."""
+        deadline_s = self.clock.now_s() + ANSWER_S
+        while (refusal := self._writer.answer(number)) is None:
+            if self.clock.now_s() > deadline_s:
+                raise UnavailableError(f"robot {self.robot!r}: rtloop has not answered for {ANSWER_S:g} s")
+            self.clock.sleep(POLL_S)
+        if refusal:
+            raise ExecutionError(refusal)
+        while int(self.state()["session"]) != number and self.clock.now_s() < deadline_s:
+            self.clock.sleep(POLL_S)
