@@ -7,9 +7,15 @@ import sys
 
 from cobot.launch.process import Niceness, be, die_with_parent
 
+LAST_WORDS = "--last-words"
+
 if __name__ == "__main__":
     die_with_parent(signal.SIGTERM)
     be(Niceness.PROMPT)
+    if LAST_WORDS in sys.argv[:-1]:
+        from ros2.rtps import LastWords
+
+        LastWords(int(sys.argv[sys.argv.index(LAST_WORDS) + 1])).speak()
     from ros2.process import main  # takes a second, in which the supervisor might die unnoticed
 
     sys.exit(main())

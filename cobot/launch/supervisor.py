@@ -170,7 +170,10 @@ class Supervisor:
         return Child("service", [*RUN_MODULE, "app", *self._config, *listening], (listener.fileno(),))
 
     def _ros2(self, url: str) -> Child:
-        return Child("ros2", [*RUN_MODULE, "ros2", *self._config, *(("--url", url) if url else ())])
+        # What one such process leaves to the next; it goes with the supervisor.
+        last_words = os.memfd_create("cobot-ros2")
+        arguments = ["--last-words", str(last_words), *(("--url", url) if url else ())]
+        return Child("ros2", [*RUN_MODULE, "ros2", *self._config, *arguments], (last_words,))
 
     def _open_log(self) -> Path:
         folder = self._settings.logs
