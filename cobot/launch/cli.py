@@ -21,6 +21,7 @@ A robot arm behind a REST service.
 
   cobot run      start the simulated (or real) robot and the service, and watch over both
   cobot check    validate the whole configuration, without starting anything
+  cobot moveit-config   write a package with which MoveIt 2 plans for the robot, see docs/ros2.md
   cobot lua      run a Lua program at a running service, see docs/lua.md
 
 The first run needs no configuration: open http://localhost:8007/docs and move the arm."""
@@ -43,6 +44,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             from cobot.launch.check import check  # imports what planning needs
 
             return EXIT_OK if check(settings, chosen.config, sys.stdout) else EXIT_FAILED
+        if chosen.command == "moveit-config":
+            from cobot.launch.moveit import write_moveit_config
+
+            print(write_moveit_config(settings, chosen.folder))
+            return EXIT_OK
         return Supervisor(_overridden(settings, chosen), chosen.config).run()
     except CobotError as exc:
         print(f"cobot: {exc}", file=sys.stderr)
@@ -83,6 +89,8 @@ def _parser() -> argparse.ArgumentParser:
     commands.add_parser(
         "check", parents=[config], help="validate files, folders, model, limits, named positions"
     )
+    moveit = commands.add_parser("moveit-config", parents=[config], help="write a package for MoveIt 2")
+    moveit.add_argument("folder", type=Path, metavar="FOLDER", help="where the package is made, as a folder")
     return parser
 
 
