@@ -1,0 +1,60 @@
+"""The packages that users of ROS 2 build. Oracles: catkin_pkg, colcon and rosidl, of ROS 2 itself."""
+
+from __future__ import annotations
+
+import os
+import random
+import subprocess
+from pathlib import Path
+
+import pytest
+from real_ros import PYTHON, built_packages, environment, need_ros, standard_packages
+
+from app.aubo.interfaces import FOLDER, SMALL, SMALL_FOLDER, interface_definitions, package_files
+from cobot.config import Settings
+from cobot.launch.moveit import write_moveit_config
+
+VALIDATE = """
+import sys
+from catkin_pkg.package import parse_package
+for folder in sys.argv[1:]:
+    warnings = []
+    package = parse_package(folder, warnings=warnings)
+    package.validate(warnings=warnings)
+    assert not warnings, warnings
+    print(package.name, *(str(group) for group in package.member_of_groups))
+"""
+USE = """
+import sys
+from importlib import import_module
+for type_ in sys.argv[1:]:
+    package, kind, name = type_.split("/")
+    made = getattr(import_module(f"{package}.{kind}"), name)
+    for part in ("Request", "Response", "Goal", "Result"):
+        if hasattr(made, part):
+            print(type_, part, sorted(getattr(made, part).get_fields_and_field_types()))
+"""
+SEED = int(os.environ.get("COBOT_TEST_SEED", "9"))
+SEVERAL = 2
+
+
+def test_each_package_says_about_itself_what_ros_asks_for(settings: Settings, tmp_path: Path) -> None:
+    need_ros()
+    moveit = write_moveit_config(settings, tmp_path)
+    command = [PYTHON, "-c", VALIDATE, FOLDER, SMALL_FOLDER, moveit]
+    said = subprocess.run(command, env=environment(), capture_output=True, text=True, check=False)
+    assert said.returncode == 0, said.stderr
+    interfaces = "aubo_interfaces rosidl_interface_packages"
+    assert said.stdout.splitlines() == [interfaces, interfaces, "iiwa_moveit_config"]
+
+
+@pytest.mark.timeout(600)
+def test_interfaces_are_built_and_imported() -> None:
+    """Those of the small package, and some others by seed; all 295 take half an hour of a core."""
+    others = sorted(interface_definitions().keys() - SMALL)
+    chosen = {*SMALL, *random.Random(SEED).sample(others, SEVERAL)}
+    prefix = built_packages({"aubo_interfaces": package_files(chosen), **standard_packages()})
+    command = [PYTHON, "-c", USE, *sorted(chosen)]
+    said = subprocess.run(command, env=environment(prefix), capture_output=True, text=True, check=False)
+    assert said.returncode == 0, f"seed {SEED}: {said.stderr}"
+    assert {line.split()[0] for line in said.stdout.splitlines()} == chosen
