@@ -11,6 +11,7 @@ import fcntl
 import hashlib
 import json
 import os
+import random
 import shutil
 import subprocess
 import sys
@@ -20,19 +21,36 @@ from pathlib import Path
 import pytest
 from peers import scratch_folder
 
-from app.aubo.interfaces import CMAKE_LISTS, PACKAGE_XML
+from app.aubo.interfaces import CMAKE_LISTS, PACKAGE_XML, SMALL, interface_definitions, package_files
 from cobot.ros.interfaces import STANDARD
 
 ROS = Path(sys.prefix) / "ros"
 PYTHON = ROS / "bin" / "python"
+SEED = int(os.environ.get("COBOT_TEST_SEED", "9"))
+SEVERAL = 2
 WHEELS_PYTHON = "/opt/python/cp311-cp311"
 """Where the computer on which the wheels were made had its Python; their CMake files still point there."""
 COLCON = (
     *(str(PYTHON), "-m", "colcon", "build", "--merge-install", "--event-handlers", "console_cohesion+"),
     *("--cmake-args", "-GNinja", "-DBUILD_TESTING=OFF", "-DCMAKE_BUILD_TYPE=None"),
     *("-DCMAKE_C_FLAGS=-O0", "-DCMAKE_CXX_FLAGS=-O0"),
+    f"-DCMAKE_PROJECT_INCLUDE={Path(__file__).parent / 'ros2' / 'unity.cmake'}",
 )
-"""Builds the packages below the current folder; without optimisation, which would take twice as long."""
+"""Builds the packages below the current folder, as quickly as can be."""
+PYTHON_GENERATORS = "".join(
+    f"find_package({name} REQUIRED)\n"
+    for name in (
+        "rosidl_cmake",
+        "rosidl_generator_type_description",
+        "rosidl_generator_c",
+        "rosidl_typesupport_introspection_c",
+        "rosidl_typesupport_fastrtps_c",
+        "rosidl_typesupport_c",
+        "rosidl_generator_py",
+    )
+)
+"""What rclpy needs, and nothing for C++."""
+ALL_GENERATORS = "find_package(rosidl_default_generators REQUIRED)\n"
 Packages = Mapping[str, Mapping[str, str]]
 """The files of packages: by the package's name, then by the path in its folder."""
 
@@ -63,6 +81,13 @@ def environment(*prefixes: Path, domain: int = 0, localhost_only: bool = True) -
     }
 
 
+def users_packages() -> dict[str, dict[str, str]]:
+    """Of the vendor's interfaces those of the small package and some by seed; and what ROS lacks here."""
+    others = sorted(interface_definitions().keys() - SMALL)
+    chosen = {*SMALL, *random.Random(SEED).sample(others, SEVERAL)}
+    return {"aubo_interfaces": package_files(chosen), **standard_packages()}
+
+
 def standard_packages() -> dict[str, dict[str, str]]:
     """What a robot's clients need of ROS and the package index does not have."""
     control = {name: text for name, text in STANDARD.items() if name.startswith("control_msgs/")}
@@ -82,7 +107,7 @@ def interface_package(name: str, definitions: Mapping[str, str], *needs: str) ->
     files = "\n".join([*(f'  "{path}"' for path in texts), "  DEPENDENCIES " + " ".join(needs)])
     found = "".join(f"find_package({each} REQUIRED)\n" for each in needs)
     depends = "".join(f"  <depend>{each}</depend>\n" for each in needs)
-    cmake = CMAKE_LISTS.format(package=name, files=files)
+    cmake = CMAKE_LISTS.format(package=name, files=files).replace(ALL_GENERATORS, PYTHON_GENERATORS)
     xml = PACKAGE_XML.format(package=name)
     return {
         "CMakeLists.txt": cmake.replace("\nrosidl_", f"{found}\nrosidl_"),
@@ -115,9 +140,8 @@ def built_packages(packages: Packages) -> Path:
 def _mend() -> None:
     """Have the wheels' CMake files point to the Python that is here."""
     where = "import sysconfig; print(sysconfig.get_path('include')); print(sysconfig.get_path('purelib'))"
-    include, library = subprocess.check_output([PYTHON, "-c", where], env=environment(), text=True).split(
-        "\n"
-    )[:2]
+    said = subprocess.check_output([PYTHON, "-c", where], env=environment(), text=True)
+    include, library = said.splitlines()
     for path in ROS.glob("share/*/cmake/*.cmake"):
         text = path.read_text(encoding="utf-8")
         if WHEELS_PYTHON in text:

@@ -10,7 +10,7 @@ queue for all that it says: a robot's hundreds of endpoints are a few datagrams.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 
 from ros2.rtps import submessages
@@ -124,11 +124,12 @@ class Writer(Endpoint[ReaderProxy]):
         elif not proxy.queue and len(change.payload) <= LARGEST_PIECE:
             self._send_piece(proxy, change, 1, done=True, burst_ends=True)
         else:
-            self._send_later(proxy, change, pieces(change))
+            self._send_later(proxy, [(change, pieces(change))])
 
-    def _send_later(self, proxy: ReaderProxy, change: Change, fragments: range | list[int]) -> None:
-        proxy.enqueue(change, fragments)
-        if not proxy.pumping:
+    def _send_later(self, proxy: ReaderProxy, wanted: Iterable[tuple[Change, range | list[int]]]) -> None:
+        for change, fragments in wanted:
+            proxy.enqueue(change, fragments)
+        if proxy.queue and not proxy.pumping:
             proxy.pumping = True
             self._pump(proxy)
 
@@ -253,8 +254,7 @@ class Writer(Endpoint[ReaderProxy]):
         self._proxies[guid] = proxy
         wanted = [change for change in self._history if proxy.wants(change)]
         if wanted and not reliable:
-            for change in wanted:
-                self._send_later(proxy, change, pieces(change))
+            self._send_later(proxy, ((change, pieces(change)) for change in wanted))
         elif reliable and self._last:
             proxy.acknowledged = 0
             self._greet(proxy, wanted)
@@ -292,7 +292,7 @@ class Writer(Endpoint[ReaderProxy]):
             self._send_heartbeat(proxy)
 
     def _repair(self, proxy: ReaderProxy, missing: list[int]) -> None:
-        never = []
+        never, there = [], []
         for sequence in missing:
             change = self._history.get(sequence)
             if sequence > proxy.sent:
@@ -300,7 +300,8 @@ class Writer(Endpoint[ReaderProxy]):
             if change is None or not proxy.wants(change):
                 never.append(sequence)
             else:
-                self._send_later(proxy, change, pieces(change))
+                there.append((change, pieces(change)))
+        self._send_later(proxy, there)
         if never:
             body = proxy.gaps(never) + self._heartbeat(proxy, final=True)
             self._wire.send(proxy.enveloped(body), proxy.address)
@@ -316,7 +317,7 @@ class Writer(Endpoint[ReaderProxy]):
         there = pieces(change)
         wanted = [number for number in missing if number in there]
         if wanted:
-            self._send_later(proxy, change, wanted)
+            self._send_later(proxy, [(change, wanted)])
 
     def _release(self) -> None:
         """Forget what every reader has; only where the depth does not decide, or a disposal is known."""

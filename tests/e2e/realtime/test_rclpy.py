@@ -11,10 +11,8 @@ from typing import Any
 import pytest
 from manual_script import run_script, script
 from peers import own_domain
-from real_ros import PYTHON, built_packages, environment, standard_packages
+from real_ros import PYTHON, built_packages, environment, users_packages
 from running import WAIT_S, Run, answering
-
-from app.aubo.interfaces import SMALL, package_files
 
 SESSION = Path(__file__).parents[2] / "ros2" / "jazzy_session.py"
 
@@ -48,7 +46,7 @@ class Jazzy:
 
 @pytest.fixture(scope="module")
 def jazzy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Jazzy]:
-    prefix = built_packages({"aubo_interfaces": package_files(SMALL), **standard_packages()})
+    prefix = built_packages(users_packages())
     with own_domain() as domain:
         folder = tmp_path_factory.mktemp("jazzy")
         with answering(Run(folder, clock="realtime", ros_domain=domain)) as run:
