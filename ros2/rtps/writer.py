@@ -18,6 +18,7 @@ from ros2.rtps.announcements import EndpointAnnouncement
 from ros2.rtps.endpoint import Endpoint
 from ros2.rtps.errors import ClosedError, PayloadError
 from ros2.rtps.history import Change, History
+from ros2.rtps.network import LOOPBACK
 from ros2.rtps.number_sets import MAX_BITS
 from ros2.rtps.parameters import related_identity
 from ros2.rtps.reader_proxy import (
@@ -32,7 +33,8 @@ from ros2.rtps.wire import Wire
 
 _BURST_BYTES = 2 * LARGEST_PIECE  # three of these fill the usual receive buffer of 208 KiB
 _BETWEEN_BURSTS_S = 0.001
-_GATHERED_BYTES = 16_000  # of small samples in one datagram: a dozen frames of Ethernet
+_GATHERED_BYTES = 1_300  # of small samples in one datagram: a frame of Ethernet, as each is lost by itself
+_GATHERED_HERE_BYTES = 16_000  # the same within this computer, which has no frames
 _GATHER_S = 0.002
 _HELD_S = 10.0
 
@@ -153,7 +155,7 @@ class Writer(Endpoint[ReaderProxy]):
     def _take_small(self, proxy: ReaderProxy) -> list[Change]:
         """From the front of the queue, what fits into one datagram; not what was replaced before it began."""
         taken: list[Change] = []
-        room = _GATHERED_BYTES
+        room = _GATHERED_HERE_BYTES if proxy.address[0] == LOOPBACK else _GATHERED_BYTES
         for change, fragments in list(proxy.queue.items()):
             whole = len(fragments) == len(pieces(change))
             if whole and change.sequence not in self._history:
