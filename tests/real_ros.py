@@ -19,6 +19,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
+from manual_script import script
 from peers import scratch_folder
 
 from app.aubo.interfaces import CMAKE_LISTS, PACKAGE_XML, SMALL, interface_definitions, package_files
@@ -27,7 +28,6 @@ from cobot.ros.interfaces import STANDARD
 ROS = Path(sys.prefix) / "ros"
 PYTHON = ROS / "bin" / "python"
 SEED = int(os.environ.get("COBOT_TEST_SEED", "9"))
-SEVERAL = 2
 WHEELS_PYTHON = "/opt/python/cp311-cp311"
 """Where the computer on which the wheels were made had its Python; their CMake files still point there."""
 COLCON = (
@@ -82,9 +82,9 @@ def environment(*prefixes: Path, domain: int = 0, localhost_only: bool = True) -
 
 
 def users_packages() -> dict[str, dict[str, str]]:
-    """Of the vendor's interfaces those of the small package and some by seed; and what ROS lacks here."""
-    others = sorted(interface_definitions().keys() - SMALL)
-    chosen = {*SMALL, *random.Random(SEED).sample(others, SEVERAL)}
+    """Of the vendor's interfaces those that tests use and one by seed; and what ROS lacks here."""
+    used = SMALL if script() is not None else {"aubo_interfaces/srv/GetDof"}
+    chosen = {*used, random.Random(SEED).choice(sorted(interface_definitions().keys() - SMALL))}
     return {"aubo_interfaces": package_files(chosen), **standard_packages()}
 
 

@@ -46,7 +46,7 @@ def test_each_package_says_about_itself_what_ros_asks_for(settings: Settings, tm
 
 @pytest.mark.timeout(600)
 def test_interfaces_are_built_and_imported() -> None:
-    """Those of the small package and some others; all 295 would take more than half an hour of a core."""
+    """Few of them: all 295 take more than half an hour of a core."""
     packages = users_packages()
     files = [path.removesuffix(".srv").removesuffix(".action") for path in packages["aubo_interfaces"]]
     types = [f"aubo_interfaces/{path}" for path in files if "/" in path]

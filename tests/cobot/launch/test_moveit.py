@@ -45,9 +45,12 @@ def test_links_collide_where_the_service_says_so(files: dict[str, str], robot: R
     assert 0 < len(shapes.collisionPairs) < before
     data, found = model.createData(), shapes.createData()
     random = np.random.default_rng(SEED)
+    # Near the ends of the joints, where the arm is folded onto itself.
+    ends = np.where(random.random((300, model.nq)) < 0.5, model.lowerPositionLimit, model.upperPositionLimit)
     collided = []
-    for joints in random.uniform(model.lowerPositionLimit, model.upperPositionLimit, (300, model.nq)):
-        distances = [contact.distance_m for contact in robot.collision.contacts(joints)]
+    for joints in ends * random.uniform(0.85, 1.0, ends.shape):
+        contacts = robot.collision.contacts(joints)
+        distances = [each.distance_m for each in contacts if "floor" not in (each.first, each.second)]
         if distances and abs(min(distances)) < 0.002:
             continue  # a hair's breadth is a matter of the library
         touches = pinocchio.computeCollisions(model, data, shapes, found, joints, True)
