@@ -130,7 +130,6 @@ def built_packages(packages: Packages) -> Path:
     with (scratch_folder() / "colcon.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not (folder / "done").exists():
-            shutil.rmtree(folder, ignore_errors=True)
             _mend()
             _colcon(folder, packages)
             (folder / "done").touch()
@@ -155,8 +154,9 @@ def _colcon(folder: Path, packages: Packages) -> None:
     for package, files in packages.items():
         for path, text in files.items():
             place = folder / "src" / package / path
-            place.parent.mkdir(parents=True, exist_ok=True)
-            place.write_text(text, encoding="utf-8")
+            if not place.exists():  # what was interrupted goes on
+                place.parent.mkdir(parents=True, exist_ok=True)
+                place.write_text(text, encoding="utf-8")
     ended = subprocess.run(
         [*COLCON, f"-DPython3_EXECUTABLE={PYTHON}"],
         cwd=folder,

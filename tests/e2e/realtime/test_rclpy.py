@@ -14,6 +14,8 @@ from peers import own_domain
 from real_ros import PYTHON, built_packages, environment, users_packages
 from running import WAIT_S, Run, answering
 
+# Who comes first builds what all need.
+pytestmark = pytest.mark.timeout(600)
 SESSION = Path(__file__).parents[2] / "ros2" / "jazzy_session.py"
 
 
