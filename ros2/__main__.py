@@ -14,7 +14,13 @@ def start() -> int:
     return main()
 
 
+LAST_WORDS = "--last-words"
+
 if __name__ == "__main__":
     die_with_parent(signal.SIGTERM)
     be(Niceness.PROMPT)
+    if LAST_WORDS in sys.argv[:-1]:
+        from ros2.rtps import LastWords
+
+        LastWords(int(sys.argv[sys.argv.index(LAST_WORDS) + 1])).speak()
     sys.exit(in_words(start))

@@ -100,18 +100,19 @@ class Gateway:
         """Have exactly what the graph has."""
         messages = self._node.messages
         new = {name: text for name, text in graph["definitions"].items() if name not in messages.definitions}
-        if new:
-            messages.add(new)
+        services = {name: text for name, text in new.items() if "/srv/" in name}
+        messages.add({name: text for name, text in new.items() if name not in services})
+        messages.promise(services)  # nothing else is made of them, and the graph has read them
         topics = [topic for topic in graph["topics"] if topic["name"] not in self._own]
         published = {topic["name"]: topic["type"] for topic in topics if topic["publishers"]}
         listens = self._identity.role >= Role.OPERATOR
         heard = {topic["name"]: topic["type"] for topic in topics if topic["subscribers"] and listens}
-        services = {service["name"]: service["type"] for service in graph["services"]}
+        offered = {service["name"]: service["type"] for service in graph["services"]}
         # In this order: a client that has found a service has found joint_cmd, and may publish there at once.
         self._settle(self._in, heard, self._listen, self._unadvertise)
         self._settle(self._out, published, self._publish, self._unsubscribe)
-        more = not services.keys() <= self._services.keys()
-        self._settle(self._services, services, self._offer, lambda gone: None)
+        more = not offered.keys() <= self._services.keys()
+        self._settle(self._services, offered, self._offer, lambda gone: None)
         if more:  # they stay: the collector would take 0.1 s to look at them all, again and again
             gc.collect()
             gc.freeze()

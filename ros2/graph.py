@@ -1,21 +1,22 @@
 """What `ros2 node list` and `ros2 node info` read: which endpoints belong to which node.
 
 Each participant tells it in one transient-local sample of rmw_dds_common/msg/ParticipantEntitiesInfo on the
-topic ros_discovery_info. A gid is char[24] in Humble and char[16] from Iron on, so both cannot be served at
-once: the setting `ros.gid_bytes` chooses.
+topic ros_discovery_info. A gid is char[24] in Humble and char[16] from Iron on, so there is a writer for
+each. A reader's user data says which of them is its own: from Iron on it has the hash of the type.
 """
 
 from __future__ import annotations
 
 import asyncio
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
-from ros2.names import NodeName
-from ros2.rtps import Guid, Participant, Qos
+from ros2.names import TYPE_HASH, NodeName
+from ros2.rtps import Guid, Participant, Qos, RemoteEndpoint
 
 TOPIC = "ros_discovery_info"
 TYPE = "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_"
+HUMBLE_GID, LATER_GID = 24, 16
 DELAY_S = 0.02
 """Changes within this time are told together, s."""
 
@@ -24,22 +25,35 @@ class Graph:
     """Tells others the endpoints of one node.
 
     Args:
-        gid_bytes: 24 for Humble, 16 for Iron and later.
+        gid_bytes: 24 for Humble, 16 for Iron and later, to all readers; None: to each what it reads.
     """
 
     def __init__(
-        self, participant: Participant, node: NodeName, gid_bytes: int, loop: asyncio.AbstractEventLoop
+        self,
+        participant: Participant,
+        node: NodeName,
+        gid_bytes: int | None,
+        loop: asyncio.AbstractEventLoop,
     ) -> None:
         self._participant = participant
         self._node = node
-        self._gid_bytes = gid_bytes
         self._loop = loop
         self._readers: dict[Guid, None] = {}
         self._writers: dict[Guid, None] = {}
         self._telling: asyncio.TimerHandle | None = None
-        self._writer = participant.create_writer(
-            TOPIC, TYPE, Qos(reliable=True, transient_local=True, depth=1)
+        readers: dict[int, Callable[[RemoteEndpoint], bool] | None] = (
+            {gid_bytes: None}
+            if gid_bytes
+            else {
+                HUMBLE_GID: lambda reader: not is_later(reader),
+                LATER_GID: is_later,
+            }
         )
+        qos = Qos(reliable=True, transient_local=True, depth=1)
+        self._writers_by_gid = {
+            size: participant.create_writer(TOPIC, TYPE, qos, accepts=accepts)
+            for size, accepts in readers.items()
+        }
         self._change()
 
     def add(self, *endpoints: Guid) -> None:
@@ -63,9 +77,13 @@ class Graph:
 
     def _tell(self) -> None:
         self._telling = None
-        self._writer.write(
-            entities(self._participant.guid, self._node, self._readers, self._writers, self._gid_bytes)
-        )
+        for size, writer in self._writers_by_gid.items():
+            writer.write(entities(self._participant.guid, self._node, self._readers, self._writers, size))
+
+
+def is_later(reader: RemoteEndpoint) -> bool:
+    """Whether it is of Iron or a later release."""
+    return TYPE_HASH in reader.user_data
 
 
 def entities(

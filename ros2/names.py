@@ -7,6 +7,9 @@ from dataclasses import dataclass
 ENCLAVE = b"enclave=/;"
 """A participant's user data, in which ROS 2 looks for its enclave."""
 
+TYPE_HASH = b"typehash="
+"""What begins the hash of its type in the user data of an endpoint, from Iron on."""
+
 
 def topic_name(topic: str) -> str:
     """rt/iiwa/joint_states of /iiwa/joint_states."""
@@ -29,7 +32,7 @@ def type_name(type_: str) -> str:
 
 def type_hash(rihs: str) -> bytes:
     """User data of a topic's endpoint, for ROS 2 from Iron on; Humble does not look at it."""
-    return f"typehash={rihs};".encode()
+    return TYPE_HASH + f"{rihs};".encode()
 
 
 @dataclass(frozen=True, slots=True)

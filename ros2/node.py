@@ -153,6 +153,7 @@ class Service:
             async with self._turn:
                 log.debug("a request to %s", self.name)
                 read = partial(messages.from_cdr, f"{self.type}_Request", payload)
+                messages.record(f"{self.type}_Request")  # types are added in this thread alone
                 # A trajectory of thousands of points shall not keep the others waiting.
                 request = await asyncio.to_thread(read) if len(payload) > LARGE_BYTES else read()
                 content = messages.to_cdr(f"{self.type}_Response", await self._handler(request))
@@ -179,7 +180,7 @@ class Node:
         participant: Participant,
         name: NodeName,
         messages: Messages,
-        gid_bytes: int,
+        gid_bytes: int | None,
         loop: asyncio.AbstractEventLoop,
     ) -> None:
         self.participant = participant
@@ -226,8 +227,8 @@ class Node:
         Raises:
             InputError: no such type.
         """
-        self.messages.record(f"{type_}_Request")
-        self.messages.record(f"{type_}_Response")
+        if not self.messages.has_service(type_):
+            raise InputError(f"there is no type {type_!r} here")
         return Service(self, name, type_, handler)
 
     def close(self) -> None:

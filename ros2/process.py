@@ -27,7 +27,7 @@ from ros2.node import Node
 from ros2.options import options
 from ros2.parameters import Parameters
 from ros2.rosout import RosoutHandler
-from ros2.rtps import NetworkError, Participant
+from ros2.rtps import LastWords, NetworkError, Participant
 from ros2.telemetry import Telemetry
 
 NODE = NodeName("cobot")
@@ -43,13 +43,14 @@ def main() -> int:
     parser.add_argument(
         "--url", default="", help="of the web service; without it only the robots' states are told"
     )
+    parser.add_argument("--last-words", type=int, help="descriptor of a file that outlives this process")
     arguments = parser.parse_args()
     start_logging("ros2")
     logging.getLogger("websockets").setLevel(logging.WARNING)
     try:
         settings = load_settings(arguments.config)
         start_logging("ros2", settings.logging)
-        uvloop.run(_serve(settings, arguments.url))
+        uvloop.run(_serve(settings, arguments.url, arguments.last_words))
     except NetworkError as exc:
         log.error("ros.domain_id, ros.interfaces: %s", exc)
         return 2
@@ -59,7 +60,7 @@ def main() -> int:
     return 0
 
 
-async def _serve(settings: Settings, url: str) -> None:
+async def _serve(settings: Settings, url: str, last_words: int | None) -> None:
     loop = asyncio.get_running_loop()
     ended = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -73,7 +74,9 @@ async def _serve(settings: Settings, url: str) -> None:
         name=NODE.full,
         user_data=ENCLAVE,
     )
-    node = Node(participant, NODE, Messages(), ros.gid_bytes, loop)
+    if last_words is not None:
+        participant.leave_to(LastWords(last_words))
+    node = Node(participant, NODE, Messages(), None if ros.gid_bytes == "auto" else ros.gid_bytes, loop)
     rosout = RosoutHandler(node)
     log.addHandler(rosout)
     log.setLevel(logging.DEBUG if ros.debug else logging.INFO)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
-from importlib.util import find_spec
+from collections.abc import Mapping
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -33,27 +32,15 @@ def _between(first: str, last: str) -> str | None:
 
 
 def run_script(
-    folder: Path, domain: int, *arguments: str, shim: bool, localhost_only: bool = True
+    folder: Path, *arguments: str, python: str, environment: Mapping[str, str]
 ) -> subprocess.CompletedProcess[str]:
-    """Run it in a process of its own, not on a terminal.
-
-    Args:
-        shim: with our `rclpy` on Fast DDS, where there is no ROS.
-    """
+    """Run it in a process of its own, not on a terminal."""
     path = folder / "client.py"
     text = script()
     assert text is not None
     path.write_text(text, encoding="utf-8")
-    paths = [str(SHIM), str(ROOT / "tests"), str(ROOT)] if shim else []
-    environment = {
-        **os.environ,
-        "ROS_DOMAIN_ID": str(domain),
-        "ROS_LOCALHOST_ONLY": str(int(localhost_only)),
-        "PYTHONPATH": os.pathsep.join([*paths, *filter(None, [os.environ.get("PYTHONPATH")])]),
-    }
-    command = [sys.executable, str(path), *arguments]
     return subprocess.run(
-        command,
+        [python, str(path), *arguments],
         env=environment,
         stdin=subprocess.DEVNULL,
         capture_output=True,
@@ -63,6 +50,11 @@ def run_script(
     )
 
 
-def has_ros() -> bool:
-    """Whether rclpy and the built interfaces are here."""
-    return find_spec("rclpy") is not None and find_spec("aubo_interfaces") is not None
+def shim_environment(domain: int, *, localhost_only: bool = True) -> dict[str, str]:
+    """For our `rclpy` on Fast DDS, which takes the place of ROS."""
+    paths = [str(SHIM), str(ROOT / "tests"), str(ROOT)]
+    return os.environ | {
+        "ROS_DOMAIN_ID": str(domain),
+        "ROS_LOCALHOST_ONLY": str(int(localhost_only)),
+        "PYTHONPATH": os.pathsep.join([*paths, *filter(None, [os.environ.get("PYTHONPATH")])]),
+    }

@@ -30,7 +30,7 @@ DEFINITIONS = {
 class NodeRig:
     """A node on localhost."""
 
-    def __init__(self, domain: int, gid_bytes: int = 24) -> None:
+    def __init__(self, domain: int, gid_bytes: int | None = None) -> None:
         self.domain = domain
         self.messages = Messages(DEFINITIONS)
         self.loop = asyncio.new_event_loop()

@@ -17,7 +17,8 @@ import pytest
 DOMAINS = range(100, 200)
 
 
-def _folder() -> Path:
+def scratch_folder() -> Path:
+    """What is built for tests stays here for the next run."""
     folder = Path(tempfile.gettempdir()) / f"cobot-peers-{os.getuid()}"
     folder.mkdir(exist_ok=True)
     return folder
@@ -31,7 +32,7 @@ def built(source: Path) -> Path:
     """
     if shutil.which("g++") is None or not Path("/usr/include/fastdds").is_dir():
         pytest.skip("needs Fast DDS and a compiler: apt-get install libfastrtps-dev g++")
-    folder = _folder()
+    folder = scratch_folder()
     made = folder / f"{source.stem}-{hashlib.sha256(source.read_bytes()).hexdigest()[:16]}"
     with (folder / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
@@ -48,7 +49,7 @@ def own_domain() -> Iterator[int]:
     """A domain of DDS that no other test on this computer uses meanwhile."""
     for offset in range(len(DOMAINS)):
         domain = DOMAINS[(os.getpid() + offset) % len(DOMAINS)]
-        with (_folder() / f"domain-{domain}").open("w") as lock:
+        with (scratch_folder() / f"domain-{domain}").open("w") as lock:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:

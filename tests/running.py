@@ -30,8 +30,8 @@ R = TypeVar("R", bound="Run")
 
 
 def unique_name() -> str:
-    """A robot name that no other test run on this machine uses."""
-    return f"test-{os.getpid()}-{next(_numbers)}"
+    """A robot name that no other test run on this machine uses; it is one in ROS too."""
+    return f"test_{os.getpid()}_{next(_numbers)}"
 
 
 def until(condition: Callable[[], Any], what: Callable[[], str] = str) -> Any:

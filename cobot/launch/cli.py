@@ -26,6 +26,7 @@ A robot arm behind a REST service.
   cobot run      start the simulated (or real) robot and the service, and watch over both
   cobot check    validate the whole configuration, without starting anything
   cobot stop     bring the arm to rest, whatever has become of the service
+  cobot moveit-config   write a package with which MoveIt 2 plans for the robot, see docs/ros2.md
   cobot lua      run a Lua program at a running service, see docs/lua.md
   cobot token    make, list and revoke the tokens that a service on the network asks for
   cobot doctor   whether this computer is fit for it, and what to type where it is not
@@ -71,6 +72,11 @@ def _run(chosen: argparse.Namespace) -> int:
 
             items = check(settings, chosen.config, sys.stdout)
             return EXIT_OK if all(item.good for item in items) else EXIT_FAILED
+        if chosen.command == "moveit-config":
+            from cobot.launch.moveit import write_moveit_config
+
+            print(write_moveit_config(settings, chosen.folder))
+            return EXIT_OK
         return Supervisor(_overridden(settings, chosen), chosen.config, settings).run()
     except CobotError as exc:
         print(f"cobot: {exc}", file=sys.stderr)
@@ -136,6 +142,8 @@ def _parser() -> argparse.ArgumentParser:
         system = commands.add_parser(name, help=text)
         system.add_argument("--dry-run", action="store_true", help="only print what would change")
         system.add_argument("--prefix", type=Path, metavar="DIR", help="write below DIR, and run nothing")
+    moveit = commands.add_parser("moveit-config", parents=[config], help="write a package for MoveIt 2")
+    moveit.add_argument("folder", type=Path, metavar="FOLDER", help="where the package is made, as a folder")
     return parser
 
 

@@ -294,11 +294,14 @@ class Supervisor:
         return Child(SERVICE, command, self._log, (listener.fileno(), losses), token)
 
     def _ros2(self, url: str) -> Child:
-        command = [*RUN_MODULE, "ros2", *self._config, *(("--url", url) if url else ())]
+        # What one such process leaves to the next; it goes with the supervisor.
+        last_words = os.memfd_create("cobot-ros2")
+        arguments = ["--last-words", str(last_words), *(("--url", url) if url else ())]
+        command = [*RUN_MODULE, "ros2", *self._config, *arguments]
         environment = {ROS_TOKEN_VARIABLE: self._ros_token}
         if self._settings.web.tls_certificate:
             environment[CERTIFICATE_VARIABLE] = str(self._settings.web.tls_certificate)
-        return Child("ros2", command, self._log, environment=environment)
+        return Child("ros2", command, self._log, (last_words,), environment)
 
     def _listen(self) -> socket.socket:
         web = self._settings.web

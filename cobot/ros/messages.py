@@ -38,6 +38,7 @@ class Messages:
         self._store = get_typestore(Stores.ROS2_HUMBLE)
         self._defaults = dict(DEFAULTS)
         self._records: dict[str, Record] = {}
+        self._promised: dict[str, str] = {}
         self.definitions: dict[str, str] = {}
         self._register(STANDARD)
         self.add(definitions or {})
@@ -50,6 +51,17 @@ class Messages:
         """
         self._register(definitions)
         self.definitions |= definitions
+
+    def promise(self, definitions: Mapping[str, str]) -> None:
+        """Services whose texts are known to be valid; each is read when it is needed first.
+
+        A vendor's 300 take a second, and few are ever called.
+        """
+        self._promised |= definitions
+        self.definitions |= definitions
+
+    def has_service(self, name: str) -> bool:
+        return name in self._promised or f"{name}_Request" in self
 
     def __contains__(self, name: str) -> bool:
         return name in self._store.fielddefs
@@ -153,6 +165,9 @@ class Messages:
         """
         made = self._records.get(name)
         if made is None:
+            service = name.rpartition("_")[0]
+            if service in self._promised:
+                self._register({service: self._promised.pop(service)})
             definition = self._store.fielddefs.get(name)
             if definition is None:
                 raise InputError(f"there is no type {shown(name)} here")

@@ -5,16 +5,18 @@ Source: http://wiki.ros.org/urdf/XML
 
 from __future__ import annotations
 
+import math
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 import mujoco
 import numpy as np
 
-from cobot.robot.frames import abc_from_quaternion, rotation
 from cobot.types import Array, JointLimits
 
 WORLD = "world"
+GIMBAL_LOCK = 1e-9
+"""Below this cosine of the pitch, roll and yaw are one angle."""
 _LEAST_INERTIA = 1e-9
 _Geom = mujoco.mjtGeom
 
@@ -139,14 +141,18 @@ def _origin(element: Element, place: Array, turn: Array) -> None:
 
 
 def _fixed_angles(turn: Array) -> Array:
-    """Roll, pitch and yaw of a rotation matrix, about the fixed axes x, y, z: KUKA's angles from behind."""
-    quaternion = np.empty(4)
-    mujoco.mju_mat2Quat(quaternion, turn.ravel())
-    return abc_from_quaternion(quaternion)[::-1]
+    """Roll, pitch and yaw of a rotation matrix, about fixed axes; the roll is 0 where it is the yaw."""
+    level = math.hypot(turn[0, 0], turn[1, 0])
+    pitch = math.atan2(-turn[2, 0], level)
+    if level < GIMBAL_LOCK:
+        return np.array([0.0, pitch, math.atan2(-turn[0, 1], turn[1, 1])])
+    return np.array([math.atan2(turn[2, 1], turn[2, 2]), pitch, math.atan2(turn[1, 0], turn[0, 0])])
 
 
 def _matrix(quaternion: Array) -> Array:
-    return np.asarray(rotation(quaternion).as_matrix())
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return matrix.reshape(3, 3)
 
 
 def _number(value: float) -> str:

@@ -12,13 +12,16 @@ from ros2.rtps.parameters import (
     SENTINEL,
     ParameterReader,
     Pid,
+    disposal,
     duration,
     locator,
     octets,
     parameter,
     text,
 )
-from ros2.rtps.types import PARTICIPANT_ENTITY, Address, Guid, Qos
+from ros2.rtps.types import PARTICIPANT_ENTITY, UNKNOWN_ENTITY, Address, Guid, Qos
+
+PARTICIPANT_WRITER = bytes((0, 1, 0, 0xC2))
 
 LEASE_S = 20.0
 _DEFAULT_LEASE_S = 100.0  # of a participant that does not say (RTPS 2.2, table 9.13)
@@ -146,3 +149,10 @@ def read_key(payload: bytes) -> Guid:
         if pid in values:
             return values.guid(pid)
     raise MalformedError("a disposal without a key")
+
+
+def goodbye(participant: Guid) -> bytes:
+    """The datagram with which a participant takes its leave, with all that it had."""
+    key = pack_key(Pid.PARTICIPANT_GUID, participant)
+    body = submessages.data(UNKNOWN_ENTITY, PARTICIPANT_WRITER, 2, disposal(participant), key, key=True)
+    return submessages.protocol_header(participant.prefix) + body

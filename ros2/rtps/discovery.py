@@ -14,8 +14,10 @@ from functools import partial
 
 from ros2.rtps import submessages
 from ros2.rtps.announcements import (
+    PARTICIPANT_WRITER,
     EndpointAnnouncement,
     ParticipantAnnouncement,
+    goodbye,
     pack_endpoint,
     pack_key,
     pack_participant,
@@ -39,7 +41,6 @@ from ros2.rtps.types import (
 from ros2.rtps.wire import Wire
 from ros2.rtps.writer import Writer
 
-PARTICIPANT_WRITER = bytes((0, 1, 0, 0xC2))
 _PUBLICATIONS_WRITER, _PUBLICATIONS_READER = bytes((0, 0, 3, 0xC2)), bytes((0, 0, 3, 0xC7))
 _SUBSCRIPTIONS_WRITER, _SUBSCRIPTIONS_READER = bytes((0, 0, 4, 0xC2)), bytes((0, 0, 4, 0xC7))
 _LIVELINESS_WRITER, _LIVELINESS_READER = bytes((0, 2, 0, 0xC2)), bytes((0, 2, 0, 0xC7))
@@ -105,7 +106,7 @@ class Discovery:
             return EndpointAnnouncement(Guid(self._prefix + entity), "", "", _BUILTIN_QOS)
 
         def writer(entity: bytes) -> Writer:
-            made = self.writers[entity] = Writer(wire, builtin(entity))
+            made = self.writers[entity] = Writer(wire, builtin(entity), gathers=True)
             return made
 
         def reader(
@@ -168,7 +169,7 @@ class Discovery:
         if (endpoint.topic, endpoint.type_name) != (public.topic, public.type_name):
             return
         if isinstance(endpoint, Writer):
-            if public.kind == "reader" and endpoint.qos.satisfies(public.qos):
+            if public.kind == "reader" and endpoint.qos.satisfies(public.qos) and endpoint.accepts(public):
                 endpoint.match(public.guid, remote.address, public.qos)
         elif public.kind == "writer" and public.qos.satisfies(endpoint.qos):
             endpoint.match(public.guid, remote.address, public.qos, public.participant.vendor)
@@ -197,10 +198,7 @@ class Discovery:
         endpoints: list[Writer | Reader] = [*self.writers.values(), *self.readers.values()]
         for endpoint in endpoints:
             endpoint.close()
-        guid = self._announcement.guid
-        key = pack_key(Pid.PARTICIPANT_GUID, guid)
-        body = submessages.data(UNKNOWN_ENTITY, PARTICIPANT_WRITER, 2, disposal(guid), key, key=True)
-        datagram = self._header + body
+        datagram = goodbye(self._announcement.guid)
         self._wire.multicast(datagram)
         for peer in self._peers.values():
             self._wire.send(datagram, peer.metatraffic)

@@ -16,6 +16,7 @@ LOOPBACK = "127.0.0.1"
 DISCOVERY_GROUP = "239.255.0.1"
 _MOST_DOMAINS = 232
 MAX_PARTICIPANTS = 120
+_PORTS_WITHOUT_MULTICAST = 10
 
 # linux/sockios.h
 _SIOCGIFADDR = 0x8915
@@ -75,6 +76,12 @@ def local_interfaces(wanted: Sequence[str] | None) -> list[IPv4Interface]:
     if not chosen:
         raise NetworkError("no interface has an IPv4 address")
     return chosen
+
+
+def first_addresses(hosts: Sequence[str], ports: Ports) -> list[Address]:
+    """Where discovery reaches the first participants on computers that multicast does not reach."""
+    numbers = range(_PORTS_WITHOUT_MULTICAST)
+    return [(host, ports.metatraffic(number)) for host in hosts for number in numbers]
 
 
 def reachable(offered: list[Address], heard_from: str, ours: Sequence[IPv4Interface]) -> Address | None:

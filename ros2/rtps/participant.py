@@ -13,11 +13,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from ros2.rtps import submessages
-from ros2.rtps.announcements import LEASE_S, EndpointAnnouncement, ParticipantAnnouncement
+from ros2.rtps.announcements import (
+    LEASE_S,
+    PARTICIPANT_WRITER,
+    EndpointAnnouncement,
+    ParticipantAnnouncement,
+)
 from ros2.rtps.delivery import Delivery
-from ros2.rtps.discovery import PARTICIPANT_WRITER, Discovery
+from ros2.rtps.discovery import Discovery
 from ros2.rtps.errors import ClosedError, MalformedError
 from ros2.rtps.inbound import Inbound
+from ros2.rtps.last_words import LastWords
 from ros2.rtps.parameters import read_identity
 from ros2.rtps.reader import Reader, TopicReader
 from ros2.rtps.submessages import Kind, Submessage
@@ -78,6 +84,7 @@ class Participant:
         self._on_change = on_change
         self._change_is_due = False
         self._closed = False
+        self._domain_id = domain_id
         self._entity_numbers = itertools.count(1)
         announcement = ParticipantAnnouncement(
             guid=self.guid,
@@ -93,12 +100,22 @@ class Participant:
             self._wire.start(self._on_datagram)
             self._discovery.start()
 
-    def create_writer(self, topic: str, type_name: str, qos: Qos, user_data: bytes = b"") -> Writer:
-        """A writer of a keyless topic, at once announced to all participants."""
+    def create_writer(
+        self,
+        topic: str,
+        type_name: str,
+        qos: Qos,
+        user_data: bytes = b"",
+        accepts: Callable[[RemoteEndpoint], bool] | None = None,
+    ) -> Writer:
+        """A writer of a keyless topic, at once announced to all participants.
+
+        accepts: whether it writes for a reader that fits otherwise; None: for each.
+        """
         with self._lock:
             guid = self._new_guid(_KEYLESS_WRITER)
             announcement = EndpointAnnouncement(guid, topic, type_name, qos, user_data)
-            writer = Writer(self._wire, announcement, self._discovery.remove)
+            writer = Writer(self._wire, announcement, self._discovery.remove, accepts)
             self._discovery.add(writer)
             return writer
 
@@ -140,6 +157,12 @@ class Participant:
         """A copy of the counters."""
         with self._lock:
             return replace(self._wire.statistics)
+
+    def leave_to(self, last_words: LastWords) -> None:
+        """Note what a successor needs to take leave for this one, should it be killed."""
+        with self._lock:
+            interfaces = [str(interface.ip) for interface in self._wire.interfaces]
+            last_words.leave(self.guid, self._domain_id, interfaces, self._wire.told_one_by_one)
 
     def close(self) -> None:
         """Tell all peers that this participant is gone, and end its threads; may be called twice."""

@@ -26,14 +26,15 @@ class ReaderProxy:
     """A matched reader.
 
     joined: samples up to this number are not for it unless addressed to it.
+    asked: up to here all that it misses is on its way, for it could not name as many as it misses.
     sent: highest number that was sent to it, declared irrelevant, or is left for it to ask for.
     acknowledged: all up to here have arrived.
     queue: what still has to be sent: fragment numbers (an ordered set) by change.
     """
 
     __slots__ = (
-        "_envelope", "_guid_entity", "_heartbeats", "_writer", "acknowledged", "address", "due_s", "guid",
-        "heartbeat_s", "interval_s", "joined", "pumping", "queue", "reliable", "sent",
+        "_envelope", "_guid_entity", "_heartbeats", "_writer", "acknowledged", "address", "asked", "due_s",
+        "guid", "heartbeat_s", "interval_s", "joined", "pumping", "queue", "reliable", "sent",
     )  # fmt: skip
 
     def __init__(
@@ -57,6 +58,7 @@ class ReaderProxy:
         self.reliable = reliable
         self.joined = self.acknowledged = joined
         self.sent = last
+        self.asked = 0
         self.queue: dict[Change, dict[int, None]] = {}
         self.pumping = False
         self.heartbeat_s = 0.0
@@ -78,8 +80,8 @@ class ReaderProxy:
             return self.acknowledged
         return next(iter(self.queue)).sequence - 1 if self.queue else self.sent
 
-    def datagram(self, change: Change, piece: int) -> bytes:
-        """One piece of a change, with what its reader must know before it; a heartbeat may follow."""
+    def piece(self, change: Change, piece: int) -> bytes:
+        """One piece of a change, with what its reader must know before it."""
         arguments = self._guid_entity, self._writer, change.sequence, change.inline, change.payload
         if len(change.payload) <= LARGEST_PIECE:
             body = submessages.data(*arguments, key=change.disposes)
@@ -87,7 +89,7 @@ class ReaderProxy:
             body = submessages.data_fragment(*arguments, piece, LARGEST_PIECE)
         skipped = self.skipped(change.sequence)
         self.sent = max(self.sent, change.sequence)
-        return self._envelope + skipped + submessages.info_time(change.time_s) + body
+        return skipped + submessages.info_time(change.time_s) + body
 
     def skipped(self, sequence: int) -> bytes:
         """A gap over what was not meant for this reader between the last that was sent and this one."""

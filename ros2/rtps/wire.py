@@ -19,7 +19,14 @@ from functools import partial
 from ipaddress import IPv4Interface
 
 from ros2.rtps.errors import NetworkError
-from ros2.rtps.network import DISCOVERY_GROUP, LOOPBACK, MAX_PARTICIPANTS, Ports, local_interfaces
+from ros2.rtps.network import (
+    DISCOVERY_GROUP,
+    LOOPBACK,
+    MAX_PARTICIPANTS,
+    Ports,
+    first_addresses,
+    local_interfaces,
+)
 from ros2.rtps.types import Address, Limits, Statistics
 
 _log = logging.getLogger(__name__)
@@ -27,7 +34,6 @@ _log = logging.getLogger(__name__)
 _BUFFER_BYTES = 4 << 20
 _SO_RCVBUFFORCE = 33  # asm-generic/socket.h: beyond the system's limit, for those who may
 _DATAGRAMS_AT_ONCE = 64
-_PORTS_WITHOUT_MULTICAST = 10
 
 
 class Wire:
@@ -101,6 +107,11 @@ class Wire:
         port = self._ports.user(self.participant_id)
         return [(str(interface.ip), port) for interface in self.interfaces]
 
+    @property
+    def told_one_by_one(self) -> tuple[str, ...]:
+        """Computers whose first participants are told without multicast."""
+        return self._peers if self.has_multicast else (LOOPBACK, *self._peers)
+
     def look_around(self) -> None:
         """Use the networks that have come up, and no longer those that are gone."""
         with suppress(NetworkError):  # what there was may come back
@@ -125,9 +136,8 @@ class Wire:
 
     def multicast(self, datagram: bytes) -> None:
         """To the discovery group on every interface, and to the first ports of those it does not reach."""
-        for address in self._peers if self.has_multicast else (LOOPBACK, *self._peers):
-            for number in range(_PORTS_WITHOUT_MULTICAST):
-                self.send(datagram, (address, self._ports.metatraffic(number)))
+        for address in first_addresses(self.told_one_by_one, self._ports):
+            self.send(datagram, address)
         for interface in self.interfaces:
             with suppress(OSError):  # an interface that is down now may be up the next time
                 self._sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, interface.ip.packed)

@@ -3,13 +3,14 @@
 Samples go out at once with a final heartbeat, which asks for an answer only when something is missing. A
 timer, armed only while something is unacknowledged, sends heartbeats that ask for one. What is larger than a
 datagram, and everything that is sent again, goes through a queue per reader, a burst at a time, so that it
-does not overflow the receiver's socket buffer.
+does not overflow the receiver's socket buffer; small samples share a datagram there. Discovery uses this
+queue for all that it says: a robot's hundreds of endpoints are a few datagrams.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 
 from ros2.rtps import submessages
@@ -17,6 +18,8 @@ from ros2.rtps.announcements import EndpointAnnouncement
 from ros2.rtps.endpoint import Endpoint
 from ros2.rtps.errors import ClosedError, PayloadError
 from ros2.rtps.history import Change, History
+from ros2.rtps.network import LOOPBACK
+from ros2.rtps.number_sets import MAX_BITS
 from ros2.rtps.parameters import related_identity
 from ros2.rtps.reader_proxy import (
     FIRST_HEARTBEAT_S,
@@ -25,11 +28,14 @@ from ros2.rtps.reader_proxy import (
     ReaderProxy,
     pieces,
 )
-from ros2.rtps.types import Address, Guid, Qos, SampleIdentity
+from ros2.rtps.types import Address, Guid, Qos, RemoteEndpoint, SampleIdentity
 from ros2.rtps.wire import Wire
 
 _BURST_BYTES = 2 * LARGEST_PIECE  # three of these fill the usual receive buffer of 208 KiB
 _BETWEEN_BURSTS_S = 0.001
+_GATHERED_BYTES = 1_300  # of small samples in one datagram: a frame of Ethernet, as each is lost by itself
+_GATHERED_HERE_BYTES = 16_000  # the same within this computer, which has no frames
+_GATHER_S = 0.002
 _HELD_S = 10.0
 
 
@@ -41,8 +47,14 @@ class Writer(Endpoint[ReaderProxy]):
         wire: Wire,
         announcement: EndpointAnnouncement,
         on_close: Callable[[Writer], None] | None = None,
+        accepts: Callable[[RemoteEndpoint], bool] | None = None,
+        *,
+        gathers: bool = False,
     ) -> None:
+        """gathers: samples wait for others that are written at the same time."""
         super().__init__(wire, announcement)
+        self.accepts = accepts or (lambda reader: True)
+        self._gathers = gathers
         self._entity = self.guid.entity
         self._on_close = on_close
         self._history = History(self.qos.depth, wire.limits)
@@ -106,14 +118,20 @@ class Writer(Endpoint[ReaderProxy]):
     # Sending
 
     def _transmit(self, proxy: ReaderProxy, change: Change) -> None:
-        if not proxy.queue and len(change.payload) <= LARGEST_PIECE:
+        if self._gathers:
+            proxy.enqueue(change, pieces(change))
+            if not proxy.pumping:
+                proxy.pumping = True
+                self._wire.later(_GATHER_S, partial(self._pump, proxy))
+        elif not proxy.queue and len(change.payload) <= LARGEST_PIECE:
             self._send_piece(proxy, change, 1, done=True, burst_ends=True)
         else:
-            self._send_later(proxy, change, pieces(change))
+            self._send_later(proxy, [(change, pieces(change))])
 
-    def _send_later(self, proxy: ReaderProxy, change: Change, fragments: range | list[int]) -> None:
-        proxy.enqueue(change, fragments)
-        if not proxy.pumping:
+    def _send_later(self, proxy: ReaderProxy, wanted: Iterable[tuple[Change, range | list[int]]]) -> None:
+        for change, fragments in wanted:
+            proxy.enqueue(change, fragments)
+        if proxy.queue and not proxy.pumping:
             proxy.pumping = True
             self._pump(proxy)
 
@@ -123,28 +141,57 @@ class Writer(Endpoint[ReaderProxy]):
             return
         left = _BURST_BYTES
         while proxy.queue and left > 0:
-            change, fragments = next(iter(proxy.queue.items()))
-            whole = len(fragments) == len(pieces(change))
-            if whole and change.sequence not in self._history:
-                del proxy.queue[change]  # replaced before it began; the next datagram has the gap
-                continue
-            while fragments and left > 0:
-                piece = next(iter(fragments))
-                del fragments[piece]
-                left -= min(len(change.payload), LARGEST_PIECE)
-                self._send_piece(proxy, change, piece, done=not fragments, burst_ends=left <= 0)
-            if not fragments:
-                del proxy.queue[change]
+            together = self._take_small(proxy)
+            if together:
+                left -= self._send_together(proxy, together)
+            elif proxy.queue:
+                left = self._send_fragments(proxy, left)
         proxy.pumping = bool(proxy.queue)
         if not proxy.reliable:
             self._release()
         if proxy.pumping:
             self._wire.later(_BETWEEN_BURSTS_S, partial(self._pump, proxy))
 
+    def _take_small(self, proxy: ReaderProxy) -> list[Change]:
+        """From the front of the queue, what fits into one datagram; not what was replaced before it began."""
+        taken: list[Change] = []
+        room = _GATHERED_HERE_BYTES if proxy.address[0] == LOOPBACK else _GATHERED_BYTES
+        for change, fragments in list(proxy.queue.items()):
+            whole = len(fragments) == len(pieces(change))
+            if whole and change.sequence not in self._history:
+                del proxy.queue[change]  # the next datagram has the gap
+                continue
+            room -= len(change.payload)
+            if len(change.payload) > LARGEST_PIECE or (taken and room < 0):
+                break
+            del proxy.queue[change]
+            taken.append(change)
+        return taken
+
+    def _send_together(self, proxy: ReaderProxy, changes: list[Change]) -> int:
+        """Send whole samples in one datagram; their bytes."""
+        body = b"".join(proxy.piece(change, 1) for change in changes)
+        if proxy.reliable:
+            body += self._heartbeat(proxy, final=True)
+        self._wire.send(proxy.enveloped(body), proxy.address)
+        return len(body)
+
+    def _send_fragments(self, proxy: ReaderProxy, left: int) -> int:
+        """Send fragments of the sample at the front of the queue; what is left of the burst."""
+        change, fragments = next(iter(proxy.queue.items()))
+        while fragments and left > 0:
+            piece = next(iter(fragments))
+            del fragments[piece]
+            left -= min(len(change.payload), LARGEST_PIECE)
+            self._send_piece(proxy, change, piece, done=not fragments, burst_ends=left <= 0)
+        if not fragments:
+            del proxy.queue[change]
+        return left
+
     def _send_piece(
         self, proxy: ReaderProxy, change: Change, piece: int, *, done: bool, burst_ends: bool
     ) -> None:
-        datagram = proxy.datagram(change, piece)
+        datagram = proxy.enveloped(proxy.piece(change, piece))
         if proxy.reliable and done:
             datagram += self._heartbeat(proxy, final=True)
         elif proxy.reliable and burst_ends:
@@ -209,8 +256,7 @@ class Writer(Endpoint[ReaderProxy]):
         self._proxies[guid] = proxy
         wanted = [change for change in self._history if proxy.wants(change)]
         if wanted and not reliable:
-            for change in wanted:
-                self._send_later(proxy, change, pieces(change))
+            self._send_later(proxy, ((change, pieces(change)) for change in wanted))
         elif reliable and self._last:
             proxy.acknowledged = 0
             self._greet(proxy, wanted)
@@ -237,6 +283,10 @@ class Writer(Endpoint[ReaderProxy]):
             self._release()
         if proxy.acknowledged >= self._last:
             proxy.due_s = None
+        if len(missing) == MAX_BITS and proxy.asked < missing[-1]:
+            # It misses as many as it can say at once, so it misses what follows too.
+            missing = list(range(missing[0], proxy.sent + 1))
+            proxy.asked = proxy.sent
         if missing:
             self._repair(proxy, missing)
         elif not final and not proxy.queue and time.monotonic() - proxy.heartbeat_s >= FIRST_HEARTBEAT_S / 2:
@@ -244,7 +294,7 @@ class Writer(Endpoint[ReaderProxy]):
             self._send_heartbeat(proxy)
 
     def _repair(self, proxy: ReaderProxy, missing: list[int]) -> None:
-        never = []
+        never, there = [], []
         for sequence in missing:
             change = self._history.get(sequence)
             if sequence > proxy.sent:
@@ -252,7 +302,8 @@ class Writer(Endpoint[ReaderProxy]):
             if change is None or not proxy.wants(change):
                 never.append(sequence)
             else:
-                self._send_later(proxy, change, pieces(change))
+                there.append((change, pieces(change)))
+        self._send_later(proxy, there)
         if never:
             body = proxy.gaps(never) + self._heartbeat(proxy, final=True)
             self._wire.send(proxy.enveloped(body), proxy.address)
@@ -268,7 +319,7 @@ class Writer(Endpoint[ReaderProxy]):
         there = pieces(change)
         wanted = [number for number in missing if number in there]
         if wanted:
-            self._send_later(proxy, change, wanted)
+            self._send_later(proxy, [(change, wanted)])
 
     def _release(self) -> None:
         """Forget what every reader has; only where the depth does not decide, or a disposal is known."""

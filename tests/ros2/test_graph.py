@@ -5,11 +5,14 @@ from __future__ import annotations
 import struct
 
 import pytest
+from node_rig import NodeRig
+from peers import own_domain
+from ros_peer import until
 from rosbags.typesys import Stores, get_typestore
 
-from ros2.graph import entities
-from ros2.names import NodeName, reply_name, request_name, topic_name, type_name
-from ros2.rtps import Guid
+from ros2.graph import TOPIC, TYPE, entities
+from ros2.names import NodeName, reply_name, request_name, topic_name, type_hash, type_name
+from ros2.rtps import Guid, Participant, Qos
 
 NAME = "rmw_dds_common/msg/ParticipantEntitiesInfo"
 
@@ -42,3 +45,20 @@ def test_names_are_those_of_rmw_fastrtps() -> None:
 def test_a_node_in_the_root_has_one_slash() -> None:
     assert NodeName("cobot").full == "/cobot"
     assert NodeName("servo", "/iiwa").full == "/iiwa/servo"
+
+
+def test_each_reader_gets_the_graph_in_the_form_of_its_release() -> None:
+    heard: dict[str, list[bytes]] = {"humble": [], "jazzy": []}
+    with own_domain() as domain, NodeRig(domain) as rig:
+        other = Participant(domain, localhost_only=True)
+        qos = Qos(reliable=True, transient_local=True, depth=1)
+        for release, user_data in (("humble", b""), ("jazzy", type_hash("RIHS01_0123"))):
+            got = heard[release]
+            other.create_reader(TOPIC, TYPE, qos, lambda s, got=got: got.append(s.payload), user_data)
+        until(lambda: all(heard.values()), "no graph")
+        until(lambda: rig.participant.discovered(), "the readers are not known")
+        other.close()
+    for release, store in (("humble", Stores.ROS2_HUMBLE), ("jazzy", Stores.ROS2_JAZZY)):
+        for content in heard[release]:
+            read = get_typestore(store).deserialize_cdr(content, NAME)
+            assert [each.node_name for each in read.node_entities_info_seq] == ["cobot"]

@@ -448,3 +448,15 @@ def test_a_urdf_made_of_our_urdf_is_the_same_robot(
     twice = RobotMessages(again, "base_link", "tcp")
     assert [each["child_frame_id"] for each in twice.static_transforms()["transforms"]].count("tcp") == 1
     assert twice.description()["data"].count('<link name="tcp"') == 1
+
+
+def test_a_promised_service_is_read_when_it_is_needed() -> None:
+    messages, name = Messages(), "demo_msgs/srv/Ask"
+    messages.promise({name: "int32 asked\n---\nint32 answered\n"})
+    assert messages.has_service(name)
+    assert f"{name}_Request" not in messages
+    request = messages.to_cdr(f"{name}_Request", {"asked": 3})
+    assert messages.from_cdr(f"{name}_Request", request) == {"asked": 3}
+    assert messages.default(f"{name}_Response") == {"answered": 0}
+    assert messages.has_service(name)
+    assert not messages.has_service("demo_msgs/srv/Other")

@@ -14,12 +14,12 @@ from running import until
 from ros2.rtps import Guid, Limits, Participant, Qos
 from ros2.rtps import submessages as sub
 from ros2.rtps.announcements import (
+    PARTICIPANT_WRITER,
     EndpointAnnouncement,
     ParticipantAnnouncement,
     pack_endpoint,
     pack_participant,
 )
-from ros2.rtps.discovery import PARTICIPANT_WRITER
 from ros2.rtps.types import PARTICIPANT_ENTITY, UNKNOWN_ENTITY
 
 Start = Callable[[], Peer]

@@ -28,8 +28,7 @@ from ros2.rtps import (
     Writer,
 )
 from ros2.rtps import submessages as sub
-from ros2.rtps.announcements import ParticipantAnnouncement, pack_participant
-from ros2.rtps.discovery import PARTICIPANT_WRITER
+from ros2.rtps.announcements import PARTICIPANT_WRITER, ParticipantAnnouncement, pack_participant
 from ros2.rtps.history import Change
 from ros2.rtps.network import local_interfaces, reachable
 from ros2.rtps.types import PARTICIPANT_ENTITY, UNKNOWN_ENTITY

@@ -1,0 +1,264 @@
+"""`cobot moveit-config FOLDER`: a package with which MoveIt 2 plans for a robot of this configuration.
+
+It says in MoveIt's files what the configuration says: the URDF of /robot_description, an SRDF with the named
+positions and the pairs of links that cobot's own collision checker leaves out, the limits, the controller.
+That is cobot itself: its action /NAME/follow_joint_trajectory is named as MoveIt's simple controller manager
+names it, so no ros2_control is needed.
+
+Source: https://moveit.picknik.ai/main/doc/examples/controller_configuration/controller_configuration_tutorial.html
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
+
+import yaml
+
+from cobot.config import Settings
+from cobot.errors import ConfigError
+from cobot.robot.collision import geom_pairs
+from cobot.robot.description import RobotDescription, load_robot
+from cobot.ros.urdf import link_name, urdf
+
+SCALING = 0.5
+"""Of the limits, where a user of MoveIt says nothing."""
+HUMBLE_ADAPTERS = {
+    "planning_plugin": "ompl_interface/OMPLPlanner",
+    "request_adapters": " ".join(
+        f"default_planner_request_adapters/{name}"
+        for name in (
+            "AddTimeOptimalParameterization",
+            "ResolveConstraintFrames",
+            "FixWorkspaceBounds",
+            "FixStartStateBounds",
+            "FixStartStateCollision",
+            "FixStartStatePathConstraints",
+        )
+    ),
+}
+LATER_ADAPTERS = {
+    "planning_plugins": ["ompl_interface/OMPLPlanner"],
+    "request_adapters": [
+        "default_planning_request_adapters/ResolveConstraintFrames",
+        "default_planning_request_adapters/ValidateWorkspaceBounds",
+        "default_planning_request_adapters/CheckStartStateBounds",
+        "default_planning_request_adapters/CheckStartStateCollision",
+    ],
+    "response_adapters": [
+        "default_planning_response_adapters/AddTimeOptimalParameterization",
+        "default_planning_response_adapters/ValidateSolution",
+    ],
+}
+
+PACKAGE_XML = """<?xml version="1.0"?>
+<package format="3">
+  <name>{package}</name>
+  <version>0.1.0</version>
+  <description>MoveIt 2 for the robot {name} of cobot. Made by `cobot moveit-config`.</description>
+  <maintainer email="cobot@example.com">cobot</maintainer>
+  <license>Apache-2.0</license>
+  <buildtool_depend>ament_cmake</buildtool_depend>
+  <exec_depend>moveit_kinematics</exec_depend>
+  <exec_depend>moveit_planners_ompl</exec_depend>
+  <exec_depend>moveit_ros_move_group</exec_depend>
+  <exec_depend>moveit_ros_visualization</exec_depend>
+  <exec_depend>moveit_simple_controller_manager</exec_depend>
+  <exec_depend>rviz2</exec_depend>
+  <export>
+    <build_type>ament_cmake</build_type>
+  </export>
+</package>
+"""
+CMAKE_LISTS = """cmake_minimum_required(VERSION 3.8)
+project({package})
+
+find_package(ament_cmake REQUIRED)
+install(DIRECTORY config launch DESTINATION share/${{PROJECT_NAME}})
+ament_package()
+"""
+LAUNCH = '''"""MoveIt for the robot {name} that `cobot run` runs; `rviz:=true` shows it."""
+
+import os
+from pathlib import Path
+
+import yaml
+from ament_index_python.packages import get_package_share_directory
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument
+from launch.conditions import IfCondition
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+CONFIG = Path(get_package_share_directory("{package}")) / "config"
+
+
+def text(name):
+    return (CONFIG / name).read_text(encoding="utf-8")
+
+
+def generate_launch_description():
+    robot = {{
+        "robot_description": text("{name}.urdf"),
+        "robot_description_semantic": text("{name}.srdf"),
+        "robot_description_kinematics": yaml.safe_load(text("kinematics.yaml")),
+        "robot_description_planning": yaml.safe_load(text("joint_limits.yaml")),
+    }}
+    humble = "_humble" if os.environ.get("ROS_DISTRO") == "humble" else ""
+    planning = yaml.safe_load(text(f"ompl_planning{{humble}}.yaml"))
+    controllers = yaml.safe_load(text("moveit_controllers.yaml"))
+    states = [("joint_states", "/{name}/joint_states")]
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument("rviz", default_value="false"),
+            Node(
+                package="moveit_ros_move_group",
+                executable="move_group",
+                output="screen",
+                parameters=[robot, planning, controllers],
+                remappings=states,
+            ),
+            Node(
+                package="rviz2",
+                executable="rviz2",
+                parameters=[robot, planning],
+                remappings=states,
+                condition=IfCondition(LaunchConfiguration("rviz")),
+            ),
+        ]
+    )
+'''
+
+
+def write_moveit_config(settings: Settings, folder: Path) -> Path:
+    """Make the package of the default robot in a folder, and give the package's own folder.
+
+    Raises:
+        ConfigError: the folder cannot be written, or has such a package already.
+    """
+    made = folder / package_name(settings)
+    if made.exists():
+        raise ConfigError(f"{made} exists: remove it, or name another folder")
+    try:
+        for path, content in moveit_files(settings).items():
+            (made / path).parent.mkdir(parents=True, exist_ok=True)
+            (made / path).write_text(content, encoding="utf-8")
+    except OSError as exc:
+        raise ConfigError(f"cannot write {made}: {exc.strerror}") from exc
+    return made
+
+
+def package_name(settings: Settings) -> str:
+    return f"{settings.robot.name.lower()}_moveit_config"
+
+
+def moveit_files(settings: Settings) -> dict[str, str]:
+    """The content of each file, by its path in the package's folder."""
+    robot = load_robot(settings)
+    description = urdf(robot.model.mj, robot.limits, robot.model.tcp_site)
+    name, group = settings.robot.name, settings.robot.group
+    words = {"package": package_name(settings), "name": name}
+    return {
+        "package.xml": PACKAGE_XML.format(**words),
+        "CMakeLists.txt": CMAKE_LISTS.format(**words),
+        "launch/moveit.launch.py": LAUNCH.format(**words),
+        f"config/{name}.urdf": description,
+        f"config/{name}.srdf": srdf(robot, settings, ElementTree.fromstring(description).attrib["name"]),
+        "config/kinematics.yaml": _yaml({group: kinematics()}),
+        "config/joint_limits.yaml": _yaml(joint_limits(robot)),
+        "config/moveit_controllers.yaml": _yaml(controllers(robot)),
+        "config/ompl_planning.yaml": _yaml(planning(group, LATER_ADAPTERS)),
+        "config/ompl_planning_humble.yaml": _yaml(planning(group, HUMBLE_ADAPTERS)),
+    }
+
+
+def srdf(robot: RobotDescription, settings: Settings, model_name: str) -> str:
+    """The group from the base to the TCP, the named positions, and the links that may touch."""
+    root = Element("robot", name=model_name)
+    group = settings.robot.group
+    chain = {"base_link": settings.robot.base_frame, "tip_link": settings.robot.tcp}
+    SubElement(SubElement(root, "group", name=group), "chain", chain)
+    for position in robot.positions.values():
+        state = SubElement(root, "group_state", name=position.name, group=group)
+        for joint, value in zip(robot.limits.names, position.joints, strict=True):
+            SubElement(state, "joint", name=joint, value=repr(value))
+    for first, second, reason in unchecked_links(robot):
+        SubElement(root, "disable_collisions", link1=first, link2=second, reason=reason)
+    ElementTree.indent(root)
+    return '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def unchecked_links(robot: RobotDescription) -> list[tuple[str, str, str]]:
+    """Two links each, and why MoveIt is to leave them out: they are neighbours, or the model says so."""
+    model = robot.model.mj
+    checked = {frozenset(map(int, model.geom_bodyid[list(pair)])) for pair in geom_pairs(model)}
+    bodies = sorted({int(body) for body in model.geom_bodyid if body})
+    return [
+        (link_name(model, first), link_name(model, second), reason)
+        for first, second in combinations(bodies, 2)
+        if frozenset((first, second)) not in checked
+        for reason in ("Adjacent" if model.body_parentid[second] == first else "Never",)
+    ]
+
+
+def kinematics() -> dict[str, Any]:
+    return {
+        "kinematics_solver": "kdl_kinematics_plugin/KDLKinematicsPlugin",
+        "kinematics_solver_search_resolution": 0.005,
+        "kinematics_solver_timeout": 0.05,
+    }
+
+
+def joint_limits(robot: RobotDescription) -> dict[str, Any]:
+    """What the URDF does not say: MoveIt's time parametrisation needs accelerations."""
+    limits = robot.limits
+    each = {
+        name: {
+            "has_velocity_limits": True,
+            "max_velocity": float(limits.max_velocity[index]),
+            "has_acceleration_limits": True,
+            "max_acceleration": float(limits.max_acceleration[index]),
+            "has_jerk_limits": True,
+            "max_jerk": float(limits.max_jerk[index]),
+        }
+        for index, name in enumerate(limits.names)
+    }
+    scaling = {f"default_{kind}_scaling_factor": SCALING for kind in ("velocity", "acceleration")}
+    return {**scaling, "joint_limits": each}
+
+
+def controllers(robot: RobotDescription) -> dict[str, Any]:
+    """MoveIt calls the action `controller/action_ns`: the robot's name is the controller's."""
+    action = {
+        "type": "FollowJointTrajectory",
+        "action_ns": "follow_joint_trajectory",
+        "default": True,
+        "joints": list(robot.limits.names),
+    }
+    return {
+        "moveit_controller_manager": "moveit_simple_controller_manager/MoveItSimpleControllerManager",
+        "moveit_simple_controller_manager": {"controller_names": [robot.name], robot.name: action},
+        # cobot keeps to the path and its limits by itself, and may be slowed down by others meanwhile.
+        "trajectory_execution": {"execution_duration_monitoring": False, "allowed_start_tolerance": 0.01},
+    }
+
+
+def planning(group: str, adapters: Mapping[str, Any]) -> dict[str, Any]:
+    """adapters: the plugins of the pipeline, which Humble and later releases name each in its own way."""
+    return {
+        "planning_pipelines": ["ompl"],
+        "default_planning_pipeline": "ompl",
+        "ompl": {
+            **adapters,
+            "planner_configs": {"RRTConnect": {"type": "geometric::RRTConnect"}},
+            group: {"default_planner_config": "RRTConnect", "planner_configs": ["RRTConnect"]},
+        },
+    }
+
+
+def _yaml(content: dict[str, Any]) -> str:
+    return yaml.safe_dump(content, sort_keys=False)

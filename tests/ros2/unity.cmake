@@ -1,0 +1,11 @@
+# Each library of type support in C++ from one source: most of the time goes into reading headers. (Those in C do
+# not permit that, and are quick.)
+function(unite)
+  get_property(targets DIRECTORY PROPERTY BUILDSYSTEM_TARGETS)
+  foreach(target ${targets})
+    if(target MATCHES "__rosidl_typesupport_(.*cpp|fastrtps_c)$")
+      set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 0)
+    endif()
+  endforeach()
+endfunction()
+cmake_language(DEFER CALL unite)
