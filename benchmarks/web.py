@@ -29,17 +29,16 @@ def requests_per_second(slices: int, slice_s: float) -> Iterator[Row]:
 
     Without tokens, and with one of so many.
     """
-    without, shown, theirs = [], [], []
-    with service() as run, service(tokens=TOKENS) as asking, background("benchmarks.bare") as bare:
-        bare_url = address(bare)
-        token = asking.asking["headers"]["Authorization"].removeprefix("Bearer ")
-        for _ in range(slices):
-            without.append(_answers_per_second(run.url, slice_s))
-            theirs.append(_answers_per_second(bare_url, slice_s))
-            shown.append(_answers_per_second(asking.url, slice_s, token))
-    for ours, what in ((without, ""), (shown, f", with one of {TOKENS} tokens")):
+    for tokens in (0, TOKENS):
+        ours, theirs = [], []
+        with service(tokens=tokens) as run, background("benchmarks.bare") as bare:
+            bare_url = address(bare)
+            shown = [run.asking["headers"]["Authorization"].removeprefix("Bearer ")] if tokens else []
+            for _ in range(slices):
+                ours.append(_answers_per_second(run.url, slice_s, *shown))
+                theirs.append(_answers_per_second(bare_url, slice_s))
         yield row(
-            f"GET {JOINT_STATES}, {CLIENTS} connections{what}",
+            f"GET {JOINT_STATES}, {CLIENTS} connections{f', with one of {tokens} tokens' if tokens else ''}",
             "answers/s",
             _low_tail(ours),
             "bare FastAPI route",

@@ -1,7 +1,7 @@
 """Who may ask what, over HTTP and over both WebSockets, of the whole service on virtual time.
 
 Oracles: the attacks as browsers send them, header by header; the roles as docs/security.md tells them, said
-here once more; the standards named in `app.api.origins`.
+here once more; the standards named in `app.api.origins`. Long, as it walks through all that can be asked.
 """
 
 from __future__ import annotations
