@@ -80,8 +80,9 @@ def _stops(
     """
     delays = []
     with Client(run.url, motion_timeout_s=60.0) as mover:
-        for repetition in range(repetitions):
-            with motion(mover, ("work", "home")[repetition % 2]):
+        for _ in range(repetitions):
+            mover.move_named("home", speed=1.0)
+            with motion(mover, "work", speed=0.05):
                 until_cruising(memory)
                 if flood is not None:
                     flood.send_signal(signal.SIGCONT)

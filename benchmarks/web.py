@@ -86,12 +86,12 @@ def stop(repetitions: int) -> Iterator[Row]:
 
 
 @contextlib.contextmanager
-def motion(client: Client, name: str) -> Iterator[None]:
+def motion(client: Client, name: str, speed: float = 0.2) -> Iterator[None]:
     """A motion in the background; it has ended when the context does."""
 
     def move() -> None:
         with contextlib.suppress(CobotError):
-            client.move_named(name, speed=0.2)
+            client.move_named(name, speed=speed)
 
     thread = threading.Thread(target=move)
     thread.start()

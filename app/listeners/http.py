@@ -109,11 +109,13 @@ class HttpProtocol(HttpToolsProtocol):
 
     def data_received(self, data: bytes) -> None:
         self._unset_keepalive_if_required()
-        between = not (self._in_header or self._in_body)
-        if between:
+        if not (self._in_header or self._in_body):
             self._in_header = True
             self._note()
-        if self._unread or len(data) > SLICE_BYTES or not (STOP.match(data) or self._turns.mine()):
+        # In the middle of a request the same bytes mean nothing.
+        stop = self._in_header and not self._silent and STOP.match(data)
+        busy = self._unread or self.pipeline
+        if busy or len(data) > SLICE_BYTES or not (stop or self._turns.mine()):
             self._unread += data
             self.flow.hold()
             self._wait()
@@ -130,7 +132,7 @@ class HttpProtocol(HttpToolsProtocol):
         self._waits = False
         if self.transport.is_closing():
             self._unread.clear()
-        elif not self.flow.read_paused:  # else the application says when it can take more
+        elif not (self.flow.read_paused or self.pipeline):  # else the application says when it can take more
             data = bytes(self._unread[:SLICE_BYTES])
             del self._unread[:SLICE_BYTES]
             self._feed(data)
@@ -207,6 +209,8 @@ class HttpProtocol(HttpToolsProtocol):
         if self._in_body:  # of which the rest is thrown away, for a while
             self._answered = True
             self._begun_s, self._body_bytes = self.loop.time(), 0
+        if self._unread and not self.pipeline:
+            self._wait()
         self._note()
 
     def _start_asgi_task(self, cycle: RequestResponseCycle, app: ASGI3Application) -> None:
@@ -256,7 +260,10 @@ class HttpProtocol(HttpToolsProtocol):
 
     def _refuse(self, status: int, detail: str, code: str) -> None:
         """Answer, unless an answer is under way, and close."""
-        if self.cycle is not None and self.cycle.response_started and not self.cycle.response_complete:
+        answering = (
+            self.cycle is not None and self.cycle.response_started and not self.cycle.response_complete
+        )
+        if answering or self.pipeline:
             self.transport.abort()
             return
         body = json.dumps({"detail": detail, "code": code}).encode()

@@ -18,6 +18,7 @@ import uvicorn
 from floods import PING, TEXT, UPGRADE, frame
 from running import WAIT_S, until
 
+from app.listeners.http import HttpProtocol
 from app.listeners.websocket import StreamProtocol
 from app.server import Server
 from cobot.config import ConnectionLimits
@@ -231,6 +232,19 @@ def test_requests_in_one_packet_are_all_answered(service: Service) -> None:
             while lines.readline().strip():
                 pass
             assert lines.read(1) == b"0"
+
+
+def test_requests_that_nobody_waits_for_the_answers_of_do_not_pile_up(service: Service) -> None:
+    with service.connect() as connection:
+        connection.settimeout(0.2)
+        most = 0
+        for _ in range(20):
+            with contextlib.suppress(TimeoutError):
+                connection.sendall((GET + b"\r\n") * 1000)
+            connection.recv(2**20)
+            here = tuple(service.server.server_state.connections)
+            most = max([most, *(len(each.pipeline) for each in here if isinstance(each, HttpProtocol))])
+        assert 0 < most <= 4096 // len(GET)
 
 
 def test_what_is_no_http_is_answered_as_before(service: Service) -> None:

@@ -354,3 +354,19 @@ def test_closing_one_of_two_memories_in_a_process_leaves_the_others_roles(robot:
     assert f"pid {os.getpid()} runs as its stream" in other.stderr
     first.close()
     supervisor.close()
+
+
+ADDER = """
+import sys
+from cobot.ipc.shm import RobotMemory, Role
+memory = RobotMemory.attach(sys.argv[1], Role.READER)
+for _ in range(50_000):
+    memory.outside_stops.add()
+"""
+
+
+def test_of_what_several_processes_add_to_a_counter_at_the_same_time_nothing_is_lost(robot: str) -> None:
+    memory = create(robot)
+    adders = [subprocess.Popen([sys.executable, "-c", ADDER, robot]) for _ in range(3)]
+    assert [adder.wait(60.0) for adder in adders] == [0, 0, 0]
+    assert (memory.outside_stops.value, memory.outside_estops.value) == (150_000, 0)
