@@ -158,7 +158,7 @@ async def call(
 
 async def run(robot: Services, found: Service, bound: dict[str, Any], origin: Origin | None = None) -> Answer:
     """Call a service with arguments from `bind`."""
-    if not found.changes:
+    if not found.changes or audit.trail.get() is None:
         return await _run(robot, found, bound, origin)
     where, arguments = f"{robot.robot.name}/{found.robot_class}/{found.method}", shown(bound)
     answer = await _run(robot, found, bound, origin)
