@@ -58,17 +58,17 @@ class Session(Node):
 
     def look_around(self) -> None:
         """What `ros2 node list`, `node info` and `topic list` ask."""
-        self.until(lambda: "/cobot" in self._nodes(), "the node /cobot")
-        self.until(lambda: len(self._services()) > 280, "the services of /cobot")
-        self.report["nodes"] = self._nodes()
-        self.report["services"] = self._services()
+        self.until(lambda: "/cobot" in self.seen_nodes(), "the node /cobot")
+        self.until(lambda: len(self.seen_services()) > 280, "the services of /cobot")
+        self.report["nodes"] = self.seen_nodes()
+        self.report["services"] = self.seen_services()
         self.report["publishers"] = dict(self.get_publisher_names_and_types_by_node("cobot", "/"))
         self.report["topics"] = dict(self.get_topic_names_and_types())
 
-    def _nodes(self) -> list[str]:
+    def seen_nodes(self) -> list[str]:
         return [f"{space.rstrip('/')}/{name}" for name, space in self.get_node_names_and_namespaces()]
 
-    def _services(self) -> dict[str, list[str]]:
+    def seen_services(self) -> dict[str, list[str]]:
         return dict(self.get_service_names_and_types_by_node("cobot", "/"))
 
     def read(self) -> None:
