@@ -38,6 +38,8 @@ STATE_TIMEOUT_S = 1.5
 RTLOOP_TIMEOUT_S = 20.0
 POLL_S = 0.02
 NAME = "the reload of the configuration"
+SIGNAL = "SIGHUP", "this computer", NAME
+"""Who has a reload begun without a request, from where, and what it is called in the audit."""
 
 log = logging.getLogger("cobot.reload")
 
@@ -116,7 +118,9 @@ class Reloading:
             answer = await self.reload()
         except CobotError as exc:
             log.error("reload refused: %s", exc)
+            self._state.audit.record(*SIGNAL, exc.code)
             return
+        self._state.audit.record(*SIGNAL, "ok", taken_over=answer.taken_over)
         log.info("reload: taken over: %s", "; ".join(answer.taken_over) or "nothing has changed")
         if answer.needs_restart:
             log.warning("reload: needs a restart: %s", "; ".join(answer.needs_restart))

@@ -30,7 +30,7 @@ from cobot.errors import CobotError, MisdirectedError, PermissionDenied
 
 IDENTITY = "cobot.identity"
 _HEADERS = "cobot.headers"
-HEADERS = ("Authorization", "Content-Type", "X-Motion-Token", "X-Control-Token")
+HEADERS = ("Authorization", "Content-Type", "X-Motion-Token", "X-Control-Token", "X-Request-Id")
 METHODS = ("GET", "POST", "PUT", "DELETE")
 SUBPROTOCOL = "cobot"
 TOKEN_SUBPROTOCOL = "cobot.token."
@@ -69,7 +69,7 @@ class Access:
             METHODS,
             HEADERS,
             allow_private_network=True,
-            expose_headers=("WWW-Authenticate",),
+            expose_headers=("WWW-Authenticate", "X-Request-Id"),
         )
         nobody = Role.NOBODY if required else Role.ADMIN
         self._anonymous = lru_cache(256)(lambda address: Identity(ANONYMOUS, nobody, address))

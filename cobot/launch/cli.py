@@ -10,6 +10,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from cobot.addresses import address
+from cobot.audit import record_from_cli
 from cobot.client.rest import DEFAULT_URL
 from cobot.client.tls import CERTIFICATE_VARIABLE, TOKEN_VARIABLE
 from cobot.config import Settings, load_settings
@@ -152,7 +153,10 @@ def _stop(chosen: argparse.Namespace) -> int:
     robots = (
         [chosen.robot] if chosen.robot else list(load_settings(chosen.config).each) if chosen.config else []
     )
-    return EXIT_OK if stop(robots, latched=chosen.estop, out=sys.stdout) else EXIT_FAILED
+    at_rest = stop(robots, latched=chosen.estop, out=sys.stdout)
+    what = f"{'e-stop' if chosen.estop else 'stop'} {' '.join(robots)}".rstrip()
+    record_from_cli(load_settings(chosen.config), what, "ok" if at_rest else "not known to be at rest")
+    return EXIT_OK if at_rest else EXIT_FAILED
 
 
 def _lua(chosen: argparse.Namespace) -> int:

@@ -9,6 +9,7 @@ from typing import Any
 
 from cobot.access.roles import Role
 from cobot.access.tokens import TokenFile
+from cobot.audit import record_from_cli
 from cobot.config import load_settings
 
 ROLES = {role.name.lower(): role for role in Role if role is not Role.NOBODY}
@@ -48,13 +49,16 @@ def run(chosen: argparse.Namespace) -> None:
         CobotError: see `TokenFile`.
     """
     config: Path | None = chosen.config
-    file = TokenFile(load_settings(config).web.tokens)
+    settings = load_settings(config)
+    file = TokenFile(settings.web.tokens)
     match chosen.action:
         case "create":
             print(file.create(chosen.name, ROLES[chosen.role], chosen.days))
+            record_from_cli(settings, f"token create {chosen.name} --role {chosen.role}")
         case "revoke":
             file.revoke(chosen.name)
             print(f"revoked {chosen.name}")
+            record_from_cli(settings, f"token revoke {chosen.name}")
         case "list":
             for each in file.read():
                 ends = f"until {each.expires:%Y-%m-%d %H:%M} UTC" if each.expires else "no end"
