@@ -116,8 +116,8 @@ def test_a_client_that_goes_away_stops_the_arm(service: Run) -> None:
     host, port = service.url.removeprefix("http://").split(":")
     with socket.create_connection((host, int(port))) as client:
         client.sendall(
-            b"POST /robot/move/joints HTTP/1.1\r\nHost: cobot\r\nContent-Type: application/json\r\n"
-            + f"Content-Length: {len(body)}\r\n\r\n".encode()
+            b"POST /robot/move/joints HTTP/1.1\r\nContent-Type: application/json\r\n"
+            + f"Host: {host}:{port}\r\nContent-Length: {len(body)}\r\n\r\n".encode()
             + body
         )
         until(lambda: health()["robot"]["mode"] == "TRAJECTORY")
