@@ -7,6 +7,7 @@ import contextlib
 import gc
 import signal
 from collections.abc import AsyncIterator
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -18,12 +19,11 @@ from fastapi.routing import APIRoute, APIWebSocketRoute
 from fastapi_offline import FastAPIOffline
 from starlette.routing import BaseRoute
 
-from app.api import documentation, errors
+from app.api import documentation, errors, openapi
 from app.api.access import Access
 from app.api.audit import RequestTrail
 from app.api.body_limit import BodyLimit
 from app.api.clients import Clients
-from app.api.openapi import with_limits, with_tokens
 from app.api.origins import Origins
 from app.api.roles import guard, roles
 from app.api.routers import audit as audit_router
@@ -128,7 +128,8 @@ def create_app(
         docs_url=None,
         openapi_tags=documentation.TAGS,
     )
-    documentation.install(app)
+    limits = {name: robot.limits for name, robot in robots.items()}
+    documentation.install(app, partial(openapi.version, limits))
     app.state.endpoints = endpoints | {
         robots_router.twin_name(name): each for name, each in endpoints.items()
     }
@@ -147,17 +148,16 @@ def create_app(
     app.add_middleware(Timing, times=app.state.requests)
     app.add_middleware(RequestTrail)  # The last one is the outermost: what is refused leaves a trail too.
     errors.install(app)
-    limits = {name: robot.limits for name, robot in robots.items()}
-    app.openapi = with_limits(app.openapi, limits)  # type: ignore[method-assign]
+    app.openapi = openapi.with_limits(app.openapi, limits)  # type: ignore[method-assign]
     table = roles(stop_without_token=settings.web.stop_without_token)
     if required:
-        app.openapi = with_tokens(app.openapi, table)  # type: ignore[method-assign]
+        app.openapi = openapi.with_tokens(app.openapi, table)  # type: ignore[method-assign]
     if endpoints[f"POST {vendor_http.PATH}"].enabled:
 
         def services() -> dict[str, Any]:
             return vendor_http.schema(app.openapi(), list(robots))
 
-        documentation.install_vendor(app, with_tokens(services, table) if required else services)
+        documentation.install_vendor(app, openapi.with_tokens(services, table) if required else services)
     # Routes are matched one after the other: those that are polled come first, the documentation's last. Not
     # by include_router, for the nesting it keeps is matched in each request too. Those of these routers are
     # there a second time, below the name of any robot.

@@ -5,8 +5,10 @@ Together they would be a page of 330 operations, which takes a browser seconds t
 
 from __future__ import annotations
 
+import asyncio
 import json
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Hashable
 from typing import Any
 
 from fastapi import FastAPI
@@ -35,8 +37,55 @@ TAGS = [
 """The groups in Swagger's order; it shows the first one open."""
 
 
-def install(app: FastAPI) -> None:
-    """Serve the page of the REST API, and the sample files."""
+_turn = threading.Lock()
+"""Of the documents, which are made of the same parts."""
+
+
+class _Document:
+    """An OpenAPI document, as the bytes that are sent.
+
+    It is made when somebody first asks for it, in a thread: it takes a third of a second.
+
+    Args:
+        schema: gives what it says.
+        version: another one asks for another document.
+    """
+
+    def __init__(self, schema: Callable[[], dict[str, Any]], version: Callable[[], Hashable]) -> None:
+        self._schema = schema
+        self._version = version
+        self._made: tuple[Hashable, bytes] | None = None
+
+    async def answer(self) -> Response:
+        made = self._made
+        if made is None or made[0] != self._version():
+            made = await asyncio.to_thread(self._make)
+        return Response(made[1], media_type="application/json")
+
+    def _make(self) -> tuple[Hashable, bytes]:
+        with _turn:
+            version = self._version()
+            if self._made is None or self._made[0] != version:
+                text = json.dumps(self._schema(), ensure_ascii=False, separators=(",", ":"))
+                self._made = version, text.encode()
+            return self._made
+
+
+def install(app: FastAPI, version: Callable[[], Hashable]) -> None:
+    """Serve the page of the REST API, its OpenAPI document, and the sample files.
+
+    Args:
+        version: of the document, see `app.api.openapi.version`.
+    """
+    document = _Document(lambda: app.openapi(), version)  # which is replaced later
+    # FastAPI's own would dump it anew for each request.
+    app.router.routes[:] = [
+        each for each in app.router.routes if getattr(each, "path", "") != app.openapi_url
+    ]
+
+    @app.get(str(app.openapi_url), include_in_schema=False)
+    async def schema() -> Response:
+        return await document.answer()
 
     @app.get("/docs", include_in_schema=False)
     async def docs() -> HTMLResponse:
@@ -60,13 +109,11 @@ def install_vendor(app: FastAPI, schema: Callable[[], dict[str, Any]]) -> None:
     Args:
         schema: gives their OpenAPI document, which is made once.
     """
-    made: list[bytes] = []
+    document = _Document(schema, lambda: None)
 
     @app.get(VENDOR_SCHEMA, include_in_schema=False)
     async def vendor_schema() -> Response:
-        if not made:
-            made.append(json.dumps(schema(), ensure_ascii=False, separators=(",", ":")).encode())
-        return Response(made[0], media_type="application/json")
+        return await document.answer()
 
     @app.get(VENDOR_PAGE, include_in_schema=False)
     async def vendor_docs() -> HTMLResponse:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from itertools import zip_longest
 from typing import Any
 
@@ -56,6 +56,11 @@ def with_limits(
         return schema
 
     return described
+
+
+def version(robots: dict[str, JointLimits]) -> Hashable:
+    """Of what `with_limits` says: another one when a reload has changed that."""
+    return tuple((each.min_position.tobytes(), each.max_position.tobytes()) for each in robots.values())
 
 
 Row = tuple[str, float, float]

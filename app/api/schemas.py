@@ -434,13 +434,13 @@ class HealthAnswer(RobotHealth):
 class LiveAnswer(BaseModel):
     """The service runs."""
 
-    status: Literal["live"]
+    status: Literal["live"] = Field(description="Who does not live gives no answer.")
 
 
 class ReadyAnswer(BaseModel):
     """Every robot that was asked for takes motions."""
 
-    status: Literal["ready"]
+    status: Literal["ready"] = Field(description="If one is not ready, the answer is a 503 with why.")
     robots: list[str] = Field(description="Their names.")
 
 

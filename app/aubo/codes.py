@@ -38,6 +38,9 @@ class Code(IntEnum):
     DEVICE_TIMEOUT = 62
     PAYLOAD = 70
     MEDIA_TYPE = 71
+    UNAUTHENTICATED = 80
+    FORBIDDEN = 81
+    MISDIRECTED = 82
 
 
 MEANINGS: dict[Code, str] = {
@@ -65,6 +68,9 @@ MEANINGS: dict[Code, str] = {
     Code.DEVICE_TIMEOUT: "a device, a port or a peer did not answer in the time given",
     Code.PAYLOAD: "the request is larger than the service takes",
     Code.MEDIA_TYPE: "the request is of another type than the service takes",
+    Code.UNAUTHENTICATED: "the call needs an access token, and no valid one was shown",
+    Code.FORBIDDEN: "the role of who calls does not permit it, or it comes from a page of somebody else's",
+    Code.MISDIRECTED: "the service was called by the name of another host",
 }
 
 OF_ERROR: dict[type[CobotError], Code] = {
@@ -83,6 +89,9 @@ OF_ERROR: dict[type[CobotError], Code] = {
     errors.ConflictError: Code.CONFLICT,
     errors.PayloadError: Code.PAYLOAD,
     errors.MediaTypeError: Code.MEDIA_TYPE,
+    errors.AuthenticationError: Code.UNAUTHENTICATED,
+    errors.PermissionDenied: Code.FORBIDDEN,
+    errors.MisdirectedError: Code.MISDIRECTED,
     errors.UnavailableError: Code.UNAVAILABLE,
     errors.NotReadyError: Code.NOT_READY,
     errors.SharedMemoryError: Code.SHARED_MEMORY,

@@ -11,7 +11,7 @@ from app.api.dependencies import Call, CobotRoute, json_body
 from app.api.errors import responses
 from app.api.schemas import ControlAnswer, TakeControl, TakenAnswer
 from app.robot_services import Services
-from app.services.motion.lease import CLIENT
+from cobot import audit
 
 router = APIRouter(prefix="/robot/control", tags=["robot"], route_class=CobotRoute)
 REST_S = 1.5
@@ -36,12 +36,7 @@ async def take_control(body: TakeControl, request: Request) -> TakenAnswer:
         body.timeout_s, force=body.force, stop_s=max(call.timeout_s - REST_S, 1.0)
     )
     if taken.former is not None:
-        audit = getattr(request.app.state, "audit", None)
-        if audit is not None:
-            client = CLIENT.get()
-            audit.record(
-                client.name, client.address, f"{call.name}: control taken over", "ok", former=taken.former
-            )
+        audit.note("control taken over", former=taken.former)
     state = _state(call.services)
     return TakenAnswer.model_validate({**state, "token": taken.token, "stopped": taken.stopped})
 

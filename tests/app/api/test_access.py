@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import httpx
@@ -20,6 +19,7 @@ from fastapi.routing import APIRoute, APIWebSocketRoute
 from streaming_client import Frames
 from virtual import VirtualService, virtual_service
 
+from app.api.access import Access
 from app.api.origins import Origins
 from app.api.roles import PUBLIC, ROLES, endpoint_of, guard
 from app.aubo.classes import REGISTRY
@@ -388,8 +388,11 @@ def test_a_websocket_whose_token_is_revoked_is_closed_and_its_arm_comes_to_rest(
 
 def role_by_the_docs(endpoint: str) -> Role:
     """docs/security.md: who looks reads; who stops need not be more; who brings a program along programs; who
-    reads what the others do, and has the settings read anew, is an admin."""
+    reads what the others do, and has the settings read anew, is an admin; who restarts what does not answer
+    is nobody."""
     method, path = endpoint.split(" ")
+    if path.startswith("/health/") or (path.startswith("/robots/") and path.endswith("/health/ready")):
+        return Role.NOBODY
     if path in ("/audit", "/admin/reload"):
         return Role.ADMIN
     if method in ("GET", "WS") or path.endswith("/stop") or "{method}" in path:
@@ -399,9 +402,7 @@ def role_by_the_docs(endpoint: str) -> Role:
 
 def test_the_table_has_each_endpoint_and_no_other() -> None:
     assert set(ROLES) == set(ENDPOINTS)
-    assert {name: role for name, role in ROLES.items() if role is not Role.NOBODY} == {
-        name: role_by_the_docs(name) for name, role in ROLES.items() if role is not Role.NOBODY
-    }
+    assert {name: role_by_the_docs(name) for name in ROLES} == ROLES
 
 
 def test_each_route_asks_for_its_role(guarded: Guarded) -> None:
@@ -415,12 +416,14 @@ def test_each_route_asks_for_its_role(guarded: Guarded) -> None:
         needed = role_by_the_docs(name)
         asked.add(name)
         if not path.endswith("/stop"):
-            assert guarded.ask(method, path).status_code == 401, name
+            assert (guarded.ask(method, path).status_code == 401) == (needed is not Role.NOBODY), name
         for role in NAMES:
             status = guarded.ask(method, path, role).status_code
             assert (status == 403) == (role < needed), (name, role)
             assert status != 401
-    assert len(asked) == 2 * (len(ENDPOINTS) - 3) - 1  # each twice, but for the list of robots
+    once = {"GET /robots", "GET /audit", "GET /metrics", "GET /health/live", "POST /admin/reload"}
+    assert once < asked
+    assert len(asked) == 2 * (len(ENDPOINTS) - 3) - len(once)  # each twice, but for those of the service
 
 
 def test_a_route_without_a_role_is_not_served() -> None:
@@ -580,12 +583,10 @@ def test_a_stop_needs_no_token_unless_the_settings_ask_for_one_and_never_on_this
     run = guarded.run
 
     async def asked(address: str, token: str | None) -> int:
-        outer = run.app.middleware_stack
-        assert outer is not None
-        access = SimpleNamespace(inner=outer)
-        while not hasattr(access.inner, "_tokens"):  # the middleware around another application
-            access.inner = access.inner.app
-        made = type(access.inner)(app, access.inner._tokens, access.inner._origins, required=True)
+        access: Any = run.app.middleware_stack
+        while not isinstance(access, Access):  # the middleware around another application
+            access = getattr(access, "app", None) or access._app
+        made = Access(app, access._tokens, access._origins, required=True)
         headers = {"Authorization": f"Bearer {token}"} if token else {}
         transport = httpx.ASGITransport(made, client=(address, 1))
         async with httpx.AsyncClient(transport=transport, base_url=run.url, headers=headers) as client:
@@ -600,22 +601,31 @@ def test_a_stop_needs_no_token_unless_the_settings_ask_for_one_and_never_on_this
 # The schema
 
 
+PUBLIC_PATHS = {
+    *("/stop", "/robots/{robot}/stop"),
+    *("/health/live", "/health/ready", "/robots/{robot}/health/ready"),
+}
+
+
 def test_the_schema_asks_for_tokens_where_they_are_needed(guarded: Guarded, run: VirtualService) -> None:
-    schema = guarded.run.get("/openapi.json").json()
-    again = guarded.run.get("/openapi.json").json()
-    assert schema == again
-    assert schema["components"]["securitySchemes"]["token"]["scheme"] == "bearer"
-    for path, operations in schema["paths"].items():
-        for endpoint in operations.values():
-            free = path in ("/stop", "/robots/{robot}/stop")
-            assert ("security" in endpoint) != free, path
-            assert {"401", "403"} <= set(endpoint["responses"]) or free, path
-    assert "Needs the role operator." in schema["paths"]["/robot/move/joints"]["post"]["description"]
-    assert (
-        "Needs the role programmer."
-        in schema["paths"]["/{robot}/RobotConfig/setPayload"]["post"]["description"]
-    )
-    assert "securitySchemes" not in run.get("/openapi.json").json()["components"]
+    rest, vendor = (guarded.run.get(path).json() for path in ("/openapi.json", "/openapi/vendor.json"))
+    assert rest["paths"].keys() > PUBLIC_PATHS
+    for schema in (rest, vendor):
+        assert schema["components"]["securitySchemes"]["token"]["scheme"] == "bearer"
+        for path, operations in schema["paths"].items():
+            for endpoint in operations.values():
+                free = path in PUBLIC_PATHS
+                assert ("security" in endpoint) != free, path
+                assert {"401", "403"} <= set(endpoint["responses"]) or free, path
+    for path, schema, role in (
+        ("/robot/move/joints", rest, "operator"),
+        ("/admin/reload", rest, "admin"),
+        ("/{robot}/RobotConfig/setPayload", vendor, "programmer"),
+    ):
+        assert f"Needs the role {role}." in schema["paths"][path]["post"]["description"]
+    for path, schema in (("/openapi.json", rest), ("/openapi/vendor.json", vendor)):
+        assert guarded.run.get(path).json() == schema
+        assert "securitySchemes" not in run.get(path).json()["components"]
 
 
 def test_settings_are_read_strictly(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -137,6 +138,41 @@ def test_a_sample_that_is_not_there_is_not_found_and_those_that_are_are_listed(a
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
     with virtual_service(tmp_path_factory.mktemp("samples")) as started:
         yield started
+
+
+def test_a_document_is_made_once_and_anew_when_a_reload_has_changed_the_limits(
+    service: VirtualService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = 0
+    openapi = service.app.openapi
+
+    def counted() -> dict[str, Any]:
+        nonlocal made
+        made += 1
+        return openapi()
+
+    def greatest() -> float:
+        models = service.get("/openapi.json").json()["components"]["schemas"]
+        return float(models["MoveJoints"]["properties"]["joints"]["prefixItems"][6]["maximum"])
+
+    monkeypatch.setattr(service.app, "openapi", counted)
+    limits = service.app.state.services.robot.limits
+    before = replace(limits)
+    high = limits.max_position.copy()
+    high[6] = 1.0
+    assert [greatest(), greatest()] == [before.max_position[6]] * 2
+    limits.take_over(replace(before, max_position=high))
+    assert [greatest(), greatest()] == [1.0, 1.0]
+    limits.take_over(before)
+    assert greatest() == before.max_position[6]
+    assert made == 3
+
+    async def together() -> list[httpx.Response]:
+        asked = [service.asking("GET", path) for path in DOCUMENTS.values() for _ in range(3)]
+        return await asyncio.gather(*asked)
+
+    assert len({answer.content for answer in service.run(together())}) == 2
+    assert made == 4, "that of the vendor services is made of the other"
 
 
 def test_the_sample_trajectory_runs_from_anywhere(service: VirtualService) -> None:

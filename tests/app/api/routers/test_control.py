@@ -155,28 +155,17 @@ def test_a_take_over_ends_the_motion_and_tells_the_former_holder(run: VirtualSer
     refused = run.post(PATH, {})
     assert refused.status_code == 409
     assert "POST /trajectory/send" in refused.json()["detail"]
-    records: list[tuple[Any, ...]] = []
-
-    class Audit:
-        def record(self, *what: Any, **details: Any) -> None:
-            records.append((*what, details))
-
-    run.app.state.audit = Audit()
-    try:
-        taken = run.post(PATH, {"force": True}).json()
-    finally:
-        del run.app.state.audit
+    answer = run.post(PATH, {"force": True})
+    taken = answer.json()
     assert "POST /trajectory/send" in taken["stopped"][0]
     assert (taken["held"], taken["what"]) == (True, None)
-    assert records == [
-        (
-            "anonymous",
-            "127.0.0.1",
-            "POST /robot/control: control taken over",
-            "ok",
-            {"former": "anonymous from 127.0.0.1"},
-        )
-    ]
+    request, taking_over = run.get("/audit?limit=2").json()["entries"]
+    assert (request["what"], request["outcome"]) == ("POST /robot/control", "200")
+    assert (taking_over["what"], taking_over["outcome"]) == ("control taken over", "ok")
+    assert taking_over["details"] == {"former": "anonymous from 127.0.0.1"}
+    for each in (request, taking_over):
+        assert (each["who"], each["request"]) == ("anonymous", answer.headers["x-request-id"])
+        assert each["from"].startswith("127.0.0.1:")
     line = run.get("/trajectory/logs").json()["lines"][-1]
     assert "anonymous from 127.0.0.1 has taken over the control: the arm came to rest" in line
     told = move(run, first)
