@@ -16,7 +16,7 @@ from benchmarks.modes import LONG_US
 from benchmarks.service import histograms
 from benchmarks.table import Row, row
 from cobot.ipc.layout import Phase
-from cobot.ipc.shm import RobotMemory, Role
+from cobot.ipc.shm import MemoryRole, RobotMemory
 
 COLUMNS = ("cycles that computed 1 ms or more, of a million", "longest, ms")
 
@@ -28,7 +28,7 @@ def crowd(duration_s: float) -> Iterator[Row]:
         tempfile.TemporaryDirectory(prefix="cobot-bench-") as folder,
         answering(Three(Path(folder), third)) as run,
     ):
-        memories = [RobotMemory.attach(name, Role.READER) for name in (run.left, run.right, third)]
+        memories = [RobotMemory.attach(name, MemoryRole.READER) for name in (run.left, run.right, third)]
         with busy(2):
             before = [histograms(memory) for memory in memories]
             overruns = [int(memory.state.read()["overruns"]) for memory in memories]

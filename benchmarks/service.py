@@ -14,7 +14,7 @@ from running import Run
 
 from cobot.access import roles
 from cobot.access.tokens import TokenFile
-from cobot.ipc.shm import RobotMemory, Role
+from cobot.ipc.shm import MemoryRole, RobotMemory
 
 
 @contextlib.contextmanager
@@ -28,7 +28,7 @@ def service(clock: str = "realtime", *, tokens: int = 0) -> Iterator[Run]:
         web, asking = "", {}
         if tokens:
             file = TokenFile(Path(folder) / "tokens.json")
-            made = [file.create(f"number-{number}", roles.Role.OBSERVER) for number in range(tokens)]
+            made = [file.create(f"number-{number}", roles.MemoryRole.OBSERVER) for number in range(tokens)]
             web = ", authentication: required, tokens: tokens.json"
             asking = {"headers": {"Authorization": f"Bearer {made[0]}"}}
         run = Run(Path(folder), clock, web=web, asking=asking)
@@ -57,7 +57,7 @@ def background(module: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
 
 def reader(run: Run) -> RobotMemory:
     """The robot's shared memory, for looking."""
-    return RobotMemory.attach(run.memory.name.removeprefix("cobot-"), Role.READER)
+    return RobotMemory.attach(run.memory.name.removeprefix("cobot-"), MemoryRole.READER)
 
 
 def histograms(memory: RobotMemory) -> np.ndarray:

@@ -21,7 +21,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cobot import Mode, Robot
-from cobot.ipc.shm import RobotMemory, Role
+from cobot.ipc.shm import MemoryRole, RobotMemory
 
 JOINT = 0
 AHEAD_S = 0.5  # how far into its future a policy plans that sends chunks
@@ -41,7 +41,7 @@ class Recorder(threading.Thread):
     def __init__(self, robot_name: str) -> None:
         super().__init__(daemon=True)
         self.rows: list[tuple[float, float, float, float]] = []
-        self._memory = RobotMemory.attach(robot_name, Role.READER)
+        self._memory = RobotMemory.attach(robot_name, MemoryRole.READER)
         self._end = threading.Event()
 
     def run(self) -> None:

@@ -19,7 +19,7 @@ import numpy as np
 
 from cobot.config import Settings
 from cobot.errors import CobotError, TornReadError
-from cobot.ipc.shm import RobotMemory, Role
+from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.robot.description import load_robot
 from cobot.ros.robot_messages import JOINT_STATES, POSE, STRING, TRANSFORMS, WRENCH, RobotMessages
 from ros2.node import Node, Publisher
@@ -173,7 +173,7 @@ class Telemetry:
         """The newest state with a measurement that is fresh; otherwise None, and `problem` says why."""
         try:
             if self._memory is None:
-                self._memory = RobotMemory.attach(self.robot, Role.READER)
+                self._memory = RobotMemory.attach(self.robot, MemoryRole.READER)
             state = self._memory.state.read()
         except TornReadError as exc:
             self.problem = str(exc)

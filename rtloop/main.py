@@ -16,7 +16,7 @@ import numpy as np
 
 from cobot.config import RtSection, Settings, load_settings
 from cobot.errors import CobotError
-from cobot.ipc.shm import RobotMemory, Role, encoded
+from cobot.ipc.shm import MemoryRole, RobotMemory, encoded
 from cobot.logs import start_logging
 from cobot.robot.description import RobotDescription, load_robot
 from rtloop.backends import Backend, BackendError, ImpedanceControlled, make_backend
@@ -40,7 +40,8 @@ def main() -> int:
         "--permissions", action="store_true", help="only print what the system grants, as JSON"
     )
     arguments = parser.parse_args()
-    if not arguments.check:
+    asked = arguments.check or arguments.permissions  # by a program or a person who reads what is printed
+    if not asked:
         start_logging("rtloop")
     try:
         if arguments.permissions:
@@ -55,7 +56,7 @@ def main() -> int:
             _run(settings, arguments.clock)
     except (CobotError, BackendError) as exc:
         problem = f"rt.backend: {exc}" if isinstance(exc, BackendError) else str(exc)
-        if arguments.check:
+        if asked:
             print(problem, flush=True)
         else:
             log.error("%s", problem)
@@ -75,7 +76,7 @@ def _run(settings: Settings, clock_name: str | None) -> None:
     signal.signal(signal.SIGINT, end)
     np.seterr(all="ignore")  # what is not finite is found by comparisons, and reported
     robot = load_robot(settings)
-    memory = RobotMemory.attach(settings.robot.name, Role.RTLOOP)
+    memory = RobotMemory.attach(settings.robot.name, MemoryRole.RTLOOP)
     backend = make_backend(settings, robot.limits)
     clock = FastClock(rt.period_s) if clock_name == "fast" else RealtimeClock(rt.period_s)
     loop = ControlLoop(settings, robot.model, memory, backend, clock)

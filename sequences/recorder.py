@@ -106,6 +106,18 @@ class Recorder:
                 data = self._types.serialize_cdr(message, TOPICS[topic])
                 writer.write(connections[topic], time_ns, data)
 
+        def record_state() -> None:
+            try:
+                state = client.joint_states()
+            except CobotError as exc:
+                self.problem = str(exc)
+                return
+            self.problem = ""
+            now_ns = time.time_ns()
+            write(JOINT_STATES, now_ns, self._joint_state(state, now_ns))
+
+        if JOINT_STATES in connections:
+            record_state()  # where the arm is before it moves: `start` returns after that
         self._opened.set_result(None)
         due_s = time.monotonic()
         ended = False
@@ -116,14 +128,7 @@ class Recorder:
                 time_ns, text = self._events.get()
                 write(MOTION_EVENTS, time_ns, self._types.types[TOPICS[MOTION_EVENTS]](data=text))
             if JOINT_STATES in connections and not ended:
-                try:
-                    state = client.joint_states()
-                except CobotError as exc:
-                    self.problem = str(exc)
-                    continue
-                self.problem = ""
-                now_ns = time.time_ns()
-                write(JOINT_STATES, now_ns, self._joint_state(state, now_ns))
+                record_state()
 
     def _joint_state(self, state: dict[str, Any], time_ns: int) -> Any:
         types = self._types.types

@@ -15,7 +15,7 @@ from cobot.config import Settings
 from cobot.errors import TornReadError
 from cobot.ipc.layout import RING, Ack, Command, ServoMode, Stream, text
 from cobot.ipc.seqlock import Block
-from cobot.ipc.shm import RobotMemory, Role
+from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.ipc.stream_writer import PointWriter
 from cobot.planners.ptp import plan_ptp
 from cobot.planners.request import MotionRequest
@@ -209,7 +209,7 @@ class WatchedRig(Rig):
     ) -> None:
         super().__init__(settings, robot, simulated=simulated, memory=memory)
         self._own = self.memory
-        self.memory = RobotMemory.attach(self._own.robot, Role.READER)
+        self.memory = RobotMemory.attach(self._own.robot, MemoryRole.READER)
         for block in (self.memory.head, self.memory.requests, self.memory.session, self.memory.setpoint):
             block.salvage()
         self.record = Record(robot.limits, settings.rt.period_s)
@@ -331,7 +331,7 @@ def _views(memory: RobotMemory, name: str) -> Iterator[memoryview]:
 @contextmanager
 def watched(robot: str, limits: JointLimits, period_s: float) -> Iterator[Record]:
     """Look at a running robot's state block, as often as this computer permits, until the context ends."""
-    memory = RobotMemory.attach(robot, Role.READER)
+    memory = RobotMemory.attach(robot, MemoryRole.READER)
     record = Record(limits, period_s)
     ended = threading.Event()
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from cobot.ipc.layout import Ack
 from cobot.ipc.seqlock import Block
-from cobot.ipc.shm import RobotMemory, Role
+from cobot.ipc.shm import MemoryRole, RobotMemory
 from rtloop.inboxes.commands import CommandInbox
 from rtloop.inboxes.point_queue import PointQueue
 from rtloop.inboxes.stream import Inbox, StreamInbox
@@ -121,7 +121,7 @@ def read(memory: RobotMemory) -> list[int]:
 
 
 if __name__ == "__main__":
-    robot_memory = RobotMemory.attach(sys.argv[1], Role.READER)
+    robot_memory = RobotMemory.attach(sys.argv[1], MemoryRole.READER)
     if sys.argv[2] != "read":
         {"write": write, "pester": pester}[sys.argv[2]](robot_memory)
     print(*read(robot_memory))

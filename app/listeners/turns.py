@@ -9,9 +9,9 @@ one, first come first served. A stop takes no turn.
 from __future__ import annotations
 
 import asyncio
+import time
 from collections import deque
 from collections.abc import Callable
-from time import perf_counter
 
 MOST = 16
 """So many pieces of work are begun in one iteration, as long as iterations are short."""
@@ -55,16 +55,16 @@ class Turns:
         self._left -= 1
         if not self._renewing:
             self._renewing = True
-            self._begun_s = perf_counter()
+            self._begun_s = time.perf_counter()
             self._loop.call_soon(self._next_iteration)
 
     def _next_iteration(self) -> None:
-        now_s = perf_counter()
+        now_s = time.perf_counter()
         late = now_s - self._begun_s > LONG_S
         self._most = max(1, self._most // 2) if late else min(MOST, self._most + 1)
         self._left, self._renewing = self._most, False
         while self._waiting and self._left > 0:
             self._count()  # one at least, which has the next iteration looked forward to
             self._waiting.popleft()()
-            if perf_counter() - now_s > LONG_S:
+            if time.perf_counter() - now_s > LONG_S:
                 break

@@ -8,7 +8,7 @@ import numpy as np
 
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import ConflictError, ExecutionError, TornReadError, UnavailableError
-from cobot.ipc.shm import FOLDER, RobotMemory, Role
+from cobot.ipc.shm import FOLDER, MemoryRole, RobotMemory
 from cobot.ipc.stream_writer import StreamWriter
 from cobot.types import LoopMode
 
@@ -24,7 +24,7 @@ class SharedMemoryTransport:
     def __init__(self, robot: str, clock: Clock = SYSTEM) -> None:
         self.clock = clock
         try:
-            self._memory = RobotMemory.attach(robot, Role.READER)
+            self._memory = RobotMemory.attach(robot, MemoryRole.READER)
         except UnavailableError as exc:
             running = ", ".join(sorted(path.name.removeprefix("cobot-") for path in FOLDER.glob("cobot-*")))
             raise UnavailableError(f"{exc}; robots that run here: {running or 'none'}") from exc

@@ -83,7 +83,7 @@ _closed: defaultdict[Path, list[int]] = defaultdict(list)
 """How many memories of each file this process has open, and the descriptors of those that it has closed."""
 
 
-class Role(IntEnum):
+class MemoryRole(IntEnum):
     """Who maps the memory; the value is the byte of the file that the role locks."""
 
     SUPERVISOR = 0
@@ -135,12 +135,12 @@ class Slot:
 class RobotMemory:
     """The mapped file. Make it with `create` or `attach`, leave it with `close`."""
 
-    def __init__(self, path: Path, descriptor: int, role: Role, raw: bytes) -> None:
+    def __init__(self, path: Path, descriptor: int, role: MemoryRole, raw: bytes) -> None:
         """raw: the header, which the caller has checked."""
         self.path = path
         self.role = role
         self._descriptor = descriptor
-        self._roles: set[Role] = set() if role is Role.READER else {role}
+        self._roles: set[MemoryRole] = set() if role is MemoryRole.READER else {role}
         header = np.frombuffer(raw, HEADER)[0]
         self._header_page = raw.ljust(_PAGE, b"\0")
         self.dof = int(header["dof"])
@@ -193,6 +193,8 @@ class RobotMemory:
                 f"{path}: {exc.strerror}; if it is another user's, stop their cobot and remove it, or set "
                 "another robot.name"
             ) from exc
+        except ConflictError as exc:
+            raise ConflictError(f"{exc}; end it, or set another robot.name") from exc
         try:
             # A full /dev/shm fails here, not in the middle of a motion.
             os.posix_fallocate(descriptor, 0, size)
@@ -203,18 +205,15 @@ class RobotMemory:
             header["url"] = url.encode()
             header["checksum"] = _header_checksum(header.tobytes())
             os.pwrite(descriptor, header.tobytes(), 0)
-            return cls(path, descriptor, Role.SUPERVISOR, header.tobytes())
+            return cls(path, descriptor, MemoryRole.SUPERVISOR, header.tobytes())
         except OSError as exc:
             os.close(descriptor)
             path.unlink(missing_ok=True)
             remedy = REMEDIES.get(exc.errno or 0, "")
             raise SharedMemoryError(f"{path}: cannot allocate {size} bytes: {exc.strerror}{remedy}") from exc
-        except ConflictError as exc:
-            os.close(descriptor)
-            raise ConflictError(f"{exc}; end it, or set another robot.name") from exc
 
     @classmethod
-    def attach(cls, robot: str, role: Role) -> RobotMemory:
+    def attach(cls, robot: str, role: MemoryRole) -> RobotMemory:
         """Map the file that the supervisor has made.
 
         Raises:
@@ -231,7 +230,7 @@ class RobotMemory:
             raise SharedMemoryError(f"{path}: {exc.strerror}") from exc
         try:
             raw = _checked_header(path, descriptor)
-            if role is not Role.READER:
+            if role is not MemoryRole.READER:
                 _lock(descriptor, role, robot)
             return cls(path, descriptor, role, raw)
         except OSError as exc:
@@ -252,7 +251,7 @@ class RobotMemory:
         self._map[:_PAGE] = self._header_page
         return True
 
-    def take(self, role: Role) -> None:
+    def take(self, role: MemoryRole) -> None:
         """Be the one writer of a further role's blocks; `release` or the process's end gives it back.
 
         Raises:
@@ -261,7 +260,7 @@ class RobotMemory:
         _lock(self._descriptor, role, self.robot)
         self._roles.add(role)
 
-    def release(self, role: Role) -> None:
+    def release(self, role: MemoryRole) -> None:
         self._roles.discard(role)
         fcntl.fcntl(self._descriptor, fcntl.F_SETLK, _flock(fcntl.F_UNLCK, role))
 
@@ -311,7 +310,7 @@ def robots_running() -> list[str]:
     for path in sorted(FOLDER.glob("cobot-*")):
         try:
             with path.open("r+b") as file:
-                roles = Role.SUPERVISOR, Role.RTLOOP
+                roles = MemoryRole.SUPERVISOR, MemoryRole.RTLOOP
                 if any(_holder(file.fileno(), role) for role in roles):
                     found.append(path.name.removeprefix("cobot-"))
         except OSError:  # somebody else's
@@ -324,7 +323,7 @@ def memory_bytes(dof: int, capacity: int) -> int:
     return _file_size(dof, capacity)
 
 
-def user_of(robot: str, role: Role) -> int:
+def user_of(robot: str, role: MemoryRole) -> int:
     """The process that has a role at a robot's memory, 0 for none."""
     try:
         descriptor = os.open(_path(robot), os.O_RDWR | os.O_CLOEXEC)
@@ -367,7 +366,7 @@ def _new_file(path: Path, robot: str) -> int:
         except FileExistsError:
             _remove_stale(path, robot)
             continue
-        _lock(descriptor, Role.SUPERVISOR, robot)
+        _lock(descriptor, MemoryRole.SUPERVISOR, robot)
         if _is_at(path, descriptor):
             return descriptor
         os.close(descriptor)  # another supervisor took it for stale before it was locked
@@ -379,8 +378,8 @@ def _remove_stale(path: Path, robot: str) -> None:
     except FileNotFoundError:
         return
     try:
-        _lock(descriptor, Role.SUPERVISOR, robot)
-        for role in (Role.RTLOOP, Role.SERVICE, Role.STREAM):
+        _lock(descriptor, MemoryRole.SUPERVISOR, robot)
+        for role in (MemoryRole.RTLOOP, MemoryRole.SERVICE, MemoryRole.STREAM):
             _refuse_if_locked(descriptor, role, robot)
         if _is_at(path, descriptor):
             path.unlink()
@@ -425,7 +424,7 @@ def _checked_header(path: Path, descriptor: int) -> bytes:
             _require_layout(path, descriptor, raw)
             return raw
         except LayoutError:
-            if time.monotonic() > deadline_s or not _holder(descriptor, Role.SUPERVISOR):
+            if time.monotonic() > deadline_s or not _holder(descriptor, MemoryRole.SUPERVISOR):
                 raise
         time.sleep(0.02)
 
@@ -450,24 +449,24 @@ def _header_checksum(raw: bytes) -> int:
     return checksum(bytearray(raw[: HEADER.itemsize - 8]))
 
 
-def _flock(kind: int, role: Role) -> bytes:
+def _flock(kind: int, role: MemoryRole) -> bytes:
     return struct.pack("hhqqi4x", kind, os.SEEK_SET, int(role), 1, 0)
 
 
-def _holder(descriptor: int, role: Role) -> int:
+def _holder(descriptor: int, role: MemoryRole) -> int:
     """The pid that holds a role's lock, 0 if nobody does."""
     answer = fcntl.fcntl(descriptor, fcntl.F_GETLK, _flock(fcntl.F_WRLCK, role))
     kind, _, _, _, pid = struct.unpack("hhqqi4x", answer)
     return 0 if kind == fcntl.F_UNLCK else int(pid)
 
 
-def _refuse_if_locked(descriptor: int, role: Role, robot: str) -> None:
+def _refuse_if_locked(descriptor: int, role: MemoryRole, robot: str) -> None:
     pid = _holder(descriptor, role)
     if pid:
         raise ConflictError(f"robot {robot!r} is in use: pid {pid} runs as its {role.name.lower()}")
 
 
-def _lock(descriptor: int, role: Role, robot: str) -> None:
+def _lock(descriptor: int, role: MemoryRole, robot: str) -> None:
     try:
         fcntl.fcntl(descriptor, fcntl.F_SETLK, _flock(fcntl.F_WRLCK, role))
     except OSError as exc:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cobot.ipc.layout import POINTS, Ack, text
-from cobot.ipc.shm import RobotMemory, Role
+from cobot.ipc.shm import MemoryRole, RobotMemory
 
 
 def _after(number: int) -> int:
@@ -20,7 +20,7 @@ class StreamWriter:
     """Writes for one session after the other. Waits for nothing.
 
     Args:
-        memory: mapped in any role; `Role.STREAM` is taken on top for the time of a session.
+        memory: mapped in any role; `MemoryRole.STREAM` is taken on top for the time of a session.
     """
 
     def __init__(self, memory: RobotMemory) -> None:
@@ -40,7 +40,7 @@ class StreamWriter:
             ConflictError: another process streams.
         """
         memory = self._memory
-        memory.take(Role.STREAM)
+        memory.take(MemoryRole.STREAM)
         number = _after(int(memory.session.salvage()["number"]))
         if number == int(memory.session_ack.salvage()["session"]):
             number = _after(number)  # the block was spoilt, and this one has been answered before
@@ -81,14 +81,14 @@ class StreamWriter:
 
     def release(self) -> None:
         """Let somebody else stream."""
-        self._memory.release(Role.STREAM)
+        self._memory.release(MemoryRole.STREAM)
 
 
 class PointWriter:
     """Puts the points of servo sessions into the ring. Waits for nothing.
 
     Args:
-        memory: of a process that has `Role.STREAM` while it writes.
+        memory: of a process that has `MemoryRole.STREAM` while it writes.
     """
 
     def __init__(self, memory: RobotMemory) -> None:

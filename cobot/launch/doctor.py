@@ -25,7 +25,7 @@ from typing import TextIO
 
 from cobot.config import Settings, load_settings
 from cobot.errors import CobotError
-from cobot.ipc.shm import FOLDER, Role, memory_bytes, user_of
+from cobot.ipc.shm import FOLDER, MemoryRole, memory_bytes, user_of
 from cobot.launch.check import check
 from cobot.launch.process import RUN_MODULE
 from cobot.robot.limits import load_joint_limits
@@ -259,7 +259,7 @@ def shared_memory(settings: Settings, folder: Path, machine: Machine) -> Finding
     need = sum(
         memory_bytes(load_joint_limits(each.web.joint_limits).dof, each.rt.trajectory_capacity)
         for name, each in settings.each.items()
-        if not user_of(name, Role.SUPERVISOR) and each.web.joint_limits.is_file()
+        if not user_of(name, MemoryRole.SUPERVISOR) and each.web.joint_limits.is_file()
     )
     usage = shutil.disk_usage(folder)
     found = f"{folder}: {_mb(usage.free)} of {_mb(usage.total)} free, {_mb(need)} needed"
@@ -298,7 +298,7 @@ def port(settings: Settings, machine: Machine) -> Finding:
             listener.bind(address)
     except (OSError, ValueError) as exc:  # ValueError: no name of a host at all
         pid = listening(machine, number)
-        if pid is not None and pid == user_of(settings.robot.name, Role.SUPERVISOR):
+        if pid is not None and pid == user_of(settings.robot.name, MemoryRole.SUPERVISOR):
             return Finding("port", Verdict.OK, f"{found}: cobot itself listens, pid {pid}")
         reason = getattr(exc, "strerror", None) or str(exc)
         whose = f", by pid {pid}: {_command(machine, pid)}" if pid else ""

@@ -91,7 +91,7 @@ class RunningConfig:
         new = self.folder / f"new-{SETTINGS}"
         try:
             self._remove_unused()
-            content = self._content(settings, str(time.time_ns()))
+            content = self._content(settings, str(time.monotonic_ns()))
             new.write_text(yaml.safe_dump(content, sort_keys=False, allow_unicode=True), encoding="utf-8")
         except OSError as exc:
             raise SharedMemoryError(f"{self.folder}: cannot be written: {exc.strerror}") from exc

@@ -15,7 +15,7 @@ import numpy as np
 
 from cobot.errors import CobotError, TornReadError
 from cobot.ipc.layout import MotionResult, text
-from cobot.ipc.shm import RobotMemory, Role, robots_running
+from cobot.ipc.shm import MemoryRole, RobotMemory, robots_running
 from cobot.types import RESTING, LoopMode
 
 REST_S = 5.0
@@ -26,7 +26,7 @@ POLL_S = 0.005
 
 
 @dataclass(frozen=True, slots=True)
-class Stop:
+class StopRequest:
     """A stop that rtloop has been asked for.
 
     Attributes:
@@ -52,10 +52,10 @@ def stop(robots: Sequence[str], *, latched: bool, out: TextIO) -> bool:
     if not names:
         out.write("no robot is running on this computer\n")
         return False
-    stops: dict[str, Stop] = {}
+    stops: dict[str, StopRequest] = {}
     for name in names:  # all of them first: waiting for one shall not keep the others moving
         try:
-            stops[name] = _ask(RobotMemory.attach(name, Role.READER), latched=latched)
+            stops[name] = _ask(RobotMemory.attach(name, MemoryRole.READER), latched=latched)
         except CobotError as exc:
             out.write(f"{name}: NOT stopped: {exc}\n")
     deadline_s = time.monotonic() + REST_S
@@ -63,17 +63,17 @@ def stop(robots: Sequence[str], *, latched: bool, out: TextIO) -> bool:
     return len(stops) == len(names) and all(at_rest)
 
 
-def _ask(memory: RobotMemory, *, latched: bool) -> Stop:
+def _ask(memory: RobotMemory, *, latched: bool) -> StopRequest:
     state = _state(memory)
     counter = memory.outside_estops if latched else memory.outside_stops
     counter.add()
     if state is None:
-        return Stop(memory, 0, "")
+        return StopRequest(memory, 0, "")
     seen = int(state["estops_seen" if latched else "stops_seen"])
-    return Stop(memory, seen + 1, _moving(state))
+    return StopRequest(memory, seen + 1, _moving(state))
 
 
-def _report(name: str, stop: Stop, deadline_s: float, *, latched: bool, out: TextIO) -> bool:
+def _report(name: str, stop: StopRequest, deadline_s: float, *, latched: bool, out: TextIO) -> bool:
     problem = _until_rest(stop, deadline_s, latched=latched)
     done = stop.moving or "nothing was running"
     if problem:
@@ -85,7 +85,7 @@ def _report(name: str, stop: Stop, deadline_s: float, *, latched: bool, out: Tex
     return not problem
 
 
-def _until_rest(stop: Stop, deadline_s: float, *, latched: bool) -> str:
+def _until_rest(stop: StopRequest, deadline_s: float, *, latched: bool) -> str:
     """Wait for the arm; why it is not known to be at rest, "" if it is."""
     problem = "rtloop has not started yet"
     while time.monotonic() < deadline_s:

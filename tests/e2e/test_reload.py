@@ -21,7 +21,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from running import WAIT_S, Run, answering
 from second_opinion import LIMITS, SRDF
 
-from cobot.ipc.shm import RobotMemory, Role
+from cobot.ipc.shm import MemoryRole, RobotMemory
 
 LONG = {"points": [{"positions": [0.5, 0, 0, -1.57, 0, 1.57, 0], "time_from_start": 2000.0}]}
 
@@ -74,7 +74,7 @@ class Edited(Run):
 
     def info(self) -> Any:
         """What rtloop says of its robot."""
-        memory = RobotMemory.attach(self.name, Role.READER)
+        memory = RobotMemory.attach(self.name, MemoryRole.READER)
         try:
             return memory.info.read().copy()
         finally:

@@ -14,7 +14,7 @@ import rtloop.publisher
 from cobot.config import Settings
 from cobot.errors import LayoutError
 from cobot.ipc.layout import HISTOGRAM_BUCKETS, STATE_SCALARS, Command, Intervention, Phase, text
-from cobot.ipc.shm import RobotMemory, Role
+from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.robot.description import RobotDescription
 from rtloop.backends import Measured
 from rtloop.publisher import EFFORT_RATE_S, STATISTICS_CYCLES, StatePublisher, Statistics
@@ -30,7 +30,7 @@ def memories(robot: RobotDescription) -> Iterator[list[RobotMemory]]:
     """One for rtloop, one for a reader."""
     name = unique_name()
     memories = [RobotMemory.create(name, robot.limits.dof, PERIOD_S, 2)]
-    memories.append(RobotMemory.attach(name, Role.READER))
+    memories.append(RobotMemory.attach(name, MemoryRole.READER))
     yield memories
     memories[0].unlink()
     for memory in memories:
@@ -67,7 +67,7 @@ def test_reason_and_interventions_are_those_of_this_cycle(
     settings: Settings, robot: RobotDescription
 ) -> None:
     rig = Rig(settings, robot)
-    reader = RobotMemory.attach(rig.memory.robot, Role.READER)
+    reader = RobotMemory.attach(rig.memory.robot, MemoryRole.READER)
     try:
         reasons = set()
         for cycle in range(200):

@@ -8,7 +8,7 @@ import pytest
 
 from sequences import runner
 
-TIMED = re.compile(r"\d{4}-\d\d-\d\dT[\d:.]+[+-]\d\d:\d\d ")
+TIMED = re.compile(r"^\d{4}-\d\d-\d\dT[\d:.]+[+-]\d\d:\d\d ")
 
 
 def test_a_program_cannot_forge_a_line(capsys: pytest.CaptureFixture[str]) -> None:

@@ -18,7 +18,7 @@ from cobot.addresses import address
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import ConflictError, ExecutionError, NotReadyError, TornReadError, UnavailableError
 from cobot.ipc.layout import LOADED_SEGMENTS, RING, SLOTS, Ack, Command, MotionResult, text
-from cobot.ipc.shm import RobotMemory, Role
+from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.trajectory import Trajectory
 from cobot.types import LoopMode
 
@@ -56,7 +56,7 @@ class RobotLink:
     """
 
     def __init__(self, robot: str, stale_after_s: float, label: str = "", clock: Clock = SYSTEM) -> None:
-        self.memory = RobotMemory.attach(robot, Role.SERVICE)
+        self.memory = RobotMemory.attach(robot, MemoryRole.SERVICE)
         self.label = label
         self.clock = clock
         self._stale_after_s = stale_after_s

@@ -21,21 +21,21 @@ from running import unique_name
 from cobot.errors import ConflictError, InputError, LayoutError, SharedMemoryError, UnavailableError
 from cobot.ipc.layout import HEADER, LAYOUT_VERSION, POINTS, RING
 from cobot.ipc.seqlock import Block
-from cobot.ipc.shm import RobotMemory, Role, encoded
+from cobot.ipc.shm import MemoryRole, RobotMemory, encoded
 from cobot.trajectory import from_hermite
 
 DOF, PERIOD_S, CAPACITY = 7, 0.001, 50
 
 HOLDER = """
 import sys
-from cobot.ipc.shm import RobotMemory, Role
+from cobot.ipc.shm import MemoryRole, RobotMemory
 robot, role = sys.argv[1:]
 if role == "SUPERVISOR":
     memory = RobotMemory.create(robot, 7, 0.001, 50)
     memory.head.data["id"] = 77
     memory.head.publish()
 else:
-    memory = RobotMemory.attach(robot, Role[role])
+    memory = RobotMemory.attach(robot, MemoryRole[role])
 print("held", flush=True)
 sys.stdin.read()
 """
@@ -49,11 +49,11 @@ def robot() -> Iterator[str]:
 
 
 @pytest.fixture
-def holding(robot: str) -> Iterator[Callable[[Role], subprocess.Popen[str]]]:
+def holding(robot: str) -> Iterator[Callable[[MemoryRole], subprocess.Popen[str]]]:
     """Start a process that holds a role of the robot."""
     holders: list[subprocess.Popen[str]] = []
 
-    def start(role: Role) -> subprocess.Popen[str]:
+    def start(role: MemoryRole) -> subprocess.Popen[str]:
         arguments = [sys.executable, "-c", HOLDER, robot, role.name]
         holder = subprocess.Popen(arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         holders.append(holder)
@@ -79,7 +79,10 @@ def changed(robot: str, place: int, raw: bytes) -> None:
 
 def test_every_role_sees_what_the_others_write_and_no_block_overlaps_another(robot: str) -> None:
     supervisor = create(robot)
-    rtloop, service = RobotMemory.attach(robot, Role.RTLOOP), RobotMemory.attach(robot, Role.SERVICE)
+    rtloop, service = (
+        RobotMemory.attach(robot, MemoryRole.RTLOOP),
+        RobotMemory.attach(robot, MemoryRole.SERVICE),
+    )
     assert (rtloop.dof, rtloop.period_s, rtloop.created_ns) == (DOF, PERIOD_S, supervisor.created_ns)
 
     def blocks(memory: RobotMemory) -> list:
@@ -117,7 +120,7 @@ def test_no_two_blocks_share_a_cache_line(robot: str) -> None:
 
 def test_a_trajectory_arrives_as_it_was_with_its_checksum(robot: str) -> None:
     writer = create(robot)
-    reader = RobotMemory.attach(robot, Role.READER)
+    reader = RobotMemory.attach(robot, MemoryRole.READER)
     values = np.random.default_rng(1).uniform(-1.0, 1.0, (3, 9, DOF))
     motion = from_hermite(np.linspace(0.0, 2.0, 9), *values)
     writer.slots[1].write(42, motion)
@@ -142,28 +145,28 @@ def test_a_trajectory_that_does_not_fit_is_refused(robot: str) -> None:
 
 
 def test_a_second_supervisor_is_refused_with_the_pid_of_the_first_until_that_is_dead(
-    robot: str, holding: Callable[[Role], subprocess.Popen[str]]
+    robot: str, holding: Callable[[MemoryRole], subprocess.Popen[str]]
 ) -> None:
-    first = holding(Role.SUPERVISOR)
+    first = holding(MemoryRole.SUPERVISOR)
     with pytest.raises(
         ConflictError, match=rf"robot '{robot}' is in use: pid {first.pid} runs as its supervisor"
     ):
         create(robot)
-    assert RobotMemory.attach(robot, Role.READER).head.read()["id"] == 77
+    assert RobotMemory.attach(robot, MemoryRole.READER).head.read()["id"] == 77
     first.kill()
     first.wait()
     assert create(robot).head.read()["id"] == 0
 
 
-@pytest.mark.parametrize("role", [Role.RTLOOP, Role.SERVICE])
+@pytest.mark.parametrize("role", [MemoryRole.RTLOOP, MemoryRole.SERVICE])
 def test_a_role_is_taken_once_and_free_when_its_process_is_killed(
-    robot: str, holding: Callable[[Role], subprocess.Popen[str]], role: Role
+    robot: str, holding: Callable[[MemoryRole], subprocess.Popen[str]], role: MemoryRole
 ) -> None:
     memory = create(robot)
     holder = holding(role)
     with pytest.raises(ConflictError, match=f"pid {holder.pid} runs as its {role.name.lower()}"):
         RobotMemory.attach(robot, role)
-    RobotMemory.attach(robot, Role.READER)
+    RobotMemory.attach(robot, MemoryRole.READER)
     memory.close()
     # Its supervisor is gone, but it still moves the arm or serves it.
     with pytest.raises(ConflictError, match=f"pid {holder.pid} runs as its {role.name.lower()}"):
@@ -176,7 +179,7 @@ def test_a_role_is_taken_once_and_free_when_its_process_is_killed(
 
 def test_a_robot_that_does_not_run_is_named(robot: str) -> None:
     with pytest.raises(UnavailableError, match=f"robot '{robot}' is not running: there is no /dev/shm/cobot"):
-        RobotMemory.attach(robot, Role.READER)
+        RobotMemory.attach(robot, MemoryRole.READER)
 
 
 @pytest.mark.parametrize(
@@ -195,7 +198,7 @@ def test_a_file_of_another_kind_is_refused(robot: str, place: int, raw: bytes, m
     create(robot)
     changed(robot, place, raw)
     with pytest.raises(LayoutError, match=f"/dev/shm/cobot-{robot}: {message}"):
-        RobotMemory.attach(robot, Role.READER)
+        RobotMemory.attach(robot, MemoryRole.READER)
 
 
 @pytest.mark.parametrize("raw", [b"", b"COBOT", b"\xff" * 5000])
@@ -204,9 +207,9 @@ def test_a_file_that_somebody_else_made_is_refused_and_replaced_by_a_supervisor(
 ) -> None:
     Path(f"/dev/shm/cobot-{robot}").write_bytes(raw)
     with pytest.raises(LayoutError, match="is not the shared memory of a robot"):
-        RobotMemory.attach(robot, Role.READER)
+        RobotMemory.attach(robot, MemoryRole.READER)
     create(robot)
-    assert RobotMemory.attach(robot, Role.READER).state.sequence == 0
+    assert RobotMemory.attach(robot, MemoryRole.READER).state.sequence == 0
 
 
 def test_a_full_dev_shm_is_said_at_the_start_and_leaves_no_file(
@@ -235,11 +238,11 @@ def test_who_still_reads_what_a_killed_run_left_is_not_harmed_by_the_next(robot:
     left = create(robot)
     left.head.data["id"] = 5
     left.head.publish()
-    reader = RobotMemory.attach(robot, Role.READER)
+    reader = RobotMemory.attach(robot, MemoryRole.READER)
     create(robot)
     assert reader.head.read()["id"] == 5
     assert reader.slots[1].coefficients[-1].sum() == 0.0
-    assert RobotMemory.attach(robot, Role.READER).head.read()["id"] == 0
+    assert RobotMemory.attach(robot, MemoryRole.READER).head.read()["id"] == 0
 
 
 def test_of_many_supervisors_that_take_over_what_a_killed_run_left_one_succeeds(robot: str) -> None:
@@ -283,16 +286,16 @@ def test_every_page_is_there_from_the_beginning(robot: str) -> None:
 @pytest.mark.parametrize("place", range(0, 300, 13))
 def test_a_spoilt_header_is_found_whatever_is_spoilt(robot: str, place: int) -> None:
     supervisor = create(robot)
-    known = RobotMemory.attach(robot, Role.READER)
+    known = RobotMemory.attach(robot, MemoryRole.READER)
     before = Path(f"/dev/shm/cobot-{robot}").read_bytes()[:4096]
     changed(robot, place, bytes([before[place] ^ 0x15]))
     if place < HEADER.itemsize:
         with pytest.raises(LayoutError):
-            RobotMemory.attach(robot, Role.READER)
+            RobotMemory.attach(robot, MemoryRole.READER)
     assert supervisor.mend_header()
     assert not supervisor.mend_header()
     assert Path(f"/dev/shm/cobot-{robot}").read_bytes()[:4096] == before
-    assert RobotMemory.attach(robot, Role.READER).dof == known.dof == DOF
+    assert RobotMemory.attach(robot, MemoryRole.READER).dof == known.dof == DOF
 
 
 def test_random_headers_are_refused_in_words(robot: str) -> None:
@@ -302,21 +305,21 @@ def test_random_headers_are_refused_in_words(robot: str) -> None:
     for _ in range(200):
         changed(robot, 12, random.bytes(HEADER.itemsize - 12))
         with pytest.raises(LayoutError):
-            RobotMemory.attach(robot, Role.READER)
+            RobotMemory.attach(robot, MemoryRole.READER)
     assert supervisor.mend_header()
-    RobotMemory.attach(robot, Role.READER)
+    RobotMemory.attach(robot, MemoryRole.READER)
 
 
 def test_who_comes_while_the_header_is_spoilt_waits_for_the_supervisor(
-    robot: str, holding: Callable[[Role], subprocess.Popen[str]]
+    robot: str, holding: Callable[[MemoryRole], subprocess.Popen[str]]
 ) -> None:
     """It lives in another process, and has mended it in a moment."""
-    holding(Role.SUPERVISOR)
+    holding(MemoryRole.SUPERVISOR)
     known = Path(f"/dev/shm/cobot-{robot}").read_bytes()[:4096]
     changed(robot, 0, bytes(4096))
     mending = threading.Timer(0.2, changed, (robot, 0, known))
     mending.start()
-    assert RobotMemory.attach(robot, Role.READER).dof == DOF
+    assert RobotMemory.attach(robot, MemoryRole.READER).dof == DOF
     mending.join()
 
 
@@ -326,11 +329,11 @@ def test_only_its_owner_may_read_the_file(robot: str) -> None:
 
 
 def test_an_unlinked_memory_is_gone_for_others_and_works_for_who_has_it(robot: str) -> None:
-    writer, reader = create(robot), RobotMemory.attach(robot, Role.READER)
+    writer, reader = create(robot), RobotMemory.attach(robot, MemoryRole.READER)
     writer.unlink()
     writer.unlink()
     with pytest.raises(UnavailableError):
-        RobotMemory.attach(robot, Role.READER)
+        RobotMemory.attach(robot, MemoryRole.READER)
     writer.heartbeat.data["pid"] = 5
     writer.heartbeat.publish()
     assert reader.heartbeat.read()["pid"] == 5
@@ -347,8 +350,8 @@ def test_a_message_is_cut_between_characters(message: str, size: int) -> None:
 
 def test_closing_one_of_two_memories_in_a_process_leaves_the_others_roles(robot: str) -> None:
     supervisor = create(robot)
-    first, second = RobotMemory.attach(robot, Role.READER), RobotMemory.attach(robot, Role.READER)
-    first.take(Role.STREAM)
+    first, second = RobotMemory.attach(robot, MemoryRole.READER), RobotMemory.attach(robot, MemoryRole.READER)
+    first.take(MemoryRole.STREAM)
     second.close()
     other = subprocess.run([sys.executable, "-c", HOLDER, robot, "STREAM"], capture_output=True, text=True)
     assert f"pid {os.getpid()} runs as its stream" in other.stderr
@@ -358,8 +361,8 @@ def test_closing_one_of_two_memories_in_a_process_leaves_the_others_roles(robot:
 
 ADDER = """
 import sys
-from cobot.ipc.shm import RobotMemory, Role
-memory = RobotMemory.attach(sys.argv[1], Role.READER)
+from cobot.ipc.shm import MemoryRole, RobotMemory
+memory = RobotMemory.attach(sys.argv[1], MemoryRole.READER)
 for _ in range(50_000):
     memory.outside_stops.add()
 """

@@ -11,6 +11,7 @@ import os
 import re
 import signal
 import socket
+import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -24,10 +25,8 @@ from cobot.errors import SharedMemoryError
 from cobot.ipc import shm
 from cobot.ipc.shm import RobotMemory
 from cobot.launch.cli import main
-from cobot.launch.process import has_terminal
+from cobot.launch.process import RUN_MODULE, has_terminal
 from cobot.launch.supervisor import Supervisor
-from ros2 import process as ros2
-from rtloop import main as rtloop
 
 SMALL = "rt: {trajectory_capacity: 1000}\n"
 
@@ -153,7 +152,7 @@ def test_a_name_in_use_is_that_of_robot_name_with_who_has_it(
 @pytest.mark.parametrize(
     ("place", "message"),
     [
-        ("", "cannot allocate .* make /dev/shm larger, or set a smaller rt.trajectory_capacity"),
+        ("", "cannot allocate .*; make room there, enlarge it .*, or lower rt.trajectory_capacity"),
         ("/no/such/folder", "No such file or directory; .* or set another robot.name"),
     ],
 )
@@ -215,29 +214,19 @@ def test_an_rtloop_that_cannot_start_says_why_at_the_end(
 @pytest.mark.parametrize(
     ("module", "text", "message"),
     [
-        (rtloop, "", "is not running: there is no /dev/shm/cobot-"),
-        (ros2, "ros: {localhost_only: false, interfaces: [no0]}", "ros.domain_id, ros.interfaces: .*no0"),
+        ("rtloop", "", "is not running: there is no /dev/shm/cobot-"),
+        ("ros2", "ros: {localhost_only: false, interfaces: [no0]}", "ros.domain_id, ros.interfaces: .*no0"),
     ],
 )
 def test_a_process_that_is_started_by_itself_says_what_it_lacks(
-    tmp_path: Path,
-    name: str,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    module: object,
-    text: str,
-    message: str,
+    tmp_path: Path, name: str, module: str, text: str, message: str
 ) -> None:
     file = tmp_path / "mine.yaml"
     file.write_text(f"robot: {{name: {name}}}\n{text}\n", encoding="utf-8")
-    monkeypatch.setattr(sys, "argv", ["process", "--config", str(file)])
-    root = logging.getLogger()
-    before = root.handlers[:]
-    try:
-        assert module.main() == 2  # type: ignore[attr-defined]
-    finally:
-        root.handlers[:] = before
-    assert re.search(message, capsys.readouterr().out)
+    command = [*RUN_MODULE, module, "--config", str(file)]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=WAIT_S, check=False)
+    assert ended.returncode == 2
+    assert re.search(message, ended.stdout)
 
 
 def test_a_process_without_a_terminal_knows_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -95,7 +95,7 @@ def test_several_stop_at_once_and_one_that_does_not_run_fails_all(rig: Rig) -> N
 def test_the_memory_of_another_version_is_left_alone(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shm, "LAYOUT_VERSION", 99)
     with pytest.raises(LayoutError):
-        shm.RobotMemory.attach(rig.memory.robot, shm.Role.READER)
+        shm.RobotMemory.attach(rig.memory.robot, shm.MemoryRole.READER)
     at_rest, text = said(rig)
     assert not at_rest
     assert "NOT stopped" in text

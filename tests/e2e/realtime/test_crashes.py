@@ -22,7 +22,7 @@ from running import WAIT_S, Run, answering
 from tasks import HOME, child, name, reset, robot_health
 
 from cobot.config import load_settings
-from cobot.ipc.shm import RobotMemory, Role
+from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.robot import description as robots
 
 MOVE = {"joints": AWAY, "speed": 0.3}
@@ -186,7 +186,7 @@ def test_a_spoilt_header_is_mended_and_who_is_restarted_meanwhile_comes_back(
                 file.write(random.bytes(4096))
                 time.sleep(0.03)
         run.until(lambda: run.restarted("rtloop", old.pid) and run.healthy())
-    RobotMemory.attach(name(run), Role.READER).close()
+    RobotMemory.attach(name(run), MemoryRole.READER).close()
     run.until(lambda: "was spoilt, and is written anew" in run.output)
     require_able(run, record)
 

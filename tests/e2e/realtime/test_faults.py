@@ -24,7 +24,7 @@ from tasks import TASKS, child, doing, name, require_recovery, robot_health
 from cobot import Mode, Robot
 from cobot.config import load_settings
 from cobot.errors import MotionStopped, UnavailableError
-from cobot.ipc.shm import RobotMemory, Role
+from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.robot import description as robots
 from cobot.types import JointLimits
 
@@ -105,7 +105,7 @@ def test_a_process_that_is_paused_does_not_harm_the_arm(
 @pytest.mark.parametrize("task", TASKS)
 def test_a_writer_gone_wild_does_not_harm_the_arm(service: Run, record: Record, task: str) -> None:
     random = np.random.default_rng(list(TASKS).index(task))
-    memory = RobotMemory.attach(name(service), Role.READER)
+    memory = RobotMemory.attach(name(service), MemoryRole.READER)
     with doing(service, task):
         for block in BLOCKS:
             for _ in range(5):
@@ -116,7 +116,7 @@ def test_a_writer_gone_wild_does_not_harm_the_arm(service: Run, record: Record, 
 
 
 def test_a_service_that_dies_with_its_blocks_spoilt_comes_back(service: Run, record: Record) -> None:
-    memory = RobotMemory.attach(name(service), Role.READER)
+    memory = RobotMemory.attach(name(service), MemoryRole.READER)
     with doing(service, "motion"):
         old = child(service, "app", None)
         old.suspend()
@@ -131,7 +131,7 @@ def test_a_service_that_dies_with_its_blocks_spoilt_comes_back(service: Run, rec
 def test_an_rtloop_that_dies_with_its_state_spoilt_comes_back_with_an_estop(
     service: Run, record: Record
 ) -> None:
-    memory = RobotMemory.attach(name(service), Role.READER)
+    memory = RobotMemory.attach(name(service), MemoryRole.READER)
     with doing(service, "motion"):
         old = child(service, "rtloop", None)
         old.suspend()

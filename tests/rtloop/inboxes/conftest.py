@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 from running import unique_name
 
-from cobot.ipc.shm import RobotMemory, Role
+from cobot.ipc.shm import MemoryRole, RobotMemory
 
 DOF = 7
 
@@ -18,7 +18,7 @@ def memories() -> Iterator[list[RobotMemory]]:
     robot = unique_name()
     memories = [RobotMemory.create(robot, DOF, 1e-3, 2)]
     try:
-        memories += [RobotMemory.attach(robot, Role.READER) for _ in range(2)]
+        memories += [RobotMemory.attach(robot, MemoryRole.READER) for _ in range(2)]
         yield memories
     finally:
         memories[0].unlink()

@@ -13,7 +13,7 @@ import pytest
 from running import HELPER_ENVIRONMENT, unique_name
 from shaken import READS, all_blocks
 
-from cobot.ipc.shm import RobotMemory, Role
+from cobot.ipc.shm import MemoryRole, RobotMemory
 
 LIMIT_S = 240.0
 
@@ -25,7 +25,7 @@ def test_no_bytes_in_shared_memory_can_crash_what_reads_them(dof: int) -> None:
     writer = subprocess.Popen([*command, "write"], env=HELPER_ENVIRONMENT)
     try:
         begun_s = time.monotonic()
-        blocks = all_blocks(RobotMemory.attach(memory.robot, Role.READER))
+        blocks = all_blocks(RobotMemory.attach(memory.robot, MemoryRole.READER))
         while not all(block.sequence for block in blocks):
             assert writer.poll() is None, "the writer has ended"
             assert time.monotonic() - begun_s < LIMIT_S, "the writer has reached every block"

@@ -25,7 +25,7 @@ from samples import samples
 from cobot.ipc import layout
 from cobot.ipc.layout import Interpolation, Intervention, ServoMode
 from cobot.ipc.seqlock import Block
-from cobot.ipc.shm import RobotMemory, Role
+from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.ipc.stream_writer import PointWriter
 from cobot.robot import quaternion
 from cobot.robot.description import RobotDescription
@@ -462,7 +462,7 @@ class Points:
 @pytest.fixture
 def points(robot: RobotDescription) -> Iterator[Points]:
     memory = RobotMemory.create(unique_name(), robot.limits.dof, PERIOD_S, 2)
-    reader = RobotMemory.attach(memory.robot, Role.READER)
+    reader = RobotMemory.attach(memory.robot, MemoryRole.READER)
     try:
         yield Points(memory, reader, np.random.default_rng(20))
     finally:

@@ -19,7 +19,7 @@ from shaken import Writer
 from cobot.config import Settings
 from cobot.ipc import layout
 from cobot.ipc.layout import Interpolation, Intervention, ServoMode
-from cobot.ipc.shm import RobotMemory, Role
+from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.ipc.stream_writer import PointWriter
 from cobot.robot.description import RobotDescription
 from cobot.types import Array, CartesianLimits
@@ -47,7 +47,7 @@ FORCE = (ServoMode.REPLANNED_FORCE, ServoMode.THROUGH_FORCE)
 def memories(robot: RobotDescription) -> Iterator[list[RobotMemory]]:
     """One file, mapped for a client, for compiled code and for its oracle."""
     memories = [RobotMemory.create(unique_name(), robot.limits.dof, PERIOD_S, 2)]
-    memories += [RobotMemory.attach(memories[0].robot, Role.READER) for _ in range(2)]
+    memories += [RobotMemory.attach(memories[0].robot, MemoryRole.READER) for _ in range(2)]
     yield memories
     memories[0].unlink()
     for memory in memories:
