@@ -148,7 +148,7 @@ EXHAUSTED = {
     errno.EROFS: "a file system can only be read: mount it for writing",
     errno.EMFILE: "no file descriptor is left: close connections, or raise the limit (ulimit -n)",
     errno.ENFILE: "the computer has no file descriptor left",
-    errno.ENOMEM: "the service has no memory left: raise its limit (ulimit -v), or free some",
+    errno.ENOMEM: "the service has no memory left: raise the limit of memory (ulimit -v), or free some",
     errno.EAGAIN: "no further process or thread can be started: raise the limits (ulimit -u, ulimit -v)",
 }
 """What an operating system may refuse at any time, and what to do about it."""
@@ -156,16 +156,17 @@ EXHAUSTED = {
 
 _IN_WORDS = {
     "Cannot allocate memory": errno.ENOMEM,
+    "Could not allocate memory": errno.ENOMEM,  # MuJoCo
     "failed to map segment": errno.ENOMEM,
     "Too many open files": errno.EMFILE,
     "can't start new thread": errno.EAGAIN,
 }
-"""What Python and the loader of libraries say without a number."""
+"""What Python, the loader of libraries and MuJoCo say without a number."""
 
 
 def exhausted(error: BaseException | None) -> UnavailableError | None:
     """What an error means for people if something of this computer is used up; None if it is another one."""
     number = errno.ENOMEM if isinstance(error, MemoryError) else getattr(error, "errno", None)
-    if isinstance(error, ImportError | RuntimeError):
+    if isinstance(error, ImportError | RuntimeError | ValueError):
         number = next((number for words, number in _IN_WORDS.items() if words in str(error)), None)
     return UnavailableError(EXHAUSTED[number]) if number in EXHAUSTED else None

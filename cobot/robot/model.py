@@ -8,7 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from cobot.errors import ConfigError, InputError
+from cobot.errors import ConfigError, InputError, exhausted
 from cobot.robot.chain import Chain
 from cobot.robot.dynamics import Dynamics
 from cobot.robot.quaternion import from_matrix
@@ -59,12 +59,15 @@ class RobotModel:
 
         Raises:
             ConfigError: missing or not loadable, other joints than the limits, no such base or TCP.
+            UnavailableError: no memory is left for it.
         """
         if not path.is_file():
             raise ConfigError(f"{path}: {'is no file' if path.exists() else 'no such file'}")
         try:
             return cls(_compile(path, tcp), limits, base, tcp)
         except ValueError as exc:
+            if error := exhausted(exc):
+                raise error from exc
             raise ConfigError(f"{path}: MuJoCo cannot load it: {' '.join(str(exc).split())}") from exc
         except ConfigError as exc:
             raise ConfigError(f"{path}: {exc}") from exc

@@ -8,12 +8,13 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 import yaml
 from second_opinion import LIMITS, MJCF, mjcf_root, numbers, second_robot, urdf
 
-from cobot.errors import ConfigError
+from cobot.errors import ConfigError, UnavailableError
 from cobot.robot.description import RobotDescription
 from cobot.robot.frames import rotation
 from cobot.robot.limits import load_joint_limits
@@ -189,6 +190,15 @@ def test_a_file_that_is_no_robot_is_an_error_that_names_the_file(
     file.write_text(content, encoding="utf-8")
     with pytest.raises(ConfigError, match=r"broken\.xml: "):
         RobotModel.load(file, robot.limits)
+
+
+def test_a_model_for_which_no_memory_is_left_is_no_wrong_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(_: str) -> None:
+        raise ValueError("Error: engine error: Could not allocate memory")
+
+    monkeypatch.setattr(mujoco.MjSpec, "from_file", full)
+    with pytest.raises(UnavailableError, match=r"raise the limit of memory \(ulimit -v\)"):
+        RobotModel.load(MJCF, load_joint_limits(LIMITS))
 
 
 def test_a_model_with_other_joints_than_the_limits_is_refused_with_both_lists(
