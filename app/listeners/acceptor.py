@@ -102,7 +102,11 @@ class Acceptor:
         self._timer = self._loop.call_later(LOOK_S, self._look)
 
     def _accept(self) -> None:
+        now_s = self._loop.time()
         for _ in range(self._admitted()):
+            if self._crowd.hurries(now_s, GRACE_S):
+                self._pause(GRACE_S * SHARE)
+                return
             try:
                 connection, (address, *_) = self._listener.accept()
             except BlockingIOError:
@@ -117,13 +121,20 @@ class Acceptor:
 
     def _greet(self, connection: socket.socket, address: str) -> None:
         task: asyncio.Task[None]
-        visit = self._crowd.enter(address, lambda: task.cancel())
+        visit = self._crowd.enter(address, lambda: task.cancel(), self._loop.time())
         if visit is None:
             connection.close()
             return
         task = self._loop.create_task(self._connect(connection, visit))
         self._greeting.add(task)
-        task.add_done_callback(self._greeting.discard)
+
+        def greeted(done: asyncio.Task[None]) -> None:
+            self._greeting.discard(done)
+            if done.cancelled():  # perhaps before it began
+                self._crowd.leave(visit)
+                connection.close()
+
+        task.add_done_callback(greeted)
 
     async def _connect(self, connection: socket.socket, visit: Visit) -> None:
         """Have the protocol take over, once TLS, if any, is agreed upon."""

@@ -33,6 +33,7 @@ class Visit:
 
     Attributes:
         reserved: whether it has a place of the reserve.
+        since_s: when it was accepted.
         deadline_s: when it has to have gone on; see `Crowd.expire`.
         close: ends it at once.
         expire: ends it because its time is up.
@@ -41,6 +42,7 @@ class Visit:
     reserved: bool
     close: Callable[[], object]
     expire: Callable[[], object]
+    since_s: float
     _among: _Address
     doing: Doing = Doing.ASKING
     deadline_s: float = math.inf
@@ -85,7 +87,14 @@ class Crowd:
     def __len__(self) -> int:
         return self._count + self._reserved.count
 
-    def enter(self, address: str, close: Callable[[], object]) -> Visit | None:
+    def hurries(self, now_s: float, grace_s: float) -> bool:
+        """Whether a new connection might cost one its place of the reserve that has just got it."""
+        if self._count < self.per_address or self._reserved.count < self._reserve:
+            return False
+        oldest = self._reserved.oldest
+        return oldest is not None and now_s - oldest.since_s < grace_s
+
+    def enter(self, address: str, close: Callable[[], object], now_s: float = 0.0) -> Visit | None:
         """A place for a new connection; None if there is none at all."""
         own = self._addresses.get(address)
         room = True
@@ -98,7 +107,7 @@ class Crowd:
         if not room and self._reserved.count >= self._reserve and not self._close_oldest(self._reserved):
             return None
         among = self._addresses.setdefault(address, _Address(address)) if room else self._reserved
-        visit = Visit(not room, close, close, among)
+        visit = Visit(not room, close, close, now_s, among)
         among.visits[visit.doing][visit] = None
         self._count += room
         return visit

@@ -113,7 +113,10 @@ class HttpProtocol(HttpToolsProtocol):
             self._in_header = True
             self._note()
         # In the middle of a request the same bytes mean nothing.
-        stop = self._in_header and not self._silent and STOP.match(data)
+        first = self._in_header and not self._silent and not self._unread
+        stop = first and STOP.match(data)
+        if first and not self._has_place(data):
+            return
         busy = self._unread or self.pipeline
         if busy or len(data) > SLICE_BYTES or not (stop or self._turns.mine()):
             self._unread += data
@@ -121,6 +124,21 @@ class HttpProtocol(HttpToolsProtocol):
             self._wait()
         else:
             self._feed(data)
+
+    def _has_place(self, data: bytes) -> bool:
+        """Whether a request may stay: on a place of the reserve most may not: no turn is needed to see that.
+
+        A stop or /health whose turn has not come keeps its place for longer than who has not said anything.
+        """
+        if STOP.match(data) or HEALTH.match(data):
+            self._crowd.go_on(self._visit, Doing.SENDING, self.loop.time() + self._limits.header_timeout_s)
+        elif self._visit.reserved and b"\r\n" in data:
+            self._refuse_crowded()
+            return False
+        return True
+
+    def _refuse_crowded(self) -> None:
+        self._refuse(503, "too many connections are open: only a stop and /health are answered", "busy")
 
     def _wait(self) -> None:
         """For a turn, unless it waits for one already."""
@@ -185,7 +203,7 @@ class HttpProtocol(HttpToolsProtocol):
     def on_headers_complete(self) -> None:
         line = self.parser.get_method() + b" " + self.url + b" "
         if self._visit.reserved and not (STOP.match(line) or HEALTH.match(line)):
-            self._refuse(503, "too many connections are open: only a stop and /health are answered", "busy")
+            self._refuse_crowded()
             raise _Refused
         self._silent = 0
         self._in_header, self._in_body, self._answered = False, True, False

@@ -73,7 +73,7 @@ async def test_nothing_is_forgotten_when_the_computer_pauses_at_any_moment(
 ) -> None:
     """Each look at the clock finds that a second has passed."""
     seconds = itertools.count()
-    monkeypatch.setattr(turns, "perf_counter", lambda: float(next(seconds)))
+    monkeypatch.setattr(turns.time, "perf_counter", lambda: float(next(seconds)))
     done: list[int] = []
     order = Turns()
     for number in range(5 * MOST):

@@ -6,6 +6,7 @@ Oracles: the operating system's process table, and what the planner makes of the
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import os
 import signal
 import sys
@@ -15,10 +16,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import light_planner
 import numpy as np
 import psutil
 import pytest
+from running import HELPER_ENVIRONMENT
 
+from app.services.motion import planning_pool
 from app.services.motion.planning import PlanningService
 from app.services.motion.planning_pool import PlanningPool
 from cobot.errors import InputError, PlanningError, PlanningTimeout, UnavailableError
@@ -28,6 +32,7 @@ from cobot.robot.description import RobotDescription
 from cobot.types import PlannerName, Scaling
 
 WAIT_S = 60.0
+LIGHT = light_planner.__name__
 
 
 @pytest.fixture(scope="module")
@@ -36,50 +41,64 @@ def runner() -> Iterator[asyncio.Runner]:
         yield made
 
 
+@pytest.fixture(scope="module", autouse=True)
+def helpers_for_workers() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", HELPER_ENVIRONMENT["PYTHONPATH"])
+        yield
+
+
 @pytest.fixture(scope="module")
-def planning(runner: asyncio.Runner) -> Iterator[PlanningService]:
-    """Two workers for all tests here."""
-    made = PlanningService(None, 2)
-
-    async def start() -> None:
-        made.warm_up()
-        await until(lambda: made.status.usable == 2)
-
-    runner.run(start())
+def shared(runner: asyncio.Runner) -> Iterator[PlanningService]:
+    """Two workers without a robot, for what is not about what they compute: a real one starts slowly."""
+    with pytest.MonkeyPatch.context() as patch:  # other pools have real workers
+        patch.setattr(planning_pool, "WORKER", LIGHT)
+        made = PlanningService(None, 2)
+    runner.run(all_usable(made))
     yield made
     made.close()
-    runner.run(until(lambda: not workers()))
+    runner.run(until(lambda: not workers(LIGHT)))
 
 
-async def until(condition: Callable[[], object]) -> None:
+@pytest.fixture
+def planning(runner: asyncio.Runner, shared: PlanningService) -> PlanningService:
+    """All its workers are there, whatever the test before has left."""
+    runner.run(all_usable(shared))
+    return shared
+
+
+@pytest.fixture(scope="module")
+def real(runner: asyncio.Runner) -> Iterator[PlanningService]:
+    """One worker, as in the service."""
+    made = PlanningService(None, 1)
+    runner.run(all_usable(made))
+    yield made
+    made.close()
+    runner.run(until(lambda: not workers(planning_pool.WORKER)))
+
+
+async def until(condition: Callable[[], object], asked: asyncio.Task[Any] | None = None) -> None:
+    """Wait, but not for what cannot come any more: `asked` has failed."""
     async with asyncio.timeout(WAIT_S):
         while not condition():
+            if asked is not None and asked.done():
+                asked.result()
             await asyncio.sleep(0.01)
 
 
-def workers() -> list[psutil.Process]:
-    children = psutil.Process().children()
-    return [child for child in children if "app.services.motion.planning_worker" in child.cmdline()]
+async def all_usable(planning: PlanningService) -> None:
+    planning.warm_up()
+    await until(lambda: planning.warm)
 
 
-def _pid(robot: RobotDescription) -> int:
-    return os.getpid()
-
-
-def _sleep(robot: RobotDescription, seconds: float) -> str:
-    time.sleep(seconds)
-    return "slept"
-
-
-def _end(robot: RobotDescription) -> None:
-    os.kill(os.getpid(), signal.SIGSEGV)
-
-
-def _end_once(robot: RobotDescription, mark: Path) -> str:
-    if not mark.exists():
-        mark.touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    return "planned"
+def workers(module: str = LIGHT) -> list[psutil.Process]:
+    """Those that have not ended."""
+    found = []
+    for child in psutil.Process().children():
+        with contextlib.suppress(psutil.NoSuchProcess):  # a zombie is none any more either
+            if module in child.cmdline():
+                found.append(child)
+    return found
 
 
 def _exhaust(robot: RobotDescription) -> int:
@@ -108,11 +127,11 @@ Check = Callable[[], Coroutine[Any, Any, None]]
 
 
 def test_a_plan_is_what_the_planner_makes_of_it_here(
-    runner: asyncio.Runner, planning: PlanningService, robot: RobotDescription
+    runner: asyncio.Runner, real: PlanningService, robot: RobotDescription
 ) -> None:
     home = np.array(robot.positions["home"].joints)
     request = MotionRequest(home, home + 0.2, PlannerName.PTP, Scaling(0.5))
-    made = runner.run(planning.plan(request, WAIT_S))
+    made = runner.run(real.plan(request, WAIT_S))
     known = plan(robot, request)
     assert made is not None
     assert known is not None
@@ -129,9 +148,9 @@ def test_idle_workers_that_are_killed_are_replaced_and_nobody_notices(
         old = workers()
         for worker in old:
             worker.kill()
-        found = await planning.compute(_pid, WAIT_S)
+        found = await planning.compute(light_planner.pid, WAIT_S)
         assert found not in [worker.pid for worker in old]
-        await until(lambda: planning.status.usable == 2)
+        await until(lambda: planning.warm)
 
     runner.run(check())
     assert planning.status.replaced == replaced + 2
@@ -141,7 +160,7 @@ def test_idle_workers_that_are_killed_are_replaced_and_nobody_notices(
 def test_what_was_being_planned_when_a_worker_died_is_planned_by_another(
     runner: asyncio.Runner, planning: PlanningService, tmp_path: Path
 ) -> None:
-    work = partial(_end_once, mark=tmp_path / "mark")
+    work = partial(light_planner.end_once, mark=tmp_path / "mark")
     assert runner.run(planning.compute(work, WAIT_S)) == "planned"
 
 
@@ -152,8 +171,8 @@ def test_what_ends_every_worker_is_given_up_after_two(
 
     async def check() -> None:
         with pytest.raises(PlanningError, match=r"SIGSEGV, and so did the one before"):
-            await planning.compute(_end, WAIT_S)
-        await until(lambda: planning.status.usable == 2)
+            await planning.compute(light_planner.end, WAIT_S)
+        await until(lambda: planning.warm)
 
     runner.run(check())
     assert planning.status.replaced == replaced + 2
@@ -161,18 +180,23 @@ def test_what_ends_every_worker_is_given_up_after_two(
 
 @pytest.mark.parametrize("busy", [False, True])
 def test_a_worker_that_is_stopped_is_replaced(
-    runner: asyncio.Runner, planning: PlanningService, busy: bool
+    runner: asyncio.Runner, planning: PlanningService, tmp_path: Path, busy: bool
 ) -> None:
+    mark = tmp_path / "mark"
+    work = partial(light_planner.sleep_until, mark=mark)
+
     async def check() -> None:
         old = workers()
+        asked = None
         if busy:
-            asked = asyncio.create_task(planning.compute(partial(_sleep, seconds=0.5), WAIT_S))
-            await until(lambda: planning.status.busy == 1)
+            asked = asyncio.create_task(planning.compute(work, WAIT_S))
+            await until(lambda: planning.status.busy == 1, asked)
         for worker in old:
             os.kill(worker.pid, signal.SIGSTOP)
         await until(lambda: all(is_stopped(worker.pid) for worker in old))
-        if not busy:
-            asked = asyncio.create_task(planning.compute(partial(_sleep, seconds=0.0), WAIT_S))
+        mark.touch()
+        if asked is None:
+            asked = asyncio.create_task(planning.compute(work, WAIT_S))
         assert await asked == "slept"
         await until(lambda: not {each.pid for each in old} & {each.pid for each in workers()})
 
@@ -180,18 +204,20 @@ def test_a_worker_that_is_stopped_is_replaced(
 
 
 def test_an_interruption_ends_the_worker_and_is_no_accident(
-    runner: asyncio.Runner, planning: PlanningService
+    runner: asyncio.Runner, planning: PlanningService, tmp_path: Path
 ) -> None:
+    work = partial(light_planner.sleep_until, mark=tmp_path / "never")
+
     async def check() -> None:
         replaced, old = planning.status.replaced, {worker.pid for worker in workers()}
-        asked = asyncio.create_task(planning.compute(partial(_sleep, seconds=WAIT_S), WAIT_S))
-        await until(lambda: planning.status.busy == 1)
+        asked = asyncio.create_task(planning.compute(work, WAIT_S))
+        await until(lambda: planning.status.busy == 1, asked)
         asked.cancel()
         with pytest.raises(asyncio.CancelledError):
             await asked
         with pytest.raises(PlanningTimeout, match="longer than 0 s"):
-            await planning.compute(partial(_sleep, seconds=WAIT_S), 0.2)
-        await until(lambda: planning.status.usable == 2)
+            await planning.compute(work, 0.2)
+        await until(lambda: planning.warm)
         assert not old & {worker.pid for worker in workers()}
         assert planning.status.replaced == replaced
 
@@ -199,42 +225,46 @@ def test_an_interruption_ends_the_worker_and_is_no_accident(
 
 
 def test_a_clock_on_the_wall_that_jumps_ends_no_planning(
-    runner: asyncio.Runner, planning: PlanningService, monkeypatch: pytest.MonkeyPatch
+    runner: asyncio.Runner, planning: PlanningService, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    real = time.time
+    real_time, mark = time.time, tmp_path / "mark"
 
     async def check() -> None:
-        asked = asyncio.create_task(planning.compute(partial(_sleep, seconds=0.6), 5.0))
-        await until(lambda: planning.status.busy == 1)
-        monkeypatch.setattr(time, "time", lambda: real() + 1e6)
+        work = partial(light_planner.sleep_until, mark=mark)
+        asked = asyncio.create_task(planning.compute(work, WAIT_S))
+        await until(lambda: planning.status.busy == 1, asked)
+        monkeypatch.setattr(time, "time", lambda: real_time() + 1e6)
+        await asyncio.sleep(planning_pool.LOOK_S)  # it looks at its worker meanwhile
+        assert not asked.done()
+        mark.touch()
         assert await asked == "slept"
 
     runner.run(check())
 
 
 def test_errors_come_as_they_are_and_output_does_not_disturb(
-    runner: asyncio.Runner, planning: PlanningService
+    runner: asyncio.Runner, real: PlanningService
 ) -> None:
     async def check() -> None:
         with pytest.raises(InputError, match="no"):
-            await planning.compute(_refuse, WAIT_S)
+            await real.compute(_refuse, WAIT_S)
         with pytest.raises(PlanningError, match="no memory left"):
-            await planning.compute(_exhaust, WAIT_S)
+            await real.compute(_exhaust, WAIT_S)
         with pytest.raises(TypeError):
-            await planning.compute(_raise_what_cannot_be_told, WAIT_S)
-        assert len(await planning.compute(_tell, WAIT_S)) == 30_000_000
+            await real.compute(_raise_what_cannot_be_told, WAIT_S)
+        assert len(await real.compute(_tell, WAIT_S)) == 30_000_000
 
     runner.run(check())
 
 
-def test_new_workers_take_over_from_the_old_ones(runner: asyncio.Runner, planning: PlanningService) -> None:
-    old = {worker.pid for worker in workers()}
+def test_new_workers_take_over_from_the_old_ones(runner: asyncio.Runner, real: PlanningService) -> None:
+    old = {worker.pid for worker in workers(planning_pool.WORKER)}
 
     async def check() -> None:
-        await planning.renew()
-        assert planning.warm
-        assert await planning.compute(_pid, WAIT_S) not in old
-        await until(lambda: not old & {worker.pid for worker in workers()})
+        await real.renew()
+        assert real.warm
+        assert await real.compute(light_planner.pid, WAIT_S) not in old
+        await until(lambda: not old & {worker.pid for worker in workers(planning_pool.WORKER)})
 
     runner.run(check())
 
@@ -247,7 +277,7 @@ def test_workers_that_cannot_be_started_are_an_error_that_says_so(tmp_path: Path
     async def check() -> None:
         planning = PlanningService(config, 1)
         with pytest.raises(UnavailableError, match="a planning process ended with status 2 at its start"):
-            await planning.compute(_pid, WAIT_S)
+            await planning.compute(light_planner.pid, WAIT_S)
         assert planning.status.state == "failed"
         config.write_text("{}\n", encoding="utf-8")
         await until(lambda: planning.status.state == "ready")
@@ -262,7 +292,7 @@ def test_a_program_that_is_not_there_is_an_error_that_says_so(monkeypatch: pytes
         pool = PlanningPool([], 1)
         pool._command[0] = os.fspath(Path(sys.executable).with_name("nothing"))
         with pytest.raises(UnavailableError, match="cannot be started: No such file"):
-            await pool.run(_pid, WAIT_S)
+            await pool.run(light_planner.pid, WAIT_S)
         pool.close()
 
     asyncio.run(check())
