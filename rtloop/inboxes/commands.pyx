@@ -21,7 +21,7 @@ cdef class CommandInbox:
     Real-time safe. A read that is torn is counted and repeated in the next cycle.
 
     Attributes:
-        stops, estops: the counters of requests seen so far, those of the service and those from outside of it.
+        stops, estops: the counters of requests seen so far: those of the service and those from outside.
         command_seen: the number of the last command taken.
         torn_reads: how often a block was not consistent.
     """
