@@ -44,9 +44,9 @@ class Server(uvicorn.Server):
         self._limits = limits
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        await super().startup(sockets=[])
         limits = self._limits
         shared = Shared(crowd_for(limits), Turns(), limits)
+        await super().startup(sockets=[])  # says that it has started
 
         def protocol(visit: Visit) -> HttpProtocol:
             return HttpProtocol(

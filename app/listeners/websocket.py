@@ -7,6 +7,7 @@ from asyncio import BaseTransport, Transport
 from typing import Any, cast
 
 from uvicorn._types import ASGIReceiveEvent, ASGISendEvent
+from uvicorn.protocols.utils import ClientDisconnected
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 from websockets.frames import Frame
 from websockets.http11 import Request
@@ -52,10 +53,12 @@ class StreamProtocol(WebSocketsSansIOProtocol):
         self._visit.close = self._visit.expire = lambda: None
 
     def data_received(self, data: bytes) -> None:
-        if self._unread or len(data) > SLICE_BYTES or not self._turns.mine():
+        unanswered = self.handshake_initiated and not self.handshake_complete  # so its frames wait too
+        if unanswered or self._unread or len(data) > SLICE_BYTES or not self._turns.mine():
             self._unread += data
             self.transport.pause_reading()
-            self._wait()
+            if not unanswered:
+                self._wait()
         else:
             super().data_received(data)
 
@@ -71,9 +74,15 @@ class StreamProtocol(WebSocketsSansIOProtocol):
         return message
 
     async def send(self, message: ASGISendEvent) -> None:
+        """Raises ClientDisconnected once the connection is closed, from whichever side."""
+        await self.writable.wait()
+        if self.close_sent or self.transport.is_closing():
+            raise ClientDisconnected
         await super().send(message)
         if message["type"] == "websocket.accept":
             self._crowd.go_on(self._visit, Doing.STREAMING)
+            if self._unread:
+                self._wait()
 
     def resume_writing(self) -> None:
         super().resume_writing()

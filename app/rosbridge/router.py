@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from typing import Any, cast
 
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
@@ -112,4 +113,5 @@ async def _send(socket: WebSocket, connection: Connection) -> None:
 
 async def _watch(socket: WebSocket, connection: Connection) -> None:
     await connection.outbox.overfull.wait()
-    await socket.close(TRY_LATER, "the client reads its answers too slowly")
+    with contextlib.suppress(WebSocketDisconnect):
+        await socket.close(TRY_LATER, "the client reads its answers too slowly")

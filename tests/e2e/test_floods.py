@@ -113,7 +113,7 @@ def test_the_arm_stops_and_nothing_dies_under_a_flood(narrow: Narrow, kind: str)
             time.sleep(0.05)
     narrow.until(narrow.healthy)
     assert family(narrow) == before
-    assert "Traceback" not in narrow.output
+    assert "Traceback" not in narrow.output, narrow.output
 
 
 def cobot_stop(*arguments: str) -> subprocess.CompletedProcess[str]:

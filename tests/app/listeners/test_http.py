@@ -7,6 +7,7 @@ import contextlib
 import json
 import resource
 import socket
+import struct
 import threading
 import time
 from collections.abc import Iterator
@@ -39,15 +40,17 @@ STOP = b"POST /stop HTTP/1.1\r\nHost: h\r\n\r\n"
 
 
 class Application:
-    """Says how long a body was; /wait waits until it is told; a WebSocket counts what comes."""
+    """Says how long a body was; /wait waits until it is told; a WebSocket counts what comes, at /late it is
+    accepted when that is told, and gets a word when its client has gone."""
 
     def __init__(self) -> None:
         self.waiting = 0
+        self.late: list[str] = []
         self.go_on = threading.Event()
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         if scope["type"] == "websocket":
-            await self._socket(receive, send)
+            await (self._late if scope["path"] == "/late" else self._socket)(receive, send)
             return
         if scope["path"] == "/wait":
             self.waiting += 1
@@ -72,6 +75,21 @@ class Application:
         while (await receive())["type"] == "websocket.receive":
             count += 1
             await send({"type": "websocket.send", "text": str(count)})
+
+    async def _late(self, receive: Any, send: Any) -> None:
+        await receive()
+        self.waiting += 1
+        while not self.go_on.is_set():
+            await asyncio.sleep(0.01)
+        self.waiting -= 1
+        try:
+            await send({"type": "websocket.accept"})
+            while (await receive())["type"] == "websocket.receive":
+                pass
+            await send({"type": "websocket.send", "text": "too late"})
+        except OSError as exc:
+            self.late.append(type(exc).__name__)
+            raise
 
 
 class Service:
@@ -305,6 +323,26 @@ def test_frames_in_one_packet_all_arrive_in_their_order(service: Service) -> Non
             for count in range(2000):
                 _, size = frames.read(2)
                 assert frames.read(size) == str(count + 1).encode()
+
+
+@pytest.mark.parametrize("before_it_was_accepted", [True, False])
+def test_who_is_told_something_after_it_has_gone_is_no_error_of_the_service(
+    own: Service, caplog: pytest.LogCaptureFixture, before_it_was_accepted: bool
+) -> None:
+    """Oracle: ASGI, by which `send` raises an OSError then, which no application has to catch."""
+    with own.connect() as connection:
+        connection.sendall(UPGRADE.format("/late").encode())
+        until(lambda: own.application.waiting)
+        if before_it_was_accepted:
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        else:  # which makes the service close it
+            connection.sendall(frame(TEXT & 0x0F, b"") + frame(0, b"") * 3000)
+    if before_it_was_accepted:
+        time.sleep(0.1)  # until the reset has arrived; else it finds the connection closed a word later
+    own.application.go_on.set()
+    until(lambda: own.application.late == ["ClientDisconnected"])
+    own.close()
+    assert not caplog.records
 
 
 def test_a_message_in_too_many_fragments_closes_its_connection(service: Service) -> None:
