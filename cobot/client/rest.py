@@ -25,6 +25,7 @@ from cobot.errors import CobotError, ExecutionError, InputError, UnavailableErro
 DEFAULT_URL = "http://localhost:8007"
 MOTION_TIMEOUT_S = 90.0
 """A motion is waited for so long, s: longer than the service's own timeouts as shipped."""
+STOP_TRIES, STOP_TIMEOUT_S = 3, 15.0
 CONTROL_TOKEN = "X-Control-Token"
 """The header that shows the token of a lease: its holder's motions carry it."""
 Json = dict[str, Any]
@@ -224,9 +225,13 @@ class Client:
     def stop(self) -> Json:
         """End the sequence, the planning and the motion; the answer says whether the arm is at rest.
 
-        Without the name of a robot, those of all robots.
+        Without the name of a robot, those of all robots. It is asked again where no answer came: a crowded
+        service closes connections before it knows what they want.
         """
-        return self._json("POST", "/stop", timeout=15.0)
+        for _ in range(STOP_TRIES - 1):
+            with contextlib.suppress(UnavailableError):
+                return self._json("POST", "/stop", timeout=STOP_TIMEOUT_S)
+        return self._json("POST", "/stop", timeout=STOP_TIMEOUT_S)
 
     def reset(self) -> Json:
         """Leave an e-stop or a fault."""

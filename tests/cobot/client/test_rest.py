@@ -245,6 +245,24 @@ def test_a_failed_connection_is_unavailable_with_its_cause(kind: type[httpx.Tran
     assert isinstance(caught.value.__cause__, kind)
 
 
+def test_a_stop_comes_again_until_it_is_answered() -> None:
+    asked: list[str] = []
+
+    def handler(request: httpx.Request) -> httpx.Response:
+        asked.append(request.url.path)
+        if len(asked) < 3:
+            raise httpx.RemoteProtocolError("closed before it was answered")
+        return httpx.Response(200, json=DONE)
+
+    with client(handler) as robot:
+        assert robot.stop() == DONE
+        assert asked == ["/stop"] * 3
+        asked.clear()
+        with pytest.raises(UnavailableError, match="closed before"):  # what else is asked comes once
+            robot.health()
+        assert asked == ["/health"]
+
+
 def test_nobody_listening_is_unavailable() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))  # bound, but not listening
