@@ -14,6 +14,9 @@ CYTHON   := $(shell find $(PACKAGES) -name '*.pyx' -o -name '*.pxd')
 MODULES  := $(sort $(patsubst %.pyx,%,$(filter %.pyx,$(CYTHON))))
 COMPILED := $(sort $(foreach file,$(shell find $(PACKAGES) -name '*.so'),$(firstword $(subst ., ,$(file)))))
 
+# Python is started some hundred times: it shall not compile everything each time.
+unexport PYTHONDONTWRITEBYTECODE
+
 PARALLEL := --numprocesses 2 --dist loadfile --no-loadscope-reorder
 
 .PHONY: run setup setup-dev client-wheel test lint bench lock clean help FORCE

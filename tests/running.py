@@ -61,7 +61,7 @@ class Run:
     ) -> None:
         """With a ROS domain it is on ROS 2 too, which takes the start a second.
 
-        ros_elsewhere: also for other computers.
+        ros_elsewhere: also for other computers, which may move the arm.
         patient: see `PATIENT`; else all is as shipped.
         web: more about the web service, as YAML that begins with a comma.
         asking: what its own requests need: headers, verify.
@@ -76,7 +76,7 @@ class Run:
             f"rt: {{trajectory_capacity: 200000, clock: {clock}{', ' + PATIENT if patient else ''}}}\n"
             f"web: {{port: 0{web}}}\nplanning: {{workers: 1}}\n"
             f"ros: {{enabled: {str(ros_domain is not None).lower()}, domain_id: {ros_domain or 0}, "
-            f"localhost_only: {str(not ros_elsewhere).lower()}}}\n",
+            f"localhost_only: {str(not ros_elsewhere).lower()}, access: move}}\n",
             encoding="utf-8",
         )
         self.lines: list[str] = []

@@ -75,10 +75,14 @@ class StreamProtocol(WebSocketsSansIOProtocol):
 
     async def send(self, message: ASGISendEvent) -> None:
         """Raises ClientDisconnected once the connection is closed, from whichever side."""
-        await self.writable.wait()
-        if self.close_sent or self.transport.is_closing():
+        try:
+            await super().send(message)
+        except RuntimeError:
+            if self.close_sent:
+                raise ClientDisconnected from None
+            raise
+        if message["type"] == "websocket.accept" and not self.handshake_complete:  # there is nobody any more
             raise ClientDisconnected
-        await super().send(message)
         if message["type"] == "websocket.accept":
             self._crowd.go_on(self._visit, Doing.STREAMING)
             if self._unread:

@@ -17,7 +17,7 @@ def run(tmp_path: Path) -> Iterator[Run]:
         yield started
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
     """A `cobot run` that many tests use; they leave it able to move."""
     with answering(Run(tmp_path_factory.mktemp("shared"))) as started:

@@ -72,7 +72,7 @@ def fuzzed(service: Run, folder: Path, *options: str, document: str = "/openapi.
 
 
 def test_schemathesis_finds_no_server_error_and_no_undocumented_answer(shared: Run, tmp_path: Path) -> None:
-    phases = ("--phases", "examples,coverage,fuzzing", "--max-examples", "25", "--workers", "2")
+    phases = ("--phases", "examples,coverage,fuzzing", "--max-examples", "10", "--workers", "2")
     # Nothing would move with the control taken.
     fuzzed(shared, tmp_path, *phases, "--exclude-path-regex", f"{CONTROL}|{READY}|{BY_NAME}")
     phases = ("--phases", "examples,fuzzing", "--max-examples", "3")
@@ -88,7 +88,7 @@ def test_schemathesis_finds_no_server_error_and_no_undocumented_answer(shared: R
 
 
 def test_schemathesis_finds_none_in_taking_the_control(shared: Run, tmp_path: Path) -> None:
-    phases = ("--phases", "examples,coverage,fuzzing", "--max-examples", "25")
+    phases = ("--phases", "examples,coverage,fuzzing", "--max-examples", "10")
     try:
         fuzzed(shared, tmp_path, *phases, "--include-path-regex", CONTROL)
     finally:
