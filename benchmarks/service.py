@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from running import Run
 
-from cobot.access import roles
+from cobot.access.roles import Role
 from cobot.access.tokens import TokenFile
 from cobot.ipc.shm import MemoryRole, RobotMemory
 
@@ -28,7 +28,7 @@ def service(clock: str = "realtime", *, tokens: int = 0) -> Iterator[Run]:
         web, asking = "", {}
         if tokens:
             file = TokenFile(Path(folder) / "tokens.json")
-            made = [file.create(f"number-{number}", roles.MemoryRole.OBSERVER) for number in range(tokens)]
+            made = [file.create(f"number-{number}", Role.OBSERVER) for number in range(tokens)]
             web = ", authentication: required, tokens: tokens.json"
             asking = {"headers": {"Authorization": f"Bearer {made[0]}"}}
         run = Run(Path(folder), clock, web=web, asking=asking)
