@@ -12,16 +12,20 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from running import WAIT_S
+from running import WAIT_S, until
 from websockets.sync.client import ClientConnection, connect
 
 CHROMIUM = shutil.which("chromium")
 
 
 @contextmanager
-def browsing(folder: Path) -> Iterator[ClientConnection]:
-    """The DevTools of a Chromium of its own, which keeps its files in the folder."""
-    options = ("--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0")
+def browsing(folder: Path, *more: str) -> Iterator[ClientConnection]:
+    """The DevTools of a Chromium of its own, which keeps its files in the folder.
+
+    Args:
+        more: options of Chromium.
+    """
+    options = ("--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0", *more)
     process = subprocess.Popen(
         [str(CHROMIUM), *options, f"--user-data-dir={folder}", "about:blank"],
         stderr=subprocess.PIPE,
@@ -55,6 +59,13 @@ class Page:
             pass
         result: dict[str, Any] = answer["result"]
         return result
+
+    def visit(self, url: str) -> None:
+        """Until it is loaded."""
+        self.ask("Page.enable")
+        self.ask("Page.navigate", url=url)
+        address = url.split("/")[2]
+        until(lambda: self.run("location.host + document.readyState") == f"{address}complete")
 
     def run(self, script: str) -> Any:
         found = self.ask("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)

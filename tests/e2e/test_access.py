@@ -20,9 +20,10 @@ import httpx
 import psutil
 import pytest
 from certificates import certificate
+from chromium import CHROMIUM, Page, browsing
 from peers import own_domain
 from ros_peer import Peer
-from running import WAIT_S, Run, answering
+from running import WAIT_S, Run, answering, until
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
@@ -36,6 +37,7 @@ from cobot.client.tls import tls_context
 from cobot.errors import AuthenticationError, PermissionDenied, UnavailableError
 from cobot.ros.messages import Messages
 
+OPERATION = "#operations-robot-joint_states"
 # It asks twice for what its starter may not do, and says what it is told.
 CAREFUL = """
 local allowed, why = pcall(robot.call, "RobotConfig", "resetLimits")
@@ -125,6 +127,38 @@ def test_a_token_on_the_wire_is_encrypted_and_plain_http_gets_nothing(locked: Lo
     context = tls_context(locked.trusted)
     with socket.create_connection((host, int(port))) as raw, context.wrap_socket(raw) as secure:
         assert (secure.version() or "") >= "TLSv1.2"
+
+
+def test_the_button_of_the_documentation_shows_the_token(locked: Locked, tmp_path: Path) -> None:
+    """In Chromium, as a user would: Swagger UI sends what was typed into it."""
+    if CHROMIUM is None:
+        pytest.skip("chromium is not installed")
+    with browsing(tmp_path, "--ignore-certificate-errors") as tools:
+        page = Page(tools)
+
+        def found(selector: str) -> str:
+            return f"document.querySelector({json.dumps(selector)})"
+
+        def act(selector: str, deed: str = "click") -> None:
+            until(lambda: page.run(f"{found(selector)} && ({found(selector)}.{deed}(), true)"))
+
+        def status() -> str:
+            """Of the answer that the page shows."""
+            act(f"{OPERATION} .execute")
+            answer = f"{found(f'{OPERATION} tr.response .response-col_status')}?.innerText"
+            until(lambda: page.run(f"{found(f'{OPERATION} .loading-container')} === null && {answer}"))
+            return str(page.run(answer)).split()[0]
+
+        page.visit(f"{locked.run.url}/docs")
+        act(f"{OPERATION} .opblock-summary-control")
+        assert status() == "401"
+        act(f"{OPERATION} .btn-clear")
+        act(".btn.authorize")
+        act("#auth-bearer-value", "focus")
+        page.ask("Input.insertText", text=locked.tokens[Role.OBSERVER])
+        act(".auth-btn-wrapper .authorize")
+        act(".auth-btn-wrapper .btn-done")
+        assert status() == "200"
 
 
 def lua(locked: Locked, folder: Path, token: str | None) -> subprocess.CompletedProcess[str]:

@@ -7,9 +7,7 @@ the reason, where they are missing.
 from __future__ import annotations
 
 import http.server
-import itertools
 import json
-import re
 import shutil
 import subprocess
 import threading
@@ -20,11 +18,11 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
-from running import WAIT_S, Run
-from websockets.sync.client import ClientConnection, connect
+from chromium import CHROMIUM, Page, browsing
+from running import Run
+from websockets.sync.client import ClientConnection
 
 PAGE = Path(__file__).parents[1] / "roslib_page.js"
-CHROMIUM = shutil.which("chromium")
 EVIL = "evil.example"
 ATTACKS = """
 async (service, robot) => {
@@ -76,53 +74,13 @@ def browser(tmp_path: Path) -> Iterator[ClientConnection]:
     """The DevTools of a Chromium of its own, for which EVIL is a name of this computer."""
     if CHROMIUM is None:
         pytest.skip("chromium is not installed")
-    options = ("--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0")
-    options += (f"--host-resolver-rules=MAP {EVIL} 127.0.0.1",)
-    process = subprocess.Popen(
-        [str(CHROMIUM), *options, f"--user-data-dir={tmp_path}", "about:blank"],
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        assert process.stderr is not None
-        found = next(filter(None, (re.search(r"ws://\S+", line) for line in process.stderr)))
-        with connect(found.group(), max_size=None) as tools:
-            yield tools
-    finally:
-        process.terminate()
-        process.communicate(timeout=WAIT_S)
-
-
-class Page:
-    """A page, by the DevTools protocol."""
-
-    def __init__(self, tools: ClientConnection) -> None:
-        self._tools = tools
-        self._numbers = itertools.count(1)
-        self._session: dict[str, str] = {}
-        target = self.ask("Target.createTarget", url="about:blank")["targetId"]
-        attached = self.ask("Target.attachToTarget", targetId=target, flatten=True)
-        self._session = {"sessionId": attached["sessionId"]}
-
-    def ask(self, method: str, **params: Any) -> dict[str, Any]:
-        number = next(self._numbers)
-        self._tools.send(json.dumps({"id": number, "method": method, "params": params, **self._session}))
-        while (answer := json.loads(self._tools.recv(WAIT_S))).get("id") != number:
-            pass
-        return answer["result"]
-
-    def run(self, script: str) -> Any:
-        found = self.ask("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
-        assert "exceptionDetails" not in found, found
-        return found["result"].get("value")
+    with browsing(tmp_path, f"--host-resolver-rules=MAP {EVIL} 127.0.0.1") as tools:
+        yield tools
 
 
 def test_roslib_in_a_page_of_the_service(shared: Run, roslib: str, browser: ClientConnection) -> None:
     page = Page(browser)
-    page.ask("Page.enable")
-    page.ask("Page.navigate", url=f"{shared.url}/health")
-    while page.run("location.host + document.readyState") != f"{shared.url.removeprefix('http://')}complete":
-        pass
+    page.visit(f"{shared.url}/health")
     page.run(roslib)
     found = json.loads(page.run(f"({PAGE.read_text(encoding='utf-8')})({json.dumps(shared.name)})"))
     assert found["state"]["name"] == [f"joint{number}" for number in range(1, 8)]
@@ -163,14 +121,6 @@ def elsewhere() -> Iterator[int]:
         thread.join()
 
 
-def visited(page: Page, url: str) -> None:
-    page.ask("Page.enable")
-    page.ask("Page.navigate", url=url)
-    address = url.split("/")[2]
-    while page.run("location.host + document.readyState") != f"{address}complete":
-        pass
-
-
 def test_a_page_from_elsewhere_moves_stops_and_reads_nothing(
     shared: Run, browser: ClientConnection, elsewhere: int
 ) -> None:
@@ -184,7 +134,7 @@ def test_a_page_from_elsewhere_moves_stops_and_reads_nothing(
     logs, joints = state()
     page = Page(browser)
     for host in (EVIL, "127.0.0.1", "localhost"):  # cross-site, and another port: same-site
-        visited(page, f"http://{host}:{elsewhere}/")
+        page.visit(f"http://{host}:{elsewhere}/")
         found = json.loads(page.run(f"({ATTACKS})({json.dumps(shared.url)}, {json.dumps(shared.name)})"))
         assert found["sent"] == ["sent"] * 5, "the browser has sent them: it is the service that refuses"
         assert found["sockets"] == ["refused", "refused"]
@@ -198,7 +148,7 @@ def test_a_page_from_elsewhere_moves_stops_and_reads_nothing(
 def test_a_page_whose_name_leads_to_the_service_is_not_served(shared: Run, browser: ClientConnection) -> None:
     """DNS rebinding: to the browser the page is of the same origin as the service."""
     page = Page(browser)
-    visited(page, f"http://{EVIL}:{shared.url.rsplit(':', 1)[1]}/health")
+    page.visit(f"http://{EVIL}:{shared.url.rsplit(':', 1)[1]}/health")
     assert json.loads(page.run("document.body.innerText"))["code"] == "misdirected"
     stop = "fetch('/stop', {method: 'POST'}).then((answer) => answer.status)"
     assert page.run(stop) == 421
@@ -206,5 +156,5 @@ def test_a_page_whose_name_leads_to_the_service_is_not_served(shared: Run, brows
 
 def test_the_service_s_own_page_may_use_it(shared: Run, browser: ClientConnection) -> None:
     page = Page(browser)
-    visited(page, f"{shared.url}/health")
+    page.visit(f"{shared.url}/health")
     assert page.run("fetch('/stop', {method: 'POST'}).then((answer) => answer.status)") == 200
