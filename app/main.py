@@ -141,10 +141,9 @@ def create_app(
     app.state.requests = RequestTimes()
     app.add_middleware(Clients)
     app.add_middleware(BodyLimit, all_bytes=settings.web.limits.bodies_bytes)
-    hosts = [host, urlsplit(base_url).hostname or host, *settings.web.allowed_hosts]
-    origins = Origins(hosts, settings.web.allowed_origins, host)
+    app.state.origins = Origins([host, urlsplit(base_url).hostname or host], host, settings.web)
     app.add_middleware(StartFailure)
-    app.add_middleware(Access, tokens=tokens, origins=origins, required=required)
+    app.add_middleware(Access, tokens=tokens, origins=app.state.origins, required=required)
     app.add_middleware(Timing, times=app.state.requests)
     app.add_middleware(RequestTrail)  # The last one is the outermost: what is refused leaves a trail too.
     errors.install(app)

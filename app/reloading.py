@@ -30,8 +30,8 @@ from cobot.robot.description import RobotDescription, load_robot
 from cobot.robot.limits import check_positions
 from cobot.types import RESTING, JointLimits, vector
 
-LIVE_WEB = ("max_body_bytes", "max_json_bytes", "stop_on_disconnect")
-"""Of the section `web`: who needs one of these reads it from `app.state.web` each time."""
+LIVE_WEB = ("allowed_hosts", "allowed_origins", "max_body_bytes", "max_json_bytes", "stop_on_disconnect")
+"""Of the section `web`: who needs one of these reads it from `app.state.web` each time, or is told."""
 BY_CONTENT = {"web.endpoints", "web.joint_limits", "robot.srdf"}
 """Files whose content counts, not their place."""
 STATE_TIMEOUT_S = 1.5
@@ -70,7 +70,7 @@ class Reloading:
         config: the file that they come from.
         source: what the user edits, where `config` is the supervisor's copy of it; None where there is no
             supervisor, which means that joint limits need a restart.
-        state: of the application; its `web` is replaced.
+        state: of the application; its `web` is replaced, and `origins` told.
     """
 
     def __init__(self, settings: Settings, config: Path | None, source: Path | None, state: State) -> None:
@@ -184,6 +184,7 @@ class Reloading:
             self._running.commit()
         self._settings = read.settings
         self._state.web = read.settings.web
+        self._state.origins.take_over(read.settings.web)
         for name, services in robots.items():
             services.robot.rename(read.robots[name].positions)
         for name in read.new_limits:

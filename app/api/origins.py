@@ -23,6 +23,7 @@ from ipaddress import IPv4Address, IPv6Address, ip_address
 from starlette.types import Scope
 
 from cobot.access.authentication import is_loopback
+from cobot.config import WebSection
 from cobot.errors import MisdirectedError, PermissionDenied
 from cobot.strict import shown
 
@@ -35,20 +36,26 @@ class Origins:
     """Decides.
 
     Args:
-        hosts: names and addresses of this service, beside those of this computer.
-        origins: of pages from elsewhere that may use it: "https://app.example".
+        hosts: names and addresses of this service, beside those of this computer and those listed.
         address: that the service listens on.
+        web: `allowed_hosts`, more names; `allowed_origins`, of pages from elsewhere that may use it.
     """
 
-    def __init__(self, hosts: Iterable[str], origins: Iterable[str], address: str) -> None:
-        self.listed = frozenset(origin.encode() for origin in origins)
-        self._names = {LOCAL, *(host.lower() for host in hosts)}
+    def __init__(self, hosts: Iterable[str], address: str, web: WebSection) -> None:
+        self._own = {LOCAL, *(host.lower() for host in hosts)}
         if not is_loopback(address):
             name = socket.gethostname().lower()
-            self._names |= {name, f"{name}.local"}
+            self._own |= {name, f"{name}.local"}
         # What a browser sends again and again is looked at once.
         self._host_known = lru_cache(256)(self._is_ours)
         self._same_known = lru_cache(256)(_same)
+        self.take_over(web)
+
+    def take_over(self, web: WebSection) -> None:
+        """Go by these lists from the next request on."""
+        self.listed = frozenset(origin.encode() for origin in web.allowed_origins)
+        self._names = self._own.union(host.lower() for host in web.allowed_hosts)
+        self._host_known.cache_clear()
 
     def check(self, scope: Scope, headers: Mapping[bytes, bytes]) -> None:
         """See that a request comes from where it may.

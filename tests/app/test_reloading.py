@@ -61,6 +61,33 @@ def test_named_positions_are_taken_over_whole(service: VirtualService, tmp_path:
     assert service.post("/robot/move/named", {"name": "work"}).status_code == 422
 
 
+def test_hosts_and_origins_count_with_the_next_request(service: VirtualService) -> None:
+    app = "https://app.example"
+    called, foreign = {"Host": "cell7.example"}, {"Origin": app}
+    preflight = foreign | {"Access-Control-Request-Method": "POST"}
+
+    def statuses() -> list[int]:
+        asked = (("GET", called), ("GET", foreign), ("OPTIONS", preflight))
+        return [service.ask(method, "/health", headers=headers).status_code for method, headers in asked]
+
+    assert statuses() == [421, 403, 403]
+    edit(service.config, "web: {", f"web: {{allowed_hosts: [cell7.example], allowed_origins: ['{app}'], ")
+    assert service.post("/admin/reload").json() == {
+        "taken_over": [
+            "web.allowed_hosts: [] → ['cell7.example']",
+            f"web.allowed_origins: [] → ['{app}']",
+        ],
+        "needs_restart": [],
+    }
+    assert statuses() == [200, 200, 200]
+    answer = service.ask("GET", "/health", headers=foreign)
+    assert answer.headers["Access-Control-Allow-Origin"] == app
+    edit(service.config, "allowed_hosts: [cell7.example], ", "")
+    edit(service.config, f"allowed_origins: ['{app}'], ", "")
+    service.post("/admin/reload").raise_for_status()
+    assert statuses() == [421, 403, 403]
+
+
 def test_web_settings_count_with_the_next_request(service: VirtualService) -> None:
     body = {"joints": [0.0] * 7, "name": "x" * 2000}
     assert service.post("/robot/move/joints", body).status_code == 422

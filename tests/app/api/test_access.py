@@ -229,6 +229,10 @@ def test_a_header_that_stands_twice_is_refused(run: VirtualService) -> None:
         assert answer.status_code == status, name
 
 
+def origins_at(address: str, *hosts: str) -> Origins:
+    return Origins(hosts, address, load_settings().web)
+
+
 def scope(server: str, scheme: str = "http") -> dict[str, Any]:
     return {"type": "http", "method": "POST", "scheme": scheme, "server": (server, 8007)}
 
@@ -243,7 +247,7 @@ def scope(server: str, scheme: str = "http") -> dict[str, Any]:
     ],
 )
 def test_the_address_on_which_a_request_came_in_is_its_own_and_no_other(server: str, host: str) -> None:
-    origins = Origins([], [], "0.0.0.0")
+    origins = origins_at("0.0.0.0")
     origins.check(scope(server), {b"host": host.encode()})
     origins.check(scope(server), {b"host": host.encode(), b"origin": f"http://{host}".encode()})
     for other in ("192.168.1.6", "[2001:db8::6]", "[fe80::2]"):
@@ -254,13 +258,13 @@ def test_the_address_on_which_a_request_came_in_is_its_own_and_no_other(server: 
 def test_the_computer_s_name_is_good_beyond_this_computer_only(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("app.api.origins.socket.gethostname", lambda: "Cell7")
     for host in ("cell7", "cell7.local:8007", "CELL7"):
-        Origins([], [], "0.0.0.0").check(scope("10.0.0.5"), {b"host": host.encode()})
+        origins_at("0.0.0.0").check(scope("10.0.0.5"), {b"host": host.encode()})
         with pytest.raises(MisdirectedError):
-            Origins([], [], "127.0.0.1").check(scope("127.0.0.1"), {b"host": host.encode()})
+            origins_at("127.0.0.1").check(scope("127.0.0.1"), {b"host": host.encode()})
 
 
 def test_with_tls_a_page_without_it_is_not_the_same() -> None:
-    origins = Origins(["arm.example"], [], "0.0.0.0")
+    origins = origins_at("0.0.0.0", "arm.example")
     host = {b"host": b"arm.example"}
     origins.check(scope("10.0.0.5", "https"), host | {b"origin": b"https://arm.example"})
     with pytest.raises(PermissionDenied):
