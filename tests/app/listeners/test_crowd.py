@@ -10,6 +10,8 @@ import pytest
 
 from app.listeners.crowd import CLOSABLE, Crowd, Doing, Visit
 
+GRACE_S = 0.02
+
 
 class Guests:
     """Visits of a crowd, and the names of those that it has closed."""
@@ -128,3 +130,21 @@ def test_the_numbers_are_kept_whatever_happens(seed: int) -> None:
         assert len(ordinary) <= places
         assert all(ordinary.count(where) <= per_address for where in "abc")
         assert len(there) - len(ordinary) <= reserve
+
+
+def test_who_has_just_got_the_last_place_of_the_reserve_may_say_what_it_wants() -> None:
+    """Else each newcomer of a flood would cost the one before its place, a stop among them."""
+    crowd = Crowd(places=1, per_address=1, reserve=1)
+    served = crowd.enter("a", lambda: None, 0.0)
+    assert served is not None
+    crowd.go_on(served, Doing.SERVED)
+    assert not crowd.hurries(1.0, GRACE_S), "a place of the reserve is free"
+    stop = crowd.enter("a", lambda: None, 1.0)
+    assert stop is not None
+    assert stop.reserved
+    assert crowd.hurries(1.0 + GRACE_S / 2, GRACE_S)
+    assert not crowd.hurries(1.0 + GRACE_S, GRACE_S)
+    crowd.go_on(stop, Doing.SERVED)
+    assert not crowd.hurries(1.0 + GRACE_S / 2, GRACE_S), "it has said it: nobody can take its place"
+    crowd.leave(served)
+    assert not crowd.hurries(1.0 + GRACE_S / 2, GRACE_S), "there is room"

@@ -7,15 +7,18 @@ import contextlib
 import json
 import resource
 import socket
+import ssl
 import struct
 import threading
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import psutil
 import pytest
 import uvicorn
+from certificates import certificate
 from floods import PING, TEXT, UPGRADE, frame
 from running import WAIT_S, until
 
@@ -95,7 +98,7 @@ class Application:
 class Service:
     """The application behind the listener under test, in a thread."""
 
-    def __init__(self, limits: ConnectionLimits) -> None:
+    def __init__(self, limits: ConnectionLimits, certificate: Path | None = None) -> None:
         self.application = Application()
         listener = socket.create_server(("127.0.0.1", 0))
         self.address = listener.getsockname()
@@ -107,6 +110,8 @@ class Service:
             log_config=None,
             timeout_keep_alive=int(limits.idle_timeout_s),
             timeout_graceful_shutdown=1,
+            ssl_certfile=certificate,
+            ssl_keyfile=certificate and certificate.with_suffix(".key"),
         )
         self.server = Server(config, limits)
         self._thread = threading.Thread(target=self.server.run, args=([listener],))
@@ -204,6 +209,27 @@ def test_a_header_that_comes_in_drops_is_given_up(service: Service) -> None:
 def test_who_says_nothing_is_let_go(service: Service) -> None:
     with service.connect() as connection:
         assert closed(connection)
+
+
+def test_who_says_nothing_of_tls_or_something_else_is_let_go(tmp_path: Path) -> None:
+    """Oracle: openssl's side of a handshake, by Python's ssl."""
+    trusted = certificate(tmp_path, "service")
+    service = Service(LIMITS, trusted)
+    try:
+        for words in (b"", GET, b"\x16\x03\x01\x02\x00\x01"):  # nothing, no TLS, the beginning of a handshake
+            with service.connect() as connection:
+                connection.sendall(words)
+                while not closed(connection):
+                    pass
+        context = ssl.create_default_context(cafile=trusted)
+        with (
+            service.connect() as raw,
+            context.wrap_socket(raw, server_hostname="robot.example") as connection,
+        ):
+            connection.sendall(STOP)
+            assert answer(connection) == (200, b"0")
+    finally:
+        service.close()
 
 
 def test_a_body_that_does_not_come_is_given_up(service: Service) -> None:
