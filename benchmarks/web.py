@@ -30,20 +30,31 @@ def requests_per_second(slices: int, slice_s: float) -> Iterator[Row]:
     Without tokens, and with one of so many.
     """
     for tokens in (0, TOKENS):
-        ours, theirs = [], []
+        ours, theirs = Answers(), Answers()
         with service(tokens=tokens) as run, background("benchmarks.bare") as bare:
             bare_url = address(bare)
             shown = [run.asking["headers"]["Authorization"].removeprefix("Bearer ")] if tokens else []
             for _ in range(slices):
-                ours.append(_answers_per_second(run.url, slice_s, *shown))
-                theirs.append(_answers_per_second(bare_url, slice_s))
+                ours.collect(run.url, slice_s, *shown)
+                theirs.collect(bare_url, slice_s)
+        asked = (
+            f"GET {JOINT_STATES}, {CLIENTS} connections{f', with one of {tokens} tokens' if tokens else ''}"
+        )
         yield row(
-            f"GET {JOINT_STATES}, {CLIENTS} connections{f', with one of {tokens} tokens' if tokens else ''}",
+            asked,
             "answers/s",
-            _low_tail(ours),
+            _low_tail(ours.rates),
             "bare FastAPI route",
-            _low_tail(theirs),
+            _low_tail(theirs.rates),
             aim="0.7 or more",
+        )
+        yield row(
+            f"{asked}: time of an answer",
+            "ms",
+            percentiles(ours.took_ms),
+            "bare FastAPI route",
+            percentiles(theirs.took_ms),
+            ratio_of="p99",
         )
 
 
@@ -112,18 +123,19 @@ def until_cruising(memory: RobotMemory) -> None:
     raise TimeoutError("no motion")
 
 
-def _answers_per_second(url: str, duration_s: float, *token: str) -> float:
-    command = [
-        sys.executable,
-        "-m",
-        "benchmarks.load",
-        url + JOINT_STATES,
-        str(CLIENTS),
-        "0",
-        str(duration_s),
-        *token,
-    ]
-    return float(subprocess.run(command, check=True, capture_output=True, text=True).stdout) / duration_s
+class Answers:
+    """Of a server under as much load as it takes: how many a second, and how long each took."""
+
+    def __init__(self) -> None:
+        self.rates: list[float] = []
+        self.took_ms: list[float] = []
+
+    def collect(self, url: str, duration_s: float, *token: str) -> None:
+        asked = (url + JOINT_STATES, str(CLIENTS), "0", str(duration_s), *token)
+        command = [sys.executable, "-m", "benchmarks.load", *asked]
+        said = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
+        self.rates.append(float(said[0]) / duration_s)
+        self.took_ms += map(float, said[1:])
 
 
 def _low_tail(rates: list[float]) -> tuple[float, float, float]:
