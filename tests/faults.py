@@ -17,8 +17,8 @@ from cobot.ipc.layout import RING, Ack, Command, ServoMode, Stream, text
 from cobot.ipc.seqlock import Block
 from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.ipc.stream_writer import PointWriter
+from cobot.motions.requests import MotionRequest
 from cobot.planners.ptp import plan_ptp
-from cobot.planners.request import MotionRequest
 from cobot.robot.description import RobotDescription
 from cobot.types import Array, JointLimits, LoopMode, PlannerName, Scaling
 from rtloop.modes import STREAMING

@@ -30,7 +30,7 @@ from app.services.streaming.servo import ServoService
 from cobot.config import RosSection
 from cobot.errors import CobotError, ExecutionError, InputError, LimitError, MotionStopped, PlanningError
 from cobot.ipc.layout import MotionResult, ServoMode
-from cobot.planners import WaypointRequest
+from cobot.motions.requests import WaypointRequest
 from cobot.robot.description import RobotDescription
 from cobot.robot.limits import check_positions
 from cobot.trajectory import Trajectory

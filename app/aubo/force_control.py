@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from app.aubo.poses import pose_of
 from app.aubo.registry import Json, service
-from app.services.motion.frames import transform
 from cobot.errors import InputError, NotSupportedError
 
 if TYPE_CHECKING:
@@ -90,8 +90,8 @@ def set_target_force(
         raise NotSupportedError(
             f"frame_type {frame_type}: no force frame turns with a point or a motion here; use 2 or 4"
         )
-    position, turn = transform(feature or [0.0] * 6, "feature").as_components()
-    frame = np.concatenate([position, turn.as_quat(scalar_first=True)])
+    place = pose_of(feature or [0.0] * 6, "feature")
+    frame = np.concatenate([place.position, place.quaternion])
     robot.force.set_target(compliance, wrench, limits, frame, in_tcp=frame_type == TaskFrame.TOOL_FORCE)
 
 

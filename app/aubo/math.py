@@ -6,13 +6,13 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from app.aubo.poses import as_list, numbers_of, pose_of
 from app.aubo.registry import service
 from app.services.motion.tool_and_limits import compose, inverted
 from cobot.errors import InputError, LimitError
-from cobot.robot.frames import angle_between, rotation
+from cobot.robot import quaternion
+from cobot.robot.frames import angle_between
 from cobot.strict import shown
 from cobot.types import Array, Pose
 
@@ -126,11 +126,9 @@ def interpolate_pose(robot: Services, p1: list[float], p2: list[float], alpha: f
     if abs(alpha) > MAX_ALPHA:
         raise LimitError(f"alpha is from {-MAX_ALPHA:g} to {MAX_ALPHA:g}, got {alpha:g}")
     first, second = pose_of(p1, "p1"), pose_of(p2, "p2")
-    turn = rotation(second.quaternion) * rotation(first.quaternion).inv()
-    quaternion = (Rotation.from_rotvec(alpha * turn.as_rotvec()) * rotation(first.quaternion)).as_quat(
-        scalar_first=True
-    )
-    return numbers_of(Pose(first.position + alpha * (second.position - first.position), quaternion))
+    turn = np.array(quaternion.between(first.quaternion.tolist(), second.quaternion.tolist()))
+    turned = quaternion.product(quaternion.exp((alpha * turn).tolist()), first.quaternion.tolist())
+    return numbers_of(Pose(first.position + alpha * (second.position - first.position), np.array(turned)))
 
 
 @service("Math")
@@ -143,8 +141,8 @@ def rpy_to_quaternion(robot: Services, rpy: list[float]) -> list[float]:
     Returns:
         [w, x, y, z], of length 1, w not negative.
     """
-    quaternion = pose_of([0.0, 0.0, 0.0, *_three(rpy, "rpy")]).quaternion
-    return as_list(quaternion if quaternion[0] >= 0.0 else -quaternion)
+    turn = _turn(rpy)
+    return as_list(turn if turn[0] >= 0.0 else -turn)
 
 
 @service("Math")
@@ -173,7 +171,7 @@ def rpy_to_rotation_vector(robot: Services, rpy: list[float]) -> list[float]:
     Returns:
         rad, at most π long.
     """
-    return as_list(rotation(pose_of([0.0, 0.0, 0.0, *_three(rpy, "rpy")]).quaternion).as_rotvec())
+    return list(quaternion.log(_turn(rpy).tolist()))
 
 
 @service("Math")
@@ -186,14 +184,18 @@ def rotation_vector_to_rpy(robot: Services, rotv: list[float]) -> list[float]:
     Returns:
         [rx, ry, rz], rad, ry from −π/2 to π/2.
     """
-    quaternion = Rotation.from_rotvec(_three(rotv, "rotv")).as_quat(scalar_first=True)
-    return numbers_of(Pose(np.zeros(3), quaternion))[3:]
+    turn = quaternion.exp(_three(rotv, "rotv"))
+    return numbers_of(Pose(np.zeros(3), np.array(turn)))[3:]
 
 
 def _turned(pose: Pose) -> Pose:
     """Its orientation alone."""
     nowhere: Array = np.zeros(3)
     return Pose(nowhere, pose.quaternion)
+
+
+def _turn(rpy: list[float]) -> Array:
+    return pose_of([0.0, 0.0, 0.0, *_three(rpy, "rpy")]).quaternion
 
 
 def _three(values: list[float], name: str) -> list[float]:

@@ -15,7 +15,7 @@ from app.aubo.poses import pose_of
 from app.aubo.registry import Json, Origin, service
 from cobot.errors import ConflictError, InputError, NotFoundError, NotSupportedError
 from cobot.ipc.layout import ServoMode
-from cobot.planners.rated import RatedMove
+from cobot.motions.requests import RatedMove
 from cobot.robot.limits import check_positions
 from cobot.types import Array, PlannerName, Pose
 

@@ -8,12 +8,13 @@ from __future__ import annotations
 import numpy as np
 
 from cobot.errors import LimitError, PlanningError
+from cobot.motions.requests import MotionRequest, WaypointRequest, check_via
+from cobot.planners.checks import is_there, validate
 from cobot.planners.chomp import plan_chomp
 from cobot.planners.circ import plan_circ
 from cobot.planners.lin import plan_lin
 from cobot.planners.ptp import plan_ptp
-from cobot.planners.request import MotionRequest, check_via, is_there, validate
-from cobot.planners.waypoints import WaypointRequest, plan_waypoints
+from cobot.planners.waypoints import plan_waypoints
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import inverse
 from cobot.robot.limits import check_positions

@@ -7,14 +7,14 @@ and leaves the corner out. How long they overlap follows from how near to it the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from math import comb
 
 import numpy as np
 
 from cobot.errors import CollisionError, LimitError
-from cobot.planners.rated import Envelope, with_envelope
+from cobot.motions.requests import Blended, Envelope
+from cobot.planners.rated import with_envelope
 from cobot.robot.description import RobotDescription
 from cobot.robot.feasibility import check_limits
 from cobot.trajectory import ORDER, Trajectory
@@ -27,20 +27,6 @@ SHORTEST_S = 0.005
 SAME_S = 1e-9
 """Breakpoints that are nearer to each other, s, are taken for one."""
 _CHOOSE = np.array([[comb(p, j) if p >= j else 0 for p in range(ORDER)] for j in range(ORDER)], dtype=float)
-
-
-@dataclass(frozen=True, slots=True)
-class Blended:
-    """Several motions as one.
-
-    Attributes:
-        ends_s: when each motion gives way to the next one: in the middle of their overlap.
-        blended: for each corner, whether the arm goes through without a stop.
-    """
-
-    trajectory: Trajectory
-    ends_s: tuple[float, ...]
-    blended: tuple[bool, ...]
 
 
 def blend(

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
-from scipy.spatial.transform import Rotation
 
 from cobot.errors import PlanningError, UnreachableError
-from cobot.planners.request import MotionRequest
+from cobot.motions.requests import MotionRequest
 from cobot.planners.time_law import PathRates, TimeLaw, joint_rates, traverse
+from cobot.robot import quaternion
 from cobot.robot.description import RobotDescription
-from cobot.robot.frames import angle_between, rotation
+from cobot.robot.frames import angle_between
 from cobot.robot.inverse_kinematics import solve_near
 from cobot.trajectory import Trajectory
 from cobot.types import Array, CartesianLimits, JointLimits, Pose
@@ -47,14 +47,12 @@ class TcpPath:
 
 def turn_between(start: Pose, goal: Pose) -> Array:
     """The rotation vector, shape (3,), rad, that takes one orientation to the other the short way."""
-    return np.asarray((rotation(goal.quaternion) * rotation(start.quaternion).inv()).as_rotvec())
+    return np.array(quaternion.between(start.quaternion.tolist(), goal.quaternion.tolist()))
 
 
 def turned(start: Pose, turn: Array, share: float) -> Array:
     """The quaternion after a share of a turn: slerp."""
-    return np.asarray(
-        (Rotation.from_rotvec(share * turn) * rotation(start.quaternion)).as_quat(scalar_first=True)
-    )
+    return np.array(quaternion.product(quaternion.exp((share * turn).tolist()), start.quaternion.tolist()))
 
 
 def follow(robot: RobotDescription, request: MotionRequest, path: TcpPath) -> Trajectory | None:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from cobot.errors import PlanningError, PlanningTimeout
-from cobot.planners.request import MotionRequest
+from cobot.motions.requests import MotionRequest
 from cobot.planners.spline import smooth_motion
 from cobot.robot.collision import Proximity
 from cobot.robot.description import RobotDescription

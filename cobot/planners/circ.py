@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from cobot.errors import InputError, PlanningError
+from cobot.motions.requests import MotionRequest, check_via
 from cobot.planners.cartesian import TcpPath, follow, turn_between, turned
-from cobot.planners.request import MotionRequest, check_via
+from cobot.robot import quaternion
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array, Pose
@@ -61,7 +61,7 @@ def arc(start: Pose, via: Array, goal: Pose) -> TcpPath:
     turn = turn_between(start, goal)
 
     def pose_at(u: float) -> Pose:
-        position = centre + Rotation.from_rotvec(u * angle * axis).apply(x)
+        position = centre + quaternion.rotated(quaternion.exp((u * angle * axis).tolist()), x.tolist())
         return Pose(position, turned(start, turn, u))
 
     return TcpPath("circ", pose_at, angle * float(np.linalg.norm(radius)), float(np.linalg.norm(turn)))

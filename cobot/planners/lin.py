@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from cobot.errors import InputError
+from cobot.motions.requests import MotionRequest
 from cobot.planners.cartesian import TcpPath, follow, turn_between, turned
-from cobot.planners.request import MotionRequest
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Pose

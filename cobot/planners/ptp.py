@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import ruckig
 
+from cobot.motions.requests import MotionRequest
 from cobot.planners.profile import fastest_profile
-from cobot.planners.request import MotionRequest
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array

@@ -5,59 +5,22 @@ A motion that is told how fast it may be keeps the robot's limits too: the lower
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
 from cobot.errors import InputError, LimitError
-from cobot.planners import MotionRequest, plan
+from cobot.motions.requests import NO_TOOL, Envelope, MotionRequest, RatedMove
+from cobot.planners import plan
 from cobot.robot.description import RobotDescription
 from cobot.robot.model import RobotModel
 from cobot.trajectory import Trajectory
-from cobot.types import Array, CartesianLimits, JointLimits, PlannerName, Pose, Scaling
+from cobot.types import CartesianLimits, JointLimits, PlannerName, Scaling
 
-NO_TOOL = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 MAX_DURATION_S = 86_400.0
 ROUNDING = 1e-6
 """A duration may fall short of the shortest possible time by this share of it: rounding."""
-
-
-@dataclass(frozen=True, slots=True)
-class Envelope:
-    """What holds for all motions: the limits, which may be tighter than the robot's, and the tool.
-
-    Attributes:
-        tool: x, y, z in m, then w, x, y, z: the tool's tip in the frame of the model's TCP.
-    """
-
-    limits: JointLimits
-    cartesian: CartesianLimits
-    tool: tuple[float, ...] = NO_TOOL
-
-
-@dataclass(frozen=True, slots=True)
-class RatedMove:
-    """A motion from rest to rest. Picklable.
-
-    Attributes:
-        start: shape (dof,), rad.
-        goal: for ptp joint angles, shape (dof,), rad; for lin and circ a pose of the tool's tip in the base
-            frame.
-        velocity, acceleration: for ptp of the fastest joint, rad/s and rad/s²; for lin and circ of the tool's
-            tip, m/s and m/s², which turns in proportion.
-        via: shape (3,), m: a point on the arc, for circ.
-        duration_s: if above 0, how long the motion takes; velocity and acceleration do not count then.
-    """
-
-    start: Array
-    goal: Array | Pose
-    planner: PlannerName
-    velocity: float
-    acceleration: float
-    envelope: Envelope
-    via: Array | None = None
-    duration_s: float = 0.0
 
 
 def plan_rated(robot: RobotDescription, move: RatedMove) -> Trajectory | None:

@@ -6,7 +6,7 @@ import numpy as np
 from ompl import base, geometric, util
 
 from cobot.errors import PlanningError, PlanningTimeout
-from cobot.planners.request import MotionRequest
+from cobot.motions.requests import MotionRequest
 from cobot.planners.spline import smooth_motion
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory

@@ -9,39 +9,24 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from cobot.errors import InputError, LimitError
+from cobot.motions.points import (
+    GO_THERE,
+    labels_of,
+    require_order,
+    require_positions,
+    require_rest,
+    require_start,
+)
+from cobot.motions.requests import MotionRequest, WaypointRequest
+from cobot.planners.checks import is_there, validate
 from cobot.planners.ptp import plan_ptp
-from cobot.planners.request import MotionRequest, is_there, validate
 from cobot.planners.rounding import smoothed
 from cobot.robot.description import RobotDescription
 from cobot.robot.feasibility import check_limits, stretch_to_limits
-from cobot.robot.limits import check_positions
 from cobot.trajectory import Trajectory, from_hermite
-from cobot.types import Array, JointLimits, PlannerName, Scaling, Waypoint
+from cobot.types import Array, JointLimits, PlannerName, Waypoint
 
-REST_TOLERANCE = 1e-6
 PRESENT = "the present position"
-GO_THERE = "go there first, or send move_to_start=true"
-
-
-@dataclass(frozen=True, slots=True)
-class WaypointRequest:
-    """A motion through timed points.
-
-    Attributes:
-        start: where the arm is, shape (dof,), rad.
-        points: see `through`.
-        start_tolerance_rad: how far a first point at time 0 may be from `start`.
-        check_limits: velocity, acceleration, jerk and position limits; collisions are always checked.
-        retime: slow the whole motion down by as much as the rate limits need, instead of refusing it.
-        approach: go to the first point by ptp before, with this scaling; None: it must be at `start`.
-    """
-
-    start: Array
-    points: Sequence[Waypoint]
-    start_tolerance_rad: float
-    check_limits: bool = True
-    retime: bool = False
-    approach: Scaling | None = None
 
 
 def plan_waypoints(robot: RobotDescription, request: WaypointRequest) -> Trajectory:
@@ -53,9 +38,9 @@ def plan_waypoints(robot: RobotDescription, request: WaypointRequest) -> Traject
         CollisionError: see `CollisionChecker.check_trajectory`.
     """
     limits = robot.limits
-    labels = _labels(request.points, limits.dof)
+    labels = labels_of(request.points, limits.dof)
     if request.check_limits:
-        _require_positions(request.points, limits, labels)
+        require_positions(request.points, limits, labels)
     if request.approach is None:
         start, tolerance_rad = request.start, request.start_tolerance_rad
     else:
@@ -99,23 +84,6 @@ def through(
     return course.motion(), course.labels
 
 
-def check_first(
-    point: Waypoint, start: Array, limits: JointLimits, tolerance_rad: float, *, within_limits: bool
-) -> None:
-    """Refuse a motion by its first point, before the others are read: see `WaypointRequest`.
-
-    Raises:
-        InputError: the motion starts now and not where the arm is.
-        LimitError: the point lies beyond the limits.
-    """
-    (label,) = _labels([point], limits.dof)
-    positions = np.asarray(point.positions, dtype=np.float64)
-    if within_limits:
-        check_positions(limits, positions, f"{label}: angle")
-    if point.time_from_start_s == 0.0:
-        _require_start(positions, start, limits, tolerance_rad, label)
-
-
 @dataclass(frozen=True, slots=True)
 class _Course:
     """The points as arrays, the present position included where it is one of them.
@@ -151,15 +119,15 @@ def _course(
     points: Sequence[Waypoint], start: Array, limits: JointLimits, start_tolerance_rad: float
 ) -> _Course:
     """See `through`."""
-    labels = _labels(points, limits.dof)
+    labels = labels_of(points, limits.dof)
     times = np.array([point.time_from_start_s for point in points])
     positions = np.array([point.positions for point in points], dtype=np.float64)
-    _require_order(times, labels)
-    _require_rest(points, labels, first=times[0] == 0.0)
+    require_order(times, labels)
+    require_rest(points, labels, first=times[0] == 0.0)
     if times[-1] == 0.0:
         raise InputError(f"{labels[0]}: a motion needs a point with a time_from_start above 0")
     if times[0] == 0.0:
-        _require_start(positions[0], start, limits, start_tolerance_rad, labels[0])
+        require_start(positions[0], start, limits, start_tolerance_rad, labels[0])
         positions[0] = start
     else:
         times, positions = np.append(0.0, times), np.vstack([start, positions])
@@ -204,59 +172,3 @@ def _require_limits(
         if not request.retime and "the position of" not in sentence:
             raise LimitError(f"{exc}; retime=true slows the motion down until the limits hold") from None
         raise
-
-
-def _require_positions(points: Sequence[Waypoint], limits: JointLimits, labels: list[str]) -> None:
-    """All at once: there may be many."""
-    positions = np.array([point.positions for point in points], dtype=np.float64)
-    within = (limits.min_position <= positions) & (positions <= limits.max_position)
-    for index in np.flatnonzero(~within.all(axis=1))[:1]:
-        check_positions(limits, positions[index], f"{labels[index]}: angle")
-
-
-def _labels(points: Sequence[Waypoint], dof: int) -> list[str]:
-    """What to call each point; and that there are points, with a number for each joint."""
-    if not points:
-        raise InputError("points: at least one is needed")
-    labels = [point.label or f"point {index + 1}" for index, point in enumerate(points)]
-    for point, label in zip(points, labels, strict=True):
-        for name in ("positions", "velocities", "accelerations"):
-            values = getattr(point, name)
-            if values is not None and len(values) != dof:
-                raise InputError(f"{label}: {name} must have {dof} numbers, got {len(values)}")
-    return labels
-
-
-def _require_order(times: Array, labels: list[str]) -> None:
-    if times[0] < 0.0:
-        raise InputError(f"{labels[0]}: time_from_start is {times[0]} s, must not be negative")
-    late = np.flatnonzero(np.diff(times) <= 0.0)
-    if len(late):
-        index = int(late[0]) + 1
-        raise InputError(
-            f"{labels[index]}: time_from_start is {times[index]} s, must be later than the "
-            f"{times[index - 1]} s of {labels[index - 1]}"
-        )
-
-
-def _require_rest(points: Sequence[Waypoint], labels: list[str], *, first: bool) -> None:
-    for index in [0, -1] if first else [-1]:
-        for name, values in (
-            ("velocities", points[index].velocities),
-            ("accelerations", points[index].accelerations),
-        ):
-            if values is not None and np.abs(np.asarray(values)).max() > REST_TOLERANCE:
-                end = "start" if index == 0 else "end"
-                raise InputError(f"{labels[index]}: the motion must {end} at rest, but its {name} are not 0")
-
-
-def _require_start(first: Array, start: Array, limits: JointLimits, tolerance_rad: float, label: str) -> None:
-    off = np.abs(first - start)
-    if off.max() <= tolerance_rad:
-        return
-    joint = int(off.argmax())
-    raise InputError(
-        f"{label}: starts with {limits.names[joint]} at {first[joint]:.4f} rad, but it is at "
-        f"{start[joint]:.4f} rad: {off[joint]:.4f} rad apart, allowed are {tolerance_rad:g} rad; "
-        f"{GO_THERE}"
-    )

@@ -6,29 +6,50 @@ R = Rz(A) Ry(B) Rx(C).
 
 from __future__ import annotations
 
-import warnings
+from math import atan2, cos, hypot, pi, remainder, sin, tau
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from cobot.types import Array, Pose
+from cobot.robot import quaternion as quaternions
+from cobot.types import Array, Pose, vector
+
+GIMBAL_LOCK_RAD = 1e-7
+"""So near to B = ±π/2 it is taken for it."""
 
 
-def rotation(quaternion: Array) -> Rotation:
-    """scipy's rotation for a (w, x, y, z) quaternion."""
-    return Rotation.from_quat(quaternion, scalar_first=True)
+def rotation_matrix(quaternion: Array) -> Array:
+    """Shape (3, 3), of a (w, x, y, z) unit quaternion."""
+    return np.array(quaternions.to_matrix(quaternion.tolist())).reshape(3, 3)
 
 
 def quaternion_from_abc(a: float, b: float, c: float) -> Array:
-    """(w, x, y, z) for KUKA angles in rad."""
-    return np.asarray(Rotation.from_euler("ZYX", [a, b, c]).as_quat(scalar_first=True), dtype=np.float64)
+    """(w, x, y, z) for KUKA angles in rad.
+
+    Raises:
+        InputError: they are not finite.
+    """
+    a, b, c = vector([a, b, c], 3, name="angles").tolist()
+    about_z = (cos(0.5 * a), 0.0, 0.0, sin(0.5 * a))
+    about_y = (cos(0.5 * b), 0.0, sin(0.5 * b), 0.0)
+    about_x = (cos(0.5 * c), sin(0.5 * c), 0.0, 0.0)
+    return np.array(quaternions.product(quaternions.product(about_z, about_y), about_x))
 
 
 def abc_from_quaternion(quaternion: Array) -> Array:
-    """(A, B, C) in rad, B in [−π/2, π/2]; at B = ±π/2, where A and C are not unique, C is 0."""
-    with warnings.catch_warnings():  # scipy warns of the gimbal lock that the docstring states
-        warnings.simplefilter("ignore", UserWarning)
-        return np.asarray(rotation(quaternion).as_euler("ZYX"), dtype=np.float64)
+    """(A, B, C) in rad, B in [−π/2, π/2]; at B = ±π/2, where A and C are not unique, C is 0.
+
+    Source: E. Bernardes, S. Viollet, "Quaternion to Euler angles conversion: A direct, general and
+    computationally efficient method", PLoS ONE 17(11), 2022. Unlike by way of the matrix, A + C and A − C are
+    as exact near B = ±π/2 as elsewhere.
+    """
+    w, x, y, z = quaternion.tolist()
+    half_sum, half_difference = atan2(x + z, w - y), atan2(z - x, w + y)
+    b = 2.0 * atan2(hypot(w + y, z - x), hypot(w - y, x + z)) - 0.5 * pi
+    if 0.5 * pi - abs(b) > GIMBAL_LOCK_RAD:
+        a, c = half_sum + half_difference, half_sum - half_difference
+    else:
+        a, c = 2.0 * (half_difference if b > 0.0 else half_sum), 0.0
+    return np.array([remainder(a, tau), b, remainder(c, tau)])
 
 
 def pose_from_abc(x: float, y: float, z: float, a: float, b: float, c: float) -> Pose:
@@ -38,4 +59,4 @@ def pose_from_abc(x: float, y: float, z: float, a: float, b: float, c: float) ->
 
 def angle_between(first: Array, second: Array) -> float:
     """The angle in rad of the rotation that takes one (w, x, y, z) orientation to the other."""
-    return float((rotation(first).inv() * rotation(second)).magnitude())
+    return hypot(*quaternions.between(first.tolist(), second.tolist()))

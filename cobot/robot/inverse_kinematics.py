@@ -10,10 +10,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from cobot.errors import UnreachableError
-from cobot.robot.frames import rotation
+from cobot.robot import quaternion
+from cobot.robot.frames import rotation_matrix
 from cobot.robot.model import RobotModel
 from cobot.types import Array, Pose
 
@@ -108,8 +108,8 @@ def continued(model: RobotModel, pose: Pose, joints: Array) -> Array:
         UnreachableError: it is too far, out of reach, or only another branch leads there.
     """
     here = model.forward(joints)
-    turn = rotation(pose.quaternion) * rotation(here.quaternion).inv()
-    way, angle = pose.position - here.position, turn.magnitude()
+    turn = np.array(quaternion.between(here.quaternion.tolist(), pose.quaternion.tolist()))
+    way, angle = pose.position - here.position, float(np.linalg.norm(turn))
     pieces = max(1, math.ceil(float(np.linalg.norm(way)) / PIECE_M), math.ceil(angle / PIECE_RAD))
     if pieces > MAX_PIECES:
         raise UnreachableError(
@@ -121,8 +121,8 @@ def continued(model: RobotModel, pose: Pose, joints: Array) -> Array:
         share = piece / pieces
         between = pose
         if piece < pieces:
-            part = Rotation.from_rotvec(share * turn.as_rotvec()) * rotation(here.quaternion)
-            between = Pose(here.position + share * way, np.roll(part.as_quat(), 1))
+            part = quaternion.product(quaternion.exp((share * turn).tolist()), here.quaternion.tolist())
+            between = Pose(here.position + share * way, np.array(part))
         descent = solve_near(model, between, joints, STEPS_ALONG)
         if not descent.solved:
             raise UnreachableError(
@@ -142,7 +142,7 @@ def continued(model: RobotModel, pose: Pose, joints: Array) -> Array:
 def solve_near(model: RobotModel, pose: Pose, seed: Array, steps: int = STEPS) -> Descent:
     """One descent from `seed`, of so many steps at the most: the way to stay continuous along a path."""
     limits = model.limits
-    target = rotation(pose.quaternion).as_matrix()
+    target = rotation_matrix(pose.quaternion)
     joints = np.clip(seed, limits.min_position, limits.max_position)
     error = np.empty(6)
     eye = np.eye(model.dof)

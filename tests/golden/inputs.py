@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
+from cobot.motions.requests import MotionRequest
 from cobot.planners import WaypointRequest, plan, plan_waypoints
-from cobot.planners.request import MotionRequest
 from cobot.planners.time_law import timed
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import inverse

@@ -11,8 +11,8 @@ from rig import Rig
 
 from cobot.config import Settings
 from cobot.ipc.layout import RING, Command, Intervention, MotionResult
+from cobot.motions.requests import MotionRequest
 from cobot.planners.ptp import plan_ptp
-from cobot.planners.request import MotionRequest
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory, from_hermite
 from cobot.types import LoopMode, PlannerName, Scaling

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from app.services.motion.ownership import Caller, Claim
 from app.services.motion.speed_override import SpeedOverride
 from cobot.errors import CobotError, MotionStopped
-from cobot.planners.rated import RatedMove
+from cobot.motions.requests import RatedMove
 from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName
 

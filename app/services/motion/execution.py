@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.services.motion.ownership import Caller, Claim, Ownership, watching
-from app.services.motion.planning import PlanningService, PlanRequest
+from app.services.motion.planning import PlanningService
+from app.services.motion.planning_tasks import PlanRequest
 from app.services.state.link import ACKNOWLEDGE_S, POLL_S, RobotLink
 from app.services.state.robot_state import RobotState
 from cobot import logs
@@ -25,8 +26,7 @@ from cobot.errors import (
     UnavailableError,
 )
 from cobot.ipc.layout import MotionResult
-from cobot.planners import MotionRequest
-from cobot.planners.request import check_via
+from cobot.motions.requests import MotionRequest, check_via
 from cobot.robot.description import RobotDescription
 from cobot.robot.frames import pose_from_abc
 from cobot.robot.limits import check_positions

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from scipy.spatial.transform import RigidTransform, Rotation
+import numpy as np
 
+from app.services.motion.tool_and_limits import compose, inverted
 from cobot.errors import ConflictError, InputError, LimitError, NotFoundError
 from cobot.strict import shown
-from cobot.types import vector
+from cobot.types import Pose
 
 WORLD = "world"
 MAX_FRAMES = 1000
@@ -20,23 +21,7 @@ class Frame:
     """A frame and where it is in its parent."""
 
     parent: str
-    pose: RigidTransform
-
-
-def transform(pose: list[float], name: str = "pose") -> RigidTransform:
-    """Of [x, y, z, rx, ry, rz] in m and rad, which turns about the fixed axes x, y, z in that order.
-
-    Raises:
-        InputError: not six finite numbers.
-    """
-    values = vector(pose, 6, name=name)
-    return RigidTransform.from_components(values[:3], Rotation.from_euler("xyz", values[3:]))
-
-
-def pose_of(place: RigidTransform) -> list[float]:
-    """The way back."""
-    position, turn = place.as_components()
-    return [*position.tolist(), *turn.as_euler("xyz", suppress_warnings=True).tolist()]
+    pose: Pose
 
 
 class Frames:
@@ -45,7 +30,7 @@ class Frames:
     def __init__(self) -> None:
         self._frames: dict[str, Frame] = {}
 
-    def add(self, name: str, pose: RigidTransform, parent: str = WORLD) -> None:
+    def add(self, name: str, pose: Pose, parent: str = WORLD) -> None:
         """Add a frame.
 
         Raises:
@@ -75,7 +60,7 @@ class Frames:
         frame.pose = self.between(name, parent)
         frame.parent = parent
 
-    def move(self, name: str, pose: RigidTransform, reference: str = "") -> None:
+    def move(self, name: str, pose: Pose, reference: str = "") -> None:
         """Put a frame, and all below it, somewhere else; it stays on its parent.
 
         Args:
@@ -87,7 +72,7 @@ class Frames:
         elif name in self.way_up(reference):
             raise ConflictError(f"{shown(reference)} hangs on {shown(name)} and would move with it")
         else:
-            frame.pose = self.between(reference, frame.parent) * pose
+            frame.pose = compose(self.between(reference, frame.parent), pose)
 
     def remove(self, name: str) -> None:
         """Take a frame away.
@@ -115,13 +100,13 @@ class Frames:
         self._require(name)
         return [each for each, frame in self._frames.items() if frame.parent == name]
 
-    def between(self, name: str, reference: str) -> RigidTransform:
+    def between(self, name: str, reference: str) -> Pose:
         """Where one frame is in another.
 
         Raises:
             NotFoundError: there is no such frame.
         """
-        return self._in_world(reference).inv() * self._in_world(name)
+        return compose(inverted(self._in_world(reference)), self._in_world(name))
 
     def way_up(self, name: str) -> list[str]:
         """The frame, its parent and so on, without the world."""
@@ -131,10 +116,10 @@ class Frames:
             name = self._frame(name).parent
         return way
 
-    def _in_world(self, name: str) -> RigidTransform:
-        place = RigidTransform.identity()
+    def _in_world(self, name: str) -> Pose:
+        place = Pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
         for each in self.way_up(name):
-            place = self._frames[each].pose * place
+            place = compose(self._frames[each].pose, place)
         return place
 
     def _frame(self, name: str) -> Frame:

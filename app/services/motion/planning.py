@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import TypeVar, cast
 
 from app.services.motion.planning_pool import PlanningPool, WorkerLost
+from app.services.motion.planning_tasks import PlanRequest, planned
 from cobot.errors import PlanningError, PlanningTimeout
-from cobot.planners import MotionRequest, WaypointRequest, plan, plan_waypoints
-from cobot.planners.rated import RatedMove, plan_rated
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 
@@ -22,7 +21,6 @@ ATTEMPTS = 2
 """A task that has lost its worker is given to so many at the most: it may be what ends them."""
 
 Result = TypeVar("Result")
-PlanRequest = MotionRequest | WaypointRequest | RatedMove
 
 log = logging.getLogger("cobot.planning")
 
@@ -45,14 +43,6 @@ class PlanningStatus:
     busy: int
     replaced: int
     problem: str
-
-
-def _planned(robot: RobotDescription, request: PlanRequest) -> Trajectory | None:
-    if isinstance(request, MotionRequest):
-        return plan(robot, request)
-    if isinstance(request, WaypointRequest):
-        return plan_waypoints(robot, request)
-    return plan_rated(robot, request)
 
 
 class PlanningService:
@@ -99,7 +89,7 @@ class PlanningService:
 
     async def plan(self, request: PlanRequest, timeout_s: float) -> Trajectory | None:
         """See `cobot.planners.plan`, `plan_waypoints` and `plan_rated`; raises as `compute` does."""
-        return await self.compute(partial(_planned, request=request), timeout_s)
+        return await self.compute(partial(planned, request=request), timeout_s)
 
     async def compute(self, work: Callable[[RobotDescription], Result], timeout_s: float) -> Result:
         """What a picklable function makes of the robot. Cancelling this kills the worker.

@@ -40,10 +40,11 @@ def main() -> int:
     parser.add_argument("--fd", type=int, required=True, help="descriptor of the socket")
     arguments = parser.parse_args()
     # What takes a second to import, for a worker that says it is ready shall be so.
-    from app.services.motion import planning  # noqa: F401
+    from app.services.motion import planning_tasks  # noqa: F401
     from cobot.config import load_settings
     from cobot.errors import CobotError
     from cobot.logs import start_logging
+    from cobot.planners import blend  # noqa: F401
     from cobot.robot.description import load_robot
 
     try:

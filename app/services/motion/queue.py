@@ -19,6 +19,7 @@ from functools import partial
 from app.services.motion.execution import MotionService
 from app.services.motion.ownership import Caller, Claim, Ownership
 from app.services.motion.planning import PlanningService
+from app.services.motion.planning_tasks import blended
 from app.services.motion.tool_and_limits import RobotSettings
 from app.services.state.link import POLL_S, RobotLink
 from cobot.errors import (
@@ -29,8 +30,7 @@ from cobot.errors import (
     MotionStopped,
     UnavailableError,
 )
-from cobot.planners.blend import Blended, blend
-from cobot.planners.rated import RatedMove
+from cobot.motions.requests import Blended, RatedMove
 from cobot.trajectory import Trajectory
 from cobot.types import Array
 
@@ -254,7 +254,7 @@ class MotionQueue:
         if len(motions) == 1:
             return Blended(motions[0], (motions[0].duration_s,), ())
         radii_m = [move.radius_m for move in moves[:-1]]
-        work = partial(blend, motions=motions, radii_m=radii_m, envelope=self._settings.envelope)
+        work = partial(blended, motions=motions, radii_m=radii_m, envelope=self._settings.envelope)
         joined = await claim.unless_interrupted(self._planning.compute(work, PLAN_TIMEOUT_S))
         for move, rounded in zip(moves, joined.blended, strict=False):
             if not rounded:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from cobot.planners.rated import Envelope
+from cobot.motions.requests import Envelope
 from cobot.robot import quaternion
 from cobot.robot.description import RobotDescription
 from cobot.types import Array, Pose

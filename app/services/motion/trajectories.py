@@ -15,8 +15,8 @@ from app.services.motion.execution import MotionService
 from app.services.motion.ownership import Caller, Claim, Ownership, watching
 from cobot.errors import CobotError, ExecutionError
 from cobot.logs import printable
-from cobot.planners import WaypointRequest
-from cobot.planners.waypoints import check_first
+from cobot.motions.points import check_first
+from cobot.motions.requests import WaypointRequest
 from cobot.types import JointLimits, Scaling, Waypoint
 
 LOG_LINES = 300

@@ -23,8 +23,9 @@ from second_opinion import (
 )
 
 from cobot.errors import InputError, LimitError
-from cobot.planners.blend import Blended, blend
-from cobot.planners.rated import Envelope, RatedMove, plan_rated
+from cobot.motions.requests import Blended, Envelope, RatedMove
+from cobot.planners.blend import blend
+from cobot.planners.rated import plan_rated
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName, Pose

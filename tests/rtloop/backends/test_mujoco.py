@@ -16,8 +16,8 @@ from second_opinion import MJCF
 
 from cobot.config import Settings
 from cobot.ipc.layout import MotionResult
+from cobot.motions.requests import MotionRequest
 from cobot.planners.ptp import plan_ptp
-from cobot.planners.request import MotionRequest
 from cobot.robot.description import RobotDescription
 from cobot.types import LoopMode, PlannerName, Scaling
 from rtloop.backends import BackendError, Measured

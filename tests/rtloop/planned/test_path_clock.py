@@ -12,9 +12,9 @@ from scipy.interpolate import make_interp_spline
 
 from cobot.config import Settings
 from cobot.ipc.layout import Command, MotionResult
+from cobot.motions.requests import MotionRequest
 from cobot.planners import WaypointRequest, plan_waypoints
 from cobot.planners.ptp import plan_ptp
-from cobot.planners.request import MotionRequest
 from cobot.planners.time_law import timed
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory

@@ -14,8 +14,8 @@ from app.services.motion.planning import PlanningService
 from app.services.state.link import RobotLink, loading_s
 from cobot.config import Settings
 from cobot.errors import ExecutionError, UnavailableError
+from cobot.motions.requests import MotionRequest
 from cobot.planners.ptp import plan_ptp
-from cobot.planners.request import MotionRequest
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import ORDER, Trajectory
 from cobot.types import LoopMode, PlannerName, Scaling

@@ -1,0 +1,35 @@
+"""What a planning process is asked to compute: functions that are pickled by their name.
+
+They alone import the planners, when they are called: the service, which only names them, does without scipy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from cobot.motions.requests import Blended, Envelope, MotionRequest, RatedMove, WaypointRequest
+from cobot.robot.description import RobotDescription
+from cobot.trajectory import Trajectory
+
+PlanRequest = MotionRequest | WaypointRequest | RatedMove
+
+
+def planned(robot: RobotDescription, request: PlanRequest) -> Trajectory | None:
+    """See `cobot.planners.plan`, `plan_waypoints` and `plan_rated`."""
+    from cobot.planners import plan, plan_waypoints
+    from cobot.planners.rated import plan_rated
+
+    if isinstance(request, MotionRequest):
+        return plan(robot, request)
+    if isinstance(request, WaypointRequest):
+        return plan_waypoints(robot, request)
+    return plan_rated(robot, request)
+
+
+def blended(
+    robot: RobotDescription, motions: Sequence[Trajectory], radii_m: Sequence[float], envelope: Envelope
+) -> Blended:
+    """See `cobot.planners.blend.blend`."""
+    from cobot.planners.blend import blend
+
+    return blend(robot, motions, radii_m, envelope)

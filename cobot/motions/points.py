@@ -1,0 +1,87 @@
+"""Timed points: what has to hold of them before they make a motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cobot.errors import InputError
+from cobot.robot.limits import check_positions
+from cobot.types import Array, JointLimits, Waypoint
+
+REST_TOLERANCE = 1e-6
+GO_THERE = "go there first, or send move_to_start=true"
+
+
+def check_first(
+    point: Waypoint, start: Array, limits: JointLimits, tolerance_rad: float, *, within_limits: bool
+) -> None:
+    """Refuse a motion by its first point, before the others are read: see `WaypointRequest`.
+
+    Raises:
+        InputError: the motion starts now and not where the arm is.
+        LimitError: the point lies beyond the limits.
+    """
+    (label,) = labels_of([point], limits.dof)
+    positions = np.asarray(point.positions, dtype=np.float64)
+    if within_limits:
+        check_positions(limits, positions, f"{label}: angle")
+    if point.time_from_start_s == 0.0:
+        require_start(positions, start, limits, tolerance_rad, label)
+
+
+def require_positions(points: Sequence[Waypoint], limits: JointLimits, labels: list[str]) -> None:
+    """All at once: there may be many."""
+    positions = np.array([point.positions for point in points], dtype=np.float64)
+    within = (limits.min_position <= positions) & (positions <= limits.max_position)
+    for index in np.flatnonzero(~within.all(axis=1))[:1]:
+        check_positions(limits, positions[index], f"{labels[index]}: angle")
+
+
+def labels_of(points: Sequence[Waypoint], dof: int) -> list[str]:
+    """What to call each point; and that there are points, with a number for each joint."""
+    if not points:
+        raise InputError("points: at least one is needed")
+    labels = [point.label or f"point {index + 1}" for index, point in enumerate(points)]
+    for point, label in zip(points, labels, strict=True):
+        for name in ("positions", "velocities", "accelerations"):
+            values = getattr(point, name)
+            if values is not None and len(values) != dof:
+                raise InputError(f"{label}: {name} must have {dof} numbers, got {len(values)}")
+    return labels
+
+
+def require_order(times: Array, labels: list[str]) -> None:
+    if times[0] < 0.0:
+        raise InputError(f"{labels[0]}: time_from_start is {times[0]} s, must not be negative")
+    late = np.flatnonzero(np.diff(times) <= 0.0)
+    if len(late):
+        index = int(late[0]) + 1
+        raise InputError(
+            f"{labels[index]}: time_from_start is {times[index]} s, must be later than the "
+            f"{times[index - 1]} s of {labels[index - 1]}"
+        )
+
+
+def require_rest(points: Sequence[Waypoint], labels: list[str], *, first: bool) -> None:
+    for index in [0, -1] if first else [-1]:
+        for name, values in (
+            ("velocities", points[index].velocities),
+            ("accelerations", points[index].accelerations),
+        ):
+            if values is not None and np.abs(np.asarray(values)).max() > REST_TOLERANCE:
+                end = "start" if index == 0 else "end"
+                raise InputError(f"{labels[index]}: the motion must {end} at rest, but its {name} are not 0")
+
+
+def require_start(first: Array, start: Array, limits: JointLimits, tolerance_rad: float, label: str) -> None:
+    off = np.abs(first - start)
+    if off.max() <= tolerance_rad:
+        return
+    joint = int(off.argmax())
+    raise InputError(
+        f"{label}: starts with {limits.names[joint]} at {first[joint]:.4f} rad, but it is at "
+        f"{start[joint]:.4f} rad: {off[joint]:.4f} rad apart, allowed are {tolerance_rad:g} rad; "
+        f"{GO_THERE}"
+    )

@@ -1,0 +1,123 @@
+"""What a planner is asked for, and what comes of several motions: data that travels to planning processes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from cobot.errors import InputError
+from cobot.robot.description import RobotDescription
+from cobot.trajectory import Trajectory
+from cobot.types import Array, CartesianLimits, JointLimits, PlannerName, Pose, Scaling, Waypoint
+
+NO_TOOL = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class MotionRequest:
+    """A motion from rest to rest. Picklable: it travels to the planning workers.
+
+    Attributes:
+        start: shape (dof,), rad.
+        goal: joint angles, shape (dof,), rad, or a pose of the TCP in the base frame.
+        via: shape (3,), m in the base frame: a point on the arc, for circ only.
+        seed: of the planners that draw random samples.
+        timeout_s: after which ompl and chomp give up.
+    """
+
+    start: Array
+    goal: Array | Pose
+    planner: PlannerName
+    scaling: Scaling
+    via: Array | None = None
+    seed: int = 0
+    timeout_s: float = 10.0
+
+    def scaled_limits(self, robot: RobotDescription) -> JointLimits:
+        """The share of the joint limits that this motion may use."""
+        scaling = self.scaling
+        return robot.limits.scaled(scaling.speed, scaling.acceleration, scaling.jerk)
+
+
+@dataclass(frozen=True, slots=True)
+class WaypointRequest:
+    """A motion through timed points.
+
+    Attributes:
+        start: where the arm is, shape (dof,), rad.
+        points: see `through`.
+        start_tolerance_rad: how far a first point at time 0 may be from `start`.
+        check_limits: velocity, acceleration, jerk and position limits; collisions are always checked.
+        retime: slow the whole motion down by as much as the rate limits need, instead of refusing it.
+        approach: go to the first point by ptp before, with this scaling; None: it must be at `start`.
+    """
+
+    start: Array
+    points: Sequence[Waypoint]
+    start_tolerance_rad: float
+    check_limits: bool = True
+    retime: bool = False
+    approach: Scaling | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Envelope:
+    """What holds for all motions: the limits, which may be tighter than the robot's, and the tool.
+
+    Attributes:
+        tool: x, y, z in m, then w, x, y, z: the tool's tip in the frame of the model's TCP.
+    """
+
+    limits: JointLimits
+    cartesian: CartesianLimits
+    tool: tuple[float, ...] = NO_TOOL
+
+
+@dataclass(frozen=True, slots=True)
+class RatedMove:
+    """A motion from rest to rest. Picklable.
+
+    Attributes:
+        start: shape (dof,), rad.
+        goal: for ptp joint angles, shape (dof,), rad; for lin and circ a pose of the tool's tip in the base
+            frame.
+        velocity, acceleration: for ptp of the fastest joint, rad/s and rad/s²; for lin and circ of the tool's
+            tip, m/s and m/s², which turns in proportion.
+        via: shape (3,), m: a point on the arc, for circ.
+        duration_s: if above 0, how long the motion takes; velocity and acceleration do not count then.
+    """
+
+    start: Array
+    goal: Array | Pose
+    planner: PlannerName
+    velocity: float
+    acceleration: float
+    envelope: Envelope
+    via: Array | None = None
+    duration_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Blended:
+    """Several motions as one.
+
+    Attributes:
+        ends_s: when each motion gives way to the next one: in the middle of their overlap.
+        blended: for each corner, whether the arm goes through without a stop.
+    """
+
+    trajectory: Trajectory
+    ends_s: tuple[float, ...]
+    blended: tuple[bool, ...]
+
+
+def check_via(planner: PlannerName, via: object) -> None:
+    """A point on the arc is what circ needs and no other planner takes.
+
+    Raises:
+        InputError: there is none for circ, or one for another planner.
+    """
+    if via is None and planner is PlannerName.CIRC:
+        raise InputError("via: is missing; planner circ needs a point on its arc")
+    if via is not None and planner is not PlannerName.CIRC:
+        raise InputError(f"via: is for planner circ only, not for {planner}")
