@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
 
@@ -18,4 +19,5 @@ if __name__ == "__main__":
     die_with_parent(signal.SIGTERM)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)  # until the service can read its configuration again
     be(Niceness.PROMPT)
+    gc.disable()  # until all is there that stays: see `app.main`
     sys.exit(in_words(start))

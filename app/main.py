@@ -114,6 +114,7 @@ def create_app(
             app.state.graph = await stack.enter_async_context(serving(app.state.robots, tcps, clock))
             gc.collect()
             gc.freeze()
+            gc.enable()  # `app.__main__` had it wait
             for each in app.state.robots.values():
                 each.link.watch_for_pauses()
             yield

@@ -73,7 +73,6 @@ def main() -> int:
     parser.add_argument("--losses-fd", type=int, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     start_logging("service")
-    logging.getLogger("httpx").setLevel(logging.WARNING)
     ros_token = os.environ.pop(ROS_TOKEN_VARIABLE, None)  # programs that are started here get none of it
     try:
         settings = load_settings(arguments.config)

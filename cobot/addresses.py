@@ -11,6 +11,9 @@ from __future__ import annotations
 
 from urllib.parse import quote, urlsplit
 
+DEFAULT_URL = "http://localhost:8007"
+CONTROL_TOKEN = "X-Control-Token"
+"""The header that shows the token of a lease: its holder's motions carry it."""
 ROBOTS = "/robots"
 _PLAIN = "/robot"
 

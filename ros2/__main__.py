@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
 
@@ -19,6 +20,7 @@ LAST_WORDS = "--last-words"
 if __name__ == "__main__":
     die_with_parent(signal.SIGTERM)
     be(Niceness.PROMPT)
+    gc.disable()  # until all is there that stays: see `ros2.process`
     if LAST_WORDS in sys.argv[:-1]:
         from ros2.rtps import LastWords
 

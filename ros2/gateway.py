@@ -100,9 +100,7 @@ class Gateway:
         """Have exactly what the graph has."""
         messages = self._node.messages
         new = {name: text for name, text in graph["definitions"].items() if name not in messages.definitions}
-        services = {name: text for name, text in new.items() if "/srv/" in name}
-        messages.add({name: text for name, text in new.items() if name not in services})
-        messages.promise(services)  # nothing else is made of them, and the graph has read them
+        messages.promise(new)  # the graph has read them
         topics = [topic for topic in graph["topics"] if topic["name"] not in self._own]
         published = {topic["name"]: topic["type"] for topic in topics if topic["publishers"]}
         listens = self._identity.role >= Role.OPERATOR

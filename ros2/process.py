@@ -89,6 +89,7 @@ async def _serve(settings: Settings, url: str, last_words: int | None) -> None:
         _announce(settings, participant)
         gc.collect()
         gc.freeze()
+        gc.enable()  # `ros2.__main__` had it wait
         work: list[asyncio.Task[Any]] = [asyncio.create_task(ended.wait())]
         if gateway is not None:
             work.append(asyncio.create_task(gateway.run()))

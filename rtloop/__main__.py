@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
 
@@ -16,4 +17,5 @@ def start() -> int:
 
 if __name__ == "__main__":
     die_with_parent(signal.SIGTERM)
+    gc.disable()  # it would walk through what stays, again and again; `rtloop.realtime` collects once
     sys.exit(in_words(start))

@@ -9,7 +9,8 @@ import signal
 import sys
 from pathlib import Path
 
-from cobot.client.rest import DEFAULT_URL, MOTION_TIMEOUT_S
+from cobot.addresses import DEFAULT_URL
+from cobot.client.rest import MOTION_TIMEOUT_S
 from cobot.errors import InputError
 from cobot.launch.process import Niceness, be, die_with_parent
 from sequences.lua_sandbox import Limits, require_lua

@@ -8,8 +8,7 @@ from typing import Any
 
 from app.api.errors import responses
 from cobot.access.roles import Role
-from cobot.addresses import ROBOTS
-from cobot.client.rest import CONTROL_TOKEN
+from cobot.addresses import CONTROL_TOKEN, ROBOTS
 from cobot.types import JointLimits
 
 CONTROL: dict[str, Any] = {

@@ -27,7 +27,9 @@ async def serving(
         robots: the services of each robot by its name.
         tcps: the name of each robot's TCP.
     """
-    graph = Graph(Messages(interface_definitions()), clock)
+    messages = Messages()
+    messages.promise(interface_definitions())
+    graph = Graph(messages, clock)
     add_rosapi(graph)
     topics = []
     for name, services in robots.items():

@@ -55,7 +55,7 @@ UNKNOWN = ""
 
 def add_rosapi(graph: Graph) -> None:
     """Offer them."""
-    graph.messages.add(DEFINITIONS)
+    graph.messages.promise(DEFINITIONS)
     for name, (type_, answer) in _services(graph).items():
 
         async def call(request: Message, answer: Callable[[Message], Message] = answer) -> Message:

@@ -18,16 +18,13 @@ from typing import Any
 import httpx
 
 from cobot import errors
-from cobot.addresses import address, path_at
+from cobot.addresses import CONTROL_TOKEN, DEFAULT_URL, address, path_at
 from cobot.client.tls import Verify, tls_context, token_from_environment
 from cobot.errors import CobotError, ExecutionError, InputError, UnavailableError
 
-DEFAULT_URL = "http://localhost:8007"
 MOTION_TIMEOUT_S = 90.0
 """A motion is waited for so long, s: longer than the service's own timeouts as shipped."""
 STOP_TRIES, STOP_TIMEOUT_S = 3, 15.0
-CONTROL_TOKEN = "X-Control-Token"
-"""The header that shows the token of a lease: its holder's motions carry it."""
 Json = dict[str, Any]
 
 

@@ -9,17 +9,12 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
-from cobot.addresses import address
-from cobot.audit import record_from_cli
-from cobot.client.rest import DEFAULT_URL
+from cobot.addresses import DEFAULT_URL, address
 from cobot.client.tls import CERTIFICATE_VARIABLE, TOKEN_VARIABLE
 from cobot.config import Settings, load_settings
 from cobot.errors import CobotError
 from cobot.launch import token
-from cobot.launch.install import install, uninstall
 from cobot.launch.process import RUN_MODULE, in_words
-from cobot.launch.stop import stop
-from cobot.launch.supervisor import Supervisor
 
 DESCRIPTION = """\
 A robot arm behind a REST service.
@@ -51,6 +46,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(chosen: argparse.Namespace) -> int:
+    """Imports what the command needs, and no more."""
     try:
         if chosen.command == "token":
             token.run(chosen)
@@ -58,18 +54,22 @@ def _run(chosen: argparse.Namespace) -> int:
         if chosen.command == "stop":
             return _stop(chosen)
         if chosen.command == "doctor":
-            from cobot.launch.doctor import doctor  # as below
+            from cobot.launch.doctor import doctor
 
             return EXIT_OK if doctor(chosen.config, sys.stdout, as_json=chosen.json) else EXIT_FAILED
         if chosen.command == "install":
+            from cobot.launch.install import install
+
             install(sys.stdout, chosen.prefix, dry_run=chosen.dry_run)
             return EXIT_OK
         if chosen.command == "uninstall":
+            from cobot.launch.install import uninstall
+
             uninstall(sys.stdout, chosen.prefix, dry_run=chosen.dry_run)
             return EXIT_OK
         settings = load_settings(chosen.config)
         if chosen.command == "check":
-            from cobot.launch.check import check  # imports what planning needs
+            from cobot.launch.check import check
 
             items = check(settings, chosen.config, sys.stdout)
             return EXIT_OK if all(item.good for item in items) else EXIT_FAILED
@@ -78,6 +78,8 @@ def _run(chosen: argparse.Namespace) -> int:
 
             print(write_moveit_config(settings, chosen.folder))
             return EXIT_OK
+        from cobot.launch.supervisor import Supervisor
+
         return Supervisor(_overridden(settings, chosen), chosen.config, settings).run()
     except CobotError as exc:
         print(f"cobot: {exc}", file=sys.stderr)
@@ -150,6 +152,9 @@ def _parser() -> argparse.ArgumentParser:
 
 def _stop(chosen: argparse.Namespace) -> int:
     """Which needs no settings, and so stops also when they cannot be read."""
+    from cobot.audit import record_from_cli
+    from cobot.launch.stop import stop
+
     robots = (
         [chosen.robot] if chosen.robot else list(load_settings(chosen.config).each) if chosen.config else []
     )

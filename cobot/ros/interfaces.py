@@ -90,6 +90,38 @@ class ParsedMessage:
     defaults: dict[str, Any]
 
 
+_PARTS = {
+    "msg": [""],
+    "srv": ["_Request", "_Response"],
+    "action": ["_Goal", "_Result", "_Feedback"],
+}
+_OF_ACTIONS = {
+    "_SendGoal_Request": UUID + "{0}_Goal goal\n",
+    "_SendGoal_Response": f"bool accepted\n{TIME} stamp\n",
+    "_GetResult_Request": UUID,
+    "_GetResult_Response": "int8 status\n{0}_Result result\n",
+    "_FeedbackMessage": UUID + "{0}_Feedback feedback\n",
+}
+"""The messages that ROS 2 makes of the parts of an action of the name {0}."""
+
+
+def message_names(name: str) -> list[str]:
+    """The messages that a definition of this name stands for.
+
+    Raises:
+        InputError: no such name.
+    """
+    _, kind, _ = _split(name)
+    return [name + part for part in (*_PARTS[kind], *(_OF_ACTIONS if kind == "action" else ()))]
+
+
+def _split(name: str) -> tuple[str, str, str]:
+    match = _NAME.fullmatch(name)
+    if match is None:
+        raise InputError(f"{name!r} is no type such as std_msgs/msg/String")
+    return match[1], match[2], match[3]
+
+
 def parsed(name: str, text: str) -> list[ParsedMessage]:
     """The messages that a definition stands for: of an action all those that ROS 2 makes of it.
 
@@ -99,29 +131,14 @@ def parsed(name: str, text: str) -> list[ParsedMessage]:
     Raises:
         InputError: no such name, or no valid text.
     """
-    match = _NAME.fullmatch(name)
-    if match is None:
-        raise InputError(f"{name!r} is no type such as std_msgs/msg/String")
-    parts = {
-        "msg": [""],
-        "srv": ["_Request", "_Response"],
-        "action": ["_Goal", "_Result", "_Feedback"],
-    }[match[2]]
+    _, kind, local = _split(name)
+    parts = _PARTS[kind]
     texts = _SEPARATOR.split(text)
     if len(texts) != len(parts):
-        raise InputError(
-            f"{name}: a .{match[2]} has {len(parts)} parts between lines of ---, got {len(texts)}"
-        )
+        raise InputError(f"{name}: a .{kind} has {len(parts)} parts between lines of ---, got {len(texts)}")
     pieces = {name + part: text for part, text in zip(parts, texts, strict=True)}
-    if match[2] == "action":
-        local = match[3]
-        pieces |= {
-            f"{name}_SendGoal_Request": f"{UUID}{local}_Goal goal\n",
-            f"{name}_SendGoal_Response": f"bool accepted\n{TIME} stamp\n",
-            f"{name}_GetResult_Request": UUID,
-            f"{name}_GetResult_Response": f"int8 status\n{local}_Result result\n",
-            f"{name}_FeedbackMessage": f"{UUID}{local}_Feedback feedback\n",
-        }
+    if kind == "action":
+        pieces |= {name + part: template.format(local) for part, template in _OF_ACTIONS.items()}
     return [_message(piece, text, pieces) for piece, text in pieces.items()]
 
 

@@ -14,7 +14,7 @@ from rosbags.typesys.base import TypesysError, normalize_fieldname
 
 from cobot.errors import InputError
 from cobot.ros.codec import HIDDEN, OCTETS, CheckedMessage, Field, ListField, Octets, Record, Scalar
-from cobot.ros.interfaces import DEFAULTS, STANDARD, parsed
+from cobot.ros.interfaces import DEFAULTS, STANDARD, message_names, parsed
 from cobot.strict import shown
 
 Message = dict[str, Any]
@@ -38,9 +38,10 @@ class Messages:
         self._store = get_typestore(Stores.ROS2_HUMBLE)
         self._defaults = dict(DEFAULTS)
         self._records: dict[str, Record] = {}
-        self._promised: dict[str, str] = {}
+        self._promised: dict[str, str] = {}  # by message: the definition that it is part of
+        self._texts: dict[str, str] = {}  # of those definitions
         self.definitions: dict[str, str] = {}
-        self._register(STANDARD)
+        self._promise(STANDARD)
         self.add(definitions or {})
 
     def add(self, definitions: Mapping[str, str]) -> None:
@@ -49,25 +50,25 @@ class Messages:
         Raises:
             InputError: a text is not valid, names an unknown type, or differs from what is known by its name.
         """
-        self._register(definitions)
+        self._register({n: text for n, text in definitions.items() if self.definitions.get(n) != text})
         self.definitions |= definitions
 
     def promise(self, definitions: Mapping[str, str]) -> None:
-        """Services whose texts are known to be valid; each is read when it is needed first.
+        """More types, whose texts are known to be valid; each is read when it is needed first.
 
-        A vendor's 300 take a second, and few are ever called.
+        A vendor's 300 services take half a second, and few are ever called.
         """
-        self._promised |= definitions
+        self._promise(definitions)
         self.definitions |= definitions
 
     def has_service(self, name: str) -> bool:
-        return name in self._promised or f"{name}_Request" in self
+        return f"{name}_Request" in self
 
     def __contains__(self, name: str) -> bool:
-        return name in self._store.fielddefs
+        return name in self._store.fielddefs or name in self._promised
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._store.fielddefs)
+        return iter([*self._store.fielddefs, *self._promised])
 
     def resolved(self, name: str, kind: str) -> str:
         """The full name of a type that exists; `std_msgs/String` is taken for `std_msgs/msg/String`.
@@ -165,9 +166,7 @@ class Messages:
         """
         made = self._records.get(name)
         if made is None:
-            service = name.rpartition("_")[0]
-            if service in self._promised:
-                self._register({service: self._promised.pop(service)})
+            self._keep_promise(name)
             definition = self._store.fielddefs.get(name)
             if definition is None:
                 raise InputError(f"there is no type {shown(name)} here")
@@ -192,8 +191,22 @@ class Messages:
             return Octets(size, bound)
         return ListField(self._field(item, None), size, bound, default)
 
+    def _promise(self, definitions: Mapping[str, str]) -> None:
+        for name, text in definitions.items():
+            self._texts[name] = text
+            self._promised |= dict.fromkeys(message_names(name), name)
+
+    def _keep_promise(self, message: str) -> None:
+        """Read the definition that the message is part of, if that has not been done."""
+        if (name := self._promised.get(message)) is not None:
+            for each in message_names(name):
+                self._promised.pop(each, None)
+            self._register({name: self._texts.pop(name)})
+
     def _register(self, definitions: Mapping[str, str]) -> None:
         messages = [message for name, text in definitions.items() for message in parsed(name, text)]
+        for message in messages:
+            self._keep_promise(message.name)
         new = {message.name: message for message in messages}
         for message in messages:
             for _, description in message.fields:

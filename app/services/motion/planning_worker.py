@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import gc
 import pickle
 import signal
 import struct
@@ -39,6 +40,7 @@ def main() -> int:
     parser.add_argument("--robot")
     parser.add_argument("--fd", type=int, required=True, help="descriptor of the socket")
     arguments = parser.parse_args()
+    gc.disable()  # until all is there that stays
     # What takes a second to import, for a worker that says it is ready shall be so.
     from app.services.motion import planning_tasks  # noqa: F401
     from cobot.config import load_settings
@@ -55,6 +57,9 @@ def main() -> int:
         with contextlib.suppress(OSError):
             print(exc, flush=True)
         return 2
+    gc.collect()
+    gc.freeze()
+    gc.enable()
     with socket(fileno=arguments.fd) as connection, connection.makefile("rwb") as channel:
         _work(channel, robot)
     return 0

@@ -9,6 +9,7 @@ import asyncio
 import json
 import logging
 import math
+import re
 from collections.abc import Awaitable, Callable
 from typing import Any
 
@@ -22,7 +23,7 @@ from app.rosbridge import connection as connections
 from app.rosbridge import outbox
 from app.rosbridge.connection import Connection
 from app.rosbridge.operations import OPERATIONS
-from app.rosbridge.rosapi import add_rosapi
+from app.rosbridge.rosapi import DEFINITIONS, add_rosapi
 from cobot.errors import ExecutionError, InputError
 from cobot.ros.messages import Messages
 
@@ -703,3 +704,9 @@ def test_no_messages_break_a_connection(contents: list[Any]) -> None:
         assert two.got()[0]["msg"] == {"data": "x"}
 
     live(test)
+
+
+def test_the_definitions_of_rosapi_are_valid() -> None:
+    messages = Messages(DEFINITIONS)
+    for name in filter(re.compile("rosapi_msgs/").match, messages):
+        assert messages.checked(name, messages.default(name)) == messages.default(name)

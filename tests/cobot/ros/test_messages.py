@@ -450,13 +450,49 @@ def test_a_urdf_made_of_our_urdf_is_the_same_robot(
     assert twice.description()["data"].count('<link name="tcp"') == 1
 
 
-def test_a_promised_service_is_read_when_it_is_needed() -> None:
+def test_a_promised_type_is_there_and_its_text_read_when_it_is_needed() -> None:
     messages, name = Messages(), "demo_msgs/srv/Ask"
-    messages.promise({name: "int32 asked\n---\nint32 answered\n"})
+    wrong, action = "demo_msgs/srv/Wrong", "demo_msgs/action/Go"
+    messages.promise(
+        {
+            name: "Part asked\n---\nint32 answered 3\n",
+            wrong: "integer a\n---\n",
+            action: "---\n---\nPart part\n",
+            "demo_msgs/msg/Part": "int32 number\n",
+        }
+    )
     assert messages.has_service(name)
-    assert f"{name}_Request" not in messages
-    request = messages.to_cdr(f"{name}_Request", {"asked": 3})
-    assert messages.from_cdr(f"{name}_Request", request) == {"asked": 3}
-    assert messages.default(f"{name}_Response") == {"answered": 0}
+    assert messages.has_service(wrong)
+    with pytest.raises(InputError, match="there is no type 'demo_msgs/msg/integer' here"):
+        messages.default(f"{wrong}_Request")
+    assert f"{name}_Request" in messages
+    assert messages.resolved("demo_msgs/Ask", "srv") == name
+    request = messages.to_cdr(f"{name}_Request", {"asked": {"number": 3}})
+    assert messages.from_cdr(f"{name}_Request", request) == {"asked": {"number": 3}}
+    assert messages.default(f"{name}_Response") == {"answered": 3}
     assert messages.has_service(name)
     assert not messages.has_service("demo_msgs/srv/Other")
+    assert messages.resolved("demo_msgs/Go", "action") == action
+    assert messages.default(f"{action}_FeedbackMessage")["feedback"] == {"part": {"number": 0}}
+
+
+def test_a_promised_type_cannot_be_given_another_text() -> None:
+    messages, name = Messages(), "demo_msgs/msg/Part"
+    messages.promise({name: "int32 number\n"})
+    messages.add({name: "int32 number  # the same\n"})
+    with pytest.raises(InputError, match="already present with different definition"):
+        messages.add({name: "int64 number\n"})
+    with pytest.raises(InputError, match="already present with different definition"):
+        messages.add({"std_srvs/srv/Empty": "int32 a\n---\n"})
+
+
+def test_a_promise_changes_nothing_of_what_there_is() -> None:
+    promised, added = Messages(), Messages(DEFINITIONS)
+    promised.promise(DEFINITIONS)
+    assert sorted(promised) == sorted(added)
+    assert promised.definitions == added.definitions
+    for name in added:
+        assert promised.fields(name) == added.fields(name)
+        assert promised.constants(name) == added.constants(name)
+        assert promised.default(name) == added.default(name)
+        assert promised.type_hash(name) == added.type_hash(name)
