@@ -144,9 +144,9 @@ def _both_or_none(key: Path | None, info: ValidationInfo) -> Path | None:
 
 
 class Section(StrictModel):
-    """Base of all sections."""
+    """Base of all sections. Pydantic builds them with the settings as a whole, not also each by itself."""
 
-    model_config = ConfigDict(frozen=True)
+    model_config = ConfigDict(frozen=True, defer_build=True)
 
 
 def _not_a_path(name: str) -> str:
