@@ -50,13 +50,13 @@ TESTS = (
     "tests/rtloop/test_publisher.py",
     "tests/rtloop/test_wild_loop.py",
 )
+WILD_LOOP = "tests/rtloop/test_wild_loop.py::test_no_bytes_crash_the_loop_or_lead_it_beyond_the_limits"
 # What takes long there: half a minute, of modules that the sources and the whole loop work too; and another
 # interpreter for what differs from the test beside it in its seed alone.
 TOO_LONG = (
     "tests/rtloop/generators/test_laws.py::test_poses_within_the_limits_of_the_tcp",
     "tests/rtloop/planned/test_path_law.py::test_the_rate_changes_as_the_law_says",
-    "tests/rtloop/test_wild_loop.py::test_no_bytes_crash_the_loop_or_lead_it_beyond_the_limits"
-    "[80000-2-between-loopback]",
+    f"{WILD_LOOP}[80000-2-between-loopback]",
 )
 SHARE_OF_SAMPLES = "0.02"
 LIMIT_S = 1200
