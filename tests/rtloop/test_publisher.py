@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from rig import Rig
 from running import unique_name
+from samples import samples
 
 import rtloop.publisher
 from cobot.config import Settings
@@ -19,7 +20,7 @@ from cobot.robot.description import RobotDescription
 from rtloop.backends import Measured
 from rtloop.publisher import EFFORT_RATE_S, STATISTICS_CYCLES, StatePublisher, Statistics
 
-CYCLES = 100_000
+CYCLES = samples(100_000)
 COMPARED = 1000
 PERIOD_S = 1e-3
 SCALARS = np.dtype(list(STATE_SCALARS))
@@ -44,7 +45,7 @@ def publisher_of(memory: RobotMemory, robot: RobotDescription) -> StatePublisher
 def test_every_value_arrives_in_its_place(memories: list[RobotMemory], robot: RobotDescription) -> None:
     random = np.random.default_rng(31)
     publisher = publisher_of(memories[0], robot)
-    for _ in range(1000):
+    for _ in range(samples(1000)):
         scalars = np.frombuffer(random.bytes(SCALARS.itemsize), SCALARS).reshape(()).copy()
         measured = Measured(robot.limits.dof)
         measured.values[:] = random.normal(size=measured.values.shape)

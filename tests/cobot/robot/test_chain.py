@@ -20,7 +20,7 @@ from cobot.robot.model import RobotModel
 from cobot.types import Array, JointLimits
 
 SEEDS = range(20)
-CONFIGURATIONS = 2500
+CONFIGURATIONS = samples(2500)
 TOLERANCE = 1e-12
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from laws.collision_monitor import CollisionMonitor as PlainMonitor
+from samples import samples
 from second_opinion import changed_world, robot_in
 
 from cobot.config import Settings
@@ -14,7 +15,7 @@ from cobot.robot.description import RobotDescription
 from cobot.types import Array
 from rtloop.streaming.collision_monitor import CollisionMonitor
 
-LOOKS = 25_000
+LOOKS, WAYS = samples(25_000), 250
 
 
 @pytest.fixture
@@ -52,14 +53,14 @@ def test_share_block_and_way_out_are_those_of_numpy(
         assert monitor.share == pytest.approx(plain.share, rel=0.0, abs=1e-12), cycle
         assert monitor.blocked == plain.blocked, cycle
         slowed, blocked = slowed + (plain.share < 1.0), blocked + plain.blocked
-        if cycle % 100 == 0:
+        if cycle % (LOOKS // WAYS) == 0:
             heading = random.normal(size=here.limits.dof) * 10.0 ** random.uniform(-3.0, 0.0)
             leads_away = monitor.leads_away(command[0], heading)
             assert leads_away == plain.leads_away(command[0], heading), cycle
             ways += leads_away
     assert slowed > LOOKS // 100
     assert blocked > LOOKS // 100
-    assert 0 < ways < LOOKS // 100
+    assert 0 < ways < WAYS
 
 
 def test_a_command_that_is_not_finite_changes_nothing(settings: Settings, robot: RobotDescription) -> None:
