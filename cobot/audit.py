@@ -25,7 +25,7 @@ from typing import Any
 
 from cobot.clock import SYSTEM, Clock
 from cobot.config import Settings
-from cobot.errors import InputError
+from cobot.errors import AuthenticationError, InputError, PermissionDenied
 from cobot.logs.files import RotatingFile, aside
 from cobot.logs.lines import printable
 from cobot.logs.outlet import Outlet
@@ -170,6 +170,16 @@ def note(what: str, outcome: str = "ok", **details: object) -> None:
     on = trail.get()
     if on is not None:
         on.audit.record(on.who(), on.from_, what, outcome, request=on.request, **details)
+
+
+@contextlib.contextmanager
+def noting_refusal(what: str) -> Iterator[None]:
+    """Add an entry if somebody may not do it: for what is no request of its own, which would have one."""
+    try:
+        yield
+    except (AuthenticationError, PermissionDenied) as exc:
+        note(what, exc.code)
+        raise
 
 
 def add_details(**details: object) -> None:

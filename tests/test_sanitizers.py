@@ -58,7 +58,7 @@ TOO_LONG = (
     "tests/rtloop/planned/test_path_law.py::test_the_rate_changes_as_the_law_says",
     f"{WILD_LOOP}[80000-2-between-loopback]",
 )
-SHARE_OF_SAMPLES = "0.02"
+SHARE_OF_SAMPLES = "0.01"
 LIMIT_S = 1200
 # What the sanitizers must find, or the whole test says nothing.
 FAULTY = """

@@ -68,6 +68,7 @@ class Publisher:
 
     def close(self) -> None:
         """Done with it. May be called again."""
+        self.last = None  # which may be large, and whoever holds this may be garbage that nobody collects yet
         self._topics.drop(self._topic, self)
 
 

@@ -7,6 +7,7 @@ packet cost no other connection more than a slice. What is refused here is answe
 
 from __future__ import annotations
 
+import asyncio
 import functools
 import json
 import re
@@ -47,9 +48,25 @@ class Flow(FlowControl):
     """Reads on when the application wants more, unless what has been read waits for its turn."""
 
     def __init__(self, transport: Transport, go_on: Callable[[], None]) -> None:
+        self._paused = False
         super().__init__(transport)
         self.held = False
         self.go_on = go_on
+
+    @property
+    def write_paused(self) -> bool:
+        """Whether there is something to `drain` before more may be written."""
+        return self._paused or self._transport.is_closing()
+
+    @write_paused.setter
+    def write_paused(self, paused: bool) -> None:
+        self._paused = paused
+
+    async def drain(self) -> None:
+        """Until more can be written; on a connection that has just closed, until it is known to be."""
+        await super().drain()
+        if self._transport.is_closing():
+            await asyncio.sleep(0)
 
     def hold(self) -> None:
         self.held = True
@@ -85,6 +102,7 @@ class HttpProtocol(HttpToolsProtocol):
         super().__init__(**uvicorn)
         self._crowd, self._turns, self._limits = shared.crowd, shared.turns, shared.limits
         self._visit = visit
+        self._answering: RequestResponseCycle | None = None  # uvicorn knows the newest request alone
         self._unread = bytearray()  # waits for a turn
         self._waits = False
         # Bytes that brought nothing forward: of an endless header, trailer or extension of a chunk.
@@ -102,6 +120,9 @@ class HttpProtocol(HttpToolsProtocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         super().connection_lost(exc)
+        if self._answering is not None:
+            self._answering.disconnected = True
+            self._answering.message_event.set()
         self._unread.clear()
         self._crowd.leave(self._visit)
         # No circle of references keeps it until the garbage collector comes by: it may hold a large header.
@@ -233,6 +254,7 @@ class HttpProtocol(HttpToolsProtocol):
 
     def _start_asgi_task(self, cycle: RequestResponseCycle, app: ASGI3Application) -> None:
         start = super()._start_asgi_task
+        self._answering = cycle
         if STOP.match(f"{cycle.scope['method']} {cycle.scope['path']} ".encode()):
             start(cycle, app)
         else:

@@ -83,6 +83,8 @@ class StreamProtocol(WebSocketsSansIOProtocol):
             raise
         if message["type"] == "websocket.accept" and not self.handshake_complete:  # there is nobody any more
             raise ClientDisconnected
+        if self.initial_response is not None and self.close_sent:
+            self.handshake_complete = True  # a refusal is an answer, too
         if message["type"] == "websocket.accept":
             self._crowd.go_on(self._visit, Doing.STREAMING)
             if self._unread:

@@ -23,6 +23,7 @@ from app.rosbridge.fragments import Assembly
 from app.rosbridge.offers import Offers
 from app.rosbridge.outbox import MAX_PER_TOPIC, Outbox
 from app.rosbridge.roles import ROLES
+from cobot import audit
 from cobot.access.roles import SERVICE, Identity, require
 from cobot.errors import CobotError, ConflictError, InputError, UnavailableError
 from cobot.ros.messages import Message
@@ -37,6 +38,8 @@ MAX_VALUES = 200_000
 MAX_PENDING = 1024
 """So many calls and goals of one client may be under way."""
 MAX_ENDS = 1024
+MAX_LATCHED = 16 * 2**20
+"""So many characters of latched messages, which stay until the client goes, are kept of one client."""
 """One client may publish so many topics, and subscribe so many."""
 LEVELS = ("none", "error", "warning", "info")
 
@@ -65,6 +68,7 @@ class Connection:
         self._offers = Offers(graph, self.outbox, self)
         self._goals: dict[op.Id, tuple[str, str]] = {}
         self._tasks: set[asyncio.Task[None]] = set()
+        self._latched: dict[str, int] = {}
 
     def prepared(self, content: Any) -> Any:
         """For `take`: a decoded message, of which what grows with its size is done. For another thread."""
@@ -81,8 +85,11 @@ class Connection:
         except (CobotError, RuntimeError):
             return content  # a mistake, which `take` will find as well; or the graph has changed meanwhile
 
-    def take(self, content: Any) -> str | None:
+    def take(self, content: Any, size: int = 0) -> str | None:
         """A decoded message, or what `prepared` made of it. What is wrong with it is told to the client.
+
+        Args:
+            size: its characters.
 
         Returns:
             A message that this one has completed, to be decoded and taken as well.
@@ -92,6 +99,8 @@ class Connection:
             asked = content if isinstance(content, op.Operation) else op.operation(content)
             if isinstance(asked, op.Fragment):
                 return self._fragments.add(asked)
+            if isinstance(asked, op.Publish):
+                self._keep_bounded(asked, size)
             self._carry_out(asked)
         except CobotError as exc:
             self.complain(exc, message_id)
@@ -123,7 +132,8 @@ class Connection:
         self._graph.gateways.discard(self)
 
     def _carry_out(self, asked: op.Operation) -> None:
-        require(self._identity, ROLES[type(asked)])
+        with audit.noting_refusal(f"rosbridge {type(asked).__name__}"):
+            require(self._identity, ROLES[type(asked)])
         match asked:
             case op.Publish():
                 self._publish(asked)
@@ -174,6 +184,19 @@ class Connection:
             self._advertise(asked.topic, type_, asked.latch, None)
         self._publishers[asked.topic][0].publish(asked.msg)
 
+    def _keep_bounded(self, asked: op.Publish, size: int) -> None:
+        """See that a message which would stay, since its topic is latched, may."""
+        known = self._publishers.get(asked.topic)
+        if not (asked.latch if known is None else known[0].latch):
+            return
+        kept = sum(self._latched.values()) - self._latched.get(asked.topic, 0)
+        if kept + size > MAX_LATCHED:
+            raise ConflictError(
+                f"the latched messages of a client may have {MAX_LATCHED} characters together: "
+                f"{kept} are kept already, and this one has {size}"
+            )
+        self._latched[asked.topic] = size
+
     def _advertise(self, topic: str, type_: str, latch: bool, advertise_id: op.Id) -> None:
         known = self._publishers.get(topic)
         if known is None:
@@ -197,6 +220,7 @@ class Connection:
         if asked.id is None or not ids - {None}:
             publisher.close()
             del self._publishers[asked.topic]
+            self._latched.pop(asked.topic, None)
 
     def _begin(self, work: Coroutine[Any, Any, None], compression: str | None) -> None:
         """Answer something while other messages are taken."""
@@ -220,7 +244,8 @@ class Connection:
             answer["id"] = asked.id
         try:
             service = self._graph.service(asked.service)
-            require(self._identity, service.role)
+            with audit.noting_refusal(f"rosbridge {type(asked).__name__} {asked.service}"):
+                require(self._identity, service.role)
             arguments = self._arguments(asked.args, f"{service.type}_Request")
             async with asyncio.timeout(asked.timeout or None):
                 answer["values"] = await self._graph.call_service(asked.service, arguments)

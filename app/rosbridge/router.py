@@ -91,7 +91,7 @@ async def _receive(socket: WebSocket, connection: Connection, large: asyncio.Loc
             except CobotError as exc:
                 connection.complain(exc)
                 break
-            text = connection.take(content)
+            text = connection.take(content, len(text))
         await asyncio.sleep(0)  # who floods this connection shall not keep the others waiting
 
 

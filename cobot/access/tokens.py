@@ -10,6 +10,7 @@ import contextlib
 import fcntl
 import os
 import secrets
+import stat
 import tempfile
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
@@ -74,7 +75,14 @@ class TokenFile:
     def read(self) -> Tokens:
         """All of them."""
         try:
-            status = self.path.stat()
+            # What is no file may keep its reader waiting for ever: a pipe, a device.
+            descriptor = os.open(self.path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+            with os.fdopen(descriptor, "rb") as file:
+                status, content = os.fstat(descriptor), b""
+                if stat.S_ISREG(status.st_mode):
+                    content = file.read()
+            if not stat.S_ISREG(status.st_mode):
+                raise ConfigError(f"{self.path}: is no file")
             trusted = (
                 0,
                 os.geteuid(),
@@ -85,7 +93,7 @@ class TokenFile:
                     f"{self.path}: others may change it, and with it who moves the robot: "
                     f"chown {os.geteuid()} and chmod 600 it"
                 )
-            return tuple(_TOKENS.validate_json(self.path.read_bytes()))
+            return tuple(_TOKENS.validate_json(content))
         except FileNotFoundError:
             return ()
         except ValidationError as exc:

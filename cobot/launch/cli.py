@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import sys
 from collections.abc import Sequence
@@ -160,8 +161,22 @@ def _stop(chosen: argparse.Namespace) -> int:
     )
     at_rest = stop(robots, latched=chosen.estop, out=sys.stdout)
     what = f"{'e-stop' if chosen.estop else 'stop'} {' '.join(robots)}".rstrip()
-    record_from_cli(load_settings(chosen.config), what, "ok" if at_rest else "not known to be at rest")
+    outcome = "ok" if at_rest else "not known to be at rest"
+    for config in _running_configs(robots) or {chosen.config}:
+        record_from_cli(load_settings(config), what, outcome)
     return EXIT_OK if at_rest else EXIT_FAILED
+
+
+def _running_configs(robots: Sequence[str]) -> set[Path | None]:
+    """The settings of the cobots that these robots belong to, or of all that run: there is their audit."""
+    from cobot.launch.running_config import RunningConfig
+
+    found: set[Path | None] = set()
+    for running in RunningConfig.mine():
+        with contextlib.suppress(CobotError):
+            if not robots or set(robots) & load_settings(running.file).each.keys():
+                found.add(running.file)
+    return found
 
 
 def _lua(chosen: argparse.Namespace) -> int:

@@ -56,6 +56,16 @@ class RunningConfig:
         """That of the cobot whose default robot has this name."""
         return cls(FOLDER / f"cobot-{robot}.run")
 
+    @classmethod
+    def mine(cls) -> list[RunningConfig]:
+        """Those of this user's cobots that run, or were killed. What others put there is not believed."""
+        found = []
+        for folder in FOLDER.glob("cobot-*.run"):
+            with contextlib.suppress(OSError):
+                if folder.lstat().st_uid == os.geteuid():
+                    found.append(cls(folder))
+        return found
+
     @property
     def file(self) -> Path:
         """The settings' file, for `cobot.config.load_settings`."""

@@ -174,10 +174,14 @@ class Connection:
             case End():
                 self._required.end()
             case Control():
+                self._require_operator("control")
                 taken = await self._control.take(frame.timeout_s)
+                audit.note("control taken", timeout_s=frame.timeout_s)
                 self._answer("control", token=taken.token, timeout_s=frame.timeout_s)
             case Release():
+                self._require_operator("release")
                 self._control.release()
+                audit.note("control released")
                 self._answer("control_released")
             case Chunk():
                 record = frame.record(len(self._streams.info["joint_names"]))
@@ -215,6 +219,10 @@ class Connection:
             raise InputError("there is no session: begin one with a frame of type session")
         return self._session
 
+    def _require_operator(self, what: str) -> None:
+        with audit.noting_refusal(f"{what} on the stream"):
+            require(identity_of(self._socket), Role.OPERATOR)
+
     def _subscribe(self, frame: Subscribe) -> None:
         if self._ticker is not None:
             self._ticker.close()
@@ -222,7 +230,7 @@ class Connection:
         self._ticker = self._streams.clock.ticker(frame.rate_hz, self._tick)
 
     async def _open(self, request: np.ndarray) -> None:
-        require(identity_of(self._socket), Role.OPERATOR)
+        self._require_operator("session")
         client = self._socket.client
         name = f"WS {self._socket.url.path}" + (f" from {client.host}:{client.port}" if client else "")
         session = self._session = await self._streams.open(request, name, self._timeout_s)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
+import hashlib
 from collections.abc import Callable
 from functools import partial
-from typing import Annotated
+from typing import Annotated, Any, cast
 
 from fastapi import APIRouter, Depends, File, Query, Request, UploadFile
 
@@ -52,7 +54,9 @@ async def send_csv(
     call = Call(request)
     dof = call.services.robot.limits.dof
     options = Options(query.validate_limits, query.retime, query.move_to_start)
-    audit.add_details(file=file.filename or "", bytes=file.size)
+    digest = await asyncio.to_thread(hashlib.file_digest, cast(Any, file.file), "sha256")
+    await file.seek(0)
+    audit.add_details(file=file.filename or "", bytes=file.size, sha256=digest.hexdigest())
     read = partial(read_points, file.file, query.separator, dof)
     return _answer(await call.services.trajectories.send(read, options, call.caller(gone)))
 

@@ -60,6 +60,7 @@ def main() -> int:
     gc.collect()
     gc.freeze()
     gc.enable()
+    be(Niceness.BACKGROUND)  # not before: a busy computer would keep who waits for it waiting
     with socket(fileno=arguments.fd) as connection, connection.makefile("rwb") as channel:
         _work(channel, robot)
     return 0
@@ -97,6 +98,5 @@ def _received(channel: BinaryIO) -> bytes | None:
 
 if __name__ == "__main__":
     die_with_parent(signal.SIGKILL)
-    be(Niceness.BACKGROUND)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     sys.exit(in_words(main))

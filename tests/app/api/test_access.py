@@ -516,6 +516,21 @@ def test_a_service_called_over_rosbridge_asks_for_its_own_role(guarded: Guarded)
         assert graph.service(f"{robot}/servo_mode/_action/{name}").role is role
 
 
+def test_an_observer_takes_no_control_on_the_stream_and_the_audit_says_that_it_tried(
+    guarded: Guarded,
+) -> None:
+    with Frames(guarded.connect("/robot/stream", Role.OBSERVER)) as client:
+        for kind in ("control", "release"):
+            client.send(kind)
+            refused = client.answer()
+            assert (refused["code"], refused["about"]) == ("forbidden", kind)
+    assert guarded.ask("GET", "/robot/control", Role.OBSERVER).json()["holder"] is None
+    entries = guarded.ask("GET", "/audit", Role.ADMIN).json()["entries"]
+    seen = [(entry["who"], entry["what"], entry["outcome"]) for entry in entries]
+    for kind in ("control", "release"):
+        assert ("the-observer", f"{kind} on the stream", "forbidden") in seen
+
+
 def test_an_observer_watches_a_stream_and_opens_none(guarded: Guarded) -> None:
     with Frames(guarded.connect("/robot/stream", Role.OBSERVER)) as client:
         client.send("subscribe", rate_hz=50)

@@ -5,6 +5,7 @@ Oracle: the list of the application's own routes and vendor services; the audit 
 
 from __future__ import annotations
 
+import hashlib
 import json
 import logging
 import re
@@ -139,6 +140,10 @@ def test_an_upload_is_known_by_its_digest(run: VirtualService) -> None:
     assert details["sha256"] == "44136fa355b3678a1146ad16f7e8649e94fb4fc21fe77e8310c060f61caaff8a"
     assert details["bytes"] == 2
     assert details["file"].isprintable()
+    _, request = ask(run, "POST", "/trajectory/send_csv", files={"file": ("points.csv", CSV)})
+    details = entry(run, request)["details"]
+    assert details["sha256"] == hashlib.sha256(CSV.encode()).hexdigest()
+    assert (details["file"], details["bytes"]) == ("points.csv", len(CSV))
 
 
 def test_a_websocket_is_opened_and_closed_and_its_session_too(run: VirtualService) -> None:

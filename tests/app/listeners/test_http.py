@@ -47,13 +47,17 @@ class Application:
     accepted when that is told, and gets a word when its client has gone."""
 
     def __init__(self) -> None:
-        self.waiting = 0
+        self.waiting = self.large = 0
         self.late: list[str] = []
         self.go_on = threading.Event()
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         if scope["type"] == "websocket":
-            await (self._late if scope["path"] == "/late" else self._socket)(receive, send)
+            kinds = {"/late": self._late, "/refused": self._refused}
+            await kinds.get(scope["path"], self._socket)(receive, send)
+            return
+        if scope["path"] == "/large":
+            await self._large(send)
             return
         if scope["path"] == "/wait":
             self.waiting += 1
@@ -78,6 +82,23 @@ class Application:
         while (await receive())["type"] == "websocket.receive":
             count += 1
             await send({"type": "websocket.send", "text": str(count)})
+
+    async def _refused(self, receive: Any, send: Any) -> None:
+        await receive()
+        headers = [(b"content-length", b"4")]
+        await send({"type": "websocket.http.response.start", "status": 503, "headers": headers})
+        await send({"type": "websocket.http.response.body", "body": b"busy"})
+
+    async def _large(self, send: Any) -> None:
+        """200 MB, of which a client that does not read gets less."""
+        self.large += 1
+        try:
+            await send({"type": "http.response.start", "status": 200, "headers": []})
+            for _ in range(200):
+                await send({"type": "http.response.body", "body": bytes(10**6), "more_body": True})
+            await send({"type": "http.response.body", "body": b""})
+        finally:
+            self.large -= 1
 
     async def _late(self, receive: Any, send: Any) -> None:
         await receive()
@@ -367,6 +388,30 @@ def test_who_is_told_something_after_it_has_gone_is_no_error_of_the_service(
         time.sleep(0.1)  # until the reset has arrived; else it finds the connection closed a word later
     own.application.go_on.set()
     until(lambda: own.application.late == ["ClientDisconnected"])
+    own.close()
+    assert not caplog.records
+
+
+def test_a_refused_handshake_is_no_error_of_the_service(
+    own: Service, caplog: pytest.LogCaptureFixture
+) -> None:
+    with own.connect() as connection:
+        connection.sendall(UPGRADE.format("/refused").encode())
+        assert answer(connection) == (503, b"busy")
+    own.close()
+    assert not caplog.records
+
+
+def test_who_goes_before_its_pipelined_answers_is_no_error_of_the_service(
+    own: Service, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Large ones, of which the first is being written when the connection breaks."""
+    with own.connect() as connection:
+        connection.sendall(b"GET /large HTTP/1.1\r\nHost: h\r\n\r\n" * 20)
+        connection.recv(1)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    assert own.ask(STOP) == (200, b"0")
+    until(lambda: own.application.large == 0)
     own.close()
     assert not caplog.records
 

@@ -21,7 +21,7 @@ from app.graph.actions import GoalHandle, GoalStatus, Rejected
 from app.graph.graph import GRAPH_TOPIC, Graph
 from app.rosbridge import connection as connections
 from app.rosbridge import outbox
-from app.rosbridge.connection import Connection
+from app.rosbridge.connection import MAX_LATCHED, Connection
 from app.rosbridge.operations import OPERATIONS
 from app.rosbridge.rosapi import DEFINITIONS, add_rosapi
 from cobot.errors import ExecutionError, InputError
@@ -128,6 +128,27 @@ def test_a_topic_that_somebody_has_may_be_published_without_being_advertised() -
         assert two.got()[0]["msg"] == {"data": "x"}
         one.ask("publish", topic="/b", msg={})
         assert "nobody has advertised '/b'" in errors(one)[0]
+
+    live(test)
+
+
+def test_latched_messages_are_bounded_and_given_back() -> None:
+    async def test(graph: Graph, one: Client, other: Client) -> None:
+        for number in range(2):
+            one.ask("advertise", topic=f"/a{number}", type=STRING, latch=True)
+        message = {"op": "publish", "topic": "/a0", "msg": {"data": "first"}}
+        one.take(message, MAX_LATCHED)
+        one.take(message, MAX_LATCHED)  # in place of the first one
+        assert one.got() == []
+        one.take({**message, "topic": "/a1"}, 1)
+        (refused,) = one.got()
+        assert f"{MAX_LATCHED} are kept already, and this one has 1" in refused["msg"]
+        publisher, _ = one._publishers["/a0"]
+        assert publisher.last == {"data": "first"}
+        one.ask("unadvertise", topic="/a0")
+        assert publisher.last is None
+        one.take({**message, "topic": "/a1"}, MAX_LATCHED)
+        assert one.got() == []
 
     live(test)
 

@@ -79,6 +79,19 @@ def test_a_spoilt_file_is_said_to_be_and_stays(file: TokenFile) -> None:
     assert file.path.read_text(encoding="utf-8") == '[{"name": "alice"}]'
 
 
+def test_what_is_no_file_keeps_nobody_waiting(file: TokenFile) -> None:
+    """A pipe that nobody writes to, and a device without an end."""
+    file.create("alice", Role.OPERATOR)
+    file.path.unlink()
+    os.mkfifo(file.path, 0o600)
+    with pytest.raises(ConfigError, match=r"tokens\.json: is no file"):
+        file.read()
+    file.path.unlink()
+    file.path.symlink_to("/dev/zero")
+    with pytest.raises(ConfigError, match=r"tokens\.json: is no file"):
+        file.read()
+
+
 def test_a_file_that_others_may_change_gives_nobody_rights(file: TokenFile) -> None:
     file.create("alice", Role.OPERATOR)
     file.path.chmod(0o620)

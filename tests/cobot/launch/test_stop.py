@@ -13,11 +13,13 @@ import numpy as np
 import pytest
 from rig import Rig
 
+from cobot.config import Settings, load_settings
 from cobot.errors import LayoutError
 from cobot.ipc import shm
 from cobot.ipc.layout import MotionResult
 from cobot.launch import cli
 from cobot.launch import stop as command
+from cobot.launch.running_config import RunningConfig
 from cobot.launch.stop import stop
 from cobot.planners import MotionRequest, plan
 from cobot.types import LoopMode, PlannerName, Scaling
@@ -112,3 +114,17 @@ def test_the_command_needs_no_settings_when_a_robot_is_named(
         assert cli.main(["stop", "--config", str(mine)]) == cli.EXIT_OK
     assert capsys.readouterr().out.count("nothing was running; the arm is at rest") == 2
     assert cli.main(["stop", "--robot", "nobody-here"]) == cli.EXIT_FAILED
+
+
+def test_the_audit_of_the_cobot_that_runs_has_it(rig: Rig, settings: Settings, tmp_path: Path) -> None:
+    robot = settings.robot.model_copy(update={"name": rig.memory.robot})
+    running = RunningConfig.of(rig.memory.robot)
+    running.create(settings.model_copy(update={"robot": robot, "logs": tmp_path}))
+    try:
+        with turning(rig):
+            assert cli.main(["stop", "--robot", rig.memory.robot]) == cli.EXIT_OK
+        assert f"stop {rig.memory.robot}" in load_settings(running.file).audit_file.read_text(
+            encoding="utf-8"
+        )
+    finally:
+        running.remove()
