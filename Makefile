@@ -17,8 +17,7 @@ COMPILED := $(sort $(foreach file,$(shell find $(PACKAGES) -name '*.so'),$(first
 # Python is started some hundred times: it shall not compile everything each time.
 unexport PYTHONDONTWRITEBYTECODE
 
-# Many tests wait for an arm that moves in real time: three of them keep two cores busy.
-PARALLEL := --numprocesses 3 --dist loadfile --no-loadscope-reorder
+PARALLEL := --numprocesses 2 --dist loadfile --no-loadscope-reorder
 
 .PHONY: run setup setup-dev client-wheel test lint bench lock clean help FORCE
 

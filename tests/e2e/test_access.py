@@ -139,26 +139,26 @@ def test_the_button_of_the_documentation_shows_the_token(locked: Locked, tmp_pat
         def found(selector: str) -> str:
             return f"document.querySelector({json.dumps(selector)})"
 
-        def act(selector: str, deed: str = "click") -> None:
-            until(lambda: page.run(f"{found(selector)} && ({found(selector)}.{deed}(), true)"))
+        def press(selector: str, shown: str) -> None:
+            """Until it has had its effect: Swagger UI may not listen yet."""
+            click = f"{found(selector)}?.click()"
+            until(lambda: page.run(f"!!{shown} || ({click}, false)") or time.sleep(0.5))
 
         def status() -> str:
             """Of the answer that the page shows."""
-            answer = f"{found(f'{OPERATION} tr.response .response-col_status')}?.innerText"
-            ask = f"{found(f'{OPERATION} .loading-container')} ?? {found(f'{OPERATION} .execute')}?.click()"
-            while not (said := page.run(f"{answer} ?? void ({ask})")):
-                time.sleep(0.5)  # Swagger UI may not listen yet
-            return str(said).split()[0]
+            loading = found(f"{OPERATION} .loading-container")
+            press(f"{OPERATION} .execute", f"({loading} || {answer})")
+            return str(until(lambda: page.run(answer))).split()[0]
 
+        answer = f"{found(f'{OPERATION} .live-responses-table tr.response .response-col_status')}?.innerText"
         page.visit(f"{locked.run.url}/docs")
-        act(f"{OPERATION} .opblock-summary-control")
+        press(f"{OPERATION} .opblock-summary-control", found(f"{OPERATION} .execute"))
         assert status() == "401"
-        act(f"{OPERATION} .btn-clear")
-        act(".btn.authorize")
-        act("#auth-bearer-value", "focus")
+        press(f"{OPERATION} .btn-clear", f"!{answer}")
+        press(".btn.authorize", found("#auth-bearer-value"))
+        page.run(f"{found('#auth-bearer-value')}.focus()")
         page.ask("Input.insertText", text=locked.tokens[Role.OBSERVER])
-        act(".auth-btn-wrapper .authorize")
-        act(".auth-btn-wrapper .btn-done")
+        press(".auth-btn-wrapper .authorize", found(".btn.authorize.locked"))
         assert status() == "200"
 
 
