@@ -23,6 +23,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from cobot.access import roles
+from cobot.access.roles import Identity, Role
 from cobot.clock import SYSTEM, Clock
 from cobot.config import Settings
 from cobot.errors import AuthenticationError, InputError, PermissionDenied
@@ -172,13 +174,15 @@ def note(what: str, outcome: str = "ok", **details: object) -> None:
         on.audit.record(on.who(), on.from_, what, outcome, request=on.request, **details)
 
 
-@contextlib.contextmanager
-def noting_refusal(what: str) -> Iterator[None]:
-    """Add an entry if somebody may not do it: for what is no request of its own, which would have one."""
+def require(identity: Identity, role: Role, *what: str) -> None:
+    """As `cobot.access.roles.require`, with an entry if somebody may not do it.
+
+    For what comes over a connection: a request of its own has an entry anyway.
+    """
     try:
-        yield
+        roles.require(identity, role)
     except (AuthenticationError, PermissionDenied) as exc:
-        note(what, exc.code)
+        note(" ".join(what), exc.code)
         raise
 
 

@@ -24,7 +24,7 @@ from app.rosbridge.offers import Offers
 from app.rosbridge.outbox import MAX_PER_TOPIC, Outbox
 from app.rosbridge.roles import ROLES
 from cobot import audit
-from cobot.access.roles import SERVICE, Identity, require
+from cobot.access.roles import SERVICE, Identity
 from cobot.errors import CobotError, ConflictError, InputError, UnavailableError
 from cobot.ros.messages import Message
 from cobot.strict import shown
@@ -99,9 +99,7 @@ class Connection:
             asked = content if isinstance(content, op.Operation) else op.operation(content)
             if isinstance(asked, op.Fragment):
                 return self._fragments.add(asked)
-            if isinstance(asked, op.Publish):
-                self._keep_bounded(asked, size)
-            self._carry_out(asked)
+            self._carry_out(asked, size)
         except CobotError as exc:
             self.complain(exc, message_id)
         except Exception as exc:
@@ -131,12 +129,11 @@ class Connection:
         await self._offers.close()
         self._graph.gateways.discard(self)
 
-    def _carry_out(self, asked: op.Operation) -> None:
-        with audit.noting_refusal(f"rosbridge {type(asked).__name__}"):
-            require(self._identity, ROLES[type(asked)])
+    def _carry_out(self, asked: op.Operation, size: int) -> None:
+        audit.require(self._identity, ROLES[type(asked)], "rosbridge", type(asked).__name__)
         match asked:
             case op.Publish():
-                self._publish(asked)
+                self._publish(asked, size)
             case op.CallService():
                 self._begin(self._call(asked), asked.compression)
             case op.ServiceResponse():
@@ -176,18 +173,15 @@ class Connection:
                 self._graph.gateways.add(self)
                 self._graph.changed()
 
-    def _publish(self, asked: op.Publish) -> None:
+    def _publish(self, asked: op.Publish, size: int) -> None:
         if asked.topic not in self._publishers:
             type_ = self._graph.type_of(asked.topic)
             if type_ is None:
                 raise InputError(f"nobody has advertised {shown(asked.topic)}, so its type is not known")
             self._advertise(asked.topic, type_, asked.latch, None)
-        self._publishers[asked.topic][0].publish(asked.msg)
-
-    def _keep_bounded(self, asked: op.Publish, size: int) -> None:
-        """See that a message which would stay, since its topic is latched, may."""
-        known = self._publishers.get(asked.topic)
-        if not (asked.latch if known is None else known[0].latch):
+        publisher, _ = self._publishers[asked.topic]
+        if not publisher.latch:
+            publisher.publish(asked.msg)
             return
         kept = sum(self._latched.values()) - self._latched.get(asked.topic, 0)
         if kept + size > MAX_LATCHED:
@@ -195,6 +189,7 @@ class Connection:
                 f"the latched messages of a client may have {MAX_LATCHED} characters together: "
                 f"{kept} are kept already, and this one has {size}"
             )
+        publisher.publish(asked.msg)
         self._latched[asked.topic] = size
 
     def _advertise(self, topic: str, type_: str, latch: bool, advertise_id: op.Id) -> None:
@@ -244,8 +239,7 @@ class Connection:
             answer["id"] = asked.id
         try:
             service = self._graph.service(asked.service)
-            with audit.noting_refusal(f"rosbridge {type(asked).__name__} {asked.service}"):
-                require(self._identity, service.role)
+            audit.require(self._identity, service.role, "rosbridge", asked.service)
             arguments = self._arguments(asked.args, f"{service.type}_Request")
             async with asyncio.timeout(asked.timeout or None):
                 answer["values"] = await self._graph.call_service(asked.service, arguments)

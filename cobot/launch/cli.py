@@ -162,20 +162,21 @@ def _stop(chosen: argparse.Namespace) -> int:
     at_rest = stop(robots, latched=chosen.estop, out=sys.stdout)
     what = f"{'e-stop' if chosen.estop else 'stop'} {' '.join(robots)}".rstrip()
     outcome = "ok" if at_rest else "not known to be at rest"
-    for config in _running_configs(robots) or {chosen.config}:
-        record_from_cli(load_settings(config), what, outcome)
+    for settings in _running(robots) or [load_settings(chosen.config)]:
+        record_from_cli(settings, what, outcome)
     return EXIT_OK if at_rest else EXIT_FAILED
 
 
-def _running_configs(robots: Sequence[str]) -> set[Path | None]:
-    """The settings of the cobots that these robots belong to, or of all that run: there is their audit."""
+def _running(robots: Sequence[str]) -> list[Settings]:
+    """Of the cobots of this user that these robots belong to, of all without a name: there is their audit."""
     from cobot.launch.running_config import RunningConfig
 
-    found: set[Path | None] = set()
+    found = []
     for running in RunningConfig.mine():
         with contextlib.suppress(CobotError):
-            if not robots or set(robots) & load_settings(running.file).each.keys():
-                found.add(running.file)
+            settings = load_settings(running.file)
+            if not robots or not settings.each.keys().isdisjoint(robots):
+                found.append(settings)
     return found
 
 

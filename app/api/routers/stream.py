@@ -32,7 +32,7 @@ from app.robot_services import Services
 from app.services.motion.lease import CLIENT
 from app.services.streaming.sessions import Session
 from cobot import audit
-from cobot.access.roles import Role, require
+from cobot.access.roles import Role
 from cobot.client import wire
 from cobot.client.wire import Kind
 from cobot.clock import Ticks
@@ -220,8 +220,7 @@ class Connection:
         return self._session
 
     def _require_operator(self, what: str) -> None:
-        with audit.noting_refusal(f"{what} on the stream"):
-            require(identity_of(self._socket), Role.OPERATOR)
+        audit.require(identity_of(self._socket), Role.OPERATOR, what, "on the stream")
 
     def _subscribe(self, frame: Subscribe) -> None:
         if self._ticker is not None:

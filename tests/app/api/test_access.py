@@ -506,6 +506,9 @@ def test_a_service_called_over_rosbridge_asks_for_its_own_role(guarded: Guarded)
     called, why = calls(guarded, Role.OBSERVER, f"{robot}/MotionControl/stopJoint")
     assert not called
     assert "the-observer has the role observer, which this does not permit: it needs operator" in why
+    entries = guarded.ask("GET", "/audit", Role.ADMIN).json()["entries"]
+    seen = [(entry["who"], entry["what"], entry["outcome"]) for entry in entries]
+    assert ("the-observer", f"rosbridge {robot}/MotionControl/stopJoint", "forbidden") in seen
     assert not calls(guarded, Role.OPERATOR, f"{robot}/RobotConfig/resetLimits")[0]
     assert calls(guarded, Role.PROGRAMMER, f"{robot}/RobotConfig/resetLimits")[0]
     for name, role in (
