@@ -26,7 +26,7 @@ from app.services.motion import planning_pool
 from app.services.motion.planning import PlanningService
 from app.services.motion.planning_pool import PlanningPool
 from cobot.errors import InputError, PlanningError, PlanningTimeout, UnavailableError
-from cobot.launch.process import is_stopped
+from cobot.launch.process import Niceness, is_stopped
 from cobot.planners import MotionRequest, plan
 from cobot.robot.description import RobotDescription
 from cobot.types import PlannerName, Scaling
@@ -99,6 +99,11 @@ def workers(module: str = LIGHT) -> list[psutil.Process]:
             if module in child.cmdline():
                 found.append(child)
     return found
+
+
+def test_who_is_ready_takes_the_time_that_nobody_else_wants(real: PlanningService) -> None:
+    (worker,) = workers(planning_pool.WORKER)
+    assert worker.nice() == Niceness.BACKGROUND
 
 
 def _exhaust(robot: RobotDescription) -> int:
