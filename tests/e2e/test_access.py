@@ -211,7 +211,7 @@ def test_a_program_that_the_service_runs_is_who_started_it_for_as_long_as_it_run
             with Client(locked.run.url, token=used[-1], verify=locked.trusted) as itself:
                 itself.health()
             locked.run.until(lambda client=client: client.sequence_status()["status"] == "finished")
-            assert client.sequence_status()["returncode"] == 0, client.sequence_logs()
+            assert client.sequence_status()["returncode"] == 0, "\n".join(client.sequence_logs())
             said[role] = "\n".join(client.sequence_logs(8))
     assert "limits true" in said[Role.PROGRAMMER]
     assert "limits false" in said[Role.OPERATOR]
