@@ -15,7 +15,7 @@ from cobot.client.tls import CERTIFICATE_VARIABLE, TOKEN_VARIABLE
 from cobot.config import Settings, load_settings
 from cobot.errors import CobotError
 from cobot.launch import token
-from cobot.launch.process import RUN_MODULE, in_words
+from cobot.launch.process import RUN_MODULE, in_words, require_limits
 
 DESCRIPTION = """\
 A robot arm behind a REST service.
@@ -79,6 +79,7 @@ def _run(chosen: argparse.Namespace) -> int:
 
             print(write_moveit_config(settings, chosen.folder))
             return EXIT_OK
+        require_limits()
         from cobot.launch.supervisor import Supervisor
 
         return Supervisor(_overridden(settings, chosen), chosen.config, settings).run()

@@ -5,18 +5,23 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import os
+import resource
 import signal
 import sys
 from collections.abc import Callable
 from enum import IntEnum
 from pathlib import Path
 
-from cobot.errors import exhausted
+from cobot.errors import UnavailableError, exhausted
 
 _PR_SET_PDEATHSIG = 1
 
 RUN_MODULE = (sys.executable, "-P", "-m")
 """The command that starts an installed module; -P: not one that happens to lie in the current folder."""
+
+MIN_DESCRIPTORS = 64
+MIN_ADDRESS_SPACE = 1 << 30
+"""[bytes] of one process: the largest takes 0.8 GB on two cores, most of it never touched by libraries."""
 
 
 class Niceness(IntEnum):
@@ -34,6 +39,26 @@ def is_stopped(pid: int) -> bool:
     except OSError:
         return False
     return stat.rpartition(")")[2].split()[0] == "T"
+
+
+def require_limits() -> None:
+    """Before anything large is imported: libraries without memory fail in words of their own, or none.
+
+    Raises:
+        UnavailableError: a limit of this process is below what a robot needs.
+    """
+    descriptors, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if descriptors < MIN_DESCRIPTORS:
+        raise UnavailableError(
+            f"a process may have {descriptors} file descriptors here, cobot needs {MIN_DESCRIPTORS}: "
+            "raise the limit (ulimit -n)"
+        )
+    space, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if space != resource.RLIM_INFINITY and space < MIN_ADDRESS_SPACE:
+        raise UnavailableError(
+            f"a process may have {space // 1024} kB of address space here, cobot needs "
+            f"{MIN_ADDRESS_SPACE // 1024}: raise the limit of memory (ulimit -v)"
+        )
 
 
 def in_words(main: Callable[[], int]) -> int:

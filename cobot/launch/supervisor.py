@@ -11,7 +11,6 @@ from __future__ import annotations
 import errno
 import logging
 import os
-import resource
 import secrets
 import selectors
 import signal
@@ -48,7 +47,6 @@ STEADY_S = 10.0
 READY_TIMEOUT_S = 20.0
 STOP_TIMEOUT_S = 5.0
 SERVICE = "service"
-MIN_DESCRIPTORS = 64
 """Fewer file descriptors leave a service that answers nobody."""
 
 log = logging.getLogger("cobot")
@@ -192,7 +190,6 @@ class Supervisor:
         return 0
 
     def _run(self) -> None:
-        _require_descriptors()
         secure = check_certificate(self._settings.web)
         if self._settings.web.enabled:
             load_endpoints(self._settings.web.endpoints)  # what is wrong there is said here, not by a child
@@ -440,15 +437,6 @@ class Supervisor:
             log.info("  real time  %s", _permissions(memory))
         log.info("  logs       %s", self._settings.log_file)
         log.info("  Ctrl-C stops: the arm first, then the service")
-
-
-def _require_descriptors() -> None:
-    limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
-    if limit < MIN_DESCRIPTORS:
-        raise UnavailableError(
-            f"a process may have {limit} file descriptors here, cobot needs {MIN_DESCRIPTORS}: "
-            "raise the limit (ulimit -n)"
-        )
 
 
 def _mend(memories: dict[str, RobotMemory]) -> None:
