@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import asyncio
 import logging
 import os
 import signal
@@ -18,6 +19,7 @@ from app.listeners.http import HttpProtocol, Shared
 from app.listeners.turns import Turns
 from app.listeners.websocket import StreamProtocol
 from app.main import create_app
+from app.memory import give_back
 from cobot.access.authentication import ROS_TOKEN_VARIABLE
 from cobot.access.tls import check_certificate
 from cobot.client.tls import CERTIFICATE_VARIABLE
@@ -60,6 +62,7 @@ class Server(uvicorn.Server):
         for listener in sockets or ():
             acceptor = Acceptor(listener, shared.crowd, protocol, self.config.ssl, limits.header_timeout_s)
             self.servers.append(acceptor)  # type: ignore[arg-type]
+        self._giving_back = asyncio.create_task(give_back(), name="memory")
 
 
 def main() -> int:

@@ -25,14 +25,15 @@ from cobot.client import Client
 from cobot.ipc.shm import RobotMemory
 from cobot.launch.process import Niceness, be
 
-TOO_LATE_S = 5.0
+TOO_LATE_S = 1.0
 """An answer that takes longer, or does not come, counts as this."""
 FLOOR_BYTES = 2 * 2**30
 """A bare server may take so much memory: without a limit an endless header would take all there is."""
 RISES_S = 0.5
 """So long a flood goes on before each stop."""
-CALM_S = 3.0
-"""So long after a flood memory is looked at."""
+CALM_S = 30.0
+"""So long after a flood memory is looked at, or as soon as it has come back."""
+BACK = 1.1
 
 
 def floods(repetitions: int) -> Iterator[Row]:
@@ -48,8 +49,9 @@ def floods(repetitions: int) -> Iterator[Row]:
                 flood.send_signal(signal.SIGSTOP)
                 delays = _stops(run, memory, repetitions, flood)
                 during = process.memory_info().rss
-            time.sleep(CALM_S)
-            after = process.memory_info().rss
+            calm_s = time.monotonic() + CALM_S
+            while (after := process.memory_info().rss) > BACK * before and time.monotonic() < calm_s:
+                time.sleep(1.0)
             assert run.child("app") == process, "the service has died"
             yield row(
                 f"POST /stop to the first decelerating cycle, {kind}",
@@ -79,8 +81,8 @@ def _stops(
     while a motion is planned, for which it would leave no processor.
     """
     delays = []
-    with Client(run.url, motion_timeout_s=60.0) as mover:
-        for _ in range(repetitions):
+    for _ in range(repetitions):
+        with Client(run.url, motion_timeout_s=60.0) as mover:  # one that is idle is closed in a crowd
             mover.move_named("home", speed=1.0)
             with motion(mover, "work", speed=0.05):
                 until_cruising(memory)

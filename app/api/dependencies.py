@@ -26,6 +26,8 @@ from cobot.errors import CobotError, InputError, MediaTypeError, NotFoundError
 from cobot.strict import sentences, shown, unknown_key, without_repetition
 
 STOPS = "cobot.stops"
+BEGUN_S = "cobot.begun_s"
+"""When the head of a request came in, of the clock of `cobot.clock.SYSTEM`: its body may take some time."""
 LARGE_BYTES = 65536
 Result = TypeVar("Result")
 
@@ -174,7 +176,7 @@ def without_collection(function: Callable[..., Result], *arguments: Any) -> Resu
 
 
 class CobotRoute(APIRoute):
-    """Notes the count of stops before the body is read, takes the body apart strictly, and lets nobody
+    """Notes the count of stops before the body came in, takes the body apart strictly, and lets nobody
     else wait for a large one.
     """
 
@@ -182,7 +184,8 @@ class CobotRoute(APIRoute):
         handler = super().get_route_handler()
 
         async def handle(request: Request) -> Response:
-            request.scope[STOPS] = services_of(request).ownership.stops
+            ownership = services_of(request).ownership
+            request.scope[STOPS] = ownership.stops_before(request.scope.get(BEGUN_S))
             return await handler(_CobotRequest(request.scope, request.receive))
 
         return handle

@@ -18,7 +18,7 @@ from starlette.types import Scope
 
 from app.api.access import identity_of
 from app.api.clients import MOTION_TOKEN
-from app.api.dependencies import LARGE_BYTES, decoded, json_body, services_of
+from app.api.dependencies import BEGUN_S, LARGE_BYTES, decoded, json_body, services_of
 from app.api.errors import ErrorAnswer, responses
 from app.api.openapi import CONTROL
 from app.aubo.classes import CLASSES, REGISTRY
@@ -74,7 +74,7 @@ router = APIRouter(route_class=_VendorRoute)
 async def vendor_service(request: Request) -> JSONResponse:
     """Any service of the registry."""
     services = services_of(request)
-    stops = services.ownership.stops
+    stops = services.ownership.stops_before(request.scope.get(BEGUN_S))
     robot_class, method = request.path_params["Class"], request.path_params["method"]
     found = REGISTRY.get((robot_class, method))
     if found is None:

@@ -113,7 +113,7 @@ class Acceptor:
                 return
             except OSError as exc:
                 if exc.errno in EXHAUSTED:
-                    self._crowd.make_room()
+                    self._crowd.make_room(now_s)
                     self._pause(PAUSE_S)
                     return
                 continue  # it has gone again

@@ -2,8 +2,10 @@
 
 There is room for so many connections, and for so many of one address. Who comes when it is full gets the
 place of a connection with which little is lost: one that has not said what it wants yet, one between two
-requests, one whose body is still on its way; the oldest of the address that has most of them. If all are
-being served, the newcomer gets a place of the reserve, on which only a stop and /health are answered.
+requests, one whose body is still on its way; the oldest of the address that has most of them. Who has just
+come has some time to speak before it is that one, else each newcomer of a flood would cost a stop its place.
+If all are being served, the newcomer gets a place of the reserve, on which only a stop and /health are
+answered.
 """
 
 from __future__ import annotations
@@ -25,6 +27,8 @@ class Doing(Enum):
 
 
 CLOSABLE = (Doing.ASKING, Doing.IDLE, Doing.SENDING)
+SETTLED_S = 0.25
+"""So long a connection may take to say what it wants before it goes before those that have said it."""
 
 
 @dataclass(slots=True, eq=False)
@@ -59,9 +63,11 @@ class _Address:
     def count(self) -> int:
         return sum(map(len, self.visits.values()))
 
-    @property
-    def oldest(self) -> Visit | None:
-        return next((next(iter(self.visits[doing])) for doing in CLOSABLE if self.visits[doing]), None)
+    def dispensable(self, now_s: float) -> Visit | None:
+        """Who has to go; one that has just come only where there are no others."""
+        oldest = [next(iter(self.visits[doing])) for doing in CLOSABLE if self.visits[doing]]
+        settled = (visit for visit in oldest if now_s - visit.since_s >= SETTLED_S)
+        return next(settled, None) or min(oldest, key=lambda visit: visit.since_s, default=None)
 
 
 class Crowd:
@@ -91,7 +97,7 @@ class Crowd:
         """Whether a new connection might cost one its place of the reserve that has just got it."""
         if self._count < self.per_address or self._reserved.count < self._reserve:
             return False
-        oldest = self._reserved.oldest
+        oldest = self._reserved.dispensable(now_s)
         return oldest is not None and now_s - oldest.since_s < grace_s
 
     def enter(self, address: str, close: Callable[[], object], now_s: float = 0.0) -> Visit | None:
@@ -99,12 +105,10 @@ class Crowd:
         own = self._addresses.get(address)
         room = True
         if own is not None and own.count >= self.per_address:
-            room = self._close_oldest(own)
+            room = self._close_one(own, now_s)
         elif self._count >= self.places:
-            room = any(
-                map(self._close_oldest, sorted(self._addresses.values(), key=lambda each: -each.count))
-            )
-        if not room and self._reserved.count >= self._reserve and not self._close_oldest(self._reserved):
+            room = self.make_room(now_s)
+        if not room and self._reserved.count >= self._reserve and not self._close_one(self._reserved, now_s):
             return None
         among = self._addresses.setdefault(address, _Address(address)) if room else self._reserved
         visit = Visit(not room, close, close, now_s, among)
@@ -133,13 +137,13 @@ class Crowd:
         for visit in [each for each in self if each.deadline_s < now_s]:
             visit.expire()
 
-    def make_room(self) -> bool:
+    def make_room(self, now_s: float) -> bool:
         """Close somebody; whether there was anybody to close."""
         addresses = sorted(self._addresses.values(), key=lambda each: -each.count)
-        return any(map(self._close_oldest, addresses))
+        return any(self._close_one(address, now_s) for address in addresses)
 
-    def _close_oldest(self, address: _Address) -> bool:
-        visit = address.oldest
+    def _close_one(self, address: _Address, now_s: float) -> bool:
+        visit = address.dispensable(now_s)
         if visit is not None:
             self.leave(visit)
             visit.close()

@@ -21,9 +21,11 @@ from uvicorn._types import ASGI3Application
 from uvicorn.protocols.http.flow_control import FlowControl
 from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol, RequestResponseCycle
 
+from app.api.dependencies import BEGUN_S
 from app.listeners.crowd import Crowd, Doing, Visit
 from app.listeners.turns import Turns
 from app.listeners.websocket import StreamProtocol
+from cobot.clock import SYSTEM
 from cobot.config import ConnectionLimits
 
 SLICE_BYTES = 4096
@@ -103,6 +105,7 @@ class HttpProtocol(HttpToolsProtocol):
         self._crowd, self._turns, self._limits = shared.crowd, shared.turns, shared.limits
         self._visit = visit
         self._answering: RequestResponseCycle | None = None  # uvicorn knows the newest request alone
+        self._start: Callable[[], object] = _nothing  # begins to answer, once the body is there
         self._unread = bytearray()  # waits for a turn
         self._waits = False
         # Bytes that brought nothing forward: of an endless header, trailer or extension of a chunk.
@@ -126,7 +129,7 @@ class HttpProtocol(HttpToolsProtocol):
         self._unread.clear()
         self._crowd.leave(self._visit)
         # No circle of references keeps it until the garbage collector comes by: it may hold a large header.
-        self.flow.go_on = self._visit.close = self._visit.expire = _nothing
+        self.flow.go_on = self._visit.close = self._visit.expire = self._start = _nothing
 
     def data_received(self, data: bytes) -> None:
         self._unset_keepalive_if_required()
@@ -229,11 +232,14 @@ class HttpProtocol(HttpToolsProtocol):
         self._silent = 0
         self._in_header, self._in_body, self._answered = False, True, False
         self._begun_s = self.loop.time()
+        cast(dict[str, Any], self.scope)[BEGUN_S] = SYSTEM.now_s()
         super().on_headers_complete()
         self._note()
 
     def on_body(self, body: bytes) -> None:
         super().on_body(body)
+        if self.flow.read_paused:  # it is large: the application shall take it in
+            self._begin()
         self._silent = 0
         self._body_bytes += len(body)
 
@@ -241,6 +247,7 @@ class HttpProtocol(HttpToolsProtocol):
         super().on_message_complete()
         self._silent = 0
         self._in_body = self._answered = False
+        self._begin()
         self._note()
 
     def on_response_complete(self) -> None:
@@ -253,12 +260,21 @@ class HttpProtocol(HttpToolsProtocol):
         self._note()
 
     def _start_asgi_task(self, cycle: RequestResponseCycle, app: ASGI3Application) -> None:
-        start = super()._start_asgi_task
+        """At once for a stop, and for who waits to be asked for a body; else when the body is there: who
+        sends it slowly, and perhaps goes away again, has cost next to nothing.
+        """
+        start = functools.partial(super()._start_asgi_task, cycle, app)
         self._answering = cycle
         if STOP.match(f"{cycle.scope['method']} {cycle.scope['path']} ".encode()):
-            start(cycle, app)
-        else:
-            self._turns.wait(lambda: cycle.disconnected or start(cycle, app))
+            start()
+            return
+        self._start = lambda: self._turns.wait(lambda: cycle.disconnected or start())
+        if not cycle.more_body or cycle.waiting_for_100_continue:
+            self._begin()
+
+    def _begin(self) -> None:
+        start, self._start = self._start, _nothing
+        start()
 
     @property
     def _body_deadline_s(self) -> float:

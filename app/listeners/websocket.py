@@ -48,6 +48,7 @@ class StreamProtocol(WebSocketsSansIOProtocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         super().connection_lost(exc)
+        self.conn.parser.close()  # which has the last frame, in a circle of references
         self._unread.clear()
         self._crowd.leave(self._visit)
         self._visit.close = self._visit.expire = lambda: None

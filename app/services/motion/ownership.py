@@ -142,6 +142,7 @@ class Ownership:
         self._sequence: SequenceClaim | None = None
         self._fraction = 1.0  # without a lease or a sequence
         self.stops = 0
+        self._stopped_s = -math.inf
         self.speed_override = SpeedOverride(link)
         self.lease = ControlLease(link.clock, lambda: bool(self._claim or self._sequence), self._lease_ended)
 
@@ -264,9 +265,14 @@ class Ownership:
             claim.ended.set()
             logs.bind(motion=None)
 
+    def stops_before(self, begun_s: float | None) -> int:
+        """`stops` when a request began to come in; None: now. A later stop is for its motion too."""
+        return self.stops - (begun_s is not None and begun_s <= self._stopped_s)
+
     def stop(self) -> Claim | None:
         """Interrupt the motion that is read, planned or runs; its claim, which will end, or None."""
         self.stops += 1
+        self._stopped_s = self._link.clock.now_s()
         return self.interrupt(MotionStopped(BY_STOP))
 
     def interrupt(self, cause: ExecutionError) -> Claim | None:

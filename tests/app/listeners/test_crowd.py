@@ -5,10 +5,11 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
+from functools import partial
 
 import pytest
 
-from app.listeners.crowd import CLOSABLE, Crowd, Doing, Visit
+from app.listeners.crowd import CLOSABLE, SETTLED_S, Crowd, Doing, Visit
 
 GRACE_S = 0.02
 
@@ -100,6 +101,21 @@ def test_who_does_not_go_on_in_time_is_told() -> None:
     guests.crowd.go_on(quick, Doing.SENDING, 20.0)
     guests.crowd.expire(15.0)
     assert guests.closed == ["slow"]
+
+
+def test_who_has_just_come_stays_before_who_has_sent_a_body_for_longer() -> None:
+    """Where a flood of slow bodies has all places, and comes again when it is closed, a stop is heard."""
+    crowd = Crowd(places=3, per_address=3, reserve=1)
+    closed: list[str] = []
+    for name in ("sends", "sends too", "sends as well"):
+        sending = crowd.enter("a", partial(closed.append, name), 1.0)
+        assert sending is not None
+        crowd.go_on(sending, Doing.SENDING)
+    crowd.enter("a", partial(closed.append, "stop"), 2.0)
+    crowd.enter("a", partial(closed.append, "of the flood"), 2.0 + SETTLED_S / 2)
+    assert closed == ["sends", "sends too"]
+    crowd.enter("a", partial(closed.append, "of the flood too"), 2.0 + SETTLED_S)
+    assert closed == ["sends", "sends too", "stop"], "it has said nothing"
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -1,0 +1,47 @@
+"""Gives memory back to the system after somebody has made the service take much of it.
+
+Python and the C library keep what has been freed for the next time. After a flood of large messages that is
+four times what the service needs.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import ctypes
+import gc
+import os
+from pathlib import Path
+
+LOOK_S, MOST_S = 2.0, 60.0
+"""Memory is looked at so often, and less and less often while it stays larger whatever is done about it."""
+GROWTH = 1.05
+"""By this factor it may grow before something is done about it, which takes some milliseconds."""
+M_MMAP_THRESHOLD = -3  # malloc.h
+LARGE_BYTES = 1 << 17
+"""Blocks of so many bytes, which would be more and more after some of them were freed, go back at once."""
+
+_libc = ctypes.CDLL(None)
+_page_bytes = os.sysconf("SC_PAGE_SIZE")
+
+
+async def give_back() -> None:
+    """For as long as the service runs. Where the C library is another than glibc, Python's share alone."""
+    with contextlib.suppress(AttributeError):
+        _libc.mallopt(M_MMAP_THRESHOLD, LARGE_BYTES)
+    least, wait_s = _resident_bytes(), LOOK_S
+    while True:
+        await asyncio.sleep(wait_s)
+        now = _resident_bytes()
+        least = min(least, now)
+        if now <= GROWTH * least:
+            wait_s = LOOK_S
+            continue
+        wait_s = min(2.0 * wait_s, MOST_S)
+        gc.collect()  # also clears the lists of free objects, of which one is enough to hold a megabyte
+        with contextlib.suppress(AttributeError):
+            await asyncio.to_thread(_libc.malloc_trim, 0)
+
+
+def _resident_bytes() -> int:
+    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * _page_bytes
