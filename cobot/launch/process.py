@@ -41,6 +41,15 @@ def is_stopped(pid: int) -> bool:
     return stat.rpartition(")")[2].split()[0] == "T"
 
 
+def is_traced(pid: int) -> bool:
+    """Whether a debugger has a process in its hand; not, if that cannot be known."""
+    try:
+        status = Path(f"/proc/{pid}/status").read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return False
+    return "\nTracerPid:\t0\n" not in status
+
+
 def require_limits() -> None:
     """Before anything large is imported: libraries without memory fail in words of their own, or none.
 
