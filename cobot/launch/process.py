@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import os
+import re
 import resource
 import signal
 import sys
@@ -47,7 +48,7 @@ def is_traced(pid: int) -> bool:
         status = Path(f"/proc/{pid}/status").read_text(encoding="ascii", errors="replace")
     except OSError:
         return False
-    return "\nTracerPid:\t0\n" not in status
+    return re.search(r"^TracerPid:\s*[1-9]", status, re.MULTILINE) is not None
 
 
 def require_limits() -> None:
