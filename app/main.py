@@ -118,7 +118,10 @@ def create_app(
             for each in app.state.robots.values():
                 each.link.watch_for_pauses()
             yield
-            stops = [each.stopping.stop(timeout_s=3.0) for each in app.state.robots.values()]
+            stops = [
+                each.stopping.stop(3.0, "stopped by the end of the service")
+                for each in app.state.robots.values()
+            ]
             await asyncio.gather(*stops)
 
     app: FastAPI = FastAPIOffline(

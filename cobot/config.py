@@ -242,6 +242,7 @@ class WebSection(Section):
     max_json_bytes: Annotated[int, Field(ge=1024)]
     stop_on_disconnect: bool
     stale_after_s: Annotated[float, Field(ge=0.05, le=1.0)]
+    hang_to_restart_s: Annotated[float, Field(ge=2.0, le=3600.0)] | None
     authentication: Literal["auto", "required", "none"]
     tokens: Location
     stop_without_token: bool

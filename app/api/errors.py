@@ -13,6 +13,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from cobot import audit, errors
 from cobot.errors import CobotError, exhausted
@@ -83,12 +84,26 @@ def install(app: FastAPI) -> None:
     app.add_exception_handler(MemoryError, _refused_by_system)
     app.add_exception_handler(RuntimeError, _refused_by_system)  # of a thread that cannot be started
     app.add_exception_handler(Exception, _unexpected)
+    app.router.default = without_websocket(app.router.default)
 
 
 def answer_to(error: CobotError) -> JSONResponse:
     """The answer that tells of an error."""
     headers = {"WWW-Authenticate": "Bearer"} if isinstance(error, errors.AuthenticationError) else None
     return _answer(status_of(error), str(error), error.code, headers)
+
+
+def without_websocket(otherwise: ASGIApp) -> ASGIApp:
+    """What answers where no route leads: a WebSocket like a request, with 404. Starlette would say 403."""
+
+    async def answer(scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "websocket":
+            error = errors.NotFoundError(f"there is no WebSocket {scope['path']}; /docs lists what there is")
+            await answer_to(error)(scope, receive, send)
+        else:
+            await otherwise(scope, receive, send)
+
+    return answer
 
 
 def _answer(status: int, detail: str, code: str, headers: Any = None) -> JSONResponse:

@@ -74,9 +74,11 @@ class ActionServer:
         self._goals: dict[uuid.UUID, Goal] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         below, type_ = f"{action.name}/_action", action.type_
-        self._feedback = graph.advertise(f"{below}/feedback", f"{type_}_FeedbackMessage", owner=owner)
+        self._feedback = graph.advertise(
+            f"{below}/feedback", f"{type_}_FeedbackMessage", owner=owner, alone=True
+        )
         self._status = graph.advertise(
-            f"{below}/status", "action_msgs/msg/GoalStatusArray", latch=True, owner=owner
+            f"{below}/status", "action_msgs/msg/GoalStatusArray", latch=True, owner=owner, alone=True
         )
         self._services = [
             graph.add_service(f"{below}/{name}", service, function, owner=owner, role=role)

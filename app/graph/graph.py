@@ -57,7 +57,7 @@ class Graph(Topics):
         self.services: dict[str, Service] = {}
         self._loop = asyncio.get_running_loop()
         self._changing: asyncio.TimerHandle | None = None
-        self._graph = self.advertise(GRAPH_TOPIC, "std_msgs/msg/String", owner=self, local=True)
+        self._graph = self.advertise(GRAPH_TOPIC, "std_msgs/msg/String", owner=self, local=True, alone=True)
         self._graph.on_demand = lambda _: self.changed()
 
     def add_service(

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from cobot.errors import InputError
+from cobot.errors import InputError, PermissionDenied
 from cobot.ros.messages import Message, Messages
 from cobot.strict import shown
 
@@ -102,11 +102,13 @@ class _Topic:
 
     Attributes:
         local: the DDS process has this topic itself.
+        owner: who alone may publish here; None for everybody.
     """
 
     name: str
     type: str
     local: bool = False
+    owner: object | None = None
     publishers: list[Publisher] = field(default_factory=list)
     subscriptions: list[Subscription] = field(default_factory=list)
 
@@ -133,6 +135,7 @@ class Topics:
         latch: bool = False,
         owner: object,
         local: bool = False,
+        alone: bool = False,
         on_demand: Callable[[int], None] | None = None,
     ) -> Publisher:
         """Publish on a topic.
@@ -143,12 +146,18 @@ class Topics:
             latch: who subscribes later gets the last message.
             owner: whose it is.
             local: the DDS process has this topic itself and shall not mirror it.
+            alone: nobody else may publish there from now on.
             on_demand: called with the number of subscribers, when it changes and now.
 
         Raises:
             InputError: no valid name, no known type, or another type than the topic has.
+            PermissionDenied: somebody else publishes there alone.
         """
         entry = self._topic(topic, type_)
+        if entry.owner is not None and entry.owner is not owner:
+            raise PermissionDenied(f"{entry.name} tells what its owner knows: nobody else publishes there")
+        if alone:
+            entry.owner = owner
         entry.local |= local
         publisher = Publisher(self, entry, latch, owner)
         publisher.on_demand = on_demand
@@ -186,6 +195,8 @@ class Topics:
         if end not in ends:
             return
         ends.remove(end)
+        if end.owner is topic.owner and not any(each.owner is topic.owner for each in topic.publishers):
+            topic.owner = None
         if not topic.publishers and not topic.subscriptions:
             del self._topics[topic.name]
         elif isinstance(end, Subscription):
@@ -213,7 +224,9 @@ class Topics:
         """The topics that another network may mirror: without what is its own, and what it has itself."""
         made = []
         for topic in self._topics.values():
-            publishers, subscribers = self._own(topic.publishers), self._own(topic.subscriptions)
+            publishers = self._own(topic.publishers)
+            # Nobody waits for what another network says on a topic that has one publisher alone.
+            subscribers = self._own(topic.subscriptions) if topic.owner is None else 0
             if not topic.local and (publishers or subscribers):
                 made.append(
                     {

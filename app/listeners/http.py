@@ -27,6 +27,7 @@ from app.listeners.turns import Turns
 from app.listeners.websocket import StreamProtocol
 from cobot.clock import SYSTEM
 from cobot.config import ConnectionLimits
+from cobot.errors import NotSupportedError
 
 SLICE_BYTES = 4096
 """Of these the parser makes a thousand pieces at the most, in about a millisecond."""
@@ -35,6 +36,8 @@ STOP = re.compile(rb"POST " + ROBOT + rb"/stop[ ?]")
 """Takes no turn."""
 HEALTH = re.compile(rb"GET " + ROBOT + rb"/health(?:/\w+)?[ ?]")
 """This and a stop are answered on a place of the reserve."""
+ABSOLUTE = re.compile(rb"[a-z][a-z0-9+.-]*://([^/?#]*)(.*)", re.IGNORECASE | re.DOTALL)
+"""A target with scheme and host; its host and what follows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,6 +228,8 @@ class HttpProtocol(HttpToolsProtocol):
         self._count_header(len(name) + len(value) + 4)
 
     def on_headers_complete(self) -> None:
+        self._require_chunked()
+        self._take_host()
         line = self.parser.get_method() + b" " + self.url + b" "
         if self._visit.reserved and not (STOP.match(line) or HEALTH.match(line)):
             self._refuse_crowded()
@@ -235,6 +240,28 @@ class HttpProtocol(HttpToolsProtocol):
         cast(dict[str, Any], self.scope)[BEGUN_S] = SYSTEM.now_s()
         super().on_headers_complete()
         self._note()
+
+    def _require_chunked(self) -> None:
+        """Of Transfer-Encoding only `chunked` is known; what else it says would be taken for the content.
+
+        RFC 9112, 6.1. The parser itself refuses it beside Content-Length, and `chunked` before others.
+        """
+        codings = [value.strip().lower() for name, value in self.headers if name == b"transfer-encoding"]
+        if codings and (codings != [b"chunked"] or self.parser.get_http_version() != "1.1"):
+            detail = "Transfer-Encoding: the only one that is understood is chunked, once, in HTTP/1.1"
+            self._refuse(501, detail, NotSupportedError.code)
+            raise _Refused
+
+    def _take_host(self) -> None:
+        """Of a target with scheme and host, as proxies get it: that host counts, whatever `Host` says.
+
+        RFC 9112, 3.2.2. A `Host` that is missing or stands twice stays so, and is refused.
+        """
+        absolute = ABSOLUTE.fullmatch(self.url)
+        if absolute is not None:
+            host, rest = absolute.groups()
+            self.url = rest if rest.startswith(b"/") else b"/" + rest
+            self.headers[:] = [(name, host if name == b"host" else value) for name, value in self.headers]
 
     def on_body(self, body: bytes) -> None:
         super().on_body(body)

@@ -18,7 +18,7 @@ STATUS_TICKS = 10
 class RobotTopics:
     """/{robot}/joint_states, tcp_pose, wrench, status, joint_cmd, robot_description; /tf, /tf_static.
 
-    States are read only while somebody has subscribed.
+    States are read only while somebody has subscribed. Nobody else publishes them; frames anybody does.
 
     Args:
         prefix: of the frames' names.
@@ -32,23 +32,24 @@ class RobotTopics:
         self._publication = self._ticks = 0
         messages = RobotMessages(robot.model, robot.base_frame, tcp, prefix, self._clock)
         self._made = {
-            graph.advertise(topic, type_, owner=self, local=local): make
-            for topic, type_, make, local in (
+            graph.advertise(topic, type_, owner=self, local=True, alone=alone): make
+            for topic, type_, make, alone in (
                 (f"/{name}/joint_states", JOINT_STATES, messages.joint_state, True),
                 (f"/{name}/tcp_pose", POSE, messages.pose, True),
                 (f"/{name}/wrench", WRENCH, messages.wrench, True),
-                ("/tf", TRANSFORMS, messages.transforms, True),
+                ("/tf", TRANSFORMS, messages.transforms, False),
             )
         }
-        self._status = graph.advertise(f"/{name}/status", STRING, owner=self)
+        self._status = graph.advertise(f"/{name}/status", STRING, owner=self, alone=True)
         self._make_status = messages.status
         for publisher in (*self._made, self._status):
             publisher.on_demand = self._demand
-        for topic, type_, message in (
-            ("/tf_static", TRANSFORMS, messages.static_transforms()),
-            (f"/{name}/robot_description", STRING, messages.description()),
+        for topic, type_, message, alone in (
+            ("/tf_static", TRANSFORMS, messages.static_transforms(), False),
+            (f"/{name}/robot_description", STRING, messages.description(), True),
         ):
-            graph.advertise(topic, type_, latch=True, owner=self, local=True).publish(message)
+            made = graph.advertise(topic, type_, latch=True, owner=self, local=True, alone=alone)
+            made.publish(message)
         servo = services.servo
         graph.subscribe(
             f"/{name}/joint_cmd", STRING, lambda message: servo.receive(message["data"]), owner=self

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import os
+import re
 import resource
 import signal
 import sys
@@ -39,6 +40,15 @@ def is_stopped(pid: int) -> bool:
     except OSError:
         return False
     return stat.rpartition(")")[2].split()[0] == "T"
+
+
+def is_traced(pid: int) -> bool:
+    """Whether a debugger has a process in its hand; not, if that cannot be known."""
+    try:
+        status = Path(f"/proc/{pid}/status").read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return False
+    return re.search(r"^TracerPid:\s*[1-9]", status, re.MULTILINE) is not None
 
 
 def require_limits() -> None:

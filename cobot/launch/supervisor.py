@@ -33,6 +33,7 @@ from cobot.config import DEFAULT_SETTINGS, Settings, load_endpoints, resolve
 from cobot.errors import TornReadError, UnavailableError, exhausted
 from cobot.ipc.layout import text
 from cobot.ipc.shm import RobotMemory
+from cobot.launch.heartbeat import HeartbeatWatch
 from cobot.launch.process import RUN_MODULE, has_terminal
 from cobot.launch.running_config import ProcessState, RunningConfig
 from cobot.launch.systemd import Systemd
@@ -232,6 +233,12 @@ class Supervisor:
         # For these robots the service has to begin before all is ready.
         served = list(memories.values()) if url else []
         known: dict[str, ProcessState] = {}
+        service = next((child for child in children if child.name == SERVICE), None)
+        heartbeat = HeartbeatWatch(
+            SERVICE,
+            lambda: sum(int(memory.heartbeat.sequence) for memory in memories.values()),
+            self._settings.web.hang_to_restart_s,
+        )
         while not self._stopping.is_set():
             if self._hangup.is_set():
                 self._hangup.clear()
@@ -239,6 +246,8 @@ class Supervisor:
             _mend(memories)
             for child in children:
                 self._revive(child)
+            if service is not None:
+                heartbeat.look(service.process)
             states = {child.name: child.state for child in children}
             if states != known:
                 known = states

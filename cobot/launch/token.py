@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,8 @@ from cobot.audit import record_from_cli
 from cobot.config import load_settings
 
 ROLES = {role.name.lower(): role for role in Role if role is not Role.NOBODY}
+MAX_DAYS = 36_500
+"""A hundred years: a calendar that ends in 9999 has room for them."""
 DESCRIPTION = """\
 Who may use the service when it asks for tokens, see docs/security.md.
 
@@ -67,9 +70,13 @@ def run(chosen: argparse.Namespace) -> None:
 
 def _days(argument: str) -> timedelta:
     try:
-        days = timedelta(days=float(argument))
-    except (ValueError, OverflowError):
-        days = timedelta()
-    if days <= timedelta():
+        days = float(argument)
+    except ValueError:
+        days = math.nan
+    if not days > 0.0:
         raise argparse.ArgumentTypeError(f"{argument!r} is no number of days above 0")
-    return days
+    if days > MAX_DAYS:
+        raise argparse.ArgumentTypeError(
+            f"{argument!r} days are too many: {MAX_DAYS} at the most; without --days it never expires"
+        )
+    return timedelta(days=days)

@@ -19,7 +19,7 @@ from cobot.logs.repeats import Repeats
 
 CAPACITY = 2000
 LOOK_S = 1.0
-"""How often is looked whether repetitions have ended, as long as there are some."""
+"""So often is looked whether repetitions have ended, and whether what failed can be written again."""
 
 Item = TypeVar("Item")
 
@@ -41,7 +41,8 @@ class Outlet(Generic[Item]):
 
     Attributes:
         dropped: how many items have been lost so far.
-        error: errno of the newest attempt to write, 0 if it went well.
+        error: errno of the newest attempt to write, 0 if it went well; without another item it is made anew
+            again and again.
     """
 
     def __init__(
@@ -106,11 +107,13 @@ class Outlet(Generic[Item]):
         item: Item | _Sign | None = None
         while item is not _Sign.END:
             try:
-                item = self._queue.get(timeout=LOOK_S if self._looks else None)
+                item = self._queue.get(timeout=LOOK_S if self._looks or self.error else None)
             except Empty:
                 item = _Sign.LOOK
             if item is _Sign.END or self._looks:
                 self._summarise(ending=item is _Sign.END)
+            if item is _Sign.LOOK and self.error:
+                self._try_again()
             if not isinstance(item, _Sign):
                 self._try(item)
                 with self._lock:
@@ -129,16 +132,27 @@ class Outlet(Generic[Item]):
 
     def _try(self, item: Item) -> None:
         try:
-            if self.dropped > self._told:
-                count = self.dropped
-                self._write(self._lost(count - self._told))
-                self._told = count
+            self._tell_losses()
             self._write(item)
             self.error = 0
         except Exception as exc:  # noqa: BLE001  whatever it is, it shall not end the thread
             self.error = getattr(exc, "errno", None) or -1
             with self._lock:
                 self.dropped += 1
+
+    def _try_again(self) -> None:
+        """Nobody has anything to write now; what was lost before is to be told in any case."""
+        try:
+            self._tell_losses()
+            self.error = 0
+        except Exception as exc:  # noqa: BLE001  see `_try`
+            self.error = getattr(exc, "errno", None) or -1
+
+    def _tell_losses(self) -> None:
+        if self.dropped > self._told:
+            count = self.dropped
+            self._write(self._lost(count - self._told))
+            self._told = count
 
     def _settled(self) -> None:
         try:

@@ -21,6 +21,8 @@ _KEYS = (
 
 DEGREES_FROM_RAD = 9.5
 """No joint turns one and a half times either way: whose angle is beyond this has written degrees."""
+DEGREES_TO_RAD = 720.0
+"""Nobody means more than two turns in degrees: what is beyond this is no angle in any unit."""
 
 
 def load_joint_limits(path: Path) -> JointLimits:
@@ -55,7 +57,7 @@ def check_positions(limits: JointLimits, joints: Array, what: str = "joint angle
         if not low <= value <= high
     ]
     if beyond:
-        turned = np.abs(joints).max() > DEGREES_FROM_RAD
+        turned = DEGREES_FROM_RAD < np.abs(joints).max() <= DEGREES_TO_RAD
         raise LimitError(
             "; ".join(beyond) + ("; these look like degrees, angles are in rad" if turned else "")
         )

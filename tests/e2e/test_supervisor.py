@@ -24,7 +24,7 @@ IDLE = -1
 @pytest.fixture(scope="module")
 def sturdy(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
     """One for the tests that kill its processes and leave it as it was."""
-    with answering(Run(tmp_path_factory.mktemp("sturdy"))) as started:
+    with answering(Run(tmp_path_factory.mktemp("sturdy"), web=", hang_to_restart_s: 3.0")) as started:
         yield started
 
 
@@ -149,6 +149,17 @@ def test_a_killed_service_is_restarted_and_the_arm_has_stopped(sturdy: Run) -> N
     robot = health["robot"]
     assert isinstance(robot, dict)
     assert robot["mode"] == "HOLD"
+
+
+def test_a_service_that_hangs_is_ended_and_started_anew(sturdy: Run) -> None:
+    run = sturdy
+    old = run.child("app")
+    assert old is not None
+    workers = old.children(recursive=True)
+    old.suspend()
+    run.until(lambda: run.restarted("app", old.pid) and run.healthy())
+    run.until(lambda: gone(workers))
+    assert f"service (pid {old.pid}) hangs, stopped by SIGSTOP: without a sign of life for 3 s" in run.output
 
 
 def test_a_motion_that_fails_in_the_background_is_visible(sturdy: Run) -> None:

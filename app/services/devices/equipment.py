@@ -58,7 +58,7 @@ class Equipment:
         self.serial_ports.close_all()
 
     async def _expired(self, name: str, action: int) -> None:
-        done = WatchdogAction(action)
+        done, reason = WatchdogAction(action), f"stopped by the watchdog {name}"
         text = f"watchdog {name}: not written in time; action: {done.name.lower()}"
         self.traces.add("alarm", text, Level.ERROR if action else Level.WARNING)
         try:
@@ -66,10 +66,10 @@ class Equipment:
                 case WatchdogAction.PAUSE:
                     await self._speed_override.pause()
                 case WatchdogAction.STOP:
-                    await self._stopping.stop(STOP_TIMEOUT_S)
+                    await self._stopping.stop(STOP_TIMEOUT_S, reason)
                 case WatchdogAction.PROTECTIVE_STOP:
                     self._link.request_estop()
-                    await self._stopping.stop(STOP_TIMEOUT_S)
+                    await self._stopping.stop(STOP_TIMEOUT_S, reason)
         except CobotError as exc:  # what cannot pause has to stop
             self.traces.add("alarm", f"watchdog {name}: {exc}; the arm is stopped", Level.ERROR)
-            await self._stopping.stop(STOP_TIMEOUT_S)
+            await self._stopping.stop(STOP_TIMEOUT_S, reason)

@@ -16,6 +16,7 @@ from cobot.strict import unknown_key
 from cobot.types import Waypoint
 
 MAX_ROWS = 100_000
+CHUNK_BYTES = 1 << 20
 SHOWN_CHARACTERS = 40
 SEPARATORS = (";", "\t", ",")
 WHITESPACE = " "
@@ -24,6 +25,7 @@ DECIMAL_COMMAS = 1.5
 """A row with so many times more cells than the header had its numbers cut at decimal commas."""
 NO_DECIMAL_COMMA = "a decimal comma is understood only where semicolons separate the columns: write 0.5"
 TIME_NAMES = ("t", "time", "time_from_start")
+_DIGIT = re.compile(rb"[0-9]")
 _JOINT_NAME = re.compile(r"(joint|velocity|acceleration)_?(\d{1,3})")
 
 
@@ -54,6 +56,7 @@ def read_points(
     Raises:
         InputError: naming row, column and what stands there.
     """
+    _require_few(file)
     if separator is None:
         separator = _found(file)
         if separator == WHITESPACE:
@@ -65,6 +68,29 @@ def read_points(
             f"separator: {separator!r} cannot separate numbers; use one character such as , ; | space or tab"
         )
     return _read(_rows(file, separator), separator, dof, check)
+
+
+def _require_few(file: BinaryIO) -> None:
+    """Refuse a file with too many rows before a single one is taken apart, which takes a second for the most.
+
+    Rows are lines here, so a file with a quoted cell, which may hold a line's end, is left to `_points`.
+
+    Raises:
+        InputError: there is something behind the last row that there may be.
+    """
+    ends = 0
+    while (chunk := file.read(CHUNK_BYTES)) and b'"' not in chunk:
+        ends += chunk.count(b"\n")
+        if (more := ends - MAX_ROWS) > 0:
+            lines = chunk.split(b"\n")[-more:]
+            for number, line in enumerate(lines, start=ends + 2 - len(lines)):
+                if _DIGIT.search(line):
+                    raise _too_many(number)
+    file.seek(0)
+
+
+def _too_many(number: int) -> InputError:
+    return InputError(f"row {number}: there are more than {MAX_ROWS} rows")
 
 
 def _found(file: BinaryIO) -> str:
@@ -103,7 +129,7 @@ def _points(
         if blank:
             raise InputError(f"row {blank} is blank, but row {number} is not")
         if len(points) == MAX_ROWS:
-            raise InputError(f"row {number}: there are more than {MAX_ROWS} rows")
+            raise _too_many(number)
         points.append(_waypoint(row, number, columns, decimal_comma))
         if check is not None and len(points) == 1:
             check(points[0])

@@ -19,6 +19,8 @@ from cobot.errors import ConflictError, ExecutionError, MotionStopped, MotionTim
 Result = TypeVar("Result")
 LONGEST_WAIT_S = 3600.0
 BY_STOP = "stopped by POST /stop"
+BY_COMMAND = "stopped by cobot stop"
+"""That is who adds to the counter in shared memory; the audit has the user."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,11 +271,11 @@ class Ownership:
         """`stops` when a request began to come in; None: now. A later stop is for its motion too."""
         return self.stops - (begun_s is not None and begun_s <= self._stopped_s)
 
-    def stop(self) -> Claim | None:
+    def stop(self, reason: str = BY_STOP) -> Claim | None:
         """Interrupt the motion that is read, planned or runs; its claim, which will end, or None."""
         self.stops += 1
         self._stopped_s = self._link.clock.now_s()
-        return self.interrupt(MotionStopped(BY_STOP))
+        return self.interrupt(MotionStopped(reason))
 
     def interrupt(self, cause: ExecutionError) -> Claim | None:
         """The same for what goes on now: what was asked for and waits to be read is not meant."""

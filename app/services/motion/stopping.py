@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 from dataclasses import dataclass
 
-from app.services.motion.ownership import Ownership
+from app.services.motion.ownership import BY_COMMAND, BY_STOP, Ownership
 from app.services.programs.sequences import SequenceService
 from app.services.state.link import POLL_S, RobotLink
 from app.services.state.robot_state import RobotState
@@ -67,16 +67,20 @@ class StopService:
 
     def follow(self) -> None:
         """Somebody has stopped the arm without this service: end here what would move it again."""
-        task = asyncio.create_task(self.stop(MIN_STOP_S))
+        task = asyncio.create_task(self.stop(MIN_STOP_S, BY_COMMAND))
         self._following.add(task)
         task.add_done_callback(self._following.discard)
 
-    async def stop(self, timeout_s: float) -> Stopped:
-        """End the sequence, the planning and the motion. Never fails: says what it could not confirm."""
+    async def stop(self, timeout_s: float, reason: str = BY_STOP) -> Stopped:
+        """End the sequence, the planning and the motion. Never fails: says what it could not confirm.
+
+        Args:
+            reason: what the motion's owner is told.
+        """
         begun_s = self._link.clock.now_s()
         self._link.request_stop()
         orphan = self._orphan()
-        claim = self._ownership.stop()
+        claim = self._ownership.stop(reason)
         motion = str(claim) if claim else None
         problems: list[str] = []
         sequence, state = await asyncio.gather(self._sequences.stop(), self._rest(timeout_s - 0.5, problems))

@@ -99,8 +99,9 @@ class Stopping:
     def __init__(self) -> None:
         self.stops = self.estops = self.pauses = 0
 
-    async def stop(self, timeout_s: float) -> None:
+    async def stop(self, timeout_s: float, reason: str) -> None:
         assert timeout_s > 0.0
+        assert reason == "stopped by the watchdog plc"
         self.stops += 1
 
     async def pause(self) -> None:

@@ -50,8 +50,12 @@ class Application:
         self.waiting = self.large = 0
         self.late: list[str] = []
         self.go_on = threading.Event()
+        self.asked = ("", "")  # host and path of the newest request
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
+        hosts = [value.decode() for name, value in scope["headers"] if name == b"host"]
+        query = scope["query_string"].decode()
+        self.asked = ", ".join(hosts), scope["path"] + (f"?{query}" if query else "")
         if scope["type"] == "websocket":
             kinds = {"/late": self._late, "/refused": self._refused}
             await kinds.get(scope["path"], self._socket)(receive, send)
@@ -310,6 +314,75 @@ def test_requests_that_nobody_waits_for_the_answers_of_do_not_pile_up(service: S
             here = tuple(service.server.server_state.connections)
             most = max([most, *(len(each.pipeline) for each in here if isinstance(each, HttpProtocol))])
         assert 0 < most <= 4096 // len(GET)
+
+
+@pytest.mark.parametrize(
+    ("codings", "version", "status"),
+    [
+        ("gzip, chunked", "1.1", 501),
+        ("gzip", "1.1", 501),
+        ("identity", "1.1", 501),
+        ("identity, chunked", "1.1", 501),
+        ("gzip\r\nTransfer-Encoding: chunked", "1.1", 501),
+        ("chunked;q=1", "1.1", 501),
+        ("xchunked", "1.1", 501),
+        ("chunked", "1.0", 501),
+        ("chunked, gzip", "1.1", 400),
+        ("chunked, chunked", "1.1", 400),
+        ("chunked\r\nTransfer-Encoding: chunked", "1.1", 400),
+        ("", "1.1", 400),
+        ("chunked\r\nContent-Length: 12", "1.1", 400),
+    ],
+)
+def test_a_body_in_any_coding_but_chunked_is_refused(
+    service: Service, codings: str, version: str, status: int
+) -> None:
+    """RFC 9112, 6.1: what is not known is 501, what makes the length uncertain 400."""
+    head = f"POST /echo HTTP/{version}\r\nHost: h\r\nTransfer-Encoding: {codings}\r\n\r\n"
+    with service.connect() as connection:
+        connection.sendall(head.encode() + b"2\r\nab\r\n0\r\n\r\n" + STOP)
+        found = answer(connection)
+        assert found[0] == status
+        assert status == 400 or refusal(found)[1] == "not_supported"
+        assert closed(connection), "what follows is no request of anybody's"
+
+
+@pytest.mark.parametrize("coding", ["chunked", "Chunked"])
+def test_chunked_is_understood(service: Service, coding: str) -> None:
+    head = f"POST /echo HTTP/1.1\r\nHost: h\r\nTransfer-Encoding: {coding}\r\n\r\n"
+    assert service.ask(head.encode() + b"2\r\nab\r\n0\r\n\r\n") == (200, b"2")
+
+
+@pytest.mark.parametrize(
+    ("target", "host", "path"),
+    [
+        ("/a?b=c", "here", "/a?b=c"),
+        ("http://evil/", "evil", "/"),
+        ("HTTP://evil:80/a?b=c", "evil:80", "/a?b=c"),
+        ("http://evil", "evil", "/"),
+        ("http://evil?b", "evil", "/?b"),
+        ("http://me:secret@evil/a", "me:secret@evil", "/a"),
+        ("ftp://evil/a", "evil", "/a"),
+        ("http://[::1]:80/a", "[::1]:80", "/a"),
+    ],
+)
+@pytest.mark.parametrize("head", ["GET {} HTTP/1.1\r\nHost: here\r\n\r\n", None], ids=["http", "websocket"])
+def test_the_host_of_a_target_counts_more_than_the_header(
+    service: Service, head: str | None, target: str, host: str, path: str
+) -> None:
+    """RFC 9112, 3.2.2: what a proxy is sent, a server has to understand too."""
+    asked = (head or UPGRADE.replace("Host: localhost\r\n", "Host: here\r\n")).format(target)
+    with service.connect() as connection:
+        connection.sendall(asked.encode())
+        assert connection.recv(100).startswith(b"HTTP/1.1 " + (b"200" if head else b"101"))
+        assert service.application.asked == (host, path)
+
+
+def test_two_hosts_stay_two_and_none_stays_none(service: Service) -> None:
+    """Both are refused by who looks at them, see tests/app/api/test_access.py."""
+    for hosts, seen in (("", ""), ("Host: a\r\nHost: b\r\n", "ours, ours")):
+        assert service.ask(f"GET http://ours/ HTTP/1.1\r\n{hosts}\r\n".encode())[0] == 200
+        assert service.application.asked == (seen, "/")
 
 
 def test_what_is_no_http_is_answered_as_before(service: Service) -> None:

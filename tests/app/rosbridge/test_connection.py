@@ -577,7 +577,8 @@ def test_fragments_that_contradict_each_other_or_pile_up_are_refused(monkeypatch
         ({"op": "unadvertise", "topic": "/a"}, "/a is not advertised"),
         ({"op": "unadvertise_service", "service": "/a"}, "/a is not advertised"),
         ({"op": "advertise", "topic": "/a b", "type": STRING}, "is no name"),
-        ({"op": "publish", "topic": "/cobot/graph", "msg": {"data": 3}}, "data: must be a text"),
+        ({"op": "publish", "topic": "/theirs", "msg": {"data": 3}}, "data: must be a text"),
+        ({"op": "publish", "topic": "/cobot/graph", "msg": {}}, "/cobot/graph tells what its owner knows"),
         ({"op": "set_level", "level": "loud"}, "set_level: level"),
         ({"op": "fragment", "data": "", "num": -1, "total": 1}, "fragment: num"),
         ({"op": "service_response", "service": "/a", "values": {}}, "no call None of /a waits"),
@@ -585,6 +586,7 @@ def test_fragments_that_contradict_each_other_or_pile_up_are_refused(monkeypatch
 )
 def test_what_is_wrong_is_told_and_the_connection_lives(content: Any, sentence: str) -> None:
     async def test(graph: Graph, one: Client, two: Client) -> None:
+        two.ask("subscribe", topic="/theirs", type=STRING)
         one.take(content)
         (status,) = one.got()
         assert (status["op"], status["level"]) == ("status", "error")

@@ -95,6 +95,42 @@ def test_what_is_wrong_is_answered_and_the_connection_lives(run: VirtualService)
         assert client.call("/rosapi/nodes")["values"] == {"nodes": ["/cobot"]}
 
 
+def test_nobody_else_tells_what_the_service_knows(run: VirtualService) -> None:
+    """Whoever follows /ROBOT/joint_states is told where the arm is by it alone. Frames are everybody's."""
+
+    def published(client: Client, topic: str) -> str:
+        type_ = run.app.state.graph.type_of(topic)
+        client.send("advertise", topic=topic, type=type_, id="x")
+        client.send("publish", topic=topic, msg={}, id="x")
+        client.send("call_service", service="/rosapi/get_time", id="end")
+        said = []
+        while (message := json.loads(client.socket.recv(WAIT_S))).get("id") != "end":
+            said.append(message.get("msg", ""))
+        return " ".join(map(str, said))
+
+    own = ("joint_states", "tcp_pose", "wrench", "status", "robot_description")
+    of_actions = (f"{name}/_action/{what}" for name in ("servo_mode",) for what in ("feedback", "status"))
+    with Client(run) as follower, Client(run) as client:
+        follower.send("subscribe", topic=f"/{run.name}/tcp_pose")
+        for topic in ("/cobot/graph", *(f"/{run.name}/{name}" for name in (*own, *of_actions))):
+            said = published(client, topic)
+            assert said.count(f"{topic} tells what its owner knows: nobody else publishes there") == 2, said
+        for topic in ("/tf", "/tf_static", f"/{run.name}/joint_cmd"):
+            assert "nobody else" not in published(client, topic)
+        graph = {topic["name"]: topic for topic in run.app.state.graph.graph()["topics"]}
+        follower.send("subscribe", topic=f"/{run.name}/status")
+        follower.call("/rosapi/get_time")
+        graph = {topic["name"]: topic for topic in run.app.state.graph.graph()["topics"]}
+        assert graph[f"/{run.name}/status"]["subscribers"] == 0, "nobody waits for another network's word"
+
+
+def test_no_route_is_404_for_a_websocket_too(run: VirtualService) -> None:
+    for path in ("/nowhere", "/robot/streams", "/health"):
+        with pytest.raises(Refused, match="404") as refused:
+            run.connect(path)
+        assert json.loads(refused.value.body)["code"] == "not_found"
+
+
 def test_a_page_from_elsewhere_is_refused(run: VirtualService) -> None:
     with pytest.raises(Refused, match="403"):
         Client(run, origin="http://elsewhere.example")

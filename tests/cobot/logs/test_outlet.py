@@ -7,6 +7,9 @@ import gc
 import threading
 import time
 
+import pytest
+
+from cobot.logs import outlet as module
 from cobot.logs.outlet import Outlet
 from cobot.logs.repeats import Repeats
 
@@ -114,3 +117,25 @@ def test_a_garbage_collection_that_logs_does_not_wait_for_itself() -> None:
         gc.set_threshold(*threshold)
     made.close(30.0)
     assert made.dropped == 0
+
+
+def test_what_could_not_be_written_is_tried_again_though_nobody_says_anything_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(module, "LOOK_S", 0.02)
+    sink = Sink()
+    sink.open.set()
+    sink.fails = True
+    made = outlet(sink)
+    made.put("a")
+    made.wait(10.0)
+    time.sleep(0.1)
+    assert (made.dropped, made.error) == (1, errno.ENOSPC)
+    sink.fails = False
+    deadline_s = time.monotonic() + 30.0
+    while made.error and time.monotonic() < deadline_s:
+        time.sleep(0.01)
+    assert (made.dropped, made.error, sink.taken) == (1, 0, ["lost 1"])
+    made.put("b")
+    made.close(10.0)
+    assert sink.taken == ["lost 1", "b"]

@@ -153,3 +153,12 @@ def test_scaled_limits_change_the_rates_and_nothing_else() -> None:
     assert half.max_jerk == pytest.approx(0.1 * limits.max_jerk)
     for name in ("names", "min_position", "max_position", "max_effort"):
         assert np.array_equal(getattr(half, name), getattr(limits, name))
+
+
+@pytest.mark.parametrize(
+    ("value", "degrees"), [(3.0, False), (90.0, True), (-720.0, True), (721.0, False), (1e308, False)]
+)
+def test_only_what_can_be_degrees_is_said_to_look_like_them(value: float, degrees: bool) -> None:
+    with pytest.raises(LimitError, match="joint angle of joint1 is ") as refused:
+        check_positions(load_joint_limits(LIMITS), np.array([value, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    assert ("look like degrees" in str(refused.value)) is degrees

@@ -291,6 +291,21 @@ def test_anybodys_stop_stops_anybodys_motion(run: VirtualService, method: str) -
     assert move(run).json()["success"]
 
 
+def test_a_motion_that_cobot_stop_has_stopped_says_so(run: VirtualService) -> None:
+    """That is, somebody on this computer, through shared memory; what POST /stop does says POST /stop."""
+    for stop, who in (
+        (run.rig.memory.outside_stops.add, "cobot stop"),
+        (lambda: run.post("/stop"), "POST /stop"),
+    ):
+        run.post("/trajectory/send", POINTS).raise_for_status()
+        run.sleep(3.0)
+        stop()
+        run.until(lambda: run.health()["service"]["motion"] is None)
+        line = run.get("/trajectory/logs").json()["lines"][-1]
+        assert f"stopped by {who}: the arm came to rest on its path" in line
+        run.go_home()
+
+
 def test_a_speed_fraction_set_during_a_session_does_not_slow_what_follows(run: VirtualService) -> None:
     with run.connect("/robot/stream") as socket:
         socket.send('{"type": "session"}')

@@ -27,6 +27,7 @@ DOF = 7
 JOINTS = [f"joint{n}" for n in range(1, DOF + 1)]
 HEADER = ",".join([*JOINTS, "t"])
 ROW = "0,0.5,0,-1.0,0,1.0,0,3.0"
+QUOTED = '"0\n",0,0,0,0,0,0,1'
 EXAMPLE = Path(__file__).parents[4] / "examples" / "trajectory.csv"
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
@@ -264,6 +265,21 @@ def test_a_row_too_many_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     rows = f"{ROW}\n" * 3
     assert len(read(f"{HEADER}\n{rows}\n")) == 3
     assert refusal(f"{HEADER}\n{rows}{ROW}\n") == "row 5: there are more than 3 rows"
+
+
+def test_rows_too_many_are_refused_before_one_is_taken_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(csv_points, "MAX_ROWS", 300)
+    rows = f"{ROW}\n" * 300
+    for chunk in (7, 100, 10**6):
+        monkeypatch.setattr(csv_points, "CHUNK_BYTES", chunk)
+        for behind in ("", "\n\n", ",,,,,,,\n\n", "  "):
+            assert len(read(f"{HEADER}\n{rows}{behind}")) == 300
+            assert len(read(f"{HEADER}\n{rows.rstrip()}{behind and chr(10)}{behind}")) == 300
+        assert len(read(f"{HEADER}\n{rows.replace(ROW, QUOTED, 1)}")) == 300
+        for behind, row in ((ROW, 302), (f"\n\n{ROW}", 304), (f"{ROW}\n" * 300, 302)):
+            with monkeypatch.context() as m:
+                m.setattr(csv_points, "_read", None)
+                assert refusal(f"{HEADER}\n{rows}{behind}") == f"row {row}: there are more than 300 rows"
 
 
 def test_the_file_stays_open_for_its_owner() -> None:
