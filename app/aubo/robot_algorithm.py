@@ -84,13 +84,14 @@ async def inverse_tool_kinematics(robot: Services, qnear: list[float], pose: lis
 
 @service("RobotAlgorithm")
 async def inverse_kinematics_all(robot: Services, pose: list[float]) -> Json:
-    """Several joint angles that bring the tool's tip to a pose. With seven joints there are infinitely many.
+    """All branches of joint angles that bring the tool's tip to a pose; with seven joints each is a circle.
 
     Args:
         pose: [x, y, z, rx, ry, rz] in the base frame, m and rad.
 
     Returns:
-        JSON: [[[q1, q2, ...], ...], 0], rad: those found from random starts, apart from each other.
+        JSON: [[[q1, q2, ...], ...], 0], rad: of each branch those nearest to the middle of the limits; with
+        seven joints of each interval of the elbow's circle that the limits permit.
     """
     work = partial(_inverse_all, pose=robot.settings.tcp(pose_of(pose)))
     return [[as_list(joints) for joints in await robot.planning.compute(work, TIMEOUT_S)], 0]

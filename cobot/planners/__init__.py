@@ -16,12 +16,16 @@ from cobot.planners.lin import plan_lin
 from cobot.planners.ptp import plan_ptp
 from cobot.planners.waypoints import plan_waypoints
 from cobot.robot.description import RobotDescription
-from cobot.robot.inverse_kinematics import inverse
+from cobot.robot.inverse_kinematics import inverse, inverse_all
 from cobot.robot.limits import check_positions
 from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName, Pose
 
 __all__ = ["MotionRequest", "WaypointRequest", "plan", "plan_waypoints"]
+
+
+GOALS_OF_AN_INTERVAL = 8
+"""Of a pose whose nearest joints touch something, so many are looked at in each interval of the arm angle."""
 
 
 def _plan_ompl(robot: RobotDescription, request: MotionRequest, goal: Array) -> Trajectory:
@@ -63,12 +67,23 @@ def _joint_goal(robot: RobotDescription, request: MotionRequest) -> Array:
     if isinstance(request.goal, Pose):
         if _at(robot, request.start, request.goal):
             return request.start
-        goal = inverse(robot.model, request.goal, request.start, request.seed)
+        goal = _free_goal(robot, request.goal, request)
     else:
         goal = request.goal
         check_positions(robot.limits, goal)
     robot.collision.check_position(goal, "the goal")
     return goal
+
+
+def _free_goal(robot: RobotDescription, pose: Pose, request: MotionRequest) -> Array:
+    """The nearest joints at a pose that touch nothing; if there are none, the nearest ones."""
+    nearest = inverse(robot.model, pose, request.start, random_seed=request.seed)
+    if robot.collision.is_free(nearest):
+        return nearest
+    every = inverse_all(
+        robot.model, pose, request.start, spread=GOALS_OF_AN_INTERVAL, random_seed=request.seed
+    )
+    return next((joints for joints in every if robot.collision.is_free(joints)), nearest)
 
 
 def _at(robot: RobotDescription, joints: Array, pose: Pose) -> bool:

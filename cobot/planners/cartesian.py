@@ -14,7 +14,7 @@ from cobot.planners.time_law import PathRates, TimeLaw, joint_rates, traverse
 from cobot.robot import quaternion
 from cobot.robot.description import RobotDescription
 from cobot.robot.frames import angle_between
-from cobot.robot.inverse_kinematics import solve_near
+from cobot.robot.inverse_kinematics import LEAST_GAP_M, reach_gap, solve_near
 from cobot.trajectory import Trajectory
 from cobot.types import Array, CartesianLimits, JointLimits, Pose
 
@@ -64,6 +64,9 @@ def follow(robot: RobotDescription, request: MotionRequest, path: TcpPath) -> Tr
     """
     if path.length_m < STANDING_M and path.angle_rad < STANDING_RAD:
         return None
+    gap = reach_gap(robot.model, path.pose_at(1.0))
+    if gap > LEAST_GAP_M:
+        raise UnreachableError(f"{path.name}: the goal is out of reach by {gap:.3g} m")
     scaling = request.scaling
     cap = _tcp_rates(path, robot.cartesian_limits.scaled(scaling.speed, scaling.acceleration, scaling.jerk))
     limits = request.scaled_limits(robot)

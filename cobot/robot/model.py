@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from functools import cached_property
 from pathlib import Path
 
 import mujoco
@@ -11,6 +12,8 @@ import numpy as np
 from cobot.errors import ConfigError, InputError, exhausted
 from cobot.robot.chain import Chain
 from cobot.robot.dynamics import Dynamics
+from cobot.robot.inverse_kinematics.arm import Arm
+from cobot.robot.inverse_kinematics.geometry import recognised
 from cobot.robot.quaternion import from_matrix
 from cobot.types import Array, JointLimits, Pose
 
@@ -101,6 +104,11 @@ class RobotModel:
         mj.site_quat[site] = turn
         mj.site_sameframe[site] = 0  # or MuJoCo would take the site for its body's frame
         return RobotModel(mj, self.limits, mj.body(self._base).name, mj.site(site).name)
+
+    @cached_property
+    def inverse_kinematics(self) -> Arm:
+        """Closed or numeric, as the arm's geometry permits: see `cobot.robot.inverse_kinematics`."""
+        return recognised(self.chain, self.limits, self.mj.qpos0)
 
     @property
     def dof(self) -> int:

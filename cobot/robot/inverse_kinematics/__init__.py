@@ -1,0 +1,252 @@
+"""Inverse kinematics: joint angles that bring the TCP to a pose, of all arms, by one criterion.
+
+`RobotModel.inverse_kinematics` is the `Arm` that the model's geometry permits: in closed form with all
+branches for S-R-S arms (over the arm angle, `arm_angle`) and the usual six-axis arms, numeric for all others.
+Every answer is within the limits, and at the pose within 1e-9 m and rad by forward kinematics.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cobot.errors import InputError, UnreachableError
+from cobot.robot import quaternion
+from cobot.robot.inverse_kinematics.arm import Arm
+from cobot.robot.inverse_kinematics.geometry import recognised
+from cobot.robot.inverse_kinematics.six_axis import SixAxisArm
+from cobot.robot.inverse_kinematics.srs import SrsArm
+from cobot.types import Array, Pose
+
+if TYPE_CHECKING:
+    from cobot.robot.model import RobotModel
+
+__all__ = [
+    "LEAST_GAP_M",
+    "Arm",
+    "Criterion",
+    "Descent",
+    "SixAxisArm",
+    "SrsArm",
+    "continued",
+    "inverse",
+    "inverse_all",
+    "reach_gap",
+    "recognised",
+    "solve_near",
+]
+
+STEPS = 60
+SOLUTIONS = 24
+"""Descents that succeed, of an arm without a closed form, before the best is taken or all are shown."""
+CLEARANCE_SPREAD = 12
+APART_RAD = 1e-3
+LEAST_GAP_M = 1e-6
+"""What is out of reach by less is not told so."""
+NEAR_STARTS = 12
+"""Random starts from which a pose that is not reached is come near to, for the message."""
+PIECE_M, PIECE_RAD = 0.05, 0.2
+MAX_PIECES = 10
+STEPS_ALONG = 20
+BRANCH_RAD = 0.5
+"""A continued motion is gone in pieces of this length, m and rad, no more than so many, each in so many
+steps; in none may a joint turn further than the last of these, rad."""
+
+Clearance = Callable[[Array], float]
+
+
+class Criterion(StrEnum):
+    """Which of the joints that lead to a pose is best."""
+
+    NEAREST = "nearest"  # to the seed, by the Euclidean distance of the joints
+    LIMITS = "limits"  # the joint that is nearest to a limit, as a share of its range, is as far as can be
+    MANIPULABILITY = "manipulability"  # √det(J Jᵀ), m and rad (Yoshikawa 1985)
+    CLEARANCE = "clearance"  # what a function of the caller's says
+
+
+COMPILED = {
+    Criterion.NEAREST: 0,
+    Criterion.LIMITS: 1,
+    Criterion.MANIPULABILITY: 2,
+    Criterion.CLEARANCE: 0,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Descent:
+    """Where one descent ended: at a solution, or as near to it as it came (m, rad)."""
+
+    joints: Array
+    solved: bool
+    distance_m: float
+    angle_rad: float
+
+
+def inverse(
+    model: RobotModel,
+    pose: Pose,
+    seed: Array,
+    criterion: Criterion = Criterion.NEAREST,
+    clearance: Clearance | None = None,
+    random_seed: int = 0,
+) -> Array:
+    """The best joint angles, shape (dof,), rad, that bring the TCP to a pose.
+
+    With a closed form the best of all; without, where nearest ones are asked for, those to which a descent
+    from the seed leads, and else the best of some from random starts.
+
+    Args:
+        clearance: the distance, m, of joints (dof,) to what must not be touched, for that criterion.
+
+    Raises:
+        UnreachableError: none found; with how near the TCP came.
+    """
+    arm, row = model.inverse_kinematics, _row(pose)
+    if criterion is Criterion.CLEARANCE or not (arm.closed_form or criterion is Criterion.NEAREST):
+        return inverse_all(model, pose, seed, criterion, clearance, CLEARANCE_SPREAD, random_seed)[0]
+    joints = arm.solve(row, seed, COMPILED[criterion], random_seed)
+    if joints is None:
+        raise UnreachableError(_out_of_reach(model, pose, seed, random_seed))
+    return joints
+
+
+def inverse_all(
+    model: RobotModel,
+    pose: Pose,
+    seed: Array | None = None,
+    criterion: Criterion = Criterion.NEAREST,
+    clearance: Clearance | None = None,
+    spread: int = 1,
+    random_seed: int = 0,
+) -> list[Array]:
+    """Joint angles, each shape (dof,), rad, that bring the TCP to a pose, apart from each other, best first.
+
+    With a closed form of each branch the best ones, in each interval of arm angles that the limits permit;
+    without, what descents from random starts have found.
+
+    Args:
+        seed: for the nearest; without one it is the middle of the limits.
+        spread: of an S-R-S arm, so many in each such interval, evenly along the arm angle.
+
+    Raises:
+        UnreachableError: none found; with how near the TCP came.
+    """
+    limits = model.limits
+    arm, row = model.inverse_kinematics, _row(pose)
+    near = 0.5 * (limits.min_position + limits.max_position) if seed is None else seed
+    found = arm.solve_all(row, near, COMPILED[criterion], SOLUTIONS, random_seed)
+    if not found:
+        raise UnreachableError(_out_of_reach(model, pose, near, random_seed))
+    if spread > 1 and isinstance(arm, SrsArm):
+        found += _along_the_arm_angle(arm, row, spread)
+    if clearance is not None and criterion is Criterion.CLEARANCE:
+        found.sort(key=clearance, reverse=True)
+    elif criterion is Criterion.CLEARANCE:
+        raise InputError("the criterion clearance needs a function of the joints that gives it")
+    else:
+        found.sort(key=lambda joints: _cost(model, joints, near, criterion))
+    apart: list[Array] = []
+    for joints in found:
+        if all(np.abs(joints - other).max() > APART_RAD for other in apart):
+            apart.append(joints)
+    return apart
+
+
+def _along_the_arm_angle(arm: SrsArm, row: Array, spread: int) -> list[Array]:
+    found = []
+    for branch in range(arm.BRANCHES):
+        for begin, end in arm.intervals(row, branch):
+            for angle in np.linspace(begin, end, spread + 2)[1:-1]:
+                joints = arm.joints(row, float(angle), branch)
+                if joints is not None:
+                    found.append(joints)
+    return found
+
+
+def _cost(model: RobotModel, joints: Array, seed: Array, criterion: Criterion) -> float:
+    limits = model.limits
+    if criterion is Criterion.MANIPULABILITY:
+        return -model.inverse_kinematics.manipulability(joints)
+    if criterion is Criterion.LIMITS:
+        middle = 0.5 * (limits.min_position + limits.max_position)
+        return float(np.abs((joints - middle) / (limits.max_position - middle)).max())
+    return float(np.linalg.norm(joints - seed))
+
+
+def reach_gap(model: RobotModel, pose: Pose) -> float:
+    """How far a pose is beyond what the arm reaches in its orientation, at least, m; 0 if it is not, or if
+    only other limits of the joints prevent it.
+    """
+    return model.inverse_kinematics.gap(_row(pose))
+
+
+def _out_of_reach(model: RobotModel, pose: Pose, seed: Array, random_seed: int) -> str:
+    """Why a pose has no joints, and how near the TCP comes to it."""
+    x, y, z = pose.position
+    nearest = solve_near(model, pose, seed)
+    random = np.random.default_rng(random_seed)
+    for _ in range(NEAR_STARTS):
+        start = random.uniform(model.limits.min_position, model.limits.max_position)
+        descent = solve_near(model, pose, start)
+        if descent.distance_m + descent.angle_rad < nearest.distance_m + nearest.angle_rad:
+            nearest = descent
+    gap = reach_gap(model, pose)
+    why = f"it is out of reach by {gap:.3g} m, and" if gap > LEAST_GAP_M else "within the joints' limits it"
+    return (
+        f"the TCP cannot reach x {x:.6g}, y {y:.6g}, z {z:.6g} m in this orientation: {why} comes as near as "
+        f"{1e3 * nearest.distance_m:.4g} mm and {np.degrees(nearest.angle_rad):.2f} degrees"
+    )
+
+
+def continued(model: RobotModel, pose: Pose, joints: Array) -> Array:
+    """Joint angles, shape (dof,), rad, at a pose, on the branch on which the arm stands with `joints`.
+
+    What is far away is gone to on a straight line, in pieces, so that the branch cannot change unnoticed.
+
+    Raises:
+        UnreachableError: it is too far, out of reach, or only another branch leads there.
+    """
+    here = model.forward(joints)
+    turn = np.array(quaternion.between(here.quaternion.tolist(), pose.quaternion.tolist()))
+    way, angle = pose.position - here.position, float(np.linalg.norm(turn))
+    pieces = max(1, math.ceil(float(np.linalg.norm(way)) / PIECE_M), math.ceil(angle / PIECE_RAD))
+    if pieces > MAX_PIECES:
+        raise UnreachableError(
+            f"the pose is {float(np.linalg.norm(way)):.3f} m and {np.degrees(angle):.0f} degrees from the "
+            f"last one, possible are {MAX_PIECES * PIECE_M:g} m and "
+            f"{np.degrees(MAX_PIECES * PIECE_RAD):.0f} degrees"
+        )
+    for piece in range(1, pieces + 1):
+        share = piece / pieces
+        between = pose
+        if piece < pieces:
+            part = quaternion.product(quaternion.exp((share * turn).tolist()), here.quaternion.tolist())
+            between = Pose(here.position + share * way, np.array(part))
+        descent = solve_near(model, between, joints, STEPS_ALONG)
+        if not descent.solved:
+            raise UnreachableError(
+                f"the pose is out of reach from where the arm is: it comes as near as "
+                f"{1e3 * descent.distance_m:.4g} mm and {np.degrees(descent.angle_rad):.2f} degrees"
+            )
+        step = float(np.abs(descent.joints - joints).max())
+        if step > BRANCH_RAD:
+            raise UnreachableError(
+                f"the pose needs a joint to turn by {step:.3f} rad at once: it is on another branch of the "
+                "inverse kinematics, or at a singularity"
+            )
+        joints = descent.joints
+    return joints
+
+
+def solve_near(model: RobotModel, pose: Pose, seed: Array, steps: int = STEPS) -> Descent:
+    """One descent from `seed`, of so many steps at the most: the way to stay continuous along a path."""
+    return Descent(*model.inverse_kinematics.descend(_row(pose), seed, steps))
+
+
+def _row(pose: Pose) -> Array:
+    return np.concatenate([pose.position, pose.quaternion])

@@ -1,0 +1,81 @@
+"""Inverse kinematics of any serial arm, for compiled code; see `arm.pyx`."""
+
+from cobot.arrays cimport MAX_DOF
+from cobot.robot.chain cimport Chain
+
+cdef enum:
+    MAX_CANDIDATES = 192
+
+cdef enum:
+    NEAREST = 0
+    LIMITS = 1
+    MANIPULABILITY = 2
+
+
+cdef struct Problem:
+    double position[3]       # of the TCP in the base frame, m
+    double rotation[9]
+    double moved[9]          # what the joints have to do to the frames as they are at rest: rotation ...
+    double shift[3]          # ... and then translation
+    double seed[MAX_DOF]     # of the joints
+    double near[MAX_DOF]     # likewise, within the limits and counted from rest
+    int criterion
+    double slack             # rad, by which a closed form may pass the limits before it is made exact
+    double slop              # m, by which it may be out of reach, likewise
+    bint every               # whether all branches are asked for, not the best one alone
+
+
+cdef struct Candidate:
+    double cost              # by the criterion: the less the better
+    double joints[MAX_DOF]
+    int branch
+    bint refined             # whether its free angle, if there is one, is the best there is
+    double begin             # between these the best free angle is, rad
+    double angle
+    double end
+
+
+cdef class Arm:
+    cdef readonly Chain chain
+    cdef readonly int dof
+    cdef object _limits, _low, _high, _given, _found
+    cdef double* c_low                # position limits of the joints
+    cdef double* c_high
+    cdef double* c_given              # scratch: a pose and joints from Python
+    cdef double* c_found
+    cdef double c_rest[MAX_DOF]       # joints at which the frames are at rest
+    cdef bint c_hinge[MAX_DOF]        # or else it slides
+    cdef double c_least[MAX_DOF]      # the limits, counted from there
+    cdef double c_most[MAX_DOF]
+    cdef double c_home_rotation[9]    # of the TCP at rest
+    cdef double c_home_position[3]
+    cdef double c_root[3]             # on the first joint's axis, and how far from it the TCP gets
+    cdef double c_reach
+    cdef double c_slop                # by which the geometry of a closed form is not exact, m
+
+    cdef void c_state(
+        self, const double* pose, const double* seed, int criterion, Problem* out
+    ) noexcept nogil
+    cdef int c_closed_form(self, const Problem* problem, Candidate* found) noexcept nogil
+    cdef void c_refine(self, const Problem* problem, Candidate* candidate) noexcept nogil
+    cdef double c_gap(self, const Problem* problem) noexcept nogil
+    cdef bint c_solve(self, const Problem* problem, unsigned long long random, double* joints) noexcept nogil
+    cdef bint c_verified(self, const Problem* problem, double* joints) noexcept nogil
+    cdef bint c_descend(
+        self, const Problem* problem, double* joints, int steps, bint bounded, double* distance
+    ) noexcept nogil
+    cdef bint _from_random(
+        self, const Problem* problem, double* joints, int attempt
+    ) noexcept nogil
+    cdef int _attempts(self, int candidates) noexcept nogil
+    cdef int c_search(
+        self, const Problem* problem, unsigned long long random, int attempts, int wanted, Candidate* found
+    ) noexcept nogil
+    cdef double c_cost(self, const Problem* problem, const double* joints) noexcept nogil
+    cdef double c_manipulability(self, const double* joints) noexcept nogil
+    cdef int _prepare(self, object pose, object seed, int criterion, Problem* out) except -1
+    cdef void _clip(self, double* joints) noexcept nogil
+    cdef bint _damped_step(
+        self, const double* joints, double* jacobian, const double* error, double off, bint bounded,
+        double* step
+    ) noexcept nogil

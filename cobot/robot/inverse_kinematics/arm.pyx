@@ -1,0 +1,468 @@
+"""Inverse kinematics of any serial arm: numeric, by damped least squares with joint limits and restarts.
+
+The step is Levenberg-Marquardt's with the damping of Sugihara (doi 10.1109/TRO.2011.2148230): it shrinks
+with the remaining error, so that the last steps are Newton's. Arms whose geometry permits more are
+subclasses: they give candidates in closed form, which are verified here by forward kinematics, and where
+they pass a limit or miss the pose by rounding, made exact by the same steps.
+"""
+
+from libc.math cimport atan2, fabs
+from libc.string cimport memcpy
+
+import numpy as np
+
+from cobot.arrays cimport MAX_DOF, doubles
+from cobot.robot.chain cimport Chain
+from cobot.robot.inverse_kinematics.vectors cimport (
+    length3,
+    minus3,
+    product_transposed,
+    times,
+    wrapped,
+)
+from cobot.robot.linear cimport cholesky_factor, cholesky_substitute
+from cobot.robot.quaternion cimport quat_to_matrix
+
+cdef extern from *:
+    """
+    /* Where a descent ends, m and rad: rounding is a thousand times less. What is as good as that where it
+       cannot go on, at a singularity at the end of reach. */
+    static const double COBOT_IK_TOLERANCE = 1e-10, COBOT_IK_ACCEPTED = 5e-10;
+    /* Of one step, rad or m; and what keeps a step finite at a singularity. */
+    static const double COBOT_IK_LARGEST_STEP = 0.5, COBOT_IK_BIAS = 1e-5;
+    static const double COBOT_IK_LEAST_DAMPING = 1e-13;
+    /* Of what is just out of reach, m or rad: a stretched arm gets there but for rounding. */
+    static const double COBOT_IK_LEAST_SLOP = 2e-11;
+    """
+    const double TOLERANCE "COBOT_IK_TOLERANCE"
+    const double ACCEPTED "COBOT_IK_ACCEPTED"
+    const double LARGEST_STEP "COBOT_IK_LARGEST_STEP"
+    const double BIAS "COBOT_IK_BIAS"
+    const double LEAST_DAMPING "COBOT_IK_LEAST_DAMPING"
+    const double LEAST_SLOP "COBOT_IK_LEAST_SLOP"
+
+cdef enum:
+    STEPS = 60
+    # Without a tenth of progress, after which a descent is given up.
+    PATIENCE = 12
+    # To make exact what is so but for rounding.
+    STEPS_TO_VERIFY = 12
+    # Descents from random starts, and after how many solutions they end.
+    ATTEMPTS = 1500
+    ENOUGH = 2
+    # Of the best candidates with a free angle, so many are compared at their best.
+    REFINED = 3
+    # Where a closed form exists and has found nothing: a singular pose whose free joint it has not tried.
+    ATTEMPTS_AFTER_CLOSED_FORM = 200
+
+cdef class Arm:
+    """Joint angles for poses of the TCP. Joint vectors are shape (dof,), rad (m for a slide).
+
+    Not thread safe from Python; the methods for compiled code are.
+
+    Attributes:
+        chain: the arm.
+        dof: the number of joints.
+    """
+
+    def __init__(self, Chain chain, limits, rest, root, double reach, double slop):
+        """Of an arm, and its limits, which are read at each call.
+
+        Args:
+            rest: joints, shape (dof,), at which the frames of its geometry are taken.
+            root, reach: the TCP stays so near to this point, shape (3,), in the base frame, m.
+            slop: by how much the geometry that a subclass goes by is not exact, m or rad.
+        """
+        cdef int i
+        self.chain, self.dof, self._limits = chain, chain.dof, limits
+        self._low, self._high = np.zeros(self.dof), np.zeros(self.dof)
+        self.c_low, self.c_high = doubles(self._low, self.dof), doubles(self._high, self.dof)
+        self._given, self._found = np.zeros(7 + self.dof), np.zeros(self.dof)
+        self.c_given, self.c_found = doubles(self._given, 7 + self.dof), doubles(self._found, self.dof)
+        for i in range(self.dof):
+            self.c_rest[i] = rest[i]
+            self.c_hinge[i] = True
+        for i in range(chain._count):
+            self.c_hinge[chain._joint[i]] = not chain._slides[i]
+        chain.c_place(self.c_rest, self.c_home_position, self.c_home_rotation, NULL)
+        for i in range(3):
+            self.c_root[i] = root[i]
+        self.c_reach, self.c_slop = reach, max(slop, LEAST_SLOP)
+        self.refresh()
+
+    @property
+    def closed_form(self):
+        """Whether all solutions are known."""
+        return False
+
+    @property
+    def arm_angle(self):
+        """Itself, if the arm is S-R-S; else None."""
+        return None
+
+    def refresh(self):
+        """Go by the limits as they are now. Who calls from compiled code calls this before."""
+        cdef int i
+        self._low[...] = self._limits.min_position
+        self._high[...] = self._limits.max_position
+        for i in range(self.dof):
+            self.c_least[i] = self.c_low[i] - self.c_rest[i]
+            self.c_most[i] = self.c_high[i] - self.c_rest[i]
+
+    cdef int _prepare(self, pose, seed, int criterion, Problem* out) except -1:
+        """A question from Python: a pose (7,), x, y, z (m) and w, x, y, z; a seed (dof,)."""
+        self.refresh()
+        self._given[:7] = pose
+        self._given[7:] = seed
+        self.c_state(self.c_given, &self.c_given[7], criterion, out)
+        return 0
+
+    cdef void c_state(
+        self, const double* pose, const double* seed, int criterion, Problem* out
+    ) noexcept nogil:
+        """Write a question down; `seed` NULL stands for the middle of the limits."""
+        cdef double carried[3]
+        cdef double value
+        cdef int i
+        memcpy(out.position, pose, sizeof(out.position))
+        quat_to_matrix(&pose[3], out.rotation)
+        product_transposed(out.rotation, self.c_home_rotation, out.moved)
+        times(out.moved, self.c_home_position, carried)
+        minus3(pose, carried, out.shift)
+        out.criterion, out.every, out.slack, out.slop = criterion, False, 1e-6, self.c_slop
+        for i in range(self.dof):
+            value = 0.5 * (self.c_low[i] + self.c_high[i])
+            out.seed[i] = value if seed == NULL else seed[i]
+            if seed != NULL and criterion != LIMITS:
+                value = seed[i]
+            value = self.c_low[i] if value < self.c_low[i] else value
+            value = self.c_high[i] if value > self.c_high[i] else value
+            out.near[i] = value - self.c_rest[i]
+
+    cdef int c_closed_form(self, const Problem* problem, Candidate* found) noexcept nogil:
+        """Candidates, MAX_CANDIDATES at the most: the best of each branch. -1: there is no closed form."""
+        return -1
+
+    cdef void c_refine(self, const Problem* problem, Candidate* candidate) noexcept nogil:
+        """Make the best of a free angle."""
+        candidate.refined = True
+
+    cdef double c_gap(self, const Problem* problem) noexcept nogil:
+        """How far the pose is, at least, beyond what the arm reaches in this orientation, m."""
+        cdef double away[3]
+        minus3(problem.position, self.c_root, away)
+        return max(length3(away) - self.c_reach, 0.0)
+
+    cdef bint c_solve(self, const Problem* problem, unsigned long long random, double* joints) noexcept nogil:
+        """The best joints that lead to the pose; False if none are found."""
+        cdef Candidate found[MAX_CANDIDATES]
+        cdef double distance[2]
+        cdef int count, i, best, _turn
+        memcpy(joints, problem.seed, self.dof * sizeof(double))
+        if problem.criterion == NEAREST and self.c_descend(problem, joints, 1, True, distance):
+            return True
+        count = self.c_closed_form(problem, found)
+        for _turn in range(min(count, REFINED)):
+            self.c_refine(problem, &found[cheapest(found, count, True)])
+        for i in range(count, 0, -1):
+            best = cheapest(found, i, False)
+            memcpy(joints, found[best].joints, self.dof * sizeof(double))
+            if self.c_verified(problem, joints):
+                return True
+            found[best] = found[i - 1]
+        if self.c_gap(problem) > 2.0 * self.c_slop:
+            return False
+        memcpy(joints, problem.seed, self.dof * sizeof(double))
+        if problem.criterion == NEAREST and self.c_descend(problem, joints, STEPS, True, distance):
+            return True
+        count = self.c_search(problem, random, self._attempts(count), ENOUGH, found)
+        if count > 0:
+            memcpy(joints, found[cheapest(found, count, False)].joints, self.dof * sizeof(double))
+        return count > 0
+
+    cdef int _attempts(self, int candidates) noexcept nogil:
+        """How often to try from random starts after so many candidates in closed form."""
+        return ATTEMPTS if candidates < 0 or self.c_slop > LEAST_SLOP else ATTEMPTS_AFTER_CLOSED_FORM
+
+    cdef int c_search(
+        self, const Problem* problem, unsigned long long random, int attempts, int wanted, Candidate* found
+    ) noexcept nogil:
+        """Descents from random starts until so many have succeeded; some may have found the same."""
+        cdef int count = 0
+        cdef int attempt, i
+        cdef unsigned long long factor = 6364136223846793005ULL  # Knuth's MMIX
+        cdef unsigned long long summand = 1442695040888963407ULL
+        random = random * 2 + summand
+        for attempt in range(attempts):
+            for i in range(self.dof):
+                random = random * factor + summand
+                found[count].joints[i] = self.c_low[i] + (self.c_high[i] - self.c_low[i]) * (
+                    <double>(random >> 11) / 9007199254740992.0
+                )
+            if self._from_random(problem, found[count].joints, attempt):
+                found[count].cost = self.c_cost(problem, found[count].joints)
+                found[count].branch, found[count].refined = 0, True
+                count += 1
+                if count == wanted:
+                    break
+        return count
+
+    cdef bint _from_random(self, const Problem* problem, double* joints, int attempt) noexcept nogil:
+        """A descent within the limits or, every other time, one that heeds them only at its end: limits that
+        hold a joint back keep others from solutions at them.
+        """
+        cdef double distance[2]
+        cdef double middle, far
+        cdef int i
+        if attempt % (4 if self.dof < 7 else 2) == 0:
+            return self.c_descend(problem, joints, STEPS, True, distance)
+        if not self.c_descend(problem, joints, STEPS, False, distance):
+            return False
+        for i in range(self.dof):
+            middle = 0.5 * (self.c_low[i] + self.c_high[i])
+            if self.c_hinge[i]:
+                joints[i] = wrapped(joints[i], middle)
+            far = fabs(joints[i] - middle) - 0.5 * (self.c_high[i] - self.c_low[i])
+            if far > problem.slack and self.dof < 7:
+                return False  # Another way to turn the others does not exist.
+        return self.c_descend(problem, joints, STEPS, True, distance)
+
+    cdef bint c_verified(self, const Problem* problem, double* joints) noexcept nogil:
+        """Make joints from a closed form exact: within the limits, and at the pose. False if that fails."""
+        cdef double rotation[9]
+        cdef double position[3]
+        cdef double error[3]
+        cdef double distance[2]
+        self._clip(joints)
+        self.chain.c_place(joints, position, rotation, NULL)
+        minus3(problem.position, position, error)
+        distance[0] = length3(error)
+        rotation_error(problem.rotation, rotation, error)
+        if distance[0] < TOLERANCE and length3(error) < TOLERANCE:
+            return True
+        return self.c_descend(problem, joints, STEPS_TO_VERIFY, True, distance)
+
+    cdef bint c_descend(
+        self, const Problem* problem, double* joints, int steps, bint bounded, double* distance
+    ) noexcept nogil:
+        """From joints to the nearest ones that lead to the pose, or as near to it as they come.
+
+        `distance` is how far from it that is, m and rad.
+        """
+        cdef double best[MAX_DOF]
+        cdef double jacobian[6 * MAX_DOF]
+        cdef double step[MAX_DOF]
+        cdef double rotation[9]
+        cdef double position[3]
+        cdef double error[6]
+        cdef double off_m, off_rad, least, largest
+        cdef int stalled = 0
+        cdef int i, _step
+        if bounded:
+            self._clip(joints)
+        memcpy(best, joints, self.dof * sizeof(double))
+        distance[0] = distance[1] = 1e300
+        for _step in range(steps):
+            self.chain.c_place(joints, position, rotation, jacobian)
+            minus3(problem.position, position, error)
+            rotation_error(problem.rotation, rotation, &error[3])
+            off_m, off_rad = length3(error), length3(&error[3])
+            least = distance[0] + distance[1]
+            stalled = stalled + 1 if off_m + off_rad > 0.9 * least else 0
+            if off_m + off_rad < least:
+                distance[0], distance[1] = off_m, off_rad
+                memcpy(best, joints, self.dof * sizeof(double))
+            if off_m < TOLERANCE and off_rad < TOLERANCE:
+                return True
+            if stalled > PATIENCE or not self._damped_step(
+                joints, jacobian, error, off_m + off_rad, bounded, step
+            ):
+                break
+            largest = 0.0
+            for i in range(self.dof):
+                largest = fabs(step[i]) if fabs(step[i]) > largest else largest
+            largest = LARGEST_STEP / largest if largest > LARGEST_STEP else 1.0
+            for i in range(self.dof):
+                joints[i] += largest * step[i]
+            if bounded:
+                self._clip(joints)
+        memcpy(joints, best, self.dof * sizeof(double))
+        return distance[0] < ACCEPTED and distance[1] < ACCEPTED
+
+    cdef void _clip(self, double* joints) noexcept nogil:
+        cdef int i
+        for i in range(self.dof):
+            joints[i] = self.c_low[i] if not joints[i] >= self.c_low[i] else joints[i]
+            joints[i] = self.c_high[i] if joints[i] > self.c_high[i] else joints[i]
+
+    cdef bint _damped_step(
+        self, const double* joints, double* jacobian, const double* error, double off, bint bounded,
+        double* step
+    ) noexcept nogil:
+        """Jᵀ (J Jᵀ + λ)⁻¹ error. A joint at its limit that would be pushed beyond takes no part."""
+        cdef double normal[36]
+        cdef double right[6]
+        cdef double gradient
+        cdef double damping = max(BIAS * min(off, 1.0), LEAST_DAMPING)
+        cdef int i, j, k
+        for i in range(6):
+            damping += 0.5 * error[i] * error[i]
+            right[i] = error[i]
+        for k in range(self.dof):
+            gradient = 0.0
+            for i in range(6):
+                gradient += jacobian[i * self.dof + k] * error[i]
+            if bounded and (
+                (joints[k] <= self.c_low[k] and gradient < 0.0)
+                or (joints[k] >= self.c_high[k] and gradient > 0.0)
+            ):
+                for i in range(6):
+                    jacobian[i * self.dof + k] = 0.0
+        for i in range(6):
+            for j in range(i + 1):
+                gradient = damping if i == j else 0.0
+                for k in range(self.dof):
+                    gradient += jacobian[i * self.dof + k] * jacobian[j * self.dof + k]
+                normal[6 * i + j] = gradient
+        if not cholesky_factor(normal, 6):
+            return False
+        cholesky_substitute(normal, 6, right)
+        for k in range(self.dof):
+            step[k] = 0.0
+            for i in range(6):
+                step[k] += jacobian[i * self.dof + k] * right[i]
+        return True
+
+    cdef double c_cost(self, const Problem* problem, const double* joints) noexcept nogil:
+        """What the criterion has against joints; the less the better."""
+        cdef double cost = 0.0
+        cdef double value
+        cdef int i
+        if problem.criterion == MANIPULABILITY:
+            return -self.c_manipulability(joints)
+        for i in range(self.dof):
+            if problem.criterion == NEAREST:
+                value = joints[i] - problem.seed[i]
+                cost += value * value
+            else:
+                value = fabs(2.0 * joints[i] - self.c_low[i] - self.c_high[i])
+                value /= self.c_high[i] - self.c_low[i]
+                cost = value if value > cost else cost
+        return cost
+
+    cdef double c_manipulability(self, const double* joints) noexcept nogil:
+        """√det(J Jᵀ), m and rad (Yoshikawa 1985)."""
+        cdef double jacobian[6 * MAX_DOF]
+        cdef double normal[36]
+        cdef double rotation[9]
+        cdef double position[3]
+        cdef double volume = 1.0
+        cdef int i, j, k
+        self.chain.c_place(joints, position, rotation, jacobian)
+        for i in range(6):
+            for j in range(i + 1):
+                normal[6 * i + j] = 0.0
+                for k in range(self.dof):
+                    normal[6 * i + j] += jacobian[i * self.dof + k] * jacobian[j * self.dof + k]
+        if not cholesky_factor(normal, 6):
+            return 0.0
+        for i in range(6):
+            volume *= normal[7 * i]
+        return volume
+
+    def solve(self, pose, seed, int criterion, unsigned long long random_seed):
+        """The best joints, shape (dof,), that lead to a pose; None if none are found.
+
+        Args:
+            pose: shape (7,), x, y, z (m) and w, x, y, z of the TCP in the base frame.
+            criterion: 0 nearest to the seed, 1 far from the limits, 2 manipulability.
+        """
+        cdef Problem problem
+        cdef bint solved
+        self._prepare(pose, seed, criterion, &problem)
+        with nogil:
+            solved = self.c_solve(&problem, random_seed, self.c_found)
+        return self._found.copy() if solved else None
+
+    def solve_all(self, pose, seed, int criterion, int wanted, unsigned long long random_seed):
+        """Joints that lead to a pose, the best first: of each branch the best ones; without a closed form,
+        what so many successful descents have found, which may be the same.
+        """
+        cdef Problem problem
+        cdef Candidate found[MAX_CANDIDATES]
+        cdef int count, best
+        self._prepare(pose, seed, criterion, &problem)
+        problem.every = True
+        with nogil:
+            count = self.c_closed_form(&problem, found)
+            for best in range(count):
+                self.c_refine(&problem, &found[best])
+            if count < 0 or (count == 0 and self.c_gap(&problem) <= 2.0 * self.c_slop):
+                wanted = min(wanted, MAX_CANDIDATES - 1)
+                count = self.c_search(&problem, random_seed, self._attempts(count), wanted, found)
+        rows = []
+        for count in range(count, 0, -1):
+            best = cheapest(found, count, False)
+            memcpy(self.c_found, found[best].joints, self.dof * sizeof(double))
+            if self.c_verified(&problem, self.c_found):
+                rows.append(self._found.copy())
+            found[best] = found[count - 1]
+        return rows
+
+    def descend(self, pose, seed, int steps):
+        """Joints (dof,) where a descent from a seed ends, whether they lead to the pose, and how far from it
+        they do, m and rad.
+        """
+        cdef Problem problem
+        cdef double distance[2]
+        cdef bint solved
+        self._prepare(pose, seed, NEAREST, &problem)
+        memcpy(self.c_found, problem.seed, self.dof * sizeof(double))
+        with nogil:
+            solved = self.c_descend(&problem, self.c_found, steps, True, distance)
+        return self._found.copy(), bool(solved), distance[0], distance[1]
+
+    def gap(self, pose):
+        """How far a pose is beyond what the arm reaches in this orientation, whatever its limits, m."""
+        cdef Problem problem
+        self._prepare(pose, self._low, NEAREST, &problem)
+        return self.c_gap(&problem)
+
+    def manipulability(self, joints):
+        """√det(J Jᵀ), m and rad."""
+        self._found[...] = joints
+        return self.c_manipulability(self.c_found)
+
+
+cdef int cheapest(const Candidate* found, int count, bint unrefined) noexcept nogil:
+    """The best candidate; of those that are not refined yet, if they are asked for and there is one."""
+    cdef int best = -1
+    cdef int i
+    for i in range(count):
+        if (best < 0 or found[i].cost < found[best].cost) and not (unrefined and found[i].refined):
+            best = i
+    return max(best, 0)
+
+
+cdef void rotation_error(const double* target, const double* rotation, double* out) noexcept nogil:
+    """The rotation vector from one matrix to the other, in the base frame."""
+    cdef double m[9]
+    cdef double sine, cosine, scale
+    cdef int i, column
+    product_transposed(target, rotation, m)
+    out[0], out[1], out[2] = 0.5 * (m[7] - m[5]), 0.5 * (m[2] - m[6]), 0.5 * (m[3] - m[1])
+    sine, cosine = length3(out), 0.5 * (m[0] + m[4] + m[8] - 1.0)
+    if sine > 1e-9:
+        scale = atan2(sine, cosine) / sine
+        for i in range(3):
+            out[i] *= scale
+    elif cosine < 0.0:
+        # Half a turn: the axis is the largest column of R + 1.
+        column = 0
+        for i in range(1, 3):
+            column = i if m[4 * i] > m[4 * column] else column
+        for i in range(3):
+            out[i] = m[3 * i + column] + (1.0 if i == column else 0.0)
+        scale = 3.141592653589793 / length3(out)
+        for i in range(3):
+            out[i] *= scale

@@ -1,0 +1,149 @@
+"""Which inverse kinematics an arm permits: recognised from where its axes are, never from its name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from cobot.errors import InputError
+from cobot.robot.chain import Chain
+from cobot.robot.inverse_kinematics.arm import Arm
+from cobot.robot.inverse_kinematics.six_axis import SixAxisArm
+from cobot.robot.inverse_kinematics.srs import SrsArm
+from cobot.types import Array, JointLimits
+
+LARGEST_SLOP = 1e-4
+"""Axes that miss each other by less, m, or are parallel but for less, rad, are taken for what was meant:
+files round. Answers are exact all the same: some numeric steps make the closed form's so."""
+
+
+class Axes:
+    """The joints' axes at rest, in the base frame.
+
+    Attributes:
+        directions, points: shape (dof, 3), of length 1, and a point on each axis, m; 0 for a slide's point.
+        hinges: whether each joint is one.
+        slop: how much the axes that were asked about have missed what they were taken for, m or rad.
+    """
+
+    def __init__(self, chain: Chain, rest: Array) -> None:
+        tcp, _, jacobian = chain.solve(rest)
+        linear, angular = jacobian[:3].T, jacobian[3:].T
+        self.hinges = np.linalg.norm(angular, axis=1) > 0.5
+        self.directions = np.where(self.hinges[:, None], angular, linear).copy()
+        self.points = np.where(self.hinges[:, None], tcp - np.cross(linear, angular), 0.0)
+        self.tcp = tcp.copy()
+        self.slop = 0.0
+
+    def meet(self, *joints: int) -> Array | None:
+        """The point in which axes meet, shape (3,); None if they do not."""
+        projections = [np.eye(3) - np.outer(self.directions[j], self.directions[j]) for j in joints]
+        feet = sum(projection @ self.points[j] for projection, j in zip(projections, joints, strict=True))
+        matrix = np.sum(projections, axis=0)
+        if np.linalg.eigvalsh(matrix)[0] < 1e-6:  # parallel
+            return None
+        point: Array = np.linalg.solve(matrix, feet)
+        off = max(
+            float(np.linalg.norm(projection @ (point - self.points[j])))
+            for projection, j in zip(projections, joints, strict=True)
+        )
+        return point if self._accepted(off) else None
+
+    def parallel(self, *joints: int) -> bool:
+        first = self.directions[joints[0]]
+        off = max(float(np.linalg.norm(np.cross(first, self.directions[j]))) for j in joints[1:])
+        return self._accepted(off)
+
+    def reach(self) -> float:
+        """How far the TCP gets from the first axis' point at the most, m; infinite with slides."""
+        if not self.hinges.all():
+            return np.inf
+        places = [*self.points, self.tcp]
+        return float(sum(np.linalg.norm(after - before) for before, after in pairwise(places)))
+
+    def _accepted(self, off: float) -> bool:
+        if off < LARGEST_SLOP:
+            self.slop = max(self.slop, off)
+        return off < LARGEST_SLOP
+
+
+def recognised(chain: Chain, limits: JointLimits, rest: Array) -> Arm:
+    """The inverse kinematics of an arm: in closed form if its geometry has one, else numeric.
+
+    Args:
+        rest: the joints, shape (dof,), at which the axes are looked at.
+    """
+    axes = Axes(chain, rest)
+    if len(axes.hinges) != chain.dof or not axes.hinges.all() or chain.dof not in (6, 7):
+        return _numeric(chain, limits, rest, axes)
+    try:
+        found = _srs(chain, limits, rest) if chain.dof == 7 else _six_axis(chain, limits, rest)
+    except InputError:  # parallel where they must not be
+        found = None
+    return found or _numeric(chain, limits, rest, axes)
+
+
+def _numeric(chain: Chain, limits: JointLimits, rest: Array, axes: Axes) -> Arm:
+    return Arm(chain, limits, rest, axes.points[0], axes.reach(), 0.0)
+
+
+def _srs(chain: Chain, limits: JointLimits, rest: Array) -> Arm | None:
+    axes = Axes(chain, rest)
+    shoulder, wrist = axes.meet(0, 1, 2), axes.meet(4, 5, 6)
+    if shoulder is None or wrist is None:
+        return None
+    return SrsArm(
+        chain,
+        limits,
+        rest,
+        axes.points[0],
+        axes.reach(),
+        _exact_or(axes.slop),
+        axes.directions,
+        shoulder,
+        wrist,
+        axes.points[3],
+    )
+
+
+def _six_axis(chain: Chain, limits: JointLimits, rest: Array) -> Arm | None:
+    axes = Axes(chain, rest)
+    wrist, kind = axes.meet(3, 4, 5), ""
+    if wrist is not None:
+        kind = _first_three(axes)
+    elif axes.parallel(1, 2, 3):
+        wrist, kind = axes.meet(4, 5), "three parallel axes"
+    if wrist is None or not kind:
+        return None
+    points = axes.points.copy()
+    if kind == "first and second axis meet":
+        points[:2] = axes.meet(0, 1)
+    return SixAxisArm(
+        chain,
+        limits,
+        rest,
+        axes.points[0],
+        axes.reach(),
+        _exact_or(axes.slop),
+        axes.directions,
+        points,
+        wrist,
+        kind,
+    )
+
+
+def _first_three(axes: Axes) -> str:
+    """How the first three axes bring a wrist to its place in closed form; "" if they do not."""
+    kinds: Sequence[tuple[str, bool]] = (
+        ("second and third axis parallel", axes.parallel(1, 2)),
+        ("first and second axis meet", axes.meet(0, 1) is not None),
+        ("first and second axis parallel", axes.parallel(0, 1)),
+    )
+    return next((kind for kind, holds in kinds if holds), "")
+
+
+def _exact_or(slop: float) -> float:
+    """Less than rounding of a file is nothing; more is counted three times, for it adds up along the arm."""
+    return 3.0 * slop if slop > 1e-10 else 0.0
