@@ -33,6 +33,7 @@ COPIED = (
 TESTS = (
     "tests/cobot/test_arrays.py",
     "tests/cobot/robot/test_chain.py",
+    "tests/cobot/robot/inverse_kinematics",
     "tests/cobot/robot/test_linear.py",
     "tests/rtloop/backends/test_laws.py",
     "tests/rtloop/generators/test_laws.py",

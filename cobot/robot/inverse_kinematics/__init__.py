@@ -48,8 +48,8 @@ CLEARANCE_SPREAD = 12
 APART_RAD = 1e-3
 LEAST_GAP_M = 1e-6
 """What is out of reach by less is not told so."""
-NEAR_STARTS = 12
-"""Random starts from which a pose that is not reached is come near to, for the message."""
+NEAR_STARTS, NEAR_STEPS = 12, 300
+"""Random starts and steps with which a pose that is not reached is come near to, for the message."""
 PIECE_M, PIECE_RAD = 0.05, 0.2
 MAX_PIECES = 10
 STEPS_ALONG = 20
@@ -188,13 +188,13 @@ def reach_gap(model: RobotModel, pose: Pose) -> float:
 def _out_of_reach(model: RobotModel, pose: Pose, seed: Array, random_seed: int) -> str:
     """Why a pose has no joints, and how near the TCP comes to it."""
     x, y, z = pose.position
-    nearest = solve_near(model, pose, seed)
-    random = np.random.default_rng(random_seed)
-    for _ in range(NEAR_STARTS):
-        start = random.uniform(model.limits.min_position, model.limits.max_position)
-        descent = solve_near(model, pose, start)
-        if descent.distance_m + descent.angle_rad < nearest.distance_m + nearest.angle_rad:
-            nearest = descent
+    random, limits = np.random.default_rng(random_seed), model.limits
+    starts = random.uniform(limits.min_position, limits.max_position, (NEAR_STARTS, limits.dof))
+    ends = [
+        Descent(*model.inverse_kinematics.descend(_row(pose), start, NEAR_STEPS, True))
+        for start in (seed, *starts)
+    ]
+    nearest = min(ends, key=lambda end: end.distance_m + end.angle_rad)
     gap = reach_gap(model, pose)
     why = f"it is out of reach by {gap:.3g} m, and" if gap > LEAST_GAP_M else "within the joints' limits it"
     return (

@@ -22,6 +22,7 @@ cdef struct Problem:
     int criterion
     double slack             # rad, by which a closed form may pass the limits before it is made exact
     double slop              # m, by which it may be out of reach, likewise
+    int patience             # steps without a tenth of progress after which a descent is given up
     bint every               # whether all branches are asked for, not the best one alone
 
 

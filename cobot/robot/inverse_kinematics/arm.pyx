@@ -6,7 +6,7 @@ subclasses: they give candidates in closed form, which are verified here by forw
 they pass a limit or miss the pose by rounding, made exact by the same steps.
 """
 
-from libc.math cimport atan2, fabs
+from libc.math cimport atan2, fabs, sqrt
 from libc.string cimport memcpy
 
 import numpy as np
@@ -33,17 +33,19 @@ cdef extern from *:
     static const double COBOT_IK_LEAST_DAMPING = 1e-13;
     /* Of what is just out of reach, m or rad: a stretched arm gets there but for rounding. */
     static const double COBOT_IK_LEAST_SLOP = 2e-11;
+    /* A candidate that is so much farther from the seed, rad, is not made better than the best. */
+    static const double COBOT_IK_FAR_BEHIND = 1.5;
     """
     const double TOLERANCE "COBOT_IK_TOLERANCE"
     const double ACCEPTED "COBOT_IK_ACCEPTED"
     const double LARGEST_STEP "COBOT_IK_LARGEST_STEP"
     const double BIAS "COBOT_IK_BIAS"
     const double LEAST_DAMPING "COBOT_IK_LEAST_DAMPING"
+    const double FAR_BEHIND "COBOT_IK_FAR_BEHIND"
     const double LEAST_SLOP "COBOT_IK_LEAST_SLOP"
 
 cdef enum:
     STEPS = 60
-    # Without a tenth of progress, after which a descent is given up.
     PATIENCE = 12
     # To make exact what is so but for rounding.
     STEPS_TO_VERIFY = 12
@@ -130,6 +132,7 @@ cdef class Arm:
         times(out.moved, self.c_home_position, carried)
         minus3(pose, carried, out.shift)
         out.criterion, out.every, out.slack, out.slop = criterion, False, 1e-6, self.c_slop
+        out.patience = PATIENCE
         for i in range(self.dof):
             value = 0.5 * (self.c_low[i] + self.c_high[i])
             out.seed[i] = value if seed == NULL else seed[i]
@@ -157,13 +160,18 @@ cdef class Arm:
         """The best joints that lead to the pose; False if none are found."""
         cdef Candidate found[MAX_CANDIDATES]
         cdef double distance[2]
-        cdef int count, i, best, _turn
+        cdef int count, i, best
         memcpy(joints, problem.seed, self.dof * sizeof(double))
         if problem.criterion == NEAREST and self.c_descend(problem, joints, 1, True, distance):
             return True
         count = self.c_closed_form(problem, found)
-        for _turn in range(min(count, REFINED)):
-            self.c_refine(problem, &found[cheapest(found, count, True)])
+        for i in range(min(count, REFINED)):
+            best = cheapest(found, count, True)
+            if i > 0 and problem.criterion == NEAREST and (
+                sqrt(found[best].cost) > sqrt(found[cheapest(found, count, False)].cost) + FAR_BEHIND
+            ):
+                break
+            self.c_refine(problem, &found[best])
         for i in range(count, 0, -1):
             best = cheapest(found, i, False)
             memcpy(joints, found[best].joints, self.dof * sizeof(double))
@@ -274,7 +282,7 @@ cdef class Arm:
                 memcpy(best, joints, self.dof * sizeof(double))
             if off_m < TOLERANCE and off_rad < TOLERANCE:
                 return True
-            if stalled > PATIENCE or not self._damped_step(
+            if stalled > problem.patience or not self._damped_step(
                 joints, jacobian, error, off_m + off_rad, bounded, step
             ):
                 break
@@ -409,14 +417,16 @@ cdef class Arm:
             found[best] = found[count - 1]
         return rows
 
-    def descend(self, pose, seed, int steps):
+    def descend(self, pose, seed, int steps, bint patient=False):
         """Joints (dof,) where a descent from a seed ends, whether they lead to the pose, and how far from it
-        they do, m and rad.
+        they do, m and rad. A patient one goes on where it hardly gets nearer.
         """
         cdef Problem problem
         cdef double distance[2]
         cdef bint solved
         self._prepare(pose, seed, NEAREST, &problem)
+        if patient:
+            problem.patience = steps
         memcpy(self.c_found, problem.seed, self.dof * sizeof(double))
         with nogil:
             solved = self.c_descend(&problem, self.c_found, steps, True, distance)

@@ -71,7 +71,7 @@ cdef extern from *:
     const double GOLDEN "COBOT_GOLDEN"
 
 cdef enum:
-    REFINEMENTS = 14
+    REFINEMENTS = 8
     SHOULDER = 1
     ELBOW = 2
     WRIST = 4
@@ -469,8 +469,9 @@ cdef class SrsArm(Arm):
         cdef double cost[2]
         cdef double begin = max(candidate.begin, candidate.angle - LONGEST_STEP)
         cdef double end = min(candidate.end, candidate.angle + LONGEST_STEP)
+        cdef double width
         cdef Elbow elbow
-        cdef int i, _step, lower
+        cdef int i, _i, _step, lower
         candidate.refined = True
         exact.slack = max(problem.slack, 2.0 * SLACK)
         if not self._elbow(&exact, candidate.branch & ELBOW, &elbow):
@@ -487,8 +488,12 @@ cdef class SrsArm(Arm):
                 begin, inner[0], cost[0] = inner[0], inner[1], cost[1]
                 inner[1] = begin + (end - begin) * GOLDEN
             cost[lower] = self._try(&exact, &elbow, inner[lower], candidate, joints)
-        self._parabola(&exact, &elbow, candidate, end - begin)
-        self._parabola(&exact, &elbow, candidate, (end - begin) / 30.0)
+        width = end - begin
+        for i in range(2):  # which may be the best because they are the last
+            self._try(&exact, &elbow, candidate.end if i else candidate.begin, candidate, joints)
+        for _i in range(3):
+            self._parabola(&exact, &elbow, candidate, width)
+            width *= 0.05
 
     cdef double _try(
         self, const Problem* problem, const Elbow* elbow, double angle, Candidate* candidate, double* joints

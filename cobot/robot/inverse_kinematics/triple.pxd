@@ -16,6 +16,7 @@ from cobot.robot.inverse_kinematics.vectors cimport (
     length3,
     settled,
     times,
+    transposed_times,
     turned,
     turned_by,
 )
@@ -27,9 +28,10 @@ cdef enum:
 
 cdef extern from *:
     """
-    static const double COBOT_ALIGNED = 1e-10;
+    static const double COBOT_ALIGNED = 1e-10, COBOT_NEARLY_ALIGNED = 1e-3;
     """
     const double ALIGNED_RAD "COBOT_ALIGNED"
+    const double NEARLY_ALIGNED_RAD "COBOT_NEARLY_ALIGNED"
 
 
 cdef struct Triple:
@@ -41,6 +43,8 @@ cdef struct Triple:
     double least      # the least and the largest angle between them, rad
     double largest
     bint square       # both axes at right angles to the second one
+    double before[3]  # to where the second one turns the first axis, and the third one back, if they are
+    double after[3]
 
 
 cdef struct Angles:
@@ -70,6 +74,8 @@ cdef inline bint triple_of(
     out.rest = atan2(dot3(first, cross), dot3(first, third) - dot3(first, second) * dot3(second, third))
     out.least, out.largest = one - two, one + two
     out.square = fabs(dot3(first, second)) < 1e-14 and fabs(dot3(second, third)) < 1e-14
+    cross3(second, first, out.before)
+    cross3(third, second, out.after)
     cross[0] = cross[1] = cross[2] = 0.0
     cross[least] = 1.0
     cross3(third, cross, out.across)
@@ -89,6 +95,30 @@ cdef inline void rest_of_triple(const Triple* triple, const double* rotation, do
     angles[2] = angle_about(triple.third, triple.across, there)
 
 
+cdef inline bint solve_square(
+    const Triple* triple, const double* rotation, const double* there, Angles* out
+) noexcept nogil:
+    """Euler's angles of axes at right angles, away from where they align; False if that is near.
+
+    There the first and the third angle, each for itself, would add their rounding.
+    """
+    cdef double back[3]
+    cdef double one = dot3(triple.second, there)
+    cdef double two = dot3(triple.before, there)
+    cdef double sine = sqrt(one * one + two * two)
+    if sine < NEARLY_ALIGNED_RAD:
+        return False
+    transposed_times(rotation, triple.first, back)
+    out.kind = REGULAR
+    out.plus[0] = atan2(one, two)
+    out.plus[1] = triple.rest + atan2(sine, dot3(triple.first, there))
+    out.plus[2] = atan2(dot3(triple.second, back), dot3(triple.after, back))
+    out.minus[0] = out.plus[0] + 0.5 * TURN
+    out.minus[1] = 2.0 * triple.rest - out.plus[1]
+    out.minus[2] = out.plus[2] + 0.5 * TURN
+    return True
+
+
 cdef inline void solve_triple(const Triple* triple, const double* rotation, Angles* out) noexcept nogil:
     """The two solutions, each angle up to a full turn; where the axes are ALIGNED the first one is 0."""
     cdef double there[3]
@@ -97,6 +127,8 @@ cdef inline void solve_triple(const Triple* triple, const double* rotation, Angl
     cdef double bend, apart, sine, beyond, short_of
     cdef int i
     times(rotation, triple.third, there)
+    if triple.square and solve_square(triple, rotation, there, out):
+        return
     cross3(triple.first, there, cross)
     sine = length3(cross)
     bend = apart = atan2(sine, dot3(triple.first, there))

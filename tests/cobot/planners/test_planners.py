@@ -17,6 +17,7 @@ from second_opinion import Contacts, changed_world, largest_rates, rate_limits, 
 from cobot.errors import CobotError, CollisionError, InputError, LimitError, PlanningError, UnreachableError
 from cobot.planners import MotionRequest, plan
 from cobot.robot.description import RobotDescription
+from cobot.robot.inverse_kinematics import inverse
 from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName, Pose, Scaling
 
@@ -310,6 +311,37 @@ def test_a_pose_out_of_reach_is_an_error_of_joint_planners_too(robot: RobotDescr
     far = Pose(np.array([1.5, 0.0, 0.5]), np.array([1.0, 0.0, 0.0, 0.0]))
     with pytest.raises(UnreachableError, match=r"the TCP cannot reach x 1\.5, y 0, z 0\.5 m in this"):
         ptp(robot, home(robot), far, planner=planner)
+
+
+@pytest.mark.parametrize("planner", ["lin", "ptp", "ompl"])
+def test_a_goal_far_away_is_out_of_reach_by_a_length(robot: RobotDescription, planner: str) -> None:
+    # The tool points down: the wrist is 0.126 m above it, the shoulder at 0.36 m, the arm 0.82 m long.
+    far = Pose(np.array([0.0, 0.0, 3.0]), np.array([0.0, 1.0, 0.0, 0.0]))
+    with pytest.raises(UnreachableError, match=r"out of reach by 1\.95 m"):
+        ptp(robot, home(robot), far, planner=planner)
+
+
+def test_a_pose_whose_nearest_joints_touch_something_is_gone_to_with_others(
+    robot: RobotDescription, tmp_path: Path
+) -> None:
+    crowded = robot_in(changed_world(tmp_path, post=[0.45, 0.0, 0.5, 0.15, 0.15, 0.5]), robot)
+    random, limits, start = np.random.default_rng(SEED), robot.limits, np.zeros(7)
+    start[1] = -1.2
+    touching, refusals = 0, []
+    for joints in random.uniform(limits.min_position, limits.max_position, (400, 7)):
+        pose = robot.model.forward(joints)
+        nearest = inverse(robot.model, pose, start)
+        if not crowded.collision.is_free(joints) or crowded.collision.is_free(nearest):
+            continue
+        touching += 1
+        try:
+            motion = ptp(crowded, start, pose)
+        except CollisionError as error:  # on the way, which another planner would go round
+            refusals.append(str(error))
+        else:
+            assert second_robot().forward(motion.end)[0] == pytest.approx(pose.position, abs=1e-9)
+    assert not any(refusal.startswith("the goal") for refusal in refusals)
+    assert touching > 5
 
 
 @pytest.mark.parametrize(
