@@ -64,9 +64,7 @@ def follow(robot: RobotDescription, request: MotionRequest, path: TcpPath) -> Tr
     """
     if path.length_m < STANDING_M and path.angle_rad < STANDING_RAD:
         return None
-    gap = reach_gap(robot.model, path.pose_at(1.0))
-    if gap > LEAST_GAP_M:
-        raise UnreachableError(f"{path.name}: the goal is out of reach by {gap:.3g} m")
+    _require_reach(robot, path, request.start)
     scaling = request.scaling
     cap = _tcp_rates(path, robot.cartesian_limits.scaled(scaling.speed, scaling.acceleration, scaling.jerk))
     limits = request.scaled_limits(robot)
@@ -84,6 +82,20 @@ def follow(robot: RobotDescription, request: MotionRequest, path: TcpPath) -> Tr
     raise PlanningError(
         f"{path.name}: the joints cannot follow the path accurately: {1e3 * deviation_m:.2f} mm and "
         f"{np.degrees(deviation_rad):.3f} degrees off, allowed are 0.1 mm and 0.05 degrees"
+    )
+
+
+def _require_reach(robot: RobotDescription, path: TcpPath, start: Array) -> None:
+    gap = reach_gap(robot.model, path.pose_at(1.0))
+    if gap <= LEAST_GAP_M:
+        return
+    shares = np.linspace(0.0, 1.0, 101)
+    end = next(share for share in shares if reach_gap(robot.model, path.pose_at(share)) > LEAST_GAP_M)
+    joints = solve_near(robot.model, path.pose_at(end), start).joints
+    joint = int(np.abs(joints - start).argmax())
+    raise UnreachableError(
+        f"{path.name}: at {100 * end:.0f} % of the path the TCP cannot go on: the goal is out of reach by "
+        f"{gap:.3g} m, with {robot.limits.names[joint]} turning most, to {joints[joint]:.3f} rad"
     )
 
 
