@@ -160,9 +160,9 @@ cdef inline bint settled(double* angle, double low, double high, double near, do
     passed by the slack. False if there is none.
     """
     cdef double value = wrapped(angle[0], near)
-    if value > high + slack:
+    if value > high and (value > high + slack or value - TURN >= low):
         value -= TURN
-    elif value < low - slack:
+    elif value < low and (value < low - slack or value + TURN <= high):
         value += TURN
     angle[0] = value
     return low - slack <= value <= high + slack

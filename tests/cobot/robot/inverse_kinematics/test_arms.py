@@ -145,6 +145,15 @@ def test_a_joint_that_turns_twice_round_stays_in_the_turn_of_the_seed(tmp_path: 
         assert np.linalg.norm(found - seed) <= np.linalg.norm(joints - seed) + 1e-9
 
 
+def test_a_joint_that_would_be_just_beyond_a_full_turn_is_taken_a_turn_back(tmp_path: Path) -> None:
+    random = np.random.default_rng(SEED + 5)
+    arm = arm_of("three parallel axes", tmp_path, random)
+    joints = np.array([1e-7, 0.3, -0.7, -1.1, 0.8, 0.001])
+    seed = joints + 6.0 * np.eye(6)[0]
+    every = inverse_all(arm.model, arm.pose(joints), seed)
+    assert min(np.abs(found - joints).max() for found in every) < 1e-8
+
+
 def test_the_limits_are_read_anew_for_each_question(tmp_path: Path) -> None:
     random = np.random.default_rng(SEED + 6)
     arm = arm_of("spherical wrist", tmp_path, random)
