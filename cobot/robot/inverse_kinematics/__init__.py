@@ -150,11 +150,16 @@ def inverse_all(
         raise InputError("the criterion clearance needs a function of the joints that gives it")
     else:
         found.sort(key=lambda joints: _cost(model, joints, near, criterion))
-    apart: list[Array] = []
-    for joints in found:
-        if all(np.abs(joints - other).max() > APART_RAD for other in apart):
-            apart.append(joints)
-    return apart
+    return _apart(np.array(found))
+
+
+def _apart(rows: Array) -> list[Array]:
+    """Without those that are the same as one before."""
+    kept: list[Array] = []
+    while len(rows):
+        kept.append(rows[0])
+        rows = rows[np.abs(rows - rows[0]).max(axis=1) > APART_RAD]
+    return kept
 
 
 def _along_the_arm_angle(arm: SrsArm, row: Array, spread: int) -> list[Array]:

@@ -4,6 +4,8 @@ The step is Levenberg-Marquardt's with the damping of Sugihara (doi 10.1109/TRO.
 with the remaining error, so that the last steps are Newton's. Arms whose geometry permits more are
 subclasses: they give candidates in closed form, which are verified here by forward kinematics, and where
 they pass a limit or miss the pose by rounding, made exact by the same steps.
+
+Longer than other modules: what all kinds of arms share is one class.
 """
 
 from libc.math cimport atan2, fabs, sqrt

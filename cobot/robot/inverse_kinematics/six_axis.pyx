@@ -6,6 +6,8 @@ parallel, as in most arms; the first two meet; the first two are parallel. With 
 middle, as in the arms of Universal Robots, the last two axes must meet: the distance of that point from the
 plane of the arm gives the first joint (Hawkins 2013), the last two and the sum of the middle three turn the
 hand, and a triangle is left. All axes may have any direction otherwise.
+
+Longer than other modules: four kinds of arms that share their parts.
 """
 
 from libc.math cimport fabs, sqrt
