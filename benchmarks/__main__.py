@@ -45,7 +45,7 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "stops": lambda quick: stopping.stops(4 if quick else 40),
     "smoothness": lambda quick: smoothness.smoothness(6.0 if quick else 30.0),
     "virtual_clock": lambda quick: virtual_clock.factor(2 if quick else 10),
-    "inverse_kinematics": lambda quick: inverse.inverse_kinematics(100 if quick else 1000),
+    "inverse_kinematics": lambda quick: inverse.inverse_kinematics(300 if quick else 3000),
     "planning": lambda quick: planning.planning_time(30 if quick else 300),
     "straightness": lambda quick: planning.straightness(2 if quick else 12),
     "documentation": lambda quick: pages.documentation(2 if quick else 7),
