@@ -197,6 +197,22 @@ def own() -> Iterator[Service]:
     started.close()
 
 
+def test_nothing_is_begun_for_a_small_body_before_it_is_there(service: Service) -> None:
+    """A flood of slow bodies costs next to nothing; large ones, and who waits to be asked for one, begin."""
+    post = b"POST /slow HTTP/1.1\r\nHost: h\r\nContent-Length: %d\r\n%s\r\n"
+    with service.connect() as slow:
+        slow.sendall(post % (2, b"") + b"a")
+        assert service.ask(GET + b"\r\n")[0] == 200, "what was sent before has been read"
+        assert service.application.asked[1] == "/health"
+        slow.sendall(b"b")
+        assert answer(slow) == (200, b"2")
+    for first in (post % (200_000, b"") + bytes(100_000), post % (2, b"Expect: 100-continue\r\n")):
+        service.application.asked = ("", "")
+        with service.connect() as connection:
+            connection.sendall(first)
+            until(lambda: service.application.asked[1] == "/slow")
+
+
 @pytest.mark.parametrize(
     "request_bytes",
     [
