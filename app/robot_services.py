@@ -120,7 +120,7 @@ def _services(
     longest_s = loading_s(settings.rt.trajectory_capacity, settings.rt.period_s)
     latest_s = slowest_s + longest_s + LATEST_ANSWER_S + MAX_PAUSE_S
     url = address(shared.base_url, robot.name) if shared.several else shared.base_url
-    tolerance_rad = settings.planning.start_tolerance_rad
+    tolerance_rad, smoothing_rad = settings.planning.start_tolerance_rad, settings.planning.smoothing_rad
     ownership = Ownership(link)
     motion = MotionService(robot, link, ownership, planning, settings.planning)
     sequences = SequenceService(ownership, link, settings.sequences, url, latest_s, shared.tokens)
@@ -138,7 +138,7 @@ def _services(
         link=link,
         ownership=ownership,
         motion=motion,
-        trajectories=TrajectoryService(robot.limits, ownership, motion, tolerance_rad, link.label),
+        trajectories=TrajectoryService(robot.limits, ownership, motion, settings.planning, link.label),
         sequences=sequences,
         stopping=stopping,
         health=HealthService(settings.robot.name, link, ownership, sequences, streams, planning, stale_s),
@@ -152,5 +152,7 @@ def _services(
         settings=tool_and_limits,
         queue=MotionQueue(link, ownership, motion, planning, tool_and_limits),
         servo=servo,
-        fjt=FollowJointTrajectory(robot, link, ownership, motion, servo, settings.ros, tolerance_rad),
+        fjt=FollowJointTrajectory(
+            robot, link, ownership, motion, servo, settings.ros, tolerance_rad, smoothing_rad
+        ),
     )

@@ -205,6 +205,7 @@ class PlanningSection(Section):
     workers: Annotated[int, Field(ge=1, le=16)]
     collision_margin_m: Annotated[float, Field(ge=0.0, le=0.1)]
     start_tolerance_rad: Annotated[float, Field(ge=1e-5, le=0.1)]
+    smoothing_rad: Annotated[float, Field(ge=0.0, le=0.01)]
     max_linear_velocity: Rate
     max_linear_acceleration: Rate
     max_linear_jerk: Rate

@@ -24,6 +24,27 @@ _CHOOSE = np.array([[comb(k, j) for j in range(ORDER - 1)] for k in range(ORDER 
 
 
 @dataclass(frozen=True, slots=True)
+class Changes:
+    """How a motion through timed points differs from what they ask for.
+
+    Attributes:
+        blended_rad, blended_s: how far the arm was from the first point, and how long that faded away for.
+        smoothed_rad: how far the motion is from the curve through the points at the most.
+        stretch: its duration in shares of theirs.
+        slowed_s: between which times of the points it is slower than they ask for; None if nowhere.
+    """
+
+    blended_rad: float = 0.0
+    blended_s: float = 0.0
+    smoothed_rad: float = 0.0
+    stretch: float = 1.0
+    slowed_s: tuple[float, float] | None = None
+
+
+UNCHANGED = Changes()
+
+
+@dataclass(frozen=True, slots=True)
 class Trajectory:
     """A motion of all joints over time.
 
@@ -31,6 +52,7 @@ class Trajectory:
         breakpoints_s: shape (n+1,), strictly increasing, starting at 0.
         coefficients: shape (n, dof, 6), rad, rad/s, ... in the time since the segment's start.
         note: how it differs from what was asked for, for people; "" if it does not.
+        changes: the same of a motion through timed points, as numbers.
 
     Raises:
         InputError: on other shapes, times that do not increase, values that are not finite, or a
@@ -40,6 +62,7 @@ class Trajectory:
     breakpoints_s: Array
     coefficients: Array
     note: str = ""
+    changes: Changes = UNCHANGED
 
     def __post_init__(self) -> None:
         times = np.ascontiguousarray(self.breakpoints_s, dtype=np.float64)
@@ -158,7 +181,7 @@ class Trajectory:
     def stretched(self, factor: float) -> Trajectory:
         """The same path in `factor` times the duration: velocities fall by factor, jerks by factor³."""
         coefficients = self.coefficients / factor ** np.arange(ORDER)
-        return Trajectory(self.breakpoints_s * factor, coefficients, self.note)
+        return Trajectory(self.breakpoints_s * factor, coefficients, self.note, self.changes)
 
     def followed_by(self, other: Trajectory) -> Trajectory:
         """This trajectory and then the other; they must meet in position, velocity and acceleration."""
@@ -166,6 +189,7 @@ class Trajectory:
             np.concatenate([self.breakpoints_s, self.duration_s + other.breakpoints_s[1:]]),
             np.concatenate([self.coefficients, other.coefficients]),
             "; ".join(filter(None, (self.note, other.note))),
+            self.changes if other.changes == UNCHANGED else other.changes,
         )
 
     def _durations(self) -> Array:

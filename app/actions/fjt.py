@@ -28,7 +28,7 @@ from app.services.state.link import RobotLink
 from app.services.state.robot_state import RobotState
 from app.services.streaming.servo import ServoService
 from cobot.config import RosSection
-from cobot.errors import CobotError, ExecutionError, InputError, LimitError, MotionStopped, PlanningError
+from cobot.errors import CobotError, ExecutionError, InputError, MotionStopped, PlanningError
 from cobot.ipc.layout import MotionResult, ServoMode
 from cobot.motions.requests import WaypointRequest
 from cobot.robot.description import RobotDescription
@@ -62,6 +62,7 @@ class FollowJointTrajectory:
         servo: ServoService,
         settings: RosSection,
         start_tolerance_rad: float,
+        smoothing_rad: float = 0.0,
     ) -> None:
         self.name = f"/{robot.name}/follow_joint_trajectory"
         self._limits = robot.limits
@@ -72,6 +73,7 @@ class FollowJointTrajectory:
         self._streamed = ServoExecution(servo, link, robot.limits.names)
         self._configured = settings
         self._start_tolerance_rad = start_tolerance_rad
+        self._smoothing_rad = smoothing_rad
         self._newest: Run | None = None
 
     @property
@@ -100,11 +102,11 @@ class FollowJointTrajectory:
         handle.accept()
         async with self._turn(handle) as run:
             try:
-                await self._work(run, wanted, settings, stops, handle)
+                note = await self._work(run, wanted, settings, stops, handle)
             except CobotError as exc:
                 return self._failed(handle, exc)
         handle.status = GoalStatus.SUCCEEDED
-        return {"error_code": int(ErrorCode.SUCCESSFUL), "error_string": ""}
+        return {"error_code": int(ErrorCode.SUCCESSFUL), "error_string": note}
 
     def _wall_s(self) -> float:
         return self._link.clock.wall_ns() * 1e-9
@@ -133,7 +135,8 @@ class FollowJointTrajectory:
 
     async def _work(
         self, run: Run, goal: FjtGoal, settings: FjtSettings, stops: int, handle: GoalHandle
-    ) -> None:
+    ) -> str:
+        """Plan it and have it executed; returns how the motion differed from the goal, "" if it did not."""
         caller = Caller(self.name, None, stops, math.inf, asyncio.Event())
         with self._ownership.claim(caller) as claim:
             run.own(claim)
@@ -144,8 +147,9 @@ class FollowJointTrajectory:
             run.proceed()
             if settings.mode is ServoMode.NONE:
                 await self._follow(claim, goal, trajectory, handle)
-                return
+                return trajectory.note
         await self._streamed.execute(run, goal, trajectory, settings, handle, claim.stops)
+        return trajectory.note
 
     async def _planned(self, claim: Claim, goal: FjtGoal, state: RobotState, *, streamed: bool) -> Trajectory:
         """The motion through all points, slowed down where the limits need it and the goal permits it."""
@@ -153,24 +157,19 @@ class FollowJointTrajectory:
         if points[-1].time_from_start_s == 0.0:
             self._require_there(start, points[0].positions)
             points = [replace(points[0], time_from_start_s=THERE_S)]
-        request = WaypointRequest(start, points, self._start_tolerance_rad, check_limits=not streamed)
-        try:
-            trajectory = await self._motion.plan(claim, request, PLAN_S)
-        except LimitError as exc:
-            slower = await self._motion.plan(claim, replace(request, retime=True), PLAN_S)
-            assert slower is not None  # plan_waypoints always has one
-            wanted_s = goal.points[-1].time_from_start_s
-            if slower.duration_s > wanted_s + goal.late_s:
-                raise
-            log.warning(
-                "%s: slowed down from %.3f s to %.3f s, because %s",
-                self.name,
-                wanted_s,
-                slower.duration_s,
-                exc,
-            )
-            return slower
-        assert trajectory is not None
+        request = WaypointRequest(
+            start,
+            points,
+            self._start_tolerance_rad,
+            check_limits=not streamed,
+            retime=not streamed,
+            corridor_rad=goal.corridor_rad(self._smoothing_rad),
+            longest_s=points[-1].time_from_start_s + goal.late_s,
+        )
+        trajectory = await self._motion.plan(claim, request, PLAN_S)
+        assert trajectory is not None  # plan_waypoints always has one
+        if trajectory.note:
+            log.warning("%s: %s", self.name, trajectory.note)
         for extreme in trajectory.extrema():  # what a session's points have to keep, before the first is sent
             check_positions(self._limits.including(start), extreme, "the trajectory's angle")
         return trajectory

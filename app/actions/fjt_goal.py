@@ -100,6 +100,13 @@ class FjtGoal:
     end: Tolerance
     late_s: float
 
+    def corridor_rad(self, smoothing_rad: float) -> Array:
+        """How far each joint's motion may be beside the points, shape (dof,), rad: within the tolerances.
+
+        Half of a tolerance is left to the arm, which is beside its motion too.
+        """
+        return np.minimum(smoothing_rad, 0.5 * np.minimum(self.path.position, self.end.position))
+
     @property
     def late(self) -> str:
         """What is said of an arm that is not there in time."""

@@ -244,7 +244,12 @@ class NamedPositionAnswer(BaseModel):
 
 
 VALIDATE = "False skips this check; the safety layer of the real-time process stays."
-RETIME = "Keep the path and stretch time until the limits hold."
+RETIME = "Slow down where the limits need it, by as much as they need; else more than 5 % is refused."
+SMOOTHING = (
+    "Where the points exceed the limits, the motion may be so far beside the curve through them, rad; 0 "
+    "follows it exactly. Without it the setting's: planning.smoothing_rad."
+)
+MAX_SMOOTHING_RAD = 0.01
 MOVE_TO_START = "Go to the first point by ptp before; else the arm has to be there."
 
 
@@ -277,6 +282,7 @@ class SendTrajectory(StrictModel):
     validate_limits: bool = Field(True, description=VALIDATE)
     retime: bool = Field(False, description=RETIME)
     move_to_start: bool = Field(False, description=MOVE_TO_START)
+    smoothing_rad: Finite | None = Field(None, ge=0.0, le=MAX_SMOOTHING_RAD, description=SMOOTHING)
 
 
 class CsvQuery(StrictModel):
@@ -294,19 +300,36 @@ class CsvQuery(StrictModel):
     validate_limits: bool = Field(True, description=VALIDATE)
     retime: bool = Field(False, description=RETIME)
     move_to_start: bool = Field(False, description=MOVE_TO_START)
+    smoothing_rad: Finite | None = Field(None, ge=0.0, le=MAX_SMOOTHING_RAD, description=SMOOTHING)
 
 
 class SentAnswer(BaseModel):
     """The real-time process has verified the motion and begun it; /trajectory/logs tells its end."""
 
-    model_config = _example({"status": "sent", "motion_id": 13, "duration_s": 4.0, "points": 3, "note": ""})
+    model_config = _example(
+        {
+            "status": "sent",
+            "motion_id": 13,
+            "duration_s": 4.0,
+            "points": 3,
+            "note": "",
+            "blended_rad": 0.0,
+            "smoothed_rad": 0.0,
+            "stretch": 1.0,
+            "slowed_s": None,
+        }
+    )
 
     status: Annotated[Literal["sent"], Field(description="The motion has begun.")] = "sent"
     motion_id: int = Field(description="Its number, as in /trajectory/logs and in the state.")
     duration_s: float = Field(description="Of the whole motion, s, the way to the start included.")
     points: int = Field(description="How many were sent.")
-    note: str = Field(
-        "", description="What was changed: rounding in the points that would exceed the jerk limits."
+    note: str = Field("", description="What was changed and why; empty if nothing was.")
+    blended_rad: float = Field(0.0, description="How far the arm was from the first point, blended in.")
+    smoothed_rad: float = Field(0.0, description="How far the motion is beside the curve at the most.")
+    stretch: float = Field(1.0, description="Its duration in shares of that of the points.")
+    slowed_s: tuple[float, float] | None = Field(
+        None, description="Between which times of the points it is slower than they ask for."
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -48,7 +49,10 @@ class WaypointRequest:
         points: see `through`.
         start_tolerance_rad: how far a first point at time 0 may be from `start`.
         check_limits: velocity, acceleration, jerk and position limits; collisions are always checked.
-        retime: slow the whole motion down by as much as the rate limits need, instead of refusing it.
+        retime: slow the motion down by as much as the rate limits need, instead of refusing it.
+        corridor_rad: how far each joint may be beside the curve through the points where that exceeds the
+            limits, shape (dof,) or one for all; 0: nothing is smoothed, and all is slowed down evenly.
+        longest_s: what `retime` may make of the duration, without `approach`.
         approach: go to the first point by ptp before, with this scaling; None: it must be at `start`.
     """
 
@@ -58,6 +62,8 @@ class WaypointRequest:
     check_limits: bool = True
     retime: bool = False
     approach: Scaling | None = None
+    corridor_rad: Array | float = 0.0
+    longest_s: float = math.inf
 
 
 @dataclass(frozen=True, slots=True)

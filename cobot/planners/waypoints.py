@@ -2,35 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
-from cobot.errors import InputError, LimitError
-from cobot.motions.points import (
-    GO_THERE,
-    labels_of,
-    require_order,
-    require_positions,
-    require_rest,
-    require_start,
-)
+from cobot.errors import LimitError
+from cobot.motions.points import GO_THERE, labels_of, require_positions
 from cobot.motions.requests import MotionRequest, WaypointRequest
 from cobot.planners.checks import is_there, validate
+from cobot.planners.course import PRESENT, Course, course_of, through
 from cobot.planners.ptp import plan_ptp
 from cobot.planners.rounding import smoothed
+from cobot.planners.timed_fit import AS_ASKED, Fitted, fitted
 from cobot.robot.description import RobotDescription
 from cobot.robot.feasibility import check_limits, stretch_to_limits
-from cobot.trajectory import Trajectory, from_hermite
-from cobot.types import Array, JointLimits, PlannerName, Waypoint
+from cobot.trajectory import Changes, Trajectory
+from cobot.types import Array, JointLimits, PlannerName
 
-PRESENT = "the present position"
+__all__ = ["plan_waypoints", "through"]
+
+UNASKED_STRETCH = 1.05
+"""A motion may take this many times as long as its points say before anybody has to be asked."""
+SLOWER = 0.97
+"""A motion that runs at less than this share of the asked speed is called slowed down there."""
+STEPS_TOGETHER = 5
+"""Where it is slower is looked for over so many steps: from one to the next the match is not so exact."""
 
 
 def plan_waypoints(robot: RobotDescription, request: WaypointRequest) -> Trajectory:
-    """The validated motion. Its `note` says if rounding was taken out of the points, see `rounding`.
+    """The validated motion. Its `note` and `changes` say what is not as the points ask for.
+
+    Points beyond the rate limits are, in this order: cleaned of their rounding, see `rounding`; followed
+    within the request's corridor, see `timed_fit`; slowed down evenly, if there is no corridor.
 
     Raises:
         InputError: the points do not make a motion, see `through`.
@@ -47,13 +50,9 @@ def plan_waypoints(robot: RobotDescription, request: WaypointRequest) -> Traject
         start, tolerance_rad = np.asarray(request.points[0].positions, dtype=np.float64), 0.0
     if len(request.points) == 1 and request.approach is not None:
         start = request.start
-    course = _course(request.points, start, limits, tolerance_rad)
+    course = course_of(request.points, start, limits, tolerance_rad)
     if request.check_limits or request.retime:
-        motion, beyond = _within_rounding(course, limits)
-        if request.retime:
-            motion = stretch_to_limits(motion, limits)
-        if request.check_limits and (beyond or request.retime):
-            _require_limits(motion, limits, course.labels, request)
+        motion = _within_limits(course, limits.including(start), request)
     else:
         motion = course.motion()
     robot.collision.check_trajectory(motion)
@@ -65,110 +64,133 @@ def plan_waypoints(robot: RobotDescription, request: WaypointRequest) -> Traject
     return first.followed_by(motion)
 
 
-def through(
-    points: Sequence[Waypoint], start: Array, limits: JointLimits, start_tolerance_rad: float
-) -> tuple[Trajectory, list[str]]:
-    """Quintics through the points at their times, from rest to rest.
-
-    A first point at time 0 must be where the arm is; when the first time is later, the present
-    position at time 0 is the point before it. Velocities and accelerations that a point does not
-    give are those of the clamped cubic spline through all points.
-
-    Returns:
-        The trajectory, and a name for each of its breakpoints.
+def _within_limits(course: Course, limits: JointLimits, request: WaypointRequest) -> Trajectory:
+    """The motion through the points if it keeps the limits, else the nearest to it that does.
 
     Raises:
-        InputError: no points, times that do not increase, a start elsewhere, ends that are not at rest.
-    """
-    course = _course(points, start, limits, start_tolerance_rad)
-    return course.motion(), course.labels
-
-
-@dataclass(frozen=True, slots=True)
-class _Course:
-    """The points as arrays, the present position included where it is one of them.
-
-    Attributes:
-        times_s, positions: shape (n,), and (n, dof), rad.
-        labels: what each is called.
-        points: for the rates that they give.
-    """
-
-    times_s: Array
-    positions: Array
-    labels: list[str]
-    points: Sequence[Waypoint]
-
-    def motion(self) -> Trajectory:
-        spline = CubicSpline(self.times_s, self.positions, bc_type="clamped")
-        velocities, accelerations = spline(self.times_s, 1), spline(self.times_s, 2)
-        accelerations[[0, -1]] = 0.0
-        for index, point in enumerate(self.points):
-            if point.velocities is not None:
-                velocities[index] = point.velocities
-            if point.accelerations is not None:
-                accelerations[index] = point.accelerations
-        return from_hermite(self.times_s, self.positions, velocities, accelerations)
-
-    @property
-    def given_rates(self) -> bool:
-        return any(p.velocities is not None or p.accelerations is not None for p in self.points)
-
-
-def _course(
-    points: Sequence[Waypoint], start: Array, limits: JointLimits, start_tolerance_rad: float
-) -> _Course:
-    """See `through`."""
-    labels = labels_of(points, limits.dof)
-    times = np.array([point.time_from_start_s for point in points])
-    positions = np.array([point.positions for point in points], dtype=np.float64)
-    require_order(times, labels)
-    require_rest(points, labels, first=times[0] == 0.0)
-    if times[-1] == 0.0:
-        raise InputError(f"{labels[0]}: a motion needs a point with a time_from_start above 0")
-    if times[0] == 0.0:
-        require_start(positions[0], start, limits, start_tolerance_rad, labels[0])
-        positions[0] = start
-    else:
-        times, positions = np.append(0.0, times), np.vstack([start, positions])
-        labels = [PRESENT, *labels]
-        points = [Waypoint(start.tolist(), 0.0), *points]
-    return _Course(times, positions, labels, points)
-
-
-def _within_rounding(course: _Course, limits: JointLimits) -> tuple[Trajectory, bool]:
-    """The motion, without the rounding of its points if that is beyond the limits and can be taken out.
-
-    Returns:
-        The motion, and whether it may still be beyond a limit.
+        LimitError: there is none, or none that the request permits.
     """
     motion = course.motion()
-    try:
-        check_limits(motion, limits.including(motion.start))
-    except LimitError:
-        found = None if course.given_rates else smoothed(course.times_s, course.positions)
-        if found is None:
-            return motion, True
-        positions, unit = found
-        off_rad = np.abs(positions - course.positions).max()
-        note = (
-            f"the points were smoothed by up to {off_rad:.1e} rad, within the {unit:.0e} rad to which they "
-            "are rounded: the jerk of the rounding would be beyond the limits"
-        )
-        return replace(replace(course, positions=positions).motion(), note=note), True
-    return motion, False
+    excess = _excess(motion, limits, course.labels)
+    if excess is None:
+        return motion
+    cleaned = None if course.given_rates else _without_rounding(course, motion)
+    if cleaned is not None:
+        motion, excess = cleaned, _excess(cleaned, limits, course.labels)
+        if excess is None:
+            return motion
+    longest_s = request.longest_s if request.retime else UNASKED_STRETCH * motion.duration_s
+    corridor = np.broadcast_to(np.asarray(request.corridor_rad, dtype=np.float64), limits.dof)
+    changed = None
+    if (corridor > 0.0).all():
+        changed = _followed(course.motion(), motion, limits, corridor, longest_s, excess)
+    elif request.retime:
+        changed = _slowed_evenly(motion, limits)
+    if changed is None or changed.duration_s > longest_s:
+        raise _with_way_out(excess, motion, changed, request)
+    left = _excess(changed, limits, course.labels if changed.segments == motion.segments else None)
+    if left is not None and request.check_limits:
+        raise _with_way_out(left, motion, None, request)
+    return changed
 
 
-def _require_limits(
-    motion: Trajectory, limits: JointLimits, labels: list[str], request: WaypointRequest
-) -> None:
-    """See `check_limits`; what is beyond a limit comes with the way out."""
+def _excess(motion: Trajectory, limits: JointLimits, labels: list[str] | None) -> LimitError | None:
     try:
-        check_limits(motion, limits.including(motion.start), labels)
+        check_limits(motion, limits, labels)
     except LimitError as exc:
-        sentence = str(exc)
-        if f"between {PRESENT} and" in sentence and request.approach is None:
-            raise LimitError(f"{exc}; {GO_THERE}") from None
-        if not request.retime and "the position of" not in sentence:
-            raise LimitError(f"{exc}; retime=true slows the motion down until the limits hold") from None
-        raise
+        return exc
+    return None
+
+
+def _without_rounding(course: Course, motion: Trajectory) -> Trajectory | None:
+    """The motion through the points without their rounding, if that can be told."""
+    found = smoothed(course.times_s, course.positions)
+    if found is None:
+        return None
+    positions, unit = found
+    off_rad = float(np.abs(positions - course.positions).max())
+    note = (
+        f"the points were smoothed by up to {off_rad:.1e} rad, within the {unit:.0e} rad to which they "
+        "are rounded: the jerk of the rounding would be beyond the limits"
+    )
+    cleaned = replace(course, positions=positions).motion()
+    return _noted(cleaned, note, replace(motion.changes, smoothed_rad=off_rad))
+
+
+def _followed(
+    asked: Trajectory,
+    cleaned: Trajectory,
+    limits: JointLimits,
+    corridor: Array,
+    longest_s: float,
+    excess: LimitError,
+) -> Trajectory | None:
+    """The asked motion within a corridor, or the cleaned one slowed down evenly, whichever is shorter."""
+    even = _slowed_evenly(cleaned, limits)
+    is_motion = _excess(even, limits, None) is None  # no slowness brings a joint back into its range
+    if is_motion and even.duration_s <= AS_ASKED * asked.duration_s:
+        return even
+    found = fitted(asked, limits, corridor, longest_s)
+    if found is None or (is_motion and found.motion.duration_s >= even.duration_s):
+        return even
+    slowed_s = _slowed(found, asked.duration_s)
+    changes = replace(
+        asked.changes,
+        smoothed_rad=found.off_rad,
+        stretch=found.motion.duration_s / asked.duration_s,
+        slowed_s=slowed_s,
+    )
+    note = f"the motion is up to {found.off_rad:.1e} rad beside the curve through the points"
+    if slowed_s is not None:
+        note += (
+            f" and takes {found.motion.duration_s:.3f} s instead of {asked.duration_s:.3f} s, "
+            f"slower from {slowed_s[0]:.3f} s to {slowed_s[1]:.3f} s"
+        )
+    return _noted(replace(found.motion, note=asked.note), f"{note}: {excess}", changes)
+
+
+def _slowed_evenly(motion: Trajectory, limits: JointLimits) -> Trajectory:
+    slower = stretch_to_limits(motion, limits)
+    if slower is motion:
+        return motion
+    changes = replace(
+        motion.changes,
+        stretch=slower.duration_s / motion.duration_s,
+        slowed_s=(0.0, motion.duration_s),
+    )
+    note = f"the whole motion was slowed down from {motion.duration_s:.3f} s to {slower.duration_s:.3f} s"
+    return _noted(slower, note, changes)
+
+
+def _slowed(found: Fitted, duration_s: float) -> tuple[float, float] | None:
+    """From the first to the last of the points' times at which the motion is slower than they ask for."""
+    if found.motion.duration_s <= AS_ASKED * duration_s:
+        return None
+    steps = np.arange(0, len(found.times_s) - 1, STEPS_TOGETHER)
+    times_s = np.append(found.times_s[steps], duration_s)
+    clock_s = np.append(found.motion.breakpoints_s[steps], found.motion.duration_s)
+    slow = np.flatnonzero(np.diff(times_s) < SLOWER * np.diff(clock_s))
+    return (float(times_s[slow[0]]), float(times_s[slow[-1] + 1])) if len(slow) else (0.0, duration_s)
+
+
+def _noted(motion: Trajectory, note: str, changes: Changes) -> Trajectory:
+    return replace(motion, note="; ".join(filter(None, (motion.note, note))), changes=changes)
+
+
+def _with_way_out(
+    excess: LimitError, asked: Trajectory, possible: Trajectory | None, request: WaypointRequest
+) -> LimitError:
+    """The same with what would help, and how long the motion would then take."""
+    sentence = str(excess)
+    if f"between {PRESENT} and" in sentence and request.approach is None:
+        return LimitError(f"{sentence}; {GO_THERE}")
+    if "the position of" in sentence:
+        return excess
+    takes = "" if possible is None else f"{possible.duration_s:.3f} s instead of {asked.duration_s:.3f} s"
+    if not request.retime:
+        return LimitError(
+            f"{sentence}; retime=true slows the motion down until the limits hold"
+            + (f" ({takes})" if takes else "")
+        )
+    allowed = f", and no more than {request.longest_s:.3f} s are allowed"
+    return LimitError(f"{sentence}; within the limits it takes {takes}{allowed}") if takes else excess

@@ -27,7 +27,7 @@ SEND_RESPONSES = responses(409, 413, 415, 422, 503)
 async def send_trajectory(body: SendTrajectory, request: Request, gone: Gone) -> SentAnswer:
     """Run a trajectory through timed points; answers when it has begun."""
     call = Call(request)
-    options = Options(body.validate_limits, body.retime, body.move_to_start)
+    options = Options(body.validate_limits, body.retime, body.move_to_start, body.smoothing_rad)
 
     def read(check: Callable[[Waypoint], None]) -> list[Waypoint]:
         points = [
@@ -53,7 +53,7 @@ async def send_csv(
     """Run a trajectory from a CSV file; answers when it has begun."""
     call = Call(request)
     dof = call.services.robot.limits.dof
-    options = Options(query.validate_limits, query.retime, query.move_to_start)
+    options = Options(query.validate_limits, query.retime, query.move_to_start, query.smoothing_rad)
     digest = await asyncio.to_thread(hashlib.file_digest, cast(Any, file.file), "sha256")
     await file.seek(0)
     audit.add_details(file=file.filename or "", bytes=file.size, sha256=digest.hexdigest())
@@ -70,6 +70,14 @@ async def trajectory_logs(query: Annotated[LogQuery, Query()], request: Request)
 
 def _answer(sent: StartedTrajectory) -> SentAnswer:
     audit.add_details(motion=sent.motion_id)
+    changes = sent.changes
     return SentAnswer(
-        motion_id=sent.motion_id, duration_s=sent.duration_s, points=sent.points, note=sent.note
+        motion_id=sent.motion_id,
+        duration_s=sent.duration_s,
+        points=sent.points,
+        note=sent.note,
+        blended_rad=changes.blended_rad,
+        smoothed_rad=changes.smoothed_rad,
+        stretch=changes.stretch,
+        slowed_s=changes.slowed_s,
     )

@@ -13,10 +13,12 @@ from datetime import datetime
 
 from app.services.motion.execution import MotionService
 from app.services.motion.ownership import Caller, Claim, Ownership, watching
+from cobot.config import PlanningSection
 from cobot.errors import CobotError, ExecutionError
 from cobot.logs import printable
 from cobot.motions.points import check_first
 from cobot.motions.requests import WaypointRequest
+from cobot.trajectory import Changes
 from cobot.types import JointLimits, Scaling, Waypoint
 
 LOG_LINES = 300
@@ -31,11 +33,16 @@ log = logging.getLogger("cobot.trajectories")
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """What a sender may choose, see `WaypointRequest`."""
+    """What a sender may choose, see `WaypointRequest`.
+
+    Attributes:
+        smoothing_rad: the corridor; None for the settings' one.
+    """
 
     validate_limits: bool = True
     retime: bool = False
     move_to_start: bool = False
+    smoothing_rad: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,12 +51,14 @@ class StartedTrajectory:
 
     Attributes:
         note: how it differs from the points, for people; "" if it does not.
+        changes: the same as numbers.
     """
 
     motion_id: int
     duration_s: float
     points: int
     note: str
+    changes: Changes
 
 
 class TrajectoryService:
@@ -60,14 +69,15 @@ class TrajectoryService:
         limits: JointLimits,
         ownership: Ownership,
         motion: MotionService,
-        start_tolerance_rad: float,
+        planning: PlanningSection,
         label: str = "",
     ) -> None:
         self._limits = limits
         self._label = label
         self._ownership = ownership
         self._motion = motion
-        self._start_tolerance_rad = start_tolerance_rad
+        self._start_tolerance_rad = planning.start_tolerance_rad
+        self._smoothing_rad = planning.smoothing_rad
         self._lines: deque[str] = deque(maxlen=LOG_LINES)
         self._followers: set[asyncio.Task[None]] = set()
 
@@ -123,12 +133,15 @@ class TrajectoryService:
             check_limits=options.validate_limits,
             retime=options.retime,
             approach=APPROACH if options.move_to_start else None,
+            corridor_rad=self._smoothing_rad if options.smoothing_rad is None else options.smoothing_rad,
         )
         trajectory = await self._motion.plan(claim, request, timeout_s)
         assert trajectory is not None  # plan_waypoints always has one
         await self._motion.start(claim, trajectory)
         assert claim.motion_id is not None
-        return StartedTrajectory(claim.motion_id, trajectory.duration_s, len(points), trajectory.note)
+        return StartedTrajectory(
+            claim.motion_id, trajectory.duration_s, len(points), trajectory.note, trajectory.changes
+        )
 
     async def _follow(self, claim: Claim, ownership: contextlib.ExitStack) -> None:
         with ownership:

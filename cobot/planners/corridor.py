@@ -1,0 +1,116 @@
+"""The curve that somebody asked for, and how far a motion is from it.
+
+The distance is Fréchet's: what passes the same places in the same order, each joint within the corridor, may
+be earlier or later there, so that slowing down is no deviation and leaving out a turn is one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cobot.planners.uniform_spline import averaged, knots_of
+from cobot.trajectory import Trajectory
+from cobot.types import Array
+
+PARTS = 5
+"""The curve's table has so many rows for each step."""
+CALM_STEPS = 3
+"""The direction of the curve is that of its mean over so many steps, three times: noise points anywhere."""
+STANDSTILL = 1e-2
+"""Slower than this, rad/s, a curve has no direction in which time could be shifted."""
+REFINEMENTS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class AskedCurve:
+    """A table of the curve: where it is, and where it leads, by its own time.
+
+    Attributes:
+        step_s: the step of the fitted motion for which this table was made.
+        interval_s: between two rows.
+        positions, directions: shape (m, dof), rad and rad/s.
+        marks_s, marks: the times and the positions that were given, shape (k,) and (k, dof).
+    """
+
+    duration_s: float
+    step_s: float
+    interval_s: float
+    positions: Array
+    directions: Array
+    marks_s: Array
+    marks: Array
+
+    def at(self, times_s: Array) -> Array:
+        """The positions at these times, shape (n, dof)."""
+        return self._row(self.positions, times_s)
+
+    def towards(self, times_s: Array) -> Array:
+        """The directions at these times, shape (n, dof)."""
+        return self._row(self.directions, times_s)
+
+    def in_order(self, times_s: Array) -> Array:
+        """The same times, none before the one before it or outside the curve."""
+        return np.asarray(np.clip(np.maximum.accumulate(times_s), 0.0, self.duration_s))
+
+    def _row(self, table: Array, times_s: Array) -> Array:
+        place = times_s / self.interval_s
+        index = np.clip(place.astype(np.intp), 0, len(table) - 2)
+        share = (place - index)[:, None]
+        before = table[index]
+        return np.asarray(before + share * (table[index + 1] - before))
+
+
+def asked_curve(motion: Trajectory, step_s: float) -> AskedCurve:
+    """The table of a motion, for a fit with this step, s."""
+    rows = max(round(motion.duration_s / step_s), 1) * PARTS
+    interval_s = motion.duration_s / rows
+    positions = motion.sample(np.linspace(0.0, motion.duration_s, rows + 1))
+    calm, width = positions, CALM_STEPS * PARTS + 1 - CALM_STEPS * PARTS % 2
+    for _ in range(3):
+        calm = averaged(calm, width)
+    lag = 3 * (width - 1) // 2
+    directions = np.gradient(calm[lag : lag + rows + 1], interval_s, axis=0)
+    marks_s = motion.breakpoints_s
+    return AskedCurve(
+        motion.duration_s, step_s, interval_s, positions, directions, marks_s, motion.sample(marks_s)
+    )
+
+
+def shift_along(apart: Array, direction: Array) -> Array:
+    """How much later what moves in this direction is nearest to what lies so far apart, shape (n,), s."""
+    square = np.einsum("ij,ij->i", direction, direction) + STANDSTILL**2
+    return np.asarray(np.einsum("ij,ij->i", apart, direction) / square)
+
+
+def deviation(asked: AskedCurve, control: Array, times_s: Array, motion: Trajectory) -> tuple[Array, Array]:
+    """How far a motion is from the curve anywhere, for each joint, rad.
+
+    Args:
+        control: its control points, shape (n, dof), see `uniform_spline`.
+        times_s: of the curve, where each control point belongs to, shape (n,).
+
+    Returns:
+        The largest distances, shape (dof,), and the times that the knots belong to, shape (n - 2,), in order.
+    """
+    knots, matched = knots_of(control), times_s[1:-1]
+    for _ in range(REFINEMENTS):
+        shift = shift_along(knots - asked.at(matched), asked.towards(matched))
+        matched = asked.in_order(matched + np.clip(shift, -asked.step_s, asked.step_s))
+    matched[0], matched[-1] = 0.0, asked.duration_s
+    off = np.abs(knots - asked.at(matched)).max(axis=0)
+    clock_s = np.linspace(0.0, motion.duration_s, len(matched))
+    table_s = np.linspace(0.0, asked.duration_s, len(asked.positions))
+    for given_s, given in ((table_s, asked.positions), (asked.marks_s, asked.marks)):
+        at_s = np.interp(given_s, matched, clock_s)
+        off = np.maximum(off, _missed(given, motion, at_s, asked.step_s))
+    return off, matched
+
+
+def _missed(given: Array, motion: Trajectory, times_s: Array, step_s: float) -> Array:
+    """How far a motion stays from the given positions, near these times and in this order, shape (dof,)."""
+    apart = given - motion.sample(times_s)
+    shift = shift_along(apart, motion.sample(times_s, 1))
+    nearer = np.maximum.accumulate(times_s + np.clip(shift, -step_s, step_s))
+    return np.asarray(np.abs(given - motion.sample(nearer)).max(axis=0))

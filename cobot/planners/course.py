@@ -1,0 +1,139 @@
+"""Timed points as a course: arrays with a name for each of them, and the curve through them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from cobot.errors import InputError
+from cobot.motions.points import labels_of, require_order, require_rest, require_start
+from cobot.trajectory import UNCHANGED, Changes, Trajectory, from_hermite
+from cobot.types import Array, JointLimits, Waypoint
+
+PRESENT = "the present position"
+BLEND_SHARE = 0.05
+"""What is blended in takes no more than this share of each limit, where the motion is long enough."""
+BLEND_PEAKS = (1.875, 5.7735, 60.0)
+"""Of the smoothest change by 1 in 1 s: its largest velocity, acceleration and jerk."""
+TELL_RAD = 1e-6
+"""An offset at the start that is smaller is not worth telling: no encoder shows it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """The points as arrays, the present position included where it is one of them.
+
+    Attributes:
+        times_s, positions: shape (n,), and (n, dof), rad.
+        labels: what each is called.
+        points: for the rates that they give.
+        changes: what has been blended in.
+    """
+
+    times_s: Array
+    positions: Array
+    labels: list[str]
+    points: Sequence[Waypoint]
+    changes: Changes = UNCHANGED
+
+    def motion(self) -> Trajectory:
+        """The curve: quintics between the points."""
+        spline = CubicSpline(self.times_s, self.positions, bc_type="clamped")
+        velocities, accelerations = spline(self.times_s, 1), spline(self.times_s, 2)
+        accelerations[[0, -1]] = 0.0
+        for index, point in enumerate(self.points):
+            if point.velocities is not None:
+                velocities[index] = point.velocities
+            if point.accelerations is not None:
+                accelerations[index] = point.accelerations
+        motion = from_hermite(self.times_s, self.positions, velocities, accelerations)
+        blended = self.changes
+        if blended.blended_rad <= TELL_RAD:
+            return motion
+        note = (
+            f"the arm was {blended.blended_rad:.1e} rad beside the first point, blended in within "
+            f"{blended.blended_s:.3f} s"
+        )
+        return replace(motion, note=note, changes=blended)
+
+    @property
+    def given_rates(self) -> bool:
+        return any(p.velocities is not None or p.accelerations is not None for p in self.points)
+
+
+def course_of(
+    points: Sequence[Waypoint], start: Array, limits: JointLimits, start_tolerance_rad: float
+) -> Course:
+    """See `through`."""
+    labels = labels_of(points, limits.dof)
+    times = np.array([point.time_from_start_s for point in points])
+    positions = np.array([point.positions for point in points], dtype=np.float64)
+    require_order(times, labels)
+    require_rest(points, labels, first=times[0] == 0.0)
+    if times[-1] == 0.0:
+        raise InputError(f"{labels[0]}: a motion needs a point with a time_from_start above 0")
+    if times[0] == 0.0:
+        require_start(positions[0], start, limits, start_tolerance_rad, labels[0])
+        return _blended(Course(times, positions, labels, points), start, limits)
+    times, positions = np.append(0.0, times), np.vstack([start, positions])
+    return Course(times, positions, [PRESENT, *labels], [Waypoint(start.tolist(), 0.0), *points])
+
+
+def through(
+    points: Sequence[Waypoint], start: Array, limits: JointLimits, start_tolerance_rad: float
+) -> tuple[Trajectory, list[str]]:
+    """Quintics through the points at their times, from rest to rest.
+
+    A first point at time 0 must be where the arm is; what it is off fades away over the first points. When
+    the first time is later, the present position at time 0 is the point before it. Velocities and
+    accelerations that a point does not give are those of the clamped cubic spline through all points.
+
+    Returns:
+        The trajectory, and a name for each of its breakpoints.
+
+    Raises:
+        InputError: no points, times that do not increase, a start elsewhere, ends that are not at rest.
+    """
+    course = course_of(points, start, limits, start_tolerance_rad)
+    return course.motion(), course.labels
+
+
+def _blended(course: Course, start: Array, limits: JointLimits) -> Course:
+    """The same course from where the arm is: the offset fades away with the least jerk that a quintic has."""
+    offset = start - course.positions[0]
+    off = np.abs(offset)
+    if not off.any():
+        return course
+    bounds = (limits.max_velocity, limits.max_acceleration, limits.max_jerk)
+    needed = [
+        float((peak * off / (BLEND_SHARE * bound)).max()) ** (1.0 / order)
+        for order, (peak, bound) in enumerate(zip(BLEND_PEAKS, bounds, strict=True), start=1)
+    ]
+    duration_s = min(max(needed), float(course.times_s[-1]))
+    count = int(np.searchsorted(course.times_s, duration_s))
+    s = course.times_s[:count] / duration_s
+    left = [
+        1.0 - s**3 * (10.0 - 15.0 * s + 6.0 * s**2),
+        -30.0 * s**2 * (1.0 - s) ** 2 / duration_s,
+        -60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / duration_s**2,
+    ]
+    positions = course.positions.copy()
+    positions[:count] += left[0][:, None] * offset
+    positions[0] = start
+    shifted = [
+        replace(
+            point,
+            velocities=_sum(point.velocities, left[1][index] * offset),
+            accelerations=_sum(point.accelerations, left[2][index] * offset),
+        )
+        for index, point in enumerate(course.points[:count])
+    ]
+    changes = Changes(blended_rad=float(off.max()), blended_s=duration_s)
+    return replace(course, positions=positions, points=[*shifted, *course.points[count:]], changes=changes)
+
+
+def _sum(rates: Sequence[float] | None, change: Array) -> list[float] | None:
+    return None if rates is None else (np.asarray(rates) + change).tolist()

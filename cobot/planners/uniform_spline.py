@@ -1,0 +1,63 @@
+"""Motions as uniform cubic B-splines, of which the limits can be read off.
+
+With control points c at a step h the velocity lies in the hull of Δc / h, the acceleration runs straight from
+one Δ²c / h² to the next, and the jerk is Δ³c / h³ from knot to knot: what bounds the differences bounds the
+motion everywhere, and not on samples. Knot k lies at (c[k] + 4 c[k+1] + c[k+2]) / 6; three equal control
+points at an end are rest there.
+
+Source: de Boor, "A Practical Guide to Splines", chapter X.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cobot.trajectory import ORDER, Trajectory
+from cobot.types import Array, JointLimits
+
+AT_REST = 3
+"""So many equal control points at each end."""
+
+
+def stretch_needed(control: Array, step_s: float, limits: JointLimits) -> Array:
+    """By which factor the time around each control point has to be stretched, shape (n,)."""
+    found = np.zeros(len(control))
+    difference = control
+    for order, bound in enumerate((limits.max_velocity, limits.max_acceleration, limits.max_jerk), start=1):
+        difference = np.diff(difference, axis=0)
+        factors = (np.abs(difference) / (bound * step_s**order)).max(axis=1) ** (1.0 / order)
+        for first in range(order + 1):
+            part = found[first : first + len(factors)]
+            np.maximum(part, factors, out=part)
+    return found
+
+
+def knots_of(control: Array) -> Array:
+    """The positions at the knots, shape (n - 2, dof)."""
+    return np.asarray((control[:-2] + 4.0 * control[1:-1] + control[2:]) / 6.0)
+
+
+def spline_motion(control: Array, step_s: float) -> Trajectory:
+    """The motion with these control points, shape (n, dof), as n - 3 segments."""
+    first = np.diff(control, axis=0)
+    second = np.diff(first, axis=0)
+    coefficients = np.zeros((len(control) - 3, control.shape[1], ORDER))
+    coefficients[:, :, 0] = knots_of(control)[:-1]
+    coefficients[:, :, 1] = 0.5 * (first[:-2] + first[1:-1]) / step_s
+    coefficients[:, :, 2] = 0.5 * second[:-1] / step_s**2
+    coefficients[:, :, 3] = np.diff(second, axis=0) / (6.0 * step_s**3)
+    return Trajectory(step_s * np.arange(len(coefficients) + 1), coefficients)
+
+
+def averaged(values: Array, count: int) -> Array:
+    """The moving average over `count` rows, longer by `count` - 1: both ends rest before and after.
+
+    It exceeds no bound that the values' differences keep, and divides their next difference by `count`.
+    """
+    if count <= 1:
+        return values
+    ends = [np.repeat(values[index : index + 1], count, axis=0) for index in (0, len(values) - 1)]
+    rows = np.concatenate([ends[0], values, ends[1][1:]]) - values[0]
+    sums = np.cumsum(rows, axis=0)
+    mean: Array = values[0] + (sums[count:] - sums[:-count]) / count
+    return mean
