@@ -28,7 +28,7 @@ AVERAGES = [(3, 1), (5, 1), (7, 3), (10, 1), (10, 5), (14, 1), (14, 7), (20, 1)]
 """Over so many steps: once over the first number, twice over the second."""
 ROUNDS, TURNS, WORK = 8, 150, 3_000_000
 """At the most so many rounds of so many turns, and so many turns times control points in all."""
-INNER = 0.6
+INNER = 0.75
 """The share of the corridor that the fit's control points may use."""
 AS_ASKED = 1.002
 """What lasts no longer than so many times the asked duration is not improved."""

@@ -20,7 +20,7 @@ from cobot.planners.corridor import AskedCurve, shift_along
 from cobot.planners.uniform_spline import AT_REST
 from cobot.types import Array, JointLimits
 
-WEIGHTS = (1.0, 0.3, 1.0, 1.0)
+WEIGHTS = (0.003, 0.3, 3.0, 1.0)
 """Of corridor, velocity, acceleration and jerk, each in shares of its bound: what converges soonest."""
 RELAXATION = 1.6
 TURNS_PER_PLACE = 5
