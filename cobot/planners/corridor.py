@@ -84,28 +84,41 @@ def shift_along(apart: Array, direction: Array) -> Array:
     return np.asarray(np.einsum("ij,ij->i", apart, direction) / square)
 
 
-def deviation(asked: AskedCurve, control: Array, times_s: Array, motion: Trajectory) -> tuple[Array, Array]:
-    """How far a motion is from the curve anywhere, for each joint, rad.
+@dataclass(frozen=True, slots=True)
+class Deviation:
+    """How far a motion is from the curve.
+
+    Attributes:
+        largest: of each joint anywhere, shape (dof,), rad.
+        at_knots: of each joint at each knot, shape (n, dof), rad.
+        times_s: of the curve, where each knot belongs to, in order, shape (n,).
+    """
+
+    largest: Array
+    at_knots: Array
+    times_s: Array
+
+
+def deviation(asked: AskedCurve, control: Array, times_s: Array, motion: Trajectory) -> Deviation:
+    """How far a motion is from the curve.
 
     Args:
         control: its control points, shape (n, dof), see `uniform_spline`.
         times_s: of the curve, where each control point belongs to, shape (n,).
-
-    Returns:
-        The largest distances, shape (dof,), and the times that the knots belong to, shape (n - 2,), in order.
     """
     knots, matched = knots_of(control), times_s[1:-1]
     for _ in range(REFINEMENTS):
         shift = shift_along(knots - asked.at(matched), asked.towards(matched))
         matched = asked.in_order(matched + np.clip(shift, -asked.step_s, asked.step_s))
     matched[0], matched[-1] = 0.0, asked.duration_s
-    off = np.abs(knots - asked.at(matched)).max(axis=0)
+    at_knots = np.abs(knots - asked.at(matched))
+    off = at_knots.max(axis=0)
     clock_s = np.linspace(0.0, motion.duration_s, len(matched))
     table_s = np.linspace(0.0, asked.duration_s, len(asked.positions))
     for given_s, given in ((table_s, asked.positions), (asked.marks_s, asked.marks)):
         at_s = np.interp(given_s, matched, clock_s)
         off = np.maximum(off, _missed(given, motion, at_s, asked.step_s))
-    return off, matched
+    return Deviation(off, at_knots, matched)
 
 
 def _missed(given: Array, motion: Trajectory, times_s: Array, step_s: float) -> Array:

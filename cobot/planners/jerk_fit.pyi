@@ -9,9 +9,11 @@ Source: Boyd et al., "Distributed Optimization and Statistical Learning via the 
 of Multipliers", 2011, sections 3.1, 3.4.3 (over-relaxation) and 5.
 
 Attributes:
-    WEIGHTS: of corridor, velocity, acceleration and jerk, each in shares of its bound: what converges soonest.
+    WEIGHTS: of corridor, velocity, acceleration and jerk, each by its bound: what converges soonest.
     RELAXATION: how far beyond its aim a turn goes, from 1 to 2.
     TURNS_PER_PLACE: after so many turns the corridor is moved to where the points are by then.
+    LEAD_STEPS: by so many steps of the curve a point may be before or after its schedule: what is lost in one
+        place is not made up for by haste in another.
 """
 
 from cobot.planners.corridor import AskedCurve
@@ -20,6 +22,7 @@ from cobot.types import Array, JointLimits
 WEIGHTS: tuple[float, float, float, float]
 RELAXATION: float
 TURNS_PER_PLACE: int
+LEAD_STEPS: int
 
 def fit(
     asked: AskedCurve,
@@ -34,7 +37,7 @@ def fit(
 
     Args:
         control: shape (n, dof), rad; both ends rest, and stay where they are.
-        times_s: of the curve, where each of them belongs to, shape (n,).
+        times_s: of the curve, where each of them belongs to, shape (n,): their schedule.
         corridor: how far each joint may be beside the curve, shape (dof,), rad.
 
     Returns:

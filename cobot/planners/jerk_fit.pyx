@@ -14,6 +14,7 @@ from cobot.planners.corridor import STANDSTILL
 WEIGHTS = (0.003, 0.3, 3.0, 1.0)
 RELAXATION = 1.6
 TURNS_PER_PLACE = 5
+LEAD_STEPS = 3
 
 cdef enum:
     ORDERS = 4
@@ -32,7 +33,7 @@ cdef double[ORDERS][ORDERS] BINOMIAL = [
 cdef struct Problem:
     Py_ssize_t points, rows
     int dof
-    double interval_s, longest_shift_s, last_s, standstill, relaxation
+    double interval_s, longest_shift_s, lead_s, last_s, standstill, relaxation
     double weights[ORDERS]
     double bounds[ORDERS][MAX_DOF]  # of the corridor, and of the differences
     double low[MAX_DOF]
@@ -41,6 +42,7 @@ cdef struct Problem:
     const double* directions
     double* control
     double* times_s
+    const double* scheduled_s
     double* there
     double* direction
     double* wanted[ORDERS]
@@ -74,14 +76,16 @@ cdef double _shift(const Problem* problem, Py_ssize_t row, const double* point) 
 
 
 cdef void _follow(Problem* problem, bint move) noexcept nogil:
-    """Have the corridor be where the points are, in their order."""
-    cdef double time_s = 0.0
+    """Have the corridor be where the points are, in their order and near their schedule."""
+    cdef double time_s = 0.0, moved_s
     cdef Py_ssize_t row
     cdef int dof = problem.dof
     for row in range(problem.points):
         if move:
-            time_s = max(time_s, problem.times_s[row] + _shift(problem, row, problem.control + row * dof))
-            time_s = min(time_s, problem.last_s)
+            moved_s = problem.times_s[row] + _shift(problem, row, problem.control + row * dof)
+            moved_s = min(moved_s, problem.scheduled_s[row] + problem.lead_s)
+            moved_s = max(moved_s, problem.scheduled_s[row] - problem.lead_s)
+            time_s = min(max(time_s, moved_s), problem.last_s)
             problem.times_s[row] = time_s
         _row(problem, problem.positions, problem.times_s[row], problem.there + row * dof)
         _row(problem, problem.directions, problem.times_s[row], problem.direction + row * dof)
@@ -251,7 +255,7 @@ def fit(asked, control, times_s, step_s, limits, corridor, turns):
     dof = checked_dof(control.shape[1])
     origin = control[0].copy()
     points = np.ascontiguousarray(control - origin)
-    times = np.array(times_s)
+    times, scheduled = np.array(times_s), np.array(times_s)
     positions = np.ascontiguousarray(asked.positions - origin)
     directions = np.array(asked.directions)
     count = len(points)
@@ -265,6 +269,7 @@ def fit(asked, control, times_s, step_s, limits, corridor, turns):
     ]
     problem.points, problem.rows, problem.dof = count, len(positions), dof
     problem.interval_s, problem.longest_shift_s = asked.interval_s, asked.step_s
+    problem.lead_s, problem.scheduled_s = LEAD_STEPS * asked.step_s, doubles(scheduled, count)
     problem.last_s, problem.standstill, problem.relaxation = asked.duration_s, STANDSTILL, RELAXATION
     problem.positions, problem.directions = doubles(positions, 2 * dof), doubles(directions, 2 * dof)
     problem.control, problem.times_s = doubles(points, 2 * AT_REST * dof), doubles(times, count)

@@ -10,6 +10,7 @@ still exceeded.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -26,8 +27,16 @@ STEPS_TO_FULL_ACCELERATION = 10
 LEAST_STEPS, MOST_STEPS = 40, 60_000
 AVERAGES = [(3, 1), (5, 1), (7, 3), (10, 1), (10, 5), (14, 1), (14, 7), (20, 1)]
 """Over so many steps: once over the first number, twice over the second."""
-ROUNDS, TURNS, WORK = 8, 150, 3_000_000
+TOO_FAR = 1.5
+"""Longer averages than one that leaves the corridor by this factor are not tried."""
+ROUNDS, TURNS, WORK = 16, 200, 3_500_000
 """At the most so many rounds of so many turns, and so many turns times control points in all."""
+USUAL_ROUNDS, LEAST_TURNS = 8, 30
+"""What is long has less turns a round, so that it has rounds at all."""
+PER_DEVIATION = 0.08
+"""Where the motion leaves the corridor, time is stretched by this power of how far it does: carefully, as the
+turns that are still to come bring most of it back.
+"""
 INNER = 0.75
 """The share of the corridor that the fit's control points may use."""
 AS_ASKED = 1.002
@@ -99,8 +108,10 @@ class _Search:
         start = self._sampled()
         for counts in AVERAGES:
             control, times_s = (self._averages(each, counts) for each in start)
-            self._judge(control, times_s)
+            used = self._judge(control, times_s)[1]
             yield
+            if used > TOO_FAR:
+                break
         yield from self._rounds()
 
     def _sampled(self) -> tuple[Array, Array]:
@@ -124,29 +135,30 @@ class _Search:
         control: Array | None = None
         belongs_s, share, work = grid_s, INNER, 0
         for _ in range(ROUNDS):
-            clock_s = np.concatenate([[0.0], np.cumsum(0.5 * (slowness[1:] + slowness[:-1]))])
-            clock_s *= grid_s[1]
-            count = round(clock_s[-1] / curve.step_s) + AT_REST
-            times_s = np.interp(np.arange(count) - 1.0, clock_s / clock_s[-1] * (count - AT_REST), grid_s)
-            work += TURNS * count
-            if work > WORK and control is not None:
+            times_s, step_s = self._clock(grid_s, slowness)
+            turns = int(np.clip(WORK / (USUAL_ROUNDS * len(times_s)), LEAST_TURNS, TURNS))
+            work += turns * len(times_s)
+            if work > WORK:
                 return
             control = curve.at(times_s) if control is None else _resampled(control, belongs_s, times_s)
-            for end, rows in ((0, slice(0, AT_REST)), (-1, slice(count - AT_REST, count))):
-                control[rows] = curve.positions[end]
-            control, belongs_s = fit(
-                curve,
-                control,
-                times_s,
-                clock_s[-1] / (count - AT_REST),
-                self._limits,
-                share * self._corridor,
-                max(min(TURNS, WORK // count), 20),
-            )
-            needed, off = self._judge(control, belongs_s, clock_s[-1] / (count - AT_REST))
-            share *= min(1.0, 0.95 / off)
+            control[:AT_REST], control[-AT_REST:] = curve.positions[0], curve.positions[-1]
+            corridor = share * self._corridor
+            control, belongs_s = fit(curve, control, times_s, step_s, self._limits, corridor, turns)
+            needed, used = self._judge(control, belongs_s, step_s)
             yield
+            share = min(share / math.sqrt(max(used, 1.0)), INNER)
             slowness = self._slower(slowness, grid_s, belongs_s, needed)
+
+    def _clock(self, grid_s: Array, slowness: Array) -> tuple[Array, float]:
+        """Which times of the curve the control points belong to, shape (n,), and their step.
+
+        Args:
+            slowness: how much longer than the curve the motion takes at each of its times `grid_s`.
+        """
+        clock_s = grid_s[1] * np.concatenate([[0.0], np.cumsum(0.5 * (slowness[1:] + slowness[:-1]))])
+        steps = round(clock_s[-1] / self._curve.step_s)
+        step_s = float(clock_s[-1]) / steps
+        return np.interp(step_s * np.arange(-1.0, steps + AT_REST - 1), clock_s, grid_s), step_s
 
     def _first_slowness(self, grid_s: Array) -> Array:
         """What the velocities alone need."""
@@ -168,18 +180,21 @@ class _Search:
         """Keep the motion if it is better; it is stretched by what is missing to its bounds.
 
         Returns:
-            See `stretch_needed`, and the share of the corridor that is used.
+            By which factor the time around each control point has to be stretched, shape (n,), so that bounds
+            and corridor hold, and which share of the corridor is used.
         """
         step_s = self._curve.step_s if step_s is None else step_s
         needed = stretch_needed(control, step_s, self._limits)
         step_s *= max(float(needed.max()), self._curve.duration_s / (step_s * (len(control) - AT_REST)))
         duration_s = step_s * (len(control) - AT_REST)
         motion = spline_motion(control, step_s)
-        off, matched_s = deviation(self._curve, control, times_s, motion)
-        share = float((off / self._corridor).max())
+        off = deviation(self._curve, control, times_s, motion)
+        share = float((off.largest / self._corridor).max())
         better = self.best is None or duration_s < self.best.motion.duration_s
         if share <= 1.0 and better and self._in_range(control):
-            self.best = Fitted(motion, float(off.max()), matched_s)
+            self.best = Fitted(motion, float(off.largest.max()), off.times_s)
+        beside = (off.at_knots / self._corridor).max(axis=1) ** PER_DEVIATION
+        needed[1:-1] = np.maximum(needed[1:-1], beside)
         return needed, share
 
 

@@ -70,7 +70,7 @@ def _within_limits(course: Course, limits: JointLimits, request: WaypointRequest
     Raises:
         LimitError: there is none, or none that the request permits.
     """
-    motion = course.motion()
+    asked = motion = course.motion()
     excess = _excess(motion, limits, course.labels)
     if excess is None:
         return motion
@@ -83,7 +83,7 @@ def _within_limits(course: Course, limits: JointLimits, request: WaypointRequest
     corridor = np.broadcast_to(np.asarray(request.corridor_rad, dtype=np.float64), limits.dof)
     changed = None
     if (corridor > 0.0).all():
-        changed = _followed(course.motion(), motion, limits, corridor, longest_s, excess)
+        changed = _followed(asked, motion, limits, corridor, longest_s, excess)
     elif request.retime:
         changed = _slowed_evenly(motion, limits)
     if changed is None or changed.duration_s > longest_s:

@@ -25,6 +25,7 @@ WEIGHTS = (0.003, 0.3, 3.0, 1.0)
 RELAXATION = 1.6
 TURNS_PER_PLACE = 5
 """After so many turns the corridor is moved to where the points are by now."""
+LEAD_STEPS = 3
 ORDERS = range(4)
 
 
@@ -85,6 +86,7 @@ class _Tube:
         self._origin = origin
         self._corridor = corridor
         self._range = limits.min_position - origin, limits.max_position - origin
+        self._scheduled_s = times_s
         self._place(times_s)
 
     def _place(self, times_s: Array) -> None:
@@ -94,7 +96,11 @@ class _Tube:
 
     def follow(self, points: Array) -> None:
         """Move along the curve to where it is nearest to the points."""
-        self._place(self._asked.in_order(self.times_s + self._shift(points)))
+        lead_s = LEAD_STEPS * self._asked.step_s
+        moved_s = np.clip(
+            self.times_s + self._shift(points), self._scheduled_s - lead_s, self._scheduled_s + lead_s
+        )
+        self._place(self._asked.in_order(moved_s))
 
     def nearest(self, points: Array) -> Array:
         """The nearest positions within the corridor and the joints' ranges."""
