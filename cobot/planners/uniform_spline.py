@@ -46,7 +46,7 @@ def spline_motion(control: Array, step_s: float) -> Trajectory:
     coefficients[:, :, 1] = 0.5 * (first[:-2] + first[1:-1]) / step_s
     coefficients[:, :, 2] = 0.5 * second[:-1] / step_s**2
     coefficients[:, :, 3] = np.diff(second, axis=0) / (6.0 * step_s**3)
-    return Trajectory(step_s * np.arange(len(coefficients) + 1), coefficients)
+    return Trajectory(np.arange(len(coefficients) + 1.0) * np.float64(step_s), coefficients)
 
 
 def averaged(values: Array, count: int) -> Array:

@@ -21,6 +21,7 @@ from goal_handle import ToldHandle
 from rig import Rig
 from running import WAIT_S
 from scipy.interpolate import BPoly, CubicHermiteSpline, CubicSpline
+from totg import totg
 from virtual import Cycle, PlanningHere
 from virtual_time import VirtualClock, VirtualLoop
 
@@ -300,6 +301,7 @@ class Stand:
             self.servo,
             ros,
             0.01,
+            settings.planning.smoothing_rad,
         )
 
     def run(self, work: Coroutine[Any, Any, None]) -> None:
@@ -462,6 +464,52 @@ def test_too_fast_a_goal_is_slowed_down_if_it_may_be_late(stand: Stand) -> None:
         assert "its limit is" in result["error_string"]
 
     stand.run(live())
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 1.0])
+def test_what_moveit_plans_without_jerk_takes_its_time_and_the_result_says_what_was_smoothed(
+    stand: Stand, robot: RobotDescription, share: float
+) -> None:
+    """MoveIt's execution monitor gives up what takes longer than 1.2 times as planned and 0.5 s."""
+
+    async def live() -> None:
+        goal_joints = stand.rig.home + 0.3
+        limits = stand.rig.limits
+        line = np.array([stand.rig.home, stand.rig.home + np.eye(7)[0] * 0.2, goal_joints])
+        rows = totg(line, share * limits.max_velocity, share * limits.max_acceleration, 0.1)
+        times_s, *columns = np.split(rows, [1, 8, 15], axis=1)
+        columns[0][0, 0] += 1e-5
+        columns[1][[0, -1]] = 0.0
+        sent = zip(columns[0], times_s[:, 0], *columns[1:], strict=True)
+        message = goal([point(*each) for each in sent])
+        begun_s, handle = stand.clock.now_s(), Handle()
+        result = await stand.send(message, handle)
+        taken_s, planned_s = stand.clock.now_s() - begun_s, float(times_s[-1, 0])
+        assert (result["error_code"], handle.status) == (0, GoalStatus.SUCCEEDED), result
+        assert taken_s < 1.2 * planned_s + 0.5
+        motion_s = stand.link.state().path_duration_s
+        assert motion_s <= (1.2 if share == 1.0 else 1.05) * planned_s
+        said = result["error_string"]
+        assert "1.0e-05 rad beside the first point, blended in within" in said
+        assert "rad beside the curve through the points" in said
+        assert ("takes" in said) == (motion_s > 1.002 * planned_s), said
+        np.testing.assert_allclose(stand.rig.commanded[-1], goal_joints, atol=1e-9)
+        assert max(share.max() for share in stand.rig.rates()) <= 1.0 + 1e-6
+
+    stand.run(live())
+
+
+def test_a_corridor_leaves_half_of_each_tolerance_to_the_arm(robot: RobotDescription) -> None:
+    made = read(
+        goal(
+            [point(HERE, 1.0)],
+            goal_tolerance=[tolerance("joint2", 0.0004), tolerance("joint3", 0.5)],
+            path_tolerance=[tolerance("joint5", 0.0006)],
+        ),
+        robot.limits,
+    )
+    expected = [0.001, 0.0002, 0.001, 0.001, 0.0003, 0.001, 0.001]
+    np.testing.assert_allclose(made.corridor_rad(0.001), expected)
 
 
 def test_a_cancelled_goal_comes_to_rest_on_its_path(stand: Stand) -> None:
