@@ -34,16 +34,23 @@ def trapezoid(times_s: Array, distance: float, speed: float, duration_s: float) 
 
 
 def problems(
-    limits: JointLimits, start: Array, share: float, step_s: float, count: int, seed: int
+    limits: JointLimits,
+    start: Array,
+    share: float,
+    step_s: float,
+    count: int,
+    seed: int,
+    most_legs: int = 5,
+    grid: int = 400,
 ) -> Iterator[Array]:
-    """What TOTG sends for one to five legs of up to 0.6 rad a joint, at a share of the limits, see `totg`."""
+    """What TOTG sends for some legs of up to 0.6 rad a joint, at a share of the limits, see `totg`."""
     random = np.random.default_rng(seed)
     velocity, acceleration = share * limits.max_velocity, share * limits.max_acceleration
     while count > 0:
-        legs = random.uniform(-0.6, 0.6, (random.integers(1, 6), limits.dof))
+        legs = random.uniform(-0.6, 0.6, (random.integers(1, most_legs + 1), limits.dof))
         waypoints = start + np.cumsum(np.vstack([np.zeros(limits.dof), legs]), axis=0)
         waypoints = np.clip(waypoints, 0.9 * limits.min_position, 0.9 * limits.max_position)
-        rows = totg(waypoints, velocity, acceleration, step_s)
+        rows = totg(waypoints, velocity, acceleration, step_s, grid)
         used = max(
             (np.abs(rows[:, 1 + limits.dof : 1 + 2 * limits.dof]) / velocity).max(),
             np.sqrt((np.abs(rows[:, 1 + 2 * limits.dof :]) / acceleration).max()),
@@ -107,7 +114,7 @@ def evaluated(pieces: list[Piece], ends: Array, places: Array) -> tuple[Array, A
 
 def _heading(step: Array) -> tuple[Array, float]:
     length = float(np.linalg.norm(step))
-    return step / length, length
+    return step / max(length, 1e-12), length
 
 
 def _line(begin: Array, end: Array) -> Piece:

@@ -16,8 +16,10 @@ from cobot.types import Array
 
 PARTS = 5
 """The curve's table has so many rows for each step."""
-CALM_STEPS = 3
-"""The direction of the curve is that of its mean over so many steps, three times: noise points anywhere."""
+CALM_STEPS, CALM_TIMES = 1, 4
+"""The direction of the curve is that of its mean over so many steps, so many times: noise points anywhere."""
+DENSE_STEPS = 0.5
+"""Between points that are closer together than so many steps the curve is straight: a spline exaggerates noise."""
 STANDSTILL = 1e-2
 """Slower than this, rad/s, a curve has no direction in which time could be shifted."""
 REFINEMENTS = 3
@@ -30,7 +32,9 @@ class AskedCurve:
     Attributes:
         step_s: the step of the fitted motion for which this table was made.
         interval_s: between two rows.
-        positions, directions: shape (m, dof), rad and rad/s.
+        positions: shape (m, dof), rad.
+        centres: their means over the steps before and after, of which the fit makes its corridor: with less noise.
+        directions: shape (m, dof), rad/s.
         marks_s, marks: the times and the positions that were given, shape (k,) and (k, dof).
     """
 
@@ -38,6 +42,7 @@ class AskedCurve:
     step_s: float
     interval_s: float
     positions: Array
+    centres: Array
     directions: Array
     marks_s: Array
     marks: Array
@@ -45,6 +50,15 @@ class AskedCurve:
     def at(self, times_s: Array) -> Array:
         """The positions at these times, shape (n, dof)."""
         return self._row(self.positions, times_s)
+
+    def centre(self, times_s: Array) -> Array:
+        """The centres at these times, shape (n, dof)."""
+        return self._row(self.centres, times_s)
+
+    @property
+    def noise(self) -> Array:
+        """How far the positions are from the centres at the most, shape (dof,), rad."""
+        return np.asarray(np.abs(self.positions - self.centres).max(axis=0))
 
     def towards(self, times_s: Array) -> Array:
         """The directions at these times, shape (n, dof)."""
@@ -66,16 +80,23 @@ def asked_curve(motion: Trajectory, step_s: float) -> AskedCurve:
     """The table of a motion, for a fit with this step, s."""
     rows = max(round(motion.duration_s / step_s), 1) * PARTS
     interval_s = motion.duration_s / rows
-    positions = motion.sample(np.linspace(0.0, motion.duration_s, rows + 1))
-    calm, width = positions, CALM_STEPS * PARTS + 1 - CALM_STEPS * PARTS % 2
-    for _ in range(3):
-        calm = averaged(calm, width)
-    lag = 3 * (width - 1) // 2
-    directions = np.gradient(calm[lag : lag + rows + 1], interval_s, axis=0)
-    marks_s = motion.breakpoints_s
-    return AskedCurve(
-        motion.duration_s, step_s, interval_s, positions, directions, marks_s, motion.sample(marks_s)
-    )
+    rows_s, marks_s = np.linspace(0.0, motion.duration_s, rows + 1), motion.breakpoints_s
+    marks = motion.sample(marks_s)
+    if motion.duration_s < DENSE_STEPS * step_s * motion.segments:
+        positions = np.stack([np.interp(rows_s, marks_s, column) for column in marks.T], axis=1)
+    else:
+        positions = motion.sample(rows_s)
+    centres = _calmed(positions, 1, 1)
+    directions = np.gradient(_calmed(positions, CALM_STEPS, CALM_TIMES), interval_s, axis=0)
+    return AskedCurve(motion.duration_s, step_s, interval_s, positions, centres, directions, marks_s, marks)
+
+
+def _calmed(rows: Array, steps: int, times: int) -> Array:
+    """The means over so many steps before and after each row, taken so many times."""
+    reach, calm = steps * PARTS, rows
+    for _ in range(times):
+        calm = averaged(calm, 2 * reach + 1)
+    return calm[times * reach : times * reach + len(rows)]
 
 
 def shift_along(apart: Array, direction: Array) -> Array:

@@ -256,7 +256,7 @@ def fit(asked, control, times_s, step_s, limits, corridor, turns):
     origin = control[0].copy()
     points = np.ascontiguousarray(control - origin)
     times, scheduled = np.array(times_s), np.array(times_s)
-    positions = np.ascontiguousarray(asked.positions - origin)
+    positions = np.ascontiguousarray(asked.centres - origin)
     directions = np.array(asked.directions)
     count = len(points)
     kept = [np.empty((count, dof)) for _ in range(2 * ORDERS + 3)]

@@ -37,8 +37,8 @@ PER_DEVIATION = 0.08
 """Where the motion leaves the corridor, time is stretched by this power of how far it does: carefully, as the
 turns that are still to come bring most of it back.
 """
-INNER = 0.75
-"""The share of the corridor that the fit's control points may use."""
+INNER, LEAST_INNER = 0.85, 0.2
+"""The share of the corridor that the fit's control points may use, less what the noise takes of it."""
 AS_ASKED = 1.002
 """What lasts no longer than so many times the asked duration is not improved."""
 NEAR, SMOOTH = 7, 3.0
@@ -133,7 +133,8 @@ class _Search:
         grid_s = np.linspace(0.0, curve.duration_s, round(curve.duration_s / curve.step_s) + 1)
         slowness = self._first_slowness(grid_s)
         control: Array | None = None
-        belongs_s, share, work = grid_s, INNER, 0
+        most = max(INNER - float((curve.noise / self._corridor).max()), LEAST_INNER)
+        belongs_s, share, work = grid_s, most, 0
         for _ in range(ROUNDS):
             times_s, step_s = self._clock(grid_s, slowness)
             turns = int(np.clip(WORK / (USUAL_ROUNDS * len(times_s)), LEAST_TURNS, TURNS))
@@ -146,7 +147,7 @@ class _Search:
             control, belongs_s = fit(curve, control, times_s, step_s, self._limits, corridor, turns)
             needed, used = self._judge(control, belongs_s, step_s)
             yield
-            share = min(share / math.sqrt(max(used, 1.0)), INNER)
+            share /= math.sqrt(max(used, 1.0))
             slowness = self._slower(slowness, grid_s, belongs_s, needed)
 
     def _clock(self, grid_s: Array, slowness: Array) -> tuple[Array, float]:

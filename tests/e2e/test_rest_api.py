@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from running import WAIT_S, Run, until
 from scipy.spatial.transform import Rotation
+from totg import trapezoid
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 AWAY = [0.0, 0.5, 0.0, -1.57, 0.0, 1.57, 0.0]
@@ -517,6 +518,28 @@ def test_retime_and_move_to_start_make_an_impossible_trajectory_possible(http: h
     assert sent.json()["duration_s"] > 0.2
     until(lambda: motion(http)["mode"] == "HOLD")
     np.testing.assert_allclose(joints(http), HOME, atol=1e-3)
+
+
+def test_a_trapezoid_that_knows_no_jerk_takes_its_time_and_the_answer_says_what_was_changed(
+    http: httpx.Client,
+) -> None:
+    here = joints(http)
+    times_s = np.append(np.arange(0.0, 1.32, 0.01), 1.32)
+    points = [
+        {"positions": [here[0] + 1e-5 - way, *here[1:]], "time_from_start": time_s}
+        for way, time_s in zip(trapezoid(times_s, 0.6, 0.5, 1.32).tolist(), times_s.tolist(), strict=True)
+    ]
+    exactly = http.post("/trajectory/send", json={"points": points, "smoothing_rad": 0.0})
+    assert exactly.status_code == 422
+    assert "of joint1 reaches" in exactly.json()["detail"]
+    sent = http.post("/trajectory/send", json={"points": points}).json()
+    assert sent["duration_s"] <= 1.05 * 1.32
+    assert 0.0 < sent["smoothed_rad"] <= 0.001
+    assert sent["blended_rad"] == pytest.approx(1e-5, abs=2e-4)  # here is where it was measured
+    assert sent["stretch"] == pytest.approx(sent["duration_s"] / 1.32)
+    assert sent["note"]
+    until(lambda: motion(http)["mode"] == "HOLD" and motion(http)["settled"])
+    np.testing.assert_allclose(joints(http), points[-1]["positions"], atol=1e-3)
 
 
 def test_without_its_check_a_trajectory_still_meets_the_safety_layer(http: httpx.Client) -> None:

@@ -91,7 +91,7 @@ class _Tube:
 
     def _place(self, times_s: Array) -> None:
         self.times_s = times_s
-        self._there = self._asked.at(times_s) - self._origin
+        self._there = self._asked.centre(times_s) - self._origin
         self._direction = self._asked.towards(times_s)
 
     def follow(self, points: Array) -> None:
