@@ -81,7 +81,7 @@ def _planned(
     floor_s = time.process_time() - begun_s
     ratio = motion.duration_s / times_s[-1]
     yield row(
-        f"CPU time of {len(points):,} points, {name}, {decimals} decimals ({ratio:.3f} times as long as asked)",
+        f"CPU time of {len(points):,} points, {name}, {decimals} decimals ({ratio:.3f} of the asked time)",
         "s",
         percentiles([ours_s]),
         f"interpolating them and checking the limits ({said})",

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cobot.planners.uniform_spline import averaged, knots_of
+from cobot.planners.uniform_spline import averaged, knots_of, spline_at
 from cobot.trajectory import Trajectory
 from cobot.types import Array
 
@@ -19,7 +19,7 @@ PARTS = 5
 CALM_STEPS, CALM_TIMES = 1, 4
 """The direction of the curve is that of its mean over so many steps, so many times: noise points anywhere."""
 DENSE_STEPS = 0.5
-"""Between points that are closer together than so many steps the curve is straight: a spline exaggerates noise."""
+"""Between points that are nearer than so many steps the curve is straight: a spline exaggerates noise."""
 STANDSTILL = 1e-2
 """Slower than this, rad/s, a curve has no direction in which time could be shifted."""
 REFINEMENTS = 3
@@ -33,9 +33,9 @@ class AskedCurve:
         step_s: the step of the fitted motion for which this table was made.
         interval_s: between two rows.
         positions: shape (m, dof), rad.
-        centres: their means over the steps before and after, of which the fit makes its corridor: with less noise.
+        centres: their means over the steps before and after, of which the fit makes its corridor.
         directions: shape (m, dof), rad/s.
-        marks_s, marks: the times and the positions that were given, shape (k,) and (k, dof).
+        given: times, shape (k,), and positions, shape (k, dof), that must not be missed.
     """
 
     duration_s: float
@@ -44,8 +44,7 @@ class AskedCurve:
     positions: Array
     centres: Array
     directions: Array
-    marks_s: Array
-    marks: Array
+    given: list[tuple[Array, Array]]
 
     def at(self, times_s: Array) -> Array:
         """The positions at these times, shape (n, dof)."""
@@ -82,13 +81,15 @@ def asked_curve(motion: Trajectory, step_s: float) -> AskedCurve:
     interval_s = motion.duration_s / rows
     rows_s, marks_s = np.linspace(0.0, motion.duration_s, rows + 1), motion.breakpoints_s
     marks = motion.sample(marks_s)
+    given = [(marks_s, marks)]
     if motion.duration_s < DENSE_STEPS * step_s * motion.segments:
         positions = np.stack([np.interp(rows_s, marks_s, column) for column in marks.T], axis=1)
     else:
         positions = motion.sample(rows_s)
+        given.append((rows_s, positions))
     centres = _calmed(positions, 1, 1)
     directions = np.gradient(_calmed(positions, CALM_STEPS, CALM_TIMES), interval_s, axis=0)
-    return AskedCurve(motion.duration_s, step_s, interval_s, positions, centres, directions, marks_s, marks)
+    return AskedCurve(motion.duration_s, step_s, interval_s, positions, centres, directions, given)
 
 
 def _calmed(rows: Array, steps: int, times: int) -> Array:
@@ -120,11 +121,11 @@ class Deviation:
     times_s: Array
 
 
-def deviation(asked: AskedCurve, control: Array, times_s: Array, motion: Trajectory) -> Deviation:
-    """How far a motion is from the curve.
+def deviation(asked: AskedCurve, control: Array, times_s: Array, step_s: float) -> Deviation:
+    """How far the motion of a uniform spline is from the curve.
 
     Args:
-        control: its control points, shape (n, dof), see `uniform_spline`.
+        control: its control points, shape (n, dof).
         times_s: of the curve, where each control point belongs to, shape (n,).
     """
     knots, matched = knots_of(control), times_s[1:-1]
@@ -134,17 +135,17 @@ def deviation(asked: AskedCurve, control: Array, times_s: Array, motion: Traject
     matched[0], matched[-1] = 0.0, asked.duration_s
     at_knots = np.abs(knots - asked.at(matched))
     off = at_knots.max(axis=0)
-    clock_s = np.linspace(0.0, motion.duration_s, len(matched))
-    table_s = np.linspace(0.0, asked.duration_s, len(asked.positions))
-    for given_s, given in ((table_s, asked.positions), (asked.marks_s, asked.marks)):
-        at_s = np.interp(given_s, matched, clock_s)
-        off = np.maximum(off, _missed(given, motion, at_s, asked.step_s))
+    clock_s = step_s * np.arange(float(len(matched)))
+    for given_s, given in asked.given:
+        passed_s = np.interp(given_s, matched, clock_s)
+        off = np.maximum(off, _missed(given, control, step_s, passed_s))
     return Deviation(off, at_knots, matched)
 
 
-def _missed(given: Array, motion: Trajectory, times_s: Array, step_s: float) -> Array:
+def _missed(given: Array, control: Array, step_s: float, times_s: Array) -> Array:
     """How far a motion stays from the given positions, near these times and in this order, shape (dof,)."""
-    apart = given - motion.sample(times_s)
-    shift = shift_along(apart, motion.sample(times_s, 1))
+    positions, velocities = spline_at(control, step_s, times_s)
+    shift = shift_along(given - positions, velocities)
     nearer = np.maximum.accumulate(times_s + np.clip(shift, -step_s, step_s))
-    return np.asarray(np.abs(given - motion.sample(nearer)).max(axis=0))
+    nearer = np.clip(nearer, 0.0, times_s[-1])
+    return np.asarray(np.abs(given - spline_at(control, step_s, nearer)[0]).max(axis=0))

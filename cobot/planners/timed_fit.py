@@ -29,7 +29,7 @@ AVERAGES = [(3, 1), (5, 1), (7, 3), (10, 1), (10, 5), (14, 1), (14, 7), (20, 1)]
 """Over so many steps: once over the first number, twice over the second."""
 TOO_FAR = 1.5
 """Longer averages than one that leaves the corridor by this factor are not tried."""
-ROUNDS, TURNS, WORK = 16, 200, 3_500_000
+ROUNDS, TURNS, WORK = 16, 200, 2_500_000
 """At the most so many rounds of so many turns, and so many turns times control points in all."""
 USUAL_ROUNDS, LEAST_TURNS = 8, 30
 """What is long has less turns a round, so that it has rounds at all."""
@@ -188,11 +188,11 @@ class _Search:
         needed = stretch_needed(control, step_s, self._limits)
         step_s *= max(float(needed.max()), self._curve.duration_s / (step_s * (len(control) - AT_REST)))
         duration_s = step_s * (len(control) - AT_REST)
-        motion = spline_motion(control, step_s)
-        off = deviation(self._curve, control, times_s, motion)
+        off = deviation(self._curve, control, times_s, step_s)
         share = float((off.largest / self._corridor).max())
         better = self.best is None or duration_s < self.best.motion.duration_s
         if share <= 1.0 and better and self._in_range(control):
+            motion = spline_motion(control, step_s)
             self.best = Fitted(motion, float(off.largest.max()), off.times_s)
         beside = (off.at_knots / self._corridor).max(axis=1) ** PER_DEVIATION
         needed[1:-1] = np.maximum(needed[1:-1], beside)

@@ -49,6 +49,25 @@ def spline_motion(control: Array, step_s: float) -> Trajectory:
     return Trajectory(np.arange(len(coefficients) + 1.0) * np.float64(step_s), coefficients)
 
 
+def spline_at(control: Array, step_s: float, times_s: Array) -> tuple[Array, Array]:
+    """Position and velocity at some times, shape (m, dof) each."""
+    place = times_s / step_s
+    index = np.clip(place.astype(np.intp), 0, len(control) - 4)
+    t = (place - index)[:, None]
+    rest, square = 1.0 - t, t * t
+    weights = (
+        rest**3,
+        4.0 - 6.0 * square + 3.0 * square * t,
+        1.0 + 3.0 * (t + square - square * t),
+        square * t,
+    )
+    rates = (-(rest**2), 3.0 * square - 4.0 * t, 1.0 + 2.0 * t - 3.0 * square, square)
+    rows = [control[index + k] for k in range(4)]
+    position = sum(weight * row for weight, row in zip(weights, rows, strict=True))
+    velocity = sum(rate * row for rate, row in zip(rates, rows, strict=True))
+    return np.asarray(position) / 6.0, np.asarray(velocity) / (2.0 * step_s)
+
+
 def averaged(values: Array, count: int) -> Array:
     """The moving average over `count` rows, longer by `count` - 1: both ends rest before and after.
 

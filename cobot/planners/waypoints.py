@@ -15,7 +15,7 @@ from cobot.planners.ptp import plan_ptp
 from cobot.planners.rounding import smoothed
 from cobot.planners.timed_fit import AS_ASKED, Fitted, fitted
 from cobot.robot.description import RobotDescription
-from cobot.robot.feasibility import check_limits, stretch_to_limits
+from cobot.robot.feasibility import check_limits, in_range, stretch_to_limits
 from cobot.trajectory import Changes, Trajectory
 from cobot.types import Array, JointLimits, PlannerName
 
@@ -25,6 +25,8 @@ UNASKED_STRETCH = 1.05
 """A motion may take this many times as long as its points say before anybody has to be asked."""
 SLOWER = 0.97
 """A motion that runs at less than this share of the asked speed is called slowed down there."""
+FEW = 5_000
+"""Of more points than this it is not tried first whether slowing down evenly is enough: that takes long."""
 STEPS_TOGETHER = 5
 """Where it is slower is looked for over so many steps: from one to the next the match is not so exact."""
 
@@ -74,15 +76,16 @@ def _within_limits(course: Course, limits: JointLimits, request: WaypointRequest
     excess = _excess(motion, limits, course.labels)
     if excess is None:
         return motion
+    corridor = np.broadcast_to(np.asarray(request.corridor_rad, dtype=np.float64), limits.dof)
+    has_corridor = bool((corridor > 0.0).all())
     cleaned = None if course.given_rates else _without_rounding(course, motion)
-    if cleaned is not None:
+    if cleaned is not None and (not has_corridor or cleaned.changes.smoothed_rad <= corridor.min()):
         motion, excess = cleaned, _excess(cleaned, limits, course.labels)
         if excess is None:
             return motion
     longest_s = request.longest_s if request.retime else UNASKED_STRETCH * motion.duration_s
-    corridor = np.broadcast_to(np.asarray(request.corridor_rad, dtype=np.float64), limits.dof)
     changed = None
-    if (corridor > 0.0).all():
+    if has_corridor:
         changed = _followed(asked, motion, limits, corridor, longest_s, excess)
     elif request.retime:
         changed = _slowed_evenly(motion, limits)
@@ -124,15 +127,17 @@ def _followed(
     corridor: Array,
     longest_s: float,
     excess: LimitError,
-) -> Trajectory | None:
+) -> Trajectory:
     """The asked motion within a corridor, or the cleaned one slowed down evenly, whichever is shorter."""
-    even = _slowed_evenly(cleaned, limits)
-    is_motion = _excess(even, limits, None) is None  # no slowness brings a joint back into its range
-    if is_motion and even.duration_s <= AS_ASKED * asked.duration_s:
+    inside = in_range(cleaned, limits)  # no slowness brings a joint back into its range
+    even = _slowed_evenly(cleaned, limits) if asked.segments <= FEW else None
+    if even is not None and inside and even.duration_s <= AS_ASKED * asked.duration_s:
         return even
     found = fitted(asked, limits, corridor, longest_s)
-    if found is None or (is_motion and found.motion.duration_s >= even.duration_s):
-        return even
+    if found is None or found.motion.duration_s > UNASKED_STRETCH * asked.duration_s:
+        even = even or _slowed_evenly(cleaned, limits)
+        if found is None or (inside and found.motion.duration_s >= even.duration_s):
+            return even
     slowed_s = _slowed(found, asked.duration_s)
     changes = replace(
         asked.changes,

@@ -49,6 +49,11 @@ def check_limits(trajectory: Trajectory, limits: JointLimits, labels: Sequence[s
     )
 
 
+def in_range(trajectory: Trajectory, limits: JointLimits) -> bool:
+    """Whether all joints stay within their positions' limits."""
+    return trajectory.first_excess(0, *_bounds(limits)[0]) is None
+
+
 def stretch_to_limits(trajectory: Trajectory, limits: JointLimits) -> Trajectory:
     """The same path, slowed down evenly by just so much that all rate limits hold."""
     factor = 1.0
