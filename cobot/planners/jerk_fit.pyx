@@ -1,4 +1,4 @@
-"""The motion within velocity, acceleration and jerk that stays in a corridor around a curve: see jerk_fit.pyi.
+"""The motion within velocity, acceleration and jerk that stays in a corridor: see jerk_fit.pyi.
 
 All arrays are rows of joints, (n, dof), one after the other: a row of a difference lies where its first point
 does, so that those of the third order end three rows before the points.
@@ -21,13 +21,13 @@ cdef enum:
     AT_REST = 3
     BAND = 4
 
+# Of the points in a difference of each order, the earliest one first.
 cdef double[ORDERS][ORDERS] BINOMIAL = [
     [1.0, 0.0, 0.0, 0.0],
     [-1.0, 1.0, 0.0, 0.0],
     [1.0, -2.0, 1.0, 0.0],
     [-1.0, 3.0, -3.0, 1.0],
 ]
-"""Of the points in a difference of each order, the earliest one first."""
 
 
 cdef struct Problem:
@@ -135,7 +135,8 @@ cdef void _project(Problem* problem, bint first) noexcept nogil:
             for joint in range(problem.dof):
                 value[joint] = _difference(problem, order, row, joint)
                 if not first:
-                    value[joint] = relaxation * value[joint] + (1.0 - relaxation) * wanted[joint] + owed[joint]
+                    value[joint] *= relaxation
+                    value[joint] += (1.0 - relaxation) * wanted[joint] + owed[joint]
                 aim[joint] = value[joint]
             if order == 0:
                 _to_corridor(problem, row, aim)
