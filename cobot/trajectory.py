@@ -210,6 +210,8 @@ class Trajectory:
 def from_hermite(times_s: Array, positions: Array, velocities: Array, accelerations: Array) -> Trajectory:
     """The quintics that take the given values at the given times: C2 by construction.
 
+    They are computed from each piece's start on: where it is costs no digits of how it moves.
+
     Args:
         times_s: shape (n+1,), starting at 0; the others (n+1, dof).
     """
@@ -217,16 +219,17 @@ def from_hermite(times_s: Array, positions: Array, velocities: Array, accelerati
     duration = np.diff(times)[:, None]
     values = np.stack(
         [
-            positions[:-1],
+            np.zeros_like(positions[:-1]),
             velocities[:-1] * duration,
             accelerations[:-1] * duration**2,
-            positions[1:],
+            positions[1:] - positions[:-1],
             velocities[1:] * duration,
             accelerations[1:] * duration**2,
         ],
         axis=-1,
     )
     unit = values @ HERMITE.T
+    unit[:, :, 0] = positions[:-1]
     return Trajectory(times, unit / duration[:, :, None] ** np.arange(ORDER))
 
 

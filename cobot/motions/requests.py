@@ -9,7 +9,16 @@ from dataclasses import dataclass
 from cobot.errors import InputError
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
-from cobot.types import Array, CartesianLimits, JointLimits, PlannerName, Pose, Scaling, Waypoint
+from cobot.types import (
+    Array,
+    CartesianLimits,
+    JointLimits,
+    PlannerName,
+    Pose,
+    Scaling,
+    Synchronization,
+    Waypoint,
+)
 
 NO_TOOL = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
@@ -24,6 +33,7 @@ class MotionRequest:
         via: shape (3,), m in the base frame: a point on the arc, for circ only.
         seed: of the planners that draw random samples.
         timeout_s: after which ompl and chomp give up.
+        synchronization: of the joints, for ptp only.
     """
 
     start: Array
@@ -33,6 +43,7 @@ class MotionRequest:
     via: Array | None = None
     seed: int = 0
     timeout_s: float = 10.0
+    synchronization: Synchronization = Synchronization.TIME
 
     def scaled_limits(self, robot: RobotDescription) -> JointLimits:
         """The share of the joint limits that this motion may use."""
@@ -127,3 +138,13 @@ def check_via(planner: PlannerName, via: object) -> None:
         raise InputError("via: is missing; planner circ needs a point on its arc")
     if via is not None and planner is not PlannerName.CIRC:
         raise InputError(f"via: is for planner circ only, not for {planner}")
+
+
+def check_synchronization(planner: PlannerName, synchronization: Synchronization) -> None:
+    """The joints keep in proportion only where the path is not given by anything else.
+
+    Raises:
+        InputError: it is asked of another planner than ptp.
+    """
+    if synchronization is Synchronization.PHASE and planner is not PlannerName.PTP:
+        raise InputError(f"synchronization: phase is for planner ptp only, not for {planner}")

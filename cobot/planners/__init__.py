@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from cobot.errors import LimitError, PlanningError
-from cobot.motions.requests import MotionRequest, WaypointRequest, check_via
+from cobot.motions.requests import MotionRequest, WaypointRequest, check_synchronization, check_via
 from cobot.planners.checks import is_there, validate
 from cobot.planners.chomp import plan_chomp
 from cobot.planners.circ import plan_circ
@@ -48,6 +48,7 @@ def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
     """
     robot.collision.check_position(request.start, "the start")
     check_via(request.planner, request.via)
+    check_synchronization(request.planner, request.synchronization)
     if request.planner in PATH_PLANNERS:
         trajectory = PATH_PLANNERS[request.planner](robot, request)
     else:

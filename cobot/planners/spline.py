@@ -6,7 +6,8 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from cobot.errors import CollisionError
-from cobot.planners.time_law import timed
+from cobot.planners.path import Path
+from cobot.planners.time_law import time_optimal
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
@@ -27,7 +28,8 @@ def smooth_motion(robot: RobotDescription, corners: Array, limits: JointLimits) 
     """
     points = FIRST_POINTS
     while True:
-        trajectory = timed(control_spline(resampled(corners, points)), limits, 2 * points + 32)
+        path = Path.of_spline(control_spline(resampled(corners, points)))
+        trajectory = time_optimal(robot, path, limits).trajectory
         try:
             robot.collision.check_trajectory(trajectory)
         except CollisionError:

@@ -24,7 +24,7 @@ from app.api.schemas import (
 from app.services.motion.execution import Outcome
 from cobot import audit
 from cobot.robot.frames import abc_from_quaternion
-from cobot.types import Scaling
+from cobot.types import Scaling, Synchronization
 
 COMPLETED = "Motion completed successfully"
 MOTION_RESPONSES = responses(409, 413, 415, 422, 503)
@@ -83,7 +83,9 @@ async def positions(request: Request) -> list[NamedPositionAnswer]:
 async def move_named(body: MoveNamed, request: Request, gone: Gone) -> MoveAnswer:
     """Go to a named position by ptp; answers when the arm has arrived and settled."""
     call = Call(request)
-    goal = call.services.motion.named(body.name, Scaling(body.speed, body.accel_scale))
+    goal = call.services.motion.named(
+        body.name, Scaling(body.speed, body.accel_scale), Synchronization(body.synchronization)
+    )
     return _answer(await call.services.motion.move(goal, call.caller(gone)))
 
 
@@ -91,7 +93,9 @@ async def move_named(body: MoveNamed, request: Request, gone: Gone) -> MoveAnswe
 async def move_joints(body: MoveJoints, request: Request, gone: Gone) -> MoveAnswer:
     """Go to joint angles by ptp; answers when the arm has arrived and settled."""
     call = Call(request)
-    goal = call.services.motion.joints(body.joints, Scaling(body.speed, body.accel_scale))
+    goal = call.services.motion.joints(
+        body.joints, Scaling(body.speed, body.accel_scale), Synchronization(body.synchronization)
+    )
     return _answer(await call.services.motion.move(goal, call.caller(gone)))
 
 
@@ -107,6 +111,7 @@ async def move_pose(body: MovePose, request: Request, gone: Gone) -> MoveAnswer:
         body.planner,
         Scaling(body.speed, body.accel_scale),
         via,
+        Synchronization(body.synchronization),
     )
     return _answer(await call.services.motion.move(goal, call.caller(gone)))
 
