@@ -23,8 +23,6 @@ LARGEST_DEVIATION_RAD = np.radians(0.05)
 FIRST_SAMPLES, LAST_SAMPLES = 24, 768
 LARGEST_JOINT_STEP_RAD = 0.5
 """A joint may turn by so much between two of the first samples, and by less where there are more of them."""
-LOOKS = 4
-"""The path is compared so often in each of its pieces."""
 STANDING_M, STANDING_RAD = 1e-6, 1e-6
 
 
@@ -69,7 +67,7 @@ def follow(robot: RobotDescription, request: MotionRequest, path: TcpPath) -> Tr
     samples = FIRST_SAMPLES
     while samples <= LAST_SAMPLES:
         joint_path = _joint_path(robot, request.start, path, samples)
-        deviation_m, deviation_rad = deviation(robot, joint_path, path)
+        deviation_m, deviation_rad = deviation(robot, joint_path, path, samples)
         if deviation_m <= LARGEST_DEVIATION_M and deviation_rad <= LARGEST_DEVIATION_RAD:
             return time_optimal(robot, joint_path, limits, tcp_limits).trajectory
         samples *= 2
@@ -93,10 +91,9 @@ def _require_reach(robot: RobotDescription, path: TcpPath, start: Array) -> None
     )
 
 
-def deviation(robot: RobotDescription, joint_path: Path, path: TcpPath) -> tuple[float, float]:
-    """How far (m, rad) the TCP is at the most from the path, between the points of the inverse kinematics."""
-    count = LOOKS * len(joint_path.coefficients)
-    shares = (np.arange(count) + 0.5) / count
+def deviation(robot: RobotDescription, joint_path: Path, path: TcpPath, samples: int) -> tuple[float, float]:
+    """How far (m, rad) the TCP is at the most from the path, half way between the samples."""
+    shares = (np.arange(samples) + 0.5) / samples
     worst_m = worst_rad = 0.0
     for pose, share in zip(robot.model.poses(joint_path.at(shares)), shares, strict=True):
         target = path.pose_at(float(share))
