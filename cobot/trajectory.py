@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from math import comb
 
 import numpy as np
@@ -233,16 +234,20 @@ def from_hermite(times_s: Array, positions: Array, velocities: Array, accelerati
     return Trajectory(times, unit / duration[:, :, None] ** np.arange(ORDER))
 
 
-def _bernstein_hull(rows: Array) -> tuple[Array, Array]:
-    """Bounds (low, high), shape rows.shape[:-1], of polynomials on [0, 1] by their control points."""
-    degree = rows.shape[-1] - 1
-    convert = np.array(
+@cache
+def _bernstein(degree: int) -> Array:
+    """The control points of a polynomial from its coefficients."""
+    return np.array(
         [
             [comb(i, k) / comb(degree, k) if k <= i else 0.0 for k in range(degree + 1)]
             for i in range(degree + 1)
         ]
     )
-    points = rows @ convert.T
+
+
+def _bernstein_hull(rows: Array) -> tuple[Array, Array]:
+    """Bounds (low, high), shape rows.shape[:-1], of polynomials on [0, 1] by their control points."""
+    points = rows @ _bernstein(rows.shape[-1] - 1).T
     return points.min(axis=-1), points.max(axis=-1)
 
 

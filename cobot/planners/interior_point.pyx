@@ -13,6 +13,8 @@ sequential algorithm for jerk limited speed planning", 2021). An interior point 
 iterate is feasible, and each system to solve has five diagonals. The equations are those of Nocedal, Wright,
 "Numerical Optimization", 2006, section 19.3, with the slacks eliminated and without the curvature of the
 constraints.
+
+One file of 300 lines, so that the C compiler has all of an iteration before it.
 """
 
 from libc.math cimport fabs, isfinite, pow, sqrt

@@ -24,6 +24,7 @@ from cobot.planners import MotionRequest, plan
 from cobot.planners.blend import blend
 from cobot.planners.path import Path
 from cobot.planners.rated import plan_rated
+from cobot.planners.spline import control_spline, resampled
 from cobot.planners.time_law import Timed, retimed, time_optimal
 from cobot.planners.waypoints import through
 from cobot.robot.description import RobotDescription
@@ -259,6 +260,18 @@ def test_ptp_with_a_heavy_tool_is_slowed_down_on_its_path(
     assert (np.abs(torques(heavy, motion)) / max_effort).max() <= 1.001
     assert free.duration_s < motion.duration_s < 1.5 * free.duration_s
     assert nearest(free, motion.sample(np.linspace(0.0, motion.duration_s, 200))).max() < 1e-3
+
+
+def test_a_spline_nearer_to_its_corners_takes_little_longer(robot: RobotDescription) -> None:
+    """Sixteen times the points: under one S-curve for the whole path five times the duration."""
+    random, limits = np.random.default_rng(SEED), planned_limits(robot)
+    for _ in range(3):
+        corners = random.uniform(0.4 * limits.min_position, 0.4 * limits.max_position, (4, limits.dof))
+        few, many = (
+            time_optimal(robot, Path.of_spline(control_spline(resampled(corners, points))), limits)
+            for points in (12, 192)
+        )
+        assert many.trajectory.duration_s < 1.5 * few.trajectory.duration_s
 
 
 def test_what_the_drives_cannot_even_hold_is_refused_with_the_joint_and_the_place(
