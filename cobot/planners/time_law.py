@@ -140,6 +140,8 @@ def _solved(robot: RobotDescription, coordinates: Coordinates, laws: Iterator[Ar
             if (np.abs(efforts) > limits.max_effort).any():
                 problem.limit_efforts()
                 timed = problem.refined(problem.solved())
+            if not np.isfinite(timed.trajectory.coefficients).all():
+                raise ValueError("they lead beyond the range of numbers")
         except (ValueError, InputError, OverflowError) as exc:
             raise PlanningError(
                 f"no motion along the path from rest to rest: limits may be too small ({exc})"

@@ -58,7 +58,7 @@ class Stopping:
 def services(name: str, robot: RobotDescription) -> Any:
     return SimpleNamespace(
         robot=dataclasses.replace(robot, name=name),
-        ownership=SimpleNamespace(stops=0),
+        ownership=SimpleNamespace(stops_before=lambda _: 0),
         stopping=Stopping(),
     )
 
