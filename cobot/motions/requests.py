@@ -11,6 +11,25 @@ from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array, CartesianLimits, JointLimits, PlannerName, Pose, Scaling, Waypoint
 
+RRT_CONNECT = "RRTConnect"
+ALGORITHMS = (
+    RRT_CONNECT,
+    "RRT",
+    "RRTstar",
+    "InformedRRTstar",
+    "SORRTstar",
+    "BITstar",
+    "FMT",
+    "BFMT",
+    "PRM",
+    "PRMstar",
+    "KPIECE1",
+    "BKPIECE1",
+    "LBKPIECE1",
+    "AORRTC",
+)
+"""Of planner ompl, by OMPL's names; the first one is the default."""
+
 NO_TOOL = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
 
@@ -23,7 +42,8 @@ class MotionRequest:
         goal: joint angles, shape (dof,), rad, or a pose of the TCP in the base frame.
         via: shape (3,), m in the base frame: a point on the arc, for circ only.
         seed: of the planners that draw random samples.
-        timeout_s: after which ompl and chomp give up.
+        timeout_s: after which ompl, chomp and auto give up.
+        algorithm: of ompl, one of `ALGORITHMS`.
     """
 
     start: Array
@@ -33,6 +53,7 @@ class MotionRequest:
     via: Array | None = None
     seed: int = 0
     timeout_s: float = 10.0
+    algorithm: str = RRT_CONNECT
 
     def scaled_limits(self, robot: RobotDescription) -> JointLimits:
         """The share of the joint limits that this motion may use."""

@@ -1,0 +1,148 @@
+"""Leaving a start that is beyond a joint limit or in collision, by the shortest way out."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import nnls
+
+from cobot.errors import CollisionError
+from cobot.motions.requests import MotionRequest
+from cobot.planners.checks import is_there
+from cobot.planners.ptp import plan_ptp
+from cobot.robot.clearance import Clearance
+from cobot.robot.collision import Contact, motion_pieces
+from cobot.robot.description import RobotDescription
+from cobot.robot.feasibility import check_limits
+from cobot.trajectory import Trajectory
+from cobot.types import Array
+
+SPARE_M = 1e-3
+"""The way out ends so much further away than the margin."""
+LOOK_M = 0.03
+"""Pairs no further apart than this beyond the margin are kept apart on the way."""
+STEPS = 40
+STEP_RAD = 0.2
+"""No joint moves further in one step of the search: distances are not linear."""
+DEEPER_M = 1e-4
+"""On the way out what touches may come deeper by this: distances are not straight over a straight motion."""
+SPREADS_RAD, DRAWS = (0.05, 0.1, 0.2, 0.4, 0.8), 60
+
+
+def leave(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
+    """A motion to the nearest joint angles that are within the limits and free; None if the start is.
+
+    On the way nothing that touches gets deeper, and nothing else comes nearer than the margin. Its `note`
+    says why and how far.
+
+    Raises:
+        CollisionError: there is no such way.
+    """
+    start, limits = request.start, robot.limits
+    inside = np.clip(start, limits.min_position, limits.max_position)
+    is_free = robot.collision.is_free(inside)
+    if is_free and is_there(start, inside):
+        return None
+    least_m = _least(robot, start)
+    for exit_joints in _exits(robot, inside) if not is_free else [inside]:
+        motion = plan_ptp(robot, request, exit_joints)
+        with robot.collision.keeping(least_m) as clearance:
+            if clearance.contact(motion_pieces(motion)) is not None:
+                continue
+        check_limits(motion, request.scaled_limits(robot).including(start))
+        return Trajectory(motion.breakpoints_s, motion.coefficients, _note(robot, start, inside, exit_joints))
+    contact = robot.collision.contacts(inside)[0]
+    raise CollisionError(
+        f"the start is in collision: {contact}, and no straight joint motion leads out of it"
+    )
+
+
+def _least(robot: RobotDescription, start: Array) -> Array:
+    """What each pair must keep on the way, shape (pairs,), m."""
+    margin_m = robot.collision.margin_m
+    distances = robot.collision.clearance.distances(start[None], margin_m + LOOK_M)[0]
+    return np.asarray(np.minimum(margin_m, distances - DEEPER_M))
+
+
+def _exits(robot: RobotDescription, start: Array) -> list[Array]:
+    """Free joint angles within the limits, the nearest to the start first."""
+    wanted_m = robot.collision.margin_m + SPARE_M
+    with robot.collision.keeping(wanted_m) as clearance:
+        found = [_pushed_out(robot, clearance, start, start, wanted_m)]
+        found += _drawn(robot, clearance, start, wanted_m)
+    return sorted(
+        (joints for joints in found if joints is not None),
+        key=lambda joints: float(np.linalg.norm(joints - start)),
+    )
+
+
+def _pushed_out(
+    robot: RobotDescription, clearance: Clearance, start: Array, begin: Array, wanted_m: float
+) -> Array | None:
+    """The free joint angles nearest to `start` that a sequence of linearised problems finds from `begin`."""
+    limits, joints = robot.limits, begin
+    for _ in range(STEPS):
+        distances = clearance.distances(joints[None], wanted_m + LOOK_M)[0]
+        if distances.min() >= wanted_m and joints is not begin:
+            return joints
+        rows, needs = [], []
+        for pair in np.flatnonzero(distances < wanted_m + LOOK_M):
+            distance_m, slope = clearance.gradient(joints, int(pair))
+            rows.append(slope)
+            needs.append(wanted_m + 1e-5 - distance_m - slope @ (start - joints))
+        eye = np.eye(limits.dof)
+        rows_all = np.vstack([*rows, eye, -eye])
+        needs_all = np.concatenate([needs, limits.min_position - start, start - limits.max_position])
+        way = _shortest(rows_all, needs_all)
+        if way is None:
+            return None
+        step = start + way - joints
+        joints = joints + step * min(1.0, STEP_RAD / max(float(np.abs(step).max()), 1e-12))
+    return None
+
+
+def _shortest(rows: Array, needs: Array) -> Array | None:
+    """The shortest x with rows @ x >= needs, None if there is none: least distance programming (Lawson and
+    Hanson, "Solving Least Squares Problems", 1974, chapter 23).
+    """
+    matrix = np.vstack([rows.T, needs])
+    right = np.zeros(len(matrix))
+    right[-1] = 1.0
+    try:
+        weights, error = nnls(matrix, right)
+    except RuntimeError:
+        return None
+    if error < 1e-10:
+        return None
+    rest = matrix @ weights - right
+    return np.asarray(-rest[:-1] / rest[-1])
+
+
+def _drawn(robot: RobotDescription, clearance: Clearance, start: Array, wanted_m: float) -> list[Array]:
+    """From random free joint angles around: as near as they can be pushed back."""
+    random = np.random.default_rng(1)
+    limits = robot.limits
+    for spread_rad in SPREADS_RAD:
+        draws = start + random.uniform(-spread_rad, spread_rad, (DRAWS, limits.dof))
+        draws = np.clip(draws, limits.min_position, limits.max_position)
+        free = draws[clearance.are_free(draws)]
+        if len(free):
+            pushed = [_pushed_out(robot, clearance, start, joints, wanted_m) for joints in free[:6]]
+            return [*(joints for joints in pushed if joints is not None), *free]
+    return []
+
+
+def _note(robot: RobotDescription, start: Array, inside: Array, exit_joints: Array) -> str:
+    limits, reasons = robot.limits, []
+    beyond = np.abs(inside - start)
+    if beyond.max() > 0.0:
+        joint = int(beyond.argmax())
+        reasons.append(f"{limits.names[joint]} is {beyond[joint]:.4f} rad beyond its limit")
+    contacts: list[Contact] = robot.collision.contacts(start)
+    if contacts:
+        reasons.append(f"the start is in collision: {contacts[0]}")
+    way = exit_joints - start
+    joint = int(np.abs(way).argmax())
+    return (
+        f"{' and '.join(reasons)}; the motion leaves this first by the shortest way, "
+        f"{np.linalg.norm(way):.4f} rad, {limits.names[joint]} by {way[joint]:+.4f} rad"
+    )
