@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 from cobot.errors import InputError
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array, CartesianLimits, JointLimits, PlannerName, Pose, Scaling, Waypoint
 
-RRT_CONNECT = "RRTConnect"
-ALGORITHMS = (
-    RRT_CONNECT,
+Algorithm = Literal[
+    "RRTConnect",
     "RRT",
     "RRTstar",
     "InformedRRTstar",
@@ -26,9 +26,9 @@ ALGORITHMS = (
     "KPIECE1",
     "BKPIECE1",
     "LBKPIECE1",
-    "AORRTC",
-)
-"""Of planner ompl, by OMPL's names; the first one is the default."""
+]
+"""Of planner ompl, by OMPL's names."""
+RRT_CONNECT: Algorithm = "RRTConnect"
 
 NO_TOOL = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
@@ -43,7 +43,7 @@ class MotionRequest:
         via: shape (3,), m in the base frame: a point on the arc, for circ only.
         seed: of the planners that draw random samples.
         timeout_s: after which ompl, chomp and auto give up.
-        algorithm: of ompl, one of `ALGORITHMS`.
+        algorithm: of ompl.
     """
 
     start: Array
@@ -53,7 +53,7 @@ class MotionRequest:
     via: Array | None = None
     seed: int = 0
     timeout_s: float = 10.0
-    algorithm: str = RRT_CONNECT
+    algorithm: Algorithm = RRT_CONNECT
 
     def scaled_limits(self, robot: RobotDescription) -> JointLimits:
         """The share of the joint limits that this motion may use."""

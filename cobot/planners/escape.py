@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.optimize import nnls
 
@@ -9,7 +11,6 @@ from cobot.errors import CollisionError
 from cobot.motions.requests import MotionRequest
 from cobot.planners.checks import is_there
 from cobot.planners.ptp import plan_ptp
-from cobot.robot.clearance import Clearance
 from cobot.robot.collision import Contact, motion_pieces
 from cobot.robot.description import RobotDescription
 from cobot.robot.feasibility import check_limits
@@ -25,14 +26,16 @@ STEP_RAD = 0.2
 """No joint moves further in one step of the search: distances are not linear."""
 DEEPER_M = 1e-4
 """On the way out what touches may come deeper by this: distances are not straight over a straight motion."""
-SPREADS_RAD, DRAWS = (0.05, 0.1, 0.2, 0.4, 0.8), 60
+SPREADS_RAD, DRAWS, KEPT = (0.05, 0.1, 0.2, 0.4, 0.8), 60, 4
+"""So many random joint angles around the start, no joint further away than this, and how many of those that
+are free are tried."""
 
 
 def leave(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
     """A motion to the nearest joint angles that are within the limits and free; None if the start is.
 
-    On the way nothing that touches gets deeper, and nothing else comes nearer than the margin. Its `note`
-    says why and how far.
+    On the way nothing that touches gets deeper, or if there is no such way, deeper than the deepest at the
+    start; nothing else comes nearer than the margin. Its `note` says why and how far.
 
     Raises:
         CollisionError: there is no such way.
@@ -42,48 +45,54 @@ def leave(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
     is_free = robot.collision.is_free(inside)
     if is_free and is_there(start, inside):
         return None
-    least_m = _least(robot, start)
-    for exit_joints in _exits(robot, inside) if not is_free else [inside]:
-        motion = plan_ptp(robot, request, exit_joints)
-        with robot.collision.keeping(least_m) as clearance:
-            if clearance.contact(motion_pieces(motion)) is not None:
-                continue
-        check_limits(motion, request.scaled_limits(robot).including(start))
-        return Trajectory(motion.breakpoints_s, motion.coefficients, _note(robot, start, inside, exit_joints))
+    for least_m in _least(robot, start):
+        for exit_joints in [inside] if is_free else _exits(robot, inside):
+            motion = plan_ptp(robot, request, exit_joints)
+            with robot.collision.keeping(least_m) as clearance:
+                if clearance.contact(motion_pieces(motion)) is not None:
+                    continue
+            check_limits(motion, request.scaled_limits(robot).including(start))
+            return replace(motion, note=_note(robot, start, inside, exit_joints))
     contact = robot.collision.contacts(inside)[0]
     raise CollisionError(
         f"the start is in collision: {contact}, and no straight joint motion leads out of it"
     )
 
 
-def _least(robot: RobotDescription, start: Array) -> Array:
-    """What each pair must keep on the way, shape (pairs,), m."""
+def _least(robot: RobotDescription, start: Array) -> tuple[Array, Array]:
+    """What each pair must keep on the way, shape (pairs,), m; and what it must at the least."""
     margin_m = robot.collision.margin_m
     distances = robot.collision.clearance.distances(start[None], margin_m + LOOK_M)[0]
-    return np.asarray(np.minimum(margin_m, distances - DEEPER_M))
+    kept = np.minimum(margin_m, distances - DEEPER_M)
+    return kept, np.where(kept < margin_m, kept.min(initial=margin_m), kept)
 
 
 def _exits(robot: RobotDescription, start: Array) -> list[Array]:
-    """Free joint angles within the limits, the nearest to the start first."""
-    wanted_m = robot.collision.margin_m + SPARE_M
-    with robot.collision.keeping(wanted_m) as clearance:
-        found = [_pushed_out(robot, clearance, start, start, wanted_m)]
-        found += _drawn(robot, clearance, start, wanted_m)
-    return sorted(
-        (joints for joints in found if joints is not None),
-        key=lambda joints: float(np.linalg.norm(joints - start)),
-    )
+    """Free joint angles within the limits, the nearest first, that pushing leads to from around the start."""
+    wanted_m, random = robot.collision.margin_m + SPARE_M, np.random.default_rng(1)
+    limits = robot.limits
+    found = _pushed_out(robot, start, start, wanted_m)
+    for spread_rad in SPREADS_RAD:
+        draws = start + random.uniform(-spread_rad, spread_rad, (DRAWS, limits.dof))
+        draws = np.clip(draws, limits.min_position, limits.max_position)
+        with robot.collision.keeping(wanted_m) as clearance:
+            free = draws[clearance.are_free(draws)]
+        for joints in _by_distance(list(free), start)[:KEPT]:
+            found += [*_pushed_out(robot, start, joints, wanted_m), joints]
+    return _by_distance(found, start)
 
 
-def _pushed_out(
-    robot: RobotDescription, clearance: Clearance, start: Array, begin: Array, wanted_m: float
-) -> Array | None:
-    """The free joint angles nearest to `start` that a sequence of linearised problems finds from `begin`."""
-    limits, joints = robot.limits, begin
+def _by_distance(found: list[Array], start: Array) -> list[Array]:
+    return sorted(found, key=lambda joints: float(np.linalg.norm(joints - start)))
+
+
+def _pushed_out(robot: RobotDescription, start: Array, begin: Array, wanted_m: float) -> list[Array]:
+    """The free joint angles nearest to `start` that linearised problems lead to from `begin`, if they do."""
+    limits, clearance, joints = robot.limits, robot.collision.clearance, begin
     for _ in range(STEPS):
         distances = clearance.distances(joints[None], wanted_m + LOOK_M)[0]
         if distances.min() >= wanted_m and joints is not begin:
-            return joints
+            return [joints]
         rows, needs = [], []
         for pair in np.flatnonzero(distances < wanted_m + LOOK_M):
             distance_m, slope = clearance.gradient(joints, int(pair))
@@ -94,10 +103,10 @@ def _pushed_out(
         needs_all = np.concatenate([needs, limits.min_position - start, start - limits.max_position])
         way = _shortest(rows_all, needs_all)
         if way is None:
-            return None
+            return []
         step = start + way - joints
         joints = joints + step * min(1.0, STEP_RAD / max(float(np.abs(step).max()), 1e-12))
-    return None
+    return []
 
 
 def _shortest(rows: Array, needs: Array) -> Array | None:
@@ -115,20 +124,6 @@ def _shortest(rows: Array, needs: Array) -> Array | None:
         return None
     rest = matrix @ weights - right
     return np.asarray(-rest[:-1] / rest[-1])
-
-
-def _drawn(robot: RobotDescription, clearance: Clearance, start: Array, wanted_m: float) -> list[Array]:
-    """From random free joint angles around: as near as they can be pushed back."""
-    random = np.random.default_rng(1)
-    limits = robot.limits
-    for spread_rad in SPREADS_RAD:
-        draws = start + random.uniform(-spread_rad, spread_rad, (DRAWS, limits.dof))
-        draws = np.clip(draws, limits.min_position, limits.max_position)
-        free = draws[clearance.are_free(draws)]
-        if len(free):
-            pushed = [_pushed_out(robot, clearance, start, joints, wanted_m) for joints in free[:6]]
-            return [*(joints for joints in pushed if joints is not None), *free]
-    return []
 
 
 def _note(robot: RobotDescription, start: Array, inside: Array, exit_joints: Array) -> str:

@@ -12,8 +12,8 @@ import time
 import numpy as np
 from ompl import base, geometric, util
 
-from cobot.errors import InputError, PlanningTimeout
-from cobot.motions.requests import ALGORITHMS, RRT_CONNECT, MotionRequest
+from cobot.errors import PlanningTimeout
+from cobot.motions.requests import RRT_CONNECT, Algorithm, MotionRequest
 from cobot.planners.rrt_connect import connect
 from cobot.planners.shortcut import shortened
 from cobot.planners.spline import smooth_motion
@@ -32,9 +32,11 @@ RESTART_ATTEMPTS = 200
 """Each time it may try to add so many nodes. No time: the same seed shall give the same path."""
 IMPROVING_S = 1.0
 """OMPL's planners that go on to make their path shorter are given so long after they have found one, s."""
-NOT_IMPROVING = frozenset({"RRT", "KPIECE1", "BKPIECE1", "LBKPIECE1"})
+SLICE_S = 0.05
+"""... and are looked at so often."""
+NOT_IMPROVING = frozenset({"RRT", "FMT", "BFMT", "KPIECE1", "BKPIECE1", "LBKPIECE1"})
 
-util.setLogLevel(util.LogLevel.LOG_ERROR)
+util.setLogLevel(util.LogLevel.LOG_NONE)
 util.RNG.setSeed(
     1
 )  # one per process: of OMPL's own planners a worker's sequence is repeatable, not a single plan
@@ -54,13 +56,8 @@ def find_path(robot: RobotDescription, request: MotionRequest, goals: Array) -> 
     """The corners of a free polyline from the start to one of the goals, shape (n, dof).
 
     Raises:
-        InputError: there is no such algorithm.
         PlanningTimeout: none found within the request's time.
     """
-    if request.algorithm not in ALGORITHMS:
-        raise InputError(
-            f"algorithm: there is no {request.algorithm!r}; valid are: {', '.join(sorted(ALGORITHMS))}"
-        )
     limits = robot.limits
     start = np.clip(request.start, limits.min_position, limits.max_position)
     with robot.collision.keeping(room(robot, np.vstack([start, goals]))) as clearance:
@@ -130,7 +127,7 @@ class _Search:
     """One problem as OMPL sees it."""
 
     def __init__(
-        self, robot: RobotDescription, clearance: Clearance, start: Array, goals: Array, algorithm: str
+        self, robot: RobotDescription, clearance: Clearance, start: Array, goals: Array, algorithm: Algorithm
     ) -> None:
         limits = robot.limits
         self._dof = limits.dof
@@ -157,14 +154,12 @@ class _Search:
         """The corners of a path, shape (n, dof), if one is found within this time."""
         self._setup.clear()
         begun_s = time.monotonic()
-        step_s = 0.05 if self._improves else left_s
-        improving_s: float | None = None
-        while (now_s := time.monotonic() - begun_s) < left_s:
-            if improving_s is not None and now_s > improving_s:
-                break
-            self._setup.solve(min(step_s, left_s - now_s))
-            if self._setup.haveExactSolutionPath() and improving_s is None:
-                improving_s = time.monotonic() - begun_s + (IMPROVING_S if self._improves else 0.0)
+        self._setup.solve(min(SLICE_S, left_s) if self._improves else left_s)
+        end_s = left_s
+        while self._improves and (now_s := time.monotonic() - begun_s) < end_s:
+            if self._setup.haveExactSolutionPath() and end_s == left_s:
+                end_s = min(left_s, now_s + IMPROVING_S)
+            self._setup.solve(min(SLICE_S, end_s - now_s))
         if not self._setup.haveExactSolutionPath():
             return None
         states = self._setup.getSolutionPath().getStates()

@@ -26,7 +26,7 @@ from cobot.errors import (
     UnavailableError,
 )
 from cobot.ipc.layout import MotionResult
-from cobot.motions.requests import MotionRequest, check_via
+from cobot.motions.requests import RRT_CONNECT, Algorithm, MotionRequest, check_via
 from cobot.robot.description import RobotDescription
 from cobot.robot.frames import pose_from_abc
 from cobot.robot.limits import check_positions
@@ -48,12 +48,16 @@ WHERE = {
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a motion request ended. `error` is None when the arm has arrived and settled."""
+    """How a motion request ended. `error` is None when the arm has arrived and settled.
+
+    `note` is the trajectory's.
+    """
 
     error: CobotError | None
     motion_id: int | None
     duration_s: float
     planning_time_s: float
+    note: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +68,7 @@ class Goal:
     scaling: Scaling
     planner: PlannerName = PlannerName.PTP
     via: Array | None = None
+    algorithm: Algorithm = RRT_CONNECT
 
 
 class MotionService:
@@ -137,7 +142,7 @@ class MotionService:
             ConflictError, UnavailableError, InputError: nothing has moved.
         """
         begun_s = self._link.clock.now_s()
-        planned_s = begun_s
+        planned_s, note = begun_s, ""
         with self._ownership.claim(caller) as claim, watching(claim, caller):
             error: CobotError | None = None
             try:
@@ -149,17 +154,19 @@ class MotionService:
                     goal.scaling,
                     goal.via,
                     timeout_s=self._settings.timeout_s,
+                    algorithm=goal.algorithm,
                 )
                 trajectory = await self.plan(claim, request, caller.timeout_s)
                 planned_s = self._link.clock.now_s()
                 if trajectory is not None:
+                    note = trajectory.note
                     await self.start(claim, trajectory)
                     await self.arrival(claim)
             except (PlanningError, ExecutionError) as exc:
                 error = exc
             now_s = self._link.clock.now_s()
             planning_s = (planned_s if planned_s > begun_s else now_s) - begun_s
-            return Outcome(error, claim.motion_id, now_s - begun_s, planning_s)
+            return Outcome(error, claim.motion_id, now_s - begun_s, planning_s, note)
 
     async def ready(self) -> RobotState:
         """A state from which a motion may start.
