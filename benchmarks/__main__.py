@@ -49,7 +49,7 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "virtual_clock": lambda quick: virtual_clock.factor(2 if quick else 10),
     "inverse_kinematics": lambda quick: inverse.inverse_kinematics(300 if quick else 3000),
     "planning": lambda quick: planning.planning_time(30 if quick else 300),
-    "clutter": lambda quick: clutter.clutter(*(6, 1, 0.2) if quick else (25, 3, 1.0)),
+    "clutter": lambda quick: clutter.clutter(*(6, 1, 0.2) if quick else (25, 2, 0.5)),
     "straightness": lambda quick: planning.straightness(2 if quick else 12),
     "timed": lambda quick: timed.timed(5 if quick else 40),
     "documentation": lambda quick: pages.documentation(2 if quick else 7),

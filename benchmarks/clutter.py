@@ -48,7 +48,7 @@ class Tries:
 
 
 def clutter(problems: int, references: int, reference_s: float) -> Iterator[Row]:
-    """So many problems of each kind; to so many of them, the length of the path beside the best of ten long runs."""
+    """So many problems of each kind; of so many, the path's length beside the best of ten long runs."""
     robot = load_robot(load_settings(None))
     yield _distances(robot)
     whole = {planner: Tries() for planner in (PlannerName.OMPL, PlannerName.CHOMP)}
@@ -94,7 +94,7 @@ def clutter(problems: int, references: int, reference_s: float) -> Iterator[Row]
 
 
 def _distances(robot: RobotDescription) -> Row:
-    """Whether random configurations on a shelf are free: each with a call, and many in one, by MuJoCo's contacts."""
+    """Whether random configurations at a shelf are free, beside MuJoCo's contacts, both from Python."""
     there = next(scenes.problems(robot, "shelf", 1)).robot
     limits, mj = robot.limits, there.model.mj
     rows = np.random.default_rng(5).uniform(limits.min_position, limits.max_position, (3000, limits.dof))

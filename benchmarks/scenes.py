@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
+from cobot.config import load_settings
 from cobot.robot.clearance import Clearance
 from cobot.robot.collision import CollisionChecker
 from cobot.robot.description import RobotDescription
@@ -67,8 +68,6 @@ def among(robot: RobotDescription, boxes: list[Box]) -> RobotDescription:
 
 
 def _with_boxes(robot: RobotDescription, boxes: list[Box]) -> mujoco.MjModel:
-    from cobot.config import load_settings
-
     spec = mujoco.MjSpec.from_file(str(load_settings(None).robot.model))
     for index, box in enumerate(boxes):
         spec.worldbody.add_geom(

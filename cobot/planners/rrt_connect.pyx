@@ -19,7 +19,7 @@ from cobot.robot.clearance cimport Clearance
 cdef enum:
     GROWTH = 256
     LOOK = 16    # draws between two looks at the clock
-    DRAWS = 300  # for each attempt, where most of them are too far away
+    DRAWS = 50   # for each attempt, where most of them are too far away
     TRAPPED = -1
     NO_MEMORY = -2
 

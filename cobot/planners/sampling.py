@@ -28,10 +28,12 @@ RANGE_RAD = 2.0
 """No node of RRTConnect is further from the one before it."""
 RESTART_ATTEMPTS = 200
 """To add a node, in each search after the first one."""
-LITTLE_WORK, MUCH_WORK = 6_000, 120_000
-"""Configurations looked at, after which no more paths are searched for: about 15 ms, and where the best one is not
-`DIRECT`, 300 ms. No times: the same seed shall give the same path."""
-DIRECT = 1.2
+FEW_SEARCHES, MANY_SEARCHES = 4, 16
+"""So many searches, of which the shortest path counts; many where that is not `DIRECT` yet."""
+MUCH_WORK = 60_000
+"""None is begun after so many configurations looked at, about 0.15 s. No times: the same seed shall give the
+same path."""
+DIRECT = 1.4
 """A path that is no longer than so many times the way without obstacles needs no better one."""
 IMPROVING_S = 1.0
 """OMPL's planners that go on to make their path shorter are given so long after they have found one, s."""
@@ -85,7 +87,7 @@ def _connected(
     best: Array | None = None
     shortest_rad, attempts, begun = np.inf, 0, clearance.evaluations
     direct_rad = DIRECT * float(np.linalg.norm(goals - start, axis=1).min())
-    while True:
+    for search in range(MANY_SEARCHES):
         seed = int(random.integers(2**62))
         left_s = deadline_s - time.monotonic()
         bounds = limits.min_position, limits.max_position
@@ -94,11 +96,12 @@ def _connected(
             corners = shortened(clearance, found, seed)
             if _length(corners) < shortest_rad:
                 best, shortest_rad = corners, _length(corners)
-        if attempts == 0:  # the first path may have been hard to find
+        if search == 0:  # the first path may have been hard to find
             attempts, begun = RESTART_ATTEMPTS, clearance.evaluations
-        work = LITTLE_WORK if shortest_rad <= direct_rad else MUCH_WORK
-        if best is None or len(best) == 2 or clearance.evaluations - begun > work or left_s <= 0.0:
-            return best
+        enough = search + 1 >= FEW_SEARCHES and shortest_rad <= direct_rad
+        if best is None or len(best) == 2 or enough or clearance.evaluations - begun > MUCH_WORK:
+            break
+    return best
 
 
 def room(robot: RobotDescription, ends: Array) -> float:
