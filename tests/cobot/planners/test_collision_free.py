@@ -6,7 +6,6 @@ Oracles: MuJoCo's contact list at dense samples; random search.
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 from typing import get_args
 
 import mujoco
@@ -18,8 +17,6 @@ from cobot.errors import CollisionError, PlanningError, PlanningTimeout
 from cobot.motions.requests import Algorithm
 from cobot.planners import MotionRequest, plan, sampling
 from cobot.planners.escape import leave
-from cobot.planners.rrt_connect import connect
-from cobot.planners.shortcut import shortened
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import inverse
 from cobot.trajectory import Trajectory
@@ -201,33 +198,6 @@ def test_a_pose_whose_configurations_all_touch_something_says_so(robot: RobotDes
     blocked = scenes.among(robot, [(x, y, z, 0.02, 0.02, 0.02)])
     with pytest.raises(CollisionError, match=r"the goal in the nearest configuration, as in the other \d"):
         planned(blocked, "ompl", home(robot), problem.pose)
-
-
-def test_shortening_keeps_the_ends_gets_no_longer_and_stays_free(robot: RobotDescription) -> None:
-    limits = robot.limits
-    for number, problem in enumerate(scenes.problems(robot, "shelf", 3, SEED)):
-        clearance = problem.robot.collision.clearance
-        bounds = limits.min_position, limits.max_position
-        corners = connect(clearance, problem.start, problem.goal[None], *bounds, number, 10.0, 0.5)
-        assert corners is not None
-        short = shortened(clearance, corners, number)
-        assert np.array_equal(short[[0, -1]], np.array([problem.start, problem.goal]))
-        before, after = (np.linalg.norm(np.diff(way, axis=0), axis=1) for way in (corners, short))
-        assert after.sum() < 0.9 * before.sum()
-        assert before.max() <= 0.5 + 1e-9, "no node is further away than that"
-        assert all(clearance.is_edge_free(*pair) for pair in pairwise(short))
-
-
-def test_a_path_is_found_to_the_goal_that_can_be_reached(robot: RobotDescription) -> None:
-    problem = next(scenes.problems(robot, "table", 1, SEED))
-    limits, clearance = robot.limits, problem.robot.collision.clearance
-    inside = IN_THE_FLOOR
-    assert not clearance.is_free(inside)
-    bounds = limits.min_position, limits.max_position
-    corners = connect(clearance, problem.start, np.array([inside, problem.goal]), *bounds, 1, 10.0, 2.0)
-    assert corners is not None
-    assert np.array_equal(corners[-1], problem.goal)
-    assert connect(clearance, problem.start, inside[None], *bounds, 1, 10.0, 2.0, attempts=200) is None
 
 
 def test_no_planner_is_another_ones_deputy_but_auto(robot: RobotDescription) -> None:

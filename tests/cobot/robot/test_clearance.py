@@ -8,6 +8,7 @@ import coal
 import mujoco
 import numpy as np
 import pytest
+from samples import samples
 
 from benchmarks import scenes
 from cobot.robot.clearance import Clearance, bezier
@@ -85,7 +86,7 @@ def test_distances_of_all_shapes_on_an_odd_arm_are_those_of_mujoco() -> None:
 
 def test_capsules_cylinders_and_boxes_are_as_far_apart_and_as_deep_in_each_other_as_coal_says() -> None:
     random = np.random.default_rng(SEED)
-    for _ in range(300):
+    for _ in range(samples(300)):
         place, quaternion, half = (
             random.uniform(-0.3, 0.3, 3),
             random.normal(size=4),
@@ -162,7 +163,7 @@ def test_dense_samples_find_nothing_on_motions_that_are_proven_free(
     clearance, margin_m = problem.robot.collision.clearance, robot.collision.margin_m
     random = np.random.default_rng(SEED)
     verdicts = {True: 0, False: 0}
-    for _ in range(60):
+    for _ in range(samples(60)):
         ends = problem.start + random.uniform(-0.5, 0.5, (2, 7)) * random.choice([0.1, 1.0])
         curve = ends[0] + np.linspace(0.0, 1.0, 6)[:, None] * (ends[1] - ends[0])
         curve[1:-1] += random.uniform(-0.3, 0.3, (4, 7))
@@ -171,11 +172,11 @@ def test_dense_samples_find_nothing_on_motions_that_are_proven_free(
         bent = curve[None].repeat(400, axis=0)
         for level in range(5):
             bent[:, : 5 - level] += shares[:, :, None] * (bent[:, 1 : 6 - level] - bent[:, : 5 - level])
-        for samples, found in (
+        for rows, found in (
             (straight, clearance.contact(ends[None])),
             (bent[:, 0], clearance.contact(curve[None], first=True)),
         ):
-            distances = clearance.distances(samples, 1.0)
+            distances = clearance.distances(rows, 1.0)
             verdicts[found is None] += 1
             if found is None:
                 assert distances.min() >= margin_m - RESOLUTION_M
@@ -184,7 +185,7 @@ def test_dense_samples_find_nothing_on_motions_that_are_proven_free(
         if found is not None:  # the first place, in the ordered search
             before = distances[: int(399 * found[1])]
             assert before.min(initial=1.0) >= margin_m - RESOLUTION_M
-    assert min(verdicts.values()) >= 10, verdicts
+    assert min(verdicts.values()) >= 10 or samples(60) < 60, verdicts
 
 
 def test_a_slide_and_a_branch_are_bounded_too() -> None:
@@ -193,10 +194,10 @@ def test_a_slide_and_a_branch_are_bounded_too() -> None:
     clearance = Clearance(mj, pairs, RESOLUTION_M)
     random = np.random.default_rng(SEED)
     proven = 0
-    for _ in range(400):
+    for _ in range(samples(400)):
         ends = random.uniform(-1.0, 1.0, (2, mj.nq))
-        samples = ends[0] + np.linspace(0.0, 1.0, 100)[:, None] * (ends[1] - ends[0])
-        nearest_m = clearance.distances(samples, 5.0).min(axis=0)
+        rows = ends[0] + np.linspace(0.0, 1.0, 100)[:, None] * (ends[1] - ends[0])
+        nearest_m = clearance.distances(rows, 5.0).min(axis=0)
         pair, missed = int(random.integers(clearance.count)), bool(random.random() < 0.8)
         least_m = np.full(clearance.count, -10.0)
         least_m[pair] = nearest_m[pair] + (random.uniform(2.0, 20.0) * RESOLUTION_M if missed else -0.01)
@@ -204,7 +205,7 @@ def test_a_slide_and_a_branch_are_bounded_too() -> None:
         is_free = clearance.contact(ends[None]) is None
         assert not (is_free and missed), (clearance.pairs[pair], least_m[pair])
         proven += is_free
-    assert proven > 40
+    assert proven > 40 or samples(400) < 400
 
 
 def test_what_is_not_finite_or_of_another_shape_is_refused(robot: RobotDescription) -> None:
