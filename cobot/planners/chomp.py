@@ -19,20 +19,24 @@ from scipy.linalg import cho_factor, cho_solve
 
 from cobot.errors import CollisionError, PlanningError, PlanningTimeout
 from cobot.motions.requests import RRT_CONNECT, MotionRequest
-from cobot.planners.spline import resampled, smooth_motion
+from cobot.planners.spline import smooth_motion
 from cobot.robot.clearance import Clearance
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array
 
-POINTS, MAX_POINTS = 40, 160
+POINTS, MAX_POINTS = 40, 100
 ITERATIONS = 120
 LOOK = 5
 """The path is looked at after so many iterations."""
+SMOOTHING = 40
+"""A path of ompl's, which is free before, is made smoother by so many."""
 CLEARANCE_M = 0.04
 """ε of the paper's equation 21: obstacles push from this distance on."""
 SPARE_M = 1e-3
 """The path keeps so much further away than the margin, where its ends do: room for the spline through it."""
+PUSHED_M = 3e-3
+"""Nearer than what is required and this the push is full: what is between two points needs room too."""
 SMOOTHNESS_WEIGHT = 0.05
 STEP_RAD = 0.03
 """The largest change of a joint in one iteration."""
@@ -52,7 +56,7 @@ def plan_chomp(robot: RobotDescription, request: MotionRequest, goals: Array) ->
     deadline_s = time.monotonic() + request.timeout_s
     problem = ""
     for note, corners in _starts(robot, request, goals, deadline_s):
-        points, why = _optimised(robot, corners, deadline_s, request.timeout_s)
+        points, why = _optimised(robot, corners, SMOOTHING if note else 0, deadline_s, request.timeout_s)
         problem = problem or why
         if points is None:
             continue
@@ -83,7 +87,7 @@ def _starts(
 
 
 def _optimised(
-    robot: RobotDescription, corners: Array, deadline_s: float, timeout_s: float
+    robot: RobotDescription, corners: Array, least_iterations: int, deadline_s: float, timeout_s: float
 ) -> tuple[Array | None, str]:
     """A free polyline, shape (n, dof), with these ends; or None, and what is in the way.
 
@@ -93,14 +97,15 @@ def _optimised(
     ends = robot.collision.clearance.distances(corners[[0, -1]], 1.0).min(initial=1.0)
     margin_m = robot.collision.margin_m
     least_m = float(max(margin_m, min(margin_m + SPARE_M, ends - 1e-9)))
-    points = resampled(corners, POINTS)
-    points[0], points[-1] = corners[0], corners[-1]
+    points = _sampled(corners)
     with robot.collision.keeping(least_m) as clearance:
         while True:
-            points, is_free = _descended(robot, clearance, points, least_m, deadline_s, timeout_s)
-            if is_free:
-                return points, ""
-            if len(points) >= MAX_POINTS or not clearance.are_free(points).all():
+            points, free = _descended(
+                robot, clearance, points, least_m, least_iterations, deadline_s, timeout_s
+            )
+            if free is not None:
+                return free, ""
+            if 2 * len(points) > MAX_POINTS or not clearance.are_free(points).all():
                 return None, _obstacle(robot, clearance, points)
             points = _doubled(points)
 
@@ -110,23 +115,24 @@ def _descended(
     clearance: Clearance,
     points: Array,
     least_m: float,
+    least_iterations: int,
     deadline_s: float,
     timeout_s: float,
-) -> tuple[Array, bool]:
-    """The points after the descent, and whether the polyline through them is free."""
+) -> tuple[Array, Array | None]:
+    """The points after the descent, and the last of them between which the straight motions were free."""
     limits, count = robot.limits, len(points)
     stiffness, factor = _smoothness(count)
     pull = _pull(points[0], points[-1], count)
-    weight = SMOOTHNESS_WEIGHT
+    weight, free = SMOOTHNESS_WEIGHT, None
     for iteration in range(ITERATIONS):
         if time.monotonic() > deadline_s:
             raise PlanningTimeout(f"chomp: not done within {timeout_s:.1f} s")
         velocities = np.gradient(points, axis=0) * (count - 1)
-        push, _, nearest = clearance.push(points, velocities, least_m, CLEARANCE_M)
+        push, _, nearest = clearance.push(points, velocities, least_m + PUSHED_M, CLEARANCE_M)
         if iteration % LOOK == 0 and nearest.min() >= least_m:
             if clearance.contact(np.stack([points[:-1], points[1:]], axis=1)) is None:
-                return points, True
-            if iteration:
+                free = points.copy()
+            if free is not None and iteration >= least_iterations:
                 break
         inner = points[1:-1]
         step = cho_solve(factor, weight * (stiffness @ inner + pull) + push[1:-1])
@@ -137,11 +143,12 @@ def _descended(
         _into_limits(inner, limits.min_position, limits.max_position, factor)
         if iteration % 40 == 39:
             weight *= 0.3  # what still touches counts for more
-    return points, False
+    return points, free
 
 
 def _obstacle(robot: RobotDescription, clearance: Clearance, points: Array) -> str:
     """What is deepest, where, and how deep."""
+    points = _doubled(_doubled(points))
     distances = clearance.distances(points, 1.0)
     row, pair = np.unravel_index(int(distances.argmin()), distances.shape)
     first, second = robot.collision.names(int(pair))
@@ -151,6 +158,13 @@ def _obstacle(robot: RobotDescription, clearance: Clearance, points: Array) -> s
     )
 
 
+def _sampled(corners: Array) -> Array:
+    """`POINTS` evenly spaced points along a polyline, and its corners: it stays what it is."""
+    reached = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
+    places = np.union1d(np.linspace(0.0, reached[-1], POINTS), reached)
+    return np.stack([np.interp(places, reached, column) for column in corners.T], axis=1)
+
+
 def _doubled(points: Array) -> Array:
     """The same polyline with a point between any two."""
     out = np.empty((2 * len(points) - 1, points.shape[1]))
@@ -158,7 +172,7 @@ def _doubled(points: Array) -> Array:
     return out
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=32)
 def _smoothness(count: int) -> tuple[Array, Factor]:
     """A of the paper's equation 16 for squared accelerations, and its factor: gradient = A q + b."""
     difference = _differences(count)[:, 1:-1]
