@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import mujoco
@@ -52,6 +52,7 @@ def clutter(problems: int, references: int, reference_s: float) -> Iterator[Row]
     robot = load_robot(load_settings(None))
     yield _distances(robot)
     whole = {planner: Tries() for planner in (PlannerName.OMPL, PlannerName.CHOMP)}
+    to_poses = Tries()
     ratios: list[float] = []
     for kind in scenes.KINDS:
         tries = {name: Tries() for name in ("path", "peer", *whole)}
@@ -63,6 +64,8 @@ def clutter(problems: int, references: int, reference_s: float) -> Iterator[Row]
                 outcome = _timed(lambda there=problem.robot, request=request: plan(there, request))
                 tries[planner].add(*outcome)
                 all_of_it.add(*outcome)
+            request = replace(_request(problem, PlannerName.OMPL), goal=problem.pose)
+            to_poses.add(*_timed(lambda there=problem.robot, request=request: plan(there, request)))
             if corners is not None and number < references:
                 ratios.append(_length(corners) / _best(problem, reference_s))
         yield _times(
@@ -71,6 +74,7 @@ def clutter(problems: int, references: int, reference_s: float) -> Iterator[Row]
         yield _times(f"{kind}: ompl, from request to trajectory, CPU", tries["ompl"], "chomp", tries["chomp"])
     ours, theirs = whole[PlannerName.OMPL], whole[PlannerName.CHOMP]
     yield _times("clutter: ompl, from request to trajectory, CPU", ours, "chomp", theirs, "50 ms, p95 500 ms")
+    yield _times("clutter: ompl to a pose, in any free configuration, CPU", to_poses, "to joint angles", ours)
     yield row(
         f"clutter: solved, of {len(ours.cpu_ms)}",
         "%",

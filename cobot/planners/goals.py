@@ -48,7 +48,9 @@ def nearest_goal(robot: RobotDescription, request: MotionRequest) -> Array:
 
 def _configurations(robot: RobotDescription, pose: Pose, request: MotionRequest) -> Array:
     """Of the inverse kinematics, the nearest to the start first."""
-    found = inverse_all(robot.model, pose, request.start, spread=SPREAD, random_seed=request.seed)
+    model, seed = robot.model, request.seed
+    found = [inverse(model, pose, request.start, random_seed=seed)]
+    found += inverse_all(model, pose, request.start, spread=SPREAD, random_seed=seed)
     return np.array(sorted(found, key=lambda joints: float(np.linalg.norm(joints - request.start))))
 
 
