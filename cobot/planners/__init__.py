@@ -81,7 +81,7 @@ def _chosen(robot: RobotDescription, request: MotionRequest, goals: Array) -> Tr
     """The first that finds a motion: ptp, then ompl."""
     try:
         trajectory = _validated(robot, request, plan_ptp(robot, request, goals[0]))
-        return replace(trajectory, note="auto took ptp: the straight joint motion is free")
+        return replace(trajectory, note="auto took ptp: the direct joint motion is free")
     except PlanningError as exc:
         straight = str(exc)
     try:

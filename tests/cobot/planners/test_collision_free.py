@@ -150,7 +150,7 @@ def test_a_start_that_no_short_motion_frees_is_refused_with_what_it_touches(robo
 def test_auto_goes_straight_where_that_is_free_and_says_so(robot: RobotDescription) -> None:
     goal = home(robot) + 0.2
     motion = planned(robot, "auto", home(robot), goal)
-    assert motion.note == "auto took ptp: the straight joint motion is free"
+    assert motion.note == "auto took ptp: the direct joint motion is free"
     assert np.array_equal(motion.coefficients, planned(robot, "ptp", home(robot), goal).coefficients)
 
 
