@@ -23,3 +23,11 @@ def evaluate(coefficients: Array, time_s: float, duration_s: float, out: Array) 
 def peaks(coefficients: Array, duration_s: float, places: int) -> Array:
     """The greatest amounts of velocity, acceleration and jerk, shape (3, n), at so many equidistant places
     from the start to the end."""
+
+def pieces_at(breakpoints: Array, coefficients: Array, places: Array) -> Array:
+    """The values and three derivatives, shape (4, m, n), of piecewise quintics, shape (pieces, n, 6), in
+    powers of the distance from each piece's start, at places of shape (m,)."""
+
+def greatest_rates(coefficients: Array, durations: Array) -> Array:
+    """The exact greatest amounts of velocity, acceleration and jerk, shape (3, pieces, n), of quintics, shape
+    (pieces, n, 6), in powers of the time since each piece's start."""

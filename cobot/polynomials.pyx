@@ -126,3 +126,129 @@ def peaks(coefficients, double duration_s, int places):
     for order in range(3):
         quintic_peaks(doubles(coefficients, ORDER * n), n, order + 1, duration_s, places, rows + order * n)
     return out
+
+
+def pieces_at(breakpoints, coefficients, places):
+    """The values and three derivatives, (4, m, n), of piecewise quintics, (pieces, n, 6), at places, (m,)."""
+    cdef int pieces = len(coefficients), n = np.shape(coefficients)[1], m = len(places)
+    cdef int place, piece, i, order, k, low, high
+    starts = np.array(breakpoints, dtype=np.float64)
+    factors = np.array(coefficients, dtype=np.float64, order="C")
+    wanted = np.array(places, dtype=np.float64)
+    out = np.empty((DERIVATIVES, m, n))
+    if m == 0:
+        return out
+    cdef double* begin = doubles(starts, pieces + 1)
+    cdef double* row = doubles(factors, pieces * n * ORDER)
+    cdef double* at = doubles(wanted, m)
+    cdef double* values = doubles(out, DERIVATIVES * m * n)
+    cdef const double* c
+    cdef double since, sum
+    with nogil:
+        for place in range(m):
+            low, high = 0, pieces
+            while high - low > 1:
+                piece = (low + high) // 2
+                if begin[piece] <= at[place]:
+                    low = piece
+                else:
+                    high = piece
+            since = at[place] - begin[low]
+            for i in range(n):
+                c = &row[(low * n + i) * ORDER]
+                for order in range(DERIVATIVES):
+                    sum = 0.0
+                    for k in range(ORDER - 1, order - 1, -1):
+                        sum = sum * since + FACTOR[order][k] * c[k]
+                    values[(order * m + place) * n + i] = sum
+    return out
+
+
+cdef double _root(const double* p, int degree, double low, double high) noexcept nogil:
+    """Where a polynomial that changes its sign once between two places is zero: by halving, and by Newton's
+    steps."""
+    cdef double x = 0.5 * (low + high), value, slope, following
+    cdef bint rising = _horner(p, degree, low) < 0.0
+    cdef int k, _
+    for _ in range(100):
+        value = slope = 0.0
+        for k in range(degree, -1, -1):
+            slope = slope * x + value
+            value = value * x + p[k]
+        if (value < 0.0) == rising:
+            low = x
+        else:
+            high = x
+        following = x - value / slope if slope != 0.0 else low
+        if not (low < following < high):
+            following = 0.5 * (low + high)
+        if fabs(following - x) <= 1e-15:
+            break
+        x = following
+    return x
+
+
+cdef inline double _horner(const double* p, int degree, double x) noexcept nogil:
+    cdef double value = 0.0
+    cdef int k
+    for k in range(degree, -1, -1):
+        value = value * x + p[k]
+    return value
+
+
+cdef double _greatest(const double* p, int degree) noexcept nogil:
+    """The greatest amount on [0, 1] of a polynomial of up to degree 4: at an end, or where its slope is zero.
+
+    Between the zeros of one derivative the one before has at most one, from the straight line upwards.
+    """
+    cdef double slopes[4][5]
+    cdef double borders[6]
+    cdef double found[6]
+    cdef double greatest = max(fabs(p[0]), fabs(_horner(p, degree, 1.0)))
+    cdef int count = 0, level, i, k, fresh
+    for k in range(degree):
+        slopes[0][k] = (k + 1) * p[k + 1]
+    for level in range(1, degree):
+        for k in range(degree - level):
+            slopes[level][k] = (k + 1) * slopes[level - 1][k + 1]
+    for level in range(degree - 2, -1, -1):  # Of degree 1 and above.
+        borders[0] = 0.0
+        for i in range(count):
+            borders[i + 1] = found[i]
+        borders[count + 1] = 1.0
+        fresh = 0
+        for i in range(count + 1):
+            if (_horner(slopes[level], degree - 1 - level, borders[i]) < 0.0) != (
+                _horner(slopes[level], degree - 1 - level, borders[i + 1]) < 0.0
+            ):
+                found[fresh] = _root(slopes[level], degree - 1 - level, borders[i], borders[i + 1])
+                fresh += 1
+        count = fresh
+    for i in range(count):
+        greatest = max(greatest, fabs(_horner(p, degree, found[i])))
+    return greatest
+
+
+def greatest_rates(coefficients, durations):
+    """The exact greatest amounts of velocity, acceleration and jerk, (3, pieces, n), of quintics, of shape
+    (pieces, n, 6), in the time since each piece's start."""
+    cdef int pieces = len(coefficients), n = np.shape(coefficients)[1]
+    cdef int piece, i, order, k
+    rows = np.array(coefficients, dtype=np.float64, order="C")
+    lengths = np.array(durations, dtype=np.float64)
+    out = np.empty((DERIVATIVES - 1, pieces, n))
+    cdef double* row = doubles(rows, pieces * n * ORDER)
+    cdef double* duration = doubles(lengths, pieces)
+    cdef double* greatest = doubles(out, (DERIVATIVES - 1) * pieces * n)
+    cdef double p[5]
+    cdef double power
+    with nogil:
+        for piece in range(pieces):
+            for i in range(n):
+                for order in range(1, DERIVATIVES):
+                    power = 1.0
+                    for k in range(order, ORDER):
+                        p[k - order] = FACTOR[order][k] * row[(piece * n + i) * ORDER + k] * power
+                        power *= duration[piece]
+                    greatest[((order - 1) * pieces + piece) * n + i] = _greatest(p, ORDER - 1 - order)
+    return out

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from math import comb
 
 import numpy as np
@@ -193,6 +194,8 @@ class Trajectory:
 def from_hermite(times_s: Array, positions: Array, velocities: Array, accelerations: Array) -> Trajectory:
     """The quintics that take the given values at the given times: C2 by construction.
 
+    They are computed from each piece's start on: where it is costs no digits of how it moves.
+
     Args:
         times_s: shape (n+1,), starting at 0; the others (n+1, dof).
     """
@@ -200,29 +203,34 @@ def from_hermite(times_s: Array, positions: Array, velocities: Array, accelerati
     duration = np.diff(times)[:, None]
     values = np.stack(
         [
-            positions[:-1],
+            np.zeros_like(positions[:-1]),
             velocities[:-1] * duration,
             accelerations[:-1] * duration**2,
-            positions[1:],
+            positions[1:] - positions[:-1],
             velocities[1:] * duration,
             accelerations[1:] * duration**2,
         ],
         axis=-1,
     )
     unit = values @ HERMITE.T
+    unit[:, :, 0] = positions[:-1]
     return Trajectory(times, unit / duration[:, :, None] ** np.arange(ORDER))
 
 
-def _bernstein_hull(rows: Array) -> tuple[Array, Array]:
-    """Bounds (low, high), shape rows.shape[:-1], of polynomials on [0, 1] by their control points."""
-    degree = rows.shape[-1] - 1
-    convert = np.array(
+@cache
+def _bernstein(degree: int) -> Array:
+    """The control points of a polynomial from its coefficients."""
+    return np.array(
         [
             [comb(i, k) / comb(degree, k) if k <= i else 0.0 for k in range(degree + 1)]
             for i in range(degree + 1)
         ]
     )
-    points = rows @ convert.T
+
+
+def _bernstein_hull(rows: Array) -> tuple[Array, Array]:
+    """Bounds (low, high), shape rows.shape[:-1], of polynomials on [0, 1] by their control points."""
+    points = rows @ _bernstein(rows.shape[-1] - 1).T
     return points.min(axis=-1), points.max(axis=-1)
 
 

@@ -68,6 +68,17 @@ class PlannerName(StrEnum):
     CHOMP = "chomp"
 
 
+class Synchronization(StrEnum):
+    """How the joints of a ptp motion keep together.
+
+    TIME: they start and end together, each as it likes in between: the shortest time, and in general not
+    straight in joint space. PHASE: they keep in proportion all the way, which is straight in joint space.
+    """
+
+    TIME = "time"
+    PHASE = "phase"
+
+
 @dataclass(frozen=True, slots=True)
 class Pose:
     """A frame given in another one.
@@ -168,6 +179,9 @@ class NamedPosition:
 PLANNED_JERK = 0.8
 """The share of the jerk limits that planned motions use at the most: a stop on the path has to add jerk of
 its own, and can begin at once only if the motion has left some."""
+PLANNED_ACCELERATION = 0.95
+"""The share of the acceleration limits that motions timed along a path use at the most: such a motion is at
+some limit nearly all the time, and whoever pauses, resumes or stops it needs some room."""
 
 
 @dataclass(frozen=True, slots=True)

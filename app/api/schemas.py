@@ -46,13 +46,20 @@ AccelScale = Annotated[
         description="Share of the acceleration and jerk limits (of jerk 0.8 at the most); 0 takes `speed`.",
     ),
 ]
+SynchronizationName = Annotated[
+    Literal["time", "phase"],
+    Field(
+        description="Of the joints in ptp. time: they start and end together, in the shortest time, in "
+        "general not straight in joint space; phase: they keep in proportion, straight in joint space."
+    ),
+]
 Planner = Annotated[
     Literal["ompl", "ptp", "lin", "circ", "chomp", "auto"],
     BeforeValidator(_lower),
     Field(
-        description="ptp: straight in joint space; lin: the TCP on a straight line; circ: on an arc through "
-        "`via`; ompl: sampling, around obstacles; chomp: optimisation, around obstacles; auto: ptp if that "
-        "is free, else ompl."
+        description="ptp: in joint space, see `synchronization`; lin: the TCP on a straight line; circ: on "
+        "an arc through `via`; ompl: sampling, around obstacles; chomp: optimisation, around obstacles; "
+        "auto: ptp if that is free, else ompl."
     ),
 ]
 JointPlanner = Annotated[
@@ -73,6 +80,7 @@ class MoveNamed(StrictModel):
     accel_scale: AccelScale = 0.0
     planner: JointPlanner = "ptp"
     algorithm: OmplAlgorithm = RRT_CONNECT
+    synchronization: SynchronizationName = "time"
 
 
 class Point(StrictModel):
@@ -108,6 +116,7 @@ class MovePose(StrictModel):
     speed: Speed = 0.1
     accel_scale: AccelScale = 0.0
     planner: Planner = "ptp"
+    synchronization: SynchronizationName = "time"
     frame_id: str = Field("", max_length=200, description="Frame of the pose; empty for the default frame.")
     via: Point | None = Field(None, description="A point on the arc, needed by circ and by no other planner.")
     algorithm: OmplAlgorithm = RRT_CONNECT
@@ -123,6 +132,7 @@ class MoveJoints(StrictModel):
     accel_scale: AccelScale = 0.0
     planner: JointPlanner = "ptp"
     algorithm: OmplAlgorithm = RRT_CONNECT
+    synchronization: SynchronizationName = "time"
 
 
 class MoveAnswer(BaseModel):

@@ -48,7 +48,8 @@ async def move_joint(
     blend_radius: float = 0.0,
     duration: float = 0.0,
 ) -> None:
-    """Go to joint angles, straight in joint space. Answers when the move is planned; it follows those before.
+    """Go to joint angles, in the shortest time in joint space. Answers when the move is planned; it follows
+    those before.
 
     Args:
         q: rad, one for each joint.

@@ -10,7 +10,16 @@ from typing import Literal
 from cobot.errors import InputError
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
-from cobot.types import Array, CartesianLimits, JointLimits, PlannerName, Pose, Scaling, Waypoint
+from cobot.types import (
+    Array,
+    CartesianLimits,
+    JointLimits,
+    PlannerName,
+    Pose,
+    Scaling,
+    Synchronization,
+    Waypoint,
+)
 
 Algorithm = Literal[
     "RRTConnect",
@@ -44,6 +53,7 @@ class MotionRequest:
         seed: of the planners that draw random samples.
         timeout_s: after which ompl, chomp and auto give up.
         algorithm: of ompl.
+        synchronization: of the joints, for ptp only.
     """
 
     start: Array
@@ -54,6 +64,7 @@ class MotionRequest:
     seed: int = 0
     timeout_s: float = 10.0
     algorithm: Algorithm = RRT_CONNECT
+    synchronization: Synchronization = Synchronization.TIME
 
     def scaled_limits(self, robot: RobotDescription) -> JointLimits:
         """The share of the joint limits that this motion may use."""
@@ -148,3 +159,13 @@ def check_via(planner: PlannerName, via: object) -> None:
         raise InputError("via: is missing; planner circ needs a point on its arc")
     if via is not None and planner is not PlannerName.CIRC:
         raise InputError(f"via: is for planner circ only, not for {planner}")
+
+
+def check_synchronization(planner: PlannerName, synchronization: Synchronization) -> None:
+    """The joints keep in proportion only where the path is not given by anything else.
+
+    Raises:
+        InputError: it is asked of another planner than ptp.
+    """
+    if synchronization is Synchronization.PHASE and planner is not PlannerName.PTP:
+        raise InputError(f"synchronization: phase is for planner ptp only, not for {planner}")

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from cobot.errors import LimitError, PlanningError
-from cobot.motions.requests import MotionRequest, WaypointRequest, check_via
+from cobot.motions.requests import MotionRequest, WaypointRequest, check_synchronization, check_via
 from cobot.planners.checks import is_there, validate
 from cobot.planners.chomp import plan_chomp
 from cobot.planners.circ import plan_circ
@@ -46,6 +46,7 @@ def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
         PlanningError: there is no such motion, or this planner does not find one.
     """
     check_via(request.planner, request.via)
+    check_synchronization(request.planner, request.synchronization)
     if request.planner in PATH_PLANNERS or request.planner is PlannerName.PTP:
         robot.collision.check_position(request.start, "the start")
         return _direct(robot, request)

@@ -7,7 +7,7 @@ and leaves the corner out. How long they overlap follows from how near to it the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import pairwise, product
 from math import comb
 
 import numpy as np
@@ -15,6 +15,7 @@ import numpy as np
 from cobot.errors import CollisionError, LimitError
 from cobot.motions.requests import Blended, Envelope
 from cobot.planners.rated import with_envelope
+from cobot.planners.time_law import retimed
 from cobot.robot.description import RobotDescription
 from cobot.robot.feasibility import check_limits
 from cobot.trajectory import ORDER, Trajectory
@@ -32,7 +33,8 @@ _CHOOSE = np.array([[comb(p, j) if p >= j else 0 for p in range(ORDER)] for j in
 def blend(
     robot: RobotDescription, motions: Sequence[Trajectory], radii_m: Sequence[float], envelope: Envelope
 ) -> Blended:
-    """One motion through all of them; it stops at a corner that cannot be rounded within the limits.
+    """One motion through all of them; it slows down at a corner that cannot be rounded within the limits as
+    fast as the motions are, and stops at one that cannot be rounded at all.
 
     Args:
         motions: each begins where the one before ends.
@@ -45,9 +47,11 @@ def blend(
         overlaps.append(overlap(robot, first, second, radii_m[index], min(first.duration_s - used_s, free_s)))
         used_s = overlaps[-1]
     starts = np.cumsum([0.0, *(m.duration_s - o for m, o in zip(motions, overlaps, strict=False))])
-    total = superposed(motions, starts)
+    timed = retimed(robot, superposed(motions, starts), _limits(robot.limits, motions))
     corners = [float(s + 0.5 * o) for s, o in zip(starts[1:], overlaps, strict=True)]
-    return Blended(total, (*corners, total.duration_s), tuple(o > 0.0 for o in overlaps))
+    total, progress = timed.trajectory, timed.progress
+    ends = np.interp(corners, progress.sample(progress.breakpoints_s)[:, 0], progress.breakpoints_s).tolist()
+    return Blended(total, (*ends, total.duration_s), tuple(o > 0.0 for o in overlaps))
 
 
 def overlap(
@@ -56,8 +60,9 @@ def overlap(
     """The longest time, s, that two motions may overlap; 0 if the arm has to stop in between.
 
     Where they overlap, no joint uses a larger share of its velocity limit than the motions do elsewhere, and
-    none more of its acceleration limit than both together, nor more than all of it. The jerk limits hold, the
-    tool's tip stays within the radius, and nothing is touched.
+    none more of its acceleration limit than both together, nor more than all of it, and the jerk limits hold;
+    if that allows none, they overlap as far as they can, to be slowed down there. The tool's tip stays within
+    the radius, and nothing is touched.
     """
     corner = robot.model.forward(first.end).position
 
@@ -69,14 +74,15 @@ def overlap(
     outside = (away(first, first.duration_s - into) > radius_m) | (away(second, into) > radius_m)
     if outside.any():
         longest_s = float(into[max(int(outside.argmax()) - 1, 0)])
-    limits = _limits(robot.limits, first, second)
-    for duration_s in CANDIDATES * longest_s:
+    limits = _limits(robot.limits, (first, second))
+    for bound, duration_s in product((limits, None), CANDIDATES * longest_s):
         if duration_s < SHORTEST_S:
-            break
+            continue
         joined = superposed([first, second], np.array([0.0, first.duration_s - duration_s]))
         both = cut(joined, first.duration_s - duration_s, first.duration_s)
         try:
-            check_limits(both, limits)
+            if bound is not None:
+                check_limits(both, bound)
             robot.collision.check_trajectory(both)
         except (LimitError, CollisionError):
             continue
@@ -128,10 +134,10 @@ def _distinct(times_s: Array, end_s: float) -> Array:
     return np.asarray(kept)
 
 
-def _limits(limits: JointLimits, first: Trajectory, second: Trajectory) -> JointLimits:
-    """The larger share of the velocity limits that the two use, and the sum of those of acceleration."""
+def _limits(limits: JointLimits, motions: Sequence[Trajectory]) -> JointLimits:
+    """The largest share of the velocity limits that motions use, and the sum of those of acceleration."""
     speeds, accelerations = (
-        [float((np.maximum(*np.abs(motion.extrema(order))) / bound).max()) for motion in (first, second)]
+        [float((np.maximum(*np.abs(motion.extrema(order))) / bound).max()) for motion in motions]
         for order, bound in ((1, limits.max_velocity), (2, limits.max_acceleration))
     )
     return limits.scaled(min(max(speeds), 1.0), min(sum(accelerations), 1.0), PLANNED_JERK)

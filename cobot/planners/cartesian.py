@@ -6,26 +6,23 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import BSpline, make_interp_spline
 
 from cobot.errors import PlanningError, UnreachableError
 from cobot.motions.requests import MotionRequest
-from cobot.planners.time_law import PathRates, TimeLaw, joint_rates, traverse
+from cobot.planners.path import Path
+from cobot.planners.time_law import time_optimal
 from cobot.robot import quaternion
 from cobot.robot.description import RobotDescription
 from cobot.robot.frames import angle_between
 from cobot.robot.inverse_kinematics import LEAST_GAP_M, reach_gap, solve_near
 from cobot.trajectory import Trajectory
-from cobot.types import Array, CartesianLimits, JointLimits, Pose
+from cobot.types import Array, JointLimits, Pose
 
 LARGEST_DEVIATION_M = 1e-4
 LARGEST_DEVIATION_RAD = np.radians(0.05)
 FIRST_SAMPLES, LAST_SAMPLES = 24, 768
 LARGEST_JOINT_STEP_RAD = 0.5
 """A joint may turn by so much between two of the first samples, and by less where there are more of them."""
-SLOWEST = 50.0
-"""A path that takes so many times longer than by the TCP's own limits leads through or past a singularity:
-refused, because nobody wants a tool that nearly stops on the way."""
 STANDING_M, STANDING_RAD = 1e-6, 1e-6
 
 
@@ -65,19 +62,14 @@ def follow(robot: RobotDescription, request: MotionRequest, path: TcpPath) -> Tr
     if path.length_m < STANDING_M and path.angle_rad < STANDING_RAD:
         return None
     _require_reach(robot, path, request.start)
-    scaling = request.scaling
-    cap = _tcp_rates(path, robot.cartesian_limits.scaled(scaling.speed, scaling.acceleration, scaling.jerk))
-    limits = request.scaled_limits(robot)
+    scaling, limits = request.scaling, request.scaled_limits(robot)
+    tcp_limits = robot.cartesian_limits.scaled(scaling.speed, scaling.acceleration, scaling.jerk)
     samples = FIRST_SAMPLES
     while samples <= LAST_SAMPLES:
         joint_path = _joint_path(robot, request.start, path, samples)
-        rates = joint_rates(joint_path, limits, cap)
-        _require_speed(joint_path, rates, cap, limits, path.name)
-        law = TimeLaw(rates)
-        trajectory = traverse(joint_path, law, samples, limits)
-        deviation_m, deviation_rad = deviation(robot, trajectory, path, law)
+        deviation_m, deviation_rad = deviation(robot, joint_path, path, samples)
         if deviation_m <= LARGEST_DEVIATION_M and deviation_rad <= LARGEST_DEVIATION_RAD:
-            return trajectory
+            return time_optimal(robot, joint_path, limits, tcp_limits).trajectory
         samples *= 2
     raise PlanningError(
         f"{path.name}: the joints cannot follow the path accurately: {1e3 * deviation_m:.2f} mm and "
@@ -99,22 +91,18 @@ def _require_reach(robot: RobotDescription, path: TcpPath, start: Array) -> None
     )
 
 
-def deviation(
-    robot: RobotDescription, trajectory: Trajectory, path: TcpPath, law: TimeLaw
-) -> tuple[float, float]:
-    """How far (m, rad) the TCP is at the most from where the path is at that moment, between knots too."""
-    knots = trajectory.breakpoints_s
-    times = np.concatenate([knots[:-1] + share * np.diff(knots) for share in (0.25, 0.5)])
-    shares = np.clip(law.at(times * (law.duration_s / trajectory.duration_s))[0], 0.0, 1.0)
+def deviation(robot: RobotDescription, joint_path: Path, path: TcpPath, samples: int) -> tuple[float, float]:
+    """How far (m, rad) the TCP is at the most from the path, half way between the samples."""
+    shares = (np.arange(samples) + 0.5) / samples
     worst_m = worst_rad = 0.0
-    for joints, share in zip(trajectory.sample(times), shares, strict=True):
-        pose, target = robot.model.forward(joints), path.pose_at(float(share))
-        worst_m = max(worst_m, float(np.linalg.norm(pose.position - target.position)))
-        worst_rad = max(worst_rad, angle_between(pose.quaternion, target.quaternion))
+    for pose, share in zip(robot.model.poses(joint_path.at(shares)), shares, strict=True):
+        target = path.pose_at(float(share))
+        worst_m = max(worst_m, float(np.linalg.norm(pose[:3] - target.position)))
+        worst_rad = max(worst_rad, angle_between(pose[3:], target.quaternion))
     return worst_m, worst_rad
 
 
-def _joint_path(robot: RobotDescription, start: Array, path: TcpPath, samples: int) -> BSpline:
+def _joint_path(robot: RobotDescription, start: Array, path: TcpPath, samples: int) -> Path:
     """Joint angles over u: inverse kinematics at even steps, each from the one before."""
     shares = np.linspace(0.0, 1.0, samples + 1)
     rows = [start]
@@ -131,7 +119,7 @@ def _joint_path(robot: RobotDescription, start: Array, path: TcpPath, samples: i
                 f"jump by {jump[joint]:.2f} rad: the path leads through a singularity"
             )
         rows.append(descent.joints)
-    return make_interp_spline(shares, np.array(rows), k=5)
+    return Path.through(shares, np.array(rows))
 
 
 def _at_limit(limits: JointLimits, joints: Array, before: Array) -> list[int]:
@@ -155,31 +143,4 @@ def _failure(
     return (
         f"{place} the TCP cannot go on: it stays {missing:.1f} mm and {angle:.2f} degrees away, "
         f"with {limits.names[joint]} turning most, to {joints[joint]:.3f} rad"
-    )
-
-
-def _tcp_rates(path: TcpPath, limits: CartesianLimits) -> PathRates:
-    length, angle = max(path.length_m, 1e-9), max(path.angle_rad, 1e-9)
-    linear = PathRates(
-        limits.max_linear_velocity / length,
-        limits.max_linear_acceleration / length,
-        limits.max_linear_jerk / length,
-    )
-    angular = PathRates(
-        limits.max_angular_velocity / angle,
-        limits.max_angular_acceleration / angle,
-        limits.max_angular_jerk / angle,
-    )
-    return linear.capped(angular)
-
-
-def _require_speed(path: BSpline, rates: PathRates, cap: PathRates, limits: JointLimits, name: str) -> None:
-    if 1.0 / rates.velocity <= SLOWEST * TimeLaw(cap).duration_s:
-        return
-    shares = np.linspace(0.0, 1.0, 400)
-    demand = np.abs(path.derivative(1)(shares)) * cap.velocity / limits.max_velocity
-    sample, joint = np.unravel_index(int(demand.argmax()), demand.shape)
-    raise PlanningError(
-        f"{name}: at {100 * shares[sample]:.0f} % of the path {limits.names[int(joint)]} would have to turn "
-        f"{demand[sample, joint]:.0f} times faster than it may: the path leads past a singularity"
     )

@@ -7,7 +7,8 @@ from scipy.interpolate import BSpline
 from scipy.special import factorial
 
 from cobot.errors import CollisionError
-from cobot.planners.time_law import timed
+from cobot.planners.path import Path
+from cobot.planners.time_law import time_optimal
 from cobot.robot.clearance import bezier
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
@@ -34,7 +35,7 @@ def smooth_motion(robot: RobotDescription, corners: Array, limits: JointLimits) 
         points *= 2
         if robot.collision.clearance.contact(pieces_of(spline)) is not None and not is_last:
             continue
-        trajectory = timed(spline, limits, points + 32)
+        trajectory = time_optimal(robot, Path.of_spline(spline), limits).trajectory
         try:
             robot.collision.check_trajectory(trajectory)
         except CollisionError:

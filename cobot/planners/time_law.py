@@ -1,101 +1,288 @@
-"""How fast to run along a path: one jerk-limited S-curve from rest to rest."""
+"""How fast to run along a path: as fast as velocity, acceleration, jerk and torque allow at each place.
+
+A first law, see `reference_motion`, divides the motion into cells of about the same time. The rate at which
+it is run is then optimised under all limits at once, see `fastest_rate`; the motion becomes one quintic per
+cell. Where its true extrema are beyond a limit between the places that were looked at, the limit is tightened
+there and the rate optimised again; the little that is left is taken out by stretching the whole.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
-import ruckig
-from scipy.interpolate import BSpline
+import numpy.typing as npt
 
-from cobot.planners.profile import fastest_profile
-from cobot.robot.feasibility import stretch_to_limits
+from cobot.errors import InputError, PlanningError
+from cobot.planners.cells import bases, chained, cubic, motion, times_of
+from cobot.planners.coordinates import Coordinates
+from cobot.planners.interior_point import Stations, fastest_rate
+from cobot.planners.path import Path
+from cobot.planners.reference import reference_motion
+from cobot.polynomials import greatest_rates
+from cobot.robot.description import RobotDescription
+from cobot.robot.feasibility import effort_samples, stretch_to_limits
 from cobot.trajectory import Trajectory, from_hermite
-from cobot.types import Array, JointLimits
+from cobot.types import PLANNED_ACCELERATION, Array, CartesianLimits, JointLimits
 
-SAMPLES = 400
+LEAST_CELLS, MOST_CELLS = 64, 1000
+CELLS_PER_BUILD_UP, FINER_CELLS = 8, 32
+"""Cells in the time in which a full acceleration builds up; the latter where the path changes within few of
+them."""
+PLACES = 100
+"""The first law looks at so many places of a path at the least."""
+GAP = 5e-4
+"""The optimisation ends when no more than this share of the duration is left to gain."""
+ITERATIONS = 60
+ROUNDS = 3
+TIGHT = 1.001
+"""A motion that its extrema would stretch by more is optimised again, up to so many times."""
+COARSE = 1.02
+"""A motion that its extrema would stretch by more is divided into more cells."""
+EFFORT_SHARE = 0.999
+"""Of the efforts: what may lie between the places that are looked at."""
+UNBOUNDED = 1e9
+MIDDLE = 0.5
+RETIMED_STEPS_S = (0.012, 0.003)
+"""The cells of a motion that is slowed down, s; the latter where it changes too fast for the former."""
+MOST_RETIMED_CELLS = 10_000
+ENDING_CELLS = 2
+"""At either end the jerk is looked at in the middle of so many cells too: from rest it changes most."""
 
 
 @dataclass(frozen=True, slots=True)
-class PathRates:
-    """The largest first, second and third derivative of the path parameter u, 1/s, 1/s², 1/s³."""
+class Timed:
+    """A path with its times.
 
-    velocity: float
-    acceleration: float
-    jerk: float
-
-    def capped(self, other: PathRates) -> PathRates:
-        return PathRates(
-            min(self.velocity, other.velocity),
-            min(self.acceleration, other.acceleration),
-            min(self.jerk, other.jerk),
-        )
-
-
-def joint_rates(path: BSpline, limits: JointLimits, cap: PathRates) -> PathRates:
-    """The rates at which a joint path q(u), u in [0, 1], keeps the joint limits everywhere.
-
-    With q' etc. for derivatives by u:  |q'| v ≤ V,  |q''| v² + |q'| a ≤ A,
-    |q'''| v³ + 3 |q''| v a + |q'| j ≤ J. The path's own curvature is granted half of A and the two
-    first terms a third of J each, so that there is always something left to accelerate with.
+    Attributes:
+        trajectory: from rest to rest.
+        progress: one coordinate, the path's parameter, at the same times.
+        stretched: by how much its true extrema made it longer.
     """
-    u = np.linspace(0.0, 1.0, SAMPLES)
-    first, second, third = (np.abs(path.derivative(k)(u)) + 1e-12 for k in (1, 2, 3))
-    V, A, J = limits.max_velocity, limits.max_acceleration, limits.max_jerk
-    v = float(
-        min((V / first).min(), np.sqrt(0.5 * A / second).min(), np.cbrt(J / (3 * third)).min(), cap.velocity)
-    )
-    a = float(min(((A - second * v**2) / first).min(), (J / (9 * second * v)).min(), cap.acceleration))
-    j = float(min(((J - third * v**3 - 3 * second * v * a) / first).min(), cap.jerk))
-    return PathRates(v, a, j)
+
+    trajectory: Trajectory
+    progress: Trajectory
+    stretched: float = 1.0
 
 
-class TimeLaw:
-    """u(t): from 0 to 1 within the given rates."""
+def time_optimal(
+    robot: RobotDescription, path: Path, limits: JointLimits, tcp_limits: CartesianLimits | None = None
+) -> Timed:
+    """A path from rest to rest, near the time optimum under the limits of the joints, of the TCP if there are
+    any, and of the drives' efforts with what the model carries.
 
-    def __init__(self, rates: PathRates) -> None:
-        problem = ruckig.InputParameter(1)
-        problem.target_position = [1.0]
-        problem.max_velocity = [rates.velocity]
-        problem.max_acceleration = [rates.acceleration]
-        problem.max_jerk = [rates.jerk]
-        self._curve = fastest_profile(problem)
-        self.duration_s = float(self._curve.duration)
-        self._phases = np.cumsum(self._curve.profiles[0][0].t)
+    Of the robot's acceleration limits it uses `PLANNED_ACCELERATION` at the most, whatever `limits` say.
+    The efforts take part in the optimisation when the motion without them is beyond one.
 
-    def at(self, times_s: Array) -> tuple[Array, Array, Array]:
-        """u, u', u'' at the given times, each shape (n,)."""
-        rows = np.array([[values[0] for values in self._curve.at_time(float(t))] for t in times_s])
-        return rows[:, 0], rows[:, 1], rows[:, 2]
-
-    def knots(self, pieces: int) -> Array:
-        """Times from 0 to the end: about `pieces` even steps, and every change of the jerk."""
-        even = np.linspace(0.0, self.duration_s, pieces + 1)
-        inner = self._phases[(self._phases > 0.0) & (self._phases < self.duration_s)]
-        distance = np.abs(even[:, None] - inner[None, :]).min(axis=1, initial=np.inf)
-        crowded = distance < 0.1 * self.duration_s / pieces
-        crowded[[0, -1]] = False
-        times = np.unique(np.concatenate([even[~crowded], inner]))
-        keep = np.concatenate([[True], np.diff(times) > 1e-6 * self.duration_s])
-        times = times[keep]
-        times[-1] = self.duration_s
-        return np.asarray(times)
+    Raises:
+        PlanningError: the efforts do not suffice to hold the arm somewhere on the path, or limits are too
+            small for any motion.
+    """
+    room = PLANNED_ACCELERATION * robot.limits.max_acceleration
+    limits = replace(limits, max_acceleration=np.minimum(limits.max_acceleration, room))
+    coordinates = Coordinates(robot.model, path, limits, tcp_limits)
+    laws = (_first_law(coordinates, cells) for cells in (CELLS_PER_BUILD_UP, FINER_CELLS))
+    return _solved(robot, coordinates, laws)
 
 
-def traverse(path: BSpline, law: TimeLaw, pieces: int, limits: JointLimits) -> Trajectory:
-    """The joint path under a time law, as quintics that meet it in value and two derivatives at the knots."""
-    times = law.knots(pieces)
-    u, du, ddu = law.at(times)
-    u = np.clip(u, 0.0, 1.0)
-    first, second = path.derivative(1)(u), path.derivative(2)(u)
-    velocity = first * du[:, None]
-    acceleration = second * du[:, None] ** 2 + first * ddu[:, None]
-    velocity[[0, -1]] = 0.0
-    acceleration[[0, -1]] = 0.0
-    return stretch_to_limits(from_hermite(times, path(u), velocity, acceleration), limits)
+def retimed(robot: RobotDescription, trajectory: Trajectory, limits: JointLimits) -> Timed:
+    """The same motion from rest to rest, slowed down where the joints' limits or the drives' efforts need it
+    and only there; nowhere faster. `progress` is the time of the given motion.
+
+    Raises:
+        PlanningError: see `time_optimal`.
+    """
+    _, efforts = effort_samples(robot.model, trajectory)
+    if stretch_to_limits(trajectory, limits) is trajectory and (np.abs(efforts) <= limits.max_effort).all():
+        times = trajectory.breakpoints_s[:, None]
+        same = from_hermite(times[:, 0], times, np.ones_like(times), np.zeros_like(times))
+        return Timed(trajectory, same)
+    path = Path(trajectory.breakpoints_s, trajectory.coefficients)
+    coordinates = Coordinates(robot.model, path, limits, least_slowness=1.0)
+    laws = (_even_law(path.length, step_s) for step_s in RETIMED_STEPS_S)
+    return _solved(robot, coordinates, laws)
 
 
-def timed(path: BSpline, limits: JointLimits, pieces: int) -> Trajectory:
-    """A joint path from rest to rest within the joint limits."""
-    unlimited = PathRates(np.inf, np.inf, np.inf)
-    return traverse(path, TimeLaw(joint_rates(path, limits, unlimited)), pieces, limits)
+def _even_law(duration_s: float, step_s: float) -> Array:
+    """The control points of s = t."""
+    cells = int(np.clip(np.ceil(duration_s / step_s), LEAST_CELLS, MOST_RETIMED_CELLS))
+    return np.asarray(duration_s / cells * (np.arange(cells + 3) - 1.0))
+
+
+def _first_law(coordinates: Coordinates, per_build_up: int) -> Array:
+    """The control points of s(τ): as fast as velocities and accelerations allow, smoothed."""
+    length, pieces = coordinates.path.length, len(coordinates.path.coefficients)
+    places = np.linspace(0.0, length, max(PLACES, 3 * pieces) + 1)
+    _, (first, second, third), slowness = coordinates.at(places)
+    max_acceleration, max_jerk = coordinates.max_acceleration, coordinates.max_jerk
+    speed = 1.0 / np.maximum(slowness, 1e-12)
+    for derivative, limit, order in ((second, max_acceleration, 2), (third, max_jerk, 3)):
+        share = np.maximum((np.abs(derivative) / limit).max(axis=1), 1e-12)
+        speed = np.minimum(speed, share ** (-1.0 / order))
+    bounds = (LEAST_CELLS, MOST_CELLS, per_build_up)
+    shares = first / max_acceleration, second / max_acceleration, first / max_jerk
+    return reference_motion(*shares, speed, length, bounds)[0]
+
+
+def _solved(robot: RobotDescription, coordinates: Coordinates, laws: Iterator[Array]) -> Timed:
+    """The fastest motion by the first of these laws, or by the next one, of more cells, if that is coarse."""
+    limits = coordinates.limits
+    with np.errstate(all="ignore"):
+        try:
+            for points in laws:
+                problem = _Problem(robot, coordinates, points)
+                first = problem.solved()
+                if first.stretched <= COARSE:
+                    break
+            timed = problem.refined(first)
+            _, efforts = effort_samples(robot.model, timed.trajectory)
+            if (np.abs(efforts) > limits.max_effort).any():
+                problem.limit_efforts()
+                timed = problem.refined(problem.solved())
+        except (ValueError, InputError, OverflowError) as exc:
+            raise PlanningError(
+                f"no motion along the path from rest to rest: limits may be too small ({exc})"
+            ) from exc
+    return timed
+
+
+class _Problem:
+    """The first law, and all that is limited where it is looked at: at knots, and in the middles of cells."""
+
+    def __init__(self, robot: RobotDescription, coordinates: Coordinates, points: Array) -> None:
+        """points: the control points of s(τ)."""
+        self._robot, self._coordinates = robot, coordinates
+        self._path, self._limits = coordinates.path, coordinates.limits
+        self._cells = len(points) - 3
+        self._begins, self._middles, self._ends = (cubic(points, x) for x in (0.0, MIDDLE, 1.0))
+        self._knots = np.append(self._begins, self._ends[:, -1:], axis=1)
+        joints, derivatives, slowness = self._coordinates.at(np.append(self._knots[0], self._middles[0]))
+        split = self._cells + 1
+        self._joints = joints[:, :split], joints[:, split:]
+        self._derivatives = derivatives[:, :split], derivatives[:, split:]
+        self._slowness = slowness[:split], slowness[split:]
+        self._efforts: list[Array] = []
+        self._tightened = np.ones((2, self._cells, self._path.dof))
+
+    def refined(self, best: Timed) -> Timed:
+        """The same with limits tightened where the extrema are beyond them, until there is no more to it."""
+        for _ in range(ROUNDS):
+            if best.stretched <= TIGHT:
+                break
+            again = self.solved()
+            if again.trajectory.duration_s < best.trajectory.duration_s:
+                best = again
+        return best
+
+    def solved(self) -> Timed:
+        """The fastest motion that keeps the limits where it is looked at, stretched to keep them anywhere."""
+        bounded = [self._acceleration_rows(), self._jerk_rows()]
+        rate, _, _ = fastest_rate(self._cells, _duration(self._cells), bounded, GAP, ITERATIONS)
+        return self._timed(rate)
+
+    def _acceleration_rows(self) -> Stations:
+        """Of accelerations, velocities and torques, at knots and in the middle of the cells."""
+        cells, coordinates = np.arange(self._cells), self._coordinates
+        last = np.array([self._cells])
+        groups = []
+        for at, chosen, law, x in (
+            (0, cells, self._begins, 0.0),
+            (1, cells, self._middles, MIDDLE),
+            (0, last, self._ends[:, -1:], 1.0),
+        ):
+            index = np.minimum(chosen, self._cells - 1)
+            first, second = chained(self._derivatives[at][:, chosen], law)[:2] / coordinates.max_acceleration
+            high = np.ones_like(first)
+            high[:, : self._path.dof] = self._tightened[0, index]
+            speed = (self._slowness[at][chosen] * law[1])[:, None] ** 2
+            none = np.zeros_like(speed)
+            rows = [first, none], [second, speed], [-high, none - UNBOUNDED], [high, none + 1.0]
+            if self._efforts:
+                for row, extra in zip(rows, self._effort_rows(at, chosen, law), strict=True):
+                    row.append(extra)
+            groups.append((index, bases(x, len(index)), *(np.concatenate(row, axis=1) for row in rows)))
+        index, base, first, second, low, high = (np.concatenate(parts) for parts in zip(*groups, strict=True))
+        return Stations(index, base, first, second, None, low, high)
+
+    def _jerk_rows(self) -> Stations:
+        """Of the jerks, at both ends of each cell, and in the middle of the first and the last ones."""
+        cells, count = np.arange(self._cells), self._cells
+        ending = np.concatenate([cells[:ENDING_CELLS], cells[-ENDING_CELLS:]])
+        groups = []
+        for x, chosen, derivatives, law in (
+            (0.0, cells, self._derivatives[0][:, :count], self._begins),
+            (1.0, cells, self._derivatives[0][:, 1:], self._ends),
+            (MIDDLE, ending, self._derivatives[1][:, ending], self._middles[:, ending]),
+        ):
+            rows = chained(derivatives, law) / self._coordinates.max_jerk
+            high = np.ones_like(rows[0])
+            high[:, : self._path.dof] = self._tightened[1, chosen]
+            groups.append((chosen, bases(x, len(chosen)), *rows, -high, high))
+        return Stations(*(np.concatenate(parts) for parts in zip(*groups, strict=True)))
+
+    def limit_efforts(self) -> None:
+        """Have the efforts count: what holds the arm, what accelerates it along the path, and what its curve
+        costs.
+
+        Raises:
+            PlanningError: the arm cannot even be held somewhere.
+        """
+        dynamics, limits = self._robot.model.dynamics, self._limits
+        self._efforts = []
+        for joints in self._joints:
+            still = np.zeros_like(joints[0])
+            held = dynamics.inverse(joints[0], still, still)
+            _require_held(held, limits)
+            along = dynamics.inverse(joints[0], still, joints[1]) - held
+            curved = dynamics.inverse(joints[0], joints[1], joints[2]) - held
+            self._efforts.append(np.array([along, curved, held]) / limits.max_effort)
+
+    def _effort_rows(
+        self, at: int, chosen: npt.NDArray[np.intp], law: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        along, curved, held = self._efforts[at][:, chosen]
+        first, second, _ = chained(np.array([along, curved, np.zeros_like(along)]), law)
+        return first, second, -EFFORT_SHARE - held, EFFORT_SHARE - held
+
+    def _timed(self, rate: Array) -> Timed:
+        """As quintics that meet path and rate in value and two derivatives at the knots."""
+        times, squares, slopes = times_of(rate)
+        first, second, _ = chained(self._joints[0][1:], self._knots)
+        first[[0, -1]] = second[[0, -1]] = 0.0  # At rest, whatever was rounded.
+        trajectory = motion(times, self._joints[0][0], first, second, squares, slopes)
+        kept = stretch_to_limits(trajectory, self._limits)
+        stretched = kept.duration_s / trajectory.duration_s
+        if stretched > TIGHT:
+            self._tighten(trajectory)
+        place, *rates = self._knots[:3, :, None]
+        squares, slopes = squares / stretched**2, slopes / stretched**2
+        progress = motion(times * stretched, place, rates[0], rates[1], squares, slopes)
+        return Timed(kept, progress, stretched)
+
+    def _tighten(self, trajectory: Trajectory) -> None:
+        """Lower the limits of the cells in which the true extrema are beyond them."""
+        peaks = greatest_rates(trajectory.coefficients, np.diff(trajectory.breakpoints_s))
+        limits = self._limits.max_acceleration, self._limits.max_jerk
+        for tightened, peak, limit in zip(self._tightened, peaks[1:], limits, strict=True):
+            tightened /= np.maximum(peak / limit, 1.0)
+
+
+def _duration(cells: int) -> Stations:
+    """Simpson's rule for the duration."""
+    index = np.tile(np.arange(cells, dtype=np.float64), 3)
+    base = np.concatenate([bases(x, cells) for x in (0.0, MIDDLE, 1.0)])
+    weights = np.repeat([1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0], cells)[:, None]
+    none = np.zeros_like(weights)
+    return Stations(index, base, none, none, None, none, weights)
+
+
+def _require_held(held: Array, limits: JointLimits) -> None:
+    share = np.abs(held) / limits.max_effort
+    place, joint = np.unravel_index(int(share.argmax()), share.shape)
+    if share[place, joint] >= EFFORT_SHARE:
+        raise PlanningError(
+            f"{limits.names[int(joint)]} needs {abs(held[place, joint]):.4g} N·m to hold the arm at "
+            f"{100.0 * place / (len(held) - 1):.0f} % of the path, its limit is "
+            f"{limits.max_effort[joint]:.4g} N·m"
+        )

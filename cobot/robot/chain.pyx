@@ -160,6 +160,29 @@ cdef class Chain:
                 self.c_forward(&joints[row * self.dof], &poses[7 * row])
         return out
 
+    def twists(self, rows, rates):
+        """The TCP's velocities, shape (n, 6), m/s and rad/s in the base frame, at joints and joint velocities
+        of shape (n, dof)."""
+        given = np.array(rows, dtype=np.float64).reshape(-1, self.dof)
+        moved = np.array(rates, dtype=np.float64).reshape(-1, self.dof)
+        out = np.zeros((len(given), 6))
+        if len(given) == 0 or moved.shape != given.shape:
+            return out
+        cdef Py_ssize_t count = len(given), row
+        cdef const double* joints = doubles(given, count * self.dof)
+        cdef const double* velocity = doubles(moved, count * self.dof)
+        cdef double* twist = doubles(out, count * 6)
+        cdef double jacobian[6 * MAX_DOF]
+        cdef double pose[7]
+        cdef int i, j
+        with nogil:
+            for row in range(count):
+                self.c_forward_jacobian(&joints[row * self.dof], pose, jacobian)
+                for i in range(6):
+                    for j in range(self.dof):
+                        twist[6 * row + i] += jacobian[i * self.dof + j] * velocity[row * self.dof + j]
+        return out
+
 
 cdef inline void _turn_about_z(double* turn, double c, double s) noexcept nogil:
     """turn = turn Rz: the columns x and y are mixed."""

@@ -16,3 +16,6 @@ cdef class Dynamics:
     cdef void c_bias_torques(
         self, const double* joints, const double* velocity, double* torques
     ) noexcept nogil
+    cdef void c_inverse(
+        self, const double* joints, const double* velocity, const double* acceleration, double* torques
+    ) noexcept nogil

@@ -57,6 +57,41 @@ cdef class Dynamics:
         mj_comVel(self._model, self._data)
         mj_rne(self._model, self._data, 0, torques)
 
+    cdef void c_inverse(
+        self, const double* joints, const double* velocity, const double* acceleration, double* torques
+    ) noexcept nogil:
+        """What the drives need for an acceleration, their own inertia (armature) included, friction not."""
+        cdef int i
+        memcpy(self._data.qacc, acceleration, self._dof * sizeof(double))
+        memcpy(self._data.qpos, joints, self._dof * sizeof(double))
+        memcpy(self._data.qvel, velocity, self._dof * sizeof(double))
+        mj_kinematics(self._model, self._data)
+        mj_comPos(self._model, self._data)
+        mj_comVel(self._model, self._data)
+        mj_rne(self._model, self._data, 1, torques)
+        for i in range(self._dof):
+            torques[i] += self._model.dof_armature[i] * acceleration[i]
+
+    def inverse(self, joints, velocity, acceleration):
+        """Shape (..., dof), N·m, without friction, for rows of shape (..., dof)."""
+        shape = np.shape(joints)
+        states = (joints, velocity, acceleration)
+        given = [np.array(np.broadcast_to(each, shape), dtype=np.float64, order="C") for each in states]
+        torques = np.zeros(shape)
+        if torques.size == 0:
+            return torques
+        if shape[len(shape) - 1] != self._dof:
+            raise ValueError(f"rows of {self._dof} joints are needed, not {shape}")
+        cdef Py_ssize_t rows = torques.size // self._dof, row, begin
+        cdef const double* q = doubles(given[0], torques.size)
+        cdef const double* v = doubles(given[1], torques.size)
+        cdef const double* a = doubles(given[2], torques.size)
+        cdef double* out = doubles(torques, torques.size)
+        for row in range(rows):
+            begin = row * self._dof
+            self.c_inverse(&q[begin], &v[begin], &a[begin], &out[begin])
+        return torques
+
     def mass_matrix(self, joints):
         """Shape (dof, dof), kg·m²."""
         self._joints[...] = joints

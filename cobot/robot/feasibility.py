@@ -7,37 +7,49 @@ from collections.abc import Sequence
 import numpy as np
 
 from cobot.errors import LimitError
+from cobot.polynomials import greatest_rates, pieces_at
+from cobot.robot.model import RobotModel
 from cobot.trajectory import Trajectory
-from cobot.types import JointLimits
+from cobot.types import Array, JointLimits
 
 RELATIVE_TOLERANCE = 1e-6
-"""Rounding that a value may exceed its limit by: planners drive exactly at the limits."""
+"""Rounding that a value may exceed its limit by, in motions that were made elsewhere."""
 
-ROUNDING = 1e-6
-"""By how much more than needed a motion is stretched, so that rounding does not exceed the limits again."""
+EFFORT_SAMPLES, EFFORT_STEP_S = 2, 0.02
+MOST_EFFORT_STEPS = 2000
+"""Efforts are no polynomials: they are looked at so often in each segment, and at such steps, s, or at longer
+ones where there would be more than so many."""
+EFFORT_TOLERANCE = 1e-3
+"""What may lie between two of these looks."""
 
 QUANTITIES = ("position", "velocity", "acceleration", "jerk")
 UNITS = ("rad", "rad/s", "rad/s²", "rad/s³")
 
 
-def check_limits(trajectory: Trajectory, limits: JointLimits, labels: Sequence[str] | None = None) -> None:
+def check_limits(
+    trajectory: Trajectory,
+    limits: JointLimits,
+    labels: Sequence[str] | None = None,
+    tolerance: float = RELATIVE_TOLERANCE,
+) -> None:
     """Refuse a trajectory whose true extrema leave the limits, whichever comes first in time.
 
     Args:
         labels: what the caller calls the breakpoints, for the message.
+        tolerance: the share of a limit (of the range, for positions) by which it may be exceeded.
 
     Raises:
         LimitError: naming the place, the joint, the quantity, the value and the limit.
     """
     found = None
-    for derivative, (low, high) in enumerate(_bounds(limits)):
+    for derivative, (low, high) in enumerate(_bounds(limits, tolerance)):
         excess = trajectory.first_excess(derivative, low, high)
         if excess is not None and (found is None or excess[0] < found[1][0]):
             found = derivative, excess
     if found is None:
         return
     derivative, (segment, joint, value) = found
-    low, high = _bounds(limits)[derivative]
+    low, high = _bounds(limits, tolerance)[derivative]
     limit = low[joint] if value < low[joint] else high[joint]
     begin, end = trajectory.breakpoints_s[segment : segment + 2]
     place = f"from {begin:.3f} s to {end:.3f} s"
@@ -51,22 +63,50 @@ def check_limits(trajectory: Trajectory, limits: JointLimits, labels: Sequence[s
 
 def in_range(trajectory: Trajectory, limits: JointLimits) -> bool:
     """Whether all joints stay within their positions' limits."""
-    return trajectory.first_excess(0, *_bounds(limits)[0]) is None
+    return trajectory.first_excess(0, *_bounds(limits, RELATIVE_TOLERANCE)[0]) is None
 
 
 def stretch_to_limits(trajectory: Trajectory, limits: JointLimits) -> Trajectory:
     """The same path, slowed down evenly by just so much that all rate limits hold."""
-    factor = 1.0
-    for derivative in (1, 2, 3):
-        low, high = trajectory.extrema(derivative)
-        bound = _bounds(limits)[derivative][1]
-        ratio = float(np.max(np.maximum(-low, high) / bound))
-        factor = max(factor, ratio ** (1.0 / derivative))
-    return trajectory if factor <= 1.0 else trajectory.stretched(factor * (1.0 + ROUNDING))
+    peaks = greatest_rates(trajectory.coefficients, np.diff(trajectory.breakpoints_s)).max(axis=1)
+    bounds = np.array([limits.max_velocity, limits.max_acceleration, limits.max_jerk])
+    factor = float(((peaks / bounds).max(axis=1) ** (1.0 / np.arange(1, 4))).max())
+    return trajectory if factor <= 1.0 else trajectory.stretched(factor)
 
 
-def _bounds(limits: JointLimits) -> list[tuple[np.ndarray, np.ndarray]]:
-    slack = 1.0 + RELATIVE_TOLERANCE
+def _bounds(limits: JointLimits, tolerance: float) -> list[tuple[np.ndarray, np.ndarray]]:
+    slack = 1.0 + tolerance
     rates = [bound * slack for bound in (limits.max_velocity, limits.max_acceleration, limits.max_jerk)]
-    span = RELATIVE_TOLERANCE * (limits.max_position - limits.min_position)
+    span = tolerance * (limits.max_position - limits.min_position)
     return [(limits.min_position - span, limits.max_position + span), *((-rate, rate) for rate in rates)]
+
+
+def effort_samples(model: RobotModel, trajectory: Trajectory) -> tuple[Array, Array]:
+    """Times, shape (n,), s, and what the drives need there, shape (n, dof), N·m, without friction."""
+    knots = trajectory.breakpoints_s
+    durations = np.diff(knots)
+    step_s = max(EFFORT_STEP_S, trajectory.duration_s / MOST_EFFORT_STEPS)
+    counts = np.maximum(EFFORT_SAMPLES, np.ceil(durations / step_s)).astype(int)
+    segment = np.repeat(np.arange(len(durations)), counts)
+    number = np.arange(len(segment)) - np.repeat(np.cumsum(counts) - counts, counts)
+    times = np.append(knots[segment] + durations[segment] * number / counts[segment], knots[-1])
+    joints, velocity, acceleration, _ = pieces_at(knots, trajectory.coefficients, times)
+    return times, model.dynamics.inverse(joints, velocity, acceleration)
+
+
+def check_efforts(model: RobotModel, trajectory: Trajectory, limits: JointLimits) -> None:
+    """Refuse a motion that needs more than a joint's drive has, with what the model carries.
+
+    Raises:
+        LimitError: naming the place, the joint, what it needs and what it has.
+    """
+    times, efforts = effort_samples(model, trajectory)
+    share = np.abs(efforts) / limits.max_effort
+    if share.max() <= 1.0 + EFFORT_TOLERANCE:
+        return
+    sample, joint = np.unravel_index(int(share.argmax()), share.shape)
+    place = 100.0 * times[sample] / trajectory.duration_s
+    raise LimitError(
+        f"after {place:.0f} % of the motion ({times[sample]:.3f} s) {limits.names[int(joint)]} needs "
+        f"{abs(efforts[sample, joint]):.4g} N·m, its limit is {limits.max_effort[joint]:.4g} N·m"
+    )

@@ -22,6 +22,7 @@ cdef class PathClock:
     cdef void c_request(self, double rate) noexcept nogil
     cdef void c_advance(self, Path path) noexcept nogil
     cdef void _try_rung(self, Path path) noexcept nogil
+    cdef void _try_sooner(self, Path path) noexcept nogil
     cdef bint _plan(self, Path path) noexcept nogil
     cdef bint _admissible(self, Path path) noexcept nogil
     cdef bint _holds(

@@ -25,6 +25,10 @@ cdef double[RUNGS] LADDER = [1.0, 0.7, 0.5, 0.35, 0.25, 0.17, 0.12, 0.08, 0.05, 
 cdef double SIDE_S = 1e-9
 # A profile may use this share of the limits; the rest is for what lies between two samples.
 cdef double SHARE = 0.99
+# A profile under way gives way to one that needs no more than this share of the time that is left.
+cdef double SOONER = 0.8
+# Below zero the arm would go back.
+cdef double LEAST_RATE = -1e-9
 # The rate itself changes no faster than this, 1/s and 1/s²: where the arm hardly moves, anything would do.
 cdef double MAX_ACCELERATION = 50.0
 cdef double MAX_JERK = 2000.0
@@ -106,6 +110,8 @@ cdef class PathClock:
         cdef double there[3]
         if self.pending:
             self._try_rung(path)
+        elif self.profile_s >= 0.0:
+            self._try_sooner(path)
         if self.profile_s < 0.0:
             self.path_time_s += self.rate * self.period_s
         else:
@@ -124,6 +130,13 @@ cdef class PathClock:
             self.profile_target, self.profile_s, self.pending = self.target_rate, 0.0, False
         else:
             self.rung = (self.rung + 1) % RUNGS
+
+    cdef void _try_sooner(self, Path path) noexcept nogil:
+        """A gentle profile gives way to one that arrives sooner, as soon as the path leaves room for it."""
+        cdef double sooner_s = SOONER * (self.profile.duration - self.profile_s)
+        self.rung = (self.rung + 1) % RUNGS
+        if self._plan(path) and self.candidate.duration < sooner_s and self._admissible(path):
+            self.profile, self.profile_s = self.candidate, 0.0
 
     cdef bint _plan(self, Path path) noexcept nogil:
         """Whether there is a candidate on this rung."""
@@ -153,6 +166,8 @@ cdef class PathClock:
         cdef double breaks[MAX_BREAKPOINTS]
         cdef int i, count = _places(&self.candidate, places)
         for i in range(count):
+            if places[i].rate < LEAST_RATE:
+                return False
             if not self._holds(path, places[i].path_time_s, places[i].rate, places[i].slope, places[i].bend):
                 return False
         if count == 0:

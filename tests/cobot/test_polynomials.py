@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cobot.polynomials import EXPONENTS, FACTORS, HERMITE, between, evaluate, peaks
+from cobot.polynomials import (
+    EXPONENTS,
+    FACTORS,
+    HERMITE,
+    between,
+    evaluate,
+    greatest_rates,
+    peaks,
+    pieces_at,
+)
 from cobot.types import Array
 
 COLUMNS, ROUNDS = 5000, 20
@@ -81,3 +90,35 @@ def test_what_is_no_number_is_a_peak_that_is_none() -> None:
     coefficients[3, 1] = np.nan
     assert np.isnan(peaks(coefficients, 1.0, 5)[:, 1]).all()
     assert not peaks(coefficients, 1.0, 5)[:, 0].any()
+
+
+@pytest.mark.parametrize("seed", range(ROUNDS))
+def test_pieces_are_evaluated_as_numpys_polynomials(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    breakpoints = np.concatenate([[0.0], np.cumsum(rng.uniform(0.01, 1.0, 12))])
+    coefficients = rng.normal(size=(12, 5, 6))
+    places = np.concatenate([rng.uniform(0.0, breakpoints[-1], 50), breakpoints])
+    piece = np.clip(np.searchsorted(breakpoints, places, side="right") - 1, 0, 11)
+    found = pieces_at(breakpoints, coefficients, places)
+    for order in range(4):
+        rows = np.polynomial.polynomial.polyder(coefficients, order, axis=2)[piece]
+        since = (places - breakpoints[piece])[:, None, None] ** np.arange(6 - order)
+        assert found[order] == pytest.approx((rows * since).sum(axis=2), abs=1e-12, rel=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(ROUNDS))
+def test_the_greatest_rates_are_where_numpys_roots_are(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    coefficients = rng.normal(size=(6, 4, 6)) * 10.0 ** rng.uniform(-6.0, 0.0, (6, 4, 1))
+    coefficients[0, 0, 3:], coefficients[1, 1], coefficients[2, 2, 4:] = 0.0, 0.0, 0.0
+    durations = rng.uniform(0.01, 3.0, 6)
+    found = greatest_rates(coefficients, durations)
+    for order in range(1, 4):
+        for piece, duration in enumerate(durations):
+            for joint in range(4):
+                curve = np.polynomial.Polynomial(coefficients[piece, joint]).deriv(order)
+                flat = curve.deriv().trim().roots()
+                inside = flat[np.abs(flat.imag) < 1e-9].real
+                places = np.concatenate([[0.0, duration], inside[(inside > 0.0) & (inside < duration)]])
+                expected = np.abs(curve(places)).max()
+                assert found[order - 1, piece, joint] == pytest.approx(expected, rel=1e-11, abs=1e-12)

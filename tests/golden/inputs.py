@@ -6,11 +6,11 @@ They are stored, so that another planner or another inverse kinematics does not 
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
 
 from cobot.motions.requests import MotionRequest
 from cobot.planners import WaypointRequest, plan, plan_waypoints
-from cobot.planners.time_law import timed
+from cobot.planners.path import Path
+from cobot.planners.time_law import time_optimal
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import inverse
 from cobot.trajectory import Trajectory
@@ -93,7 +93,7 @@ def _curve(robot: RobotDescription, home: Array) -> Trajectory:
     random = np.random.default_rng(5)
     points = np.vstack([home, home + random.uniform(-0.3, 0.3, (4, 7))])
     limits = robot.limits.scaled(0.8, 0.8, 1.0)
-    return timed(make_interp_spline(np.linspace(0.0, 1.0, 5), points, k=4), limits, 60)
+    return time_optimal(robot, Path.through(np.linspace(0.0, 1.0, 5), points), limits).trajectory
 
 
 def _zigzag(

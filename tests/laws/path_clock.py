@@ -18,6 +18,10 @@ SHARE = 0.99
 MAX_ACCELERATION = 50.0
 MAX_JERK = 2000.0
 """Of the rate, 1/s and 1/s²: where the arm hardly moves, any rate would be admissible."""
+SOONER = 0.8
+"""A profile under way gives way to one that needs no more than this share of the time that is left."""
+LEAST_RATE = -1e-9
+"""Below zero the arm would go back."""
 LONGEST_S = 2.0
 """Of a profile: a gentler one is not taken, for somebody waits for the stop."""
 
@@ -79,6 +83,8 @@ class PathClock:
         """One period on."""
         if self._pending:
             self._try_rung(path)
+        elif self._profile_s >= 0.0:
+            self._try_sooner(path)
         if self._profile_s < 0.0:
             self.path_time_s += self.rate * self._period_s
         else:
@@ -92,6 +98,22 @@ class PathClock:
     def _try_rung(self, path: Path) -> None:
         """Take this cycle's candidate if it holds; if not, the next cycle tries a gentler one."""
         self._waited_s += self._period_s
+        if self._planned(path) and self._admissible(path):
+            self._profile, self._candidate = self._candidate, self._profile
+            self._profile_target, self._profile_s, self._pending = self.target_rate, 0.0, False
+        else:
+            self._rung = (self._rung + 1) % len(LADDER)
+
+    def _try_sooner(self, path: Path) -> None:
+        """A gentle profile gives way to one that arrives sooner, as soon as the path leaves room for it."""
+        sooner_s = SOONER * (self._profile.duration - self._profile_s)
+        self._rung = (self._rung + 1) % len(LADDER)
+        if self._planned(path) and self._candidate.duration < sooner_s and self._admissible(path):
+            self._profile, self._candidate = self._candidate, self._profile
+            self._profile_s = 0.0
+
+    def _planned(self, path: Path) -> bool:
+        """Whether there is a candidate on this rung."""
         speed = np.abs(path.sample(np.array([self.path_time_s]))[0, 0]) + 1e-9
         fraction = LADDER[self._rung]
         steepest = min(float((self._max_acceleration / speed).min()), MAX_ACCELERATION)
@@ -104,11 +126,7 @@ class PathClock:
         # never below the present slope: Ruckig would put a brake phase in front
         problem.max_acceleration = [max(steepest * fraction, abs(self.rate_slope) * (1.0 + 1e-9))]
         problem.max_jerk = [jerk * fraction]
-        if self._calculated() and self._admissible(path):
-            self._profile, self._candidate = self._candidate, self._profile
-            self._profile_target, self._profile_s, self._pending = self.target_rate, 0.0, False
-        else:
-            self._rung = (self._rung + 1) % len(LADDER)
+        return self._calculated()
 
     def _calculated(self) -> bool:
         """Whether there is a candidate. Of numbers that are all but zero Ruckig makes none."""
@@ -134,6 +152,8 @@ class PathClock:
         )
         grid = (s + t * (r + t * (a / 2 + t * j / 6))).ravel()
         rates = np.array([r + t * (a + t * j / 2), a + t * j, np.broadcast_to(j, t.shape)]).reshape(3, -1)
+        if rates[0].min() < LEAST_RATE:
+            return False
         # The path's jerk steps at its breakpoints: both sides of each are looked at too.
         breaks = path.breakpoints(grid[0], grid[-1])
         times = np.concatenate([grid, breaks - SIDE_S, breaks + SIDE_S])

@@ -26,7 +26,7 @@ from app.api.schemas import (
 from app.services.motion.execution import Goal, Outcome
 from cobot import audit
 from cobot.robot.frames import abc_from_quaternion
-from cobot.types import PlannerName, Scaling
+from cobot.types import PlannerName, Scaling, Synchronization
 
 COMPLETED = "Motion completed successfully"
 MOTION_RESPONSES = responses(409, 413, 415, 422, 503)
@@ -85,16 +85,20 @@ async def positions(request: Request) -> list[NamedPositionAnswer]:
 async def move_named(body: MoveNamed, request: Request, gone: Gone) -> MoveAnswer:
     """Go to a named position; answers when the arm has arrived and settled."""
     call = Call(request)
-    goal = _by(body, call.services.motion.named(body.name, Scaling(body.speed, body.accel_scale)))
-    return _answer(await call.services.motion.move(goal, call.caller(gone)))
+    goal = call.services.motion.named(
+        body.name, Scaling(body.speed, body.accel_scale), Synchronization(body.synchronization)
+    )
+    return _answer(await call.services.motion.move(_by(body, goal), call.caller(gone)))
 
 
 @router.post("/move/joints", responses=MOTION_RESPONSES, dependencies=[Depends(json_body)])
 async def move_joints(body: MoveJoints, request: Request, gone: Gone) -> MoveAnswer:
     """Go to joint angles; answers when the arm has arrived and settled."""
     call = Call(request)
-    goal = _by(body, call.services.motion.joints(body.joints, Scaling(body.speed, body.accel_scale)))
-    return _answer(await call.services.motion.move(goal, call.caller(gone)))
+    goal = call.services.motion.joints(
+        body.joints, Scaling(body.speed, body.accel_scale), Synchronization(body.synchronization)
+    )
+    return _answer(await call.services.motion.move(_by(body, goal), call.caller(gone)))
 
 
 @router.post("/move/pose", responses=MOTION_RESPONSES, dependencies=[Depends(json_body)])
@@ -109,6 +113,7 @@ async def move_pose(body: MovePose, request: Request, gone: Gone) -> MoveAnswer:
         body.planner,
         Scaling(body.speed, body.accel_scale),
         via,
+        Synchronization(body.synchronization),
     )
     return _answer(await call.services.motion.move(_by(body, goal), call.caller(gone)))
 

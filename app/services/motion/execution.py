@@ -26,12 +26,12 @@ from cobot.errors import (
     UnavailableError,
 )
 from cobot.ipc.layout import MotionResult
-from cobot.motions.requests import RRT_CONNECT, Algorithm, MotionRequest, check_via
+from cobot.motions.requests import RRT_CONNECT, Algorithm, MotionRequest, check_synchronization, check_via
 from cobot.robot.description import RobotDescription
 from cobot.robot.frames import pose_from_abc
 from cobot.robot.limits import check_positions
 from cobot.trajectory import Trajectory
-from cobot.types import Array, LoopMode, PlannerName, Pose, Scaling
+from cobot.types import Array, LoopMode, PlannerName, Pose, Scaling, Synchronization
 
 REST_TIMEOUT_S = 5.0
 """How long a motion that was told to stop is waited for."""
@@ -69,6 +69,7 @@ class Goal:
     planner: PlannerName = PlannerName.PTP
     via: Array | None = None
     algorithm: Algorithm = RRT_CONNECT
+    synchronization: Synchronization = Synchronization.TIME
 
 
 class MotionService:
@@ -88,7 +89,9 @@ class MotionService:
         self._planning = planning
         self._settings = settings
 
-    def named(self, name: str, scaling: Scaling) -> Goal:
+    def named(
+        self, name: str, scaling: Scaling, synchronization: Synchronization = Synchronization.TIME
+    ) -> Goal:
         """The goal of a named position.
 
         Raises:
@@ -98,9 +101,14 @@ class MotionService:
         if position is None:
             valid = ", ".join(self._robot.positions)
             raise InputError(f"there is no named position {name!r}; valid are: {valid}")
-        return self.joints(list(position.joints), scaling)
+        return self.joints(list(position.joints), scaling, synchronization)
 
-    def joints(self, angles: list[float], scaling: Scaling) -> Goal:
+    def joints(
+        self,
+        angles: list[float],
+        scaling: Scaling,
+        synchronization: Synchronization = Synchronization.TIME,
+    ) -> Goal:
         """The goal of joint angles, rad.
 
         Raises:
@@ -112,7 +120,7 @@ class MotionService:
             raise InputError(f"joints must have {limits.dof} angles, got {len(angles)}")
         target = np.array(angles, dtype=np.float64)
         check_positions(limits, target)
-        return Goal(target, scaling)
+        return Goal(target, scaling, synchronization=synchronization)
 
     def pose(
         self,
@@ -122,18 +130,26 @@ class MotionService:
         planner: str,
         scaling: Scaling,
         via: list[float] | None,
+        synchronization: Synchronization = Synchronization.TIME,
     ) -> Goal:
         """The goal of a TCP pose: m, KUKA angles in rad.
 
         Raises:
-            InputError: an unknown frame, or a `via` that does not fit the planner.
+            InputError: an unknown frame, or a `via` or a synchronization that does not fit the planner.
         """
         base = self._robot.base_frame
         if (frame or self._settings.default_frame) != base:
             raise InputError(f"frame_id: there is no frame {frame!r}; valid are: {base}, or empty for it")
         check_via(PlannerName(planner), via)
+        check_synchronization(PlannerName(planner), synchronization)
         point = None if via is None else np.array(via)
-        return Goal(pose_from_abc(*position, *abc), scaling, PlannerName(planner), point)
+        return Goal(
+            pose_from_abc(*position, *abc),
+            scaling,
+            PlannerName(planner),
+            point,
+            synchronization=synchronization,
+        )
 
     async def move(self, goal: Goal, caller: Caller) -> Outcome:
         """Plan, go, and return when the arm has arrived and settled, or why it has not.
@@ -155,6 +171,7 @@ class MotionService:
                     goal.via,
                     timeout_s=self._settings.timeout_s,
                     algorithm=goal.algorithm,
+                    synchronization=goal.synchronization,
                 )
                 trajectory = await self.plan(claim, request, caller.timeout_s)
                 planned_s = self._link.clock.now_s()

@@ -6,6 +6,7 @@ Oracle: ruckig called directly, one joint at a time; differences of dense sample
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from cobot.planners import MotionRequest, plan
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import inverse
 from cobot.trajectory import Trajectory
-from cobot.types import Array, PlannerName, Pose, Scaling
+from cobot.types import Array, PlannerName, Pose, Scaling, Synchronization
 
 SEED = 20261121
 ROUNDING = 1e-5
@@ -115,6 +116,53 @@ def test_ptp_joints_all_start_and_end_together_and_never_turn_back(robot: RobotD
         assert np.diff(way, axis=0).min() > -1e-9
         assert way[2].min() > 0.0, "a joint starts later than others"
         assert way[-3].max() < 1.0, "a joint ends earlier than others"
+
+
+def test_ptp_in_phase_is_straight_in_joint_space_and_no_faster_than_in_time(robot: RobotDescription) -> None:
+    longer = 0
+    for start, goal, motion in free_pairs(robot, 20):
+        request = MotionRequest(start, goal, PlannerName.PTP, FULL, synchronization=Synchronization.PHASE)
+        try:
+            straight = plan(robot, request)
+        except CollisionError:
+            continue
+        assert straight is not None
+        offsets = straight.sample(np.linspace(0.0, straight.duration_s, 300)) - start
+        way = goal - start
+        shares = offsets @ way / (way @ way)
+        assert np.abs(offsets - shares[:, None] * way).max() < 1e-9
+        assert np.diff(shares).min() > -1e-12
+        assert straight.end == pytest.approx(goal, abs=1e-12)
+        limits = request.scaled_limits(robot)
+        used = largest_rates(straight) / rate_limits(limits)
+        assert 0.98 < used.max() <= 1.0 + ROUNDING
+        assert straight.duration_s > motion.duration_s * (1.0 - 1e-9)
+        longer += straight.duration_s > motion.duration_s * 1.001
+    assert longer > 0
+
+
+@pytest.mark.parametrize("planner", ["lin", "circ", "ompl", "chomp"])
+def test_only_ptp_takes_a_synchronization(robot: RobotDescription, planner: str) -> None:
+    via = np.array([0.4, 0.1, 0.4]) if planner == "circ" else None
+    request = MotionRequest(home(robot), robot.model.forward(work(robot)), PlannerName(planner), FULL, via)
+    with pytest.raises(
+        InputError, match=f"synchronization: phase is for planner ptp only, not for {planner}"
+    ):
+        plan(robot, replace(request, synchronization=Synchronization.PHASE))
+
+
+@pytest.mark.parametrize("planner", ["ptp", "lin", "circ", "ompl", "chomp"])
+def test_no_planner_exceeds_a_limit_by_more_than_rounding(robot: RobotDescription, planner: str) -> None:
+    start = work(robot)
+    pose = robot.model.forward(start)
+    via = pose.position + np.array([0.0, 0.1, 0.02]) if planner == "circ" else None
+    goal = Pose(pose.position + np.array([0.05, 0.2, 0.1]), pose.quaternion)
+    for speed in (1.0, 0.37):
+        request = MotionRequest(start, goal, PlannerName(planner), Scaling(speed), via)
+        motion = plan(robot, request)
+        assert motion is not None
+        for order, limit in enumerate(rate_limits(request.scaled_limits(robot)), 1):
+            assert (np.maximum(*np.abs(motion.extrema(order))) <= limit * (1.0 + 1e-9)).all()
 
 
 def test_a_joint_that_has_nothing_to_do_stands_still(robot: RobotDescription) -> None:

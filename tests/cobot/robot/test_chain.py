@@ -211,3 +211,9 @@ def test_more_joints_than_compiled_code_has_room_for_are_refused() -> None:
     limits = JointLimits(tuple(f"j{i}" for i in range(17)), -ones, ones, ones, ones, ones, ones)
     with pytest.raises(ConfigError, match="17 joints, at the most 16"):
         RobotModel(mujoco.MjModel.from_xml_string(text), limits, "base_link", "tcp")
+
+
+def test_twists_are_the_jacobian_times_the_joint_velocities(robot: RobotDescription) -> None:
+    joints, rates = np.random.default_rng(3).uniform(-2.5, 2.5, (2, 500, robot.model.dof))
+    expected = [robot.model.jacobian(q) @ v for q, v in zip(joints, rates, strict=True)]
+    np.testing.assert_allclose(robot.model.chain.twists(joints, rates), expected, atol=TOLERANCE)

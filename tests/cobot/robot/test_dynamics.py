@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import mujoco
 import numpy as np
 import pytest
@@ -47,3 +49,16 @@ def test_values_that_are_not_finite_end_nothing(robot: RobotDescription) -> None
         robot.model.dynamics.mass_matrix(np.full(7, strange))
         robot.model.dynamics.bias_torques(np.zeros(7), np.full(7, strange))
         robot.model.forward(np.zeros(7))
+
+
+def test_inverse_dynamics_are_those_of_mujoco(robot: RobotDescription, states: Array) -> None:
+    mj, dynamics = robot.model.mj, Dynamics(robot.model.mj)
+    free = copy.copy(mj)
+    free.dof_damping[:], free.dof_frictionloss[:] = 0.0, 0.0
+    free.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    data, rows = mujoco.MjData(free), states[:6000].reshape(-1, 3, 7)
+    found = dynamics.inverse(rows[:, 0], rows[:, 1], rows[:, 2])
+    for (joints, velocity, acceleration), torques in zip(rows, found, strict=True):
+        data.qpos[:], data.qvel[:], data.qacc[:] = joints, velocity, acceleration
+        mujoco.mj_inverse(free, data)
+        assert abs(torques - data.qfrc_inverse).max() < 1e-12 * max(1.0, abs(torques).max())

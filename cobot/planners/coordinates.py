@@ -1,0 +1,122 @@
+"""What is limited along a path, and how it changes with the path's parameter: the joints, and the TCP."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cobot.planners.path import Path
+from cobot.robot.model import RobotModel
+from cobot.types import Array, CartesianLimits, JointLimits
+
+DIFFERENCE = 1e-4
+"""The TCP's derivatives are differences over this share of the path."""
+DIRECTIONS = np.pi / 8.0 * np.array([-3.0, -1.0, 1.0, 3.0])
+"""A vector is limited along these directions, rad from its tangent: an octagon within the circle, with
+corners on the tangent and on the normal, where it is exact. In between it lacks 8 % at the most."""
+NEARLY_STRAIGHT = 0.01
+"""Where the normal acceleration at full speed stays below this share of the limit, the tangent alone counts.
+"""
+
+
+class Coordinates:
+    """The joints, and after them the directions in which the TCP's velocity may change.
+
+    Attributes:
+        path, limits: what they are of.
+        max_acceleration, max_jerk: shape (m,), of each coordinate, per s² and s³.
+    """
+
+    def __init__(
+        self,
+        model: RobotModel,
+        path: Path,
+        limits: JointLimits,
+        tcp_limits: CartesianLimits | None = None,
+        least_slowness: float = 0.0,
+    ) -> None:
+        """least_slowness: how long a unit of the path's parameter takes at the least, s."""
+        self._model, self.path, self.limits = model, path, limits
+        self._least_slowness = least_slowness
+        self._tcp: list[_Tcp] = []
+        if tcp_limits is not None:
+            places = np.linspace(0.0, path.length, 33)
+            twists = _twists(model, path, places)
+            rates = (
+                (
+                    tcp_limits.max_linear_velocity,
+                    tcp_limits.max_linear_acceleration,
+                    tcp_limits.max_linear_jerk,
+                ),
+                (
+                    tcp_limits.max_angular_velocity,
+                    tcp_limits.max_angular_acceleration,
+                    tcp_limits.max_angular_jerk,
+                ),
+            )
+            self._tcp = [_Tcp(twists[:, :, part], *rate) for part, rate in zip(PARTS, rates, strict=True)]
+        self.max_acceleration = np.concatenate(
+            [limits.max_acceleration, *(np.full(tcp.rows, tcp.acceleration) for tcp in self._tcp)]
+        )
+        self.max_jerk = np.concatenate([limits.max_jerk, *(np.full(tcp.rows, tcp.jerk) for tcp in self._tcp)])
+
+    def at(self, places: Array) -> tuple[Array, Array, Array]:
+        """At places of the path: the joints and their derivatives by s, shape (4, n, dof); the derivatives of
+        all coordinates, (3, n, m); and the least time per s, shape (n,), that the velocities allow."""
+        joints = self.path.derivatives(places)
+        slowness = (np.abs(joints[1]) / self.limits.max_velocity).max(axis=1, initial=self._least_slowness)
+        rows = [joints[1:]]
+        if self._tcp:
+            twists = _twists(self._model, self.path, places)
+            for part, tcp in zip(PARTS, self._tcp, strict=True):
+                slowness = np.maximum(slowness, np.linalg.norm(twists[0, :, part], axis=1) / tcp.velocity)
+                rows.append(tcp.projected(twists[:, :, part]))
+        return joints, np.concatenate(rows, axis=2), slowness
+
+
+PARTS = (slice(0, 3), slice(3, 6))
+"""The linear and the angular part of a twist."""
+
+
+class _Tcp:
+    """The linear or the angular motion of the TCP: a vector whose length is limited.
+
+    Attributes:
+        rows: in how many directions it is looked at.
+        velocity, acceleration, jerk: its limits, the latter two in each of these directions.
+    """
+
+    def __init__(self, twists: Array, velocity: float, acceleration: float, jerk: float) -> None:
+        _, normal = _frame(twists)
+        speed = velocity / np.maximum(np.linalg.norm(twists[0], axis=1), 1e-12)
+        bend = np.abs((normal * twists[1]).sum(axis=1)) * speed**2
+        still = np.linalg.norm(twists[0], axis=1).max() < 1e-9
+        straight = still or bend.max() < NEARLY_STRAIGHT * acceleration
+        self._directions = np.zeros(1) if straight else DIRECTIONS
+        self.rows = len(self._directions)
+        inner = 1.0 if straight else np.cos(np.pi / 8.0)
+        self.velocity, self.acceleration, self.jerk = velocity, inner * acceleration, inner * jerk
+
+    def projected(self, twists: Array) -> Array:
+        """Derivatives, shape (3, n, 3), in the directions between tangent and normal, shape (3, n, rows)."""
+        tangent, normal = _frame(twists)
+        along, across = (twists * tangent).sum(axis=2), (twists * normal).sum(axis=2)
+        return np.asarray(
+            along[:, :, None] * np.cos(self._directions) + across[:, :, None] * np.sin(self._directions)
+        )
+
+
+def _frame(twists: Array) -> tuple[Array, Array]:
+    """Tangent and normal, shape (n, 3) each; where there is none it is 0."""
+    first, second = twists[0], twists[1]
+    tangent = first / np.maximum(np.linalg.norm(first, axis=1), 1e-12)[:, None]
+    across = second - (second * tangent).sum(axis=1)[:, None] * tangent
+    return tangent, across / np.maximum(np.linalg.norm(across, axis=1), 1e-12)[:, None]
+
+
+def _twists(model: RobotModel, path: Path, places: Array) -> Array:
+    """The TCP's velocity per unit of s, and its first two derivatives, shape (3, n, 6)."""
+    step = DIFFERENCE * path.length
+    middles = np.clip(places, step, path.length - step)
+    samples = path.derivatives(np.concatenate([middles - step, middles, middles + step]))
+    before, here, after = np.split(model.chain.twists(samples[0], samples[1]), 3)
+    return np.array([here, (after - before) / (2.0 * step), (after - 2.0 * here + before) / step**2])

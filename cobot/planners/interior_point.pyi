@@ -1,0 +1,25 @@
+"""The fastest rate along a reference motion that keeps limits of velocity, acceleration, jerk and torque.
+
+Attributes:
+    Stations: the places at which one kind of limit is kept.
+"""
+
+from cobot.types import Array
+
+class Stations:
+    def __init__(
+        self,
+        cells: Array,
+        basis: Array,
+        first: Array,
+        second: Array,
+        third: Array | None,
+        low: Array,
+        high: Array,
+    ) -> None: ...
+
+def fastest_rate(
+    cells: int, times: Stations, bounded: list[Stations], gap: float, iterations: int
+) -> tuple[Array, float, int]:
+    """The coefficients, shape (cells + 2,), of the square of the rate; the gap that is left, as a share of
+    the duration; and how many iterations it took."""

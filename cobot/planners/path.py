@@ -1,0 +1,96 @@
+"""Where the joints lead, without when: a curve in joint space as piecewise polynomials of a parameter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import factorial
+
+import numpy as np
+from scipy.interpolate import BSpline, make_interp_spline
+
+from cobot.errors import InputError
+from cobot.polynomials import pieces_at
+from cobot.trajectory import ORDER, Trajectory
+from cobot.types import Array
+
+DEGREE = ORDER - 1
+POINTS_ALONG = 200
+"""A trajectory's path is taken through so many of its points."""
+
+
+@dataclass(frozen=True, slots=True)
+class Path:
+    """A curve of all joints over a parameter s, of any unit, that is twice continuously differentiable.
+
+    Attributes:
+        breakpoints: shape (n+1,), of s, strictly increasing, starting at 0.
+        coefficients: shape (n, dof, 6), rad, in ascending powers of s since the piece's start.
+
+    Raises:
+        InputError: other shapes, parameters that do not increase, values that are not finite.
+    """
+
+    breakpoints: Array
+    coefficients: Array
+
+    def __post_init__(self) -> None:
+        breakpoints, coefficients = self.breakpoints, self.coefficients
+        if coefficients.ndim != 3 or coefficients.shape[2] != ORDER:
+            raise InputError(f"a path needs coefficients (n, dof, {ORDER}), got {coefficients.shape}")
+        if breakpoints.shape != (len(coefficients) + 1,) or len(coefficients) == 0:
+            raise InputError(f"a path needs breakpoints (n+1,), got {breakpoints.shape}")
+        if not (np.isfinite(breakpoints).all() and np.isfinite(coefficients).all()):
+            raise InputError("a path must be finite")
+        if breakpoints[0] != 0.0 or not (np.diff(breakpoints) > 0.0).all():
+            raise InputError("a path's breakpoints must start at 0 and increase strictly")
+
+    @classmethod
+    def of_spline(cls, spline: BSpline) -> Path:
+        """A spline of up to degree 5, shape (dof,) at each place, between its first and last inner knots."""
+        knots = np.unique(spline.t[spline.k : len(spline.t) - spline.k])
+        powers = np.zeros((len(knots) - 1, spline.c.shape[1], ORDER))
+        for order in range(spline.k + 1):
+            powers[:, :, order] = spline(knots[:-1], order) / factorial(order)
+        return cls(knots - knots[0], powers)
+
+    @classmethod
+    def through(cls, parameters: Array, points: Array) -> Path:
+        """Through points, shape (n, dof), at parameters, shape (n,), with four continuous derivatives."""
+        degree = min(DEGREE, len(points) - 1)
+        return cls.of_spline(make_interp_spline(parameters, points, k=degree))
+
+    @classmethod
+    def straight(cls, start: Array, goal: Array) -> Path:
+        """The straight line between two points, shape (dof,) each, over s in [0, 1]."""
+        coefficients = np.zeros((1, len(start), ORDER))
+        coefficients[0, :, 0], coefficients[0, :, 1] = start, goal - start
+        return cls(np.array([0.0, 1.0]), coefficients)
+
+    @classmethod
+    def of_trajectory(cls, trajectory: Trajectory) -> Path:
+        """The way of a motion that does not stop on it, over its length in joint space.
+
+        It is taken through `POINTS_ALONG` points at least, at equal steps of this length.
+        """
+        times = np.linspace(0.0, trajectory.duration_s, 16 * max(POINTS_ALONG, trajectory.segments) + 1)
+        steps = np.linalg.norm(np.diff(trajectory.sample(times), axis=0), axis=1)
+        length = np.concatenate([[0.0], np.cumsum(steps)])
+        even = np.linspace(0.0, length[-1], max(POINTS_ALONG, trajectory.segments) + 1)
+        return cls.through(even, trajectory.sample(np.interp(even, length, times)))
+
+    @property
+    def length(self) -> float:
+        """The largest value of the parameter."""
+        return float(self.breakpoints[-1])
+
+    @property
+    def dof(self) -> int:
+        return int(self.coefficients.shape[1])
+
+    def at(self, places: Array, derivative: int = 0) -> Array:
+        """Positions, or their first to third derivative by s, shape (len(places), dof)."""
+        return np.asarray(self.derivatives(places)[derivative])
+
+    def derivatives(self, places: Array) -> Array:
+        """Positions and their first three derivatives by s, shape (4, len(places), dof)."""
+        return pieces_at(self.breakpoints, self.coefficients, np.clip(places, 0.0, self.length))

@@ -1,0 +1,62 @@
+"""Paths in joint space. Oracle: scipy's splines."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.interpolate import make_interp_spline
+
+from cobot.errors import InputError
+from cobot.motions.requests import MotionRequest
+from cobot.planners.path import Path
+from cobot.planners.ptp import plan_ptp
+from cobot.planners.spline import control_spline
+from cobot.robot.description import RobotDescription
+from cobot.types import PlannerName, Scaling
+
+PLACES = np.linspace(0.0, 1.0, 301)
+
+
+@pytest.mark.parametrize("points", [2, 3, 5, 6, 20])
+def test_a_path_through_points_is_scipys_spline_with_its_derivatives(points: int) -> None:
+    random = np.random.default_rng(points)
+    rows, parameters = random.normal(size=(points, 7)), np.linspace(0.0, 1.0, points)
+    path, spline = Path.through(parameters, rows), make_interp_spline(parameters, rows, k=min(5, points - 1))
+    np.testing.assert_allclose(path.at(parameters), rows, atol=1e-12)
+    for order, found in enumerate(path.derivatives(PLACES[:-1])):
+        expected = spline(PLACES[:-1], order)
+        np.testing.assert_allclose(found, expected, atol=1e-9 * (1.0 + np.abs(expected).max()))
+
+
+def test_a_clamped_spline_keeps_its_ends() -> None:
+    points = np.random.default_rng(1).normal(size=(14, 7))
+    path = Path.of_spline(control_spline(points))
+    np.testing.assert_allclose(path.at(np.array([0.0, path.length])), points[[0, -1]], atol=1e-12)
+    np.testing.assert_allclose(path.at(PLACES), control_spline(points)(PLACES), atol=1e-12)
+
+
+def test_the_path_of_a_motion_is_where_the_motion_was(robot: RobotDescription) -> None:
+    start, goal = np.array(robot.positions["home"].joints), np.array(robot.positions["work"].joints)
+    goal[[0, 4]] += 1.0, -0.3
+    request = MotionRequest(start, goal, PlannerName.PTP, Scaling(1.0))
+    motion = plan_ptp(robot, request, goal)
+    path = Path.of_trajectory(motion)
+    along = motion.sample(np.linspace(0.0, motion.duration_s, 20_000))
+    for point in path.at(path.length * PLACES):
+        assert np.linalg.norm(along - point, axis=1).min() < 3e-4
+    assert np.linalg.norm(path.at(path.length * PLACES, 1), axis=1) == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("breakpoints", "coefficients", "message"),
+    [
+        ([0.0, 1.0], np.zeros((1, 7, 4)), r"coefficients \(n, dof, 6\)"),
+        ([0.0, 1.0, 2.0], np.zeros((1, 7, 6)), r"breakpoints \(n\+1,\)"),
+        ([0.0, np.nan], np.zeros((1, 7, 6)), "must be finite"),
+        ([0.1, 1.0], np.zeros((1, 7, 6)), "start at 0 and increase"),
+        ([0.0, 0.0], np.zeros((1, 7, 6)), "start at 0 and increase"),
+    ],
+)
+def test_what_is_no_path_is_refused(breakpoints: list[float], coefficients: np.ndarray, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        Path(np.array(breakpoints), coefficients)
