@@ -25,6 +25,8 @@ from cobot.types import Array, JointLimits
 
 STEPS_TO_FULL_ACCELERATION = 10
 LEAST_STEPS, MOST_STEPS = 40, 60_000
+MUCH_SLOWER = 1.5
+"""What has to be slower by this factor on the whole gets steps of the time that it will take."""
 AVERAGES = [(3, 1), (5, 1), (7, 3), (10, 1), (10, 5), (14, 1), (14, 7), (20, 1)]
 """Over so many steps: once over the first number, twice over the second."""
 TOO_FAR = 1.5
@@ -93,11 +95,12 @@ class _Search:
     """
 
     def __init__(self, asked: Trajectory, limits: JointLimits, corridor: Array) -> None:
-        step_s = float((limits.max_acceleration / limits.max_jerk).min()) / STEPS_TO_FULL_ACCELERATION
-        step_s = np.clip(step_s, asked.duration_s / MOST_STEPS, asked.duration_s / LEAST_STEPS)
+        self._usual_s = float((limits.max_acceleration / limits.max_jerk).min()) / STEPS_TO_FULL_ACCELERATION
+        coarsest_s, finest_s = asked.duration_s / LEAST_STEPS, asked.duration_s / MOST_STEPS
+        self._step_s = float(np.clip(self._usual_s, finest_s, coarsest_s))
         self._limits = limits
         self._corridor = corridor
-        self._curve = asked_curve(asked, float(step_s))
+        self._curve = asked_curve(asked, self._step_s)
         self.least_s = self._curve.interval_s * float(
             (np.abs(self._curve.directions) / limits.max_velocity).max(axis=1).sum()
         )
@@ -132,6 +135,9 @@ class _Search:
         curve = self._curve
         grid_s = np.linspace(0.0, curve.duration_s, round(curve.duration_s / curve.step_s) + 1)
         slowness = self._first_slowness(grid_s)
+        expected_s = float(slowness.mean()) * curve.duration_s
+        if expected_s > MUCH_SLOWER * curve.duration_s:
+            self._step_s = min(self._usual_s, expected_s / LEAST_STEPS)
         control: Array | None = None
         most = max(INNER - float((curve.noise / self._corridor).max()), LEAST_INNER)
         belongs_s, share, work = grid_s, most, 0
@@ -157,13 +163,18 @@ class _Search:
             slowness: how much longer than the curve the motion takes at each of its times `grid_s`.
         """
         clock_s = grid_s[1] * np.concatenate([[0.0], np.cumsum(0.5 * (slowness[1:] + slowness[:-1]))])
-        steps = round(clock_s[-1] / self._curve.step_s)
+        steps = round(clock_s[-1] / self._step_s)
         step_s = float(clock_s[-1]) / steps
         return np.interp(step_s * np.arange(-1.0, steps + AT_REST - 1), clock_s, grid_s), step_s
 
     def _first_slowness(self, grid_s: Array) -> Array:
-        """What the velocities alone need."""
-        needed = (np.abs(self._curve.towards(grid_s)) / self._limits.max_velocity).max(axis=1)
+        """What the velocities and the accelerations need, as far as they are no noise."""
+        velocity = self._curve.towards(grid_s)
+        acceleration = np.gradient(velocity, grid_s[1], axis=0)
+        needed = np.maximum(
+            (np.abs(velocity) / self._limits.max_velocity).max(axis=1),
+            np.sqrt((np.abs(acceleration) / self._limits.max_acceleration).max(axis=1)),
+        )
         return np.asarray(gaussian_filter1d(np.maximum(maximum_filter1d(needed, NEAR), 1.0), SMOOTH))
 
     @staticmethod

@@ -23,12 +23,10 @@ __all__ = ["plan_waypoints", "through"]
 
 UNASKED_STRETCH = 1.05
 """A motion may take this many times as long as its points say before anybody has to be asked."""
-SLOWER = 0.97
-"""A motion that runs at less than this share of the asked speed is called slowed down there."""
+ASIDE = 0.1
+"""The share of a delay that does not count, before and after, where it is said when a motion is slower."""
 FEW = 5_000
 """Of more points than this it is not tried first whether slowing down evenly is enough: that takes long."""
-STEPS_TOGETHER = 5
-"""Where it is slower is looked for over so many steps: from one to the next the match is not so exact."""
 
 
 def plan_waypoints(robot: RobotDescription, request: WaypointRequest) -> Trajectory:
@@ -168,14 +166,14 @@ def _slowed_evenly(motion: Trajectory, limits: JointLimits) -> Trajectory:
 
 
 def _slowed(found: Fitted, duration_s: float) -> tuple[float, float] | None:
-    """From the first to the last of the points' times at which the motion is slower than they ask for."""
-    if found.motion.duration_s <= AS_ASKED * duration_s:
+    """Between which of the points' times the motion falls behind them, but for a little at either end."""
+    late_s = found.motion.duration_s - duration_s
+    if late_s <= (AS_ASKED - 1.0) * duration_s:
         return None
-    steps = np.arange(0, len(found.times_s) - 1, STEPS_TOGETHER)
-    times_s = np.append(found.times_s[steps], duration_s)
-    clock_s = np.append(found.motion.breakpoints_s[steps], found.motion.duration_s)
-    slow = np.flatnonzero(np.diff(times_s) < SLOWER * np.diff(clock_s))
-    return (float(times_s[slow[0]]), float(times_s[slow[-1] + 1])) if len(slow) else (0.0, duration_s)
+    behind_s = found.motion.breakpoints_s - found.times_s
+    begin = int(np.argmax(behind_s > ASIDE * late_s))
+    end = int(np.argmax(behind_s >= (1.0 - ASIDE) * late_s))
+    return float(found.times_s[begin]), float(found.times_s[max(end, begin)])
 
 
 def _noted(motion: Trajectory, note: str, changes: Changes) -> Trajectory:

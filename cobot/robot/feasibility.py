@@ -74,7 +74,9 @@ def stretch_to_limits(trajectory: Trajectory, limits: JointLimits) -> Trajectory
     return trajectory if factor <= 1.0 else trajectory.stretched(factor)
 
 
-def _bounds(limits: JointLimits, tolerance: float) -> list[tuple[np.ndarray, np.ndarray]]:
+def _bounds(
+    limits: JointLimits, tolerance: float = RELATIVE_TOLERANCE
+) -> list[tuple[np.ndarray, np.ndarray]]:
     slack = 1.0 + tolerance
     rates = [bound * slack for bound in (limits.max_velocity, limits.max_acceleration, limits.max_jerk)]
     span = tolerance * (limits.max_position - limits.min_position)

@@ -153,10 +153,17 @@ def test_what_totg_sends_is_followed_in_its_time_where_jerk_allows_it(
             assert beside(motion, asked, duration_s) <= CORRIDOR_RAD + 6e-5  # of the samples' distance
 
 
-def test_along_a_line_at_all_limits_it_is_nearly_as_short_as_ruckigs_optimum(free: RobotDescription) -> None:
+@pytest.mark.parametrize("asked_s", [None, 0.1, 0.01])
+def test_along_a_line_it_is_nearly_as_short_as_ruckigs_optimum(
+    free: RobotDescription, asked_s: float | None
+) -> None:
+    """At all limits, and where a hundredth of the time is asked for."""
     limits = free.limits
     goal = home(free) + np.array([0.8, -0.4, 0.5, 0.3, -0.6, 0.4, 0.7])
     rows = totg(np.array([home(free), goal]), limits.max_velocity, limits.max_acceleration, 0.01)
+    if asked_s is not None:
+        rows = rows[[0, -1]]
+        rows[-1, 0] = asked_s
     motion = plan_waypoints(free, request(points(rows[:, 0], rows[:, 1 : 1 + DOF]), retime=True))
     problem = ruckig.InputParameter(DOF)
     problem.current_position, problem.target_position = home(free), goal
