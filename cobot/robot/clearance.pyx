@@ -10,6 +10,9 @@ halves.
 
 A piece of a motion is a Bezier curve of all joints, whose control points bound it; halving it is de
 Casteljau's.
+
+Long, because kinematics, distances, the proof and the gradient share one memory and call each other without
+Python.
 """
 
 from libc.math cimport cos, fabs, fmax, fmin, sin, sqrt
