@@ -1,6 +1,6 @@
 """`make bench`: measures cobot against peers and floors in the same run, and prints one table.
 
-python -m benchmarks [--quick] [NAME ...]
+python -m benchmarks [--quick | --full] [NAME ...]
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import platform
 from collections.abc import Callable, Iterator
 
 from benchmarks import (
+    clutter,
     crowd,
     cycle,
     dds,
@@ -49,6 +50,7 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "virtual_clock": lambda quick: virtual_clock.factor(2 if quick else 10),
     "inverse_kinematics": lambda quick: inverse.inverse_kinematics(300 if quick else 3000),
     "planning": lambda quick: planning.planning_time(30 if quick else 300),
+    "clutter": lambda quick: clutter.clutter(*(6, 1, 0.2) if quick else (25, 2, 0.5)),
     "durations": lambda quick: time_law.durations(20 if quick else 100),
     "straightness": lambda quick: planning.straightness(2 if quick else 12),
     "timed": lambda quick: timed.timed(5 if quick else 40),
@@ -59,6 +61,9 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "floods": lambda quick: floods.floods(3 if quick else 40),
 }
 
+FULL: dict[str, Callable[[], Iterator[Row]]] = {"clutter": lambda: clutter.clutter(125, 2, 10.0)}
+"""What --full does instead, where it does something else."""
+
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
@@ -66,6 +71,7 @@ def main() -> None:
         "names", nargs="*", metavar="NAME", help=f"of {', '.join(BENCHMARKS)}; all without one"
     )
     parser.add_argument("--quick", action="store_true", help="three minutes, not twenty: tails mean little")
+    parser.add_argument("--full", action="store_true", help="500 motions through clutter: half an hour more")
     arguments = parser.parse_args()
     unknown = set(arguments.names) - set(BENCHMARKS)
     if unknown:
@@ -75,7 +81,8 @@ def main() -> None:
         flush=True,
     )
     for name in arguments.names or BENCHMARKS:
-        for row in BENCHMARKS[name](arguments.quick):
+        full = FULL.get(name) if arguments.full else None
+        for row in full() if full else BENCHMARKS[name](arguments.quick):
             print(row, flush=True)
 
 

@@ -21,8 +21,6 @@ from cobot.types import Array
 ORDER = 6
 """A quintic's six coefficients stand in ascending powers of the time since the segment's start."""
 
-_CHOOSE = np.array([[comb(k, j) for j in range(ORDER - 1)] for k in range(ORDER - 1)], dtype=np.float64)
-
 
 @dataclass(frozen=True, slots=True)
 class Changes:
@@ -163,21 +161,6 @@ class Trajectory:
         segment, joint = int(suspects[row, 0]), int(suspects[row, 1])
         value = lowest[row] if lowest[row] < low[joint] else highest[row]
         return segment, joint, float(value)
-
-    def speed_bounds(self, pieces: int) -> tuple[Array, Array]:
-        """How fast the fastest joint can be in each of so many equal pieces of each segment.
-
-        Returns:
-            The pieces' borders, shape (n·pieces+1,), s, and for each piece a speed that no joint exceeds
-            in it, shape (n·pieces,), rad/s.
-        """
-        starts = np.arange(pieces) / pieces
-        k, j = np.meshgrid(np.arange(ORDER - 1), np.arange(ORDER - 1), indexing="ij")
-        # p(start + w/pieces) in powers of w
-        shift = _CHOOSE * starts[:, None, None] ** np.maximum(k - j, 0) / float(pieces) ** j
-        low, high = _bernstein_hull(np.einsum("ndk,pkj->npdj", self._unit_polynomials(1), shift))
-        borders = self.breakpoints_s[:-1, None] + starts * self._durations()[:, None]
-        return np.append(borders, self.duration_s), np.maximum(-low, high).max(axis=-1).ravel()
 
     def stretched(self, factor: float) -> Trajectory:
         """The same path in `factor` times the duration: velocities fall by factor, jerks by factor³."""

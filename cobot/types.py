@@ -58,8 +58,9 @@ RESTING = frozenset({LoopMode.HOLD, LoopMode.ESTOP, LoopMode.FAULT})
 
 
 class PlannerName(StrEnum):
-    """The planners a Cartesian motion can ask for."""
+    """The planners a motion can ask for."""
 
+    AUTO = "auto"
     OMPL = "ompl"
     PTP = "ptp"
     LIN = "lin"

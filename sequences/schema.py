@@ -57,7 +57,7 @@ class PoseTarget(Target):
     b: Finite = Field(description="KUKA angle B about the new y, rad")
     c: Finite = Field(description="KUKA angle C about the newest x, rad")
     planner: Annotated[
-        Literal["ompl", "ptp", "lin", "circ", "chomp"],
+        Literal["ompl", "ptp", "lin", "circ", "chomp", "auto"],
         BeforeValidator(lambda value: value.lower() if isinstance(value, str) else value),
     ] = "ptp"
     frame_id: str = ""

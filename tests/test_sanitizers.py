@@ -18,6 +18,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 COPIED = (
+    "benchmarks",
     "cobot",
     "rtloop",
     "app",
@@ -32,8 +33,10 @@ COPIED = (
 # Every file here works compiled modules with valid and with invalid input, and all of them together each one.
 TESTS = (
     "tests/cobot/test_arrays.py",
+    "tests/cobot/planners/test_rrt_connect.py",
     "tests/cobot/robot/test_chain.py",
     "tests/cobot/robot/inverse_kinematics",
+    "tests/cobot/robot/test_clearance.py",
     "tests/cobot/robot/test_linear.py",
     "tests/rtloop/backends/test_laws.py",
     "tests/rtloop/generators/test_laws.py",

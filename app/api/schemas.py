@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, FailFast, Field
 
 from app.services.motion.lease import TIMEOUT_S, TIMEOUTS_S
+from cobot.motions.requests import RRT_CONNECT, Algorithm
 from cobot.strict import StrictModel
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
@@ -53,13 +54,20 @@ SynchronizationName = Annotated[
     ),
 ]
 Planner = Annotated[
-    Literal["ompl", "ptp", "lin", "circ", "chomp"],
+    Literal["ompl", "ptp", "lin", "circ", "chomp", "auto"],
     BeforeValidator(_lower),
     Field(
         description="ptp: in joint space, see `synchronization`; lin: the TCP on a straight line; circ: on "
-        "an arc through `via`; ompl: sampling, around obstacles; chomp: optimisation, around obstacles."
+        "an arc through `via`; ompl: sampling, around obstacles; chomp: optimisation, around obstacles; "
+        "auto: ptp if that is free, else ompl."
     ),
 ]
+JointPlanner = Annotated[
+    Literal["ptp", "ompl", "chomp", "auto"],
+    BeforeValidator(_lower),
+    Field(description="As for a pose."),
+]
+OmplAlgorithm = Annotated[Algorithm, Field(description="Of planner ompl, by OMPL's names.")]
 
 
 class MoveNamed(StrictModel):
@@ -70,6 +78,8 @@ class MoveNamed(StrictModel):
     name: str = Field(max_length=200, description="One of GET /robot/positions.")
     speed: Speed = 0.1
     accel_scale: AccelScale = 0.0
+    planner: JointPlanner = "ptp"
+    algorithm: OmplAlgorithm = RRT_CONNECT
     synchronization: SynchronizationName = "time"
 
 
@@ -109,6 +119,7 @@ class MovePose(StrictModel):
     synchronization: SynchronizationName = "time"
     frame_id: str = Field("", max_length=200, description="Frame of the pose; empty for the default frame.")
     via: Point | None = Field(None, description="A point on the arc, needed by circ and by no other planner.")
+    algorithm: OmplAlgorithm = RRT_CONNECT
 
 
 class MoveJoints(StrictModel):
@@ -119,6 +130,8 @@ class MoveJoints(StrictModel):
     joints: list[Finite] = Field(max_length=64, description="rad, one for each joint")
     speed: Speed = 0.1
     accel_scale: AccelScale = 0.0
+    planner: JointPlanner = "ptp"
+    algorithm: OmplAlgorithm = RRT_CONNECT
     synchronization: SynchronizationName = "time"
 
 
@@ -133,6 +146,7 @@ class MoveAnswer(BaseModel):
             "motion_id": 12,
             "duration_s": 3.21,
             "planning_time_s": 0.01,
+            "note": "",
         }
     )
 
@@ -142,6 +156,9 @@ class MoveAnswer(BaseModel):
     motion_id: int | None = Field(None, description="Null when nothing moved.")
     duration_s: float = Field(description="From request to answer, s.")
     planning_time_s: float = Field(description="Of that, s, until there was a plan.")
+    note: str = Field(
+        "", description="What auto took and why, and how a start in collision or beyond a limit was left."
+    )
 
 
 class ResetAnswer(BaseModel):

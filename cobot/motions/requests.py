@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 from cobot.errors import InputError
 from cobot.robot.description import RobotDescription
@@ -20,6 +21,24 @@ from cobot.types import (
     Waypoint,
 )
 
+Algorithm = Literal[
+    "RRTConnect",
+    "RRT",
+    "RRTstar",
+    "InformedRRTstar",
+    "SORRTstar",
+    "BITstar",
+    "FMT",
+    "BFMT",
+    "PRM",
+    "PRMstar",
+    "KPIECE1",
+    "BKPIECE1",
+    "LBKPIECE1",
+]
+"""Of planner ompl, by OMPL's names."""
+RRT_CONNECT: Algorithm = "RRTConnect"
+
 NO_TOOL = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
 
@@ -32,7 +51,8 @@ class MotionRequest:
         goal: joint angles, shape (dof,), rad, or a pose of the TCP in the base frame.
         via: shape (3,), m in the base frame: a point on the arc, for circ only.
         seed: of the planners that draw random samples.
-        timeout_s: after which ompl and chomp give up.
+        timeout_s: after which ompl, chomp and auto give up.
+        algorithm: of ompl.
         synchronization: of the joints, for ptp only.
     """
 
@@ -43,6 +63,7 @@ class MotionRequest:
     via: Array | None = None
     seed: int = 0
     timeout_s: float = 10.0
+    algorithm: Algorithm = RRT_CONNECT
     synchronization: Synchronization = Synchronization.TIME
 
     def scaled_limits(self, robot: RobotDescription) -> JointLimits:

@@ -1,121 +1,204 @@
 """CHOMP: covariant Hamiltonian optimisation (Zucker et al. 2013, doi 10.1177/0278364913488805).
 
-Starts from the straight line in joint space and bends it: the gradient of the obstacle cost pushes
-points of the path away from what they touch, and the covariant step, A⁻¹ times the gradient,
-spreads every push smoothly over the whole path.
+A path is bent until it is free: the gradient of the obstacle cost, from exact signed distances, pushes points
+of it away from what they touch, and the covariant step, A⁻¹ times the gradient, spreads every push smoothly
+over the whole path. It starts from the straight line in joint space, to one goal after the other, then from a
+path of ompl's, which it makes smoother. What it ends with is proven free between its points too, or it gets
+more.
 """
 
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from cobot.errors import PlanningError, PlanningTimeout
-from cobot.motions.requests import MotionRequest
+from cobot.errors import CollisionError, PlanningError, PlanningTimeout
+from cobot.motions.requests import RRT_CONNECT, MotionRequest
 from cobot.planners.spline import smooth_motion
-from cobot.robot.collision import Proximity
+from cobot.robot.clearance import Clearance
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array
 
-POINTS = 40
-ITERATIONS = 300
+POINTS, MAX_POINTS = 40, 100
+ITERATIONS = 120
+LOOK = 5
+"""The path is looked at after so many iterations."""
+SMOOTHING = 40
+"""A path of ompl's, which is free before, is made smoother by so many."""
 CLEARANCE_M = 0.04
 """ε of the paper's equation 21: obstacles push from this distance on."""
+SPARE_M = 1e-3
+"""The path keeps so much further away than the margin, where its ends do: room for the spline through it."""
+PUSHED_M = 3e-3
+"""Nearer than what is required and this the push is full: what is between two points needs room too."""
 SMOOTHNESS_WEIGHT = 0.05
 STEP_RAD = 0.03
 """The largest change of a joint in one iteration."""
+STRAIGHT_STARTS = 3
+Factor = tuple[Array, bool]
 
 
-def plan_chomp(robot: RobotDescription, request: MotionRequest, goal: Array) -> Trajectory:
-    """A smooth motion near the straight line in joint space.
+def plan_chomp(robot: RobotDescription, request: MotionRequest, goals: Array) -> Trajectory:
+    """A smooth motion near the straight line in joint space to one of the goals, or near a path of ompl's.
+
+    Its `note` says so if it is the latter.
 
     Raises:
-        PlanningError: the descent ended in a path that still touches something; with what, and how deep.
+        PlanningError: every descent ended in a path that still touches something; with what, where, how deep.
         PlanningTimeout: it took longer than the request allows.
     """
-    points = _optimised(robot, request, goal)
-    return smooth_motion(robot, points, request.scaled_limits(robot))
-
-
-def _optimised(robot: RobotDescription, request: MotionRequest, goal: Array) -> Array:
-    """The path's points, shape (POINTS, dof), ends included, free of collisions."""
-    points = np.linspace(request.start, goal, POINTS)
-    stiffness, pull = _smoothness(request.start, goal)
-    factor = cho_factor(stiffness)
-    limits = robot.limits
     deadline_s = time.monotonic() + request.timeout_s
-    for _ in range(ITERATIONS):
+    problem = ""
+    for note, corners in _starts(robot, request, goals, deadline_s):
+        points, why = _optimised(robot, corners, SMOOTHING if note else 0, deadline_s, request.timeout_s)
+        problem = problem or why
+        if points is None:
+            continue
+        try:
+            motion = smooth_motion(robot, points, request.scaled_limits(robot))
+        except CollisionError as exc:
+            problem = problem or str(exc)
+        else:
+            return replace(motion, note=note)
+    raise PlanningError(f"chomp: found no free path near the straight one: {problem}")
+
+
+def _starts(
+    robot: RobotDescription, request: MotionRequest, goals: Array, deadline_s: float
+) -> Iterator[tuple[str, Array]]:
+    """What to say of each path to start from, and its corners, shape (n, dof)."""
+    start = np.clip(request.start, robot.limits.min_position, robot.limits.max_position)
+    for goal in goals[:STRAIGHT_STARTS]:
+        yield "", np.array([start, goal])
+    from cobot.planners.sampling import find_path
+
+    left_s = deadline_s - time.monotonic()
+    try:
+        corners = find_path(robot, replace(request, timeout_s=left_s, algorithm=RRT_CONNECT), goals)
+    except PlanningTimeout:
+        return
+    yield "chomp started from a path of ompl's: near the straight one it found none", corners
+
+
+def _optimised(
+    robot: RobotDescription, corners: Array, least_iterations: int, deadline_s: float, timeout_s: float
+) -> tuple[Array | None, str]:
+    """A free polyline, shape (n, dof), with these ends; or None, and what is in the way.
+
+    Raises:
+        PlanningTimeout: see `plan_chomp`.
+    """
+    ends = robot.collision.clearance.distances(corners[[0, -1]], 1.0).min(initial=1.0)
+    margin_m = robot.collision.margin_m
+    least_m = float(max(margin_m, min(margin_m + SPARE_M, ends - 1e-9)))
+    points = _sampled(corners)
+    with robot.collision.keeping(least_m) as clearance:
+        while True:
+            points, free = _descended(
+                robot, clearance, points, least_m, least_iterations, deadline_s, timeout_s
+            )
+            if free is not None:
+                return free, ""
+            if 2 * len(points) > MAX_POINTS or not clearance.are_free(points).all():
+                return None, _obstacle(robot, clearance, points)
+            points = _doubled(points)
+
+
+def _descended(
+    robot: RobotDescription,
+    clearance: Clearance,
+    points: Array,
+    least_m: float,
+    least_iterations: int,
+    deadline_s: float,
+    timeout_s: float,
+) -> tuple[Array, Array | None]:
+    """The points after the descent, and the last of them between which the straight motions were free."""
+    limits, count = robot.limits, len(points)
+    stiffness, factor = _smoothness(count)
+    pull = _pull(points[0], points[-1], count)
+    weight, free = SMOOTHNESS_WEIGHT, None
+    for iteration in range(ITERATIONS):
         if time.monotonic() > deadline_s:
-            raise PlanningTimeout(f"chomp: not done within {request.timeout_s:.1f} s")
-        push, deepest = _obstacle_gradient(robot, points)
-        if deepest is None:
-            return points
+            raise PlanningTimeout(f"chomp: not done within {timeout_s:.1f} s")
+        velocities = np.gradient(points, axis=0) * (count - 1)
+        push, _, nearest = clearance.push(points, velocities, least_m + PUSHED_M, CLEARANCE_M)
+        if iteration % LOOK == 0 and nearest.min() >= least_m:
+            if clearance.contact(np.stack([points[:-1], points[1:]], axis=1)) is None:
+                free = points.copy()
+            if free is not None and iteration >= least_iterations:
+                break
         inner = points[1:-1]
-        gradient = SMOOTHNESS_WEIGHT * (stiffness @ inner + pull) + push[1:-1]
-        step = cho_solve(factor, gradient)
+        step = cho_solve(factor, weight * (stiffness @ inner + pull) + push[1:-1])
         largest = float(np.abs(step).max())
         if largest < 1e-9:
             break
-        inner -= step * min(STEP_RAD / largest, 1.0 / SMOOTHNESS_WEIGHT)
-        _into_limits(inner, limits.min_position, limits.max_position, factor, stiffness)
-    push, deepest = _obstacle_gradient(robot, points)
-    if deepest is None:
-        return points
-    first, second = (robot.collision.body_name(body) for body in deepest.bodies)
-    raise PlanningError(
-        f"chomp: found no free path near the straight one: {first} and {second} still at "
-        f"{1e3 * deepest.distance_m:.0f} mm; try ompl"
+        inner -= step * min(STEP_RAD / largest, 1.0 / weight)
+        _into_limits(inner, limits.min_position, limits.max_position, factor)
+        if iteration % 40 == 39:
+            weight *= 0.3  # what still touches counts for more
+    return points, free
+
+
+def _obstacle(robot: RobotDescription, clearance: Clearance, points: Array) -> str:
+    """What is deepest, where, and how deep."""
+    points = _doubled(_doubled(points))
+    distances = clearance.distances(points, 1.0)
+    row, pair = np.unravel_index(int(distances.argmin()), distances.shape)
+    first, second = robot.collision.names(int(pair))
+    return (
+        f"after {100.0 * row / (len(points) - 1):.0f} % of the path {first} and {second} still at "
+        f"{1e3 * distances[row, pair]:.0f} mm; try ompl"
     )
 
 
-def _smoothness(start: Array, goal: Array) -> tuple[Array, Array]:
-    """A and b of the paper's equation 16 for squared accelerations: gradient = A q + b."""
-    inner = POINTS - 2
-    difference = np.zeros((inner + 2, inner))
-    for row in range(inner + 2):
-        for column, weight in ((row - 2, 1.0), (row - 1, -2.0), (row, 1.0)):
-            if 0 <= column < inner:
-                difference[row, column] = weight
-    ends = np.zeros((inner + 2, len(start)))
-    ends[0], ends[1] = -start, start
-    ends[-2], ends[-1] = goal, -goal
-    # Rows 0 and -1 see the end points twice: at rest there, the point beyond equals the end.
-    return difference.T @ difference, difference.T @ ends
+def _sampled(corners: Array) -> Array:
+    """`POINTS` evenly spaced points along a polyline, and its corners: it stays what it is."""
+    reached = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
+    places = np.union1d(np.linspace(0.0, reached[-1], POINTS), reached)
+    return np.stack([np.interp(places, reached, column) for column in corners.T], axis=1)
 
 
-def _obstacle_gradient(robot: RobotDescription, points: Array) -> tuple[Array, Proximity | None]:
-    """The gradient of the obstacle cost, shape of `points`, and the deepest violation of the margin.
+def _doubled(points: Array) -> Array:
+    """The same polyline with a point between any two."""
+    out = np.empty((2 * len(points) - 1, points.shape[1]))
+    out[::2], out[1::2] = points, 0.5 * (points[:-1] + points[1:])
+    return out
 
-    Every pair of geoms is a body point with the other one as its obstacle; the cost of a distance d
-    is that of equation 21, weighted by how fast the point moves along the path (equation 20, without
-    its curvature term, which vanishes on nearly straight paths).
+
+@lru_cache(maxsize=32)
+def _smoothness(count: int) -> tuple[Array, Factor]:
+    """A of the paper's equation 16 for squared accelerations, and its factor: gradient = A q + b."""
+    difference = _differences(count)[:, 1:-1]
+    stiffness = difference.T @ difference
+    return stiffness, cho_factor(stiffness)
+
+
+def _pull(start: Array, goal: Array, count: int) -> Array:
+    """b: what the ends, at rest, add to the gradient."""
+    difference = _differences(count)
+    ends = np.outer(difference[:, 0], start) + np.outer(difference[:, -1], goal)
+    return np.asarray(difference[:, 1:-1].T @ ends)
+
+
+def _differences(count: int) -> Array:
+    """The second differences of so many points, of a path that rests at both ends: the point before the first
+    one equals it, and the one behind the last one likewise.
     """
-    gradient = np.zeros_like(points)
-    velocity = np.gradient(points, axis=0) * (len(points) - 1)
-    deepest: Proximity | None = None
-    margin_m = robot.collision.margin_m
-    for row, joints in enumerate(points):
-        for near in robot.collision.proximities(joints, margin_m + CLEARANCE_M):
-            distance = near.distance_m - margin_m
-            if distance < 0.0 and (deepest is None or near.distance_m < deepest.distance_m):
-                deepest = near
-            slope = 1.0 if distance < 0.0 else 1.0 - distance / CLEARANCE_M
-            away = near.points[0] - near.points[1]
-            length = float(np.linalg.norm(away))
-            if length < 1e-9:
-                continue
-            normal = away / length * (1.0 if near.distance_m > 0.0 else -1.0)
-            relative = robot.collision.point_jacobian(near.bodies[0], near.points[0])
-            relative = relative - robot.collision.point_jacobian(near.bodies[1], near.points[1])
-            speed = float(np.linalg.norm(relative @ velocity[row]))
-            gradient[row] -= slope * (0.1 + speed) * (normal @ relative)
-    return gradient, deepest
+    difference = np.zeros((count, count))
+    for row in range(count):
+        for column, weight in ((row - 1, 1.0), (row, -2.0), (row + 1, 1.0)):
+            difference[row, min(max(column, 0), count - 1)] += weight
+    return difference
 
 
-def _into_limits(inner: Array, low: Array, high: Array, factor: tuple[Array, bool], stiffness: Array) -> None:
+def _into_limits(inner: Array, low: Array, high: Array, factor: Factor) -> None:
     """Joint limits by the paper's section 4.3: the violation is smoothed by A⁻¹ and taken off, in place."""
     for _ in range(20):
         violation = np.where(inner > high, inner - high, np.where(inner < low, inner - low, 0.0))

@@ -1,78 +1,177 @@
-"""ompl: RRTConnect in joint space, for goals that no direct motion reaches."""
+"""ompl: a free polyline in joint space by sampling, for goals that no direct motion reaches.
+
+RRTConnect is compiled here; the other planners are OMPL's, which calls compiled checks through its binding. A
+motion between two configurations is proven free as a whole, see `cobot.robot.clearance`: there is no
+resolution to choose.
+"""
 
 from __future__ import annotations
+
+import time
 
 import numpy as np
 from ompl import base, geometric, util
 
-from cobot.errors import PlanningError, PlanningTimeout
-from cobot.motions.requests import MotionRequest
+from cobot.errors import PlanningTimeout
+from cobot.motions.requests import RRT_CONNECT, Algorithm, MotionRequest
+from cobot.planners.rrt_connect import connect
+from cobot.planners.shortcut import shortened
 from cobot.planners.spline import smooth_motion
+from cobot.robot.clearance import Clearance
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array
 
-RESOLUTION_RAD = 0.02
-"""Along a motion OMPL checks states for collision that are no further apart, rad."""
-SIMPLIFICATION_SHARE = 0.2
-"""Making the path shorter takes no more than this share of the planning time."""
+SPARE_M = 1e-3
+"""A polyline keeps so much further away than the margin, where its ends do: room for rounding its corners."""
+RANGE_RAD = 2.0
+"""No node of RRTConnect is further from the one before it."""
+RESTART_ATTEMPTS = 200
+"""To add a node, in each search after the first one."""
+FEW_SEARCHES, MANY_SEARCHES = 4, 16
+"""So many searches, of which the shortest path counts; many where that is not `DIRECT` yet."""
+MUCH_WORK = 60_000
+"""None is begun after so many configurations looked at, about 0.15 s. No times: the same seed shall give the
+same path."""
+DIRECT = 1.4
+"""A path that is no longer than so many times the way without obstacles needs no better one."""
+IMPROVING_S = 1.0
+"""OMPL's planners that go on to make their path shorter are given so long after they have found one, s."""
+SLICE_S = 0.05
+"""... and are looked at so often."""
+NOT_IMPROVING = frozenset({"RRT", "FMT", "BFMT", "KPIECE1", "BKPIECE1", "LBKPIECE1"})
 
-util.setLogLevel(util.LogLevel.LOG_ERROR)
-util.RNG.setSeed(1)  # one per process: a worker's sequence of plans is repeatable, not a single plan
+util.setLogLevel(util.LogLevel.LOG_NONE)
+util.RNG.setSeed(
+    1
+)  # one per process: of OMPL's own planners a worker's sequence is repeatable, not a single plan
 
 
-def plan_ompl(robot: RobotDescription, request: MotionRequest, goal: Array) -> Trajectory:
-    """A smooth motion around obstacles.
+def plan_ompl(robot: RobotDescription, request: MotionRequest, goals: Array) -> Trajectory:
+    """A smooth motion around obstacles, to one of the goals, shape (n, dof), all of them free.
 
     Raises:
         PlanningTimeout: no path within the request's time.
         CollisionError: the smoothed path touches something.
     """
-    corners = _search(robot, request, goal)
-    corners[0], corners[-1] = request.start, goal
-    return smooth_motion(robot, corners, request.scaled_limits(robot))
+    return smooth_motion(robot, find_path(robot, request, goals), request.scaled_limits(robot))
 
 
-def _search(robot: RobotDescription, request: MotionRequest, goal: Array) -> Array:
-    """The corners of a free polyline, shape (n, dof)."""
-    setup, space = _problem(robot)
-    setup.setStartAndGoalStates(_state(space, request.start), _state(space, goal))
-    setup.setPlanner(geometric.RRTConnect(setup.getSpaceInformation()))
-    status = setup.solve(request.timeout_s)
-    if not setup.haveExactSolutionPath():
-        reason = (
-            f"RRTConnect: {status.asString()}" if hasattr(status, "asString") else "RRTConnect found no path"
-        )
-        raise PlanningTimeout(f"ompl: no free path within {request.timeout_s:.1f} s ({reason})")
-    path = setup.getSolutionPath()
-    geometric.PathSimplifier(setup.getSpaceInformation()).simplify(
-        path, SIMPLIFICATION_SHARE * request.timeout_s
-    )
-    if path.getStateCount() < 2:
-        raise PlanningError("ompl: the path has no length")
-    return np.array([[state[joint] for joint in range(robot.limits.dof)] for state in path.getStates()])
+def find_path(robot: RobotDescription, request: MotionRequest, goals: Array) -> Array:
+    """The corners of a free polyline from the start to one of the goals, shape (n, dof).
 
-
-def _problem(robot: RobotDescription) -> tuple[geometric.SimpleSetup, base.RealVectorStateSpace]:
+    Raises:
+        PlanningTimeout: none found within the request's time.
+    """
     limits = robot.limits
-    space = base.RealVectorStateSpace(limits.dof)
-    bounds = base.RealVectorBounds(limits.dof)
-    for joint in range(limits.dof):
-        bounds.setLow(joint, float(limits.min_position[joint]))
-        bounds.setHigh(joint, float(limits.max_position[joint]))
-    space.setBounds(bounds)
-    setup = geometric.SimpleSetup(space)
-    information = setup.getSpaceInformation()
-    information.setStateValidityCheckingResolution(RESOLUTION_RAD / information.getMaximumExtent())
-    joints = np.empty(limits.dof)
+    start = np.clip(request.start, limits.min_position, limits.max_position)
+    with robot.collision.keeping(room(robot, np.vstack([start, goals]))) as clearance:
+        if request.algorithm == RRT_CONNECT:
+            corners = _connected(robot, clearance, start, goals, request)
+        else:
+            search = _Search(robot, clearance, start, goals, request.algorithm)
+            found = search.run(request.timeout_s)
+            corners = None if found is None else shortened(clearance, found, request.seed)
+    if corners is None:
+        raise PlanningTimeout(_failure(request, goals))
+    corners[0] = request.start
+    return corners
 
-    def free(state: base.State) -> bool:
+
+def _connected(
+    robot: RobotDescription, clearance: Clearance, start: Array, goals: Array, request: MotionRequest
+) -> Array | None:
+    """The shortest of some paths: those after the first have to be shorter to be found at all."""
+    limits, random = robot.limits, np.random.default_rng(request.seed)
+    deadline_s = time.monotonic() + request.timeout_s
+    best: Array | None = None
+    shortest_rad, attempts, begun = np.inf, 0, clearance.evaluations
+    direct_rad = DIRECT * float(np.linalg.norm(goals - start, axis=1).min())
+    for search in range(MANY_SEARCHES):
+        seed = int(random.integers(2**62))
+        left_s = deadline_s - time.monotonic()
+        bounds = limits.min_position, limits.max_position
+        found = connect(clearance, start, goals, *bounds, seed, left_s, RANGE_RAD, shortest_rad, attempts)
+        if found is not None:
+            corners = shortened(clearance, found, seed)
+            if _length(corners) < shortest_rad:
+                best, shortest_rad = corners, _length(corners)
+        if search == 0:  # the first path may have been hard to find
+            attempts, begun = RESTART_ATTEMPTS, clearance.evaluations
+        enough = search + 1 >= FEW_SEARCHES and shortest_rad <= direct_rad
+        if best is None or len(best) == 2 or enough or clearance.evaluations - begun > MUCH_WORK:
+            break
+    return best
+
+
+def room(robot: RobotDescription, ends: Array) -> float:
+    """How far a polyline with these ends can keep away from everything, m: no more than they do."""
+    margin_m = robot.collision.margin_m
+    nearest = robot.collision.clearance.distances(ends, margin_m + SPARE_M).min(initial=margin_m + SPARE_M)
+    return float(max(margin_m, nearest - 1e-9))
+
+
+def _failure(request: MotionRequest, goals: Array) -> str:
+    several = f" to any of {len(goals)} configurations of the goal" if len(goals) > 1 else ""
+    return f"ompl: no free path{several} within {request.timeout_s:.1f} s ({request.algorithm} found none)"
+
+
+def _length(corners: Array) -> float:
+    return float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum())
+
+
+class _Motions(base.MotionValidator):  # type: ignore[misc]
+    """Says of a straight joint motion whether it is free, its goal included."""
+
+    def __init__(self, information: base.SpaceInformation, clearance: Clearance) -> None:
+        super().__init__(information)
+        self._is_free = clearance.is_edge_free
+
+    def checkMotion(self, start: base.State, goal: base.State) -> bool:  # noqa: N802 - OMPL's name
+        return self._is_free(start, goal)
+
+
+class _Search:
+    """One problem as OMPL sees it."""
+
+    def __init__(
+        self, robot: RobotDescription, clearance: Clearance, start: Array, goals: Array, algorithm: Algorithm
+    ) -> None:
+        limits = robot.limits
+        self._dof = limits.dof
+        self._improves = algorithm not in NOT_IMPROVING
+        space = base.RealVectorStateSpace(limits.dof)
+        bounds = base.RealVectorBounds(limits.dof)
         for joint in range(limits.dof):
-            joints[joint] = state[joint]
-        return robot.collision.is_free(joints)
+            bounds.setLow(joint, float(limits.min_position[joint]))
+            bounds.setHigh(joint, float(limits.max_position[joint]))
+        space.setBounds(bounds)
+        self._setup = geometric.SimpleSetup(space)
+        information = self._setup.getSpaceInformation()
+        self._motions = _Motions(information, clearance)  # OMPL keeps no reference of ours
+        information.setMotionValidator(self._motions)
+        self._setup.setStateValidityChecker(clearance.is_free)
+        self._setup.setStartState(_state(space, start))
+        goal = base.GoalStates(information)
+        for joints in goals:
+            goal.addState(_state(space, joints))
+        self._setup.setGoal(goal)
+        self._setup.setPlanner(getattr(geometric, algorithm)(information))
 
-    setup.setStateValidityChecker(free)
-    return setup, space
+    def run(self, left_s: float) -> Array | None:
+        """The corners of a path, shape (n, dof), if one is found within this time."""
+        self._setup.clear()
+        begun_s = time.monotonic()
+        self._setup.solve(min(SLICE_S, left_s) if self._improves else left_s)
+        end_s = left_s
+        while self._improves and (now_s := time.monotonic() - begun_s) < end_s:
+            if self._setup.haveExactSolutionPath() and end_s == left_s:
+                end_s = min(left_s, now_s + IMPROVING_S)
+            self._setup.solve(min(SLICE_S, end_s - now_s))
+        if not self._setup.haveExactSolutionPath():
+            return None
+        states = self._setup.getSolutionPath().getStates()
+        return np.array([[state[joint] for joint in range(self._dof)] for state in states])
 
 
 def _state(space: base.RealVectorStateSpace, joints: Array) -> base.State:

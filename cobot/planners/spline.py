@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.interpolate import BSpline
+from scipy.special import factorial
 
 from cobot.errors import CollisionError
 from cobot.planners.path import Path
 from cobot.planners.time_law import time_optimal
+from cobot.robot.clearance import bezier
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
@@ -28,16 +30,19 @@ def smooth_motion(robot: RobotDescription, corners: Array, limits: JointLimits) 
     """
     points = FIRST_POINTS
     while True:
-        path = Path.of_spline(control_spline(resampled(corners, points)))
-        trajectory = time_optimal(robot, path, limits).trajectory
+        spline = control_spline(resampled(corners, points))
+        is_last = points >= LAST_POINTS
+        points *= 2
+        if robot.collision.clearance.contact(pieces_of(spline)) is not None and not is_last:
+            continue
+        trajectory = time_optimal(robot, Path.of_spline(spline), limits).trajectory
         try:
             robot.collision.check_trajectory(trajectory)
         except CollisionError:
-            if points >= LAST_POINTS:
+            if is_last:
                 raise
         else:
             return trajectory
-        points *= 2
 
 
 def resampled(corners: Array, count: int) -> Array:
@@ -54,6 +59,15 @@ def resampled(corners: Array, count: int) -> Array:
 def control_spline(points: Array) -> BSpline:
     """The clamped uniform B-spline over [0, 1] with the given control points, shape (n, dof)."""
     return BSpline(_knots(len(points)), points, DEGREE)
+
+
+def pieces_of(spline: BSpline) -> Array:
+    """A spline as Bezier curves, for `Clearance.contact`: control points, shape (n, degree + 1, dof)."""
+    borders = np.unique(spline.t)
+    orders = np.arange(spline.k + 1)
+    derivatives = np.array([spline(borders[:-1], nu=int(order)) for order in orders])
+    widths = np.diff(borders)[None, :, None] ** orders[:, None, None]
+    return bezier((derivatives * widths / factorial(orders)[:, None, None]).transpose(1, 2, 0))
 
 
 def _knots(points: int) -> Array:

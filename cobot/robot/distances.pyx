@@ -26,6 +26,7 @@ from cobot.robot.mujoco cimport (
     mjGEOM_SPHERE,
     model_of,
 )
+from cobot.robot.shapes cimport between_axes
 
 cdef enum:
     CAPSULES            # of which spheres are the shortest
@@ -95,8 +96,8 @@ cdef class GeomDistances:
             distance = _from_plane(middle, turn, other, other_turn, pair)
             return fmin(distance, self._farthest_m)
         if pair.rule != ITERATED:
-            distance = _between_axes(
-                middle, turn, pair.first_half_m, other, other_turn, pair.second_half_m
+            distance = between_axes(
+                middle, turn, pair.first_half_m, other, other_turn, pair.second_half_m, NULL, NULL
             ) - pair.radii_m
             if pair.rule == CAPSULES or distance >= self._farthest_m:
                 return fmin(distance, self._farthest_m)
@@ -165,35 +166,3 @@ cdef double _from_plane(
     if pair.rule == PLANE_AND_CYLINDER:
         radius *= sqrt(fmax(0.0, 1.0 - slope * slope))
     return height - pair.second_half_m * fabs(slope) - radius
-
-
-cdef double _between_axes(
-    const double* middle, const double* turn, double half,
-    const double* other, const double* other_turn, double other_half,
-) noexcept nogil:
-    """Between two segments along z axes, from their middles to both sides (C. Ericson, "Real-Time Collision
-    Detection", 2005, section 5.1.9).
-    """
-    cdef double between[3]
-    cdef double cosine = 0.0
-    cdef double along = 0.0
-    cdef double other_along = 0.0
-    cdef double s = 0.0
-    cdef double square = 0.0
-    cdef double t, wanted
-    cdef int i
-    for i in range(3):
-        between[i] = other[i] - middle[i]
-        cosine += turn[3 * i + 2] * other_turn[3 * i + 2]
-        along += turn[3 * i + 2] * between[i]
-        other_along += other_turn[3 * i + 2] * between[i]
-    if cosine * cosine < 1.0:
-        s = fmax(-half, fmin(half, (along - cosine * other_along) / (1.0 - cosine * cosine)))
-    wanted = cosine * s - other_along
-    t = fmax(-other_half, fmin(other_half, wanted))
-    if t != wanted:
-        s = fmax(-half, fmin(half, along + cosine * t))
-    for i in range(3):
-        wanted = between[i] + t * other_turn[3 * i + 2] - s * turn[3 * i + 2]
-        square += wanted * wanted
-    return sqrt(square)

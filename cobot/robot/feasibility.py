@@ -63,7 +63,7 @@ def check_limits(
 
 def in_range(trajectory: Trajectory, limits: JointLimits) -> bool:
     """Whether all joints stay within their positions' limits."""
-    return trajectory.first_excess(0, *_bounds(limits)[0]) is None
+    return trajectory.first_excess(0, *_bounds(limits, RELATIVE_TOLERANCE)[0]) is None
 
 
 def stretch_to_limits(trajectory: Trajectory, limits: JointLimits) -> Trajectory:

@@ -129,7 +129,7 @@ def test_a_joint_motion_answers_when_the_arm_has_arrived(
     np.testing.assert_allclose(joints(http), goal, atol=1e-3)
 
 
-@pytest.mark.parametrize("planner", ["ptp", "LIN", "circ", "ompl", "chomp"])
+@pytest.mark.parametrize("planner", ["ptp", "LIN", "circ", "ompl", "chomp", "auto"])
 def test_every_planner_brings_the_tcp_to_the_pose(http: httpx.Client, planner: str) -> None:
     body: dict[str, Any] = {"x": 0.45, "y": 0.1, "z": 0.5, "b": 3.14159, "speed": 0.8, "planner": planner}
     if planner == "circ":
@@ -138,6 +138,28 @@ def test_every_planner_brings_the_tcp_to_the_pose(http: httpx.Client, planner: s
     assert answer["success"], answer
     position = http.get("/robot/pose").json()["position"]
     np.testing.assert_allclose([position[k] for k in "xyz"], [0.45, 0.1, 0.5], atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("path", "body"),
+    [
+        ("/robot/move/joints", {"joints": [0.3, 0.1, 0.0, -1.5, 0.0, 1.5, 0.0]}),
+        ("/robot/move/named", {"name": "work"}),
+        ("/robot/move/pose", {"x": 0.45, "y": 0.0, "z": 0.5, "b": 3.14159}),
+    ],
+)
+def test_auto_says_what_it_took_and_the_others_say_nothing(
+    http: httpx.Client, path: str, body: dict[str, Any]
+) -> None:
+    answer = http.post(path, json={**body, "speed": 0.8, "planner": "Auto"}).json()
+    assert answer["success"], answer
+    assert answer["note"] == "auto took ptp: the direct joint motion is free"
+    back = http.post("/robot/move/joints", json={"joints": HOME, "speed": 0.8, "planner": "ompl"}).json()
+    assert back["success"], back
+    assert back["note"] == ""
+    refused = http.post(path, json={**body, "planner": "ompl", "algorithm": "A*"})
+    assert refused.status_code == 422
+    assert "algorithm" in refused.json()["detail"]
 
 
 def test_a_motion_to_where_the_arm_is_succeeds_without_one(http: httpx.Client) -> None:

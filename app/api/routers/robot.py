@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from fastapi import APIRouter, Depends, Request
 
@@ -21,10 +23,10 @@ from app.api.schemas import (
     Quaternion,
     ResetAnswer,
 )
-from app.services.motion.execution import Outcome
+from app.services.motion.execution import Goal, Outcome
 from cobot import audit
 from cobot.robot.frames import abc_from_quaternion
-from cobot.types import Scaling, Synchronization
+from cobot.types import PlannerName, Scaling, Synchronization
 
 COMPLETED = "Motion completed successfully"
 MOTION_RESPONSES = responses(409, 413, 415, 422, 503)
@@ -81,22 +83,22 @@ async def positions(request: Request) -> list[NamedPositionAnswer]:
 
 @router.post("/move/named", responses=MOTION_RESPONSES, dependencies=[Depends(json_body)])
 async def move_named(body: MoveNamed, request: Request, gone: Gone) -> MoveAnswer:
-    """Go to a named position by ptp; answers when the arm has arrived and settled."""
+    """Go to a named position; answers when the arm has arrived and settled."""
     call = Call(request)
     goal = call.services.motion.named(
         body.name, Scaling(body.speed, body.accel_scale), Synchronization(body.synchronization)
     )
-    return _answer(await call.services.motion.move(goal, call.caller(gone)))
+    return _answer(await call.services.motion.move(_by(body, goal), call.caller(gone)))
 
 
 @router.post("/move/joints", responses=MOTION_RESPONSES, dependencies=[Depends(json_body)])
 async def move_joints(body: MoveJoints, request: Request, gone: Gone) -> MoveAnswer:
-    """Go to joint angles by ptp; answers when the arm has arrived and settled."""
+    """Go to joint angles; answers when the arm has arrived and settled."""
     call = Call(request)
     goal = call.services.motion.joints(
         body.joints, Scaling(body.speed, body.accel_scale), Synchronization(body.synchronization)
     )
-    return _answer(await call.services.motion.move(goal, call.caller(gone)))
+    return _answer(await call.services.motion.move(_by(body, goal), call.caller(gone)))
 
 
 @router.post("/move/pose", responses=MOTION_RESPONSES, dependencies=[Depends(json_body)])
@@ -113,7 +115,7 @@ async def move_pose(body: MovePose, request: Request, gone: Gone) -> MoveAnswer:
         via,
         Synchronization(body.synchronization),
     )
-    return _answer(await call.services.motion.move(goal, call.caller(gone)))
+    return _answer(await call.services.motion.move(_by(body, goal), call.caller(gone)))
 
 
 @router.post("/reset", responses=responses(409, 503))
@@ -122,6 +124,10 @@ async def reset(request: Request) -> ResetAnswer:
     call = Call(request)
     await call.services.stopping.reset(call.timeout_s)
     return ResetAnswer(success=True, message="the robot is ready to move")
+
+
+def _by(body: MoveNamed | MoveJoints | MovePose, goal: Goal) -> Goal:
+    return replace(goal, planner=PlannerName(body.planner), algorithm=body.algorithm)
 
 
 def _answer(outcome: Outcome) -> MoveAnswer:
@@ -133,4 +139,5 @@ def _answer(outcome: Outcome) -> MoveAnswer:
         motion_id=outcome.motion_id,
         duration_s=outcome.duration_s,
         planning_time_s=outcome.planning_time_s,
+        note=outcome.note,
     )

@@ -26,7 +26,7 @@ from cobot.errors import (
     UnavailableError,
 )
 from cobot.ipc.layout import MotionResult
-from cobot.motions.requests import MotionRequest, check_synchronization, check_via
+from cobot.motions.requests import RRT_CONNECT, Algorithm, MotionRequest, check_synchronization, check_via
 from cobot.robot.description import RobotDescription
 from cobot.robot.frames import pose_from_abc
 from cobot.robot.limits import check_positions
@@ -48,12 +48,16 @@ WHERE = {
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a motion request ended. `error` is None when the arm has arrived and settled."""
+    """How a motion request ended. `error` is None when the arm has arrived and settled.
+
+    `note` is the trajectory's.
+    """
 
     error: CobotError | None
     motion_id: int | None
     duration_s: float
     planning_time_s: float
+    note: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +68,7 @@ class Goal:
     scaling: Scaling
     planner: PlannerName = PlannerName.PTP
     via: Array | None = None
+    algorithm: Algorithm = RRT_CONNECT
     synchronization: Synchronization = Synchronization.TIME
 
 
@@ -138,7 +143,13 @@ class MotionService:
         check_via(PlannerName(planner), via)
         check_synchronization(PlannerName(planner), synchronization)
         point = None if via is None else np.array(via)
-        return Goal(pose_from_abc(*position, *abc), scaling, PlannerName(planner), point, synchronization)
+        return Goal(
+            pose_from_abc(*position, *abc),
+            scaling,
+            PlannerName(planner),
+            point,
+            synchronization=synchronization,
+        )
 
     async def move(self, goal: Goal, caller: Caller) -> Outcome:
         """Plan, go, and return when the arm has arrived and settled, or why it has not.
@@ -147,7 +158,7 @@ class MotionService:
             ConflictError, UnavailableError, InputError: nothing has moved.
         """
         begun_s = self._link.clock.now_s()
-        planned_s = begun_s
+        planned_s, note = begun_s, ""
         with self._ownership.claim(caller) as claim, watching(claim, caller):
             error: CobotError | None = None
             try:
@@ -159,18 +170,20 @@ class MotionService:
                     goal.scaling,
                     goal.via,
                     timeout_s=self._settings.timeout_s,
+                    algorithm=goal.algorithm,
                     synchronization=goal.synchronization,
                 )
                 trajectory = await self.plan(claim, request, caller.timeout_s)
                 planned_s = self._link.clock.now_s()
                 if trajectory is not None:
+                    note = trajectory.note
                     await self.start(claim, trajectory)
                     await self.arrival(claim)
             except (PlanningError, ExecutionError) as exc:
                 error = exc
             now_s = self._link.clock.now_s()
             planning_s = (planned_s if planned_s > begun_s else now_s) - begun_s
-            return Outcome(error, claim.motion_id, now_s - begun_s, planning_s)
+            return Outcome(error, claim.motion_id, now_s - begun_s, planning_s, note)
 
     async def ready(self) -> RobotState:
         """A state from which a motion may start.

@@ -281,14 +281,14 @@ def test_a_motion_through_the_arm_itself_is_refused_with_both_bodies(
         ptp(floating, np.array(start), np.array(goal))
 
 
-@pytest.mark.parametrize("planner", list(PlannerName))
-def test_a_start_in_collision_is_refused_by_every_planner(
-    robot: RobotDescription, planner: PlannerName
+@pytest.mark.parametrize("planner", ["ptp", "lin", "circ"])
+def test_a_start_in_collision_is_refused_by_planners_whose_path_is_given(
+    robot: RobotDescription, planner: str
 ) -> None:
     via = np.array([0.4, 0.1, 0.4]) if planner == "circ" else None
     goal = robot.model.forward(home(robot))
     with pytest.raises(CollisionError, match=r"the start is in collision: .*link"):
-        plan(robot, MotionRequest(ON_THE_BASE, goal, planner, FULL, via))
+        plan(robot, MotionRequest(ON_THE_BASE, goal, PlannerName(planner), FULL, via))
 
 
 def test_a_motion_through_the_floor_is_refused_with_bodies_time_share_and_joints(
@@ -300,7 +300,7 @@ def test_a_motion_through_the_floor_is_refused_with_bodies_time_share_and_joints
         ptp(robot, start, goal)
     found = re.fullmatch(
         r"collision of floor and (link\d) at -?\d+ mm after (\d+) % of the motion \(([\d.]+) s\), "
-        r"at joints \[(.*)\] rad",
+        r"at joints \[(.*)\] rad; the deepest is floor and link\d at -\d+ mm after \d+ %; allowed are 5 mm",
         str(caught.value),
     )
     assert found, caught.value

@@ -10,7 +10,7 @@ import pytest
 from second_opinion import Contacts, changed_world, largest_rates, rate_limits, robot_in
 
 from cobot.errors import CollisionError, PlanningError, PlanningTimeout
-from cobot.planners import MotionRequest, plan
+from cobot.planners import MotionRequest, plan, sampling
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName, Pose, Scaling
@@ -124,15 +124,34 @@ def test_random_pairs_that_ptp_cannot_join_are_joined_by_ompl_without_contact(
     assert joined == tries
 
 
+def wall(robot: RobotDescription, folder: Path) -> RobotDescription:
+    """With no way past it near the straight line: only over it."""
+    return robot_in(changed_world(folder, post=(0.75, 0.0, 0.7, 0.4, 0.02, 0.7)), robot)
+
+
 def test_chomp_that_finds_nothing_names_the_bodies_and_does_not_become_another_planner(
-    robot: RobotDescription, tmp_path: Path
+    robot: RobotDescription, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # A wall with no way past it near the straight line: only over it.
-    wall = robot_in(changed_world(tmp_path, post=(0.75, 0.0, 0.7, 0.4, 0.02, 0.7)), robot)
+    def find_none(*_: object) -> Array:
+        raise PlanningTimeout("there is none")
+
+    monkeypatch.setattr(sampling, "find_path", find_none)
     with pytest.raises(PlanningError) as caught:
-        planned(wall, "chomp", *sides(robot))
+        planned(wall(robot, tmp_path), "chomp", *sides(robot))
     pattern = r"chomp: found no free path near the straight one: .* still at -?\d+ mm; try ompl"
     assert re.match(pattern, str(caught.value))
+    assert re.search(r"after \d+ % of the path link\d and post still at", str(caught.value))
+
+
+def test_chomp_that_finds_nothing_near_the_straight_path_starts_from_one_of_ompls_and_says_so(
+    robot: RobotDescription, tmp_path: Path
+) -> None:
+    there = wall(robot, tmp_path)
+    motion = planned(there, "chomp", *sides(robot))
+    assert motion.note == "chomp started from a path of ompl's: near the straight one it found none"
+    contacts = Contacts(file=tmp_path / "changed.xml")
+    for joints in motion.sample(np.linspace(0.0, motion.duration_s, 2000)):
+        assert not contacts.bodies(joints), joints
 
 
 def test_ompl_without_time_says_so(robot: RobotDescription, tmp_path: Path) -> None:

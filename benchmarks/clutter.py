@@ -1,0 +1,214 @@
+"""Motions through clutter: what is solved, how long it takes, how long the paths are."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+import mujoco
+import numpy as np
+from ompl import base, geometric, util
+
+from benchmarks import scenes
+from benchmarks.scenes import Problem
+from benchmarks.table import Row, row
+from cobot.config import load_settings
+from cobot.errors import CobotError
+from cobot.planners import MotionRequest, plan
+from cobot.planners.rrt_connect import connect
+from cobot.planners.sampling import RANGE_RAD, find_path, room
+from cobot.planners.shortcut import shortened
+from cobot.robot.description import RobotDescription, load_robot
+from cobot.types import Array, PlannerName, Scaling
+
+Result = TypeVar("Result")
+COLUMNS = ("p50", "p95", "max")
+TIMEOUT_S = 10.0
+RUNS = 10
+PEER_STEP_RAD = 0.02
+PEER_S = 2.0
+
+
+@dataclass(slots=True)
+class Tries:
+    """Of one planner: CPU time of each problem, ms, and how many it has solved."""
+
+    cpu_ms: list[float] = field(default_factory=list)
+    solved: int = 0
+
+    def add(self, cpu_ms: float, found: object) -> None:
+        self.cpu_ms.append(cpu_ms)
+        self.solved += found is not None
+
+    @property
+    def solved_percent(self) -> float:
+        return 100.0 * self.solved / len(self.cpu_ms)
+
+
+def clutter(problems: int, references: int, reference_s: float) -> Iterator[Row]:
+    """So many problems of each kind; of so many, the path's length beside the best of ten long runs."""
+    robot = load_robot(load_settings(None))
+    yield _distances(robot)
+    whole = {planner: Tries() for planner in (PlannerName.OMPL, PlannerName.CHOMP)}
+    to_poses = Tries()
+    ratios: list[float] = []
+    beside_peer: list[float] = []
+    for kind in scenes.KINDS:
+        tries = {name: Tries() for name in ("path", "peer", *whole)}
+        for number, problem in enumerate(scenes.problems(robot, kind, problems)):
+            corners = _path(tries["path"], problem)
+            cpu_ms, theirs = _timed(lambda problem=problem: _by_ompl(problem))
+            tries["peer"].add(cpu_ms, theirs)
+            if corners is not None and theirs is not None:
+                beside_peer.append(_length(corners) / _length(theirs))
+            for planner, all_of_it in whole.items():
+                request = _request(problem, planner)
+                outcome = _timed(lambda there=problem.robot, request=request: plan(there, request))
+                tries[planner].add(*outcome)
+                all_of_it.add(*outcome)
+            request = replace(_request(problem, PlannerName.OMPL), goal=problem.pose)
+            to_poses.add(*_timed(lambda there=problem.robot, request=request: plan(there, request)))
+            if corners is not None and number < references:
+                ratios.append(_length(corners) / _best(problem, reference_s))
+        yield _times(
+            f"{kind}: a path, shortened, CPU", tries["path"], "OMPL's RRTConnect, Python", tries["peer"]
+        )
+        yield _times(f"{kind}: ompl, from request to trajectory, CPU", tries["ompl"], "chomp", tries["chomp"])
+    ours, chomp = whole[PlannerName.OMPL], whole[PlannerName.CHOMP]
+    yield _times("clutter: ompl, from request to trajectory, CPU", ours, "chomp", chomp, "50 ms, p95 500 ms")
+    yield _times("clutter: ompl to a pose, in any free configuration, CPU", to_poses, "to joint angles", ours)
+    yield row(
+        f"clutter: solved, of {len(ours.cpu_ms)}",
+        "%",
+        (ours.solved_percent,),
+        "chomp",
+        (chomp.solved_percent,),
+        columns=("solved",),
+        aim="100 %; chomp 95 %",
+    )
+    yield _lengths("that of OMPL's RRTConnect", beside_peer, 1.0, "")
+    yield _lengths(f"the best of ten runs of {reference_s:g} s", ratios, 1.3, "1.3")
+
+
+def _distances(robot: RobotDescription) -> Row:
+    """Whether random configurations at a shelf are free, beside MuJoCo's contacts, both from Python."""
+    there = next(scenes.problems(robot, "shelf", 1)).robot
+    limits, mj = robot.limits, there.model.mj
+    rows = np.random.default_rng(5).uniform(limits.min_position, limits.max_position, (3000, limits.dof))
+    data = mujoco.MjData(mj)
+
+    def by_mujoco(joints: Array) -> None:
+        data.qpos[:] = joints
+        mujoco.mj_kinematics(mj, data)
+        mujoco.mj_collision(mj, data)
+
+    ours = [1e3 * _timed(lambda joints=joints: there.collision.is_free(joints))[0] for joints in rows]
+    theirs = [1e3 * _timed(lambda joints=joints: by_mujoco(joints))[0] for joints in rows]
+    values, against = (tuple(np.percentile(each, (50.0, 95.0))) for each in (ours, theirs))
+    return row(
+        "whether a configuration is free, CPU",
+        "µs",
+        values,
+        "MuJoCo's contacts",
+        against,
+        columns=COLUMNS[:2],
+    )
+
+
+def _times(name: str, ours: Tries, against: str, theirs: Tries, aim: str = "") -> Row:
+    values, against_values = (
+        tuple(float(value) for value in np.percentile(tries.cpu_ms, (50.0, 95.0, 100.0)))
+        for tries in (ours, theirs)
+    )
+    return row(name, "ms", values, against, against_values, columns=COLUMNS, aim=aim)
+
+
+def _lengths(by: str, ratios: list[float], against: float, aim: str) -> Row:
+    values = tuple(float(value) for value in np.percentile(ratios, (50.0, 95.0, 100.0)))
+    name, columns = f"clutter: length of the path by {by}", COLUMNS
+    return row(
+        name,
+        "",
+        values,
+        "aim" if aim else "as long",
+        (against,) * 3,
+        columns=columns,
+        ratio_of="p95",
+        aim=aim,
+    )
+
+
+def _request(problem: Problem, planner: PlannerName) -> MotionRequest:
+    return MotionRequest(problem.start, problem.goal, planner, Scaling(1.0), timeout_s=TIMEOUT_S)
+
+
+def _path(tries: Tries, problem: Problem) -> Array | None:
+    request = _request(problem, PlannerName.OMPL)
+    cpu_ms, corners = _timed(lambda: find_path(problem.robot, request, problem.goal[None]))
+    tries.add(cpu_ms, corners)
+    return corners
+
+
+def _best(problem: Problem, run_s: float) -> float:
+    """The length of the shortest path of ten runs, rad, each of which searches anew for all of its time."""
+    collision, limits = problem.robot.collision, problem.robot.limits
+    bounds = limits.min_position, limits.max_position
+    ends = np.array([problem.start, problem.goal])
+    shortest: list[float] = []
+    with collision.keeping(room(problem.robot, ends)) as clearance:
+        for run in range(RUNS):
+            end_s, seed, best = time.process_time() + run_s, 1000 * run, np.inf
+            while (left_s := end_s - time.process_time()) > 0.0:
+                seed += 1
+                found = connect(clearance, ends[0], ends[1:], *bounds, seed, left_s, RANGE_RAD, best)
+                if found is not None:
+                    best = min(best, _length(shortened(clearance, found, seed)))
+            shortest.append(best)
+    return min(shortest)
+
+
+def _by_ompl(problem: Problem) -> Array | None:
+    """OMPL's RRTConnect and simplification, which ask Python at every 0.02 rad."""
+    util.setLogLevel(util.LogLevel.LOG_NONE)
+    limits, collision = problem.robot.limits, problem.robot.collision
+    space = base.RealVectorStateSpace(limits.dof)
+    bounds = base.RealVectorBounds(limits.dof)
+    for joint in range(limits.dof):
+        bounds.setLow(joint, float(limits.min_position[joint]))
+        bounds.setHigh(joint, float(limits.max_position[joint]))
+    space.setBounds(bounds)
+    setup = geometric.SimpleSetup(space)
+    information = setup.getSpaceInformation()
+    information.setStateValidityCheckingResolution(PEER_STEP_RAD / information.getMaximumExtent())
+    setup.setStateValidityChecker(collision.clearance.is_free)
+    states = []
+    for joints in (problem.start, problem.goal):
+        state = space.allocState()
+        for joint, value in enumerate(joints):
+            state[joint] = float(value)
+        states.append(state)
+    setup.setStartAndGoalStates(*states)
+    setup.setPlanner(geometric.RRTConnect(information))
+    setup.solve(TIMEOUT_S)
+    if not setup.haveExactSolutionPath():
+        return None
+    setup.simplifySolution(PEER_S)
+    return np.array(
+        [[state[joint] for joint in range(limits.dof)] for state in setup.getSolutionPath().getStates()]
+    )
+
+
+def _length(corners: Array) -> float:
+    return float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum())
+
+
+def _timed(call: Callable[[], Result]) -> tuple[float, Result | None]:
+    """CPU time in ms, and the result; None where there is none."""
+    begun_ns = time.process_time_ns()
+    try:
+        result = call()
+    except CobotError:
+        result = None
+    return (time.process_time_ns() - begun_ns) / 1e6, result

@@ -1,0 +1,144 @@
+"""Leaving a start that is beyond a joint limit or in collision, by the shortest way out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import nnls
+
+from cobot.errors import CollisionError
+from cobot.motions.requests import MotionRequest
+from cobot.planners.checks import is_there
+from cobot.planners.ptp import plan_ptp
+from cobot.robot.collision import Contact, motion_pieces
+from cobot.robot.description import RobotDescription
+from cobot.robot.feasibility import check_limits
+from cobot.trajectory import Trajectory
+from cobot.types import Array, Synchronization
+
+SPARE_M = 1e-3
+"""The way out ends so much further away than the margin."""
+LOOK_M = 0.03
+"""Pairs no further apart than this beyond the margin are kept apart on the way."""
+STEPS = 40
+STEP_RAD = 0.2
+"""No joint moves further in one step of the search: distances are not linear."""
+DEEPER_M = 1e-4
+"""On the way out what touches may come deeper by this: distances are not straight over a straight motion."""
+SPREADS_RAD, DRAWS, KEPT = (0.05, 0.1, 0.2, 0.4, 0.8), 60, 4
+"""So many random joint angles around the start, no joint further away than this, and how many of those that
+are free are tried."""
+
+
+def leave(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
+    """A motion to the nearest joint angles that are within the limits and free; None if the start is.
+
+    On the way nothing that touches gets deeper, or if there is no such way, deeper than the deepest at the
+    start; nothing else comes nearer than the margin. Its `note` says why and how far.
+
+    Raises:
+        CollisionError: there is no such way.
+    """
+    start, limits = request.start, robot.limits
+    inside = np.clip(start, limits.min_position, limits.max_position)
+    is_free = robot.collision.is_free(inside)
+    if is_free and is_there(start, inside):
+        return None
+    straight = replace(request, synchronization=Synchronization.PHASE)
+    for least_m in _least(robot, start):
+        for exit_joints in [inside] if is_free else _exits(robot, inside):
+            motion = plan_ptp(robot, straight, exit_joints)
+            with robot.collision.keeping(least_m) as clearance:
+                if clearance.contact(motion_pieces(motion)) is not None:
+                    continue
+            check_limits(motion, request.scaled_limits(robot).including(start))
+            return replace(motion, note=_note(robot, start, inside, exit_joints))
+    contact = robot.collision.contacts(inside)[0]
+    raise CollisionError(
+        f"the start is in collision: {contact}, and no straight joint motion leads out of it"
+    )
+
+
+def _least(robot: RobotDescription, start: Array) -> tuple[Array, Array]:
+    """What each pair must keep on the way, shape (pairs,), m; and what it must at the least."""
+    margin_m = robot.collision.margin_m
+    distances = robot.collision.clearance.distances(start[None], margin_m + LOOK_M)[0]
+    kept = np.minimum(margin_m, distances - DEEPER_M)
+    return kept, np.where(kept < margin_m, kept.min(initial=margin_m), kept)
+
+
+def _exits(robot: RobotDescription, start: Array) -> list[Array]:
+    """Free joint angles within the limits, the nearest first, that pushing leads to from around the start."""
+    wanted_m, random = robot.collision.margin_m + SPARE_M, np.random.default_rng(1)
+    limits = robot.limits
+    found = _pushed_out(robot, start, start, wanted_m)
+    for spread_rad in SPREADS_RAD:
+        draws = start + random.uniform(-spread_rad, spread_rad, (DRAWS, limits.dof))
+        draws = np.clip(draws, limits.min_position, limits.max_position)
+        with robot.collision.keeping(wanted_m) as clearance:
+            free = draws[clearance.are_free(draws)]
+        for joints in _by_distance(list(free), start)[:KEPT]:
+            found += [*_pushed_out(robot, start, joints, wanted_m), joints]
+    return _by_distance(found, start)
+
+
+def _by_distance(found: list[Array], start: Array) -> list[Array]:
+    return sorted(found, key=lambda joints: float(np.linalg.norm(joints - start)))
+
+
+def _pushed_out(robot: RobotDescription, start: Array, begin: Array, wanted_m: float) -> list[Array]:
+    """The free joint angles nearest to `start` that linearised problems lead to from `begin`, if they do."""
+    limits, clearance, joints = robot.limits, robot.collision.clearance, begin
+    for _ in range(STEPS):
+        distances = clearance.distances(joints[None], wanted_m + LOOK_M)[0]
+        if distances.min() >= wanted_m and joints is not begin:
+            return [joints]
+        rows, needs = [], []
+        for pair in np.flatnonzero(distances < wanted_m + LOOK_M):
+            distance_m, slope = clearance.gradient(joints, int(pair))
+            rows.append(slope)
+            needs.append(wanted_m + 1e-5 - distance_m - slope @ (start - joints))
+        eye = np.eye(limits.dof)
+        rows_all = np.vstack([*rows, eye, -eye])
+        needs_all = np.concatenate([needs, limits.min_position - start, start - limits.max_position])
+        way = _shortest(rows_all, needs_all)
+        if way is None:
+            return []
+        step = start + way - joints
+        joints = joints + step * min(1.0, STEP_RAD / max(float(np.abs(step).max()), 1e-12))
+    return []
+
+
+def _shortest(rows: Array, needs: Array) -> Array | None:
+    """The shortest x with rows @ x >= needs, None if there is none: least distance programming (Lawson and
+    Hanson, "Solving Least Squares Problems", 1974, chapter 23).
+    """
+    matrix = np.vstack([rows.T, needs])
+    right = np.zeros(len(matrix))
+    right[-1] = 1.0
+    try:
+        weights, error = nnls(matrix, right)
+    except RuntimeError:
+        return None
+    if error < 1e-10:
+        return None
+    rest = matrix @ weights - right
+    return np.asarray(-rest[:-1] / rest[-1])
+
+
+def _note(robot: RobotDescription, start: Array, inside: Array, exit_joints: Array) -> str:
+    limits, reasons = robot.limits, []
+    beyond = np.abs(inside - start)
+    if beyond.max() > 0.0:
+        joint = int(beyond.argmax())
+        reasons.append(f"{limits.names[joint]} is {beyond[joint]:.4f} rad beyond its limit")
+    contacts: list[Contact] = robot.collision.contacts(start)
+    if contacts:
+        reasons.append(f"the start is in collision: {contacts[0]}")
+    way = exit_joints - start
+    joint = int(np.abs(way).argmax())
+    return (
+        f"{' and '.join(reasons)}; the motion leaves this first by the shortest way, "
+        f"{np.linalg.norm(way):.4f} rad, {limits.names[joint]} by {way[joint]:+.4f} rad"
+    )

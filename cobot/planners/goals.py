@@ -1,0 +1,60 @@
+"""The joint angles at which a motion may end."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cobot.motions.requests import MotionRequest
+from cobot.robot.description import RobotDescription
+from cobot.robot.inverse_kinematics import inverse, inverse_all
+from cobot.robot.limits import check_positions
+from cobot.types import Array, Pose
+
+SPREAD = 8
+"""So many are looked at in each interval of the arm angle."""
+
+
+def joint_goals(robot: RobotDescription, request: MotionRequest) -> Array:
+    """All that are known, shape (n, dof), rad, free of collisions, the nearest to the start first.
+
+    Raises:
+        LimitError: joint angles beyond the limits.
+        UnreachableError: no joint angles lead to the pose.
+        CollisionError: none of them is free; with what the nearest one touches.
+    """
+    goal = request.goal
+    if not isinstance(goal, Pose):
+        check_positions(robot.limits, goal)
+        robot.collision.check_position(goal, "the goal")
+        return np.array([goal], dtype=np.float64)
+    if _at(robot, request.start, goal):
+        return np.array([request.start])
+    found = _configurations(robot, goal, request)
+    free = found[robot.collision.clearance.are_free(found)]
+    if len(free) == 0:
+        several = f", as in the other {len(found) - 1} configurations" if len(found) > 1 else ""
+        robot.collision.check_position(found[0], f"the goal in the nearest configuration{several}")
+    return free
+
+
+def nearest_goal(robot: RobotDescription, request: MotionRequest) -> Array:
+    """The nearest free joint angles alone, shape (dof,); raises as `joint_goals`."""
+    if isinstance(request.goal, Pose) and not _at(robot, request.start, request.goal):
+        joints = inverse(robot.model, request.goal, request.start, random_seed=request.seed)
+        if robot.collision.is_free(joints):
+            return joints
+    return np.asarray(joint_goals(robot, request)[0])
+
+
+def _configurations(robot: RobotDescription, pose: Pose, request: MotionRequest) -> Array:
+    """Of the inverse kinematics, the nearest to the start first."""
+    model, seed = robot.model, request.seed
+    found = [inverse(model, pose, request.start, random_seed=seed)]
+    found += inverse_all(model, pose, request.start, spread=SPREAD, random_seed=seed)
+    return np.array(sorted(found, key=lambda joints: float(np.linalg.norm(joints - request.start))))
+
+
+def _at(robot: RobotDescription, joints: Array, pose: Pose) -> bool:
+    here = robot.model.forward(joints)
+    same_place = np.linalg.norm(here.position - pose.position) < 1e-7
+    return bool(same_place and 1.0 - abs(here.quaternion @ pose.quaternion) < 1e-14)

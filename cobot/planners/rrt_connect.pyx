@@ -1,0 +1,216 @@
+"""RRT-Connect in joint space (J. Kuffner and S. LaValle, 2000, doi 10.1109/ROBOT.2000.844730), compiled.
+
+OMPL's own asks Python for every configuration and every motion, and its random numbers are seeded once a
+process. This one asks nobody, and the same seed gives the same path.
+"""
+
+from libc.math cimport fmin, sqrt
+from libc.stdint cimport uint64_t
+from libc.stdlib cimport free, realloc
+from libc.string cimport memcpy
+from posix.time cimport CLOCK_MONOTONIC, clock_gettime, timespec
+
+import numpy as np
+
+from cobot.arrays cimport MAX_DOF, doubles
+from cobot.planners.splitmix cimport uniform
+from cobot.robot.clearance cimport Clearance
+
+cdef enum:
+    GROWTH = 256
+    LOOK = 16    # draws between two looks at the clock
+    DRAWS = 50   # for each attempt, where most of them are too far away
+    TRAPPED = -1
+    NO_MEMORY = -2
+
+cdef struct Tree:
+    double* nodes
+    int* before
+    int count
+    int room
+
+
+def connect(Clearance clearance, start, goals, low, high, uint64_t seed, double timeout_s, double range_rad,
+            double shorter_than_rad=np.inf, long attempts=0):
+    """The corners of a free polyline from the start to one of the goals, shape (n, dof); None if time runs
+    out.
+
+    Args:
+        start, low, high: shape (dof,), rad.
+        goals: shape (k, dof).
+        range_rad: no node is further from the one before it.
+        shorter_than_rad: only through configurations that a path shorter than this can pass.
+        attempts: to add a node, after which it gives up; 0: as many as there is time for.
+    """
+    cdef int dof = clearance.dof
+    cdef Tree trees[2]
+    cdef int met[2]
+    cdef double bounds[2][MAX_DOF]
+    cdef int i, found
+    begin = np.array(start, dtype=np.float64).reshape(1, dof)
+    ends = np.array(goals, dtype=np.float64).reshape(-1, dof)
+    for i in range(dof):
+        bounds[0][i], bounds[1][i] = low[i], high[i]
+    for i in range(2):
+        trees[i].nodes, trees[i].before, trees[i].count, trees[i].room = NULL, NULL, 0, 0
+    cdef const double* first = doubles(begin, dof)
+    cdef const double* last = doubles(ends, ends.size)
+    cdef int count = len(ends)
+    if not (np.isfinite(begin).all() and np.isfinite(ends).all()):
+        raise ValueError("a joint is not finite")
+    try:
+        with nogil:
+            found = _grow(
+                clearance, trees, first, last, count, bounds[0], bounds[1], seed, timeout_s, range_rad,
+                shorter_than_rad, attempts, met,
+            )
+        if found == NO_MEMORY:
+            raise MemoryError("no memory for the search trees")
+        if not found:
+            return None
+        there = [_node(&trees[0], node, dof) for node in _branch(&trees[0], met[0])]
+        back = [_node(&trees[1], node, dof) for node in _branch(&trees[1], met[1])]
+        return np.array([*there[::-1], *(back[1:] if there[0] == back[0] else back)])
+    finally:
+        for i in range(2):
+            free(trees[i].nodes)
+            free(trees[i].before)
+
+
+cdef int _grow(
+    Clearance clearance, Tree* trees, const double* start, const double* goals, int goal_count,
+    const double* low, const double* high, uint64_t seed, double timeout_s, double range_rad,
+    double shorter_than_rad, long attempts, int* met,
+) noexcept nogil:
+    """Whether the trees meet, and at which node of each. The first one hangs on the start, the other on the
+    goals.
+    """
+    cdef int dof = clearance.dof
+    cdef uint64_t state = seed
+    cdef double end_s = _now_s() + timeout_s
+    cdef double wanted[MAX_DOF]
+    cdef double nearest_goal
+    cdef long drawn = 0
+    cdef long tried = 0
+    cdef int side = 0
+    cdef int index, added, other
+    if _add(&trees[0], start, -1, dof) < 0:
+        return NO_MEMORY
+    for index in range(goal_count):
+        if _add(&trees[1], &goals[index * dof], -1, dof) < 0:
+            return NO_MEMORY
+    if _now_s() > end_s:
+        return 0
+    for index in range(goal_count):
+        if clearance.c_is_edge_free(start, &goals[index * dof]):
+            met[0], met[1] = 0, index
+            return 1
+    while True:
+        drawn += 1
+        if drawn % LOOK == 0 and (_now_s() > end_s or (attempts and drawn > DRAWS * attempts)):
+            return 0
+        for index in range(dof):
+            wanted[index] = low[index] + uniform(&state) * (high[index] - low[index])
+        nearest_goal = 1e300
+        for index in range(goal_count):
+            nearest_goal = fmin(nearest_goal, _apart(wanted, &goals[index * dof], dof))
+        if _apart(wanted, start, dof) + nearest_goal > shorter_than_rad:
+            continue
+        tried += 1
+        if attempts and tried > attempts:
+            return 0
+        side = 0 if trees[0].count <= trees[1].count else 1
+        added = _extend(clearance, &trees[side], _nearest(&trees[side], wanted, dof), wanted, range_rad)
+        if added == TRAPPED:
+            continue
+        if added == NO_MEMORY:
+            return NO_MEMORY
+        memcpy(wanted, &trees[side].nodes[added * dof], dof * sizeof(double))
+        met[side] = added
+        other = _nearest(&trees[1 - side], wanted, dof)
+        while other >= 0:
+            other = _extend(clearance, &trees[1 - side], other, wanted, range_rad)
+            if other == NO_MEMORY:
+                return NO_MEMORY
+            if other >= 0 and _apart(&trees[1 - side].nodes[other * dof], wanted, dof) == 0.0:
+                met[1 - side] = other
+                return 1
+
+
+cdef int _extend(
+    Clearance clearance, Tree* tree, int begin, const double* wanted, double range_rad
+) noexcept nogil:
+    """A new node from this one towards what is wanted; its index, or TRAPPED."""
+    cdef double reached[MAX_DOF]
+    cdef int dof = clearance.dof
+    cdef const double* here = &tree.nodes[begin * dof]
+    cdef double apart = _apart(here, wanted, dof)
+    cdef int i
+    if apart <= range_rad:
+        memcpy(reached, wanted, dof * sizeof(double))
+    else:
+        for i in range(dof):
+            reached[i] = here[i] + range_rad / apart * (wanted[i] - here[i])
+    if not clearance.c_is_edge_free(here, reached):
+        return TRAPPED
+    return _add(tree, reached, begin, dof)
+
+
+cdef int _add(Tree* tree, const double* joints, int before, int dof) noexcept nogil:
+    cdef double* nodes
+    cdef int* parents
+    if tree.count == tree.room:
+        nodes = <double*>realloc(tree.nodes, (2 * tree.room + GROWTH) * dof * sizeof(double))
+        if nodes == NULL:
+            return NO_MEMORY
+        tree.nodes = nodes
+        parents = <int*>realloc(tree.before, (2 * tree.room + GROWTH) * sizeof(int))
+        if parents == NULL:
+            return NO_MEMORY
+        tree.before = parents
+        tree.room = 2 * tree.room + GROWTH
+    memcpy(&tree.nodes[tree.count * dof], joints, dof * sizeof(double))
+    tree.before[tree.count] = before
+    tree.count += 1
+    return tree.count - 1
+
+
+cdef int _nearest(const Tree* tree, const double* wanted, int dof) noexcept nogil:
+    cdef double least = 1e300
+    cdef double square, off
+    cdef int best = 0
+    cdef int node, i
+    for node in range(tree.count):
+        square = 0.0
+        for i in range(dof):
+            off = tree.nodes[node * dof + i] - wanted[i]
+            square += off * off
+        if square < least:
+            least, best = square, node
+    return best
+
+
+cdef double _apart(const double* first, const double* second, int dof) noexcept nogil:
+    cdef double square = 0.0
+    cdef int i
+    for i in range(dof):
+        square += (first[i] - second[i]) * (first[i] - second[i])
+    return sqrt(square)
+
+
+cdef double _now_s() noexcept nogil:
+    cdef timespec now
+    clock_gettime(CLOCK_MONOTONIC, &now)
+    return now.tv_sec + 1e-9 * now.tv_nsec
+
+
+cdef object _branch(const Tree* tree, int node):
+    nodes = []
+    while node >= 0:
+        nodes.append(node)
+        node = tree.before[node]
+    return nodes
+
+
+cdef object _node(const Tree* tree, int node, int dof):
+    return [tree.nodes[node * dof + i] for i in range(dof)]

@@ -1,0 +1,4 @@
+from cobot.robot.clearance import Clearance
+from cobot.types import Array
+
+def shortened(clearance: Clearance, corners: Array, seed: int) -> Array: ...

@@ -1,0 +1,198 @@
+"""Making a free polyline shorter: it is cut short where that gains most and is proven free."""
+
+from libc.math cimport fmax, fmin, sqrt
+from libc.stdint cimport uint64_t
+from libc.string cimport memcpy, memmove
+
+import numpy as np
+
+from cobot.arrays cimport MAX_DOF, doubles
+from cobot.planners.splitmix cimport uniform
+from cobot.robot.clearance cimport Clearance
+
+cdef enum:
+    CHOICES = 12    # of so many random cuts the one that would gain most is tried
+    TRIALS = 200
+    FAILURES = 50   # so many trials one after the other without a gain end it
+    HALVINGS = 5
+
+cdef double WORTH = 1e-3  # a cut that gains less than this share of the length is not tried
+
+
+cdef struct Cut:
+    int first           # the segments in which it begins and ends
+    int last
+    double begin[MAX_DOF]
+    double end[MAX_DOF]
+
+
+cdef struct Way:
+    double* corners
+    double* reached     # along the way to each corner
+    int count
+    int dof
+
+
+def shortened(Clearance clearance, corners, uint64_t seed):
+    """A polyline with the same ends, no longer, and as free: shape (m, dof).
+
+    First cuts between random points of it, of which the more promising ones are tried: the gain is known
+    before the motion is looked at. Then every corner is drawn towards the line between its neighbours as far
+    as that is free.
+
+    Args:
+        corners: shape (n, dof), n at least 2.
+    """
+    cdef Way way
+    cdef int dof = clearance.dof
+    given = np.array(corners, dtype=np.float64).reshape(-1, dof)
+    room = np.zeros((len(given) + TRIALS + 2, dof))
+    room[: len(given)] = given
+    reached = np.zeros(len(room))
+    way.corners, way.reached = doubles(room, room.size), doubles(reached, len(reached))
+    way.count, way.dof = len(given), dof
+    if way.count < 2 or not np.isfinite(given).all():
+        raise ValueError("a polyline of finite corners, at least two, is needed")
+    with nogil:
+        _cut_short(clearance, &way, seed)
+        _tighten(clearance, &way)
+    return room[: way.count].copy()
+
+
+cdef void _cut_short(Clearance clearance, Way* way, uint64_t seed) noexcept nogil:
+    cdef uint64_t state = seed
+    cdef int failures = 0
+    cdef int _trial
+    cdef Cut cut
+    _measure(way)
+    for _trial in range(TRIALS):
+        if way.count == 2 or failures == FAILURES:
+            return
+        if _find_cut(way, &state, &cut) and clearance.c_is_edge_free(cut.begin, cut.end):
+            _make(way, &cut)
+            failures = 0
+        else:
+            failures += 1
+
+
+cdef bint _find_cut(const Way* way, uint64_t* state, Cut* best) noexcept nogil:
+    """The most promising of some; whether it is worth trying."""
+    cdef double length = way.reached[way.count - 1]
+    cdef double most = WORTH * length
+    cdef double gain
+    cdef double places[2]
+    cdef Cut cut
+    cdef bint found = False
+    cdef int _choice, k
+    for _choice in range(CHOICES):
+        for k in range(2):
+            # Corners themselves are often the best ends of a cut.
+            if uniform(state) < 0.5:
+                places[k] = way.reached[<int>(uniform(state) * way.count)]
+            else:
+                places[k] = uniform(state) * length
+        if places[1] < places[0]:
+            places[0], places[1] = places[1], places[0]
+        cut.first, cut.last = _at(way, places[0], cut.begin), _at(way, places[1], cut.end)
+        gain = places[1] - places[0] - _apart(cut.begin, cut.end, way.dof)
+        if gain > most:
+            most, found = gain, True
+            memcpy(best, &cut, sizeof(Cut))
+    return found
+
+
+cdef int _at(const Way* way, double place, double* out) noexcept nogil:
+    """The segment and the point at a length along the way."""
+    cdef int segment = 0
+    cdef int i
+    cdef double share
+    cdef const double* here
+    while segment < way.count - 2 and way.reached[segment + 1] <= place:
+        segment += 1
+    share = (place - way.reached[segment]) / fmax(way.reached[segment + 1] - way.reached[segment], 1e-12)
+    here = &way.corners[segment * way.dof]
+    for i in range(way.dof):
+        out[i] = here[i] + fmin(share, 1.0) * (here[way.dof + i] - here[i])
+    return segment
+
+
+cdef void _make(Way* way, const Cut* cut) noexcept nogil:
+    """Its ends become corners, unless they are, and what is between them goes."""
+    cdef int dof = way.dof
+    cdef int kept = cut.first + 1
+    cdef int rest = cut.last + 1
+    cdef bint begins = _apart(&way.corners[cut.first * dof], cut.begin, dof) > 1e-9
+    cdef bint ends = _apart(&way.corners[rest * dof], cut.end, dof) > 1e-9
+    cdef int count = way.count - rest
+    memmove(
+        &way.corners[(kept + begins + ends) * dof], &way.corners[rest * dof], count * dof * sizeof(double)
+    )
+    if begins:
+        memcpy(&way.corners[kept * dof], cut.begin, dof * sizeof(double))
+    if ends:
+        memcpy(&way.corners[(kept + begins) * dof], cut.end, dof * sizeof(double))
+    way.count = kept + begins + ends + count
+    _measure(way)
+
+
+cdef void _tighten(Clearance clearance, Way* way) noexcept nogil:
+    cdef int dof = way.dof
+    cdef int index = 1
+    cdef int count
+    while index < way.count - 1:
+        if clearance.c_is_edge_free(&way.corners[(index - 1) * dof], &way.corners[(index + 1) * dof]):
+            count = way.count - index - 1
+            memmove(&way.corners[index * dof], &way.corners[(index + 1) * dof], count * dof * sizeof(double))
+            way.count -= 1
+            if index > 1:
+                index -= 1
+            continue
+        _draw_in(clearance, &way.corners[(index - 1) * dof], dof)
+        index += 1
+
+
+cdef void _draw_in(Clearance clearance, double* three, int dof) noexcept nogil:
+    """Move the second of three corners towards the line between the others."""
+    cdef const double* before = three
+    cdef double* here = three + dof
+    cdef const double* after = three + 2 * dof
+    cdef double foot[MAX_DOF]
+    cdef double moved[MAX_DOF]
+    cdef double along = 0.0
+    cdef double square = 1e-12
+    cdef double low = 0.0
+    cdef double high = 1.0
+    cdef double share
+    cdef int i, _halving
+    for i in range(dof):
+        along += (here[i] - before[i]) * (after[i] - before[i])
+        square += (after[i] - before[i]) * (after[i] - before[i])
+    for i in range(dof):
+        foot[i] = before[i] + fmax(0.0, fmin(1.0, along / square)) * (after[i] - before[i])
+    for _halving in range(HALVINGS):
+        share = 0.5 * (low + high)
+        for i in range(dof):
+            moved[i] = here[i] + share * (foot[i] - here[i])
+        if clearance.c_is_edge_free(before, moved) and clearance.c_is_edge_free(moved, after):
+            low = share
+        else:
+            high = share
+    for i in range(dof):
+        here[i] += low * (foot[i] - here[i])
+
+
+cdef void _measure(Way* way) noexcept nogil:
+    cdef int i
+    way.reached[0] = 0.0
+    for i in range(1, way.count):
+        way.reached[i] = way.reached[i - 1] + _apart(
+            &way.corners[(i - 1) * way.dof], &way.corners[i * way.dof], way.dof
+        )
+
+
+cdef double _apart(const double* first, const double* second, int dof) noexcept nogil:
+    cdef double square = 0.0
+    cdef int i
+    for i in range(dof):
+        square += (first[i] - second[i]) * (first[i] - second[i])
+    return sqrt(square)
