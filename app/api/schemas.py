@@ -355,7 +355,7 @@ class SentAnswer(BaseModel):
     blended_rad: float = Field(0.0, description="How far the arm was from the first point, blended in.")
     smoothed_rad: float = Field(0.0, description="How far the motion is beside the curve at the most.")
     stretch: float = Field(1.0, description="Its duration in shares of that of the points.")
-    slowed_s: tuple[float, float] | None = Field(
+    slowed_s: Annotated[list[float], Field(min_length=2, max_length=2)] | None = Field(
         None, description="Between which times of the points it is slower than they ask for."
     )
 

@@ -77,7 +77,7 @@ def fitted(asked: Trajectory, limits: JointLimits, corridor: Array, longest_s: f
     Returns:
         None if there is none within the corridor, or none as short as `longest_s`, as is clear beforehand.
     """
-    search = _Search(asked, limits, corridor)
+    search = _Fitting(asked, limits, corridor)
     if search.least_s > longest_s:
         return None
     for _ in search.steps():
@@ -86,7 +86,7 @@ def fitted(asked: Trajectory, limits: JointLimits, corridor: Array, longest_s: f
     return search.best
 
 
-class _Search:
+class _Fitting:
     """Better and better motions along one curve.
 
     Attributes:

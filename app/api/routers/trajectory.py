@@ -79,5 +79,5 @@ def _answer(sent: StartedTrajectory) -> SentAnswer:
         blended_rad=changes.blended_rad,
         smoothed_rad=changes.smoothed_rad,
         stretch=changes.stretch,
-        slowed_s=changes.slowed_s,
+        slowed_s=None if changes.slowed_s is None else list(changes.slowed_s),
     )

@@ -112,6 +112,11 @@ def inverse(
     joints = arm.solve(row, seed, COMPILED[criterion], random_seed)
     if joints is None:
         raise UnreachableError(_out_of_reach(model, pose, seed, random_seed))
+    if criterion is Criterion.NEAREST and arm.closed_form:
+        # Where axes are aligned the joints race along the arm angle: the descent ends where the seed is.
+        near = solve_near(model, pose, seed)
+        if near.solved and np.linalg.norm(near.joints - seed) < np.linalg.norm(joints - seed):
+            return near.joints
     return joints
 
 
