@@ -17,18 +17,12 @@ LOOK_S, MOST_S = 2.0, 60.0
 """Memory is looked at so often, and less and less often while it stays larger whatever is done about it."""
 GROWTH = 1.05
 """By this factor it may grow before something is done about it, which takes some milliseconds."""
-M_MMAP_THRESHOLD = -3  # malloc.h
-LARGE_BYTES = 1 << 17
-"""Blocks of so many bytes, which would be more and more after some of them were freed, go back at once."""
-
 _libc = ctypes.CDLL(None)
 _page_bytes = os.sysconf("SC_PAGE_SIZE")
 
 
 async def give_back() -> None:
     """For as long as the service runs. Where the C library is another than glibc, Python's share alone."""
-    with contextlib.suppress(AttributeError):
-        _libc.mallopt(M_MMAP_THRESHOLD, LARGE_BYTES)
     least, wait_s = _resident_bytes(), LOOK_S
     while True:
         await asyncio.sleep(wait_s)

@@ -105,12 +105,17 @@ class StreamProtocol(WebSocketsSansIOProtocol):
         elif pong:
             self._pong = pong
 
+    def handle_text(self, event: Frame) -> None:
+        super().handle_text(event)
+        event.data = b""  # the parser keeps the frame until the next one comes
+
     def handle_cont(self, event: Frame) -> None:
         if len(self.frames) >= MAX_FRAGMENTS:
             self.conn.fail(TOO_BIG, f"a message may have {MAX_FRAGMENTS} fragments")
             self.handle_parser_exception()
         else:
             super().handle_cont(event)
+            event.data = b""
 
     def _wait(self) -> None:
         """For a turn, unless it waits for one already."""
