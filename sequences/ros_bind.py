@@ -25,6 +25,7 @@ from sequences.lua_values import kind, number, plain, text
 
 PATH = "/rosbridge"
 ANSWER_S = 10.0
+TRIES = 2
 KEEP_LAST = 10
 MAX_ENDPOINTS = 256
 DEEPEST_QUEUE = 10_000
@@ -184,21 +185,25 @@ class RosBridge:
             raise UnavailableError(f"{self._url}: {exc}") from exc
 
     def _connect(self) -> None:
-        try:
-            token = token_from_environment()
-            self._connection = self._open_connection.enter_context(
-                connect(
-                    self._url,
-                    ssl=tls_context(True) if self._url.startswith("wss:") else None,
-                    additional_headers={"Authorization": f"Bearer {token}"} if token else None,
-                    open_timeout=ANSWER_S,
-                    max_size=BIGGEST_MESSAGE,
-                    proxy=None,
-                    close_timeout=0.2,
+        """To a service that may be too busy at first, as a program's start is a busy moment."""
+        token = token_from_environment()
+        for left in reversed(range(TRIES)):
+            try:
+                self._connection = self._open_connection.enter_context(
+                    connect(
+                        self._url,
+                        ssl=tls_context(True) if self._url.startswith("wss:") else None,
+                        additional_headers={"Authorization": f"Bearer {token}"} if token else None,
+                        open_timeout=ANSWER_S,
+                        max_size=BIGGEST_MESSAGE,
+                        proxy=None,
+                        close_timeout=0.2,
+                    )
                 )
-            )
-        except (WebSocketException, OSError, ValueError) as exc:
-            raise UnavailableError(f"{self._url}: {exc}") from exc
+                break
+            except (WebSocketException, OSError, ValueError) as exc:
+                if not (left and isinstance(exc, TimeoutError)):
+                    raise UnavailableError(f"{self._url}: {exc}") from exc
         threading.Thread(
             target=self._receive, args=(self._connection,), name="rosbridge", daemon=True
         ).start()
