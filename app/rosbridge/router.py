@@ -69,30 +69,38 @@ async def _serve(socket: WebSocket, graph: Graph, large: asyncio.Lock) -> None:
 
 
 async def _receive(socket: WebSocket, connection: Connection, large: asyncio.Lock) -> None:
-    while (message := await socket.receive())["type"] == "websocket.receive":
-        text = message.get("text")
-        if text is None:
-            connection.complain(InputError("binary messages are not understood: CBOR is not supported"))
-        while text is not None:
-            try:
-                if len(text) > MAX_MESSAGE:
-                    raise PayloadError(
-                        f"a message may have {MAX_MESSAGE} characters, this one has {len(text)}"
-                    )
-                if (objects := text.count("{")) > MAX_OBJECTS:
-                    raise PayloadError(f"a message may have {MAX_OBJECTS} objects, this one has {objects}")
-                if (commas := text.count(",")) > MAX_VALUES:
-                    raise PayloadError(f"a message may have {MAX_VALUES} commas, this one has {commas}")
-                if len(text) <= LARGE_BYTES:
-                    content = decoded(text, "the message")
-                else:
-                    async with large:
-                        content = await asyncio.to_thread(without_collection, _prepared, connection, text)
-            except CobotError as exc:
-                connection.complain(exc)
-                break
-            text = connection.take(content, len(text))
+    while await _received_one(socket, connection, large):
         await asyncio.sleep(0)  # who floods this connection shall not keep the others waiting
+
+
+async def _received_one(socket: WebSocket, connection: Connection, large: asyncio.Lock) -> bool:
+    """Take the next message; whether there was one. Nothing of it is kept while the one after is awaited:
+    decoded it has three times its size, and each connection would hold one.
+    """
+    message = await socket.receive()
+    if message["type"] != "websocket.receive":
+        return False
+    text = message.get("text")
+    if text is None:
+        connection.complain(InputError("binary messages are not understood: CBOR is not supported"))
+    while text is not None:
+        try:
+            if len(text) > MAX_MESSAGE:
+                raise PayloadError(f"a message may have {MAX_MESSAGE} characters, this one has {len(text)}")
+            if (objects := text.count("{")) > MAX_OBJECTS:
+                raise PayloadError(f"a message may have {MAX_OBJECTS} objects, this one has {objects}")
+            if (commas := text.count(",")) > MAX_VALUES:
+                raise PayloadError(f"a message may have {MAX_VALUES} commas, this one has {commas}")
+            if len(text) <= LARGE_BYTES:
+                content = decoded(text, "the message")
+            else:
+                async with large:
+                    content = await asyncio.to_thread(without_collection, _prepared, connection, text)
+        except CobotError as exc:
+            connection.complain(exc)
+            break
+        text = connection.take(content, len(text))
+    return True
 
 
 def _prepared(connection: Connection, text: str) -> Any:

@@ -30,9 +30,8 @@ KINDS = (
 """Of all floods, those that differ; the others are tried at bare listeners and measured."""
 LASTS_S = 1.5
 TRIES = 5
-GROWTH_BYTES = 250e6
-"""An endless header or trailer would reach it within the time that a flood lasts. 24 giant messages at once
-take 200 MB beyond what the service needs, to which it comes back after each flood."""
+GROWTH_BYTES = 200e6
+"""An endless header or trailer would reach it within the time that a flood lasts."""
 
 
 class Narrow(Run):
