@@ -17,7 +17,7 @@ from cobot.launch import heartbeat
 from cobot.launch.heartbeat import LAST_WORDS_S, HeartbeatWatch
 from cobot.launch.process import is_traced
 
-HANGING = "import faulthandler; faulthandler.enable(2); print(flush=True)\nwhile True: pass"
+HANGING = "import faulthandler; faulthandler.enable(2)\nwhile True: print(flush=True)"
 
 
 class Process:
