@@ -25,7 +25,6 @@ from sequences.lua_values import kind, number, plain, text
 
 PATH = "/rosbridge"
 ANSWER_S = 10.0
-TRIES = 2
 KEEP_LAST = 10
 MAX_ENDPOINTS = 256
 DEEPEST_QUEUE = 10_000
@@ -185,25 +184,21 @@ class RosBridge:
             raise UnavailableError(f"{self._url}: {exc}") from exc
 
     def _connect(self) -> None:
-        """To a service that may be too busy at first, as a program's start is a busy moment."""
-        token = token_from_environment()
-        for left in reversed(range(TRIES)):
-            try:
-                self._connection = self._open_connection.enter_context(
-                    connect(
-                        self._url,
-                        ssl=tls_context(True) if self._url.startswith("wss:") else None,
-                        additional_headers={"Authorization": f"Bearer {token}"} if token else None,
-                        open_timeout=ANSWER_S,
-                        max_size=BIGGEST_MESSAGE,
-                        proxy=None,
-                        close_timeout=0.2,
-                    )
+        try:
+            token = token_from_environment()
+            self._connection = self._open_connection.enter_context(
+                connect(
+                    self._url,
+                    ssl=tls_context(True) if self._url.startswith("wss:") else None,
+                    additional_headers={"Authorization": f"Bearer {token}"} if token else None,
+                    open_timeout=ANSWER_S,
+                    max_size=BIGGEST_MESSAGE,
+                    proxy=None,
+                    close_timeout=0.2,
                 )
-                break
-            except (WebSocketException, OSError, ValueError) as exc:
-                if not (left and isinstance(exc, TimeoutError)):
-                    raise UnavailableError(f"{self._url}: {exc}") from exc
+            )
+        except (WebSocketException, OSError, ValueError) as exc:
+            raise UnavailableError(f"{self._url}: {exc}") from exc
         threading.Thread(
             target=self._receive, args=(self._connection,), name="rosbridge", daemon=True
         ).start()

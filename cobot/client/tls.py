@@ -1,10 +1,15 @@
-"""Which certificates a client trusts."""
+"""Which certificates a client trusts, and connections that two threads share."""
 
 from __future__ import annotations
 
 import os
+import selectors
 import ssl
+import threading
+import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any, TypeVar
 
 from cobot.errors import InputError
 
@@ -12,6 +17,67 @@ CERTIFICATE_VARIABLE = "COBOT_CERTIFICATE"
 TOKEN_VARIABLE = "COBOT_TOKEN"
 Verify = bool | str | Path | ssl.SSLContext
 END = "-----END CERTIFICATE-----"
+Result = TypeVar("Result")
+
+
+class SharedSocket(ssl.SSLSocket):
+    """One thread may read while another one writes, as the clients of `websockets` do.
+
+    OpenSSL forbids that for one connection, and before Python 3.13 nobody else prevents it: a request that is
+    written while a session ticket is read gets lost, about once in 300 connections. So the connection is
+    used by one at a time, and nobody waits while using it.
+    """
+
+    def __new__(cls, *args: Any, **named: Any) -> SharedSocket:
+        made = super().__new__(cls, *args, **named)
+        made._turn = threading.Lock()
+        made._timeout_s = None
+        return made
+
+    _turn: threading.Lock
+    _timeout_s: float | None
+
+    def settimeout(self, value: float | None) -> None:
+        self._timeout_s = value
+        super().settimeout(0.0)
+
+    def setblocking(self, flag: bool) -> None:
+        self.settimeout(None if flag else 0.0)
+
+    def gettimeout(self) -> float | None:
+        return self._timeout_s
+
+    def do_handshake(self, block: bool = False) -> None:
+        self._in_turn(super().do_handshake)
+
+    def read(self, len: int = 1024, buffer: Any = None) -> Any:  # noqa: A002 - as its base calls it
+        plain = super().read
+        return self._in_turn(lambda: plain(len, buffer))
+
+    def send(self, data: Any, flags: int = 0) -> int:
+        plain = super().send
+        return self._in_turn(lambda: plain(data, flags))
+
+    def shutdown(self, how: int) -> None:
+        """Leaves what a reader is still using, who finds the end of the stream."""
+        super(ssl.SSLSocket, self).shutdown(how)
+
+    def _in_turn(self, operation: Callable[[], Result]) -> Result:
+        end_s = None if self._timeout_s is None else time.monotonic() + self._timeout_s
+        while True:
+            try:
+                with self._turn:
+                    return operation()
+            except (ssl.SSLWantReadError, ssl.SSLWantWriteError) as exc:
+                if self._timeout_s == 0.0:
+                    raise
+                reads = isinstance(exc, ssl.SSLWantReadError)
+                event = selectors.EVENT_READ if reads else selectors.EVENT_WRITE
+            with selectors.DefaultSelector() as selector:
+                selector.register(self, event)
+                left_s = None if end_s is None else end_s - time.monotonic()
+                if not selector.select(left_s):
+                    raise TimeoutError(f"no answer for {self._timeout_s:g} s")
 
 
 def token_from_environment() -> str | None:
@@ -30,8 +96,13 @@ def tls_context(verify: Verify) -> ssl.SSLContext:
     Raises:
         InputError: the file is none.
     """
-    if isinstance(verify, ssl.SSLContext):
-        return verify
+    context = verify if isinstance(verify, ssl.SSLContext) else _context(verify)
+    if context.sslsocket_class is ssl.SSLSocket:
+        context.sslsocket_class = SharedSocket
+    return context
+
+
+def _context(verify: bool | str | Path) -> ssl.SSLContext:
     if verify is True:
         verify = os.environ.get(CERTIFICATE_VARIABLE) or True
     if verify is True:
