@@ -11,6 +11,7 @@ import contextlib
 import ctypes
 import gc
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 LOOK_S, MOST_S = 2.0, 60.0
@@ -23,10 +24,15 @@ _page_bytes = os.sysconf("SC_PAGE_SIZE")
 
 async def give_back() -> None:
     """For as long as the service runs. Where the C library is another than glibc, Python's share alone."""
-    least, wait_s = _resident_bytes(), LOOK_S
+    with Path("/proc/self/statm").open("rb", buffering=0) as statm:  # later there may be no descriptor left
+        await _give_back(lambda: int(os.pread(statm.fileno(), 99, 0).split()[1]) * _page_bytes)
+
+
+async def _give_back(resident_bytes: Callable[[], int]) -> None:
+    least, wait_s = resident_bytes(), LOOK_S
     while True:
         await asyncio.sleep(wait_s)
-        now = _resident_bytes()
+        now = resident_bytes()
         least = min(least, now)
         if now <= GROWTH * least:
             wait_s = LOOK_S
@@ -35,7 +41,3 @@ async def give_back() -> None:
         gc.collect()  # also clears the lists of free objects, of which one is enough to hold a megabyte
         with contextlib.suppress(AttributeError):
             await asyncio.to_thread(_libc.malloc_trim, 0)
-
-
-def _resident_bytes() -> int:
-    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * _page_bytes

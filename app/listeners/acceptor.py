@@ -30,8 +30,8 @@ LEAST_PLACES = 8
 EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 PAUSE_S = 0.05
 """When the system has no room for another connection, it is asked again after this time."""
-LOOK_S = 0.5
-"""So often deadlines are looked at."""
+LOOK_S, LOOK_AGAIN_S = 0.5, 0.02
+"""So often deadlines are looked at, and after having found too many for once."""
 UNREAD_S = 10.0
 """A connection whose client reads nothing for so long is closed."""
 RECEIVE_BYTES = 65536
@@ -98,8 +98,8 @@ class Acceptor:
         """Connections end by themselves."""
 
     def _look(self) -> None:
-        self._crowd.expire(self._loop.time())
-        self._timer = self._loop.call_later(LOOK_S, self._look)
+        more = self._crowd.expire(self._loop.time())
+        self._timer = self._loop.call_later(LOOK_AGAIN_S if more else LOOK_S, self._look)
 
     def _accept(self) -> None:
         now_s = self._loop.time()

@@ -30,6 +30,9 @@ CLOSABLE = (Doing.ASKING, Doing.IDLE, Doing.SENDING)
 SETTLED_S = 0.25
 """So long a connection may take to say what it wants before it goes before those that have said it."""
 
+EXPIRING = 4
+"""So many connections are ended at once whose time is up."""
+
 
 @dataclass(slots=True, eq=False)
 class Visit:
@@ -132,10 +135,16 @@ class Crowd:
             if not among.count:
                 del self._addresses[among.name]
 
-    def expire(self, now_s: float) -> None:
-        """End those that have not come further in time."""
-        for visit in [each for each in self if each.deadline_s < now_s]:
+    def expire(self, now_s: float) -> bool:
+        """End some that have not come further in time; whether there are more.
+
+        A flood's connections come together, and would end together: 300 take 70 ms.
+        """
+        overdue = [each for each in self if each.deadline_s < now_s]
+        for visit in overdue[:EXPIRING]:
+            visit.deadline_s = math.inf  # unless it gets another one now
             visit.expire()
+        return len(overdue) > EXPIRING
 
     def make_room(self, now_s: float) -> bool:
         """Close somebody; whether there was anybody to close."""

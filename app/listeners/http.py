@@ -131,8 +131,11 @@ class HttpProtocol(HttpToolsProtocol):
             self._answering.message_event.set()
         self._unread.clear()
         self._crowd.leave(self._visit)
-        # No circle of references keeps it until the garbage collector comes by: it may hold a large header.
+        # No circle of references keeps it until the garbage collector comes by: it may hold a large header,
+        # and a flood's circles take that a tenth of a second.
         self.flow.go_on = self._visit.close = self._visit.expire = self._start = _nothing
+        self.cycle = self._answering = None  # type: ignore[assignment]
+        self.pipeline.clear()
 
     def data_received(self, data: bytes) -> None:
         self._unset_keepalive_if_required()
@@ -214,6 +217,9 @@ class HttpProtocol(HttpToolsProtocol):
             StreamProtocol, crowd=self._crowd, turns=self._turns, visit=self._visit
         )
         super().handle_websocket_upgrade()
+        # This object has done its work, and is not to be kept by a circle of references: see connection_lost.
+        self.parser = None  # type: ignore[assignment]
+        self.flow.go_on = _nothing
 
     def on_message_begin(self) -> None:
         super().on_message_begin()

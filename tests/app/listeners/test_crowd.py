@@ -9,7 +9,7 @@ from functools import partial
 
 import pytest
 
-from app.listeners.crowd import CLOSABLE, SETTLED_S, Crowd, Doing, Visit
+from app.listeners.crowd import CLOSABLE, EXPIRING, SETTLED_S, Crowd, Doing, Visit
 
 GRACE_S = 0.02
 
@@ -99,8 +99,20 @@ def test_who_does_not_go_on_in_time_is_told() -> None:
     assert quick is not None
     guests.crowd.go_on(slow, Doing.SENDING, 10.0)
     guests.crowd.go_on(quick, Doing.SENDING, 20.0)
-    guests.crowd.expire(15.0)
+    assert not guests.crowd.expire(15.0)
     assert guests.closed == ["slow"]
+
+
+def test_of_many_that_are_late_some_are_told_at_once_and_each_once_the_slowest_to_go_too() -> None:
+    guests = Guests(places=50, per_address=50, reserve=1)
+    names = [f"late {number}" for number in range(2 * EXPIRING + 1)]
+    for name in names:
+        visit = guests.come(name)
+        assert visit is not None
+        guests.crowd.go_on(visit, Doing.SENDING, 10.0)
+    more = [guests.crowd.expire(15.0) for _ in range(4)]
+    assert more == [True, True, False, False]
+    assert guests.closed == names
 
 
 def test_who_has_just_come_stays_before_who_has_sent_a_body_for_longer() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import json
 import resource
 import socket
@@ -529,3 +530,32 @@ def test_an_upgrade_that_is_no_handshake_is_given_up(service: Service) -> None:
         connection.sendall(broken.encode())
         while not closed(connection):
             pass
+
+
+@pytest.mark.parametrize(
+    "request_bytes",
+    [
+        GET + b"\r\n",
+        GET,
+        b"POST /slow HTTP/1.1\r\nHost: h\r\nContent-Length: 99\r\n\r\nx",
+        b"POST /large HTTP/1.1\r\nHost: h\r\nContent-Length: 999999\r\n\r\n" + bytes(70_000),
+        (GET + b"\r\n") * 20,
+        GET + b"X: " + b"x" * 9000,
+        UPGRADE.format("/").encode() + frame(TEXT, b"x") * 3,
+        UPGRADE.format("/refused").encode(),
+    ],
+    ids=["answered", "header", "body", "large", "pipelined", "refused", "WebSocket", "no WebSocket"],
+)
+def test_a_connection_leaves_nothing_to_the_garbage_collector(own: Service, request_bytes: bytes) -> None:
+    """It would hold the loop for a tenth of a second after a flood. Oracle: all objects that Python has."""
+    gc.collect()
+    gc.disable()
+    try:
+        for _ in range(3):
+            with own.connect() as connection:
+                connection.sendall(request_bytes)
+                if request_bytes.endswith(b"\r\n\r\n"):
+                    answer(connection)
+        until(lambda: not any(isinstance(each, HttpProtocol | StreamProtocol) for each in gc.get_objects()))
+    finally:
+        gc.enable()
