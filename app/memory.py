@@ -14,7 +14,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-LOOK_S, MOST_S = 2.0, 60.0
+LOOK_S, MOST_S = 2.0, 15.0
 """Memory is looked at so often, and less and less often while it stays larger whatever is done about it."""
 GROWTH = 1.05
 """By this factor it may grow before something is done about it, which takes some milliseconds."""

@@ -12,7 +12,7 @@ from running import WAIT_S
 from app import memory
 from app.memory import give_back
 
-MANY = 2_000_000
+BLOCK_BYTES, BLOCKS = 2000, 40_000
 
 
 def test_what_has_been_freed_goes_back_even_when_there_are_no_descriptors(
@@ -27,10 +27,10 @@ def test_what_has_been_freed_goes_back_even_when_there_are_no_descriptors(
         task = asyncio.create_task(give_back())
         await asyncio.sleep(0.02)
         before = resident().rss
-        numbers = [float(number) for number in range(MANY)]
+        blocks = [bytes(BLOCK_BYTES) for _ in range(BLOCKS)]
         grown = resident().rss
-        assert grown > before + 30 * MANY
-        kept = numbers[::1000]  # so that the C library would keep the rest
+        assert grown > before + 0.9 * BLOCK_BYTES * BLOCKS
+        kept = blocks[::100]  # so that the C library would keep the others
         soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
         resource.setrlimit(resource.RLIMIT_NOFILE, (0, hard))
         try:
@@ -38,11 +38,11 @@ def test_what_has_been_freed_goes_back_even_when_there_are_no_descriptors(
         finally:
             resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
         assert not task.done()
-        del numbers
+        del blocks
         async with asyncio.timeout(WAIT_S):
-            while resident().rss > grown - 15 * MANY:
+            while resident().rss > grown - 0.7 * BLOCK_BYTES * BLOCKS:
                 await asyncio.sleep(0.02)
-        assert len(kept) == MANY / 1000
+        assert len(kept) == BLOCKS / 100
         task.cancel()
 
     asyncio.run(grow_and_wait())
