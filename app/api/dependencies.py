@@ -189,12 +189,14 @@ def without_collection(function: Callable[..., Result], *arguments: Any) -> Resu
 
 
 class CobotRoute(APIRoute):
-    """Notes the count of stops before the body came in, takes the body apart strictly, and lets nobody
-    else wait for a large one.
+    """Of a request with a body: notes the count of stops before it came in, takes it apart strictly, and lets
+    nobody else wait for a large one.
     """
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         handler = super().get_route_handler()
+        if self.methods == {"GET"}:
+            return handler
 
         async def handle(request: Request) -> Response:
             ownership = services_of(request).ownership

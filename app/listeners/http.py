@@ -236,10 +236,11 @@ class HttpProtocol(HttpToolsProtocol):
     def on_headers_complete(self) -> None:
         self._require_chunked()
         self._take_host()
-        line = self.parser.get_method() + b" " + self.url + b" "
-        if self._visit.reserved and not (STOP.match(line) or HEALTH.match(line)):
-            self._refuse_crowded()
-            raise _Refused
+        if self._visit.reserved:
+            line = self.parser.get_method() + b" " + self.url + b" "
+            if not (STOP.match(line) or HEALTH.match(line)):
+                self._refuse_crowded()
+                raise _Refused
         self._silent = 0
         self._in_header, self._in_body, self._answered = False, True, False
         self._begun_s = self.loop.time()
@@ -296,12 +297,12 @@ class HttpProtocol(HttpToolsProtocol):
         """At once for a stop, and for who waits to be asked for a body; else when the body is there: who
         sends it slowly, and perhaps goes away again, has cost next to nothing.
         """
-        start = functools.partial(super()._start_asgi_task, cycle, app)
+        start = super()._start_asgi_task
         self._answering = cycle
-        if STOP.match(f"{cycle.scope['method']} {cycle.scope['path']} ".encode()):
-            start()
+        if cycle.scope["method"] == "POST" and STOP.match(f"POST {cycle.scope['path']} ".encode()):
+            start(cycle, app)
             return
-        self._start = lambda: self._turns.wait(lambda: cycle.disconnected or start())
+        self._start = lambda: self._turns.wait(lambda: cycle.disconnected or start(cycle, app))
         if not cycle.more_body or cycle.waiting_for_100_continue:
             self._begin()
 
