@@ -16,6 +16,7 @@ from cobot.arrays cimport MAX_DOF, checked_dof, doubles
 from cobot.robot.quaternion cimport cross3, quat_from_matrix
 
 from cobot.errors import InputError
+from cobot.robot.rotations import matrix_of, with_z_along
 
 
 cdef class Chain:
@@ -50,14 +51,14 @@ cdef class Chain:
         self.base_rotation, position = _standing(mj, base)
         turn, offset = self.base_rotation.T, -self.base_rotation.T @ position
         for body in _way_to(mj, mj.site_bodyid[site]):
-            turn, offset = turn @ _matrix(mj.body_quat[body]), offset + turn @ mj.body_pos[body]
+            turn, offset = turn @ matrix_of(mj.body_quat[body]), offset + turn @ mj.body_pos[body]
             for joint in range(mj.body_jntadr[body], mj.body_jntadr[body] + mj.body_jntnum[body]):
-                aligned = _with_z_along(mj.jnt_axis[joint])
+                aligned = with_z_along(mj.jnt_axis[joint])
                 self._add_joint(mj, joint, turn @ aligned, offset + turn @ mj.jnt_pos[joint])
                 # What follows is seen from the joint's frame, whose origin is the anchor.
                 turn, offset = aligned.T, -aligned.T @ mj.jnt_pos[joint]
         offset = offset + turn @ mj.site_pos[site]
-        self._set_part(self._count, turn @ _matrix(mj.site_quat[site]), offset)
+        self._set_part(self._count, turn @ matrix_of(mj.site_quat[site]), offset)
 
     def _add_joint(self, mj, int joint, turn, offset):
         cdef int index = self._count
@@ -218,19 +219,5 @@ def _standing(mj, body):
     """Rotation and position in the world of a body that no joint moves."""
     turn, offset = np.eye(3), np.zeros(3)
     for each in _way_to(mj, body):
-        turn, offset = turn @ _matrix(mj.body_quat[each]), offset + turn @ mj.body_pos[each]
+        turn, offset = turn @ matrix_of(mj.body_quat[each]), offset + turn @ mj.body_pos[each]
     return turn, offset
-
-
-def _matrix(quaternion):
-    out = np.empty(9)
-    mujoco.mju_quat2Mat(out, quaternion)
-    return out.reshape(3, 3)
-
-
-def _with_z_along(axis):
-    """A rotation matrix whose last column is the axis."""
-    axis = axis / np.linalg.norm(axis)
-    across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    across /= np.linalg.norm(across)
-    return np.column_stack([across, np.cross(axis, across), axis])

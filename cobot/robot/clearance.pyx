@@ -28,6 +28,8 @@ from cobot.robot.shapes cimport SEGMENT, far_bound, gap, solid_of
 
 from math import comb
 
+from cobot.robot.rotations import matrix_of, with_z_along
+
 cdef enum:
     MAX_DEGREE = 5
 
@@ -90,9 +92,9 @@ cdef class Clearance:
         frames = [(-1, np.eye(3), np.zeros(3))]
         for body in range(1, mj.nbody):
             joint, turn, offset = frames[mj.body_parentid[body]]
-            turn, offset = turn @ _matrix(mj.body_quat[body]), offset + turn @ mj.body_pos[body]
+            turn, offset = turn @ matrix_of(mj.body_quat[body]), offset + turn @ mj.body_pos[body]
             for each in range(mj.body_jntadr[body], mj.body_jntadr[body] + mj.body_jntnum[body]):
-                aligned = _with_z_along(mj.jnt_axis[each])
+                aligned = with_z_along(mj.jnt_axis[each])
                 self._set_link(mj, each, joint, turn @ aligned, offset + turn @ mj.jnt_pos[each])
                 joint, turn, offset = each, aligned.T, -aligned.T @ mj.jnt_pos[each]
             frames.append((joint, turn, offset))
@@ -110,7 +112,7 @@ cdef class Clearance:
         part.solid = solid_of(self._model, geom)
         part.joint, turn, offset = frames[mj.geom_bodyid[geom]]
         part.is_turned = part.solid.kind != SEGMENT
-        local = turn @ _matrix(mj.geom_quat[geom])
+        local = turn @ matrix_of(mj.geom_quat[geom])
         offset = offset + turn @ mj.geom_pos[geom]
         _copy(local, offset, part.turn, part.offset)
         reach = float(np.linalg.norm(offset)) + part.solid.bound_m
@@ -568,17 +570,3 @@ def bezier(coefficients):
         [[comb(i, k) / comb(order - 1, k) if k <= i else 0.0 for k in range(order)] for i in range(order)]
     )
     return np.einsum("njk,ik->nij", coefficients, convert)
-
-
-def _matrix(quaternion):
-    out = np.empty(9)
-    mujoco.mju_quat2Mat(out, quaternion)
-    return out.reshape(3, 3)
-
-
-def _with_z_along(axis):
-    """A rotation matrix whose last column is the axis."""
-    axis = axis / np.linalg.norm(axis)
-    across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
-    across /= np.linalg.norm(across)
-    return np.column_stack([across, np.cross(axis, across), axis])

@@ -12,6 +12,7 @@ from xml.etree.ElementTree import Element, SubElement
 import mujoco
 import numpy as np
 
+from cobot.robot.rotations import matrix_of
 from cobot.types import Array, JointLimits
 
 WORLD = "world"
@@ -46,7 +47,7 @@ def urdf(model: mujoco.MjModel, limits: JointLimits, tcp_site: int) -> str:
     holder = link_name(model, int(model.site_bodyid[tcp_site]))
     if tcp.name != holder:
         SubElement(root, "link", name=tcp.name)
-        _joint(root, f"{holder}_to_{tcp.name}", "fixed", holder, tcp.name, tcp.pos, _matrix(tcp.quat))
+        _joint(root, f"{holder}_to_{tcp.name}", "fixed", holder, tcp.name, tcp.pos, matrix_of(tcp.quat))
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True)
 
@@ -97,7 +98,7 @@ def _link(root: Element, model: mujoco.MjModel, body: int) -> None:
     made = SubElement(root, "link", name=link_name(model, body))
     if model.body_mass[body] > 0.0:
         inertial = SubElement(made, "inertial")
-        _origin(inertial, model.body_ipos[body], _matrix(model.body_iquat[body]))
+        _origin(inertial, model.body_ipos[body], matrix_of(model.body_iquat[body]))
         SubElement(inertial, "mass", value=_number(model.body_mass[body]))
         x, y, z = (_number(max(value, _LEAST_INERTIA)) for value in model.body_inertia[body])
         SubElement(inertial, "inertia", ixx=x, iyy=y, izz=z, ixy="0", ixz="0", iyz="0")
@@ -112,7 +113,7 @@ def _link(root: Element, model: mujoco.MjModel, body: int) -> None:
 
 def _shapes(link: Element, kind: str, model: mujoco.MjModel, geom: int) -> None:
     """URDF knows no capsules: a cylinder and two spheres."""
-    place, turn = model.geom_pos[geom], _matrix(model.geom_quat[geom])
+    place, turn = model.geom_pos[geom], matrix_of(model.geom_quat[geom])
     radius, half, _ = model.geom_size[geom]
     match int(model.geom_type[geom]):
         case _Geom.mjGEOM_SPHERE:
@@ -147,12 +148,6 @@ def _fixed_angles(turn: Array) -> Array:
     if level < GIMBAL_LOCK:
         return np.array([0.0, pitch, math.atan2(-turn[0, 1], turn[1, 1])])
     return np.array([math.atan2(turn[2, 1], turn[2, 2]), pitch, math.atan2(turn[1, 0], turn[0, 0])])
-
-
-def _matrix(quaternion: Array) -> Array:
-    matrix = np.empty(9)
-    mujoco.mju_quat2Mat(matrix, quaternion)
-    return matrix.reshape(3, 3)
 
 
 def _number(value: float) -> str:

@@ -67,6 +67,16 @@ KINDS = {
 }
 
 
+cdef int turns_to_height(
+    const double* up, const double* axis, const double* arm, const double* goal, double slop, double* angles
+) noexcept nogil:
+    """The angles, two at the most, about an axis that bring an arm as far along `up` as a goal is."""
+    cdef double aside[3]
+    cdef double kept = dot3(up, axis) * dot3(axis, arm)
+    cross3(axis, arm, aside)
+    return trigonometric_roots(dot3(up, arm) - kept, dot3(up, aside), dot3(up, goal) - kept, slop, angles)
+
+
 cdef class SixAxisArm(Arm):
     """See `Arm`. Branches are 1 for the other shoulder, 2 elbow, 4 wrist, added."""
 
@@ -225,7 +235,7 @@ cdef class SixAxisArm(Arm):
         cdef double arm[3]
         cdef double aside[3]
         cdef double goal[3]
-        cdef double square, bend, across, along
+        cdef double square, bend
         cdef int count = 0
         cdef int i, k
         minus3(wrist, self.points[1], goal)
@@ -234,22 +244,11 @@ cdef class SixAxisArm(Arm):
             &self.hinge, sqrt(max(square, 0.0)), problem.slop, &bend
         ):
             return 0
-        across = dot3(self.axes[0], self.axes[1])
         for i in range(2):
             theta[2] = self.hinge.folded + (-bend if i else bend)
             turned_by(self.axes[2], theta[2], self.hinge.after, there)
             minus3(there, self.hinge.before, arm)
-            cross3(self.axes[1], arm, aside)
-            along = dot3(self.axes[1], arm)
-            for k in range(
-                trigonometric_roots(
-                    dot3(self.axes[0], arm) - across * along,
-                    dot3(self.axes[0], aside),
-                    dot3(self.axes[0], goal) - across * along,
-                    problem.slop,
-                    roots,
-                )
-            ):
+            for k in range(turns_to_height(self.axes[0], self.axes[1], arm, goal, problem.slop, roots)):
                 theta[1] = roots[k]
                 turned_by(self.axes[1], theta[1], arm, there)
                 cross3(self.axes[0], goal, aside)
@@ -279,24 +278,13 @@ cdef class SixAxisArm(Arm):
         cdef double arm[3]
         cdef double aside[3]
         cdef double goal[3]
-        cdef double across, along, bend
+        cdef double bend
         cdef int count = 0
         cdef int i, k
         cdef Hinge hinge
         minus3(self.wrist, self.points[2], arm)
-        across = dot3(self.axes[0], self.axes[2])
-        along = dot3(self.axes[2], arm)
-        cross3(self.axes[2], arm, aside)
         minus3(wrist, self.points[2], goal)
-        for i in range(
-            trigonometric_roots(
-                dot3(self.axes[0], arm) - across * along,
-                dot3(self.axes[0], aside),
-                dot3(self.axes[0], goal) - across * along,
-                problem.slop,
-                roots,
-            )
-        ):
+        for i in range(turns_to_height(self.axes[0], self.axes[2], arm, goal, problem.slop, roots)):
             theta[2] = roots[i]
             self._about(2, theta[2], self.wrist, there)
             minus3(there, self.points[1], aside)
