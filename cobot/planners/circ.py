@@ -6,8 +6,8 @@ import numpy as np
 
 from cobot.errors import InputError, PlanningError
 from cobot.motions.requests import MotionRequest, check_via
-from cobot.planners.cartesian import TcpPath, follow, turn_between, turned
-from cobot.robot import quaternion
+from cobot.planners.cartesian import follow
+from cobot.planners.tcp_path import TcpPath, turn_between, turned
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array, Pose
@@ -60,8 +60,9 @@ def arc(start: Pose, via: Array, goal: Pose) -> TcpPath:
     angle = float(np.arctan2((goal.position - centre) @ y, (goal.position - centre) @ x) % (2.0 * np.pi))
     turn = turn_between(start, goal)
 
-    def pose_at(u: float) -> Pose:
-        position = centre + quaternion.rotated(quaternion.exp((u * angle * axis).tolist()), x.tolist())
-        return Pose(position, turned(start, turn, u))
+    def poses(shares: Array) -> Array:
+        angles = angle * shares[:, None]
+        positions = centre + np.cos(angles) * x + np.sin(angles) * y
+        return np.concatenate([positions, turned(start.quaternion, turn, shares)], axis=1)
 
-    return TcpPath("circ", pose_at, angle * float(np.linalg.norm(radius)), float(np.linalg.norm(turn)))
+    return TcpPath("circ", poses, angle * float(np.linalg.norm(radius)), float(np.linalg.norm(turn)))

@@ -91,6 +91,11 @@ class Path:
         """Positions, or their first to third derivative by s, shape (len(places), dof)."""
         return np.asarray(self.derivatives(places)[derivative])
 
+    def places_outside(self, low: Array, high: Array) -> Array:
+        """Where pieces begin whose extrema leave [low, high], shape (dof,) each."""
+        pieces, _, _ = Trajectory(self.breakpoints, self.coefficients).excesses(0, low, high)
+        return self.breakpoints[pieces]
+
     def derivatives(self, places: Array) -> Array:
         """Positions and their first three derivatives by s, shape (4, len(places), dof)."""
         return pieces_at(self.breakpoints, self.coefficients, np.clip(places, 0.0, self.length))
