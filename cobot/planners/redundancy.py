@@ -16,6 +16,7 @@ import numpy.typing as npt
 from scipy.interpolate import BSpline
 from scipy.linalg import solveh_banded
 
+from cobot.planners.lattice import cheapest
 from cobot.planners.tcp_path import TcpPath
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import SrsArm
@@ -23,7 +24,6 @@ from cobot.types import Array
 
 PLACE_M, PLACE_RAD = 0.015, 0.06
 LEAST_PLACES, MOST_PLACES = 24, 128
-FIRST_STEP_RAD = 0.5
 NEAR_LIMIT_RAD, AT_LIMIT = 0.1, 0.5
 """Nearer to a limit than the former a node costs up to the latter, as a path all along would in s²."""
 SMOOTHNESS = (1e4, 1e3, 1e2, 10.0, 1.0, 0.1, 0.0)
@@ -95,13 +95,15 @@ class Graph:
         count = mesh.factor * int(np.clip(np.ceil(places), LEAST_PLACES, MOST_PLACES))
         self.shares = np.linspace(0.0, 1.0, count + 1)
         self._angles = np.linspace(-np.pi, np.pi, mesh.angles, endpoint=False)
-        self._rows = arm.grid(path.poses(self.shares[1:]), self._angles)
+        poses = path.poses(self.shares[1:])
+        self._branches = self._branches_at(poses[:1])
+        self._rows = arm.grid(poses, self._angles, self._branches)
         self._free: dict[int, npt.NDArray[np.bool_]] = {}
         self.reached = 0.0
 
     def profiles(self, free: bool) -> Iterator[Profile]:
         """Smoother ones first, of each branch that the start is at; see `_cheapest`."""
-        for branch in self._branches():
+        for branch in self._branches:
             angles = self._cheapest(branch, free)
             if angles is not None:
                 corridor = self._corridor(angles[1:], branch, free)
@@ -113,7 +115,7 @@ class Graph:
         """Whether there is no arm angle at all at some place, so that no finer graph leads to the end."""
         poses = self._path.poses(self.shares[1:])
         return all(
-            any(len(self._arm.intervals(pose, branch)) == 0 for pose in poses) for branch in self._branches()
+            any(len(self._arm.intervals(pose, branch)) == 0 for pose in poses) for branch in self._branches
         )
 
     def _corridor(self, angles: Array, branch: int, free: bool) -> Array:
@@ -130,11 +132,11 @@ class Graph:
             bounds.append(angles + sign * step * (np.logical_and.accumulate(seen, axis=1).sum(axis=1) - 1.0))
         return np.array(bounds)
 
-    def _branches(self) -> list[int]:
+    def _branches_at(self, pose: Array) -> list[int]:
         """Those whose joints at the first place are near the start: more than one only where axes align."""
-        away = np.abs(self._rows[0] - self._start).max(axis=2)
+        away = np.abs(self._arm.grid(pose, self._angles)[0] - self._start).max(axis=2)
         near = np.where(np.isnan(away), np.inf, away).min(axis=0)
-        return [int(b) for b in np.argsort(near) if near[b] < max(self._mesh.step_rad, FIRST_STEP_RAD)]
+        return [int(b) for b in np.argsort(near) if near[b] < self._mesh.step_rad]
 
     def _cheapest(self, branch: int, free: bool) -> Array | None:
         """The arm angles at all places, shape (n + 1,), unwound; None if no way leads to the end.
@@ -145,35 +147,13 @@ class Graph:
         costs = self._costs(rows)
         if free:
             costs = np.where(self._are_free(branch), costs, np.inf)
-        weights = 1.0 / self._robot.limits.max_velocity
-        first = rows[0] - self._start
-        cost = costs[0] + ((first * weights) ** 2).sum(axis=1)
-        cost[~(np.abs(first).max(axis=1) <= self._mesh.step_rad)] = np.inf
-        window = np.arange(-self._mesh.window, self._mesh.window + 1)
-        sources = (np.arange(len(self._angles))[:, None] + window) % len(self._angles)
-        chosen = []
-        for place in range(1, len(rows)):
-            if not np.isfinite(cost).any():
-                break
-            self.reached = max(self.reached, float(self.shares[place]))
-            steps = rows[place][:, None] - rows[place - 1][sources]
-            edges = ((steps * weights) ** 2).sum(axis=2) + cost[sources]
-            edges[~(np.abs(steps).max(axis=2) <= self._mesh.step_rad)] = np.inf
-            best = edges.argmin(axis=1)
-            chosen.append(best)
-            cost = edges[np.arange(len(best)), best] + costs[place]
-        if not np.isfinite(cost).any():
+        weights, mesh = 1.0 / self._robot.limits.max_velocity, self._mesh
+        indices, reached = cheapest(rows, costs, self._start, weights, mesh.window, mesh.step_rad)
+        self.reached = max(self.reached, float(self.shares[reached]))
+        if len(indices) == 0:
             return None
-        self.reached = 1.0
-        return self._unwound(int(cost.argmin()), chosen, window)
-
-    def _unwound(self, last: int, chosen: list[npt.NDArray[np.intp]], window: npt.NDArray[np.int_]) -> Array:
-        """Back through the choices, from the cheapest node of the last place."""
-        indices = [last]
-        for best in reversed(chosen):
-            indices.append(int((indices[-1] + window[best[indices[-1]]]) % len(self._angles)))
         angle, _ = self._arm.of(self._start)
-        return np.unwrap(np.concatenate([[angle], self._angles[indices[::-1]]]))
+        return np.unwrap(np.concatenate([[angle], self._angles[indices]]))
 
     def _costs(self, rows: Array) -> Array:
         """Of nodes, shape (n, m); infinite where there are no joints."""
