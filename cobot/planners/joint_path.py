@@ -42,7 +42,7 @@ def through(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, 
         UnreachableError: the joints jump, there are none somewhere, or more than `MOST_PLACES` are needed.
     """
     if len(rows) > 1 and np.abs(np.diff(rows, axis=0)).max() <= EVEN_STEP_RAD and _is_even(shares):
-        joint_path = Path.through(shares, rows)
+        joint_path = Path.through_even(rows)
         if not _spoiled(robot, path, joint_path, shares, shares, rows[0]).any():
             return joint_path
     low, high = _bounds(robot, rows[0])
@@ -141,7 +141,9 @@ def _spoiled(
 ) -> Array:
     """In which of the intervals between places the path leaves a limit, or its TCP the TCP's path."""
     middles = 0.5 * (parameters[1:] + parameters[:-1])
-    between = middles if parameters is shares else Path.through(parameters, shares[:, None]).at(middles)[:, 0]
+    between = middles
+    if parameters is not shares:
+        between = Path.through(parameters, shares[:, None]).at(middles)[:, 0]
     poses, targets = robot.model.poses(joint_path.at(middles)), path.poses(between)
     spoiled = np.linalg.norm(poses[:, :3] - targets[:, :3], axis=1) > LARGEST_DEVIATION_M
     spoiled |= angles_between(poses[:, 3:], targets[:, 3:]) > LARGEST_DEVIATION_RAD
