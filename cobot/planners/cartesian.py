@@ -7,6 +7,8 @@ along the path (`cobot/planners/redundancy.py`).
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from cobot.errors import InputError, PlanningError, UnreachableError
@@ -24,7 +26,6 @@ from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array, CartesianLimits, JointLimits
 
 STANDING_M, STANDING_RAD = 1e-6, 1e-6
-PLACES = 24
 STEP_RAD = 0.4
 """Where a joint would turn further from one place to the next, there is one more between them."""
 SLOW = 2.5
@@ -77,8 +78,13 @@ def _timed(robot: RobotDescription, request: MotionRequest, joint_path: Path) ->
 
 
 def _tcp_limits(robot: RobotDescription, request: MotionRequest) -> CartesianLimits:
-    scaling = request.scaling
-    return robot.cartesian_limits.scaled(scaling.speed, scaling.acceleration, scaling.jerk)
+    scaling, speed = request.scaling, request.tcp_speed
+    limits = robot.cartesian_limits.scaled(scaling.speed, scaling.acceleration, scaling.jerk)
+    return replace(
+        limits,
+        max_linear_velocity=min(limits.max_linear_velocity, speed.linear_m_s or np.inf),
+        max_angular_velocity=min(limits.max_angular_velocity, speed.angular_rad_s or np.inf),
+    )
 
 
 def _shortest_s(request: MotionRequest, robot: RobotDescription, path: TcpPath) -> float:
@@ -177,7 +183,7 @@ def _continued(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Pa
 def _chain(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Array, Array]:
     """Shares, and the joints there, from one to the next."""
     descend = robot.model.inverse_kinematics.descend
-    ahead = np.linspace(0.0, 1.0, PLACES + 1)[:0:-1].tolist()
+    ahead = np.linspace(0.0, 1.0, path.places + 1)[:0:-1].tolist()
     poses = dict(zip(ahead, path.poses(np.array(ahead)), strict=True))
     shares, rows = [0.0], [start]
     while ahead:

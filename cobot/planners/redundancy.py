@@ -91,7 +91,7 @@ class Graph:
         assert arm is not None
         self._robot, self._arm, self._path, self._mesh = robot, arm, path, mesh
         self._start = start
-        places = max(path.length_m / PLACE_M, path.angle_rad / PLACE_RAD)
+        places = max(path.length_m / PLACE_M, path.angle_rad / PLACE_RAD, path.places)
         count = mesh.factor * int(np.clip(np.ceil(places), LEAST_PLACES, MOST_PLACES))
         self.shares = np.linspace(0.0, 1.0, count + 1)
         self._angles = np.linspace(-np.pi, np.pi, mesh.angles, endpoint=False)

@@ -10,6 +10,8 @@ import numpy as np
 from cobot.robot import quaternion
 from cobot.types import Array, Pose
 
+PLACES = 24
+
 
 @dataclass(frozen=True, slots=True)
 class TcpPath:
@@ -19,12 +21,14 @@ class TcpPath:
         name: of the planner, for messages.
         poses: of shares u, shape (n,), the poses in the base frame, shape (n, 7): x, y, z (m), w, x, y, z.
         length_m, angle_rad: how far the TCP travels and turns.
+        places: at so many even shares the joints are looked for first.
     """
 
     name: str
     poses: Callable[[Array], Array]
     length_m: float
     angle_rad: float
+    places: int = PLACES
 
     def pose_at(self, share: float) -> Pose:
         """The pose at one share."""
