@@ -70,6 +70,9 @@ class TcpSpeed:
     angular_rad_s: float | None = None
 
 
+ANY_SPEED = TcpSpeed()
+
+
 @dataclass(frozen=True, slots=True)
 class MotionRequest:
     """A motion from rest to rest. Picklable: it travels to the planning workers.
@@ -100,7 +103,7 @@ class MotionRequest:
     arc: Arc | None = None
     through: tuple[Pose, ...] = ()
     radius_m: float = 0.0
-    tcp_speed: TcpSpeed = TcpSpeed()
+    tcp_speed: TcpSpeed = ANY_SPEED
 
     def scaled_limits(self, robot: RobotDescription) -> JointLimits:
         """The share of the joint limits that this motion may use."""
@@ -203,9 +206,22 @@ def check_via(planner: PlannerName, via: object, arc: object = None) -> None:
             raise InputError(f"{name}: is for planner circ only, not for {planner}")
 
 
+def check_through(planner: PlannerName, through: Sequence[Pose], radius_m: float) -> None:
+    """Poses on the way and a radius are for polyline only.
+
+    Raises:
+        InputError: for another planner.
+    """
+    for name, given in (("through", len(through) > 0), ("radius", radius_m != 0.0)):
+        if given and planner is not PlannerName.POLYLINE:
+            raise InputError(f"{name}: is for planner polyline only, not for {planner}")
+
+
 def check_tcp_speed(planner: PlannerName, speed: TcpSpeed, limits: CartesianLimits) -> None:
-    """Raises:
-    InputError: a speed for a planner whose path is not the TCP's, not above 0, or above the limit.
+    """A speed of the TCP is within its limit, and for planners whose path is the TCP's.
+
+    Raises:
+        InputError: it is not.
     """
     for name, value, limit, setting, unit in (
         ("speed_m_s", speed.linear_m_s, limits.max_linear_velocity, "max_linear_velocity", "m/s"),

@@ -14,6 +14,7 @@ from cobot.motions.requests import (
     WaypointRequest,
     check_synchronization,
     check_tcp_speed,
+    check_through,
     check_via,
 )
 from cobot.planners.checks import is_there, validate
@@ -53,6 +54,7 @@ def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
         PlanningError: there is no such motion, or this planner does not find one.
     """
     check_via(request.planner, request.via, request.arc)
+    check_through(request.planner, request.through, request.radius_m)
     check_tcp_speed(request.planner, request.tcp_speed, robot.cartesian_limits)
     check_synchronization(request.planner, request.synchronization)
     if request.planner in PATH_PLANNERS or request.planner is PlannerName.PTP:

@@ -52,8 +52,8 @@ def arc_about(start: Pose, given: Arc, goal: Pose) -> TcpPath:
     radii = np.linalg.norm(x), np.linalg.norm(to_goal)
     if min(radii) < NEAREST_POINTS_M or abs(radii[0] - radii[1]) > EQUAL_RADII_M:
         raise PlanningError(
-            f"circ: the start is {1e3 * radii[0]:.2f} mm from the centre and the goal {1e3 * radii[1]:.2f} mm"
-            f"; they may differ by {1e3 * EQUAL_RADII_M:g} mm, and {1e3 * NEAREST_POINTS_M:g} mm are the least"
+            f"circ: the start is {1e3 * radii[0]:.2f} mm from the centre, the goal {1e3 * radii[1]:.2f} mm"
+            f"; they may differ by {1e3 * EQUAL_RADII_M:g} mm, the least is {1e3 * NEAREST_POINTS_M:g} mm"
         )
     normal = np.cross(x, to_goal) if given.axis is None else given.axis / np.linalg.norm(given.axis)
     if given.axis is None and np.linalg.norm(normal) < SMALLEST_SINE * radii[0] * radii[1]:
