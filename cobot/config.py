@@ -46,6 +46,7 @@ ENDPOINTS = (
     "POST /robot/move/named",
     "POST /robot/move/pose",
     "POST /robot/move/joints",
+    "POST /robot/move/arc",
     "POST /robot/reset",
     "POST /trajectory/send",
     "POST /trajectory/send_csv",

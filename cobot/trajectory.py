@@ -13,11 +13,13 @@ from functools import cache
 from math import comb
 
 import numpy as np
+import numpy.typing as npt
 
 from cobot.errors import InputError
 from cobot.polynomials import EXPONENTS, FACTORS, HERMITE
 from cobot.types import Array
 
+Integers = npt.NDArray[np.intp]
 ORDER = 6
 """A quintic's six coefficients stand in ascending powers of the time since the segment's start."""
 
@@ -147,20 +149,20 @@ class Trajectory:
 
     def first_excess(self, derivative: int, low: Array, high: Array) -> tuple[int, int, float] | None:
         """The first (segment, joint, value) whose extremum leaves [low, high], shape (dof,) each, or None."""
+        segments, joints, values = self.excesses(derivative, low, high)
+        return (int(segments[0]), int(joints[0]), float(values[0])) if len(segments) else None
+
+    def excesses(self, derivative: int, low: Array, high: Array) -> tuple[Integers, Integers, Array]:
+        """All segments, joints and values, shape (m,) each, whose extremum leaves [low, high]."""
         polynomials = self._unit_polynomials(derivative)
         hull_low, hull_high = _bernstein_hull(polynomials)
-        suspects = np.argwhere((hull_low < low) | (hull_high > high))
-        if len(suspects) == 0:
-            return None
-        lowest, highest = _polynomial_extrema(polynomials[suspects[:, 0], suspects[:, 1]])
-        joints = suspects[:, 1]
-        guilty = np.flatnonzero((lowest < low[joints]) | (highest > high[joints]))
-        if len(guilty) == 0:
-            return None
-        row = guilty[0]
-        segment, joint = int(suspects[row, 0]), int(suspects[row, 1])
-        value = lowest[row] if lowest[row] < low[joint] else highest[row]
-        return segment, joint, float(value)
+        segments, joints = np.nonzero((hull_low < low) | (hull_high > high))
+        if len(segments) == 0:
+            return segments, joints, np.empty(0)
+        lowest, highest = _polynomial_extrema(polynomials[segments, joints])
+        beneath, above = lowest < low[joints], highest > high[joints]
+        guilty = beneath | above
+        return segments[guilty], joints[guilty], np.where(beneath, lowest, highest)[guilty]
 
     def stretched(self, factor: float) -> Trajectory:
         """The same path in `factor` times the duration: velocities fall by factor, jerks by factor³."""

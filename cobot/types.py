@@ -65,6 +65,7 @@ class PlannerName(StrEnum):
     PTP = "ptp"
     LIN = "lin"
     CIRC = "circ"
+    POLYLINE = "polyline"
     CHOMP = "chomp"
 
 

@@ -29,6 +29,7 @@ ROLES: dict[str, Role] = {
     "POST /robot/move/named": Role.OPERATOR,
     "POST /robot/move/pose": Role.OPERATOR,
     "POST /robot/move/joints": Role.OPERATOR,
+    "POST /robot/move/arc": Role.OPERATOR,
     "POST /robot/reset": Role.OPERATOR,
     "POST /trajectory/send": Role.OPERATOR,
     "POST /trajectory/send_csv": Role.OPERATOR,

@@ -22,6 +22,7 @@ def _example(body: Any) -> ConfigDict:
     return ConfigDict(json_schema_extra={"examples": [body]})
 
 
+MAX_ARC_RAD = 200.0
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
@@ -54,12 +55,13 @@ SynchronizationName = Annotated[
     ),
 ]
 Planner = Annotated[
-    Literal["ompl", "ptp", "lin", "circ", "chomp", "auto"],
+    Literal["ompl", "ptp", "lin", "circ", "polyline", "chomp", "auto"],
     BeforeValidator(_lower),
     Field(
         description="ptp: in joint space, see `synchronization`; lin: the TCP on a straight line; circ: on "
-        "an arc through `via`; ompl: sampling, around obstacles; chomp: optimisation, around obstacles; "
-        "auto: ptp if that is free, else ompl."
+        "an arc, see `via` and `centre`; polyline: on straight lines through all of `through`; ompl: "
+        "sampling, around obstacles; chomp: optimisation, around obstacles; auto: ptp if that is free, else "
+        "ompl."
     ),
 ]
 JointPlanner = Annotated[
@@ -91,6 +93,53 @@ class Point(StrictModel):
     z: Finite = Field(description="m")
 
 
+class PathPose(StrictModel):
+    """A pose of the TCP in the frame of the motion."""
+
+    x: Finite = Field(description="m")
+    y: Finite = Field(description="m")
+    z: Finite = Field(description="m")
+    a: Finite = Field(0.0, description="KUKA angle A about z, rad")
+    b: Finite = Field(0.0, description="KUKA angle B about the new y, rad")
+    c: Finite = Field(0.0, description="KUKA angle C about the newest x, rad")
+
+
+MetresPerSecond = Annotated[
+    Finite | None,
+    Field(description="How fast the TCP may be, m/s, in lin, circ and polyline; without `speed` that is 1."),
+]
+RadPerSecond = Annotated[Finite | None, Field(description="How fast the TCP may turn, rad/s, likewise.")]
+FrameId = Annotated[
+    str,
+    Field(
+        max_length=200,
+        description="The frame of all poses and points: empty for the default frame, the base, world, tool "
+        "(the TCP's where the motion begins), or a body or site of the model that no joint moves.",
+    ),
+]
+
+
+class MoveArc(StrictModel):
+    """An arc by an angle about an axis; circles and helices too."""
+
+    model_config = _example(
+        {"centre": {"x": 0.5, "y": 0.0, "z": 0.5}, "axis": {"x": 0.0, "y": 0.0, "z": 1.0}, "angle": 0.5}
+    )
+
+    centre: Point = Field(description="A point on the axis, m.")
+    axis: Point = Field(description="The direction of the axis, of any length; by the right hand.")
+    angle: Finite = Field(
+        ge=-MAX_ARC_RAD, le=MAX_ARC_RAD, description="How far about the axis, rad; several turns too."
+    )
+    rise: Finite = Field(0.0, ge=-10.0, le=10.0, description="How far along the axis meanwhile, m: a helix.")
+    turn_tool: bool = Field(False, description="The hand turns with the arc, or keeps its orientation.")
+    frame_id: FrameId = ""
+    speed: Speed = 0.1
+    accel_scale: AccelScale = 0.0
+    speed_m_s: MetresPerSecond = None
+    speed_rad_s: RadPerSecond = None
+
+
 class MovePose(StrictModel):
     """Where to with the TCP."""
 
@@ -117,8 +166,24 @@ class MovePose(StrictModel):
     accel_scale: AccelScale = 0.0
     planner: Planner = "ptp"
     synchronization: SynchronizationName = "time"
-    frame_id: str = Field("", max_length=200, description="Frame of the pose; empty for the default frame.")
-    via: Point | None = Field(None, description="A point on the arc, needed by circ and by no other planner.")
+    frame_id: FrameId = ""
+    via: Point | None = Field(None, description="Of circ: a point on the arc. It needs this or `centre`.")
+    centre: Point | None = Field(None, description="Of circ: the centre of the arc, m.")
+    axis: Point | None = Field(
+        None, description="With `centre`: the arc turns about it by the right hand; else the short way."
+    )
+    through: Annotated[list[PathPose], BeforeValidator(_as_list)] = Field(
+        [], max_length=200, description="Of polyline: poses on the way."
+    )
+    radius: Finite = Field(
+        0.0,
+        ge=0.0,
+        le=1.0,
+        description="Of polyline: how far from each of them, m, the TCP may leave its path to go on without "
+        "a stop; 0: it stops.",
+    )
+    speed_m_s: MetresPerSecond = None
+    speed_rad_s: RadPerSecond = None
     algorithm: OmplAlgorithm = RRT_CONNECT
 
 

@@ -135,17 +135,37 @@ class Client:
         a: float = 0.0,
         b: float = 0.0,
         c: float = 0.0,
-        speed: float = 0.1,
+        speed: float | None = None,
         accel_scale: float = 0.0,
         planner: str = "ptp",
         frame_id: str = "",
         via: Mapping[str, float] | None = None,
+        **more: Any,
     ) -> Json:
-        """Bring the TCP to a pose (m, KUKA angles in rad); returns on arrival, raises when not reached."""
+        """Bring the TCP to a pose (m, KUKA angles in rad); returns on arrival, raises when not reached.
+
+        Args:
+            speed: a share; without it 0.1, or 1 where `speed_m_s` or `speed_rad_s` is given.
+            more: `centre`, `axis`, `through`, `radius`, `speed_m_s`, `speed_rad_s`, `algorithm`,
+                `synchronization`, as in POST /robot/move/pose.
+        """
         body: Json = {"x": x, "y": y, "z": z, "a": a, "b": b, "c": c}
-        body |= {"speed": speed, "accel_scale": accel_scale, "planner": planner, "frame_id": frame_id}
+        body |= {"accel_scale": accel_scale, "planner": planner, "frame_id": frame_id}
+        if speed is not None or not more.keys() & {"speed_m_s", "speed_rad_s"}:
+            body["speed"] = 0.1 if speed is None else speed
         body["via"] = dict(via) if via else None
-        return self._move("pose", body)
+        return self._move("pose", body | more)
+
+    def move_arc(
+        self, *, centre: Mapping[str, float], axis: Mapping[str, float], angle: float, **more: Any
+    ) -> Json:
+        """Turn the TCP by `angle`, rad, about the axis through `centre`, m; returns on arrival.
+
+        Args:
+            more: `rise`, `turn_tool`, `frame_id`, `speed`, `accel_scale`, `speed_m_s`, `speed_rad_s`, as in
+                POST /robot/move/arc.
+        """
+        return self._move("arc", {"centre": dict(centre), "axis": dict(axis), "angle": angle, **more})
 
     def send_trajectory(self, points: Sequence[Mapping[str, Any]], **options: bool) -> Json:
         """Run timed points; returns when the motion has begun. Options as in POST /trajectory/send."""

@@ -43,6 +43,37 @@ NO_TOOL = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
+class Arc:
+    """What makes an arc without a point on it.
+
+    Attributes:
+        centre: shape (3,), m in the base frame.
+        axis: shape (3,), any length, in the base frame: the arc turns about it by the right hand; None for an
+            arc that leads to the goal the short way.
+        angle_rad: how far it turns about the axis; several turns too. None: it leads to the goal.
+        rise_m: how far the TCP moves along the axis meanwhile: a helix.
+        turns_tool: the hand turns with the arc instead of keeping its orientation. With an angle only.
+    """
+
+    centre: Array
+    axis: Array | None = None
+    angle_rad: float | None = None
+    rise_m: float = 0.0
+    turns_tool: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class TcpSpeed:
+    """How fast the TCP may be at the most along a path: m/s and rad/s; None for what the limits permit."""
+
+    linear_m_s: float | None = None
+    angular_rad_s: float | None = None
+
+
+ANY_SPEED = TcpSpeed()
+
+
+@dataclass(frozen=True, slots=True)
 class MotionRequest:
     """A motion from rest to rest. Picklable: it travels to the planning workers.
 
@@ -54,6 +85,10 @@ class MotionRequest:
         timeout_s: after which ompl, chomp and auto give up.
         algorithm: of ompl.
         synchronization: of the joints, for ptp only.
+        arc: for circ only, instead of `via`. With an angle the goal does not count.
+        through: poses on the way to the goal, for polyline only.
+        radius_m: how far from each of them the TCP may leave its path to go on without a stop; 0: it stops.
+        tcp_speed: of lin, circ and polyline.
     """
 
     start: Array
@@ -65,6 +100,10 @@ class MotionRequest:
     timeout_s: float = 10.0
     algorithm: Algorithm = RRT_CONNECT
     synchronization: Synchronization = Synchronization.TIME
+    arc: Arc | None = None
+    through: tuple[Pose, ...] = ()
+    radius_m: float = 0.0
+    tcp_speed: TcpSpeed = ANY_SPEED
 
     def scaled_limits(self, robot: RobotDescription) -> JointLimits:
         """The share of the joint limits that this motion may use."""
@@ -149,16 +188,54 @@ class Blended:
     blended: tuple[bool, ...]
 
 
-def check_via(planner: PlannerName, via: object) -> None:
-    """A point on the arc is what circ needs and no other planner takes.
+PATH_PLANNERS = (PlannerName.LIN, PlannerName.CIRC, PlannerName.POLYLINE)
+
+
+def check_via(planner: PlannerName, via: object, arc: object = None) -> None:
+    """A point on the arc, or its centre, is what circ needs and no other planner takes.
 
     Raises:
-        InputError: there is none for circ, or one for another planner.
+        InputError: there is none or both for circ, or one for another planner.
     """
-    if via is None and planner is PlannerName.CIRC:
-        raise InputError("via: is missing; planner circ needs a point on its arc")
-    if via is not None and planner is not PlannerName.CIRC:
-        raise InputError(f"via: is for planner circ only, not for {planner}")
+    if planner is PlannerName.CIRC and via is None and arc is None:
+        raise InputError("via: is missing; planner circ needs a point on its arc, or its centre")
+    if planner is PlannerName.CIRC and via is not None and arc is not None:
+        raise InputError("via, centre: one of them defines the arc of planner circ, not both")
+    for name, given in (("via", via), ("centre", arc)):
+        if given is not None and planner is not PlannerName.CIRC:
+            raise InputError(f"{name}: is for planner circ only, not for {planner}")
+
+
+def check_through(planner: PlannerName, through: Sequence[Pose], radius_m: float) -> None:
+    """Poses on the way and a radius are for polyline only.
+
+    Raises:
+        InputError: for another planner.
+    """
+    for name, given in (("through", len(through) > 0), ("radius", radius_m != 0.0)):
+        if given and planner is not PlannerName.POLYLINE:
+            raise InputError(f"{name}: is for planner polyline only, not for {planner}")
+
+
+def check_tcp_speed(planner: PlannerName, speed: TcpSpeed, limits: CartesianLimits) -> None:
+    """A speed of the TCP is within its limit, and for planners whose path is the TCP's.
+
+    Raises:
+        InputError: it is not.
+    """
+    for name, value, limit, setting, unit in (
+        ("speed_m_s", speed.linear_m_s, limits.max_linear_velocity, "max_linear_velocity", "m/s"),
+        ("speed_rad_s", speed.angular_rad_s, limits.max_angular_velocity, "max_angular_velocity", "rad/s"),
+    ):
+        if value is None:
+            continue
+        if planner not in PATH_PLANNERS:
+            raise InputError(f"{name}: is for lin, circ and polyline only, not for {planner}")
+        if not 0.0 < value <= limit:
+            raise InputError(
+                f"{name}: is {value:g} {unit}, possible is above 0 and up to {limit:g} {unit} "
+                f"(planning.{setting})"
+            )
 
 
 def check_synchronization(planner: PlannerName, synchronization: Synchronization) -> None:

@@ -9,13 +9,21 @@ from __future__ import annotations
 from dataclasses import replace
 
 from cobot.errors import LimitError, PlanningError
-from cobot.motions.requests import MotionRequest, WaypointRequest, check_synchronization, check_via
+from cobot.motions.requests import (
+    MotionRequest,
+    WaypointRequest,
+    check_synchronization,
+    check_tcp_speed,
+    check_through,
+    check_via,
+)
 from cobot.planners.checks import is_there, validate
 from cobot.planners.chomp import plan_chomp
 from cobot.planners.circ import plan_circ
 from cobot.planners.escape import leave
 from cobot.planners.goals import joint_goals, nearest_goal
 from cobot.planners.lin import plan_lin
+from cobot.planners.polyline import plan_polyline
 from cobot.planners.ptp import plan_ptp
 from cobot.planners.waypoints import plan_waypoints
 from cobot.robot.description import RobotDescription
@@ -33,7 +41,7 @@ def _plan_ompl(robot: RobotDescription, request: MotionRequest, goals: Array) ->
 
 
 SEARCHING_PLANNERS = {PlannerName.OMPL: _plan_ompl, PlannerName.CHOMP: plan_chomp}
-PATH_PLANNERS = {PlannerName.LIN: plan_lin, PlannerName.CIRC: plan_circ}
+PATH_PLANNERS = {PlannerName.LIN: plan_lin, PlannerName.CIRC: plan_circ, PlannerName.POLYLINE: plan_polyline}
 
 
 def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
@@ -45,7 +53,9 @@ def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
         InputError: a goal beyond the limits, or fields that this planner does not take.
         PlanningError: there is no such motion, or this planner does not find one.
     """
-    check_via(request.planner, request.via)
+    check_via(request.planner, request.via, request.arc)
+    check_through(request.planner, request.through, request.radius_m)
+    check_tcp_speed(request.planner, request.tcp_speed, robot.cartesian_limits)
     check_synchronization(request.planner, request.synchronization)
     if request.planner in PATH_PLANNERS or request.planner is PlannerName.PTP:
         robot.collision.check_position(request.start, "the start")
@@ -58,7 +68,7 @@ def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
 
 
 def _direct(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
-    """ptp, lin or circ."""
+    """ptp, lin, circ or polyline."""
     if request.planner in PATH_PLANNERS:
         trajectory = PATH_PLANNERS[request.planner](robot, request)
         return None if trajectory is None else _validated(robot, request, trajectory)

@@ -1,55 +1,35 @@
-"""Following a path of the TCP: what lin and circ have in common."""
+"""Following a path of the TCP: what lin and circ have in common.
+
+First the joints go on from where they stand, each pose from the one before. Where that leads to a limit, a
+singularity or a collision, or takes much longer than the TCP would need, an S-R-S arm's arm angle is planned
+along the path (`cobot/planners/redundancy.py`).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
-from cobot.errors import PlanningError, UnreachableError
+from cobot.errors import InputError, PlanningError, UnreachableError
 from cobot.motions.requests import MotionRequest
+from cobot.planners.joint_path import SHORTEST_SHARE, through
 from cobot.planners.path import Path
+from cobot.planners.redundancy import MESHES, Graph, Profile
+from cobot.planners.tcp_path import TcpPath
 from cobot.planners.time_law import time_optimal
-from cobot.robot import quaternion
+from cobot.robot.clearance import bezier
 from cobot.robot.description import RobotDescription
 from cobot.robot.frames import angle_between
 from cobot.robot.inverse_kinematics import LEAST_GAP_M, reach_gap, solve_near
-from cobot.trajectory import Trajectory
-from cobot.types import Array, JointLimits, Pose
+from cobot.trajectory import ORDER, Trajectory
+from cobot.types import Array, CartesianLimits, JointLimits
 
-LARGEST_DEVIATION_M = 1e-4
-LARGEST_DEVIATION_RAD = np.radians(0.05)
-FIRST_SAMPLES, LAST_SAMPLES = 24, 768
-LARGEST_JOINT_STEP_RAD = 0.5
-"""A joint may turn by so much between two of the first samples, and by less where there are more of them."""
 STANDING_M, STANDING_RAD = 1e-6, 1e-6
-
-
-@dataclass(frozen=True, slots=True)
-class TcpPath:
-    """A path of the TCP over u in [0, 1].
-
-    Attributes:
-        name: of the planner, for messages.
-        pose_at: the pose in the base frame.
-        length_m, angle_rad: how far the TCP travels and turns.
-    """
-
-    name: str
-    pose_at: Callable[[float], Pose]
-    length_m: float
-    angle_rad: float
-
-
-def turn_between(start: Pose, goal: Pose) -> Array:
-    """The rotation vector, shape (3,), rad, that takes one orientation to the other the short way."""
-    return np.array(quaternion.between(start.quaternion.tolist(), goal.quaternion.tolist()))
-
-
-def turned(start: Pose, turn: Array, share: float) -> Array:
-    """The quaternion after a share of a turn: slerp."""
-    return np.array(quaternion.product(quaternion.exp((share * turn).tolist()), start.quaternion.tolist()))
+STEP_RAD = 0.4
+"""Where a joint would turn further from one place to the next, there is one more between them."""
+SLOW = 2.5
+"""A motion that takes so many times as long as the TCP alone would is compared with one of the graph."""
 
 
 def follow(robot: RobotDescription, request: MotionRequest, path: TcpPath) -> Trajectory | None:
@@ -57,24 +37,118 @@ def follow(robot: RobotDescription, request: MotionRequest, path: TcpPath) -> Tr
 
     Raises:
         UnreachableError: saying at what percentage of the path which joint cannot go on.
+        CollisionError: what would be touched.
         PlanningError: the joints cannot follow at a useful speed, or not accurately enough.
     """
     if path.length_m < STANDING_M and path.angle_rad < STANDING_RAD:
         return None
     _require_reach(robot, path, request.start)
-    scaling, limits = request.scaling, request.scaled_limits(robot)
-    tcp_limits = robot.cartesian_limits.scaled(scaling.speed, scaling.acceleration, scaling.jerk)
-    samples = FIRST_SAMPLES
-    while samples <= LAST_SAMPLES:
-        joint_path = _joint_path(robot, request.start, path, samples)
-        deviation_m, deviation_rad = deviation(robot, joint_path, path, samples)
-        if deviation_m <= LARGEST_DEVIATION_M and deviation_rad <= LARGEST_DEVIATION_RAD:
-            return time_optimal(robot, joint_path, limits, tcp_limits).trajectory
-        samples *= 2
-    raise PlanningError(
-        f"{path.name}: the joints cannot follow the path accurately: {1e3 * deviation_m:.2f} mm and "
-        f"{np.degrees(deviation_rad):.3f} degrees off, allowed are 0.1 mm and 0.05 degrees"
+    simple, reason = _continued(robot, request.start, path)
+    motion = None
+    if simple is not None and _is_free(robot, simple):
+        try:
+            motion = _timed(robot, request, simple)
+        except (PlanningError, InputError) as exc:
+            reason = str(exc)
+    if motion is not None and motion.duration_s <= SLOW * _shortest_s(request, robot, path):
+        return motion
+    other, reached = _redundant(robot, request.start, path, len(MESHES) if motion is None else 1)
+    if other is not None:
+        motions = [_timed(robot, request, other), *([] if motion is None else [motion])]
+        return min(motions, key=lambda one: one.duration_s)
+    if motion is None and simple is not None:
+        return _timed(robot, request, simple)  # What it touches is said by the check of all motions.
+    if motion is None:
+        raise UnreachableError(reason + _no_arm_angle(robot, reached))
+    return motion
+
+
+def _no_arm_angle(robot: RobotDescription, reached: float) -> str:
+    if robot.model.inverse_kinematics.arm_angle is None:
+        return ""
+    if reached >= 1.0:
+        return "; no other arm angles lead along the path without touching something"
+    return f"; no arm angle leads further than {100 * reached:.0f} % of the path"
+
+
+def _timed(robot: RobotDescription, request: MotionRequest, joint_path: Path) -> Trajectory:
+    return time_optimal(
+        robot, joint_path, request.scaled_limits(robot), _tcp_limits(robot, request)
+    ).trajectory
+
+
+def _tcp_limits(robot: RobotDescription, request: MotionRequest) -> CartesianLimits:
+    scaling, speed = request.scaling, request.tcp_speed
+    limits = robot.cartesian_limits.scaled(scaling.speed, scaling.acceleration, scaling.jerk)
+    return replace(
+        limits,
+        max_linear_velocity=min(limits.max_linear_velocity, speed.linear_m_s or np.inf),
+        max_angular_velocity=min(limits.max_angular_velocity, speed.angular_rad_s or np.inf),
     )
+
+
+def _shortest_s(request: MotionRequest, robot: RobotDescription, path: TcpPath) -> float:
+    """How long the TCP's own limits make the path take, whatever the joints do."""
+    limits = _tcp_limits(robot, request)
+    times = []
+    for way, velocity, acceleration, jerk in (
+        (
+            path.length_m,
+            limits.max_linear_velocity,
+            limits.max_linear_acceleration,
+            limits.max_linear_jerk,
+        ),
+        (
+            path.angle_rad,
+            limits.max_angular_velocity,
+            limits.max_angular_acceleration,
+            limits.max_angular_jerk,
+        ),
+    ):
+        short = max(2.0 * np.sqrt(way / acceleration), (32.0 * way / jerk) ** (1.0 / 3.0))
+        times.append(max(short, way / velocity + velocity / acceleration + acceleration / jerk))
+    return float(max(times))
+
+
+def _is_free(robot: RobotDescription, joint_path: Path) -> bool:
+    widths = np.diff(joint_path.breakpoints)[:, None, None]
+    pieces = bezier(joint_path.coefficients * widths ** np.arange(ORDER))
+    return robot.collision.clearance.contact(pieces) is None
+
+
+def _redundant(
+    robot: RobotDescription, start: Array, path: TcpPath, meshes: int
+) -> tuple[Path | None, float]:
+    """A free path of the joints by planning the arm angle, from coarse to fine, and how far any leads."""
+    reached = 0.0
+    if robot.model.inverse_kinematics.arm_angle is None:
+        return None, reached
+    for mesh in MESHES[:meshes]:
+        graph = Graph(robot, start, path, mesh)
+        for free in (False, True):
+            for profile in graph.profiles(free):
+                found = _along(robot, start, path, graph.shares, profile)
+                if found is not None and _is_free(robot, found):
+                    return found, 1.0
+            if graph.reached < 1.0:
+                break
+        reached = max(reached, graph.reached)
+        if graph.is_cut():
+            break
+    return None, reached
+
+
+def _along(
+    robot: RobotDescription, start: Array, path: TcpPath, shares: Array, profile: Profile
+) -> Path | None:
+    """The joints' path with these arm angles, if they lead to the end."""
+    rows = profile.rows(shares[1:])
+    if rows is None:
+        return None
+    try:
+        return through(robot, path, shares, np.concatenate([[start], rows]), profile.joints_at)
+    except UnreachableError:
+        return None
 
 
 def _require_reach(robot: RobotDescription, path: TcpPath, start: Array) -> None:
@@ -91,55 +165,72 @@ def _require_reach(robot: RobotDescription, path: TcpPath, start: Array) -> None
     )
 
 
-def deviation(robot: RobotDescription, joint_path: Path, path: TcpPath, samples: int) -> tuple[float, float]:
-    """How far (m, rad) the TCP is at the most from the path, half way between the samples."""
-    shares = (np.arange(samples) + 0.5) / samples
-    worst_m = worst_rad = 0.0
-    for pose, share in zip(robot.model.poses(joint_path.at(shares)), shares, strict=True):
-        target = path.pose_at(float(share))
-        worst_m = max(worst_m, float(np.linalg.norm(pose[:3] - target.position)))
-        worst_rad = max(worst_rad, angle_between(pose[3:], target.quaternion))
-    return worst_m, worst_rad
+def _continued(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Path | None, str]:
+    """The joints by inverse kinematics at even places, each from the one before, or why they cannot go on."""
+    arm = robot.model.inverse_kinematics
+
+    def joints_at(share: float, near: Array) -> Array | None:
+        joints, solved, _, _ = arm.descend(path.poses(np.array([share]))[0], near, 60)
+        return joints if solved else None
+
+    try:
+        shares, rows = _chain(robot, start, path)
+        return through(robot, path, shares, rows, joints_at), ""
+    except UnreachableError as exc:
+        return None, str(exc)
 
 
-def _joint_path(robot: RobotDescription, start: Array, path: TcpPath, samples: int) -> Path:
-    """Joint angles over u: inverse kinematics at even steps, each from the one before."""
-    shares = np.linspace(0.0, 1.0, samples + 1)
-    rows = [start]
-    for share in shares[1:]:
-        descent = solve_near(robot.model, path.pose_at(float(share)), rows[-1])
-        at_limit = _at_limit(robot.limits, descent.joints, rows[-1])
-        if not descent.solved or at_limit:
-            raise UnreachableError(_failure(robot, path, float(share), descent.joints, rows[-1], at_limit))
-        jump = np.abs(descent.joints - rows[-1])
-        if jump.max() > LARGEST_JOINT_STEP_RAD * FIRST_SAMPLES / samples + 1e-3:
-            joint = int(jump.argmax())
-            raise UnreachableError(
-                f"{path.name}: at {100 * share:.0f} % of the path {robot.limits.names[joint]} would have to "
-                f"jump by {jump[joint]:.2f} rad: the path leads through a singularity"
-            )
-        rows.append(descent.joints)
-    return Path.through(shares, np.array(rows))
+def _chain(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Array, Array]:
+    """Shares, and the joints there, from one to the next."""
+    descend = robot.model.inverse_kinematics.descend
+    ahead = np.linspace(0.0, 1.0, path.places + 1)[:0:-1].tolist()
+    poses = dict(zip(ahead, path.poses(np.array(ahead)), strict=True))
+    shares, rows = [0.0], [start]
+    while ahead:
+        share = ahead[-1]
+        pose = poses[share] if share in poses else path.poses(np.array([share]))[0]
+        joints, solved, _, _ = descend(pose, rows[-1], 60)
+        step = np.abs(joints - rows[-1])
+        at_limit = _at_limit(robot.limits, joints, step)
+        if solved and not at_limit and step.max() <= STEP_RAD:
+            shares.append(ahead.pop())
+            rows.append(joints)
+        elif share - shares[-1] > SHORTEST_SHARE and not (solved and at_limit):
+            ahead.append(0.5 * (shares[-1] + share))
+        else:
+            raise UnreachableError(_failure(robot, path, share, joints, rows[-1], at_limit, solved))
+    return np.array(shares), np.array(rows)
 
 
-def _at_limit(limits: JointLimits, joints: Array, before: Array) -> list[int]:
+def _at_limit(limits: JointLimits, joints: Array, step: Array) -> list[int]:
     """The joints that this step has driven into a limit."""
-    stuck = (joints <= limits.min_position) | (joints >= limits.max_position)
-    return [int(joint) for joint in np.flatnonzero(stuck & (np.abs(joints - before) > 1e-9))]
+    stuck = ((joints <= limits.min_position) | (joints >= limits.max_position)) & (step > 1e-9)
+    return [int(joint) for joint in stuck.nonzero()[0]] if stuck.any() else []
 
 
 def _failure(
-    robot: RobotDescription, path: TcpPath, share: float, joints: Array, before: Array, at_limit: list[int]
+    robot: RobotDescription,
+    path: TcpPath,
+    share: float,
+    joints: Array,
+    before: Array,
+    at_limit: list[int],
+    solved: bool,
 ) -> str:
     place = f"{path.name}: at {100 * share:.0f} % of the path"
     limits = robot.limits
     for joint in at_limit:
         limit = limits.min_position[joint] if joints[joint] < 0 else limits.max_position[joint]
         return f"{place} {limits.names[joint]} reaches its limit of {limit:.4f} rad"
+    joint = int(np.abs(joints - before).argmax())
+    if solved:
+        return (
+            f"{place} {limits.names[joint]} would have to jump by {abs(joints[joint] - before[joint]):.2f} "
+            "rad: the path leads through a singularity"
+        )
     pose, target = robot.model.forward(joints), path.pose_at(share)
     missing = 1e3 * float(np.linalg.norm(pose.position - target.position))
     angle = np.degrees(angle_between(pose.quaternion, target.quaternion))
-    joint = int(np.abs(joints - before).argmax())
     return (
         f"{place} the TCP cannot go on: it stays {missing:.1f} mm and {angle:.2f} degrees away, "
         f"with {limits.names[joint]} turning most, to {joints[joint]:.3f} rad"

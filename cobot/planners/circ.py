@@ -1,34 +1,119 @@
-"""An arc of the TCP through a point, its orientation turning evenly from start to goal."""
+"""Arcs of the TCP: through a point, about a centre, or by an angle about an axis, helices too."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from cobot.errors import InputError, PlanningError
-from cobot.motions.requests import MotionRequest, check_via
-from cobot.planners.cartesian import TcpPath, follow, turn_between, turned
-from cobot.robot import quaternion
+from cobot.motions.requests import Arc, MotionRequest, check_via
+from cobot.planners.cartesian import follow
+from cobot.planners.tcp_path import PLACES, TcpPath, turn_between, turned
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array, Pose
 
 NEAREST_POINTS_M = 1e-3
+EQUAL_RADII_M = 1e-3
+"""A goal may be so much nearer to the centre than the start, or beside the plane: it is approached evenly."""
+PLACE_RAD, MOST_PLACES = 0.2, 400
 SMALLEST_SINE = 1e-3
 """Three points are as good as on a line when the sine of the angle at `via` is smaller."""
 
 
 def plan_circ(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
-    """The arc from the present position of the TCP through `via` to the goal pose.
+    """An arc from the present pose of the TCP: through `via` or about `arc.centre` to the goal pose, or about
+    an axis by an angle.
 
     Raises:
-        InputError: no `via`, or the goal is not a pose.
-        PlanningError: the three points define no circle, or from `follow`.
+        InputError: neither `via` nor `arc`, or the goal is not a pose.
+        PlanningError: what is given defines no circle, or from `follow`.
     """
-    check_via(request.planner, request.via)
+    check_via(request.planner, request.via, request.arc)
     if not isinstance(request.goal, Pose):
         raise InputError("circ needs a pose as its goal and via, a point (x, y, z) on the arc")
-    assert request.via is not None
-    return follow(robot, request, arc(robot.model.forward(request.start), request.via, request.goal))
+    start = robot.model.forward(request.start)
+    if request.arc is None:
+        assert request.via is not None
+        path = arc(start, request.via, request.goal)
+    elif request.arc.angle_rad is None:
+        path = arc_about(start, request.arc, request.goal)
+    else:
+        path = helix(start, request.arc, request.arc.angle_rad)
+    return follow(robot, request, path)
+
+
+def arc_about(start: Pose, given: Arc, goal: Pose) -> TcpPath:
+    """About a centre to the goal: about the axis by the right hand, or without one the short way.
+
+    Raises:
+        PlanningError: start and goal are not as far from the centre, or define no plane with it.
+    """
+    x, to_goal = start.position - given.centre, goal.position - given.centre
+    radii = np.linalg.norm(x), np.linalg.norm(to_goal)
+    if min(radii) < NEAREST_POINTS_M or abs(radii[0] - radii[1]) > EQUAL_RADII_M:
+        raise PlanningError(
+            f"circ: the start is {1e3 * radii[0]:.2f} mm from the centre, the goal {1e3 * radii[1]:.2f} mm"
+            f"; they may differ by {1e3 * EQUAL_RADII_M:g} mm, the least is {1e3 * NEAREST_POINTS_M:g} mm"
+        )
+    normal = np.cross(x, to_goal) if given.axis is None else given.axis / np.linalg.norm(given.axis)
+    if given.axis is None and np.linalg.norm(normal) < SMALLEST_SINE * radii[0] * radii[1]:
+        raise PlanningError(
+            "circ: start, centre and goal are on one line: an axis has to say in which plane the arc is, "
+            "or via, a point on it"
+        )
+    axis = normal / np.linalg.norm(normal)
+    for name, way in (("start", x), ("goal", to_goal)):
+        if abs(way @ axis) > EQUAL_RADII_M:
+            raise PlanningError(
+                f"circ: the {name} is {1e3 * abs(way @ axis):.2f} mm beside the plane that the axis has at "
+                f"the centre, allowed are {1e3 * EQUAL_RADII_M:g} mm"
+            )
+    angle = float(np.arctan2(to_goal @ np.cross(axis, x), to_goal @ x) % (2.0 * np.pi))
+    end = _circle(given.centre, x, axis, angle, np.zeros(3), np.array([1.0]))[0]
+    turn = turn_between(start, goal)
+
+    def poses(shares: Array) -> Array:
+        positions = _circle(given.centre, x, axis, angle, goal.position - end, shares)
+        return np.concatenate([positions, turned(start.quaternion, turn, shares)], axis=1)
+
+    return TcpPath("circ", poses, angle * float(radii[0]), float(np.linalg.norm(turn)), _places(angle))
+
+
+def helix(start: Pose, given: Arc, angle: float) -> TcpPath:
+    """By an angle, rad, about the axis through the centre; full circles and helices too.
+
+    Raises:
+        PlanningError: there is no axis, or the TCP is on it.
+    """
+    if given.axis is None or np.linalg.norm(given.axis) < SMALLEST_SINE:
+        raise PlanningError("circ: axis: is missing or zero; an arc by an angle turns about it")
+    axis = given.axis / np.linalg.norm(given.axis)
+    along = (start.position - given.centre) @ axis * axis
+    x = start.position - given.centre - along
+    radius = float(np.linalg.norm(x))
+    if radius < NEAREST_POINTS_M:
+        raise PlanningError(
+            f"circ: the TCP is {1e3 * radius:.2f} mm from the axis, an arc needs "
+            f"{1e3 * NEAREST_POINTS_M:g} mm at least"
+        )
+    turn = angle * axis if given.turns_tool else np.zeros(3)
+
+    def poses(shares: Array) -> Array:
+        positions = _circle(given.centre + along, x, axis, angle, given.rise_m * axis, shares)
+        return np.concatenate([positions, turned(start.quaternion, turn, shares)], axis=1)
+
+    length = float(np.hypot(angle * radius, given.rise_m))
+    return TcpPath("circ", poses, length, float(np.linalg.norm(turn)), _places(angle))
+
+
+def _circle(centre: Array, x: Array, axis: Array, angle: float, rise: Array, shares: Array) -> Array:
+    """Positions, shape (n, 3), after shares of an angle from `x` on, and of a rise."""
+    angles, part = angle * shares[:, None], shares[:, None]
+    return np.asarray(centre + np.cos(angles) * x + np.sin(angles) * np.cross(axis, x) + part * rise)
+
+
+def _places(angle: float) -> int:
+    return int(np.clip(np.ceil(abs(angle) / PLACE_RAD), PLACES, MOST_PLACES))
 
 
 def arc(start: Pose, via: Array, goal: Pose) -> TcpPath:
@@ -60,8 +145,9 @@ def arc(start: Pose, via: Array, goal: Pose) -> TcpPath:
     angle = float(np.arctan2((goal.position - centre) @ y, (goal.position - centre) @ x) % (2.0 * np.pi))
     turn = turn_between(start, goal)
 
-    def pose_at(u: float) -> Pose:
-        position = centre + quaternion.rotated(quaternion.exp((u * angle * axis).tolist()), x.tolist())
-        return Pose(position, turned(start, turn, u))
+    def poses(shares: Array) -> Array:
+        positions = _circle(centre, x, axis, angle, np.zeros(3), shares)
+        return np.concatenate([positions, turned(start.quaternion, turn, shares)], axis=1)
 
-    return TcpPath("circ", pose_at, angle * float(np.linalg.norm(radius)), float(np.linalg.norm(turn)))
+    length_m = angle * float(np.linalg.norm(radius))
+    return TcpPath("circ", poses, length_m, float(np.linalg.norm(turn)), _places(angle))

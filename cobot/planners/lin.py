@@ -6,10 +6,11 @@ import numpy as np
 
 from cobot.errors import InputError
 from cobot.motions.requests import MotionRequest
-from cobot.planners.cartesian import TcpPath, follow, turn_between, turned
+from cobot.planners.cartesian import follow
+from cobot.planners.tcp_path import TcpPath, turn_between, turned
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
-from cobot.types import Pose
+from cobot.types import Array, Pose
 
 
 def plan_lin(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
@@ -28,7 +29,8 @@ def straight_line(start: Pose, goal: Pose) -> TcpPath:
     """The path itself."""
     across, turn = goal.position - start.position, turn_between(start, goal)
 
-    def pose_at(u: float) -> Pose:
-        return Pose(start.position + u * across, turned(start, turn, u))
+    def poses(shares: Array) -> Array:
+        positions = start.position + shares[:, None] * across
+        return np.concatenate([positions, turned(start.quaternion, turn, shares)], axis=1)
 
-    return TcpPath("lin", pose_at, float(np.linalg.norm(across)), float(np.linalg.norm(turn)))
+    return TcpPath("lin", poses, float(np.linalg.norm(across)), float(np.linalg.norm(turn)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from math import factorial
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 
 from cobot.errors import InputError
 from cobot.polynomials import pieces_at
+from cobot.robot.clearance import bezier
 from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array
 
@@ -60,6 +62,12 @@ class Path:
         return cls.of_spline(make_interp_spline(parameters, points, k=degree))
 
     @classmethod
+    def through_even(cls, points: Array) -> Path:
+        """`through` at even parameters from 0 to 1."""
+        breakpoints, units = _even_units(len(points))
+        return cls(breakpoints, np.einsum("nmk,md->ndk", units, points))
+
+    @classmethod
     def straight(cls, start: Array, goal: Array) -> Path:
         """The straight line between two points, shape (dof,) each, over s in [0, 1]."""
         coefficients = np.zeros((1, len(start), ORDER))
@@ -91,6 +99,23 @@ class Path:
         """Positions, or their first to third derivative by s, shape (len(places), dof)."""
         return np.asarray(self.derivatives(places)[derivative])
 
+    def places_outside(self, low: Array, high: Array) -> Array:
+        """Where pieces begin whose extrema leave [low, high], shape (dof,) each."""
+        widths = np.diff(self.breakpoints)[:, None, None]
+        hull = bezier(self.coefficients * widths ** np.arange(ORDER))
+        if (hull >= low).all() and (hull <= high).all():
+            return np.empty(0)
+        pieces, _, _ = Trajectory(self.breakpoints, self.coefficients).excesses(0, low, high)
+        return self.breakpoints[pieces]
+
     def derivatives(self, places: Array) -> Array:
         """Positions and their first three derivatives by s, shape (4, len(places), dof)."""
         return pieces_at(self.breakpoints, self.coefficients, np.clip(places, 0.0, self.length))
+
+
+@lru_cache(maxsize=8)
+def _even_units(count: int) -> tuple[Array, Array]:
+    """Breakpoints and coefficients, shape (pieces, count, 6), of the splines through 1 at one of so many even
+    places and 0 at the others: every spline through such places is a sum of them."""
+    path = Path.through(np.linspace(0.0, 1.0, count), np.eye(count))
+    return path.breakpoints, path.coefficients

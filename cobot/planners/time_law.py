@@ -38,7 +38,7 @@ ITERATIONS = 60
 LONGEST_S = 1e9
 """Thirty years: beyond that the powers of a time leave the range of numbers."""
 ROUNDS = 3
-TIGHT = 1.001
+TIGHT = 1.003
 """A motion that its extrema would stretch by more is optimised again, up to so many times."""
 COARSE = 1.02
 """A motion that its extrema would stretch by more is divided into more cells."""

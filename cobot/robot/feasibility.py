@@ -41,6 +41,8 @@ def check_limits(
     Raises:
         LimitError: naming the place, the joint, the quantity, the value and the limit.
     """
+    if _keeps(trajectory, limits, tolerance):
+        return
     found = None
     for derivative, (low, high) in enumerate(_bounds(limits, tolerance)):
         excess = trajectory.first_excess(derivative, low, high)
@@ -59,6 +61,15 @@ def check_limits(
         f"{place} the {QUANTITIES[derivative]} of {limits.names[joint]} reaches "
         f"{value:.6g} {UNITS[derivative]}, its limit is {limit:.6g} {UNITS[derivative]}"
     )
+
+
+def _keeps(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> bool:
+    """Whether all limits hold, by the exact extrema of all pieces at once."""
+    peaks = greatest_rates(trajectory.coefficients, np.diff(trajectory.breakpoints_s)).max(axis=1)
+    rates = np.array([limits.max_velocity, limits.max_acceleration, limits.max_jerk])
+    if not (peaks <= rates * (1.0 + tolerance)).all():
+        return False
+    return trajectory.first_excess(0, *_bounds(limits, tolerance)[0]) is None
 
 
 def in_range(trajectory: Trajectory, limits: JointLimits) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 
@@ -89,6 +90,33 @@ class RobotModel:
         other, other_turn, _ = Chain(self.mj, self._base, flange).solve(self.mj.qpos0)
         orientation = from_matrix((turn.T @ other_turn).ravel().tolist())
         return np.array([*(turn.T @ (other - position)), *orientation])
+
+    @cached_property
+    def fixed_frames(self) -> dict[str, Pose]:
+        """The bodies and sites that no joint moves, the world among them, in the base frame."""
+        data = mujoco.MjData(self.mj)
+        mujoco.mj_kinematics(self.mj, data)
+        turn = data.xmat[self._base].reshape(3, 3).T
+        frames = {}
+        for name, body, place, matrix in self._frames(data):
+            if self.mj.body_weldid[body] == 0:
+                orientation = from_matrix((turn @ matrix.reshape(3, 3)).ravel().tolist())
+                frames[name] = Pose(turn @ (place - data.xpos[self._base]), np.array(orientation))
+        return frames
+
+    @cached_property
+    def frame_names(self) -> frozenset[str]:
+        """Of all bodies and sites."""
+        return frozenset(name for name, *_ in self._frames(mujoco.MjData(self.mj)))
+
+    def _frames(self, data: mujoco.MjData) -> Iterator[tuple[str, int, Array, Array]]:
+        """Name, body, place and rotation matrix of each site and body that has a name."""
+        for index in range(self.mj.nsite):
+            if name := self.mj.site(index).name:
+                yield name, self.mj.site_bodyid[index], data.site_xpos[index], data.site_xmat[index]
+        for index in range(self.mj.nbody):
+            if name := self.mj.body(index).name:
+                yield name, index, data.xpos[index], data.xmat[index]
 
     def with_tool(self, tool: Array) -> RobotModel:
         """The same arm with its TCP elsewhere.

@@ -13,11 +13,13 @@ from app.api.schemas import (
     Angles,
     JointStates,
     MoveAnswer,
+    MoveArc,
     MoveJoints,
     MoveNamed,
     MovePose,
     NamedPositionAnswer,
     Orientation,
+    Point,
     PoseAnswer,
     Position,
     Quaternion,
@@ -25,8 +27,10 @@ from app.api.schemas import (
 )
 from app.services.motion.execution import Goal, Outcome
 from cobot import audit
-from cobot.robot.frames import abc_from_quaternion
-from cobot.types import PlannerName, Scaling, Synchronization
+from cobot.errors import InputError
+from cobot.motions.requests import Arc, TcpSpeed
+from cobot.robot.frames import abc_from_quaternion, pose_from_abc
+from cobot.types import Array, PlannerName, Scaling, Synchronization
 
 COMPLETED = "Motion completed successfully"
 MOTION_RESPONSES = responses(409, 413, 415, 422, 503)
@@ -111,11 +115,25 @@ async def move_pose(body: MovePose, request: Request, gone: Gone) -> MoveAnswer:
         [body.a, body.b, body.c],
         body.frame_id,
         body.planner,
-        Scaling(body.speed, body.accel_scale),
+        _scaling(body),
         via,
         Synchronization(body.synchronization),
+        _arc_to(body),
+        [pose_from_abc(pose.x, pose.y, pose.z, pose.a, pose.b, pose.c) for pose in body.through],
+        body.radius,
+        TcpSpeed(body.speed_m_s, body.speed_rad_s),
     )
     return _answer(await call.services.motion.move(_by(body, goal), call.caller(gone)))
+
+
+@router.post("/move/arc", responses=MOTION_RESPONSES, dependencies=[Depends(json_body)])
+async def move_arc(body: MoveArc, request: Request, gone: Gone) -> MoveAnswer:
+    """Turn the TCP about an axis by an angle; answers when the arm has arrived and settled."""
+    call = Call(request)
+    arc = Arc(_vector(body.centre), _vector(body.axis), body.angle, body.rise, body.turn_tool)
+    speed = TcpSpeed(body.speed_m_s, body.speed_rad_s)
+    goal = call.services.motion.arc(arc, body.frame_id, _scaling(body), speed)
+    return _answer(await call.services.motion.move(goal, call.caller(gone)))
 
 
 @router.post("/reset", responses=responses(409, 503))
@@ -124,6 +142,25 @@ async def reset(request: Request) -> ResetAnswer:
     call = Call(request)
     await call.services.stopping.reset(call.timeout_s)
     return ResetAnswer(success=True, message="the robot is ready to move")
+
+
+def _scaling(body: MovePose | MoveArc) -> Scaling:
+    """A speed in m/s or rad/s is a limit of its own: without a share of the others they count in full."""
+    in_units = body.speed_m_s is not None or body.speed_rad_s is not None
+    speed = 1.0 if in_units and "speed" not in body.model_fields_set else body.speed
+    return Scaling(speed, body.accel_scale)
+
+
+def _arc_to(body: MovePose) -> Arc | None:
+    if body.centre is None:
+        if body.axis is not None:
+            raise InputError("axis: goes with centre, which is missing")
+        return None
+    return Arc(_vector(body.centre), None if body.axis is None else _vector(body.axis))
+
+
+def _vector(point: Point) -> Array:
+    return np.array([point.x, point.y, point.z])
 
 
 def _by(body: MoveNamed | MoveJoints | MovePose, goal: Goal) -> Goal:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import asyncio
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from app.services.motion.ownership import Caller, Claim, Ownership, watching
 from app.services.motion.planning import PlanningService
 from app.services.motion.planning_tasks import PlanRequest
+from app.services.motion.tool_and_limits import compose
 from app.services.state.link import ACKNOWLEDGE_S, POLL_S, RobotLink
 from app.services.state.robot_state import RobotState
 from cobot import logs
@@ -26,13 +28,26 @@ from cobot.errors import (
     UnavailableError,
 )
 from cobot.ipc.layout import MotionResult
-from cobot.motions.requests import RRT_CONNECT, Algorithm, MotionRequest, check_synchronization, check_via
+from cobot.motions.requests import (
+    ANY_SPEED,
+    RRT_CONNECT,
+    Algorithm,
+    Arc,
+    MotionRequest,
+    TcpSpeed,
+    check_synchronization,
+    check_tcp_speed,
+    check_through,
+    check_via,
+)
 from cobot.robot.description import RobotDescription
-from cobot.robot.frames import pose_from_abc
+from cobot.robot.frames import pose_from_abc, rotation_matrix
 from cobot.robot.limits import check_positions
 from cobot.trajectory import Trajectory
 from cobot.types import Array, LoopMode, PlannerName, Pose, Scaling, Synchronization
 
+TOOL = "tool"
+"""The frame_id of what is given in the TCP's frame."""
 REST_TIMEOUT_S = 5.0
 """How long a motion that was told to stop is waited for."""
 STATE_TIMEOUT_S = 1.5
@@ -70,6 +85,23 @@ class Goal:
     via: Array | None = None
     algorithm: Algorithm = RRT_CONNECT
     synchronization: Synchronization = Synchronization.TIME
+    arc: Arc | None = None
+    through: tuple[Pose, ...] = ()
+    radius_m: float = 0.0
+    tcp_speed: TcpSpeed = ANY_SPEED
+    in_tool: bool = False
+    """All poses and points are given in the TCP's frame, as it is where the motion begins."""
+
+    def placed(self, frame: Pose) -> Goal:
+        """The same in the base frame, of what is given in a frame whose pose there is `frame`."""
+        via = None if self.via is None else _point(frame, self.via)
+        arc = self.arc
+        if arc is not None:
+            axis = None if arc.axis is None else rotation_matrix(frame.quaternion) @ arc.axis
+            arc = replace(arc, centre=_point(frame, arc.centre), axis=axis)
+        through = tuple(compose(frame, pose) for pose in self.through)
+        target = compose(frame, self.target) if isinstance(self.target, Pose) else self.target
+        return replace(self, target=target, via=via, arc=arc, through=through, in_tool=False)
 
 
 class MotionService:
@@ -131,24 +163,80 @@ class MotionService:
         scaling: Scaling,
         via: list[float] | None,
         synchronization: Synchronization = Synchronization.TIME,
+        arc: Arc | None = None,
+        through: Sequence[Pose] = (),
+        radius_m: float = 0.0,
+        tcp_speed: TcpSpeed = ANY_SPEED,
     ) -> Goal:
         """The goal of a TCP pose: m, KUKA angles in rad.
 
         Raises:
-            InputError: an unknown frame, or a `via` or a synchronization that does not fit the planner.
+            InputError: a frame that is unknown or moves, or fields that do not fit the planner.
         """
-        base = self._robot.base_frame
-        if (frame or self._settings.default_frame) != base:
-            raise InputError(f"frame_id: there is no frame {frame!r}; valid are: {base}, or empty for it")
-        check_via(PlannerName(planner), via)
-        check_synchronization(PlannerName(planner), synchronization)
-        point = None if via is None else np.array(via)
-        return Goal(
+        name = PlannerName(planner)
+        check_via(name, via, arc)
+        check_synchronization(name, synchronization)
+        check_through(name, through, radius_m)
+        check_tcp_speed(name, tcp_speed, self._robot.cartesian_limits)
+        goal = Goal(
             pose_from_abc(*position, *abc),
             scaling,
-            PlannerName(planner),
-            point,
+            name,
+            None if via is None else np.array(via),
             synchronization=synchronization,
+            arc=arc,
+            through=tuple(through),
+            radius_m=radius_m,
+            tcp_speed=tcp_speed,
+        )
+        return self.in_frame(goal, frame)
+
+    def arc(self, arc: Arc, frame: str, scaling: Scaling, tcp_speed: TcpSpeed) -> Goal:
+        """The goal of an arc by an angle, which ends wherever that leads.
+
+        Raises:
+            InputError: a frame that is unknown or moves, or a speed beyond the limits.
+        """
+        return self.pose([0.0] * 3, [0.0] * 3, frame, "circ", scaling, None, arc=arc, tcp_speed=tcp_speed)
+
+    def in_frame(self, goal: Goal, frame: str) -> Goal:
+        """A goal that is given in a frame: the base's, the TCP's where the motion begins (tool), or one that
+        no joint moves.
+
+        Raises:
+            InputError: there is no such frame, or it moves.
+        """
+        base, model = self._robot.base_frame, self._robot.model
+        name = frame or self._settings.default_frame
+        if name == base:
+            return goal
+        if name == TOOL:
+            return replace(goal, in_tool=True)
+        fixed = model.fixed_frames
+        if name in fixed:
+            return goal.placed(fixed[name])
+        valid = ", ".join([base, TOOL, *sorted(set(fixed) - {base})]) + f", or empty for {base}"
+        if name in model.frame_names:
+            raise InputError(f"frame_id: {name!r} moves with the joints; valid are: {valid}")
+        raise InputError(f"frame_id: there is no frame {name!r}; valid are: {valid}")
+
+    def request(self, goal: Goal, start: Array) -> MotionRequest:
+        """What the planner is asked for, from where the arm stands, rad."""
+        if goal.in_tool:
+            goal = goal.placed(self._robot.model.forward(start))
+        return MotionRequest(
+            start,
+            goal.target,
+            goal.planner,
+            goal.scaling,
+            goal.via,
+            timeout_s=self._settings.timeout_s,
+            algorithm=goal.algorithm,
+            synchronization=goal.synchronization,
+            arc=goal.arc,
+            through=goal.through,
+            radius_m=goal.radius_m,
+            tcp_speed=goal.tcp_speed,
         )
 
     async def move(self, goal: Goal, caller: Caller) -> Outcome:
@@ -163,16 +251,7 @@ class MotionService:
             error: CobotError | None = None
             try:
                 state = await self.ready()
-                request = MotionRequest(
-                    state.commanded_position,
-                    goal.target,
-                    goal.planner,
-                    goal.scaling,
-                    goal.via,
-                    timeout_s=self._settings.timeout_s,
-                    algorithm=goal.algorithm,
-                    synchronization=goal.synchronization,
-                )
+                request = self.request(goal, state.commanded_position)
                 trajectory = await self.plan(claim, request, caller.timeout_s)
                 planned_s = self._link.clock.now_s()
                 if trajectory is not None:
@@ -253,3 +332,8 @@ class MotionService:
             raise type(cause)(f"{cause}: the arm came to rest {where} after {share:.0f} % of it")
         if state.motion_result is not MotionResult.ARRIVED:
             raise ExecutionError(state.reason)
+
+
+def _point(frame: Pose, point: Array) -> Array:
+    """A point of a frame in the base frame."""
+    return np.asarray(frame.position + rotation_matrix(frame.quaternion) @ point)

@@ -68,5 +68,5 @@ cdef class SrsArm(Arm):
         self, const Problem* problem, const Elbow* elbow, Candidate* candidate, double width
     ) noexcept nogil
     cdef void _grid(
-        self, const double* poses, Py_ssize_t n, const double* angles, Py_ssize_t m, double* out
+        self, const double* poses, Py_ssize_t n, const double* angles, Py_ssize_t m, int wanted, double* out
     ) noexcept nogil

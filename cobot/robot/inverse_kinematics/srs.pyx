@@ -588,9 +588,9 @@ cdef class SrsArm(Arm):
         ]
         return np.array(sorted(rows), dtype=np.float64).reshape(-1, 2)
 
-    def grid(self, poses, angles):
-        """Joints, shape (n, m, 8, 7), of poses (n, 7) at arm angles (m,) in all branches; NaN where there are
-        none within the limits.
+    def grid(self, poses, angles, only=range(8)):
+        """Joints, shape (n, m, 8, 7), of poses (n, 7) at arm angles (m,) in all branches, or `only` some; NaN
+        where there are none within the limits.
         """
         rows = np.array(poses, dtype=np.float64).reshape(-1, 7)
         columns = np.array(angles, dtype=np.float64).reshape(-1)
@@ -602,13 +602,17 @@ cdef class SrsArm(Arm):
         cdef double* pose = doubles(rows, 7 * n)
         cdef double* angle = doubles(columns, m)
         cdef double* joints = doubles(out, n * m * 56)
+        cdef int wanted = 0
+        for branch in only:
+            wanted |= 1 << checked(branch)
         with nogil:
-            self._grid(pose, n, angle, m, joints)
+            self._grid(pose, n, angle, m, wanted, joints)
         return out
 
     cdef void _grid(
-        self, const double* poses, Py_ssize_t n, const double* angles, Py_ssize_t m, double* out
+        self, const double* poses, Py_ssize_t n, const double* angles, Py_ssize_t m, int wanted, double* out
     ) noexcept nogil:
+        """`wanted` has a bit for each branch."""
         cdef Problem problem
         cdef Elbow elbow
         cdef Turned turned
@@ -619,12 +623,12 @@ cdef class SrsArm(Arm):
             self.c_state(poses + 7 * row, NULL, LIMITS, &problem)
             problem.slack = 2.0 * SLACK
             for minus in range(2):
-                if not self._elbow(&problem, minus, &elbow):
+                if not wanted & (0xCC if minus else 0x33) or not self._elbow(&problem, minus, &elbow):
                     continue
                 for column in range(m):
                     self._turn(&problem, &elbow, angles[column], &turned)
                     for branch in range(8):
-                        if (1 if branch & ELBOW else 0) != minus or not (
+                        if not wanted >> branch & 1 or (1 if branch & ELBOW else 0) != minus or not (
                             turned.shoulder_fits[branch & SHOULDER]
                             and turned.wrist_fits[1 if branch & WRIST else 0]
                         ):

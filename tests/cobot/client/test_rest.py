@@ -23,6 +23,7 @@ from cobot.errors import CobotError, ExecutionError, InputError, UnavailableErro
 
 Handler = Callable[[httpx.Request], httpx.Response]
 DONE = {"success": True, "message": "Motion completed successfully", "motion_id": 1, "duration_s": 1.0}
+UP = {"x": 0, "y": 0, "z": 1}
 SCALING = {"speed": 0.1, "accel_scale": 0.0}
 
 
@@ -141,6 +142,17 @@ def test_logs_are_lists_of_lines(call: Callable[[Client, int], list[str]]) -> No
             "pose",
             {"x": 1, "y": 2, "z": 3, "a": 4, "b": 5, "c": 6, **SCALING}
             | {"planner": "circ", "frame_id": "tool", "via": {"x": 1, "y": 2, "z": 3}},
+        ),
+        (
+            lambda robot: robot.move_pose(x=1, y=2, z=3, planner="lin", speed_m_s=0.2),
+            "pose",
+            {"x": 1, "y": 2, "z": 3, "a": 0, "b": 0, "c": 0, "accel_scale": 0}
+            | {"planner": "lin", "frame_id": "", "via": None, "speed_m_s": 0.2},
+        ),
+        (
+            lambda robot: robot.move_arc(centre={"x": 1, "y": 2, "z": 3}, axis=UP, angle=6.3, rise=0.1),
+            "arc",
+            {"centre": {"x": 1, "y": 2, "z": 3}, "axis": UP, "angle": 6.3, "rise": 0.1},
         ),
     ],
 )

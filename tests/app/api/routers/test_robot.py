@@ -6,7 +6,9 @@ Oracle: what GET /health says about the arm.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
+import numpy as np
 import pytest
 from virtual import VirtualService, virtual_service
 
@@ -28,3 +30,102 @@ def test_a_stopped_motion_answers_its_own_client_too(service: VirtualService) ->
     assert answer["success"] is False
     assert answer["code"] == "stopped"
     assert "POST /stop" in answer["message"]
+
+
+def move(service: VirtualService, path: str, **body: object) -> dict[str, Any]:
+    answer = service.post(f"/robot/move/{path}", json=body)
+    assert answer.status_code == 200, answer.text
+    return dict(answer.json())
+
+
+def tcp(service: VirtualService) -> np.ndarray:
+    position = service.get("/robot/pose").json()["position"]
+    return np.array([position[axis] for axis in "xyz"])
+
+
+def at_work(service: VirtualService) -> np.ndarray:
+    assert move(service, "named", name="work", speed=1.0)["success"]
+    return tcp(service)
+
+
+def test_arcs_polylines_and_speeds_in_units_over_http(service: VirtualService) -> None:
+    begin = at_work(service)
+    x, y, z = begin.tolist()
+    down = {"b": 3.14159265358979}
+    arc = {"centre": {"x": x - 0.1, "y": y, "z": z}, "axis": {"x": 0, "y": 0, "z": 2}}
+    answer = move(service, "arc", **arc, angle=6.283185307179586, rise=0.05, speed_m_s=0.25)
+    assert answer["success"], answer
+    assert tcp(service) == pytest.approx(begin + np.array([0, 0, 0.05]), abs=1e-4)
+    assert answer["duration_s"] > 0.2 * np.pi / 0.25
+    at_work(service)
+    goal = {"x": x - 0.1, "y": y + 0.1, "z": z}
+    answer = move(service, "pose", **goal, **down, planner="circ", centre=arc["centre"], speed=1.0)
+    assert answer["success"], answer
+    at_work(service)
+    through = [{"x": x, "y": y + 0.1, "z": z, **down}, {"x": x, "y": y + 0.1, "z": z + 0.1, **down}]
+    answer = move(
+        service, "pose", **goal, **down, planner="polyline", through=through, radius=0.02, speed_m_s=0.2
+    )
+    assert answer["success"], answer
+    assert tcp(service) == pytest.approx(list(goal.values()), abs=1e-4)
+
+
+def test_poses_in_the_frames_of_the_hand_and_of_the_world(service: VirtualService) -> None:
+    begin = at_work(service)
+    answer = move(service, "pose", x=0.0, y=0.0, z=0.05, planner="lin", frame_id="tool", speed=0.5)
+    assert answer["success"], answer
+    assert tcp(service) == pytest.approx(begin - np.array([0, 0, 0.05]), abs=1e-4), "the hand looks down"
+    x, y, z = begin.tolist()
+    assert move(service, "pose", x=x, y=y, z=z, b=np.pi, planner="lin", frame_id="world", speed=0.5)[
+        "success"
+    ]
+    assert tcp(service) == pytest.approx(begin, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "detail"),
+    [
+        (
+            "pose",
+            {"frame_id": "link4"},
+            "frame_id: 'link4' moves with the joints; valid are: base_link, tool, world",
+        ),
+        (
+            "pose",
+            {"frame_id": "moon"},
+            "frame_id: there is no frame 'moon'; valid are: base_link, tool, world",
+        ),
+        (
+            "pose",
+            {"planner": "lin", "speed_m_s": 1.5},
+            "speed_m_s: is 1.5 m/s, possible is above 0 and up to 1 m/s",
+        ),
+        (
+            "pose",
+            {"planner": "lin", "speed_rad_s": -1},
+            "speed_rad_s: is -1 rad/s, possible is above 0 and up to 2",
+        ),
+        ("pose", {"speed_m_s": 0.1}, "speed_m_s: is for lin, circ and polyline only, not for ptp"),
+        ("pose", {"planner": "lin", "radius": 0.1}, "radius: is for planner polyline only, not for lin"),
+        (
+            "pose",
+            {"planner": "lin", "through": [{"x": 0, "y": 0, "z": 0}]},
+            "through: is for planner polyline only",
+        ),
+        ("pose", {"planner": "lin", "centre": {"x": 0, "y": 0, "z": 0}}, "centre: is for planner circ only"),
+        (
+            "pose",
+            {"planner": "circ", "axis": {"x": 0, "y": 0, "z": 1}},
+            "axis: goes with centre, which is missing",
+        ),
+        ("pose", {"planner": "polyline", "through": [{"x": 0, "y": 0}]}, "through[0].z: is missing"),
+        ("arc", {"angle": 1.0, "axis": {"x": 0, "y": 0, "z": 1}}, "centre: is missing"),
+    ],
+)
+def test_what_a_path_cannot_be_is_said_before_anything_moves(
+    service: VirtualService, path: str, body: dict[str, object], detail: str
+) -> None:
+    goal = {"x": 0.5, "y": 0.0, "z": 0.5} if path == "pose" else {}
+    answer = service.post(f"/robot/move/{path}", json=goal | body)
+    assert answer.status_code == 422
+    assert detail in answer.json()["detail"]

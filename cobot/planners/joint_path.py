@@ -1,0 +1,158 @@
+"""From joint angles at some places of a path to a smooth path of the joints that keeps to it everywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from cobot.errors import UnreachableError
+from cobot.planners.path import Path
+from cobot.planners.tcp_path import TcpPath, angles_between
+from cobot.robot.description import RobotDescription
+from cobot.types import Array
+
+LARGEST_DEVIATION_M = 5e-5
+LARGEST_DEVIATION_RAD = np.radians(0.01)
+EVEN_STEP_RAD = 0.25
+"""Where the joints turn further than this between even places, their own way is the path's parameter."""
+LARGEST_STEP_RAD = 0.12
+THIN = 0.4
+"""Places are no nearer to each other than this share of the mean, or of `LARGEST_STEP_RAD`."""
+SHORTEST_SHARE = 1e-9
+"""Joints that turn further between two places this near to each other jump: the path is singular there."""
+SHARE_RAD = 0.1
+"""What the whole path counts as in its parameter, beside the joints' way, so that it always increases."""
+MOST_PLACES = 1500
+ROUNDS = 12
+INSIDE_RAD = 1e-6
+"""The joints stay so far from limits, if they begin there: the time law's quintics are near this path."""
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(4)
+
+JointsAt = Callable[[float, Array], Array | None]
+"""Joint angles at a share of the path near given ones; None if there are none."""
+
+
+def through(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, joints_at: JointsAt) -> Path:
+    """A path of the joints through rows, shape (n, dof), at shares, shape (n,), and more where it needs them.
+
+    It is within the joints' limits everywhere, and its TCP within `LARGEST_DEVIATION_*` of the path.
+
+    Raises:
+        UnreachableError: the joints jump, there are none somewhere, or more than `MOST_PLACES` are needed.
+    """
+    if len(rows) > 1 and np.abs(np.diff(rows, axis=0)).max() <= EVEN_STEP_RAD and _is_even(shares):
+        joint_path = Path.through_even(rows)
+        if not _spoiled(robot, path, joint_path, shares, shares, rows[0]).any():
+            return joint_path
+    low, high = _bounds(robot, rows[0])
+    shares, rows = _thinned(*_without_jumps(path, robot, shares, rows, joints_at))
+    for _ in range(ROUNDS):
+        if (rows < low).any() or (rows > high).any():
+            raise UnreachableError(f"{path.name}: the joints would have to leave their limits")
+        parameters = _lengths(shares, rows)
+        joint_path = Path.through(parameters, rows)
+        spoiled = _spoiled(robot, path, joint_path, parameters, shares, rows[0])
+        if not spoiled.any():
+            return joint_path
+        shares, rows = _halved(path, shares, rows, spoiled, joints_at)
+    raise UnreachableError(f"{path.name}: the joints cannot follow the path accurately")
+
+
+def _is_even(shares: Array) -> bool:
+    return bool(np.ptp(np.diff(shares)) < 1e-9)
+
+
+def _without_jumps(
+    path: TcpPath, robot: RobotDescription, shares: Array, rows: Array, joints_at: JointsAt
+) -> tuple[Array, Array]:
+    """More places where the joints turn far between two."""
+    while True:
+        steps = np.abs(np.diff(rows, axis=0))
+        far = steps.max(axis=1) > LARGEST_STEP_RAD
+        if not far.any():
+            return shares, rows
+        jumps = np.flatnonzero(far & (np.diff(shares) < SHORTEST_SHARE))
+        if len(jumps):
+            place, joint = int(jumps[0]), int(steps[jumps[0]].argmax())
+            raise UnreachableError(
+                f"{path.name}: at {100 * shares[place]:.0f} % of the path {robot.limits.names[joint]} would "
+                f"have to jump by {steps[place, joint]:.2f} rad: the path leads through a singularity"
+            )
+        shares, rows = _halved(path, shares, rows, far, joints_at)
+
+
+def _thinned(shares: Array, rows: Array) -> tuple[Array, Array]:
+    """Without places that are much nearer to each other than most: a spline through such ones swings."""
+    steps = _chords(shares, rows)
+    least = THIN * min(LARGEST_STEP_RAD, float(steps.sum()) / len(steps))
+    kept, gone = [0], 0.0
+    for index, step in enumerate(steps[:-1], start=1):
+        gone += step
+        if gone >= least:
+            kept.append(index)
+            gone = 0.0
+    if gone + steps[-1] < least and len(kept) > 1:
+        kept.pop()
+    kept.append(len(rows) - 1)
+    return shares[kept], rows[kept]
+
+
+def _halved(
+    path: TcpPath, shares: Array, rows: Array, which: Array, joints_at: JointsAt
+) -> tuple[Array, Array]:
+    """With a place in the middle of these intervals, a mask of shape (n - 1,)."""
+    chosen = np.flatnonzero(which)
+    if len(rows) + len(chosen) > MOST_PLACES:
+        raise UnreachableError(f"{path.name}: the joints cannot follow the path accurately")
+    middles = 0.5 * (shares[chosen] + shares[chosen + 1])
+    found = []
+    for share, index in zip(middles, chosen, strict=True):
+        joints = joints_at(float(share), 0.5 * (rows[index] + rows[index + 1]))
+        if joints is None:
+            raise UnreachableError(
+                f"{path.name}: at {100 * share:.1f} % of the path no joint angles within the limits go on"
+            )
+        found.append(joints)
+    return np.insert(shares, chosen + 1, middles), np.insert(rows, chosen + 1, np.array(found), axis=0)
+
+
+def _lengths(shares: Array, rows: Array) -> Array:
+    """The way to each place, of the joints and, a little, of the path: chords, then twice the true arcs."""
+    points = np.column_stack([rows, SHARE_RAD * shares])
+    parameters = np.concatenate([[0.0], np.cumsum(_chords(shares, rows))])
+    for _ in range(2):
+        curve = Path.through(parameters, points)
+        steps = np.diff(curve.breakpoints)
+        places = curve.breakpoints[:-1, None] + 0.5 * steps[:, None] * (NODES + 1.0)
+        speeds = np.linalg.norm(curve.at(places.ravel(), 1), axis=1).reshape(places.shape)
+        lengths = np.concatenate([[0.0], np.cumsum(0.5 * steps * (speeds @ WEIGHTS))])
+        parameters = np.interp(parameters, curve.breakpoints, lengths)
+    return np.asarray(parameters)
+
+
+def _chords(shares: Array, rows: Array) -> Array:
+    ways = np.diff(rows, axis=0)
+    return np.asarray(np.sqrt((ways**2).sum(axis=1) + (SHARE_RAD * np.diff(shares)) ** 2))
+
+
+def _spoiled(
+    robot: RobotDescription, path: TcpPath, joint_path: Path, parameters: Array, shares: Array, start: Array
+) -> Array:
+    """In which of the intervals between places the path leaves a limit, or its TCP the TCP's path."""
+    middles = 0.5 * (parameters[1:] + parameters[:-1])
+    between = middles
+    if parameters is not shares:
+        between = Path.through(parameters, shares[:, None]).at(middles)[:, 0]
+    poses, targets = robot.model.poses(joint_path.at(middles)), path.poses(between)
+    spoiled = np.linalg.norm(poses[:, :3] - targets[:, :3], axis=1) > LARGEST_DEVIATION_M
+    spoiled |= angles_between(poses[:, 3:], targets[:, 3:]) > LARGEST_DEVIATION_RAD
+    outside = joint_path.places_outside(*_bounds(robot, start))
+    spoiled[np.clip(np.searchsorted(parameters, outside, side="right") - 1, 0, len(spoiled) - 1)] = True
+    return np.asarray(spoiled)
+
+
+def _bounds(robot: RobotDescription, start: Array) -> tuple[Array, Array]:
+    limits = robot.limits
+    low, high = limits.min_position + INSIDE_RAD, limits.max_position - INSIDE_RAD
+    return np.minimum(low, start), np.maximum(high, start)

@@ -1,0 +1,84 @@
+"""The cheapest way through a graph of arm angles: dynamic programming, place by place."""
+
+from libc.math cimport INFINITY, fabs
+
+import numpy as np
+
+from cobot.arrays cimport doubles
+
+
+cdef double _edge(
+    const double* begin, const double* end, const double* weights, int dof, double step_rad
+) noexcept nogil:
+    """What a straight motion of the joints costs; infinite if one turns too far."""
+    cdef double total = 0.0
+    cdef double step
+    cdef int joint
+    for joint in range(dof):
+        step = fabs(end[joint] - begin[joint])
+        if not step <= step_rad:
+            return INFINITY
+        step *= weights[joint]
+        total += step * step
+    return total
+
+
+def cheapest(rows, costs, start, weights, int window, double step_rad):
+    """See lattice.pyi."""
+    given = np.ascontiguousarray(rows, dtype=np.float64)
+    cdef Py_ssize_t n = given.shape[0], m = given.shape[1]
+    cdef int dof = given.shape[2]
+    best, scales = np.array(costs, dtype=np.float64, order="C"), np.array(weights, dtype=np.float64)
+    first = np.array(start, dtype=np.float64)
+    sources = np.zeros((n, m), dtype=np.float64)
+    cdef double* node = doubles(given, n * m * dof)
+    cdef double* cost = doubles(best, n * m)
+    cdef double* source = doubles(sources, n * m)
+    cdef double* scale = doubles(scales, dof)
+    cdef double* begin = doubles(first, dof)
+    cdef Py_ssize_t reached = 0
+    with nogil:
+        reached = _search(node, cost, source, scale, begin, n, m, dof, window, step_rad)
+    if reached < n:
+        return np.empty(0, dtype=np.intp), reached
+    indices = np.empty(n, dtype=np.intp)
+    indices[-1] = best[-1].argmin()
+    for place in range(n - 1, 0, -1):
+        indices[place - 1] = int(sources[place, indices[place]])
+    return indices, reached
+
+
+cdef Py_ssize_t _search(
+    const double* node, double* cost, double* source, const double* scale, const double* begin,
+    Py_ssize_t n, Py_ssize_t m, int dof, int window, double step_rad
+) noexcept nogil:
+    """Turn the nodes' costs into those of the cheapest ways to them; how many places are reached."""
+    cdef Py_ssize_t place, angle, other
+    cdef double least, total
+    cdef bint any
+    cdef int shift
+    for place in range(n):
+        any = False
+        for angle in range(m):
+            if cost[place * m + angle] == INFINITY:
+                continue
+            least = INFINITY
+            if place == 0:
+                least = _edge(begin, &node[angle * dof], scale, dof, step_rad)
+            else:
+                for shift in range(-window, window + 1):
+                    other = (angle + shift + m) % m
+                    total = cost[(place - 1) * m + other]
+                    if total < least:
+                        total += _edge(
+                            &node[((place - 1) * m + other) * dof], &node[(place * m + angle) * dof],
+                            scale, dof, step_rad
+                        )
+                        if total < least:
+                            least = total
+                            source[place * m + angle] = other
+            cost[place * m + angle] += least
+            any = any or cost[place * m + angle] < INFINITY
+        if not any:
+            return place
+    return n

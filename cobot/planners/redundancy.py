@@ -1,0 +1,213 @@
+"""The arm angle along a path: what an S-R-S arm may choose freely while its hand keeps to the path.
+
+A graph has the arm angles at even places of the path as its nodes; a motion of the joints from one place to
+the next is an edge, if no joint turns too far for it to be continuous. The cheapest way through the graph is
+smoothed as far as limits and surroundings permit, and becomes a spline of the arm angle. The branch of the
+inverse kinematics is that of the start: it changes only where axes align, at single points of the graph.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import BSpline
+from scipy.linalg import solveh_banded
+
+from cobot.planners.lattice import cheapest
+from cobot.planners.tcp_path import TcpPath
+from cobot.robot.description import RobotDescription
+from cobot.robot.inverse_kinematics import SrsArm
+from cobot.types import Array
+
+PLACE_M, PLACE_RAD = 0.015, 0.06
+LEAST_PLACES, MOST_PLACES = 24, 128
+NEAR_LIMIT_RAD, AT_LIMIT = 0.1, 0.5
+"""Nearer to a limit than the former a node costs up to the latter, as a path all along would in s²."""
+SMOOTHNESS = (1e4, 1e3, 1e2, 10.0, 1.0, 0.1, 0.0)
+"""How much less than being off the graph's way it counts that the arm angle bends."""
+PULLS, EDGE, HELD = 8, 0.15, 1e9
+"""What leaves the corridor is drawn back so often, to this share of the way from the edge to the graph's way;
+the start is held by so much."""
+DEGREE = 5
+MARGIN_RAD = 1e-4
+
+
+@dataclass(frozen=True, slots=True)
+class Mesh:
+    """How fine the graph is.
+
+    Attributes:
+        factor: of the number of places.
+        angles: so many in a full turn.
+        window: the arm angle changes by so many of them from place to place at the most.
+        step_rad: a joint turns no further from place to place.
+    """
+
+    factor: int
+    angles: int
+    window: int
+    step_rad: float
+
+
+MESHES = Mesh(1, 72, 6, 0.6), Mesh(2, 180, 12, 0.5), Mesh(4, 360, 20, 0.4)
+
+
+@dataclass(frozen=True, slots=True)
+class Profile:
+    """The arm angle over the share of the path.
+
+    Attributes:
+        arm, path: of which arm, along which path.
+        branch: of the inverse kinematics.
+        spline: over [0, 1], rad.
+    """
+
+    arm: SrsArm
+    path: TcpPath
+    branch: int
+    spline: BSpline
+
+    def joints_at(self, share: float, near: Array) -> Array | None:
+        pose = self.path.poses(np.array([share]))[0]
+        return self.arm.joints(pose, float(self.spline(share)), self.branch)
+
+    def rows(self, shares: Array) -> Array | None:
+        """Joints, shape (n, dof), at shares, shape (n,); None if there are none somewhere."""
+        found = [
+            self.arm.joints(pose, float(angle), self.branch)
+            for pose, angle in zip(self.path.poses(shares), self.spline(shares), strict=True)
+        ]
+        return None if any(joints is None for joints in found) else np.array(found)
+
+
+class Graph:
+    """Of one path, from where the arm stands."""
+
+    def __init__(self, robot: RobotDescription, start: Array, path: TcpPath, mesh: Mesh) -> None:
+        arm = robot.model.inverse_kinematics.arm_angle
+        assert arm is not None
+        self._robot, self._arm, self._path, self._mesh = robot, arm, path, mesh
+        self._start = start
+        places = max(path.length_m / PLACE_M, path.angle_rad / PLACE_RAD, path.places)
+        count = mesh.factor * int(np.clip(np.ceil(places), LEAST_PLACES, MOST_PLACES))
+        self.shares = np.linspace(0.0, 1.0, count + 1)
+        self._angles = np.linspace(-np.pi, np.pi, mesh.angles, endpoint=False)
+        poses = path.poses(self.shares[1:])
+        self._branches = self._branches_at(poses[:1])
+        self._rows = arm.grid(poses, self._angles, self._branches)
+        self._free: dict[int, npt.NDArray[np.bool_]] = {}
+        self.reached = 0.0
+
+    def profiles(self, free: bool) -> Iterator[Profile]:
+        """Smoother ones first, of each branch that the start is at; see `_cheapest`."""
+        for branch in self._branches:
+            angles = self._cheapest(branch, free)
+            if angles is not None:
+                corridor = self._corridor(angles[1:], branch, free)
+                for smoothness in SMOOTHNESS:
+                    spline = BSpline(*_smooth_within(angles, corridor, smoothness), DEGREE)
+                    yield Profile(self._arm, self._path, branch, spline)
+
+    def is_cut(self) -> bool:
+        """Whether there is no arm angle at all at some place, so that no finer graph leads to the end."""
+        poses = self._path.poses(self.shares[1:])
+        return all(
+            any(len(self._arm.intervals(pose, branch)) == 0 for pose in poses) for branch in self._branches
+        )
+
+    def _corridor(self, angles: Array, branch: int, free: bool) -> Array:
+        """The lowest and highest arm angles, shape (2, n), to which all nodes from the given one are good."""
+        good = np.isfinite(self._costs(self._rows[:, :, branch]))
+        if free:
+            good &= self._are_free(branch)
+        count, step = len(self._angles), self._angles[1] - self._angles[0]
+        nodes = np.rint((angles + np.pi) / step).astype(int) % count
+        ways = np.arange(count)
+        bounds = []
+        for sign in (-1, 1):
+            seen = np.take_along_axis(good, (nodes[:, None] + sign * ways) % count, axis=1)
+            bounds.append(angles + sign * step * (np.logical_and.accumulate(seen, axis=1).sum(axis=1) - 1.0))
+        return np.array(bounds)
+
+    def _branches_at(self, pose: Array) -> list[int]:
+        """Those whose joints at the first place are near the start: more than one only where axes align."""
+        away = np.abs(self._arm.grid(pose, self._angles)[0] - self._start).max(axis=2)
+        near = np.where(np.isnan(away), np.inf, away).min(axis=0)
+        return [int(b) for b in np.argsort(near) if near[b] < self._mesh.step_rad]
+
+    def _cheapest(self, branch: int, free: bool) -> Array | None:
+        """The arm angles at all places, shape (n + 1,), unwound; None if no way leads to the end.
+
+        free: only through nodes that touch nothing.
+        """
+        rows = self._rows[:, :, branch]
+        costs = self._costs(rows)
+        if free:
+            costs = np.where(self._are_free(branch), costs, np.inf)
+        weights, mesh = 1.0 / self._robot.limits.max_velocity, self._mesh
+        indices, reached = cheapest(rows, costs, self._start, weights, mesh.window, mesh.step_rad)
+        self.reached = max(self.reached, float(self.shares[reached]))
+        if len(indices) == 0:
+            return None
+        angle, _ = self._arm.of(self._start)
+        return np.unwrap(np.concatenate([[angle], self._angles[indices]]))
+
+    def _costs(self, rows: Array) -> Array:
+        """Of nodes, shape (n, m); infinite where there are no joints."""
+        limits = self._robot.limits
+        margin = np.minimum(rows - limits.min_position, limits.max_position - rows)
+        near = np.clip(1.0 - margin / NEAR_LIMIT_RAD, 0.0, None)
+        cost = AT_LIMIT / len(rows) * (near**2).sum(axis=2)
+        return np.where(np.isnan(cost) | (margin.min(axis=2) < MARGIN_RAD), np.inf, cost)
+
+    def _are_free(self, branch: int) -> npt.NDArray[np.bool_]:
+        if branch not in self._free:
+            rows = self._rows[:, :, branch]
+            there = np.asarray(~np.isnan(rows).any(axis=2))
+            there[there] = self._robot.collision.clearance.are_free(rows[there])
+            self._free[branch] = there
+        return self._free[branch]
+
+
+def _smooth_within(angles: Array, corridor: Array, smoothness: float) -> tuple[Array, Array]:
+    """Knots and control points of a spline near angles at even places that begins at the first of them.
+
+    Whittaker's smoothing: the squared distances to the angles and squared second differences are least. What
+    leaves the corridor, shape (2, n - 1), is drawn to its edge, harder and harder.
+    """
+    count = len(angles)
+    knots = np.concatenate([np.zeros(DEGREE), np.linspace(0.0, 1.0, count - DEGREE + 1), np.ones(DEGREE)])
+    greville = np.array([knots[i + 1 : i + DEGREE + 1].mean() for i in range(count)])
+    even = np.linspace(0.0, 1.0, count)
+    wanted = np.interp(greville, even, angles)
+    low = np.interp(
+        greville, even[1:], np.minimum(corridor[0] + EDGE * (angles[1:] - corridor[0]), angles[1:])
+    )
+    high = np.interp(
+        greville, even[1:], np.maximum(corridor[1] + EDGE * (angles[1:] - corridor[1]), angles[1:])
+    )
+    weights = np.ones(count)
+    weights[0] = HELD * (1.0 + smoothness)
+    for _ in range(PULLS):
+        points = _whittaker(wanted, weights, smoothness)
+        points[0] = angles[0]
+        inside = np.clip(points, low, high)
+        outside = np.abs(inside[1:] - points[1:]) > 0.0
+        if not outside.any():
+            break
+        wanted[1:][outside] = inside[1:][outside]
+        weights[1:][outside] *= 10.0
+    return knots, points
+
+
+def _whittaker(wanted: Array, weights: Array, smoothness: float) -> Array:
+    count = len(wanted)
+    bands = np.zeros((3, count))
+    for row, value in enumerate((1.0, -2.0, 1.0)):
+        for column, other in enumerate((1.0, -2.0, 1.0)[: row + 1]):
+            bands[row - column, column : count - 2 + column] += smoothness * value * other
+    bands[0] += weights
+    return np.asarray(solveh_banded(bands, weights * wanted, lower=True))

@@ -1,0 +1,107 @@
+"""lin through the redundancy. Oracle: an exhaustive search of ours over the arm angle on a grid."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from second_opinion import largest_rates, rate_limits, second_robot
+
+from cobot.errors import CobotError, UnreachableError
+from cobot.planners import MotionRequest, plan
+from cobot.planners.joint_path import LARGEST_DEVIATION_M
+from cobot.planners.lin import straight_line
+from cobot.robot import quaternion
+from cobot.robot.description import RobotDescription
+from cobot.trajectory import Trajectory
+from cobot.types import Array, PlannerName, Pose, Scaling
+
+SEED = 20261123
+PLACES, ANGLES, WINDOW, STEP_RAD = 100, 180, 15, 0.3
+
+
+def exists(robot: RobotDescription, start: Array, poses: Array) -> bool:
+    """Whether joints within the limits lead along all poses that nowhere turn far from one to the next."""
+    arm = robot.model.inverse_kinematics.arm_angle
+    assert arm is not None
+    rows = arm.grid(poses, np.linspace(-np.pi, np.pi, ANGLES, endpoint=False))
+    sources = (np.arange(ANGLES)[:, None] + np.arange(-WINDOW, WINDOW + 1)) % ANGLES
+    for branch in range(arm.BRANCHES):
+        nodes = rows[:, :, branch]
+        good = ~np.isnan(nodes).any(axis=2)
+        reached = good[0] & (np.abs(nodes[0] - start).max(axis=1) <= STEP_RAD)
+        if not reached.any():
+            continue
+        good[good] = robot.collision.clearance.are_free(nodes[good])
+        reached &= good[0]
+        for before, here, free in zip(nodes, nodes[1:], good[1:], strict=False):
+            near = np.abs(here[:, None] - before[sources]).max(axis=2) <= STEP_RAD
+            reached = (near & reached[sources]).any(axis=1) & free
+        if reached.any():
+            return True
+    return False
+
+
+def problems(robot: RobotDescription, count: int) -> list[tuple[Array, Pose]]:
+    """Free configurations anywhere within the limits, and goals 0.1 to 0.6 m from there, turned."""
+    random, limits = np.random.default_rng(SEED), robot.limits
+    found: list[tuple[Array, Pose]] = []
+    while len(found) < count:
+        start = random.uniform(limits.min_position, limits.max_position)
+        here, across = robot.model.forward(start), random.normal(size=3)
+        way = random.uniform(0.1, 0.6) * across / np.linalg.norm(across)
+        goal = Pose(here.position + way, here.quaternion + 0.1 * random.normal(size=4))
+        if robot.collision.is_free(start):
+            found.append((start, goal))
+    return found
+
+
+def lin(robot: RobotDescription, start: Array, goal: Pose, speed: float = 1.0) -> Trajectory:
+    motion = plan(robot, MotionRequest(start, goal, PlannerName.LIN, Scaling(speed)))
+    assert motion is not None
+    return motion
+
+
+def test_lin_finds_what_an_exhaustive_search_over_the_arm_angle_finds(robot: RobotDescription) -> None:
+    both = missed = 0
+    for start, goal in problems(robot, 50):
+        line = straight_line(robot.model.forward(start), goal)
+        try:
+            motion = lin(robot, start, goal)
+        except CobotError:
+            missed += exists(robot, start, line.poses(np.linspace(0.0, 1.0, PLACES + 1)[1:]))
+            continue
+        both += 1
+        places = second_robot().path(motion.sample(np.linspace(0.0, motion.duration_s, 150)))[0]
+        begin, way = line.pose_at(0.0).position, goal.position - line.pose_at(0.0).position
+        shares = (places - begin) @ way / (way @ way)
+        beside = places - begin - shares[:, None] * way
+        assert np.linalg.norm(beside, axis=1).max() <= LARGEST_DEVIATION_M, start
+        used = largest_rates(motion) / rate_limits(robot.limits)
+        assert used.max() <= 1.0 + 1e-6
+    assert missed == 0
+    assert both >= 20
+
+
+def test_the_line_that_took_22_s_takes_little_more_than_one(robot: RobotDescription) -> None:
+    start = np.array([2.66, 1.0181, -1.3849, 0.0279, -2.3634, 0.7365, -0.7479])
+    goal = Pose(np.array([-0.776, 0.3592, 0.507]), np.array([0.61633, 0.29657, -0.16455, -0.71071]))
+    assert lin(robot, start, goal).duration_s < 1.25
+
+
+def test_the_hand_turns_on_where_its_own_joint_is_at_its_limit(robot: RobotDescription) -> None:
+    start = np.array(robot.positions["work"].joints)
+    start[6] = 2.9
+    here = robot.model.forward(start)
+    turned = quaternion.product(quaternion.exp((0.0, 0.0, -0.8)), here.quaternion.tolist())
+    motion = lin(robot, start, Pose(here.position, np.array(turned)))
+    assert (motion.extrema(0)[1] <= robot.limits.max_position).all()
+
+
+def test_a_refusal_says_how_far_any_arm_angle_leads(robot: RobotDescription) -> None:
+    start = np.array(robot.positions["work"].joints)
+    start[6] = 2.9
+    here = robot.model.forward(start)
+    turned = quaternion.product(quaternion.exp((0.0, 0.0, -2.5)), here.quaternion.tolist())
+    message = r"joint7 reaches its limit of 3\.0500 rad; no arm angle leads further than \d+ % of the path$"
+    with pytest.raises(UnreachableError, match=message):
+        lin(robot, start, Pose(here.position, np.array(turned)))
