@@ -42,7 +42,7 @@ def cheapest(rows, costs, start, weights, int window, double step_rad):
     if reached < n:
         return np.empty(0, dtype=np.intp), reached
     indices = np.empty(n, dtype=np.intp)
-    indices[-1] = best[-1].argmin()
+    indices[n - 1] = best[n - 1].argmin()
     for place in range(n - 1, 0, -1):
         indices[place - 1] = int(sources[place, indices[place]])
     return indices, reached
