@@ -5,6 +5,7 @@ All on one page, as in the schema that is published of them.
 
 from __future__ import annotations
 
+import math
 from datetime import datetime
 from typing import Annotated, Any, Literal
 
@@ -72,6 +73,58 @@ JointPlanner = Annotated[
 OmplAlgorithm = Annotated[Algorithm, Field(description="Of planner ompl, by OMPL's names.")]
 
 
+class Point(StrictModel):
+    """A point in the frame of the motion, m."""
+
+    x: Finite = Field(description="m")
+    y: Finite = Field(description="m")
+    z: Finite = Field(description="m")
+
+
+class Direction(StrictModel):
+    """A direction, of any length but 0."""
+
+    x: Finite
+    y: Finite
+    z: Finite
+
+
+class KeptOrientation(StrictModel):
+    """An axis of the tool stays near a direction: a glass stays upright."""
+
+    tool_axis: Direction = Field(Direction(x=0.0, y=0.0, z=1.0), description="In the TCP's frame.")
+    direction: Direction | None = Field(
+        None, description="In the base frame; without it where the axis points at the start."
+    )
+    within_rad: Finite = Field(gt=0.0, le=math.pi, description="So near it stays, rad.")
+
+
+class KeptBox(StrictModel):
+    """The TCP stays in a box along the axes of the base frame."""
+
+    min: Point
+    max: Point
+
+
+class MotionConstraints(StrictModel):
+    """What the whole motion keeps to, its start and goal included."""
+
+    orientation: KeptOrientation | None = None
+    box: KeptBox | None = None
+    joints: dict[str, Annotated[list[Finite], Field(min_length=2, max_length=2)]] = Field(
+        {}, max_length=64, description="Joints by their names, each with its least and greatest angle, rad."
+    )
+
+
+KeptTo = Annotated[
+    MotionConstraints | None,
+    Field(
+        description="What the motion keeps to beside the limits. ompl (RRTConnect) plans so; motions of all "
+        "others are refused where they do not."
+    ),
+]
+
+
 class MoveNamed(StrictModel):
     """Where to, by name."""
 
@@ -83,14 +136,7 @@ class MoveNamed(StrictModel):
     planner: JointPlanner = "ptp"
     algorithm: OmplAlgorithm = RRT_CONNECT
     synchronization: SynchronizationName = "time"
-
-
-class Point(StrictModel):
-    """A point in the frame of the motion, m."""
-
-    x: Finite = Field(description="m")
-    y: Finite = Field(description="m")
-    z: Finite = Field(description="m")
+    constraints: KeptTo = None
 
 
 class PathPose(StrictModel):
@@ -185,6 +231,7 @@ class MovePose(StrictModel):
     speed_m_s: MetresPerSecond = None
     speed_rad_s: RadPerSecond = None
     algorithm: OmplAlgorithm = RRT_CONNECT
+    constraints: KeptTo = None
 
 
 class MoveJoints(StrictModel):
@@ -198,6 +245,7 @@ class MoveJoints(StrictModel):
     planner: JointPlanner = "ptp"
     algorithm: OmplAlgorithm = RRT_CONNECT
     synchronization: SynchronizationName = "time"
+    constraints: KeptTo = None
 
 
 class MoveAnswer(BaseModel):

@@ -147,7 +147,7 @@ class Client:
         Args:
             speed: a share; without it 0.1, or 1 where `speed_m_s` or `speed_rad_s` is given.
             more: `centre`, `axis`, `through`, `radius`, `speed_m_s`, `speed_rad_s`, `algorithm`,
-                `synchronization`, as in POST /robot/move/pose.
+                `synchronization`, `constraints`, as in POST /robot/move/pose.
         """
         body: Json = {"x": x, "y": y, "z": z, "a": a, "b": b, "c": c}
         body |= {"accel_scale": accel_scale, "planner": planner, "frame_id": frame_id}

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from cobot.errors import InputError
+from cobot.motions.constraints import Constraints
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import (
@@ -89,6 +90,7 @@ class MotionRequest:
         through: poses on the way to the goal, for polyline only.
         radius_m: how far from each of them the TCP may leave its path to go on without a stop; 0: it stops.
         tcp_speed: of lin, circ and polyline.
+        constraints: what the whole motion keeps to; None: nothing but the limits.
     """
 
     start: Array
@@ -104,6 +106,7 @@ class MotionRequest:
     through: tuple[Pose, ...] = ()
     radius_m: float = 0.0
     tcp_speed: TcpSpeed = ANY_SPEED
+    constraints: Constraints | None = None
 
     def scaled_limits(self, robot: RobotDescription) -> JointLimits:
         """The share of the joint limits that this motion may use."""
@@ -246,3 +249,13 @@ def check_synchronization(planner: PlannerName, synchronization: Synchronization
     """
     if synchronization is Synchronization.PHASE and planner is not PlannerName.PTP:
         raise InputError(f"synchronization: phase is for planner ptp only, not for {planner}")
+
+
+def check_algorithm(algorithm: Algorithm, constraints: Constraints | None) -> None:
+    """Only one of ompl's planners keeps constraints.
+
+    Raises:
+        InputError: it is asked of another one.
+    """
+    if constraints is not None and algorithm != RRT_CONNECT:
+        raise InputError(f"constraints: of ompl's planners {RRT_CONNECT} alone keeps them, not {algorithm}")

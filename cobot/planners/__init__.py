@@ -8,10 +8,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from cobot.errors import LimitError, PlanningError
 from cobot.motions.requests import (
     MotionRequest,
     WaypointRequest,
+    check_algorithm,
     check_synchronization,
     check_tcp_speed,
     check_through,
@@ -22,6 +25,7 @@ from cobot.planners.chomp import plan_chomp
 from cobot.planners.circ import plan_circ
 from cobot.planners.escape import leave
 from cobot.planners.goals import joint_goals, nearest_goal
+from cobot.planners.held import Held
 from cobot.planners.lin import plan_lin
 from cobot.planners.polyline import plan_polyline
 from cobot.planners.ptp import plan_ptp
@@ -35,9 +39,18 @@ __all__ = ["MotionRequest", "WaypointRequest", "plan", "plan_waypoints"]
 
 def _plan_ompl(robot: RobotDescription, request: MotionRequest, goals: Array) -> Trajectory:
     """Imports OMPL when it is used: the service, which leaves planning to its workers, needs none of it."""
+    held = _held(robot, request)
+    if held is not None:
+        from cobot.planners.constrained import plan_constrained
+
+        return plan_constrained(robot, request, goals, held)
     from cobot.planners.sampling import plan_ompl
 
     return plan_ompl(robot, request, goals)
+
+
+def _held(robot: RobotDescription, request: MotionRequest) -> Held | None:
+    return None if request.constraints is None else Held(robot, request.constraints, request.start)
 
 
 SEARCHING_PLANNERS = {PlannerName.OMPL: _plan_ompl, PlannerName.CHOMP: plan_chomp}
@@ -57,6 +70,7 @@ def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
     check_through(request.planner, request.through, request.radius_m)
     check_tcp_speed(request.planner, request.tcp_speed, robot.cartesian_limits)
     check_synchronization(request.planner, request.synchronization)
+    check_algorithm(request.algorithm, request.constraints)
     if request.planner in PATH_PLANNERS or request.planner is PlannerName.PTP:
         robot.collision.check_position(request.start, "the start")
         return _direct(robot, request)
@@ -81,6 +95,13 @@ def _direct(robot: RobotDescription, request: MotionRequest) -> Trajectory | Non
 def _searched(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
     """ompl, chomp or auto, from a start that is free and within the limits."""
     goals = joint_goals(robot, request)
+    held = _held(robot, request)
+    if held is not None:
+        held.require(request.start, "the start")
+        kept = [joints for joints in goals if held.keeps(joints)]
+        if not kept:
+            held.require(goals[0], "the goal, in the nearest configuration,")
+        goals = np.array(kept or goals)
     if is_there(request.start, goals[0]):
         return None
     if request.planner is PlannerName.AUTO:
@@ -105,6 +126,8 @@ def _chosen(robot: RobotDescription, request: MotionRequest, goals: Array) -> Tr
 def _validated(robot: RobotDescription, request: MotionRequest, trajectory: Trajectory) -> Trajectory:
     try:
         validate(robot, trajectory, request.scaled_limits(robot))
+        if (held := _held(robot, request)) is not None:
+            held.check(trajectory, request.planner)
     except LimitError as exc:
         raise PlanningError(f"{request.planner}: {exc}") from exc
     return trajectory

@@ -7,6 +7,7 @@ from scipy.interpolate import BSpline
 from scipy.special import factorial
 
 from cobot.errors import CollisionError
+from cobot.planners.held import Held
 from cobot.planners.path import Path
 from cobot.planners.time_law import time_optimal
 from cobot.robot.clearance import bezier
@@ -16,14 +17,19 @@ from cobot.types import Array, JointLimits
 
 DEGREE = 5
 FIRST_POINTS, LAST_POINTS = 12, 400
+LOOKS = 4
+"""At so many places of each piece constraints are looked at before all is timed."""
 
 
-def smooth_motion(robot: RobotDescription, corners: Array, limits: JointLimits) -> Trajectory:
+def smooth_motion(
+    robot: RobotDescription, corners: Array, limits: JointLimits, held: Held | None = None
+) -> Trajectory:
     """A motion near a polyline, shape (n, dof), that is free of collisions.
 
     The points are the control polygon of a clamped B-spline: the path stays within their hull, so
     within the position limits, starts and ends exactly, and has four continuous derivatives. More
-    points along the polyline bring it nearer, until it is as free as the polyline is.
+    points along the polyline bring it nearer, until it is as free as the polyline is, and keeps the
+    constraints as that does.
 
     Raises:
         CollisionError: it still touches something with `LAST_POINTS` points.
@@ -33,7 +39,10 @@ def smooth_motion(robot: RobotDescription, corners: Array, limits: JointLimits) 
         spline = control_spline(resampled(corners, points))
         is_last = points >= LAST_POINTS
         points *= 2
-        if robot.collision.clearance.contact(pieces_of(spline)) is not None and not is_last:
+        if not is_last and (
+            robot.collision.clearance.contact(pieces_of(spline)) is not None
+            or (held is not None and held.excess(spline(np.linspace(0.0, 1.0, LOOKS * points))).max() > 0.0)
+        ):
             continue
         trajectory = time_optimal(robot, Path.of_spline(spline), limits).trajectory
         try:

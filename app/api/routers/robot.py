@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from fastapi import APIRouter, Depends, Request
 
+from app.api.constraints import constraints_of
 from app.api.dependencies import Call, CobotRoute, Gone, json_body
 from app.api.errors import responses
 from app.api.schemas import (
@@ -28,7 +29,7 @@ from app.api.schemas import (
 from app.services.motion.execution import Goal, Outcome
 from cobot import audit
 from cobot.errors import InputError
-from cobot.motions.requests import Arc, TcpSpeed
+from cobot.motions.requests import Arc, TcpSpeed, check_algorithm
 from cobot.robot.frames import abc_from_quaternion, pose_from_abc
 from cobot.types import Array, PlannerName, Scaling, Synchronization
 
@@ -92,7 +93,7 @@ async def move_named(body: MoveNamed, request: Request, gone: Gone) -> MoveAnswe
     goal = call.services.motion.named(
         body.name, Scaling(body.speed, body.accel_scale), Synchronization(body.synchronization)
     )
-    return _answer(await call.services.motion.move(_by(body, goal), call.caller(gone)))
+    return _answer(await call.services.motion.move(_by(call, body, goal), call.caller(gone)))
 
 
 @router.post("/move/joints", responses=MOTION_RESPONSES, dependencies=[Depends(json_body)])
@@ -102,7 +103,7 @@ async def move_joints(body: MoveJoints, request: Request, gone: Gone) -> MoveAns
     goal = call.services.motion.joints(
         body.joints, Scaling(body.speed, body.accel_scale), Synchronization(body.synchronization)
     )
-    return _answer(await call.services.motion.move(_by(body, goal), call.caller(gone)))
+    return _answer(await call.services.motion.move(_by(call, body, goal), call.caller(gone)))
 
 
 @router.post("/move/pose", responses=MOTION_RESPONSES, dependencies=[Depends(json_body)])
@@ -123,7 +124,7 @@ async def move_pose(body: MovePose, request: Request, gone: Gone) -> MoveAnswer:
         body.radius,
         TcpSpeed(body.speed_m_s, body.speed_rad_s),
     )
-    return _answer(await call.services.motion.move(_by(body, goal), call.caller(gone)))
+    return _answer(await call.services.motion.move(_by(call, body, goal), call.caller(gone)))
 
 
 @router.post("/move/arc", responses=MOTION_RESPONSES, dependencies=[Depends(json_body)])
@@ -163,8 +164,10 @@ def _vector(point: Point) -> Array:
     return np.array([point.x, point.y, point.z])
 
 
-def _by(body: MoveNamed | MoveJoints | MovePose, goal: Goal) -> Goal:
-    return replace(goal, planner=PlannerName(body.planner), algorithm=body.algorithm)
+def _by(call: Call, body: MoveNamed | MoveJoints | MovePose, goal: Goal) -> Goal:
+    constraints = constraints_of(body.constraints, call.services.robot.limits)
+    check_algorithm(body.algorithm, constraints)
+    return replace(goal, planner=PlannerName(body.planner), algorithm=body.algorithm, constraints=constraints)
 
 
 def _answer(outcome: Outcome) -> MoveAnswer:

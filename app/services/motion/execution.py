@@ -28,6 +28,7 @@ from cobot.errors import (
     UnavailableError,
 )
 from cobot.ipc.layout import MotionResult
+from cobot.motions.constraints import Constraints
 from cobot.motions.requests import (
     ANY_SPEED,
     RRT_CONNECT,
@@ -89,6 +90,7 @@ class Goal:
     through: tuple[Pose, ...] = ()
     radius_m: float = 0.0
     tcp_speed: TcpSpeed = ANY_SPEED
+    constraints: Constraints | None = None
     in_tool: bool = False
     """All poses and points are given in the TCP's frame, as it is where the motion begins."""
 
@@ -237,6 +239,7 @@ class MotionService:
             through=goal.through,
             radius_m=goal.radius_m,
             tcp_speed=goal.tcp_speed,
+            constraints=goal.constraints,
         )
 
     async def move(self, goal: Goal, caller: Caller) -> Outcome:

@@ -129,3 +129,46 @@ def test_what_a_path_cannot_be_is_said_before_anything_moves(
     answer = service.post(f"/robot/move/{path}", json=goal | body)
     assert answer.status_code == 422
     assert detail in answer.json()["detail"]
+
+
+UPRIGHT = {"orientation": {"within_rad": 0.1}}
+
+
+def test_a_tool_stays_upright_over_http(service: VirtualService) -> None:
+    x, y, z = at_work(service).tolist()
+    goal = {"x": x, "y": y + 0.3, "z": z, "b": 3.14159265358979, "planner": "ompl", "speed": 1.0}
+    assert move(service, "pose", **goal, constraints=UPRIGHT)["success"]
+    assert tcp(service) == pytest.approx([x, y + 0.3, z], abs=1e-4)
+    refused = move(
+        service, "joints", joints=[0, 0.5, 0, -1.57, 0, 0.5, 0], planner="ptp", constraints=UPRIGHT
+    )
+    assert refused["success"] is False
+    assert "constraints.orientation: the tool's axis is" in refused["message"]
+
+
+@pytest.mark.parametrize(
+    ("constraints", "message"),
+    [
+        ({"orientation": {"within_rad": 0}}, "constraints.orientation.within_rad"),
+        (
+            {"orientation": {"within_rad": 0.1, "tool_axis": {"x": 0, "y": 0, "z": 0}}},
+            "tool_axis: has a length of 0",
+        ),
+        (
+            {"box": {"min": {"x": 1, "y": 0, "z": 0}, "max": {"x": 1, "y": 1, "z": 1}}},
+            "min.x is 1 m, it must be below",
+        ),
+        ({"box": {"min": {"x": 1, "y": 0, "z": 0}}}, "constraints.box.max"),
+        ({"joints": {"elbow": [0, 1]}}, "there is no such joint; valid are: joint1"),
+        ({"joints": {"joint1": [1, 0]}}, "constraints.joints.joint1: is 1 to 0 rad"),
+        ({"joints": {"joint1": [3, 4]}}, "is 3 to 4 rad, beyond the limits of -2.9"),
+        ({"joints": {"joint1": [0]}}, "constraints.joints.joint1"),
+        ({"upright": True}, "upright"),
+    ],
+)
+def test_constraints_that_are_none_are_named(
+    service: VirtualService, constraints: dict[str, object], message: str
+) -> None:
+    answer = service.post("/robot/move/joints", json={"joints": [0.0] * 7, "constraints": constraints})
+    assert answer.status_code == 422, answer.text
+    assert message in answer.json()["detail"]

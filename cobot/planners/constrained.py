@@ -1,0 +1,197 @@
+"""ompl under constraints: as RRTConnect, on the surface where the constraints hold.
+
+Each small step towards a random configuration, and towards the other tree, is brought back to where the
+constraints hold by Newton's method (D. Berenson, S. Srinivasa, D. Ferguson and J. Kuffner, "Manipulation
+planning on constraint manifolds", 2009). The path is made shorter by such steps between two of its places,
+and evener by drawing each place to the middle of its neighbours.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+
+import numpy as np
+
+from cobot.errors import PlanningError, PlanningTimeout
+from cobot.motions.requests import MotionRequest
+from cobot.planners.held import Held
+from cobot.planners.sampling import room
+from cobot.planners.spline import smooth_motion
+from cobot.robot.clearance import Clearance
+from cobot.robot.description import RobotDescription
+from cobot.trajectory import Trajectory
+from cobot.types import Array, PlannerName
+
+STEP_RAD = 0.15
+PROGRESS = 0.2
+"""A step that brings the arm nearer to where it goes by less than this share of a step leads nowhere."""
+SIDESTEP = 3.0
+"""Nor does one that is so many times as long as was asked for."""
+SEARCHES = 4
+MUCH_WORK = 100_000
+"""No search is begun after so many configurations looked at: the same seed shall give the same path."""
+SHORTCUTS, EVENINGS = 150, 25
+EVEN_STEP_RAD = 0.08
+
+
+def plan_constrained(robot: RobotDescription, request: MotionRequest, goals: Array, held: Held) -> Trajectory:
+    """A smooth motion to one of the goals, shape (n, dof), which are free and keep the constraints.
+
+    Raises:
+        PlanningTimeout: no path within the request's time.
+        CollisionError, PlanningError: the smoothed path touches something, or breaks a constraint.
+    """
+    room_m = room(robot, np.vstack([request.start, goals]))
+    with robot.collision.keeping(room_m) as clearance:
+        search = _Search(held, clearance, request)
+        found = search.paths(request.start, goals)
+        if not found:
+            raise PlanningTimeout(
+                f"ompl: no free path that keeps the constraints within {request.timeout_s:.1f} s "
+                f"({len(search.trees[0])} and {len(search.trees[1])} places reached from start and goal)"
+            )
+    reasons = []
+    for way in sorted(found, key=_length):
+        with robot.collision.keeping(room_m):
+            corners = search.evened(way)
+        try:
+            motion = smooth_motion(robot, corners, request.scaled_limits(robot), held)
+            held.check(motion, PlannerName.OMPL)
+        except PlanningError as exc:
+            reasons.append(exc)
+        else:
+            return motion
+    raise reasons[0]
+
+
+class _Tree:
+    """Places, each with the one that it was reached from."""
+
+    def __init__(self, roots: Array) -> None:
+        self._rows = np.array(roots)
+        self._count = len(roots)
+        self._parents = [-1] * len(roots)
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __getitem__(self, index: int) -> Array:
+        return np.asarray(self._rows[index])
+
+    def nearest(self, joints: Array) -> int:
+        away = self._rows[: self._count] - joints
+        return int(np.einsum("ij,ij->i", away, away).argmin())
+
+    def add(self, parent: int, places: list[Array]) -> int:
+        """A chain of places; the index of its last one."""
+        for place in places:
+            if self._count == len(self._rows):
+                self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
+            self._rows[self._count] = place
+            self._parents.append(parent)
+            parent, self._count = self._count, self._count + 1
+        return parent
+
+    def back(self, index: int) -> list[Array]:
+        """The places from this one to its root."""
+        way = []
+        while index >= 0:
+            way.append(self[index].copy())
+            index = self._parents[index]
+        return way
+
+
+class _Search:
+    """One problem."""
+
+    def __init__(self, held: Held, clearance: Clearance, request: MotionRequest) -> None:
+        self._held = held
+        self._clearance = clearance
+        self._timeout_s = request.timeout_s
+        self._random = np.random.default_rng(request.seed)
+        self.trees: tuple[_Tree, _Tree]
+
+    def paths(self, start: Array, goals: Array) -> list[list[Array]]:
+        """Some paths, after an easy one more than after one that took much work."""
+        end_s, begun = time.monotonic() + self._timeout_s, self._clearance.evaluations
+        found: list[list[Array]] = []
+        while len(found) < SEARCHES and (way := self._connected(start, goals, end_s)):
+            found.append(self._shortened(way))
+            if self._clearance.evaluations - begun > MUCH_WORK:
+                break
+        return found
+
+    def _connected(self, start: Array, goals: Array, end_s: float) -> list[Array] | None:
+        """The places of a path, each a step from the one before."""
+        self.trees = near, far = _Tree(start[None]), _Tree(goals)
+        target = goals[0]
+        while time.monotonic() < end_s:
+            index = near.nearest(target)
+            places, _ = self._toward(near[index], target)
+            newest = near.add(index, places)
+            other = far.nearest(near[newest])
+            bridge, arrived = self._toward(far[other], near[newest])
+            last = far.add(other, bridge)
+            if arrived:
+                way = near.back(newest)[::-1] + far.back(last)[1:]
+                return way if near is self.trees[0] else way[::-1]
+            near, far = far, near
+            target = self._random.uniform(self._held.low, self._held.high)
+        return None
+
+    def _shortened(self, way: list[Array]) -> list[Array]:
+        """With detours cut off where steps lead straight from one place to another."""
+        for _ in range(SHORTCUTS):
+            if len(way) < 3:
+                break
+            begin, end = sorted(self._random.choice(len(way), 2, replace=False))
+            places, arrived = self._toward(way[begin], way[end])
+            if arrived and _length([way[begin], *places]) < _length(way[begin : end + 1]) - 1e-6:
+                way[begin + 1 : end + 1] = places
+        return way
+
+    def evened(self, way: list[Array]) -> Array:
+        """Places in short steps, each drawn to the middle of its neighbours, shape (n, dof)."""
+        reached = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(way, axis=0), axis=1))])
+        count = max(3, int(np.ceil(reached[-1] / EVEN_STEP_RAD)) + 1)
+        even = np.linspace(0.0, reached[-1], count)
+        rows = np.stack([np.interp(even, reached, column) for column in np.transpose(way)], axis=1)
+        for index in range(1, count - 1):
+            place = self._held.projected(rows[index])
+            rows[index] = rows[index] if place is None else place
+        if not all(self._is_step(a, b) for a, b in itertools.pairwise(rows)):
+            return np.array(way)
+        for _ in range(EVENINGS):
+            for index in range(1, count - 1):
+                before, after = rows[index - 1], rows[index + 1]
+                place = self._held.projected(0.5 * (before + after))
+                if place is not None and self._is_step(before, place) and self._is_step(place, after):
+                    rows[index] = place
+        return rows
+
+    def _toward(self, here: Array, target: Array) -> tuple[list[Array], bool]:
+        """Steps from one configuration towards another, as far as they lead, and whether that is there."""
+        places: list[Array] = []
+        while True:
+            way = target - here
+            left = float(np.linalg.norm(way))
+            if left <= STEP_RAD:
+                arrived = left == 0.0 or (self._held.keeps(target) and self._is_step(here, target))
+                return ([*places, target] if arrived and left > 0.0 else places), arrived
+            place = self._held.projected(here + way * (STEP_RAD / left))
+            if place is None or np.linalg.norm(target - place) > left - PROGRESS * STEP_RAD:
+                return places, False
+            if not self._is_step(here, place):
+                return places, False
+            places.append(place)
+            here = place
+
+    def _is_step(self, begin: Array, end: Array) -> bool:
+        if np.linalg.norm(end - begin) > SIDESTEP * STEP_RAD or not self._held.keeps(0.5 * (begin + end)):
+            return False
+        return self._clearance.is_edge_free(begin, end)
+
+
+def _length(way: list[Array]) -> float:
+    return float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())

@@ -1,0 +1,183 @@
+"""Constraints of a motion: by how much a configuration breaks them, and the nearest one that does not."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cobot.errors import PlanningError
+from cobot.motions.constraints import Box, Cone, Constraints
+from cobot.robot.description import RobotDescription
+from cobot.robot.quaternion import cross
+from cobot.trajectory import Trajectory
+from cobot.types import Array, PlannerName
+
+LOOK_S, MOST_LOOKS = 1e-3, 50_000
+"""A motion is looked at so often: between two looks it leaves their chord by less than a hundredth of the
+allowance."""
+ALLOWANCE = 1e-4
+"""A motion may break a constraint by so much, rad or m; a start or a goal too."""
+INSIDE, INSIDE_SHARE = 2e-3, 0.1
+"""A projected configuration keeps so far inside, rad or m, or this share of what there is if that is less."""
+TURNS, LONGEST_STEP_RAD, DAMPING = 25, 0.3, 1e-6
+
+
+class Held:
+    """Constraints, for one robot and one start.
+
+    Attributes:
+        low, high: of the joints, shape (dof,), rad: their limits, or narrower ranges.
+    """
+
+    def __init__(self, robot: RobotDescription, constraints: Constraints, start: Array) -> None:
+        self._model = robot.model
+        self._names = robot.limits.names
+        self._constraints = constraints
+        self.low, self.high = robot.limits.min_position.copy(), robot.limits.max_position.copy()
+        for joint, low, high in constraints.joints:
+            self.low[joint], self.high[joint] = max(low, self.low[joint]), min(high, self.high[joint])
+        cone = constraints.cone
+        self._direction = np.zeros(3)
+        if cone is not None:
+            turn = self._model.chain.solve(start)[1]
+            self._direction = turn @ cone.axis if cone.direction is None else cone.direction
+
+    def keeps(self, joints: Array) -> bool:
+        """Whether a configuration keeps all constraints."""
+        inside = (joints >= self.low).all() and (joints <= self.high).all()
+        return bool(inside) and not self._broken(joints, 0.0)[1]
+
+    def excess(self, rows: Array) -> Array:
+        """By how much each of `what` is broken, rad or m, negative where it is kept; shape (n, k)."""
+        constraints = self._constraints
+        columns = [np.full(len(rows), -np.inf)]
+        if constraints.cone is not None or constraints.box is not None:
+            poses = self._model.poses(rows)
+            if constraints.cone is not None:
+                columns.append(self._angles(constraints.cone, poses) - constraints.cone.within_rad)
+            if constraints.box is not None:
+                box, places = constraints.box, poses[:, :3]
+                columns += list(np.maximum(box.low - places, places - box.high).T)
+        for joint, low, high in constraints.joints:
+            columns.append(np.maximum(low - rows[:, joint], rows[:, joint] - high))
+        return np.stack(columns, axis=1)
+
+    def require(self, joints: Array, what: str) -> None:
+        """Refuse a configuration that breaks a constraint.
+
+        Raises:
+            PlanningError: naming `what`, the constraint, by how much and what is allowed.
+        """
+        excess = self.excess(joints[None])[0]
+        worst = int(excess.argmax())
+        if excess[worst] > ALLOWANCE:
+            raise PlanningError(f"{what} breaks {self._said(worst, joints)}")
+
+    def check(self, trajectory: Trajectory, planner: PlannerName) -> None:
+        """Refuse a motion that breaks a constraint.
+
+        Raises:
+            PlanningError: where, which one, and by how much.
+        """
+        count = min(MOST_LOOKS, int(trajectory.duration_s / LOOK_S) + 2)
+        times = np.linspace(0.0, trajectory.duration_s, count)
+        rows = trajectory.sample(times)
+        excess = self.excess(rows)
+        worst = excess.max(axis=1)
+        if worst.max() <= ALLOWANCE:
+            return
+        first, deepest = int((worst > ALLOWANCE).argmax()), int(worst.argmax())
+        percent = 100.0 / trajectory.duration_s
+        raise PlanningError(
+            f"{planner}: the motion breaks constraints from {percent * times[first]:.0f} % of its time on; most after "
+            f"{percent * times[deepest]:.0f} % ({times[deepest]:.2f} s): "
+            f"{self._said(int(excess[deepest].argmax()), rows[deepest])}"
+        )
+
+    def projected(self, joints: Array) -> Array | None:
+        """A configuration near a given one that keeps all constraints with some room; None if none is found.
+
+        Newton's method on what is broken, by the least motion of the joints.
+        """
+        here = np.clip(joints, self.low, self.high)
+        for _ in range(TURNS):
+            rows, missing = self._broken(here, INSIDE)
+            if not missing:
+                return here
+            matrix = np.array(rows)
+            square = matrix @ matrix.T
+            square.flat[:: len(square) + 1] += DAMPING
+            step = matrix.T @ np.linalg.solve(square, np.array(missing))
+            longest = np.abs(step).max()
+            here = np.clip(here + step * min(1.0, LONGEST_STEP_RAD / longest), self.low, self.high)
+        return None
+
+    def _broken(self, joints: Array, inside: float) -> tuple[list[Array], list[float]]:
+        """Of each constraint that is not kept with so much room (rad, m): how the joints change it, shape
+        (dof,), and by how much they should.
+        """
+        rows: list[Array] = []
+        missing: list[float] = []
+        position, turn, jacobian = self._model.chain.solve(joints)
+        cone, box = self._constraints.cone, self._constraints.box
+        if cone is not None:
+            room = min(inside, INSIDE_SHARE * cone.within_rad)
+            axis = turn @ cone.axis
+            tilt = np.array(cross(axis.tolist(), self._direction.tolist()))
+            sine = math.sqrt(tilt @ tilt)
+            angle = math.atan2(sine, axis @ self._direction)
+            if angle > cone.within_rad - room:
+                tilt = tilt / sine if sine > 1e-9 else _across(axis)
+                rows.append(tilt @ jacobian[3:])
+                missing.append(angle - cone.within_rad + 2.0 * room)
+        if box is not None:
+            for place, low, high, row in zip(position, box.low, box.high, jacobian[:3], strict=True):
+                room = min(inside, INSIDE_SHARE * (high - low))
+                below, above = low + room - place, place - high + room
+                if max(below, above) > 0.0:
+                    rows.append(row.copy())
+                    missing.append(below + room if below > above else -above - room)
+        return rows, missing
+
+    def _angles(self, cone: Cone, poses: Array) -> Array:
+        """Between the tool's axis and its direction, shape (n,), rad."""
+        w, vector = poses[:, 3:4], poses[:, 4:]
+        twice = 2.0 * np.cross(vector, cone.axis)
+        axes = cone.axis + w * twice + np.cross(vector, twice)
+        sines = np.linalg.norm(np.cross(axes, self._direction), axis=1)
+        return np.asarray(np.arctan2(sines, axes @ self._direction))
+
+    def _said(self, index: int, joints: Array) -> str:
+        """A broken constraint, by its column of `excess`."""
+        cone, box = self._constraints.cone, self._constraints.box
+        index -= 1
+        pose = self._model.poses(joints[None])
+        if cone is not None:
+            if index == 0:
+                angle = float(self._angles(cone, pose)[0])
+                return (
+                    f"constraints.orientation: the tool's axis is {angle:.4g} rad from its direction, "
+                    f"allowed are {cone.within_rad:g} rad"
+                )
+            index -= 1
+        if box is not None:
+            if index < 3:
+                return _outside_box(box, index, float(pose[0, index]))
+            index -= 3
+        joint, low, high = self._constraints.joints[index]
+        value = f"{self._names[joint]} is at {joints[joint]:.4g} rad"
+        return f"constraints.joints: {value}, allowed are {low:g} to {high:g} rad"
+
+
+def _outside_box(box: Box, axis: int, value: float) -> str:
+    return (
+        f"constraints.box: the TCP's {'xyz'[axis]} is {value:.4g} m, allowed are {box.low[axis]:g} to "
+        f"{box.high[axis]:g} m"
+    )
+
+
+def _across(axis: Array) -> Array:
+    """A direction at right angles to an axis."""
+    across = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+    return np.asarray(across / np.linalg.norm(across))

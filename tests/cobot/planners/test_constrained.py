@@ -1,0 +1,174 @@
+"""Motions that keep a tool upright, the TCP in a box, joints in ranges. Oracle: pinocchio's TCP."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from second_opinion import largest_rates, rate_limits, second_robot
+
+from benchmarks.scenes import problems
+from cobot.errors import InputError, PlanningError, PlanningTimeout
+from cobot.motions.constraints import Box, Cone, Constraints
+from cobot.planners import MotionRequest, plan
+from cobot.planners.held import ALLOWANCE, Held
+from cobot.robot.description import RobotDescription
+from cobot.robot.inverse_kinematics import inverse_all
+from cobot.trajectory import Trajectory
+from cobot.types import Array, PlannerName, Pose, Scaling
+
+FULL = Scaling(1.0)
+Z = np.array([0.0, 0.0, 1.0])
+
+
+def asked(
+    robot: RobotDescription, goal: Array | Pose, constraints: Constraints, **more: object
+) -> MotionRequest:
+    named = {"start": np.array(robot.positions["work"].joints), "planner": PlannerName.OMPL, **more}
+    return MotionRequest(goal=goal, scaling=FULL, constraints=constraints, **named)  # type: ignore[arg-type]
+
+
+def tilts(motion: Trajectory, direction: Array) -> Array:
+    """Of the TCP's z from a direction, rad."""
+    _, turns = second_robot().path(motion.sample(np.linspace(0.0, motion.duration_s, 2000)))
+    return np.asarray(np.arccos(np.clip(turns.apply(Z) @ direction, -1.0, 1.0)))
+
+
+def work(robot: RobotDescription) -> Pose:
+    return robot.model.forward(np.array(robot.positions["work"].joints))
+
+
+@pytest.mark.parametrize(("kind", "within_rad"), [("table", 0.1), ("shelf", 0.02), ("bin", 0.1)])
+def test_a_glass_of_water_is_carried_through_clutter(
+    robot: RobotDescription, kind: str, within_rad: float
+) -> None:
+    spilt = []
+    for problem in problems(robot, kind, 2, seed=7):
+        there = problem.robot
+        goal = Pose(problem.pose.position, there.model.forward(problem.start).quaternion)
+        request = asked(there, goal, Constraints(Cone(Z, within_rad)), start=problem.start, seed=3)
+        motion, again = plan(there, request), plan(there, request)
+        free = plan(there, replace(request, constraints=None))
+        assert motion is not None
+        assert again is not None
+        assert free is not None
+        direction = second_robot().path(problem.start[None])[1].apply(Z)[0]
+        assert tilts(motion, direction).max() <= within_rad + ALLOWANCE
+        assert (largest_rates(motion) / rate_limits(there.limits)).max() <= 1.0 + 1e-6
+        assert second_robot().path(motion.end[None])[0][0] == pytest.approx(goal.position, abs=1e-6)
+        assert again.coefficients.tobytes() == motion.coefficients.tobytes()
+        spilt.append(tilts(free, direction).max() > within_rad)
+    assert any(spilt), "or nothing had to be kept upright"
+
+
+def test_a_box_and_ranges_of_joints_are_kept_too(robot: RobotDescription) -> None:
+    here = work(robot)
+    low, high = here.position - [0.05, 0.6, 0.02], here.position + np.array([0.2, 0.6, 0.25])
+    goal = Pose(here.position + np.array([0.0, 0.4, 0.05]), here.quaternion)
+    constraints = Constraints(box=Box(low, high), joints=((2, -0.3, 0.3), (6, -0.5, 0.6)))
+    motion = plan(robot, asked(robot, goal, constraints))
+    assert motion is not None
+    rows = motion.sample(np.linspace(0.0, motion.duration_s, 2000))
+    places, _ = second_robot().path(rows)
+    assert (places >= low - ALLOWANCE).all()
+    assert (places <= high + ALLOWANCE).all()
+    assert np.abs(rows[:, 2]).max() <= 0.3 + ALLOWANCE
+    assert rows[:, 6].min() >= -0.5 - ALLOWANCE
+    assert rows[:, 6].max() <= 0.6 + ALLOWANCE
+
+
+def swing(robot: RobotDescription, planner: str) -> MotionRequest:
+    """From the right to the left, for which the TCP may not go as far ahead as a swing would."""
+    start, goal = np.array([robot.positions["work"].joints] * 2)
+    start[0], goal[0] = -0.9, 0.9
+    most = work(robot).position[0] - 0.02
+    box = Box(np.array([-1.0, -1.0, 0.0]), np.array([most, 1.0, 1.5]))
+    return asked(robot, goal, Constraints(box=box), start=start, planner=PlannerName(planner))
+
+
+@pytest.mark.parametrize("planner", ["ptp", "chomp"])
+def test_motions_of_others_are_refused_where_they_break_it(robot: RobotDescription, planner: str) -> None:
+    message = (
+        r"^(ptp|chomp): the motion breaks constraints from [34]\d % of its time on; most after 5\d % "
+        r"\([\d.]+ s\): constraints\.box: the TCP's x is 0\.6\d+ m, allowed are -1 to 0\.5\d+ m$"
+    )
+    with pytest.raises(PlanningError, match=message):
+        plan(robot, swing(robot, planner))
+
+
+def test_auto_takes_ompl_where_ptp_breaks_it(robot: RobotDescription) -> None:
+    request = swing(robot, "auto")
+    motion = plan(robot, request)
+    assert motion is not None
+    assert motion.note.startswith("auto took ompl")
+    places, _ = second_robot().path(motion.sample(np.linspace(0.0, motion.duration_s, 2000)))
+    assert request.constraints is not None
+    assert request.constraints.box is not None
+    assert places[:, 0].max() <= request.constraints.box.high[0] + ALLOWANCE
+
+
+def test_lin_turns_the_tool_no_further_than_it_may(robot: RobotDescription) -> None:
+    here = work(robot)
+    tilted = Rotation.from_quat(here.quaternion, scalar_first=True) * Rotation.from_rotvec([0.2, 0.0, 0.0])
+    goal = Pose(here.position + np.array([0.0, 0.1, 0.0]), tilted.as_quat(scalar_first=True))
+    for within_rad, kept in ((0.25, True), (0.15, False)):
+        request = asked(robot, goal, Constraints(Cone(Z, within_rad)), planner=PlannerName.LIN)
+        if kept:
+            assert plan(robot, request) is not None
+        else:
+            with pytest.raises(PlanningError, match=r"is 0\.2 rad from its direction, allowed are 0\.15 rad"):
+                plan(robot, request)
+
+
+def test_a_start_or_goal_that_breaks_it_and_what_cannot_be_kept_are_said(robot: RobotDescription) -> None:
+    joints = np.array(robot.positions["work"].joints)
+    away = joints + np.eye(7)[0] * 0.5
+    for constraints, message in (
+        (
+            Constraints(Cone(Z, 0.1, Z)),
+            "the start breaks constraints.orientation: the tool's axis is 3.142 rad",
+        ),
+        (
+            Constraints(joints=((0, -0.1, 0.4),)),
+            "the goal, .*joint1 is at 0.5 rad, allowed are -0.1 to 0.4 rad",
+        ),
+    ):
+        with pytest.raises(PlanningError, match=message):
+            plan(robot, asked(robot, away, constraints))
+    wall = Constraints(joints=((0, -0.1, 0.6), (1, joints[1] - 1e-3, joints[1] + 1e-3)))
+    goal = away.copy()
+    goal[3] += 0.5
+    assert plan(robot, asked(robot, goal, wall)) is not None
+    narrow = Constraints(Cone(Z, 0.05), Box(work(robot).position - 0.02, work(robot).position + 0.02))
+    found = inverse_all(robot.model, work(robot), joints, spread=8)
+    other_wrist = next(each for each in found if each[5] < -0.3)  # between them the tool leans
+    with pytest.raises(
+        PlanningTimeout, match=r"no free path that keeps the constraints within 0.3 s \(\d+ and"
+    ):
+        plan(robot, asked(robot, other_wrist, narrow, timeout_s=0.3))
+    with pytest.raises(InputError, match="of ompl's planners RRTConnect alone keeps them, not PRM"):
+        plan(robot, asked(robot, away, wall, algorithm="PRM"))
+
+
+def test_a_projected_configuration_keeps_all_or_there_is_none(robot: RobotDescription) -> None:
+    """Property: over random configurations, boxes and cones."""
+    random, limits = np.random.default_rng(5), robot.limits
+    found = 0
+    for _ in range(300):
+        start = random.uniform(limits.min_position, limits.max_position)
+        place = robot.model.forward(start).position
+        size = random.uniform(0.01, 0.5, 3)
+        constraints = Constraints(
+            Cone(Z, random.uniform(0.01, 1.0)),
+            Box(place - size, place + size),
+            ((3, *sorted(random.uniform(-2, 2, 2))),),
+        )
+        held = Held(robot, constraints, start)
+        joints = held.projected(random.uniform(limits.min_position, limits.max_position))
+        if joints is not None:
+            found += 1
+            assert held.excess(joints[None]).max() <= 0.0
+            assert held.keeps(joints)
+    assert found > 100
