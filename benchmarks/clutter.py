@@ -16,12 +16,14 @@ from benchmarks.scenes import Problem
 from benchmarks.table import Row, row
 from cobot.config import load_settings
 from cobot.errors import CobotError
+from cobot.motions.constraints import Cone, Constraints
 from cobot.planners import MotionRequest, plan
+from cobot.planners.goals import joint_goals
 from cobot.planners.rrt_connect import connect
 from cobot.planners.sampling import RANGE_RAD, find_path, room
 from cobot.planners.shortcut import shortened
 from cobot.robot.description import RobotDescription, load_robot
-from cobot.types import Array, PlannerName, Scaling
+from cobot.types import Array, PlannerName, Pose, Scaling
 
 Result = TypeVar("Result")
 COLUMNS = ("p50", "p95", "max")
@@ -29,6 +31,7 @@ TIMEOUT_S = 10.0
 RUNS = 10
 PEER_STEP_RAD = 0.02
 PEER_S = 2.0
+UPRIGHT_RAD = 0.1
 
 
 @dataclass(slots=True)
@@ -52,7 +55,7 @@ def clutter(problems: int, references: int, reference_s: float) -> Iterator[Row]
     robot = load_robot(load_settings(None))
     yield _distances(robot)
     whole = {planner: Tries() for planner in (PlannerName.OMPL, PlannerName.CHOMP)}
-    to_poses = Tries()
+    to_poses, upright = Tries(), Tries()
     ratios: list[float] = []
     beside_peer: list[float] = []
     for kind in scenes.KINDS:
@@ -70,6 +73,8 @@ def clutter(problems: int, references: int, reference_s: float) -> Iterator[Row]
                 all_of_it.add(*outcome)
             request = replace(_request(problem, PlannerName.OMPL), goal=problem.pose)
             to_poses.add(*_timed(lambda there=problem.robot, request=request: plan(there, request)))
+            if (request := _upright(problem)) is not None:
+                upright.add(*_timed(lambda there=problem.robot, request=request: plan(there, request)))
             if corners is not None and number < references:
                 ratios.append(_length(corners) / _best(problem, reference_s))
         yield _times(
@@ -79,6 +84,17 @@ def clutter(problems: int, references: int, reference_s: float) -> Iterator[Row]
     ours, chomp = whole[PlannerName.OMPL], whole[PlannerName.CHOMP]
     yield _times("clutter: ompl, from request to trajectory, CPU", ours, "chomp", chomp, "50 ms, p95 500 ms")
     yield _times("clutter: ompl to a pose, in any free configuration, CPU", to_poses, "to joint angles", ours)
+    yield _times(
+        f"clutter: ompl, the tool upright within {UPRIGHT_RAD:g} rad, CPU", upright, "to joint angles", ours
+    )
+    yield row(
+        f"clutter: the tool upright, solved, of {len(upright.cpu_ms)} with a free goal",
+        "%",
+        (upright.solved_percent,),
+        "to joint angles",
+        (ours.solved_percent,),
+        columns=("solved",),
+    )
     yield row(
         f"clutter: solved, of {len(ours.cpu_ms)}",
         "%",
@@ -90,6 +106,19 @@ def clutter(problems: int, references: int, reference_s: float) -> Iterator[Row]
     )
     yield _lengths("that of OMPL's RRTConnect", beside_peer, 1.0, "")
     yield _lengths(f"the best of ten runs of {reference_s:g} s", ratios, 1.3, "1.3")
+
+
+def _upright(problem: Problem) -> MotionRequest | None:
+    """To the goal's place with the tool as it is at the start, and never much otherwise."""
+    robot = problem.robot
+    goal = Pose(problem.pose.position, robot.model.forward(problem.start).quaternion)
+    cone = Constraints(Cone(np.array([0.0, 0.0, 1.0]), UPRIGHT_RAD))
+    request = replace(_request(problem, PlannerName.OMPL), goal=goal, constraints=cone)
+    try:
+        joint_goals(robot, request)
+    except CobotError:
+        return None
+    return request
 
 
 def _distances(robot: RobotDescription) -> Row:

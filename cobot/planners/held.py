@@ -90,8 +90,8 @@ class Held:
         first, deepest = int((worst > ALLOWANCE).argmax()), int(worst.argmax())
         percent = 100.0 / trajectory.duration_s
         raise PlanningError(
-            f"{planner}: the motion breaks constraints from {percent * times[first]:.0f} % of its time on; most after "
-            f"{percent * times[deepest]:.0f} % ({times[deepest]:.2f} s): "
+            f"{planner}: the motion breaks constraints from {percent * times[first]:.0f} % of its time on; "
+            f"most after {percent * times[deepest]:.0f} % ({times[deepest]:.2f} s): "
             f"{self._said(int(excess[deepest].argmax()), rows[deepest])}"
         )
 
