@@ -25,20 +25,14 @@ def exists(robot: RobotDescription, start: Array, poses: Array) -> bool:
     assert arm is not None
     rows = arm.grid(poses, np.linspace(-np.pi, np.pi, ANGLES, endpoint=False))
     sources = (np.arange(ANGLES)[:, None] + np.arange(-WINDOW, WINDOW + 1)) % ANGLES
-    for branch in range(arm.BRANCHES):
-        nodes = rows[:, :, branch]
-        good = ~np.isnan(nodes).any(axis=2)
-        reached = good[0] & (np.abs(nodes[0] - start).max(axis=1) <= STEP_RAD)
-        if not reached.any():
-            continue
-        good[good] = robot.collision.clearance.are_free(nodes[good])
-        reached &= good[0]
-        for before, here, free in zip(nodes, nodes[1:], good[1:], strict=False):
-            near = np.abs(here[:, None] - before[sources]).max(axis=2) <= STEP_RAD
-            reached = (near & reached[sources]).any(axis=1) & free
-        if reached.any():
-            return True
-    return False
+    nodes = rows[:, :, arm.of(start)[1]]  # another branch would be a flip
+    good = ~np.isnan(nodes).any(axis=2)
+    good[good] = robot.collision.clearance.are_free(nodes[good])
+    reached = good[0] & (np.abs(nodes[0] - start).max(axis=1) <= STEP_RAD)
+    for before, here, free in zip(nodes, nodes[1:], good[1:], strict=False):
+        near = np.abs(here[:, None] - before[sources]).max(axis=2) <= STEP_RAD
+        reached = (near & reached[sources]).any(axis=1) & free
+    return bool(reached.any())
 
 
 def problems(robot: RobotDescription, count: int) -> list[tuple[Array, Pose]]:
