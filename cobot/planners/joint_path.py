@@ -48,8 +48,14 @@ def through(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, 
     low, high = _bounds(robot, rows[0])
     shares, rows = _thinned(*_without_jumps(path, robot, shares, rows, joints_at))
     for _ in range(ROUNDS):
-        if (rows < low).any() or (rows > high).any():
-            raise UnreachableError(f"{path.name}: the joints would have to leave their limits")
+        outside = np.argwhere((rows < low) | (rows > high))
+        if len(outside):
+            place, joint = outside[0]
+            limit = np.clip(rows[place, joint], low[joint], high[joint])
+            raise UnreachableError(
+                f"{path.name}: at {100 * shares[place]:.0f} % of the path {robot.limits.names[joint]} "
+                f"reaches its limit of {limit:.4f} rad"
+            )
         parameters = _lengths(shares, rows)
         joint_path = Path.through(parameters, rows)
         spoiled = _spoiled(robot, path, joint_path, parameters, shares, rows[0])
