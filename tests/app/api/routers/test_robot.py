@@ -5,12 +5,16 @@ Oracle: what GET /health says about the arm.
 
 from __future__ import annotations
 
+import runpy
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from virtual import VirtualService, virtual_service
+from virtual import URL, VirtualService, virtual_service
+
+ROOT = Path(__file__).parents[4]
 
 
 @pytest.fixture(scope="module")
@@ -129,3 +133,11 @@ def test_what_a_path_cannot_be_is_said_before_anything_moves(
     answer = service.post(f"/robot/move/{path}", json=goal | body)
     assert answer.status_code == 422
     assert detail in answer.json()["detail"]
+
+
+def test_the_example_draws_its_paths(service: VirtualService) -> None:
+    example = runpy.run_path(str(ROOT / "examples" / "paths.py"))
+    with service.client(URL) as robot:
+        example["draw"](robot)
+    height = example["HEIGHT"] + 0.06 + 0.05
+    assert tcp(service) == pytest.approx([0.4, -0.1, height], abs=1e-4)
