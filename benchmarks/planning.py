@@ -92,9 +92,9 @@ def straightness(lines: int) -> Iterator[Row]:
         "mm",
         percentiles(planned),
         "the largest that is accepted",
-        (0.1, 0.1, 0.1),
+        (0.05, 0.05, 0.05),
         ratio_of="p99.9",
-        aim="0.1 mm",
+        aim="0.05 mm",
     )
     yield row(
         "deviation of lin from the line, executed",

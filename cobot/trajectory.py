@@ -20,6 +20,8 @@ from cobot.polynomials import EXPONENTS, FACTORS, HERMITE
 from cobot.types import Array
 
 Integers = npt.NDArray[np.intp]
+ALLOWED_JUMPS = np.array([1e-6, 1e-5, 1e-3])
+"""Of position, velocity and acceleration between two segments, beside 1 and beside their amount: rounding."""
 ORDER = 6
 """A quintic's six coefficients stand in ascending powers of the time since the segment's start."""
 
@@ -88,16 +90,16 @@ class Trajectory:
         self._require_continuity()
 
     def _require_continuity(self) -> None:
-        ends = self._at_ends()
-        for order, name, scale in ((0, "position", 1e-6), (1, "velocity", 1e-5), (2, "acceleration", 1e-3)):
-            jumps = np.abs(ends[1, order, :-1] - ends[0, order, 1:])
-            allowed = scale * (1.0 + np.abs(ends[0, order, 1:]))
-            if (jumps > allowed).any():
-                segment, joint = np.argwhere(jumps > allowed)[0]
-                raise InputError(
-                    f"the {name} of joint {joint + 1} jumps by {jumps[segment, joint]:.3g} "
-                    f"at {self.breakpoints_s[segment + 1]:.3f} s"
-                )
+        starts, stops = self._at_ends()
+        jumps = np.abs(stops[:, :-1] - starts[:, 1:])
+        too_far = jumps > ALLOWED_JUMPS[:, None, None] * (1.0 + np.abs(starts[:, 1:]))
+        if too_far.any():
+            order, segment, joint = np.argwhere(too_far)[0]
+            name = ("position", "velocity", "acceleration")[order]
+            raise InputError(
+                f"the {name} of joint {joint + 1} jumps by {jumps[order, segment, joint]:.3g} "
+                f"at {self.breakpoints_s[segment + 1]:.3f} s"
+            )
 
     @property
     def segments(self) -> int:
@@ -188,9 +190,11 @@ class Trajectory:
 
     def _at_ends(self) -> Array:
         """Shape (2, 3, n, dof): at the start and the end of each segment, orders 0 to 2."""
-        starts = [self.coefficients[:, :, k] * FACTORS[k, k] for k in range(3)]
-        stops = [self._unit_polynomials(k).sum(axis=2) for k in range(3)]
-        return np.array([starts, stops])
+        durations = self._durations()[:, None, None]
+        starts = self.coefficients[:, :, :3] * np.diag(FACTORS[:3])
+        unit = self.coefficients * durations ** np.arange(ORDER)
+        stops = unit @ FACTORS[:3].T / durations ** np.arange(3)
+        return np.moveaxis(np.array([starts, stops]), 3, 1)
 
 
 def from_hermite(times_s: Array, positions: Array, velocities: Array, accelerations: Array) -> Trajectory:

@@ -198,7 +198,10 @@ def _chain(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Array,
         elif share - shares[-1] > SHORTEST_SHARE and not (solved and at_limit):
             ahead.append(0.5 * (shares[-1] + share))
         else:
-            raise UnreachableError(_failure(robot, path, share, joints, rows[-1], at_limit, solved))
+            beyond = next(place for place in reversed(ahead) if place in poses)
+            if not solved:  # At the next even place it is as far off as a person would call it.
+                joints = descend(poses[beyond], rows[-1], 60)[0]
+            raise UnreachableError(_failure(robot, path, (share, beyond), joints, rows[-1], at_limit, solved))
     return np.array(shares), np.array(rows)
 
 
@@ -211,12 +214,14 @@ def _at_limit(limits: JointLimits, joints: Array, step: Array) -> list[int]:
 def _failure(
     robot: RobotDescription,
     path: TcpPath,
-    share: float,
+    shares: tuple[float, float],
     joints: Array,
     before: Array,
     at_limit: list[int],
     solved: bool,
 ) -> str:
+    """Why it ends at the first of these shares; `joints` are those of the second if they are not solved."""
+    share, beyond = shares
     place = f"{path.name}: at {100 * share:.0f} % of the path"
     limits = robot.limits
     for joint in at_limit:
@@ -228,7 +233,7 @@ def _failure(
             f"{place} {limits.names[joint]} would have to jump by {abs(joints[joint] - before[joint]):.2f} "
             "rad: the path leads through a singularity"
         )
-    pose, target = robot.model.forward(joints), path.pose_at(share)
+    pose, target = robot.model.forward(joints), path.pose_at(beyond)
     missing = 1e3 * float(np.linalg.norm(pose.position - target.position))
     angle = np.degrees(angle_between(pose.quaternion, target.quaternion))
     return (

@@ -14,6 +14,10 @@ from cobot.types import Array
 
 LARGEST_DEVIATION_M = 5e-5
 LARGEST_DEVIATION_RAD = np.radians(0.01)
+PATH_SHARE = 0.4
+"""Of the deviation, what the joints' path may have; the rest is for the time law's quintics."""
+BETWEEN = np.array([0.25, 0.5, 0.75])
+"""Where in each interval between places the deviation is looked at."""
 EVEN_STEP_RAD = 0.25
 """Where the joints turn further than this between even places, their own way is the path's parameter."""
 LARGEST_STEP_RAD = 0.12
@@ -48,8 +52,14 @@ def through(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, 
     low, high = _bounds(robot, rows[0])
     shares, rows = _thinned(*_without_jumps(path, robot, shares, rows, joints_at))
     for _ in range(ROUNDS):
-        if (rows < low).any() or (rows > high).any():
-            raise UnreachableError(f"{path.name}: the joints would have to leave their limits")
+        outside = np.argwhere((rows < low) | (rows > high))
+        if len(outside):
+            place, joint = outside[0]
+            limit = np.clip(rows[place, joint], low[joint], high[joint])
+            raise UnreachableError(
+                f"{path.name}: at {100 * shares[place]:.0f} % of the path {robot.limits.names[joint]} "
+                f"reaches its limit of {limit:.4f} rad"
+            )
         parameters = _lengths(shares, rows)
         joint_path = Path.through(parameters, rows)
         spoiled = _spoiled(robot, path, joint_path, parameters, shares, rows[0])
@@ -140,13 +150,14 @@ def _spoiled(
     robot: RobotDescription, path: TcpPath, joint_path: Path, parameters: Array, shares: Array, start: Array
 ) -> Array:
     """In which of the intervals between places the path leaves a limit, or its TCP the TCP's path."""
-    middles = 0.5 * (parameters[1:] + parameters[:-1])
-    between = middles
+    inner = (parameters[:-1, None] + BETWEEN * np.diff(parameters)[:, None]).ravel()
+    there = inner
     if parameters is not shares:
-        between = Path.through(parameters, shares[:, None]).at(middles)[:, 0]
-    poses, targets = robot.model.poses(joint_path.at(middles)), path.poses(between)
-    spoiled = np.linalg.norm(poses[:, :3] - targets[:, :3], axis=1) > LARGEST_DEVIATION_M
-    spoiled |= angles_between(poses[:, 3:], targets[:, 3:]) > LARGEST_DEVIATION_RAD
+        there = Path.through(parameters, shares[:, None]).at(inner)[:, 0]
+    poses, targets = robot.model.poses(joint_path.at(inner)), path.poses(there)
+    far = np.linalg.norm(poses[:, :3] - targets[:, :3], axis=1) > PATH_SHARE * LARGEST_DEVIATION_M
+    far |= angles_between(poses[:, 3:], targets[:, 3:]) > PATH_SHARE * LARGEST_DEVIATION_RAD
+    spoiled = far.reshape(-1, len(BETWEEN)).any(axis=1)
     outside = joint_path.places_outside(*_bounds(robot, start))
     spoiled[np.clip(np.searchsorted(parameters, outside, side="right") - 1, 0, len(spoiled) - 1)] = True
     return np.asarray(spoiled)

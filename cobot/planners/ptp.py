@@ -71,20 +71,21 @@ def _in_time(start: Array, goal: Array, limits: JointLimits) -> Trajectory:
 
 def from_profiles(profiles: list[ruckig.Profile], duration_s: float) -> Trajectory:
     """Ruckig's per-joint profiles of one motion from rest, as one trajectory of cubics."""
-    starts = [np.concatenate([[0.0], np.cumsum(profile.t)]) for profile in profiles]
-    times = np.unique(np.concatenate([*starts, [0.0, duration_s]]).clip(0.0, duration_s))
+    begins = np.cumsum([[0.0, *profile.t] for profile in profiles], axis=1)
+    states = np.array([[profile.p, profile.v, profile.a] for profile in profiles])
+    jerks = np.array([[*profile.j, 0.0] for profile in profiles])
+    times = np.unique(np.concatenate([begins.ravel(), [0.0, duration_s]]).clip(0.0, duration_s))
     keep = np.concatenate([[True], np.diff(times) > SHORTEST_PIECE_S])
     times = times[keep]
     times[-1] = duration_s
+    middles = 0.5 * (times[:-1] + times[1:])
+    joints = np.arange(len(profiles))[:, None]
+    pieces = np.clip((begins[:, None, :] <= middles[:, None]).sum(axis=2) - 1, 0, 7)
+    jerk, since = jerks[joints, pieces], times[:-1] - begins[joints, pieces]
+    p, v, a = np.moveaxis(states[joints, :, pieces], 2, 0)
     coefficients = np.zeros((len(times) - 1, len(profiles), ORDER))
-    for joint, (profile, begin) in enumerate(zip(profiles, starts, strict=True)):
-        middle = 0.5 * (times[:-1] + times[1:])
-        piece = np.clip(np.searchsorted(begin, middle, side="right") - 1, 0, 7)
-        jerk = np.append(profile.j, 0.0)[piece]
-        state = np.array([profile.p, profile.v, profile.a])[:, piece]
-        since = times[:-1] - begin[piece]
-        acceleration = state[2] + jerk * since
-        velocity = state[1] + state[2] * since + jerk * since**2 / 2
-        position = state[0] + state[1] * since + state[2] * since**2 / 2 + jerk * since**3 / 6
-        coefficients[:, joint, :4] = np.stack([position, velocity, acceleration / 2, jerk / 6], axis=-1)
+    acceleration = a + jerk * since
+    velocity = v + a * since + jerk * since**2 / 2
+    position = p + v * since + a * since**2 / 2 + jerk * since**3 / 6
+    coefficients[:, :, :4] = np.array([position, velocity, acceleration / 2, jerk / 6]).T
     return Trajectory(times, coefficients)

@@ -26,6 +26,7 @@ PLACE_M, PLACE_RAD = 0.015, 0.06
 LEAST_PLACES, MOST_PLACES = 24, 128
 NEAR_LIMIT_RAD, AT_LIMIT = 0.1, 0.5
 """Nearer to a limit than the former a node costs up to the latter, as a path all along would in s²."""
+ALIGNED_RAD = 0.02
 SMOOTHNESS = (1e4, 1e3, 1e2, 10.0, 1.0, 0.1, 0.0)
 """How much less than being off the graph's way it counts that the arm angle bends."""
 PULLS, EDGE, HELD = 8, 0.15, 1e9
@@ -95,9 +96,8 @@ class Graph:
         count = mesh.factor * int(np.clip(np.ceil(places), LEAST_PLACES, MOST_PLACES))
         self.shares = np.linspace(0.0, 1.0, count + 1)
         self._angles = np.linspace(-np.pi, np.pi, mesh.angles, endpoint=False)
-        poses = path.poses(self.shares[1:])
-        self._branches = self._branches_at(poses[:1])
-        self._rows = arm.grid(poses, self._angles, self._branches)
+        self._branches = self._branches_at(start)
+        self._rows = arm.grid(path.poses(self.shares[1:]), self._angles, self._branches)
         self._free: dict[int, npt.NDArray[np.bool_]] = {}
         self.reached = 0.0
 
@@ -132,11 +132,12 @@ class Graph:
             bounds.append(angles + sign * step * (np.logical_and.accumulate(seen, axis=1).sum(axis=1) - 1.0))
         return np.array(bounds)
 
-    def _branches_at(self, pose: Array) -> list[int]:
-        """Those whose joints at the first place are near the start: more than one only where axes align."""
-        away = np.abs(self._arm.grid(pose, self._angles)[0] - self._start).max(axis=2)
-        near = np.where(np.isnan(away), np.inf, away).min(axis=0)
-        return [int(b) for b in np.argsort(near) if near[b] < self._mesh.step_rad]
+    def _branches_at(self, start: Array) -> list[int]:
+        """That of the start, and where axes nearly align those beyond."""
+        aside = ALIGNED_RAD * np.eye(len(start))
+        others = {self._arm.of(joints)[1] for joints in (*(start + aside), *(start - aside))}
+        own = self._arm.of(start)[1]
+        return [own, *sorted(others - {own})]
 
     def _cheapest(self, branch: int, free: bool) -> Array | None:
         """The arm angles at all places, shape (n + 1,), unwound; None if no way leads to the end.

@@ -8,8 +8,9 @@ there and the rate optimised again; the little that is left is taken out by stre
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -59,13 +60,18 @@ class Timed:
 
     Attributes:
         trajectory: from rest to rest.
-        progress: one coordinate, the path's parameter, at the same times.
+        make_progress: see `progress`, which most callers do not need.
         stretched: by how much its true extrema made it longer.
     """
 
     trajectory: Trajectory
-    progress: Trajectory
+    make_progress: Callable[[], Trajectory]
     stretched: float = 1.0
+
+    @property
+    def progress(self) -> Trajectory:
+        """One coordinate, the path's parameter, at the same times."""
+        return self.make_progress()
 
 
 def time_optimal(
@@ -99,7 +105,7 @@ def retimed(robot: RobotDescription, trajectory: Trajectory, limits: JointLimits
     if stretch_to_limits(trajectory, limits) is trajectory and (np.abs(efforts) <= limits.max_effort).all():
         times = trajectory.breakpoints_s[:, None]
         same = from_hermite(times[:, 0], times, np.ones_like(times), np.zeros_like(times))
-        return Timed(trajectory, same)
+        return Timed(trajectory, lambda: same)
     path = Path(trajectory.breakpoints_s, trajectory.coefficients)
     coordinates = Coordinates(robot.model, path, limits, least_slowness=1.0)
     laws = (_even_law(path.length, step_s) for step_s in RETIMED_STEPS_S)
@@ -261,7 +267,7 @@ class _Problem:
             self._tighten(trajectory)
         place, *rates = self._knots[:3, :, None]
         squares, slopes = squares / stretched**2, slopes / stretched**2
-        progress = motion(times * stretched, place, rates[0], rates[1], squares, slopes)
+        progress = partial(motion, times * stretched, place, rates[0], rates[1], squares, slopes)
         return Timed(kept, progress, stretched)
 
     def _tighten(self, trajectory: Trajectory) -> None:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from second_opinion import largest_rates, rate_limits, second_robot
 
 from cobot.errors import CobotError, UnreachableError
 from cobot.planners import MotionRequest, plan
-from cobot.planners.joint_path import LARGEST_DEVIATION_M
+from cobot.planners.joint_path import LARGEST_DEVIATION_M, LARGEST_DEVIATION_RAD
 from cobot.planners.lin import straight_line
 from cobot.robot import quaternion
 from cobot.robot.description import RobotDescription
@@ -25,20 +26,14 @@ def exists(robot: RobotDescription, start: Array, poses: Array) -> bool:
     assert arm is not None
     rows = arm.grid(poses, np.linspace(-np.pi, np.pi, ANGLES, endpoint=False))
     sources = (np.arange(ANGLES)[:, None] + np.arange(-WINDOW, WINDOW + 1)) % ANGLES
-    for branch in range(arm.BRANCHES):
-        nodes = rows[:, :, branch]
-        good = ~np.isnan(nodes).any(axis=2)
-        reached = good[0] & (np.abs(nodes[0] - start).max(axis=1) <= STEP_RAD)
-        if not reached.any():
-            continue
-        good[good] = robot.collision.clearance.are_free(nodes[good])
-        reached &= good[0]
-        for before, here, free in zip(nodes, nodes[1:], good[1:], strict=False):
-            near = np.abs(here[:, None] - before[sources]).max(axis=2) <= STEP_RAD
-            reached = (near & reached[sources]).any(axis=1) & free
-        if reached.any():
-            return True
-    return False
+    nodes = rows[:, :, arm.of(start)[1]]  # another branch would be a flip
+    good = ~np.isnan(nodes).any(axis=2)
+    good[good] = robot.collision.clearance.are_free(nodes[good])
+    reached = good[0] & (np.abs(nodes[0] - start).max(axis=1) <= STEP_RAD)
+    for before, here, free in zip(nodes, nodes[1:], good[1:], strict=False):
+        near = np.abs(here[:, None] - before[sources]).max(axis=2) <= STEP_RAD
+        reached = (near & reached[sources]).any(axis=1) & free
+    return bool(reached.any())
 
 
 def problems(robot: RobotDescription, count: int) -> list[tuple[Array, Pose]]:
@@ -71,11 +66,13 @@ def test_lin_finds_what_an_exhaustive_search_over_the_arm_angle_finds(robot: Rob
             missed += exists(robot, start, line.poses(np.linspace(0.0, 1.0, PLACES + 1)[1:]))
             continue
         both += 1
-        places = second_robot().path(motion.sample(np.linspace(0.0, motion.duration_s, 150)))[0]
+        places, turns = second_robot().path(motion.sample(np.linspace(0.0, motion.duration_s, 150)))
         begin, way = line.pose_at(0.0).position, goal.position - line.pose_at(0.0).position
         shares = (places - begin) @ way / (way @ way)
         beside = places - begin - shares[:, None] * way
         assert np.linalg.norm(beside, axis=1).max() <= LARGEST_DEVIATION_M, start
+        wanted = Rotation.from_quat(line.poses(shares)[:, 3:], scalar_first=True)
+        assert (wanted.inv() * turns).magnitude().max() <= LARGEST_DEVIATION_RAD, start
         used = largest_rates(motion) / rate_limits(robot.limits)
         assert used.max() <= 1.0 + 1e-6
     assert missed == 0

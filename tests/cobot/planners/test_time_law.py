@@ -202,7 +202,7 @@ def test_the_tcp_keeps_its_own_limits_and_uses_them(robot: RobotDescription, ben
     motion = plan(robot, MotionRequest(work, goal, planner, Scaling(0.3, 0.2), via))
     assert motion is not None
     limits = robot.cartesian_limits.scaled(0.3, 0.2, 0.2)
-    twists, accelerations = followed(robot, Timed(motion, motion))
+    twists, accelerations = followed(robot, Timed(motion, lambda: motion))
     speed = np.linalg.norm(twists[:, :3], axis=1).max() / limits.max_linear_velocity
     change = np.linalg.norm(accelerations[:, :3], axis=1).max() / limits.max_linear_acceleration
     assert max(speed, change) <= 1.002

@@ -5,12 +5,16 @@ Oracle: what GET /health says about the arm.
 
 from __future__ import annotations
 
+import runpy
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from virtual import VirtualService, virtual_service
+from virtual import URL, VirtualService, virtual_service
+
+ROOT = Path(__file__).parents[4]
 
 
 @pytest.fixture(scope="module")
@@ -172,3 +176,18 @@ def test_constraints_that_are_none_are_named(
     answer = service.post("/robot/move/joints", json={"joints": [0.0] * 7, "constraints": constraints})
     assert answer.status_code == 422, answer.text
     assert message in answer.json()["detail"]
+
+
+def test_the_example_draws_its_paths(service: VirtualService) -> None:
+    example = runpy.run_path(str(ROOT / "examples" / "paths.py"))
+    with service.client(URL) as robot:
+        example["draw"](robot)
+    height = example["HEIGHT"] + 0.06 + 0.05
+    assert tcp(service) == pytest.approx([0.4, -0.1, height], abs=1e-4)
+
+
+def test_the_example_carries_a_glass(service: VirtualService) -> None:
+    example = runpy.run_path(str(ROOT / "examples" / "upright.py"))
+    with service.client(URL) as robot:
+        example["carry"](robot)
+    assert tcp(service)[1] == pytest.approx(0.0, abs=1e-4)
