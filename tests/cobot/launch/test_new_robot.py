@@ -257,3 +257,20 @@ def test_cobot_run_moves_the_gantry(tmp_path: Path) -> None:
     finally:
         running.process.terminate()
         running.process.wait(30.0)
+
+
+def test_the_folder_has_its_meshes_and_may_be_moved(tmp_path: Path) -> None:
+    corners = np.array([[0, 0, 0], [0.05, 0, 0], [0, 0.05, 0], [0, 0, 0.05]], dtype="<f4")
+    faces = [
+        bytes(12) + corners[list(face)].tobytes() + bytes(2) for face in ((0, 2, 1), (0, 1, 3), (0, 3, 2))
+    ]
+    package = tmp_path / "parts" / "meshes"
+    package.mkdir(parents=True)
+    last = bytes(12) + corners[[1, 2, 3]].tobytes() + bytes(2)
+    (package / "a.stl").write_bytes(bytes(80) + (4).to_bytes(4, "little") + b"".join([*faces, last]))
+    mesh = '<mesh filename="package://parts/meshes/a.stl"/>'
+    (tmp_path / "arm.urdf").write_text(urdf(ARMS["ur"]).replace('<sphere radius="0.03"/>', mesh, 2))
+    NewRobot(tmp_path / "arm.urdf", packages=[tmp_path]).write(tmp_path / "made")
+    (package / "a.stl").unlink()
+    (tmp_path / "made").rename(tmp_path / "moved")
+    assert load_robot(load_settings(tmp_path / "moved" / "cobot-setting.yaml")).model.mj.nmesh == 1
