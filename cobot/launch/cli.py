@@ -22,6 +22,7 @@ A robot arm behind a REST service.
 
   cobot run      start the simulated (or real) robot and the service, and watch over both
   cobot check    validate the whole configuration, without starting anything
+  cobot new-robot   make the configuration of another arm from its URDF or MJCF, see docs/your-robot.md
   cobot stop     bring the arm to rest, whatever has become of the service
   cobot moveit-config   write a package with which MoveIt 2 plans for the robot, see docs/ros2.md
   cobot lua      run a Lua program at a running service, see docs/lua.md
@@ -68,6 +69,10 @@ def _run(chosen: argparse.Namespace) -> int:
 
             uninstall(sys.stdout, chosen.prefix, dry_run=chosen.dry_run)
             return EXIT_OK
+        if chosen.command == "new-robot":
+            return _new_robot(chosen)
+        if chosen.config is not None and chosen.config.is_dir():
+            chosen.config = chosen.config / "cobot-setting.yaml"
         settings = load_settings(chosen.config)
         if chosen.command == "check":
             from cobot.launch.check import check
@@ -147,9 +152,32 @@ def _parser() -> argparse.ArgumentParser:
         system = commands.add_parser(name, help=text)
         system.add_argument("--dry-run", action="store_true", help="only print what would change")
         system.add_argument("--prefix", type=Path, metavar="DIR", help="write below DIR, and run nothing")
+    new = commands.add_parser("new-robot", help="make the configuration of an arm from its URDF or MJCF")
+    new.add_argument("file", type=Path, metavar="FILE", help="URDF or MJCF; xacro has to be expanded first")
+    new.add_argument("--output", type=Path, metavar="FOLDER", help="to be made; FILE's name without it")
+    new.add_argument("--actuators", nargs="+", default=[], metavar="JOINT", help="that drives move; else all")
+    new.add_argument("--without", nargs="+", default=[], metavar="JOINT", help="that stay at 0, as fingers")
+    new.add_argument(
+        "--package", type=Path, nargs="+", default=[], metavar="FOLDER", help="where package:// is found"
+    )
+    new.add_argument("--base", metavar="BODY", help="the base frame")
+    new.add_argument("--tcp", metavar="SITE", help="site or link that is the TCP")
     moveit = commands.add_parser("moveit-config", parents=[config], help="write a package for MoveIt 2")
     moveit.add_argument("folder", type=Path, metavar="FOLDER", help="where the package is made, as a folder")
     return parser
+
+
+def _new_robot(chosen: argparse.Namespace) -> int:
+    from cobot.launch.new_robot import NewRobot
+
+    robot = NewRobot(chosen.file, chosen.actuators, chosen.without, chosen.package, chosen.base, chosen.tcp)
+    folder = chosen.output or Path(chosen.file.name.split(".")[0])
+    robot.write(folder)
+    print(f"{folder} has been made. Guessed, to be looked at:")
+    for sentence in robot.guessed:
+        print(f"  {sentence}")
+    print(f"Then: cobot check --config {folder} and cobot run --config {folder}")
+    return EXIT_OK
 
 
 def _stop(chosen: argparse.Namespace) -> int:

@@ -199,11 +199,18 @@ class RobotModel:
 
 
 def _compile(path: Path, tcp: str) -> mujoco.MjModel:
-    """A URDF has no sites and MuJoCo would fuse its fixed links: keep them, and let the TCP be a link."""
+    """A URDF has no sites and MuJoCo would fuse its fixed links: keep them, and let the TCP be a link.
+
+    Nor has it actuators: each joint gets a motor.
+    """
     spec = mujoco.MjSpec.from_file(str(path))
     spec.compiler.fusestatic = False
     if spec.site(tcp) is None and spec.body(tcp) is not None:
         spec.body(tcp).add_site(name=tcp)
+    if path.suffix == ".urdf" and not spec.actuators:
+        for joint in spec.joints:
+            motor = spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+            motor.set_to_motor()
     return spec.compile()
 
 

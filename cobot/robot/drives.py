@@ -1,0 +1,69 @@
+"""Whether a model's actuators and ranges fit the limits, as the simulation needs them."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from cobot.errors import ConfigError
+from cobot.types import JointLimits
+
+TOLERANCE = 1e-6
+"""Of positions, rad or m: files are rounded."""
+MILLIMETRES_M = 50.0
+"""No slide of an arm is that long: whose position is beyond this has written millimetres."""
+
+
+def check_drives(mj: mujoco.MjModel, limits: JointLimits) -> None:
+    """Refuse actuators other than one motor per joint in their order.
+
+    Raises:
+        ConfigError: says which actuator, and the way out.
+    """
+    for index in range(mj.nu):
+        name = mj.actuator(index).name or f"number {index}"
+        if (
+            mj.actuator_gaintype[index] != mujoco.mjtGain.mjGAIN_FIXED
+            or mj.actuator_biastype[index] != mujoco.mjtBias.mjBIAS_NONE
+            or mj.actuator_dyntype[index] != mujoco.mjtDyn.mjDYN_NONE
+            or mj.actuator_gainprm[index, 0] != 1.0
+            or mj.actuator_gear[index, 0] != 1.0
+        ):
+            raise ConfigError(
+                f"actuator {name} is no <motor> of gear 1 (a position or velocity actuator, perhaps): the "
+                "simulation commands torques; make it <motor joint=...>, or let `cobot new-robot` do so"
+            )
+    kinds = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
+    driven = [
+        mj.joint(mj.actuator_trnid[index, 0]).name if mj.actuator_trntype[index] in kinds else "no joint"
+        for index in range(mj.nu)
+    ]
+    if tuple(driven) != limits.names:
+        raise ConfigError(
+            f"the actuators move {', '.join(driven) or 'nothing'}, they must move {', '.join(limits.names)}: "
+            "one <motor> for each joint in this order, or let `cobot new-robot` write them"
+        )
+
+
+def check_ranges(mj: mujoco.MjModel, limits: JointLimits) -> None:
+    """Refuse position limits wider than the model's, and those of slides in millimetres.
+
+    Raises:
+        ConfigError: names the joint, both ranges and the way out.
+    """
+    for index, name in enumerate(limits.names):
+        low, high = limits.min_position[index], limits.max_position[index]
+        slides = mj.jnt_type[index] == mujoco.mjtJoint.mjJNT_SLIDE
+        unit = "m" if slides else "rad"
+        if slides and max(abs(low), abs(high)) > MILLIMETRES_M:
+            raise ConfigError(
+                f"{name} slides from {low:g} to {high:g} m, which looks like millimetres: "
+                "limits of a prismatic joint are in m, m/s, m/s², m/s³ and N"
+            )
+        lowest, highest = mj.jnt_range[index]
+        if mj.jnt_limited[index] and (low < lowest - TOLERANCE or high > highest + TOLERANCE):
+            raise ConfigError(
+                f"{name} may move from {low:g} to {high:g} {unit}, the model allows {lowest:g} to "
+                f"{highest:g} {unit}: set min_position to {np.ceil(lowest * 1e6) / 1e6:g} and "
+                f"max_position to {np.floor(highest * 1e6) / 1e6:g}, or less"
+            )

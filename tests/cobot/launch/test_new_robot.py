@@ -1,0 +1,276 @@
+"""`cobot new-robot`. Oracle: pinocchio's kinematics of the given URDF, and files broken by hand."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pinocchio
+import pytest
+import yaml
+from running import Run
+from scipy.spatial.transform import Rotation
+
+from cobot.config import load_settings
+from cobot.errors import ConfigError
+from cobot.launch.check import check
+from cobot.launch.cli import main
+from cobot.launch.new_robot import NewRobot
+from cobot.planners import MotionRequest, plan
+from cobot.robot.description import load_robot
+from cobot.types import PlannerName, Scaling
+from rtloop.backends import JOINT_ROWS, Measured, make_backend
+
+Joint = tuple[str, tuple[float, float, float], tuple[float, float, float]]
+R = 2.9
+SPACED = (0.0, 0.0, 0.25)
+X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+ARMS: dict[str, list[Joint]] = {
+    "srs": [("r", axis, place) for axis, place in zip(
+        (Z, Y, Z, Y, Z, Y, Z), (SPACED, SPACED, SPACED, SPACED, SPACED, SPACED, SPACED), strict=True)],
+    "ur": [("r", Z, SPACED), ("r", Y, (0, 0.1, 0.1)), ("r", Y, (0, 0, 0.4)), ("r", Y, (0, 0, 0.4)),
+           ("r", Z, (0, 0.15, 0)), ("r", Y, (0, 0, 0.15))],
+    "spherical": [("r", Z, SPACED), ("r", Y, (0.2, 0, 0.2)), ("r", Y, (0, 0, 0.5)), ("r", Z, (0, 0, 0.3)),
+                  ("r", Y, (0, 0, 0.2)), ("r", Z, (0, 0, 0.2))],
+    "gantry": [("p", X, (0, 0, 0.8)), ("p", Y, SPACED), ("r", Z, SPACED), ("r", Y, SPACED),
+               ("r", Y, (0, 0, 0.4)), ("r", X, (0, 0, 0.3))],
+}  # fmt: skip
+
+
+def urdf(joints: list[Joint], extra: str = "", inertial: bool = True) -> str:
+    """An arm with a ball at each joint and velocity and effort limits."""
+    mass = (
+        '<inertial><origin xyz="0 0 0.05"/><mass value="2"/><inertia ixx="0.02" iyy="0.02" izz="0.02" '
+        'ixy="0" ixz="0" iyz="0"/></inertial>'
+    )
+    ball = '<collision><geometry><sphere radius="0.03"/></geometry></collision>'
+    parts = ['<robot name="arm"><link name="base_link"/>']
+    parent = "base_link"
+    for index, (kind, axis, place) in enumerate([*joints, ("f", Z, (0.0, 0.05, 0.12))]):
+        words = [" ".join(map(str, values)) for values in (axis, place)]
+        name = "tool0" if kind == "f" else f"link{index}"
+        bound = {"r": R, "p": 0.5, "f": 0.0}[kind]
+        parts.append(f'<link name="{name}">{mass if inertial else ""}{ball if kind != "f" else ""}</link>')
+        parts.append(
+            f'<joint name="a{index}" type="{ {"r": "revolute", "p": "prismatic", "f": "fixed"}[kind] }">'
+            f'<parent link="{parent}"/><child link="{name}"/><origin xyz="{words[1]}" rpy="0.1 0 0"/>'
+            f'<axis xyz="{words[0]}"/><limit lower="{-bound}" upper="{bound}" velocity="1.5" effort="200"/>'
+            f"</joint>"
+        )
+        parent = name
+    return "".join([*parts, extra, "</robot>"])
+
+
+@pytest.fixture(scope="module", params=sorted(ARMS))
+def arm(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp(request.param)
+    (folder / "arm.urdf").write_text(urdf(ARMS[request.param]))
+    assert main(["new-robot", str(folder / "arm.urdf"), "--output", str(folder / "made")]) == 0
+    return folder
+
+
+def test_the_tcp_is_where_pinocchio_finds_it(arm: Path) -> None:
+    robot = load_robot(load_settings(arm / "made" / "cobot-setting.yaml"))
+    other = pinocchio.buildModelFromUrdf(str(arm / "arm.urdf"))
+    data, frame = other.createData(), other.getFrameId("tool0")
+    random = np.random.default_rng(1)
+    for joints in random.uniform(robot.limits.min_position, robot.limits.max_position, (20, other.nq)):
+        pinocchio.framesForwardKinematics(other, data, joints)
+        np.testing.assert_allclose(
+            robot.model.forward(joints).position, data.oMf[frame].translation, atol=1e-6
+        )
+        np.testing.assert_allclose(
+            robot.model.gravity_torques(joints), pinocchio.rnea(other, data, joints, joints * 0, joints * 0),
+            atol=1e-3,
+        )  # fmt: skip
+
+
+def test_it_plans_ptp_lin_and_ompl(arm: Path) -> None:
+    robot = load_robot(load_settings(arm / "made" / "cobot-setting.yaml"))
+    start = np.array([0.3, 0.4, -0.3, 0.7, 0.4, 0.5, 0.2])[: robot.limits.dof]
+    goal = start + 0.05
+    for planner in (PlannerName.PTP, PlannerName.OMPL):
+        motion = plan(robot, MotionRequest(start, goal, planner, Scaling(speed=1.0), None, timeout_s=5.0))
+        assert motion is not None
+        np.testing.assert_allclose(motion.end, goal, atol=1e-9)
+    pose = robot.model.forward(goal)
+    motion = plan(robot, MotionRequest(start, pose, PlannerName.LIN, Scaling(speed=1.0), None, timeout_s=5.0))
+    assert motion is not None
+    end = robot.model.forward(motion.end)
+    np.testing.assert_allclose(end.position, pose.position, atol=1e-6)
+
+
+@pytest.mark.parametrize("as_urdf", [False, True])
+def test_it_is_simulated_and_holds_itself(arm: Path, as_urdf: bool) -> None:
+    settings = load_settings(arm / "made" / "cobot-setting.yaml")
+    if as_urdf:
+        robot_section = settings.robot.model_copy(update={"model": arm / "arm.urdf", "base_frame": "world"})
+        settings = settings.model_copy(update={"robot": robot_section})
+    limits = load_robot(load_settings(arm / "made" / "cobot-setting.yaml")).limits
+    backend = make_backend(settings, limits)
+    start = np.full(limits.dof, 0.2)
+    backend.open(start)
+    command = np.zeros((JOINT_ROWS, limits.dof))[:3]
+    command[0] = start
+    measured = Measured(limits.dof)
+    for _ in range(300):
+        backend.write(command)
+        backend.read(measured)
+    np.testing.assert_allclose(measured.position, start, atol=1e-3)
+
+
+BROKEN = {
+    "malformed": ("<robot", "neither a readable URDF nor MJCF"),
+    "xacro": ('<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="a"/>', "expand it first"),
+    "other": ("<sdf/>", "must be <robot>"),
+    "no joints": ('<robot name="a"><link name="b"/></robot>', "has no joint that moves"),
+    "no inertia": (urdf(ARMS["ur"], inertial=False).replace("<collision>", "<visual>").replace(
+        "</collision>", "</visual>"), "inertia"),
+    "mimic": (urdf(ARMS["ur"]).replace('<axis xyz="0.0 1.0 0.0"/>', '<axis xyz="0 1 0"/><mimic joint="a0"/>',
+                                       1), "--without a1"),
+    "floating": (urdf(ARMS["ur"]).replace("revolute", "floating", 1), "the base must stand"),
+    "mesh": (urdf(ARMS["ur"]).replace('<sphere radius="0.03"/>', '<mesh filename="package://p/a.stl"/>', 1),
+             "add --package FOLDER"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", sorted(BROKEN))
+def test_a_broken_file_is_refused_and_nothing_is_written(kind: str, tmp_path: Path) -> None:
+    text, reason = BROKEN[kind]
+    file = tmp_path / "arm.urdf"
+    file.write_text(text)
+    with pytest.raises(ConfigError, match=reason):
+        NewRobot(file).write(tmp_path / "made")
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_a_folder_that_is_there_or_cannot_be_made_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "arm.urdf"
+    file.write_text(urdf(ARMS["ur"]))
+    with pytest.raises(ConfigError, match="is there already"):
+        NewRobot(file).write(tmp_path)
+    with pytest.raises(ConfigError, match="cannot be written"):
+        NewRobot(file).write(tmp_path / "none" / "made")
+
+
+def test_fingers_are_left_out_by_name(tmp_path: Path) -> None:
+    file = tmp_path / "arm.urdf"
+    file.write_text(urdf(ARMS["ur"]))
+    NewRobot(file, without=["a5"]).write(tmp_path / "one")
+    NewRobot(file, actuators=["a0", "a1", "a2", "a3", "a4"]).write(tmp_path / "two")
+    for made in ("one", "two"):
+        robot = load_robot(load_settings(tmp_path / made / "cobot-setting.yaml"))
+        assert robot.limits.names == ("a0", "a1", "a2", "a3", "a4")
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "reason"),
+    [
+        ("model.xml", "<general ", '<general biastype="affine" biasprm="0 -9 0" ', "no <motor>"),
+        ("joint_limits.yaml", "max_position: 2.9", "max_position: 3.0", "set min_position to -2.9"),
+        ("joint_limits.yaml", "max_position: 0.5", "max_position: 500", "looks like millimetres"),
+    ],
+)
+def test_check_names_the_way_out(tmp_path: Path, file: str, old: str, new: str, reason: str) -> None:
+    (tmp_path / "arm.urdf").write_text(urdf(ARMS["gantry"]))
+    made = tmp_path / "made"
+    NewRobot(tmp_path / "arm.urdf").write(made)
+    text = (made / file).read_text()
+    assert old in text
+    (made / file).write_text(text.replace(old, new, 1))
+    assert reason in _found(made)
+
+
+def test_check_refuses_actuators_in_another_order(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(urdf(ARMS["ur"]))
+    made = tmp_path / "made"
+    NewRobot(tmp_path / "arm.urdf").write(made)
+    text = (made / "model.xml").read_text()
+    text = (
+        text.replace('joint="a0"', "HERE").replace('joint="a1"', 'joint="a0"').replace("HERE", 'joint="a1"')
+    )
+    (made / "model.xml").write_text(text)
+    assert "in this order" in _found(made)
+
+
+def _found(made: Path) -> str:
+    settings = load_settings(made / "cobot-setting.yaml")
+    with (made / "out").open("w") as out:
+        items = check(settings, made / "cobot-setting.yaml", out)
+    return " ".join(item.found for item in items if not item.good)
+
+
+def test_what_was_guessed_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "arm.xml"
+    file.write_text(
+        '<mujoco><worldbody><body name="stand"><geom size="0.02"/><body name="one" pos="0 0 .2">'
+        '<joint name="j" range="-90 90"/><geom size=".03" pos=".1 0 0"/></body></body></worldbody>'
+        '<actuator><position joint="j"/></actuator></mujoco>'
+    )
+    assert main(["new-robot", str(file), "--output", str(tmp_path / "made")]) == 0
+    said = capsys.readouterr().out
+    for guess in ("j: velocity 1 rad/s", "j: effort", "base_frame stand", "tcp one", "home"):
+        assert guess in said
+    limits = yaml.safe_load((tmp_path / "made" / "joint_limits.yaml").read_text())
+    assert limits["joint_limits"]["j"]["max_position"] == pytest.approx(np.pi / 2)
+
+
+class RunOfFolder(Run):
+    """`cobot run --config FOLDER` of a folder that new-robot has made."""
+
+    def __init__(self, made: Path) -> None:
+        self.made = made
+        super().__init__(made.parent)
+
+    def command(self) -> list[str]:
+        return [*super().command()[:-1], str(self.made)]
+
+    def start(self) -> subprocess.Popen[str]:
+        file = self.made / "cobot-setting.yaml"
+        settings = yaml.safe_load(file.read_text())
+        for section, values in yaml.safe_load(self.config.read_text()).items():
+            settings[section] = settings.get(section, {}) | values if isinstance(values, dict) else values
+        file.write_text(yaml.safe_dump(settings))
+        return super().start()
+
+
+def test_cobot_run_moves_the_gantry(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(urdf(ARMS["gantry"]))
+    made = tmp_path / "made"
+    NewRobot(tmp_path / "arm.urdf").write(made)
+    robot = load_robot(load_settings(made / "cobot-setting.yaml"))
+    pose = robot.model.forward(np.array([0.25, 0.15, 0.3, 0.5, 0.6, 0.3]))
+    a, b, c = Rotation.from_quat(pose.quaternion, scalar_first=True).as_euler("ZYX")
+    line = dict(zip("xyzabc", map(float, (*pose.position, a, b, c)), strict=True))
+    running = RunOfFolder(made)
+    try:
+        running.until(running.healthy)
+        for path, goal in (
+            ("joints", {"joints": [0.2, 0.1, 0.2, 0.5, 0.6, 0.3], "planner": "ptp"}),
+            ("pose", line | {"planner": "lin"}),
+            ("joints", {"joints": [-0.2, 0.1, -0.2, 0.4, 0.5, 0.1], "planner": "ompl"}),
+        ):
+            answer = httpx.post(f"{running.url}/robot/move/{path}", json=goal | {"speed": 1.0}, timeout=60.0)
+            assert answer.json().get("success"), answer.text
+    finally:
+        running.process.terminate()
+        running.process.wait(30.0)
+
+
+def test_the_folder_has_its_meshes_and_may_be_moved(tmp_path: Path) -> None:
+    corners = np.array([[0, 0, 0], [0.05, 0, 0], [0, 0.05, 0], [0, 0, 0.05]], dtype="<f4")
+    faces = [
+        bytes(12) + corners[list(face)].tobytes() + bytes(2) for face in ((0, 2, 1), (0, 1, 3), (0, 3, 2))
+    ]
+    package = tmp_path / "parts" / "meshes"
+    package.mkdir(parents=True)
+    last = bytes(12) + corners[[1, 2, 3]].tobytes() + bytes(2)
+    (package / "a.stl").write_bytes(bytes(80) + (4).to_bytes(4, "little") + b"".join([*faces, last]))
+    mesh = '<mesh filename="package://parts/meshes/a.stl"/>'
+    (tmp_path / "arm.urdf").write_text(urdf(ARMS["ur"]).replace('<sphere radius="0.03"/>', mesh, 2))
+    NewRobot(tmp_path / "arm.urdf", packages=[tmp_path]).write(tmp_path / "made")
+    (package / "a.stl").unlink()
+    (tmp_path / "made").rename(tmp_path / "moved")
+    assert load_robot(load_settings(tmp_path / "moved" / "cobot-setting.yaml")).model.mj.nmesh == 1
