@@ -27,7 +27,7 @@ from app.api.clients import Clients
 from app.api.origins import Origins
 from app.api.roles import guard, roles
 from app.api.routers import audit as audit_router
-from app.api.routers import common, control, operations, sequences, trajectory
+from app.api.routers import common, control, operations, plans, sequences, trajectory
 from app.api.routers import robot as robot_router
 from app.api.routers import robots as robots_router
 from app.api.routers import stream as stream_router
@@ -166,6 +166,7 @@ def create_app(
     # there a second time, below the name of any robot.
     routers = (
         robot_router.router,
+        plans.router,
         control.router,
         trajectory.router,
         sequences.router,

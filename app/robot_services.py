@@ -13,6 +13,7 @@ from app.services.motion.control import ControlService
 from app.services.motion.execution import LATEST_ANSWER_S, MotionService
 from app.services.motion.ownership import Ownership
 from app.services.motion.planning import PlanningService
+from app.services.motion.plans import PlanService
 from app.services.motion.queue import MotionQueue
 from app.services.motion.speed_override import MAX_PAUSE_S
 from app.services.motion.stopping import StopService
@@ -65,6 +66,7 @@ class Services:
     link: RobotLink
     ownership: Ownership
     motion: MotionService
+    plans: PlanService
     trajectories: TrajectoryService
     sequences: SequenceService
     stopping: StopService
@@ -138,6 +140,7 @@ def _services(
         link=link,
         ownership=ownership,
         motion=motion,
+        plans=PlanService(robot, link.clock, motion, planning, settings.planning),
         trajectories=TrajectoryService(robot.limits, ownership, motion, settings.planning, link.label),
         sequences=sequences,
         stopping=stopping,

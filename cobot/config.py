@@ -47,6 +47,10 @@ ENDPOINTS = (
     "POST /robot/move/pose",
     "POST /robot/move/joints",
     "POST /robot/move/arc",
+    "POST /robot/plan/named",
+    "POST /robot/plan/pose",
+    "POST /robot/plan/joints",
+    "POST /robot/execute",
     "POST /robot/reset",
     "POST /trajectory/send",
     "POST /trajectory/send_csv",
@@ -207,6 +211,8 @@ class PlanningSection(Section):
     collision_margin_m: Annotated[float, Field(ge=0.0, le=0.1)]
     start_tolerance_rad: Annotated[float, Field(ge=1e-5, le=0.1)]
     smoothing_rad: Annotated[float, Field(ge=0.0, le=0.01)]
+    kept_plans: Annotated[int, Field(ge=1, le=1000)]
+    plan_lifetime_s: Annotated[float, Field(ge=1.0, le=86_400.0)]
     max_linear_velocity: Rate
     max_linear_acceleration: Rate
     max_linear_jerk: Rate

@@ -84,9 +84,9 @@ class Point(StrictModel):
 class Direction(StrictModel):
     """A direction, of any length but 0."""
 
-    x: Finite
-    y: Finite
-    z: Finite
+    x: Finite = Field(description="Of any unit.")
+    y: Finite = Field(description="Of any unit.")
+    z: Finite = Field(description="Of any unit.")
 
 
 class KeptOrientation(StrictModel):
@@ -102,15 +102,15 @@ class KeptOrientation(StrictModel):
 class KeptBox(StrictModel):
     """The TCP stays in a box along the axes of the base frame."""
 
-    min: Point
-    max: Point
+    min: Point = Field(description="The corner with the least coordinates, m.")
+    max: Point = Field(description="The opposite corner, m.")
 
 
 class MotionConstraints(StrictModel):
     """What the whole motion keeps to, its start and goal included."""
 
-    orientation: KeptOrientation | None = None
-    box: KeptBox | None = None
+    orientation: KeptOrientation | None = Field(None, description="Of the tool.")
+    box: KeptBox | None = Field(None, description="For the TCP.")
     joints: dict[str, Annotated[list[Finite], Field(min_length=2, max_length=2)]] = Field(
         {}, max_length=64, description="Joints by their names, each with its least and greatest angle, rad."
     )

@@ -118,13 +118,37 @@ class Client:
         """The named positions."""
         return list(self._request("GET", "/robot/positions"))
 
-    def move_named(self, name: str, *, speed: float = 0.1, accel_scale: float = 0.0) -> Json:
-        """Go to a named position; returns on arrival, raises when it is not reached."""
-        return self._move("named", {"name": name, "speed": speed, "accel_scale": accel_scale})
+    def move_named(self, name: str, *, speed: float = 0.1, accel_scale: float = 0.0, **how: Any) -> Json:
+        """Go to a named position; returns on arrival, raises when it is not reached.
 
-    def move_joints(self, joints: Sequence[float], *, speed: float = 0.1, accel_scale: float = 0.0) -> Json:
-        """Go to joint angles in rad; returns on arrival, raises when it is not reached."""
-        return self._move("joints", {"joints": list(joints), "speed": speed, "accel_scale": accel_scale})
+        Args:
+            how: `planner`, `algorithm` and `synchronization`, as in POST /robot/move/named.
+        """
+        return self._move("named", {"name": name, "speed": speed, "accel_scale": accel_scale, **how})
+
+    def move_joints(
+        self, joints: Sequence[float], *, speed: float = 0.1, accel_scale: float = 0.0, **how: Any
+    ) -> Json:
+        """Go to joint angles in rad; returns on arrival, raises when it is not reached.
+
+        Args:
+            how: `planner`, `algorithm` and `synchronization`, as in POST /robot/move/joints.
+        """
+        body = {"joints": list(joints), "speed": speed, "accel_scale": accel_scale, **how}
+        return self._move("joints", body)
+
+    def plan(self, what: str, **request: Any) -> Json:
+        """Plan without moving: `plan_id`, `duration_s`, path, utilisation of the limits, distances, torques.
+
+        Args:
+            what: "named", "joints" or "pose".
+            request: the body of POST /robot/plan/{what}: that of the motion, `start` and `samples`.
+        """
+        return self._json("POST", f"/robot/plan/{what}", json=request, timeout=self._motion_timeout_s)
+
+    def execute(self, plan_id: str) -> Json:
+        """Run a plan; returns on arrival, raises when it cannot be run any more or is not reached."""
+        return self._arrived("/robot/execute", {"plan_id": plan_id})
 
     def move_pose(
         self,
@@ -259,7 +283,10 @@ class Client:
         return self._json("GET", "/health")
 
     def _move(self, what: str, body: Json) -> Json:
-        answer = self._json("POST", f"/robot/move/{what}", json=body, timeout=self._motion_timeout_s)
+        return self._arrived(f"/robot/move/{what}", body)
+
+    def _arrived(self, path: str, body: Json) -> Json:
+        answer = self._json("POST", path, json=body, timeout=self._motion_timeout_s)
         if not answer["success"]:
             raise ERRORS.get(str(answer.get("code")), ExecutionError)(answer["message"])
         return answer

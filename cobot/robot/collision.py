@@ -82,6 +82,11 @@ class CollisionChecker:
         first, second = self.pairs[pair]
         return self.name(first), self.name(second)
 
+    def is_own(self, pair: int) -> bool:
+        """Whether both of a pair are parts of the robot: hang on the same body that stands in the world."""
+        roots = [int(self._mj.body_rootid[self._mj.geom_bodyid[geom]]) for geom in self.pairs[pair]]
+        return roots[0] == roots[1] != 0
+
     def body_name(self, body: int) -> str:
         return str(self._mj.body(body).name)
 

@@ -26,6 +26,7 @@ from app.api.schemas import (
     Quaternion,
     ResetAnswer,
 )
+from app.robot_services import Services
 from app.services.motion.execution import Goal, Outcome
 from cobot import audit
 from cobot.errors import InputError
@@ -90,41 +91,21 @@ async def positions(request: Request) -> list[NamedPositionAnswer]:
 async def move_named(body: MoveNamed, request: Request, gone: Gone) -> MoveAnswer:
     """Go to a named position; answers when the arm has arrived and settled."""
     call = Call(request)
-    goal = call.services.motion.named(
-        body.name, Scaling(body.speed, body.accel_scale), Synchronization(body.synchronization)
-    )
-    return _answer(await call.services.motion.move(_by(call, body, goal), call.caller(gone)))
+    return answer(await call.services.motion.move(goal_of(body, call.services), call.caller(gone)))
 
 
 @router.post("/move/joints", responses=MOTION_RESPONSES, dependencies=[Depends(json_body)])
 async def move_joints(body: MoveJoints, request: Request, gone: Gone) -> MoveAnswer:
     """Go to joint angles; answers when the arm has arrived and settled."""
     call = Call(request)
-    goal = call.services.motion.joints(
-        body.joints, Scaling(body.speed, body.accel_scale), Synchronization(body.synchronization)
-    )
-    return _answer(await call.services.motion.move(_by(call, body, goal), call.caller(gone)))
+    return answer(await call.services.motion.move(goal_of(body, call.services), call.caller(gone)))
 
 
 @router.post("/move/pose", responses=MOTION_RESPONSES, dependencies=[Depends(json_body)])
 async def move_pose(body: MovePose, request: Request, gone: Gone) -> MoveAnswer:
     """Bring the TCP to a pose; answers when the arm has arrived and settled."""
     call = Call(request)
-    via = None if body.via is None else [body.via.x, body.via.y, body.via.z]
-    goal = call.services.motion.pose(
-        [body.x, body.y, body.z],
-        [body.a, body.b, body.c],
-        body.frame_id,
-        body.planner,
-        _scaling(body),
-        via,
-        Synchronization(body.synchronization),
-        _arc_to(body),
-        [pose_from_abc(pose.x, pose.y, pose.z, pose.a, pose.b, pose.c) for pose in body.through],
-        body.radius,
-        TcpSpeed(body.speed_m_s, body.speed_rad_s),
-    )
-    return _answer(await call.services.motion.move(_by(call, body, goal), call.caller(gone)))
+    return answer(await call.services.motion.move(goal_of(body, call.services), call.caller(gone)))
 
 
 @router.post("/move/arc", responses=MOTION_RESPONSES, dependencies=[Depends(json_body)])
@@ -134,7 +115,7 @@ async def move_arc(body: MoveArc, request: Request, gone: Gone) -> MoveAnswer:
     arc = Arc(_vector(body.centre), _vector(body.axis), body.angle, body.rise, body.turn_tool)
     speed = TcpSpeed(body.speed_m_s, body.speed_rad_s)
     goal = call.services.motion.arc(arc, body.frame_id, _scaling(body), speed)
-    return _answer(await call.services.motion.move(goal, call.caller(gone)))
+    return answer(await call.services.motion.move(goal, call.caller(gone)))
 
 
 @router.post("/reset", responses=responses(409, 503))
@@ -164,13 +145,41 @@ def _vector(point: Point) -> Array:
     return np.array([point.x, point.y, point.z])
 
 
-def _by(call: Call, body: MoveNamed | MoveJoints | MovePose, goal: Goal) -> Goal:
-    constraints = constraints_of(body.constraints, call.services.robot.limits)
+def goal_of(body: MoveNamed | MoveJoints | MovePose, services: Services) -> Goal:
+    """What a request asks for.
+
+    Raises:
+        InputError, LimitError: see `MotionService.named`, `joints` and `pose`.
+    """
+    motion = services.motion
+    scaling, synchronization = Scaling(body.speed, body.accel_scale), Synchronization(body.synchronization)
+    if isinstance(body, MoveNamed):
+        goal = motion.named(body.name, scaling, synchronization)
+    elif isinstance(body, MoveJoints):
+        goal = motion.joints(body.joints, scaling, synchronization)
+    else:
+        via = None if body.via is None else [body.via.x, body.via.y, body.via.z]
+        place, turn = [body.x, body.y, body.z], [body.a, body.b, body.c]
+        goal = motion.pose(
+            place,
+            turn,
+            body.frame_id,
+            body.planner,
+            _scaling(body),
+            via,
+            synchronization,
+            _arc_to(body),
+            [pose_from_abc(pose.x, pose.y, pose.z, pose.a, pose.b, pose.c) for pose in body.through],
+            body.radius,
+            TcpSpeed(body.speed_m_s, body.speed_rad_s),
+        )
+    constraints = constraints_of(body.constraints, services.robot.limits)
     check_algorithm(body.algorithm, constraints)
     return replace(goal, planner=PlannerName(body.planner), algorithm=body.algorithm, constraints=constraints)
 
 
-def _answer(outcome: Outcome) -> MoveAnswer:
+def answer(outcome: Outcome) -> MoveAnswer:
+    """How a motion ended, as JSON; the audit log has it too."""
     audit.add_details(motion=outcome.motion_id, error=str(outcome.error or ""))
     return MoveAnswer(
         success=outcome.error is None,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -266,6 +266,32 @@ class MotionService:
             now_s = self._link.clock.now_s()
             planning_s = (planned_s if planned_s > begun_s else now_s) - begun_s
             return Outcome(error, claim.motion_id, now_s - begun_s, planning_s, note)
+
+    async def run(
+        self, trajectory: Trajectory | None, require: Callable[[Array], None], caller: Caller
+    ) -> Outcome:
+        """Run what was planned before, and return when the arm has arrived, or why it has not.
+
+        Args:
+            trajectory: None if there is nothing to move.
+            require: raises if the commanded joints, shape (dof,), rad, are not where the motion begins, or
+                anything else is not as when it was planned. Called by who owns the right to move.
+
+        Raises:
+            ConflictError, UnavailableError, InputError: nothing has moved.
+        """
+        begun_s = self._link.clock.now_s()
+        with self._ownership.claim(caller) as claim, watching(claim, caller):
+            error: CobotError | None = None
+            try:
+                require((await self.ready()).commanded_position)
+                if trajectory is not None:
+                    await self.start(claim, trajectory)
+                    await self.arrival(claim)
+            except ExecutionError as exc:
+                error = exc
+            note = "" if trajectory is None else trajectory.note
+            return Outcome(error, claim.motion_id, self._link.clock.now_s() - begun_s, 0.0, note)
 
     async def ready(self) -> RobotState:
         """A state from which a motion may start.

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from cobot.motions.forecast import Forecast
 from cobot.motions.requests import Blended, Envelope, MotionRequest, RatedMove, WaypointRequest
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
@@ -33,3 +34,10 @@ def blended(
     from cobot.planners.blend import blend
 
     return blend(robot, motions, radii_m, envelope)
+
+
+def forecast(robot: RobotDescription, request: MotionRequest, samples: int) -> Forecast:
+    """See `cobot.planners.forecast.forecast`."""
+    from cobot.planners.forecast import forecast
+
+    return forecast(robot, request, samples)

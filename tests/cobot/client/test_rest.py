@@ -310,3 +310,13 @@ def test_a_url_that_is_none_is_refused() -> None:
         Client("http://a\x00b")
     with Client("localhost:8007") as robot, pytest.raises(UnavailableError, match="protocol"):
         robot.health()
+
+
+def test_how_to_plan_goes_with_a_motion_and_a_plan_with_its_number() -> None:
+    moved = sent(lambda robot: robot.move_named("home", planner="ompl", algorithm="RRTstar"))
+    assert json.loads(moved.content) == {"name": "home", **SCALING, "planner": "ompl", "algorithm": "RRTstar"}
+    plan = sent(lambda robot: robot.plan("joints", joints=[0.1], start=[0.0]), {"plan_id": "1"})
+    assert plan.url.path == "/robot/plan/joints"
+    assert json.loads(plan.content) == {"joints": [0.1], "start": [0.0]}
+    run = sent(lambda robot: robot.execute("1"))
+    assert (run.url.path, json.loads(run.content)) == ("/robot/execute", {"plan_id": "1"})

@@ -1,0 +1,91 @@
+"""Motions planned without moving, and run later."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, Depends, Request
+
+from app.api.dependencies import Call, CobotRoute, Gone, json_body
+from app.api.errors import responses
+from app.api.plan_schemas import (
+    Execute,
+    PlanAnswer,
+    PlanDistance,
+    PlanJoints,
+    PlanNamed,
+    PlanPoint,
+    PlanPose,
+    PlanUse,
+)
+from app.api.routers.robot import answer, goal_of
+from app.api.schemas import MoveAnswer
+from app.services.motion.plans import Plan
+from cobot.motions.forecast import Closest, Forecast
+
+PLAN_RESPONSES = responses(409, 413, 415, 422, 503)
+
+router = APIRouter(prefix="/robot", tags=["robot"], route_class=CobotRoute)
+
+
+@router.post("/plan/named", responses=PLAN_RESPONSES, dependencies=[Depends(json_body)])
+async def plan_named(body: PlanNamed, request: Request) -> PlanAnswer:
+    """Plan a motion to a named position. Nothing moves."""
+    return await _planned(body, Call(request))
+
+
+@router.post("/plan/joints", responses=PLAN_RESPONSES, dependencies=[Depends(json_body)])
+async def plan_joints(body: PlanJoints, request: Request) -> PlanAnswer:
+    """Plan a motion to joint angles. Nothing moves."""
+    return await _planned(body, Call(request))
+
+
+@router.post("/plan/pose", responses=PLAN_RESPONSES, dependencies=[Depends(json_body)])
+async def plan_pose(body: PlanPose, request: Request) -> PlanAnswer:
+    """Plan a motion of the TCP to a pose. Nothing moves."""
+    return await _planned(body, Call(request))
+
+
+@router.post("/execute", responses=responses(404, 409, 413, 415, 422, 503), dependencies=[Depends(json_body)])
+async def execute(body: Execute, request: Request, gone: Gone) -> MoveAnswer:
+    """Run a plan, if all is as it was when it was made; answers when the arm has arrived and settled."""
+    call = Call(request)
+    return answer(await call.services.plans.execute(body.plan_id, call.caller(gone)))
+
+
+async def _planned(body: PlanNamed | PlanJoints | PlanPose, call: Call) -> PlanAnswer:
+    plans = call.services.plans
+    plan = await plans.make(goal_of(body, call.services), body.start, body.samples, call.timeout_s)
+    return _shown(plan, plans.lifetime_s)
+
+
+def _shown(plan: Plan, lifetime_s: float) -> PlanAnswer:
+    found = plan.forecast
+    trajectory = found.trajectory
+    return PlanAnswer(
+        plan_id=plan.plan_id,
+        expires_in_s=lifetime_s,
+        duration_s=0.0 if trajectory is None else trajectory.duration_s,
+        note="" if trajectory is None else trajectory.note,
+        path=_path(found),
+        utilisation={
+            name: PlanUse(peak=peak.tolist(), share=found.utilisation[name].tolist())
+            for name, peak in found.peaks.items()
+        },
+        closest_self=_distance(found.closest_self),
+        closest_environment=_distance(found.closest_environment),
+    )
+
+
+def _path(found: Forecast) -> list[PlanPoint]:
+    rows = zip(found.times_s.tolist(), found.joints.tolist(), found.poses.tolist(), strict=True)
+    return [
+        PlanPoint(time_s=time_s, joints=joints, position=pose[:3], quaternion=[*pose[4:], pose[3]])
+        for time_s, joints, pose in rows
+    ]
+
+
+def _distance(closest: Closest | None) -> PlanDistance | None:
+    if closest is None:
+        return None
+    return PlanDistance(
+        between=[closest.first, closest.second], distance_m=closest.distance_m, share=closest.share
+    )

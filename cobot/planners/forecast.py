@@ -1,0 +1,79 @@
+"""A motion is planned and described, before anybody decides to run it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cobot.motions.forecast import Closest, Forecast
+from cobot.motions.requests import MotionRequest
+from cobot.planners import plan
+from cobot.polynomials import greatest_rates
+from cobot.robot.description import RobotDescription
+from cobot.robot.feasibility import effort_samples
+from cobot.trajectory import Trajectory
+from cobot.types import Array
+
+FARTHEST_M = 1.0
+"""Distances beyond this are not looked for: nobody plans around what is so far away."""
+DISTANCE_SAMPLES = 200
+
+
+def forecast(robot: RobotDescription, request: MotionRequest, samples: int) -> Forecast:
+    """Plan as `plan` does, and say what the motion will be like.
+
+    Args:
+        samples: how many points of the path are wanted, evenly over the time, both ends included.
+
+    Raises:
+        As `plan` does.
+    """
+    trajectory = plan(robot, request)
+    if trajectory is None:
+        times, joints = np.zeros(1), np.array(request.start)[None]
+        looked_at = joints
+    else:
+        times = np.linspace(0.0, trajectory.duration_s, samples)
+        joints = trajectory.sample(times)
+        looked_at = trajectory.sample(np.linspace(0.0, trajectory.duration_s, DISTANCE_SAMPLES))
+    peaks = _peaks(robot, trajectory, request.start)
+    limits = robot.limits
+    most = (limits.max_velocity, limits.max_acceleration, limits.max_jerk, limits.max_effort)
+    return Forecast(
+        trajectory,
+        times,
+        joints,
+        robot.model.poses(joints),
+        peaks,
+        {name: peak / bound for (name, peak), bound in zip(peaks.items(), most, strict=True)},
+        *_closest(robot, looked_at),
+    )
+
+
+def _peaks(robot: RobotDescription, trajectory: Trajectory | None, start: Array) -> dict[str, Array]:
+    if trajectory is None:
+        rest = np.zeros(robot.limits.dof)
+        torque = np.abs(robot.model.gravity_torques(start))
+        return {"velocity": rest, "acceleration": rest, "jerk": rest, "torque": torque}
+    rates = greatest_rates(trajectory.coefficients, np.diff(trajectory.breakpoints_s)).max(axis=1)
+    torque = np.abs(effort_samples(robot.model, trajectory)[1]).max(axis=0)
+    return {"velocity": rates[0], "acceleration": rates[1], "jerk": rates[2], "torque": torque}
+
+
+def _closest(robot: RobotDescription, rows: Array) -> tuple[Closest | None, Closest | None]:
+    """Of the robot with itself, and with what is around it."""
+    checker = robot.collision
+    if not checker.pairs:
+        return None, None
+    distances = checker.clearance.distances(rows, FARTHEST_M)
+    own = np.array([checker.is_own(pair) for pair in range(len(checker.pairs))])
+    found: list[Closest | None] = []
+    for chosen in (np.flatnonzero(own), np.flatnonzero(~own)):
+        nearest = None
+        if len(chosen):
+            row, column = np.unravel_index(int(distances[:, chosen].argmin()), (len(rows), len(chosen)))
+            pair = int(chosen[column])
+            distance_m = float(distances[row, pair])
+            if distance_m < FARTHEST_M:
+                nearest = Closest(*checker.names(pair), distance_m, float(row) / max(len(rows) - 1, 1))
+        found.append(nearest)
+    return found[0], found[1]

@@ -1,0 +1,18 @@
+"""Plan, look at the plan, then run it. Start `make run` in another terminal, then:
+
+.venv/bin/python examples/plan_first.py
+"""
+
+from __future__ import annotations
+
+from cobot.client import Client
+
+with Client() as robot:
+    robot.move_named("home", speed=0.5)
+    plan = robot.plan("named", name="work", speed=0.5, planner="auto")
+    print(f"{plan['duration_s']:.2f} s; {plan['note']}")
+    for quantity, use in plan["utilisation"].items():
+        print(f"{quantity}: at the most {max(use['share']):.0%} of the limit")
+    print("nearest to itself:", plan["closest_self"])
+    print("nearest to its surroundings:", plan["closest_environment"])
+    robot.execute(plan["plan_id"])

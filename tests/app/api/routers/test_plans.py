@@ -1,0 +1,154 @@
+"""Motions that are planned, looked at and run, on virtual time.
+
+Oracles: where /robot/joint_states says the arm is, and the limits of joint_limits.yaml.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from virtual import VirtualService, virtual_service
+
+HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
+THERE = [0.3, 0.2, 0.0, -1.5, 0.0, 1.5, 0.0]
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
+    """One for all tests here."""
+    with virtual_service(tmp_path_factory.mktemp("robot")) as started:
+        yield started
+
+
+def post(service: VirtualService, path: str, body: dict[str, Any]) -> Any:
+    return service.post(path, json=body)
+
+
+def joints(service: VirtualService) -> np.ndarray:
+    return np.array(service.joints())
+
+
+def at_home(service: VirtualService) -> None:
+    answer = post(service, "/robot/move/joints", {"joints": HOME, "speed": 1.0}).json()
+    assert answer["success"], answer
+
+
+def planned(service: VirtualService, **more: Any) -> Any:
+    answer = post(service, "/robot/plan/joints", {"joints": THERE, "speed": 1.0, **more})
+    assert answer.status_code == 200, answer.text
+    return answer.json()
+
+
+def test_a_plan_moves_nothing_and_runs_as_it_says(service: VirtualService) -> None:
+    at_home(service)
+    before = joints(service)
+    plan = planned(service, samples=5)
+    np.testing.assert_allclose(joints(service), before, atol=1e-4)
+    assert len(plan["path"]) == 5
+    np.testing.assert_allclose(plan["path"][0]["joints"], HOME, atol=1e-5)
+    np.testing.assert_allclose(plan["path"][-1]["joints"], THERE, atol=1e-9)
+    assert plan["path"][-1]["time_s"] == plan["duration_s"]
+    for use in plan["utilisation"].values():
+        assert 0.0 < max(use["share"]) <= 1.0 + 1e-9
+    assert plan["closest_self"]["distance_m"] >= 0.0045
+    answer = post(service, "/robot/execute", {"plan_id": plan["plan_id"]}).json()
+    assert answer["success"], answer
+    assert plan["duration_s"] <= answer["duration_s"] <= plan["duration_s"] + 1.0
+    np.testing.assert_allclose(joints(service), THERE, atol=5e-3)
+
+
+def test_a_second_execute_says_how_far_the_arm_is_from_the_start(service: VirtualService) -> None:
+    at_home(service)
+    body = {"plan_id": planned(service)["plan_id"]}
+    assert post(service, "/robot/execute", body).json()["success"]
+    refused = post(service, "/robot/execute", body)
+    assert refused.status_code == 409
+    assert "joint1 is at 0.300000 rad, 0.3 rad from" in refused.json()["detail"]
+    assert "allowed are 1e-06 rad" in refused.json()["detail"]
+    at_home(service)
+    assert post(service, "/robot/execute", body).json()["success"]
+
+
+def test_an_unknown_plan_is_not_found(service: VirtualService) -> None:
+    refused = post(service, "/robot/execute", {"plan_id": "nothing"})
+    assert refused.status_code == 404
+    detail = refused.json()["detail"]
+    assert detail.startswith("there is no plan 'nothing': the newest 50 are kept, for 600 s")
+
+
+def test_only_the_newest_plans_are_kept(service: VirtualService) -> None:
+    at_home(service)
+    first, second = planned(service)["plan_id"], planned(service)["plan_id"]
+    for _ in range(49):
+        planned(service, samples=2)
+    assert post(service, "/robot/execute", {"plan_id": first}).status_code == 404
+    assert post(service, "/robot/execute", {"plan_id": second}).json()["success"]
+
+
+def test_a_plan_expires(service: VirtualService) -> None:
+    at_home(service)
+    body = {"plan_id": planned(service)["plan_id"]}
+    service.sleep(601.0)
+    assert post(service, "/robot/execute", body).status_code == 404
+
+
+def test_while_the_arm_moves_a_plan_needs_a_start_and_none_is_run(service: VirtualService) -> None:
+    at_home(service)
+    body = {"plan_id": planned(service)["plan_id"]}
+    mover = service.begin(service.asking("POST", "/robot/move/joints", json={"joints": THERE, "speed": 0.02}))
+    service.until(lambda: service.health()["robot"]["mode"] == "TRAJECTORY")
+    refused = post(service, "/robot/plan/named", {"name": "home"})
+    assert refused.status_code == 409
+    assert "give `start`" in refused.json()["detail"]
+    assert planned(service, start=HOME)["duration_s"] > 0.0
+    refused = post(service, "/robot/execute", body)
+    assert refused.status_code == 409
+    assert "in use by POST /robot/move/joints" in refused.json()["detail"]
+    assert service.post("/stop").json()["at_rest"]
+    service.end(mover)
+
+
+def test_a_plan_under_other_limits_is_refused(service: VirtualService) -> None:
+    at_home(service)
+    plan = planned(service)
+    kept = service.app.state.services.plans._plans[plan["plan_id"]].limits.max_velocity
+    kept.flags.writeable = True
+    kept[2] *= 2.0
+    refused = post(service, "/robot/execute", {"plan_id": plan["plan_id"]})
+    assert refused.status_code == 409
+    assert "max_velocity of joint3 was" in refused.json()["detail"]
+
+
+def test_where_the_arm_is_already_nothing_is_to_be_run(service: VirtualService) -> None:
+    at_home(service)
+    plan = post(service, "/robot/plan/joints", {"joints": HOME, "start": HOME}).json()
+    assert plan["duration_s"] == 0.0
+    assert len(plan["path"]) == 1
+
+
+@pytest.mark.parametrize(
+    ("body", "reason"),
+    [
+        ({"joints": THERE, "start": [0.0]}, "start must have 7 angles, got 1"),
+        ({"joints": THERE, "start": [9.0] * 7}, "start: the angle of joint1 is 9 rad"),
+        ({"joints": THERE, "samples": 1}, "samples"),
+        ({"joints": [9.0] * 7}, "joint1"),
+    ],
+)
+def test_bad_input_is_refused(service: VirtualService, body: dict[str, Any], reason: str) -> None:
+    refused = post(service, "/robot/plan/joints", body)
+    assert refused.status_code == 422
+    assert reason in refused.json()["detail"]
+
+
+def test_a_pose_is_planned_along_a_line(service: VirtualService) -> None:
+    at_home(service)
+    pose = service.get("/robot/pose").json()
+    at, turn = pose["position"], pose["orientation"]["euler_rad"]
+    body = {"x": at["x"], "y": at["y"], "z": at["z"] - 0.1, **turn, "planner": "lin", "samples": 7}
+    plan = post(service, "/robot/plan/pose", body).json()
+    line = np.array([point["position"] for point in plan["path"]])
+    np.testing.assert_allclose(line[:, :2], np.tile([at["x"], at["y"]], (7, 1)), atol=5e-4)
