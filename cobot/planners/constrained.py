@@ -44,7 +44,7 @@ def plan_constrained(robot: RobotDescription, request: MotionRequest, goals: Arr
     """
     room_m = room(robot, np.vstack([request.start, goals]))
     with robot.collision.keeping(room_m) as clearance:
-        search = _Search(held, clearance, request)
+        search = _Steps(held, clearance, request)
         found = search.paths(request.start, goals)
         if not found:
             raise PlanningTimeout(
@@ -102,7 +102,7 @@ class _Tree:
         return way
 
 
-class _Search:
+class _Steps:
     """One problem."""
 
     def __init__(self, held: Held, clearance: Clearance, request: MotionRequest) -> None:
