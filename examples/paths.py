@@ -1,6 +1,8 @@
 """Paths of the tool in metres per second: a rectangle with round corners, a full circle, a helix.
 
-Start `make run` in another terminal, then: .venv/bin/python examples/paths.py
+Start `make run` in another terminal, then:
+
+.venv/bin/python examples/paths.py
 """
 
 from __future__ import annotations

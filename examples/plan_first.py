@@ -1,13 +1,17 @@
-"""Plan, look at the plan, then run it. Start `make run` in another terminal, then:
+"""Plan, look at the plan, then run it.
+
+Start `make run` in another terminal, then:
 
 .venv/bin/python examples/plan_first.py
 """
 
 from __future__ import annotations
 
+import os
+
 from cobot.client import Client
 
-with Client() as robot:
+with Client(os.environ.get("COBOT_URL", "http://localhost:8007")) as robot:
     robot.move_named("home", speed=0.5)
     plan = robot.plan("named", name="work", speed=0.5, planner="auto")
     print(f"{plan['duration_s']:.2f} s; {plan['note']}")

@@ -1,6 +1,8 @@
 """Carries a glass of water to the left and back: ompl keeps the tool upright all the way.
 
-Start `make run` in another terminal, then: .venv/bin/python examples/upright.py
+Start `make run` in another terminal, then:
+
+.venv/bin/python examples/upright.py
 """
 
 from __future__ import annotations

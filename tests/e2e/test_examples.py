@@ -60,7 +60,9 @@ def output(clone: Path, command: str, run: Run) -> str:
 def test_every_example_says_how_it_is_run() -> None:
     assert {script: commands(script)[-1] for script in SCRIPTS} == {
         "hello.lua": ".venv/bin/cobot lua examples/hello.lua",
+        "paths.py": ".venv/bin/python examples/paths.py",
         "pick.lua": ".venv/bin/cobot lua examples/pick.lua",
+        "plan_first.py": ".venv/bin/python examples/plan_first.py",
         "policy_30hz.py": ".venv/bin/python examples/policy_30hz.py",
         "streaming_plot.py": ".venv/bin/python examples/streaming_plot.py --rate 10 --output streaming.png",
         "tour.m": "run examples/tour",
@@ -68,6 +70,7 @@ def test_every_example_says_how_it_is_run() -> None:
         "tour.sh": "bash examples/tour.sh",
         "two_robots.py": ".venv/bin/python examples/two_robots.py",
         "two_robots.yaml": ".venv/bin/cobot run --config examples/two_robots.yaml",
+        "upright.py": ".venv/bin/python examples/upright.py",
     }
     # This one is run beside two robots, in tests/e2e/realtime; here it is not run but checked.
     assert commands("two_robots.py")[0] == commands("two_robots.yaml")[0]
@@ -85,6 +88,13 @@ def test_the_streaming_plot_is_drawn(shared: Run, clone: Path) -> None:
     (command,) = commands("streaming_plot.py")
     assert output(clone, f"{command} --seconds 1.5", shared) == "drawn: streaming.png\n"
     assert (clone / "streaming.png").read_bytes().startswith(b"\x89PNG\r\n")
+
+
+def test_a_plan_is_looked_at_before_it_is_run(shared: Run, clone: Path) -> None:
+    (command,) = commands("plan_first.py")
+    said = output(clone, command, shared)
+    assert "velocity: at the most" in said
+    assert "nearest to its surroundings" in said
 
 
 def test_a_policy_moves_the_arm(shared: Run, clone: Path) -> None:
