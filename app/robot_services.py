@@ -15,6 +15,7 @@ from app.services.motion.ownership import Ownership
 from app.services.motion.planning import PlanningService
 from app.services.motion.plans import PlanService
 from app.services.motion.queue import MotionQueue
+from app.services.motion.scene import SceneService
 from app.services.motion.speed_override import MAX_PAUSE_S
 from app.services.motion.stopping import StopService
 from app.services.motion.synchronous import SyncService
@@ -34,6 +35,7 @@ from cobot.addresses import address
 from cobot.clock import Clock
 from cobot.config import Endpoint, Settings
 from cobot.robot.description import RobotDescription
+from cobot.robot.scene import SceneFile
 
 Planner = Callable[[Path | None, int, str], PlanningService]
 
@@ -67,6 +69,7 @@ class Services:
     ownership: Ownership
     motion: MotionService
     plans: PlanService
+    scene: SceneService
     trajectories: TrajectoryService
     sequences: SequenceService
     stopping: StopService
@@ -140,6 +143,7 @@ def _services(
         link=link,
         ownership=ownership,
         motion=motion,
+        scene=SceneService(robot, link, motion, planning, stopping, SceneFile(settings.scene_file)),
         plans=PlanService(robot, link.clock, motion, planning, settings.planning),
         trajectories=TrajectoryService(robot.limits, ownership, motion, settings.planning, link.label),
         sequences=sequences,

@@ -51,6 +51,15 @@ ENDPOINTS = (
     "POST /robot/plan/pose",
     "POST /robot/plan/joints",
     "POST /robot/execute",
+    "GET /scene",
+    "DELETE /scene",
+    "PUT /scene/objects/{name}",
+    "DELETE /scene/objects/{name}",
+    "POST /scene/objects/{name}/attach",
+    "POST /scene/objects/{name}/detach",
+    "PUT /scene/frames/{name}",
+    "DELETE /scene/frames/{name}",
+    "PUT /scene/allowed",
     "POST /robot/reset",
     "POST /trajectory/send",
     "POST /trajectory/send_csv",
@@ -320,6 +329,11 @@ class Settings(Section):
     @property
     def audit_file(self) -> Path:
         return self.logs / f"{self.robot.name}.audit.jsonl"
+
+    @property
+    def scene_file(self) -> Path:
+        """What stands around the robot; the service writes it."""
+        return self.logs / f"{self.robot.name}.scene.json"
 
     @property
     def each(self) -> dict[str, Settings]:

@@ -53,7 +53,7 @@ class PlanningHere(PlanningService):
         return PlanningStatus("ready", workers=1, usable=1, busy=0, replaced=0, problem="")
 
     async def compute(self, work: Callable[[RobotDescription], Result], timeout_s: float) -> Result:
-        return work(self._robot)
+        return self.placed(work)(self._robot)
 
     def close(self) -> None: ...
 

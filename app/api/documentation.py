@@ -29,6 +29,7 @@ PARAMETERS = {
 }
 TAGS = [
     {"name": "robot", "description": "State, motions, and who controls the arm."},
+    {"name": "scene", "description": "What stands around the arm, what it holds, and named frames."},
     {"name": "trajectory", "description": "Timed joint trajectories."},
     {"name": "sequences", "description": "Sequences of motions, and Lua programs."},
     {"name": "common", "description": "Stop, and health."},

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import copy
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -12,6 +13,7 @@ import numpy as np
 from cobot.errors import CollisionError, InputError
 from cobot.robot.clearance import Clearance, bezier
 from cobot.robot.model import RobotModel
+from cobot.robot.scene import Scene
 from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array
 
@@ -45,15 +47,38 @@ class CollisionChecker:
     Attributes:
         margin_m: what comes nearer counts as a collision.
         clearance: the distances, with the margin as what is required.
+        scene: what is around the arm beside its model.
     """
 
-    def __init__(self, model: RobotModel, margin_m: float = 0.0) -> None:
+    def __init__(
+        self, model: RobotModel, margin_m: float = 0.0, disabled: Iterable[frozenset[str]] = ()
+    ) -> None:
+        """disabled: pairs of bodies, by their names, that are never looked at."""
         self.margin_m = margin_m
         self.limits = model.limits
-        self._mj = model.mj
-        self.clearance = Clearance(self._mj, geom_pairs(self._mj), RESOLUTION_M)
-        self.clearance.require(margin_m)
+        self.disabled: frozenset[frozenset[str]] = frozenset(disabled)
+        self._model = model
+        self.surround(Scene())
+
+    def surround(self, scene: Scene) -> None:
+        """Have this scene around the arm from now on.
+
+        Raises:
+            InputError: MuJoCo refuses it; nothing has changed.
+        """
+        mj = self._model.among(scene)
+        apart = self.disabled | scene.may_touch()
+        pairs = [pair for pair in geom_pairs(mj) if frozenset(_name(mj, geom) for geom in pair) not in apart]
+        self.clearance = Clearance(mj, pairs, RESOLUTION_M)
+        self.clearance.require(self.margin_m)
+        self._mj, self.scene = mj, scene
         self.pairs = list(self.clearance.pairs)
+
+    def among(self, scene: Scene) -> CollisionChecker:
+        """Another one, of the same arm in another scene; raises as `surround` does."""
+        other = copy.copy(self)
+        other.surround(scene)
+        return other
 
     @contextmanager
     def keeping(self, least_m: float | Array) -> Iterator[Clearance]:
@@ -85,15 +110,21 @@ class CollisionChecker:
     def is_own(self, pair: int) -> bool:
         """Whether both of a pair are parts of the robot: hang on the same body that stands in the world."""
         roots = [int(self._mj.body_rootid[self._mj.geom_bodyid[geom]]) for geom in self.pairs[pair]]
-        return roots[0] == roots[1] != 0
+        stands = {name for name, each in self.scene.objects.items() if not each.attached}
+        return roots[0] == roots[1] != 0 and stands.isdisjoint(self.names(pair))
+
+    @property
+    def body_names(self) -> list[str]:
+        """Of the model and what stands in the world, without the scene's objects."""
+        geoms = range(self._model.mj.ngeom)
+        return list(dict.fromkeys(_name(self._model.mj, geom) for geom in geoms))
 
     def body_name(self, body: int) -> str:
         return str(self._mj.body(body).name)
 
     def name(self, geom: int) -> str:
         """What a person calls a geom: its body, or the geom itself if that is part of the world."""
-        body = int(self._mj.geom_bodyid[geom])
-        return self.body_name(body) if body else str(self._mj.geom(geom).name or "the surroundings")
+        return _name(self._mj, geom)
 
     def check_trajectory(self, trajectory: Trajectory) -> None:
         """Refuse a motion that comes nearer to anything than the margin.
@@ -145,6 +176,11 @@ class CollisionChecker:
         contacts = self.contacts(joints)
         if contacts:
             raise CollisionError(f"{what} is in collision: {contacts[0]}, at joints {_shown(joints)} rad")
+
+
+def _name(mj: mujoco.MjModel, geom: int) -> str:
+    body = int(mj.geom_bodyid[geom])
+    return str(mj.body(body).name) if body else str(mj.geom(geom).name or "the surroundings")
 
 
 def motion_pieces(trajectory: Trajectory) -> Array:

@@ -9,7 +9,7 @@ from cobot.errors import ConfigError
 from cobot.robot.collision import CollisionChecker
 from cobot.robot.limits import load_joint_limits
 from cobot.robot.model import RobotModel
-from cobot.robot.srdf import load_named_positions
+from cobot.robot.srdf import disabled_pairs, load_named_positions
 from cobot.types import CartesianLimits, JointLimits, NamedPosition
 
 
@@ -45,6 +45,7 @@ def load_robot(settings: Settings) -> RobotDescription:
         )
     with naming("robot.srdf"):
         positions = load_named_positions(settings.robot.srdf, limits.names, settings.robot.group)
+        disabled = disabled_pairs(settings.robot.srdf)
     if settings.robot.start_position not in positions:
         raise ConfigError(
             f"robot.start_position: {settings.robot.start_position!r} is not in {settings.robot.srdf}; "
@@ -68,7 +69,7 @@ def load_robot(settings: Settings) -> RobotDescription:
         name=settings.robot.name,
         base_frame=settings.robot.base_frame,
         model=model,
-        collision=CollisionChecker(model, settings.planning.collision_margin_m),
+        collision=CollisionChecker(model, settings.planning.collision_margin_m, disabled),
         limits=limits,
         cartesian_limits=cartesian,
         positions=positions,

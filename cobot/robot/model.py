@@ -16,6 +16,7 @@ from cobot.robot.dynamics import Dynamics
 from cobot.robot.inverse_kinematics.arm import Arm
 from cobot.robot.inverse_kinematics.geometry import recognised
 from cobot.robot.quaternion import from_matrix
+from cobot.robot.scene import Scene, compiled
 from cobot.types import Array, JointLimits, Pose
 
 
@@ -31,10 +32,19 @@ class RobotModel:
         tcp_site: index of the TCP among the model's sites.
         chain: the kinematics, which compiled code calls without Python.
         dynamics: inertia and bias forces, likewise.
+        spec: what MuJoCo's model was made of, for one with more in it; None if it was made elsewhere.
     """
 
-    def __init__(self, mj: mujoco.MjModel, limits: JointLimits, base: str, tcp: str) -> None:
+    def __init__(
+        self,
+        mj: mujoco.MjModel,
+        limits: JointLimits,
+        base: str,
+        tcp: str,
+        spec: mujoco.MjSpec | None = None,
+    ) -> None:
         self.mj = mj
+        self.spec = spec
         self.limits = limits
         self._base = _named(mj, mujoco.mjtObj.mjOBJ_BODY, base, "robot.base_frame")
         joints = [mj.joint(index).name for index in range(mj.njnt)]
@@ -68,7 +78,8 @@ class RobotModel:
         if not path.is_file():
             raise ConfigError(f"{path}: {'is no file' if path.exists() else 'no such file'}")
         try:
-            return cls(_compile(path, tcp), limits, base, tcp)
+            spec = _read(path, tcp)
+            return cls(spec.compile(), limits, base, tcp, spec)
         except ValueError as exc:
             if error := exhausted(exc):
                 raise error from exc
@@ -117,6 +128,18 @@ class RobotModel:
         for index in range(self.mj.nbody):
             if name := self.mj.body(index).name:
                 yield name, index, data.xpos[index], data.xmat[index]
+
+    def among(self, scene: Scene) -> mujoco.MjModel:
+        """MuJoCo's model with the scene's objects, for distances: nothing else knows of them.
+
+        Raises:
+            InputError: MuJoCo refuses it.
+        """
+        if not scene.objects:
+            return self.mj
+        if self.spec is None:
+            raise InputError("this model was not read from a file: it can have no objects around it")
+        return compiled(self.spec, scene, self.mj.body(self._base).name, self.mj.site(self.tcp_site).name)
 
     def with_tool(self, tool: Array) -> RobotModel:
         """The same arm with its TCP elsewhere.
@@ -198,7 +221,7 @@ class RobotModel:
         return np.asarray(self.chain.base_rotation.T @ self.mj.opt.gravity)
 
 
-def _compile(path: Path, tcp: str) -> mujoco.MjModel:
+def _read(path: Path, tcp: str) -> mujoco.MjSpec:
     """A URDF has no sites and MuJoCo would fuse its fixed links: keep them, and let the TCP be a link.
 
     Nor has it actuators: each joint gets a motor.
@@ -211,7 +234,7 @@ def _compile(path: Path, tcp: str) -> mujoco.MjModel:
         for joint in spec.joints:
             motor = spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
             motor.set_to_motor()
-    return spec.compile()
+    return spec
 
 
 def _named(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, setting: str) -> int:

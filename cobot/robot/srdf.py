@@ -34,6 +34,21 @@ def load_named_positions(path: Path, joint_names: tuple[str, ...], group: str) -
     return positions
 
 
+def disabled_pairs(path: Path) -> set[frozenset[str]]:
+    """The pairs of links whose collisions are disabled (`disable_collisions`), by name.
+
+    Raises:
+        ConfigError: unreadable, or an element without its two links.
+    """
+    pairs = set()
+    for element in _parse(path).iter("disable_collisions"):
+        first, second = element.get("link1"), element.get("link2")
+        if not first or not second:
+            raise ConfigError(f"{path}: a disable_collisions needs link1 and link2")
+        pairs.add(frozenset((first, second)))
+    return pairs
+
+
 def _parse(path: Path) -> ElementTree.Element:
     try:
         text = path.read_text(encoding="utf-8")

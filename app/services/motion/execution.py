@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -107,7 +108,13 @@ class Goal:
 
 
 class MotionService:
-    """Plans motions and has them executed, for who owns the right to move."""
+    """Plans motions and has them executed, for who owns the right to move.
+
+    Attributes:
+        scene_changed_s: when the scene was changed last, on the link's clock.
+    """
+
+    scene_changed_s = -math.inf
 
     def __init__(
         self,
@@ -208,17 +215,37 @@ class MotionService:
         Raises:
             InputError: there is no such frame, or it moves.
         """
+        if (frame or self._settings.default_frame) == TOOL:
+            return replace(goal, in_tool=True)
+        place = self.frame(frame)
+        return goal if place is None else goal.placed(place)
+
+    def placed(self, pose: Pose, frame: str) -> Pose:
+        """A pose of a frame in the base frame; raises as `frame` does."""
+        place = self.frame(frame)
+        return pose if place is None else compose(place, pose)
+
+    def frame(self, frame: str) -> Pose | None:
+        """Where a frame is that does not move with the joints; None for the base frame itself.
+
+        Raises:
+            InputError: there is no such frame, or it moves.
+        """
         base, model = self._robot.base_frame, self._robot.model
         name = frame or self._settings.default_frame
         if name == base:
-            return goal
-        if name == TOOL:
-            return replace(goal, in_tool=True)
+            return None
         fixed = model.fixed_frames
         if name in fixed:
-            return goal.placed(fixed[name])
-        valid = ", ".join([base, TOOL, *sorted(set(fixed) - {base})]) + f", or empty for {base}"
-        if name in model.frame_names:
+            return fixed[name]
+        named = self._robot.collision.scene.frames
+        if name in named:
+            pose = np.array(named[name])
+            return Pose(pose[:3], pose[3:])
+        valid = (
+            ", ".join([base, TOOL, *sorted((set(fixed) | set(named)) - {base})]) + f", or empty for {base}"
+        )
+        if name in model.frame_names or name == TOOL:
             raise InputError(f"frame_id: {name!r} moves with the joints; valid are: {valid}")
         raise InputError(f"frame_id: there is no frame {name!r}; valid are: {valid}")
 
@@ -317,9 +344,13 @@ class MotionService:
 
         Raises:
             ExecutionError, UnavailableError, InputError: see `RobotLink.start`.
+            CollisionError: the scene has changed since it was planned.
         """
         if claim.speed_override.paused:
             await claim.unless_interrupted(claim.speed_override.opened.wait())
+        if claim.since_s <= self.scene_changed_s:  # it may have been planned before
+            checker = await asyncio.to_thread(self._robot.collision.among, self._robot.collision.scene)
+            await asyncio.to_thread(checker.check_trajectory, trajectory)
         claim.proceed()
         claim.motion_id = await self._link.start(trajectory, claim.stops)
         logs.bind(motion=claim.motion_id)

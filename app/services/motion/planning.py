@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import TypeVar, cast
 
 from app.services.motion.planning_pool import PlanningPool, WorkerLost
-from app.services.motion.planning_tasks import PlanRequest, planned
+from app.services.motion.planning_tasks import PlanRequest, in_scene, planned
 from cobot.errors import PlanningError, PlanningTimeout
 from cobot.robot.description import RobotDescription
+from cobot.robot.scene import Scene
 from cobot.trajectory import Trajectory
 
 POLL_S = 0.02
@@ -53,7 +54,12 @@ class PlanningService:
     Args:
         config: the settings' file, None for the shipped one.
         robot: one of its robots, None for the default one.
+
+    Attributes:
+        scene: what everything is planned in.
     """
+
+    scene = Scene()
 
     def __init__(self, config: Path | None, workers: int, robot: str | None = None) -> None:
         chosen = {"--config": config, "--robot": robot}
@@ -102,6 +108,18 @@ class PlanningService:
             UnavailableError: no worker can be started.
             CobotError: what the function raises.
         """
+        while True:
+            scene = self.scene
+            found = await self._computed(self.placed(work), timeout_s)
+            if scene is self.scene:
+                return found
+            log.info("the scene has changed meanwhile: what was planned in it is planned again")
+
+    def placed(self, work: Callable[[RobotDescription], Result]) -> Callable[[RobotDescription], Result]:
+        """The same, in the scene."""
+        return partial(in_scene, scene=self.scene, work=work) if self.scene.version else work
+
+    async def _computed(self, work: Callable[[RobotDescription], Result], timeout_s: float) -> Result:
         for left in reversed(range(ATTEMPTS)):
             try:
                 return cast(Result, await self._pool.run(work, timeout_s))

@@ -5,13 +5,16 @@ They alone import the planners, when they are called: the service, which only na
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 from cobot.motions.forecast import Forecast
 from cobot.motions.requests import Blended, Envelope, MotionRequest, RatedMove, WaypointRequest
 from cobot.robot.description import RobotDescription
+from cobot.robot.scene import Scene
 from cobot.trajectory import Trajectory
 
+Result = TypeVar("Result")
 PlanRequest = MotionRequest | WaypointRequest | RatedMove
 
 
@@ -25,6 +28,13 @@ def planned(robot: RobotDescription, request: PlanRequest) -> Trajectory | None:
     if isinstance(request, WaypointRequest):
         return plan_waypoints(robot, request)
     return plan_rated(robot, request)
+
+
+def in_scene(robot: RobotDescription, scene: Scene, work: Callable[[RobotDescription], Result]) -> Result:
+    """Some work of a robot in a scene, which comes along: a process that has just begun knows none."""
+    if robot.collision.scene.version != scene.version:
+        robot.collision.surround(scene)
+    return work(robot)
 
 
 def blended(

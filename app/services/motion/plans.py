@@ -36,6 +36,7 @@ class Plan:
         start: where it begins, shape (dof,), rad.
         limits: of the joints, as they were when it was made.
         made_s: when that was, on the service's clock.
+        scene: the version of the scene that it was made for.
     """
 
     plan_id: str
@@ -43,6 +44,7 @@ class Plan:
     forecast: Forecast
     limits: JointLimits
     made_s: float
+    scene: int = 0
 
 
 class PlanService:
@@ -86,7 +88,8 @@ class PlanService:
                 found = await self._planning.compute(work, timeout_s)
         except TimeoutError as exc:
             raise PlanningTimeout(f"not planned within {timeout_s:g} s") from exc
-        plan = Plan(secrets.token_hex(8), begin, found, limits, self._clock.now_s())
+        scene = self._robot.collision.scene.version
+        plan = Plan(secrets.token_hex(8), begin, found, limits, self._clock.now_s(), scene)
         self._plans[plan.plan_id] = plan
         self._forget()
         return plan
@@ -117,6 +120,12 @@ class PlanService:
                     f"plan {plan.plan_id}: {item.name} of {name} was {before[joint]:g} when it was "
                     f"made and is {now[joint]:g} now; allowed is no difference; plan again"
                 )
+        now_version = self._robot.collision.scene.version
+        if plan.scene != now_version:
+            raise ConflictError(
+                f"plan {plan.plan_id}: the scene had version {plan.scene} when it was made and has version "
+                f"{now_version} now; plan again"
+            )
         off = joints - plan.start
         worst = int(np.abs(off).argmax())
         if abs(off[worst]) > START_TOLERANCE_RAD:

@@ -16,7 +16,14 @@ import numpy as np
 from app.services.state.robot_state import RobotState, robot_state
 from cobot.addresses import address
 from cobot.clock import SYSTEM, Clock
-from cobot.errors import ConflictError, ExecutionError, NotReadyError, TornReadError, UnavailableError
+from cobot.errors import (
+    CobotError,
+    ConflictError,
+    ExecutionError,
+    NotReadyError,
+    TornReadError,
+    UnavailableError,
+)
 from cobot.ipc.layout import LOADED_SEGMENTS, RING, SLOTS, Ack, Command, MotionResult, text
 from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.trajectory import Trajectory
@@ -66,6 +73,7 @@ class RobotLink:
         self.on_outside_stop: Callable[[], None] | None = None
         self._command_turn = asyncio.Lock()
         self._last_motion = 0
+        self.handed_over: tuple[int, Trajectory] | None = None
         self._beaten_s: float | None = None
         self._paused_s, self._resumed_s = 0.0, float("-inf")
 
@@ -284,19 +292,24 @@ class RobotLink:
             # The state may be of the cycle before the last acknowledgement.
             self._last_motion = max(self._last_motion, self.state().motion_id) + 1
             motion_id, number = self._last_motion, self._last_motion % SLOTS
+            self.handed_over = motion_id, trajectory
             slot = self.memory.slots[number]
             if trajectory.segments > IN_THREAD_SEGMENTS:
                 await asyncio.to_thread(slot.write, motion_id, trajectory)
             else:
                 slot.write(motion_id, trajectory)
-            self.require_awake()
-            await self._send(
-                Command.START,
-                slot=number,
-                motion_id=motion_id,
-                stops=stops,
-                timeout_s=ACKNOWLEDGE_S + loading_s(trajectory.segments, self.memory.period_s),
-            )
+            try:
+                self.require_awake()
+                await self._send(
+                    Command.START,
+                    slot=number,
+                    motion_id=motion_id,
+                    stops=stops,
+                    timeout_s=ACKNOWLEDGE_S + loading_s(trajectory.segments, self.memory.period_s),
+                )
+            except CobotError:
+                self.handed_over = None
+                raise
         return motion_id
 
     async def set_rate(self, rate: float) -> None:

@@ -1,0 +1,173 @@
+"""What stands around the arm, what it holds, and named frames: one document with a version, in one file.
+
+The file is replaced as a whole, so that whoever is killed while writing leaves the old one or the new one.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal, cast
+
+import mujoco
+import numpy as np
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass as checked
+
+from cobot.errors import ConfigError, InputError, UnavailableError, exhausted
+from cobot.strict import sentences
+from cobot.types import Pose
+
+Shape = Literal["box", "sphere", "cylinder", "capsule"]
+Numbers7 = tuple[float, float, float, float, float, float, float]
+"""x, y, z (m) and w, x, y, z of a unit quaternion."""
+_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+_GEOMS = {
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
+}
+
+
+@checked(frozen=True, config=_STRICT)
+class SceneObject:
+    """A solid.
+
+    Attributes:
+        size: m; of a box its edges along x, y and z; of a sphere its radius; of a cylinder and a capsule,
+            which lie along z, radius and length, that of a capsule without its round ends.
+        pose: of its middle in the base frame; in the TCP's if it is attached.
+        touch: the bodies and objects that it may touch while it is attached.
+    """
+
+    shape: Shape
+    size: tuple[float, ...]
+    pose: Numbers7
+    attached: bool = False
+    touch: tuple[str, ...] = ()
+
+
+@checked(frozen=True, config=_STRICT)
+class Scene:
+    """Immutable: a change makes a new one, with the next version.
+
+    Attributes:
+        version: 0 is the empty scene that nobody has changed yet.
+        objects: by name.
+        frames: where named frames are in the base frame.
+        allowed: pairs of bodies or objects that may touch.
+    """
+
+    version: int = 0
+    objects: dict[str, SceneObject] = field(default_factory=dict)
+    frames: dict[str, Numbers7] = field(default_factory=dict)
+    allowed: tuple[tuple[str, str], ...] = ()
+
+    def may_touch(self) -> set[frozenset[str]]:
+        """The pairs that are not looked at, by the names of their bodies."""
+        held = {
+            frozenset((name, other))
+            for name, each in self.objects.items()
+            if each.attached
+            for other in each.touch
+        }
+        return held | {frozenset(pair) for pair in self.allowed}
+
+
+_FILE = TypeAdapter(Scene)
+
+
+@dataclass(frozen=True, slots=True)
+class SceneFile:
+    """Where the scene of one robot is kept."""
+
+    path: Path
+
+    def read(self) -> Scene:
+        """The scene; the empty one if there is no file.
+
+        Raises:
+            ConfigError: it cannot be read, or is none.
+        """
+        try:
+            return _FILE.validate_json(self.path.read_bytes())
+        except FileNotFoundError:
+            return Scene()
+        except ValidationError as exc:
+            raise ConfigError(
+                f"{self.path}: is no scene: {sentences(exc.errors())}; mend it, or remove it to begin "
+                "without objects"
+            ) from exc
+        except OSError as exc:
+            raise ConfigError(f"{self.path}: cannot be read: {exc.strerror}") from exc
+
+    def write(self, scene: Scene) -> None:
+        """Replace the file, on the disk when this returns.
+
+        Raises:
+            UnavailableError: there is no room or no permission; the old one is there as it was.
+        """
+        new = self.path.with_name(f"{self.path.name}.new")
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with new.open("wb") as file:
+                file.write(_FILE.dump_json(scene, indent=1))
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(new, self.path)
+            _settle(self.path.parent)
+        except OSError as exc:
+            with contextlib.suppress(OSError):
+                new.unlink(missing_ok=True)
+            raise exhausted(exc) or UnavailableError(
+                f"{self.path}: cannot be written: {exc.strerror}; the scene is as it was"
+            ) from exc
+
+
+def _settle(folder: Path) -> None:
+    """Have a folder's entries on the disk too."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def numbers(pose: Pose) -> Numbers7:
+    """As they stand in the scene."""
+    return cast(Numbers7, tuple(np.concatenate([pose.position, pose.quaternion]).tolist()))
+
+
+def compiled(spec: mujoco.MjSpec, scene: Scene, base: str, tcp: str) -> mujoco.MjModel:
+    """The model with the objects, each as a body of its name: on the base, or on what carries the TCP.
+
+    Raises:
+        InputError: MuJoCo refuses it, with why.
+    """
+    spec = spec.copy()
+    site = spec.site(tcp)
+    for name, each in scene.objects.items():
+        parent = spec.body(base)
+        if each.attached:  # a site has no children: a body stands where it is
+            parent = site.parent.add_body(pos=site.pos, quat=site.quat)
+        body = parent.add_body(name=name, pos=list(each.pose[:3]), quat=list(each.pose[3:]))
+        body.add_geom(type=_GEOMS[each.shape], size=_half(each), mass=0.0, contype=1, conaffinity=1)
+    try:
+        return spec.compile()
+    except ValueError as exc:
+        if error := exhausted(exc):
+            raise error from exc
+        raise InputError(f"MuJoCo refuses the scene: {' '.join(str(exc).split())}") from exc
+
+
+def _half(each: SceneObject) -> list[float]:
+    """MuJoCo's sizes are radii and half lengths, always three."""
+    if each.shape == "box":
+        return [0.5 * edge for edge in each.size]
+    if each.shape == "sphere":
+        return [each.size[0], 0.0, 0.0]
+    return [each.size[0], 0.5 * each.size[1], 0.0]

@@ -1,0 +1,205 @@
+"""The scene as a client sees it: kept, in force at once, and stopping what it has made wrong."""
+
+import numpy as np
+import pytest
+from virtual import VirtualService
+
+from app.services.motion.scene import rest_of
+from cobot.robot.scene import SceneFile
+from cobot.trajectory import Trajectory
+
+WALL = {"shape": "box", "size": [0.02, 2.0, 2.0], "x": 0.0, "y": 0.0, "z": 0.0}
+AHEAD = {"shape": "sphere", "radius": 0.15, "x": 0.5, "y": 0.0, "z": 0.9}
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory):
+    with VirtualService(tmp_path_factory.mktemp("scene")).serving() as made:
+        yield made
+
+
+@pytest.fixture(autouse=True)
+def empty(robot):
+    robot.ask("DELETE", "/scene")
+    robot.go_home()
+
+
+def put(robot, name, body):
+    return robot.ask("PUT", f"/scene/objects/{name}", json=body)
+
+
+def file_of(robot):
+    return SceneFile(robot.config.parent / "logs" / f"{robot.name}.scene.json")
+
+
+def in_the_way(robot):
+    """A ball where the hand will be after half of the way to joint 1 at 1 rad."""
+    joints = robot.joints()
+    joints[0] = 0.5
+    x, y, z = robot.app.state.services.robot.model.forward(np.array(joints)).position.tolist()
+    return {"shape": "sphere", "radius": 0.05, "x": x, "y": y, "z": z}
+
+
+def there(robot, angle=1.0):
+    return {"joints": [angle, *robot.joints()[1:]], "speed": 0.3}
+
+
+def test_an_object_is_kept_and_the_version_rises(robot):
+    before = robot.get("/scene").json()["version"]
+    answer = put(robot, "ball", AHEAD | {"x": -0.8})
+    assert answer.status_code == 200
+    assert answer.json() == {"version": before + 1, "stopped": "", "contacts": []}
+    scene = robot.get("/scene").json()
+    assert scene["version"] == before + 1
+    assert scene["objects"][0]["position"] == [-0.8, 0.0, 0.9]
+    assert file_of(robot).read() == robot.app.state.services.scene.scene
+
+
+def test_a_motion_into_it_is_refused_and_ompl_goes_around_it(robot):
+    put(robot, "ball", in_the_way(robot))
+    refused = robot.post("/robot/move/joints", there(robot)).json()
+    assert refused["code"] == "collision"
+    assert "ball" in refused["message"]
+    around = robot.post("/robot/move/joints", there(robot) | {"planner": "ompl"}).json()
+    assert around["success"], around
+
+
+def test_a_motion_that_runs_into_a_new_object_is_stopped_with_the_reason(robot):
+    begun = robot.begin(robot.asking("POST", "/robot/move/joints", json=there(robot)))
+    ball = in_the_way(robot)
+    robot.sleep(0.3)
+    assert abs(robot.joints()[0]) < 0.3
+    answer = put(robot, "ball", ball).json()
+    assert "ball" in answer["stopped"]
+    ended = robot.end(begun).json()
+    assert ended["code"] == "stopped"
+    assert "the scene has changed" in ended["message"]
+    assert "ball" in ended["message"]
+    assert robot.app.state.services.robot.collision.contacts(np.array(robot.joints())) == []
+
+
+def test_a_motion_that_has_passed_it_goes_on(robot):
+    ball = in_the_way(robot)
+    begun = robot.begin(robot.asking("POST", "/robot/move/joints", json=there(robot, 1.4)))
+    robot.until(lambda: robot.joints()[0] > 0.95)
+    assert put(robot, "ball", ball).json()["stopped"] == ""
+    assert robot.end(begun).json()["success"]
+
+
+def test_a_plan_of_another_version_is_not_run(robot):
+    plan = robot.post("/robot/plan/joints", there(robot)).json()
+    put(robot, "ball", AHEAD | {"x": -0.8})
+    answer = robot.post("/robot/execute", {"plan_id": plan["plan_id"]})
+    assert answer.status_code == 409
+    assert "scene had version" in answer.json()["detail"]
+
+
+def test_the_hand_holds_what_is_attached_and_leaves_it_where_it_detaches(robot):
+    pose = robot.get("/robot/pose").json()["position"]
+    x, y, z = (pose[key] for key in "xyz") if isinstance(pose, dict) else pose
+    part = {"shape": "box", "size": [0.04, 0.04, 0.04], "x": x, "y": y, "z": z - 0.1}
+    assert put(robot, "part", part).status_code == 200
+    assert robot.post("/scene/objects/part/attach", {"touch": ["link7"]}).status_code == 200
+    held = robot.get("/scene").json()["objects"][0]
+    assert held["attached"]
+    assert held["position"] == pytest.approx([0.0, 0.0, 0.1], abs=2e-3)
+    assert robot.post("/scene/objects/part/attach", {}).status_code == 409
+    wall = in_the_way(robot)  # lower: only the part would touch it
+    put(robot, "wall", wall | {"z": wall["z"] - 0.15})
+    refused = robot.post("/robot/move/joints", there(robot)).json()
+    assert "part and wall" in refused["message"] or "wall and part" in refused["message"]
+    robot.ask("DELETE", "/scene/objects/wall")
+    assert robot.post("/robot/move/joints", there(robot)).json()["success"]
+    assert robot.post("/scene/objects/part/detach").status_code == 200
+    left = robot.get("/scene").json()["objects"][0]
+    turned = np.array([[np.cos(1.0), -np.sin(1.0)], [np.sin(1.0), np.cos(1.0)]]) @ [x, y]
+    assert left["position"] == pytest.approx([*turned, z - 0.1], abs=5e-3)
+    assert not left["attached"]
+
+
+def test_a_named_frame_is_one_of_frame_id(robot):
+    assert robot.ask("PUT", "/scene/frames/pallet", json={"x": 0.4, "y": 0.0, "z": 0.5}).status_code == 200
+    moved = robot.post(
+        "/robot/move/pose", {"x": 0.05, "y": 0.0, "z": 0.05, "b": 3.14159, "frame_id": "pallet", "speed": 0.5}
+    ).json()
+    assert moved["success"], moved
+    ball = {"shape": "sphere", "radius": 0.01, "x": 0.0, "y": 0.3, "z": 0.0, "frame_id": "pallet"}
+    assert put(robot, "ball", ball).status_code == 200
+    assert robot.get("/scene").json()["objects"][0]["position"] == pytest.approx([0.4, 0.3, 0.5])
+
+
+def test_allowed_pairs_may_touch(robot):
+    put(robot, "ball", in_the_way(robot))
+    pairs = [["ball", f"link{number}"] for number in range(1, 8)]
+    assert robot.ask("PUT", "/scene/allowed", json={"pairs": pairs}).status_code == 200
+    assert robot.post("/robot/move/joints", there(robot)).json()["success"]
+
+
+BOX = {"shape": "box", "size": [0.1, 0.1, 0.1], "x": 1.0, "y": 0.0, "z": 0.0}
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "body", "status", "message"),
+    [
+        ("PUT", "objects/a", BOX | {"size": [0.1, 0.1]}, 422, "size"),
+        (
+            "PUT",
+            "objects/a",
+            BOX | {"size": [0.1, 0.1, -1.0]},
+            422,
+            "greater than or equal to 0.0001, got -1.0",
+        ),
+        ("PUT", "objects/a", BOX | {"radius": 0.1}, 422, "a box has size: radius does not belong to it"),
+        ("PUT", "objects/a", {"shape": "sphere", "x": 0.0, "y": 0.0, "z": 0.0}, 422, "radius is missing"),
+        ("PUT", "objects/a", BOX | {"shape": "cone"}, 422, "shape"),
+        ("PUT", "objects/a", BOX | {"x": 1e9}, 422, "x: input should be less than or equal to 100"),
+        ("PUT", "objects/a", BOX | {"frame_id": "nowhere"}, 422, "no frame 'nowhere'"),
+        ("PUT", "objects/a", BOX | {"frame_id": "link7"}, 422, "moves with the joints"),
+        ("PUT", "objects/link7", BOX, 422, "'link7' is a body"),
+        ("PUT", "objects/a%20b", BOX, 422, "name"),
+        ("DELETE", "objects/a", None, 404, "there is no object 'a'; there are: none"),
+        ("DELETE", "frames/a", None, 404, "there is no frame 'a'"),
+        ("POST", "objects/a/attach", {}, 404, "there is no object 'a'"),
+        ("POST", "objects/a/detach", None, 404, "there is no object 'a'"),
+        ("PUT", "allowed", {"pairs": [["a", "link7"]]}, 404, "there is no body or object 'a'; valid are"),
+        ("PUT", "allowed", {"pairs": [["link7"]]}, 422, "pairs"),
+    ],
+)
+def test_what_is_wrong_changes_nothing(robot, method, path, body, status, message):
+    before = robot.get("/scene").json()
+    answer = robot.ask(method, f"/scene/{path}", **({} if body is None else {"json": body}))
+    assert (answer.status_code, message in answer.json()["detail"]) == (status, True), answer.text
+    assert robot.get("/scene").json() == before
+
+
+def test_a_scene_that_cannot_be_written_changes_nothing(robot, monkeypatch):
+    before = robot.get("/scene").json()
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    answer = put(robot, "ball", AHEAD)
+    assert answer.status_code == 503
+    assert "disk is full" in answer.json()["detail"]
+    assert robot.get("/scene").json() == before
+    assert file_of(robot).read().version == before["version"]
+
+
+def test_who_puts_something_where_the_arm_is_hears_of_it(robot):
+    x, y, z = robot.app.state.services.robot.model.forward(np.array(robot.joints())).position.tolist()
+    contacts = put(robot, "ball", {"shape": "sphere", "radius": 0.05, "x": x, "y": y, "z": z}).json()[
+        "contacts"
+    ]
+    assert any("ball" in each for each in contacts)
+
+
+def test_the_rest_of_a_motion_is_what_comes_after_a_time():
+    random = np.random.default_rng(4)
+    whole = Trajectory(np.array([0.0, 2.0]), random.normal(size=(1, 3, 6)))
+    rest = rest_of(whole, 0.7)
+    times = np.linspace(0.0, 1.3, 20)
+    assert rest is not None
+    assert rest.sample(times) == pytest.approx(whole.sample(times + 0.7), abs=1e-11)
+    assert rest_of(whole, 2.0) is None
+    assert rest_of(whole, 0.0) is whole
