@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from fastapi import Path
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from app.api.schemas import Finite
@@ -12,7 +11,7 @@ from cobot.strict import StrictModel
 
 Name = Annotated[
     str,
-    Path(pattern=r"^[A-Za-z0-9_.-]{1,64}$", description="Letters, digits, and _ . -; at the most 64."),
+    Field(pattern=r"^[A-Za-z0-9_.-]{1,64}$", description="Letters, digits, and _ . -; at the most 64."),
 ]
 Coordinate = Annotated[float, Field(ge=-100.0, le=100.0, allow_inf_nan=False, description="m")]
 Length = Annotated[float, Field(ge=1e-4, le=100.0, allow_inf_nan=False)]
@@ -33,9 +32,9 @@ class Place(StrictModel):
 
     model_config = _example({"x": 0.5, "y": 0.2, "z": 0.1, "a": 0.5})
 
-    x: Coordinate
-    y: Coordinate
-    z: Coordinate
+    x: Coordinate = Field(description="m")
+    y: Coordinate = Field(description="m")
+    z: Coordinate = Field(description="m")
     a: Finite = Field(0.0, description="KUKA angle A about z, rad")
     b: Finite = Field(0.0, description="KUKA angle B about the new y, rad")
     c: Finite = Field(0.0, description="KUKA angle C about the newest x, rad")
@@ -52,7 +51,7 @@ class PutObject(Place):
 
     model_config = _example({"shape": "box", "size": [0.3, 0.4, 0.02], "x": 0.5, "y": -0.6, "z": 0.2})
 
-    shape: Literal["box", "sphere", "cylinder", "capsule"]
+    shape: Literal["box", "sphere", "cylinder", "capsule"] = Field(description="Of the solid.")
     size: list[Length] | None = Field(
         None, min_length=3, max_length=3, description="Of a box: its edges along its x, y and z, m."
     )
@@ -77,44 +76,59 @@ class PutObject(Place):
         return tuple(value for value in (self.radius, self.length) if value is not None)
 
 
-class Attach(StrictModel):
-    """What holds it."""
+class ChangeScene(StrictModel):
+    """Changes that are made together, in the order of these fields, or not at all."""
 
-    model_config = _example({"touch": ["link7"]})
-
-    touch: list[str] = Field(
-        [], max_length=100, description="Bodies and objects that it may touch while it is attached."
+    model_config = _example(
+        {"objects": {"table": {"shape": "box", "size": [0.3, 0.4, 0.02], "x": 0.5, "y": -0.6, "z": 0.2}}}
     )
 
-
-class Allowed(StrictModel):
-    """Which pairs may touch."""
-
-    model_config = _example({"pairs": [["table", "link1"]]})
-
-    pairs: list[Annotated[list[str], Field(min_length=2, max_length=2)]] = Field(
-        max_length=1000, description="Of bodies and objects, by name. They replace those before."
+    clear: bool = Field(False, description="Remove all objects, frames and allowed pairs first.")
+    detach: list[Name] = Field(
+        [], max_length=1000, description="Objects that the hand lets go: they stand where they are now."
     )
+    frames: dict[Name, Place | None] = Field(
+        {}, max_length=1000, description="Places by name, for `frame_id`; null forgets one."
+    )
+    objects: dict[Name, PutObject | None] = Field(
+        {}, max_length=1000, description="Solids by name, added or replaced; null removes one."
+    )
+    attach: dict[Name, Annotated[list[str], Field(max_length=100)]] = Field(
+        {},
+        max_length=1000,
+        description="Objects that the hand holds from now on, each with what it may touch meanwhile.",
+    )
+    allowed: list[Annotated[list[str], Field(min_length=2, max_length=2)]] | None = Field(
+        None,
+        max_length=1000,
+        description="Pairs of bodies and objects that may touch, not those before.",
+    )
+
+    @model_validator(mode="after")
+    def _says_something(self) -> ChangeScene:
+        if not self.model_fields_set:
+            raise ValueError(f"nothing to change; valid are: {', '.join(type(self).model_fields)}")
+        return self
 
 
 class ObjectAnswer(BaseModel):
     """A solid."""
 
-    name: str
-    shape: str
+    name: str = Field(description="Of the object.")
+    shape: str = Field(description="box, sphere, cylinder or capsule.")
     size: list[float] = Field(description="m: a box's edges; a radius; a radius and a length.")
     position: list[float] = Field(
         description="Of its middle: x, y, z, m; in the base frame, attached in the TCP's."
     )
     quaternion: list[float] = Field(description="x, y, z, w, likewise.")
-    attached: bool
-    touch: list[str]
+    attached: bool = Field(description="The hand holds it.")
+    touch: list[str] = Field(description="What it may touch while the hand holds it.")
 
 
 class FrameAnswer(BaseModel):
     """A named frame."""
 
-    name: str
+    name: str = Field(description="Of the frame.")
     position: list[float] = Field(description="In the base frame: x, y, z, m.")
     quaternion: list[float] = Field(description="x, y, z, w")
 
@@ -125,8 +139,8 @@ class SceneAnswer(BaseModel):
     model_config = _example({"version": 3, "objects": [], "frames": [], "allowed": []})
 
     version: int = Field(description="Rises with each change; 0: nobody has changed anything yet.")
-    objects: list[ObjectAnswer]
-    frames: list[FrameAnswer]
+    objects: list[ObjectAnswer] = Field(description="What stands there, or is held.")
+    frames: list[FrameAnswer] = Field(description="Places with names.")
     allowed: list[list[str]] = Field(description="Pairs that may touch.")
 
 

@@ -14,7 +14,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
-from urllib.parse import quote
 
 import httpx
 
@@ -155,42 +154,34 @@ class Client:
         """`version`, `objects`, `frames` and `allowed` pairs."""
         return self._json("GET", "/scene")
 
+    def change_scene(self, **changes: Any) -> Json:
+        """Change the scene, all at once or not at all: `version`, `stopped`, `contacts`.
+
+        Args:
+            changes: `clear`, `detach`, `frames`, `objects`, `attach` and `allowed`, as in POST /scene.
+        """
+        return self._json("POST", "/scene", json=changes)
+
     def put_object(self, name: str, shape: str, **solid: Any) -> Json:
-        """Add a solid to the scene, or replace it: `version`, `stopped`, `contacts`.
+        """Add a solid to the scene, or replace it.
 
         Args:
             shape: "box", "sphere", "cylinder" or "capsule".
             solid: `size`, or `radius` and `length`, m; `x`, `y`, `z`, `a`, `b`, `c` and `frame_id`.
         """
-        return self._json("PUT", _scene("objects", name), json={"shape": shape, **solid})
+        return self.change_scene(objects={name: {"shape": shape, **solid}})
 
     def remove_object(self, name: str) -> Json:
         """Take a solid out of the scene."""
-        return self._json("DELETE", _scene("objects", name))
+        return self.change_scene(objects={name: None})
 
     def attach_object(self, name: str, touch: Sequence[str] = ()) -> Json:
         """Have the hand hold it; it may touch the bodies and objects named in `touch`."""
-        return self._json("POST", f"{_scene('objects', name)}/attach", json={"touch": list(touch)})
+        return self.change_scene(attach={name: list(touch)})
 
     def detach_object(self, name: str) -> Json:
         """Have the hand let go: it stands where it is."""
-        return self._json("POST", f"{_scene('objects', name)}/detach")
-
-    def put_frame(self, name: str, **place: Any) -> Json:
-        """Name a place for `frame_id`: `x`, `y`, `z` (m), `a`, `b`, `c` (rad), `frame_id`."""
-        return self._json("PUT", _scene("frames", name), json=place)
-
-    def remove_frame(self, name: str) -> Json:
-        """Forget a named place."""
-        return self._json("DELETE", _scene("frames", name))
-
-    def allow_collisions(self, pairs: Sequence[Sequence[str]]) -> Json:
-        """Which pairs of bodies and objects may touch, instead of those before."""
-        return self._json("PUT", "/scene/allowed", json={"pairs": [list(pair) for pair in pairs]})
-
-    def clear_scene(self) -> Json:
-        """Remove all objects, frames and allowed pairs."""
-        return self._json("DELETE", "/scene")
+        return self.change_scene(detach=[name])
 
     def move_pose(
         self,
@@ -363,7 +354,3 @@ class Client:
                 f"{method} {url}: status {response.status_code}, and no answer of cobot's"
             ) from exc
         raise ERRORS.get(code, CobotError)(detail)
-
-
-def _scene(kind: str, name: str) -> str:
-    return f"/scene/{kind}/{quote(name, safe='')}"

@@ -7,25 +7,27 @@ from fastapi import APIRouter, Depends, Request
 from app.api.dependencies import Call, CobotRoute, json_body
 from app.api.errors import responses
 from app.api.scene_schemas import (
-    Allowed,
-    Attach,
     ChangedAnswer,
+    ChangeScene,
     FrameAnswer,
-    Name,
     ObjectAnswer,
     Place,
     PutObject,
     SceneAnswer,
 )
-from app.services.motion.scene import Changed
-from cobot import audit
+from app.services.motion.scene import (
+    Changed,
+    Edit,
+    SceneService,
+    clear,
+    detach,
+    remove_frame,
+    remove_object,
+)
 from cobot.robot.frames import pose_from_abc
 from cobot.robot.scene import Numbers7, SceneObject, numbers
 
 router = APIRouter(prefix="/scene", tags=["scene"], route_class=CobotRoute)
-BODY = [Depends(json_body)]
-WITH_BODY = responses(404, 409, 413, 415, 422, 503)
-WITHOUT = responses(404, 409, 422, 503)
 
 
 @router.get("")
@@ -54,62 +56,35 @@ async def scene(request: Request) -> SceneAnswer:
     )
 
 
-@router.delete("", responses=WITHOUT)
-async def clear_scene(request: Request) -> ChangedAnswer:
-    """Remove all objects, frames and allowed pairs."""
-    return _answer(await Call(request).services.scene.clear())
+@router.post("", responses=responses(404, 409, 413, 415, 422, 503), dependencies=[Depends(json_body)])
+async def change_scene(body: ChangeScene, request: Request) -> ChangedAnswer:
+    """Change it, all at once or not at all.
 
-
-@router.put("/objects/{name}", responses=WITH_BODY, dependencies=BODY)
-async def put_object(name: Name, body: PutObject, request: Request) -> ChangedAnswer:
-    """Add a solid, or replace the one of this name.
-
-    From the answer on, every motion keeps `planning.collision_margin_m` from it; the motion under way is
-    stopped if what is left of it would not. It is kept over restarts.
+    From the answer on, every planned motion keeps `planning.collision_margin_m` from the objects; the motion
+    under way is stopped if what is left of it would not. It is kept over restarts. Nothing is attached or
+    detached while the arm moves.
     """
-    item = SceneObject(shape=body.shape, size=body.numbers(), pose=_pose(body))
-    return _answer(await Call(request).services.scene.put_object(name, item, body.frame_id))
+    service = Call(request).services.scene
+    edits: list[Edit] = [clear] if body.clear else []
+    edits += [detach(name) for name in body.detach]
+    for name, place in body.frames.items():
+        edits.append(
+            remove_frame(name) if place is None else service.put_frame(name, _pose(place), place.frame_id)
+        )
+    for name, solid in body.objects.items():
+        edits.append(remove_object(name) if solid is None else _put(service, name, solid))
+    edits += [service.attach(name, touch) for name, touch in body.attach.items()]
+    if body.allowed is not None:
+        edits.append(service.allow([(first, second) for first, second in body.allowed]))
+    return _answer(await service.change(edits, moves_hand=bool(body.attach or body.detach)))
 
 
-@router.delete("/objects/{name}", responses=WITHOUT)
-async def remove_object(name: Name, request: Request) -> ChangedAnswer:
-    """Remove a solid."""
-    return _answer(await Call(request).services.scene.remove_object(name))
-
-
-@router.post("/objects/{name}/attach", responses=WITH_BODY, dependencies=BODY)
-async def attach_object(name: Name, body: Attach, request: Request) -> ChangedAnswer:
-    """The hand holds it: it moves with the TCP from where both are now. Only while the arm rests."""
-    return _answer(await Call(request).services.scene.attach(name, body.touch))
-
-
-@router.post("/objects/{name}/detach", responses=WITHOUT)
-async def detach_object(name: Name, request: Request) -> ChangedAnswer:
-    """The hand lets go: it stands where it is now. Only while the arm rests. Takes no body."""
-    return _answer(await Call(request).services.scene.detach(name))
-
-
-@router.put("/frames/{name}", responses=WITH_BODY, dependencies=BODY)
-async def put_frame(name: Name, body: Place, request: Request) -> ChangedAnswer:
-    """Name a place, for `frame_id` of motions and of the scene."""
-    return _answer(await Call(request).services.scene.put_frame(name, _pose(body), body.frame_id))
-
-
-@router.delete("/frames/{name}", responses=WITHOUT)
-async def remove_frame(name: Name, request: Request) -> ChangedAnswer:
-    """Forget a named place. What was placed in it stays where it is."""
-    return _answer(await Call(request).services.scene.remove_frame(name))
-
-
-@router.put("/allowed", responses=WITH_BODY, dependencies=BODY)
-async def allow_collisions(body: Allowed, request: Request) -> ChangedAnswer:
-    """Which pairs of bodies and objects may touch, instead of those before."""
-    pairs = [(first, second) for first, second in body.pairs]
-    return _answer(await Call(request).services.scene.allow(pairs))
+def _put(service: SceneService, name: str, solid: PutObject) -> Edit:
+    item = SceneObject(shape=solid.shape, size=solid.numbers(), pose=_pose(solid))
+    return service.put_object(name, item, solid.frame_id)
 
 
 def _answer(changed: Changed) -> ChangedAnswer:
-    audit.note("scene changed", version=changed.scene.version)
     return ChangedAnswer(
         version=changed.scene.version,
         stopped=changed.stopped,

@@ -5,9 +5,8 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 
@@ -28,7 +27,8 @@ MAX_OBJECTS = 200
 MAX_FRAMES = 1000
 STATE_TIMEOUT_S = 1.5
 
-Item = TypeVar("Item")
+Edit = Callable[[Scene, Pose], Scene]
+"""What makes a scene of another one; the second argument is where the TCP is."""
 
 log = logging.getLogger("cobot.scene")
 
@@ -80,73 +80,43 @@ class SceneService:
     def scene(self) -> Scene:
         return self._robot.collision.scene
 
-    async def put_object(self, name: str, item: SceneObject, frame: str) -> Changed:
-        """Add a solid, or replace it; `item.pose` is in `frame`.
-
-        Raises:
-            InputError: the name is the model's, or there is no such frame.
-            LimitError: there are too many.
-        """
+    def put_object(self, name: str, item: SceneObject, frame: str) -> Edit:
+        """Add a solid, or replace it; `item.pose` is in `frame`."""
         self._require_own_name(name)
 
-        def edit(scene: Scene) -> Scene:
+        def edit(scene: Scene, hand: Pose) -> Scene:
             if name not in scene.objects and len(scene.objects) >= MAX_OBJECTS:
-                raise LimitError(
-                    f"there are {MAX_OBJECTS} objects already, no more are allowed: remove one first"
-                )
-            placed = replace(item, pose=numbers(self._motion.placed(_pose(item.pose), frame)))
+                raise LimitError(f"objects: no more than {MAX_OBJECTS} are allowed: remove one first")
+            placed = replace(item, pose=self._placed(scene, item.pose, frame))
             return replace(scene, objects={**scene.objects, name: placed})
 
-        return await self._change(edit)
+        return edit
 
-    async def remove_object(self, name: str) -> Changed:
-        """Raises NotFoundError if there is none."""
-        return await self._change(
-            lambda scene: replace(scene, objects=_without(scene.objects, name, "object"))
-        )
-
-    async def put_frame(self, name: str, pose: Numbers7, frame: str) -> Changed:
+    def put_frame(self, name: str, pose: Numbers7, frame: str) -> Edit:
         """Name a place; `pose` is in `frame`, and stays where that is now."""
         self._require_own_name(name)
 
-        def edit(scene: Scene) -> Scene:
+        def edit(scene: Scene, hand: Pose) -> Scene:
             if name not in scene.frames and len(scene.frames) >= MAX_FRAMES:
-                raise LimitError(
-                    f"there are {MAX_FRAMES} frames already, no more are allowed: remove one first"
-                )
-            placed = numbers(self._motion.placed(_pose(pose), frame))
-            return replace(scene, frames={**scene.frames, name: placed})
+                raise LimitError(f"frames: no more than {MAX_FRAMES} are allowed: remove one first")
+            return replace(scene, frames={**scene.frames, name: self._placed(scene, pose, frame)})
 
-        return await self._change(edit)
+        return edit
 
-    async def remove_frame(self, name: str) -> Changed:
-        """Raises NotFoundError if there is none."""
-        return await self._change(lambda scene: replace(scene, frames=_without(scene.frames, name, "frame")))
+    def allow(self, pairs: list[tuple[str, str]]) -> Edit:
+        """Have these pairs of bodies or objects touch, and no others."""
 
-    async def allow(self, pairs: list[tuple[str, str]]) -> Changed:
-        """Have these pairs of bodies or objects touch, and no others.
-
-        Raises:
-            NotFoundError: there is no such body or object.
-        """
-
-        def edit(scene: Scene) -> Scene:
+        def edit(scene: Scene, hand: Pose) -> Scene:
             for pair in pairs:
                 self._require_known(scene, pair)
             return replace(scene, allowed=tuple(pairs))
 
-        return await self._change(edit)
+        return edit
 
-    async def attach(self, name: str, touch: list[str]) -> Changed:
-        """From now on it moves with the TCP, from where both are now.
+    def attach(self, name: str, touch: list[str]) -> Edit:
+        """From now on it moves with the TCP, from where both are now."""
 
-        Raises:
-            ConflictError: it is attached already, or the arm moves.
-            NotFoundError: there is no such object, or nothing of a name in `touch`.
-        """
-        hand = await self._resting_hand()
-
-        def edit(scene: Scene) -> Scene:
+        def edit(scene: Scene, hand: Pose) -> Scene:
             item = _named(scene, name)
             if item.attached:
                 raise ConflictError(f"the object {shown(name)} is attached already")
@@ -155,43 +125,42 @@ class SceneService:
             held = replace(item, pose=pose, attached=True, touch=tuple(touch))
             return replace(scene, objects={**scene.objects, name: held})
 
-        return await self._change(edit)
+        return edit
 
-    async def detach(self, name: str) -> Changed:
-        """From now on it stands where it is.
+    async def change(self, edits: Sequence[Edit], *, moves_hand: bool) -> Changed:
+        """Make all of these changes at once, in their order, or none.
+
+        Args:
+            moves_hand: something is attached or detached, so the arm has to rest.
 
         Raises:
-            ConflictError: it is not attached, or the arm moves.
-            NotFoundError: there is no such object.
+            InputError: a name is the robot's, there is no such frame, or MuJoCo refuses it.
+            LimitError: there are too many.
+            NotFoundError: there is no such object, frame or body.
+            ConflictError: something is attached already, or not; or the arm moves.
+            UnavailableError: the file cannot be written, or the robot does not answer.
         """
-        hand = await self._resting_hand()
-
-        def edit(scene: Scene) -> Scene:
-            item = _named(scene, name)
-            if not item.attached:
-                raise ConflictError(f"the object {shown(name)} is not attached")
-            pose = numbers(compose(hand, _pose(item.pose)))
-            left = replace(item, pose=pose, attached=False, touch=())
-            return replace(scene, objects={**scene.objects, name: left})
-
-        return await self._change(edit)
-
-    async def clear(self) -> Changed:
-        """Remove all of it."""
-        return await self._change(lambda scene: Scene(version=scene.version))
-
-    async def _change(self, edit: Callable[[Scene], Scene]) -> Changed:
         async with self._turn:
-            changed = edit(self.scene)
-            scene = replace(changed, version=self.scene.version + 1)
-            checker = await asyncio.to_thread(self._robot.collision.among, scene)
-            await asyncio.to_thread(self._file.write, scene)
-            self._robot.collision.surround(scene)
-            self._planning.scene = scene
-            self._motion.scene_changed_s = self._link.clock.now_s()
-            log.info("the scene has version %d: %d objects", scene.version, len(scene.objects))
-            stopped = await self._stop_if_invalid(checker)
-            return Changed(scene, stopped, checker.contacts(self._link.state().position))
+            state = await self._link.fresh_state(STATE_TIMEOUT_S)
+            if moves_hand and state.mode not in RESTING:
+                raise ConflictError(
+                    f"the arm moves (mode {state.mode.name}): attach and detach only while it rests"
+                )
+            hand = self._robot.model.forward(state.commanded_position)
+            scene = self.scene
+            for edit in edits:
+                scene = edit(scene, hand)
+            return await self._take_over(replace(scene, version=self.scene.version + 1))
+
+    async def _take_over(self, scene: Scene) -> Changed:
+        checker = await asyncio.to_thread(self._robot.collision.among, scene)
+        await asyncio.to_thread(self._file.write, scene)
+        self._robot.collision.surround(scene)
+        self._planning.scene = scene
+        self._motion.scene_changed_s = self._link.clock.now_s()
+        log.info("the scene has version %d: %d objects", scene.version, len(scene.objects))
+        stopped = await self._stop_if_invalid(checker)
+        return Changed(scene, stopped, checker.contacts(self._link.state().position))
 
     async def _stop_if_invalid(self, checker: CollisionChecker) -> str:
         """Stop the motion under way if what is left of it touches something now; why."""
@@ -214,13 +183,11 @@ class SceneService:
             return why
         return ""
 
-    async def _resting_hand(self) -> Pose:
-        state = await self._link.fresh_state(STATE_TIMEOUT_S)
-        if state.mode not in RESTING:
-            raise ConflictError(
-                f"the arm moves (mode {state.mode.name}): attach and detach only while it rests"
-            )
-        return self._robot.model.forward(state.commanded_position)
+    def _placed(self, scene: Scene, pose: Numbers7, frame: str) -> Numbers7:
+        """In the base frame, also of a frame that the same change has made."""
+        if frame in scene.frames:
+            return numbers(compose(_pose(scene.frames[frame]), _pose(pose)))
+        return numbers(self._motion.placed(_pose(pose), frame))
 
     def _require_own_name(self, name: str) -> None:
         if name in self._model_names:
@@ -232,6 +199,47 @@ class SceneService:
             if name not in bodies and name not in scene.objects:
                 valid = ", ".join([*bodies, *scene.objects])
                 raise NotFoundError(f"there is no body or object {shown(name)}; valid are: {valid}")
+
+
+def clear(scene: Scene, hand: Pose) -> Scene:
+    """Remove all of it."""
+    return Scene(version=scene.version)
+
+
+def remove_object(name: str) -> Edit:
+    """Take a solid away, attached or not."""
+
+    def edit(scene: Scene, hand: Pose) -> Scene:
+        _named(scene, name)
+        return replace(scene, objects={other: each for other, each in scene.objects.items() if other != name})
+
+    return edit
+
+
+def remove_frame(name: str) -> Edit:
+    """Forget a named place."""
+
+    def edit(scene: Scene, hand: Pose) -> Scene:
+        if name not in scene.frames:
+            there = ", ".join(scene.frames) or "none"
+            raise NotFoundError(f"there is no frame {shown(name)}; there are: {there}")
+        return replace(scene, frames={other: each for other, each in scene.frames.items() if other != name})
+
+    return edit
+
+
+def detach(name: str) -> Edit:
+    """From now on it stands where it is."""
+
+    def edit(scene: Scene, hand: Pose) -> Scene:
+        item = _named(scene, name)
+        if not item.attached:
+            raise ConflictError(f"the object {shown(name)} is not attached")
+        pose = numbers(compose(hand, _pose(item.pose)))
+        left = replace(item, pose=pose, attached=False, touch=())
+        return replace(scene, objects={**scene.objects, name: left})
+
+    return edit
 
 
 def rest_of(trajectory: Trajectory, time_s: float) -> Trajectory | None:
@@ -257,12 +265,6 @@ def _named(scene: Scene, name: str) -> SceneObject:
         there = ", ".join(scene.objects) or "none"
         raise NotFoundError(f"there is no object {shown(name)}; there are: {there}")
     return scene.objects[name]
-
-
-def _without(items: Mapping[str, Item], name: str, what: str) -> dict[str, Item]:
-    if name not in items:
-        raise NotFoundError(f"there is no {what} {shown(name)}; there are: {', '.join(items) or 'none'}")
-    return {other: each for other, each in items.items() if other != name}
 
 
 def _pose(seven: Numbers7) -> Pose:

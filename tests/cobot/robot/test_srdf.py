@@ -9,8 +9,11 @@ from pathlib import Path
 import pytest
 from second_opinion import SRDF
 
+from cobot.config import load_settings
 from cobot.errors import ConfigError
-from cobot.robot.srdf import load_named_positions
+from cobot.robot.collision import CollisionChecker
+from cobot.robot.description import load_robot
+from cobot.robot.srdf import disabled_pairs, load_named_positions
 
 JOINTS = tuple(f"joint{number}" for number in range(1, 8))
 GROUP = "iiwa_arm"
@@ -97,3 +100,19 @@ def test_a_group_without_positions_is_refused(tmp_path: Path) -> None:
 def test_a_missing_file_is_refused_by_name(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"nowhere\.srdf: no such file"):
         load_named_positions(tmp_path / "nowhere.srdf", JOINTS, GROUP)
+
+
+def test_pairs_whose_collisions_are_disabled_are_not_looked_at(tmp_path: Path) -> None:
+    file = tmp_path / "arm.srdf"
+    file.write_text(
+        '<robot name="a"><disable_collisions link1="link2" link2="link4" reason="Never"/></robot>'
+    )
+    assert disabled_pairs(file) == {frozenset(("link2", "link4"))}
+    robot = load_robot(load_settings(None))
+    names = {frozenset(robot.collision.names(index)) for index in range(len(robot.collision.pairs))}
+    checker = CollisionChecker(robot.model, 0.0, disabled_pairs(file))
+    left = {frozenset(checker.names(index)) for index in range(len(checker.pairs))}
+    assert names - left == {frozenset(("link2", "link4"))}
+    file.write_text('<robot name="a"><disable_collisions link1="link2"/></robot>')
+    with pytest.raises(ConfigError, match="needs link1 and link2"):
+        disabled_pairs(file)

@@ -29,6 +29,7 @@ from cobot.errors import InputError, PlanningError, PlanningTimeout, Unavailable
 from cobot.launch.process import Niceness, is_stopped
 from cobot.planners import MotionRequest, plan
 from cobot.robot.description import RobotDescription
+from cobot.robot.scene import Scene, SceneObject
 from cobot.types import PlannerName, Scaling
 
 WAIT_S = 60.0
@@ -272,6 +273,29 @@ def test_new_workers_take_over_from_the_old_ones(runner: asyncio.Runner, real: P
         await until(lambda: not old & {worker.pid for worker in workers(planning_pool.WORKER)})
 
     runner.run(check())
+
+
+def _objects(robot: RobotDescription) -> list[str]:
+    return [name for name in robot.collision.scene.objects if robot.collision.scene.version]
+
+
+def test_a_process_plans_in_the_scene_that_counts_when_it_answers(
+    runner: asyncio.Runner, real: PlanningService
+) -> None:
+    ball = SceneObject("sphere", (0.1,), (0.5, 0.4, 0.3, 1.0, 0.0, 0.0, 0.0))
+
+    async def check() -> None:
+        real.scene = Scene(1, {"ball": ball})
+        assert await real.compute(_objects, WAIT_S) == ["ball"]
+        task = asyncio.create_task(real.compute(_objects, WAIT_S))
+        await asyncio.sleep(0)
+        real.scene = Scene(2, {"ball": ball, "other": ball})
+        assert await task == ["ball", "other"]
+        real.scene = Scene(3)
+        assert await real.compute(_objects, WAIT_S) == []
+
+    runner.run(check())
+    real.scene = Scene()
 
 
 def test_workers_that_cannot_be_started_are_an_error_that_says_so(tmp_path: Path) -> None:

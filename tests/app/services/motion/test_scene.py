@@ -5,7 +5,7 @@ import pytest
 from virtual import VirtualService
 
 from app.services.motion.scene import rest_of
-from cobot.robot.scene import SceneFile
+from cobot.robot.scene import Scene, SceneFile, SceneObject
 from cobot.trajectory import Trajectory
 
 WALL = {"shape": "box", "size": [0.02, 2.0, 2.0], "x": 0.0, "y": 0.0, "z": 0.0}
@@ -20,12 +20,16 @@ def robot(tmp_path_factory):
 
 @pytest.fixture(autouse=True)
 def empty(robot):
-    robot.ask("DELETE", "/scene")
+    change(robot, clear=True)
     robot.go_home()
 
 
+def change(robot, **changes):
+    return robot.post("/scene", changes)
+
+
 def put(robot, name, body):
-    return robot.ask("PUT", f"/scene/objects/{name}", json=body)
+    return change(robot, objects={name: body})
 
 
 def file_of(robot):
@@ -99,18 +103,18 @@ def test_the_hand_holds_what_is_attached_and_leaves_it_where_it_detaches(robot):
     x, y, z = (pose[key] for key in "xyz") if isinstance(pose, dict) else pose
     part = {"shape": "box", "size": [0.04, 0.04, 0.04], "x": x, "y": y, "z": z - 0.1}
     assert put(robot, "part", part).status_code == 200
-    assert robot.post("/scene/objects/part/attach", {"touch": ["link7"]}).status_code == 200
+    assert change(robot, attach={"part": ["link7"]}).status_code == 200
     held = robot.get("/scene").json()["objects"][0]
     assert held["attached"]
     assert held["position"] == pytest.approx([0.0, 0.0, 0.1], abs=2e-3)
-    assert robot.post("/scene/objects/part/attach", {}).status_code == 409
+    assert change(robot, attach={"part": []}).status_code == 409
     wall = in_the_way(robot)  # lower: only the part would touch it
     put(robot, "wall", wall | {"z": wall["z"] - 0.15})
     refused = robot.post("/robot/move/joints", there(robot)).json()
     assert "part and wall" in refused["message"] or "wall and part" in refused["message"]
-    robot.ask("DELETE", "/scene/objects/wall")
+    change(robot, objects={"wall": None})
     assert robot.post("/robot/move/joints", there(robot)).json()["success"]
-    assert robot.post("/scene/objects/part/detach").status_code == 200
+    assert change(robot, detach=["part"]).status_code == 200
     left = robot.get("/scene").json()["objects"][0]
     turned = np.array([[np.cos(1.0), -np.sin(1.0)], [np.sin(1.0), np.cos(1.0)]]) @ [x, y]
     assert left["position"] == pytest.approx([*turned, z - 0.1], abs=5e-3)
@@ -118,7 +122,7 @@ def test_the_hand_holds_what_is_attached_and_leaves_it_where_it_detaches(robot):
 
 
 def test_a_named_frame_is_one_of_frame_id(robot):
-    assert robot.ask("PUT", "/scene/frames/pallet", json={"x": 0.4, "y": 0.0, "z": 0.5}).status_code == 200
+    assert change(robot, frames={"pallet": {"x": 0.4, "y": 0.0, "z": 0.5}}).status_code == 200
     moved = robot.post(
         "/robot/move/pose", {"x": 0.05, "y": 0.0, "z": 0.05, "b": 3.14159, "frame_id": "pallet", "speed": 0.5}
     ).json()
@@ -131,7 +135,7 @@ def test_a_named_frame_is_one_of_frame_id(robot):
 def test_allowed_pairs_may_touch(robot):
     put(robot, "ball", in_the_way(robot))
     pairs = [["ball", f"link{number}"] for number in range(1, 8)]
-    assert robot.ask("PUT", "/scene/allowed", json={"pairs": pairs}).status_code == 200
+    assert change(robot, allowed=pairs).status_code == 200
     assert robot.post("/robot/move/joints", there(robot)).json()["success"]
 
 
@@ -139,37 +143,52 @@ BOX = {"shape": "box", "size": [0.1, 0.1, 0.1], "x": 1.0, "y": 0.0, "z": 0.0}
 
 
 @pytest.mark.parametrize(
-    ("method", "path", "body", "status", "message"),
+    ("changes", "status", "message"),
     [
-        ("PUT", "objects/a", BOX | {"size": [0.1, 0.1]}, 422, "size"),
-        (
-            "PUT",
-            "objects/a",
-            BOX | {"size": [0.1, 0.1, -1.0]},
-            422,
-            "greater than or equal to 0.0001, got -1.0",
-        ),
-        ("PUT", "objects/a", BOX | {"radius": 0.1}, 422, "a box has size: radius does not belong to it"),
-        ("PUT", "objects/a", {"shape": "sphere", "x": 0.0, "y": 0.0, "z": 0.0}, 422, "radius is missing"),
-        ("PUT", "objects/a", BOX | {"shape": "cone"}, 422, "shape"),
-        ("PUT", "objects/a", BOX | {"x": 1e9}, 422, "x: input should be less than or equal to 100"),
-        ("PUT", "objects/a", BOX | {"frame_id": "nowhere"}, 422, "no frame 'nowhere'"),
-        ("PUT", "objects/a", BOX | {"frame_id": "link7"}, 422, "moves with the joints"),
-        ("PUT", "objects/link7", BOX, 422, "'link7' is a body"),
-        ("PUT", "objects/a%20b", BOX, 422, "name"),
-        ("DELETE", "objects/a", None, 404, "there is no object 'a'; there are: none"),
-        ("DELETE", "frames/a", None, 404, "there is no frame 'a'"),
-        ("POST", "objects/a/attach", {}, 404, "there is no object 'a'"),
-        ("POST", "objects/a/detach", None, 404, "there is no object 'a'"),
-        ("PUT", "allowed", {"pairs": [["a", "link7"]]}, 404, "there is no body or object 'a'; valid are"),
-        ("PUT", "allowed", {"pairs": [["link7"]]}, 422, "pairs"),
+        ({}, 422, "nothing to change; valid are: clear, detach"),
+        ({"object": {}}, 422, "did you mean 'objects'?"),
+        ({"objects": {"a": BOX | {"size": [0.1, 0.1]}}}, 422, "objects.a.size"),
+        ({"objects": {"a": BOX | {"size": [0.1, 0.1, -1.0]}}}, 422, "equal to 0.0001, got -1.0"),
+        ({"objects": {"a": BOX | {"radius": 0.1}}}, 422, "a box has size: radius does not belong to it"),
+        ({"objects": {"a": {"shape": "sphere", "x": 0.0, "y": 0.0, "z": 0.0}}}, 422, "radius is missing"),
+        ({"objects": {"a": BOX | {"shape": "cone"}}}, 422, "objects.a.shape"),
+        ({"objects": {"a": BOX | {"x": 1e9}}}, 422, "objects.a.x: input should be less than or equal to 100"),
+        ({"objects": {"a": BOX | {"frame_id": "nowhere"}}}, 422, "no frame 'nowhere'"),
+        ({"objects": {"a": BOX | {"frame_id": "link7"}}}, 422, "moves with the joints"),
+        ({"objects": {"link7": BOX}}, 422, "'link7' is a body"),
+        ({"objects": {"a b": BOX}}, 422, "a b"),
+        ({"objects": {"a": None}}, 404, "there is no object 'a'; there are: none"),
+        ({"frames": {"a": None}}, 404, "there is no frame 'a'"),
+        ({"attach": {"a": []}}, 404, "there is no object 'a'"),
+        ({"detach": ["a"]}, 404, "there is no object 'a'"),
+        ({"allowed": [["a", "link7"]]}, 404, "there is no body or object 'a'; valid are"),
+        ({"allowed": [["link7"]]}, 422, "allowed[0]"),
+        ({"objects": {"good": BOX}, "attach": {"bad": []}}, 404, "there is no object 'bad'"),
     ],
 )
-def test_what_is_wrong_changes_nothing(robot, method, path, body, status, message):
+def test_what_is_wrong_changes_nothing(robot, changes, status, message):
     before = robot.get("/scene").json()
-    answer = robot.ask(method, f"/scene/{path}", **({} if body is None else {"json": body}))
+    answer = change(robot, **changes)
     assert (answer.status_code, message in answer.json()["detail"]) == (status, True), answer.text
     assert robot.get("/scene").json() == before
+
+
+def test_nothing_is_attached_while_the_arm_moves(robot):
+    put(robot, "ball", AHEAD | {"x": -0.8})
+    begun = robot.begin(robot.asking("POST", "/robot/move/joints", json=there(robot)))
+    robot.sleep(0.3)
+    refused = change(robot, attach={"ball": []})
+    assert refused.status_code == 409
+    assert "the arm moves" in refused.json()["detail"]
+    assert robot.end(begun).json()["success"]
+
+
+def test_what_is_changed_together_knows_each_other(robot):
+    table = BOX | {"frame_id": "pallet"}
+    frames = {"pallet": {"x": 0.0, "y": 0.5, "z": 0.0}}
+    assert change(robot, frames=frames, objects={"table": table}, attach={"table": []}).status_code == 200
+    assert change(robot, detach=["table"]).status_code == 200
+    assert robot.get("/scene").json()["objects"][0]["position"] == pytest.approx([1.0, 0.5, 0.0])
 
 
 def test_a_scene_that_cannot_be_written_changes_nothing(robot, monkeypatch):
@@ -203,3 +222,16 @@ def test_the_rest_of_a_motion_is_what_comes_after_a_time():
     assert rest.sample(times) == pytest.approx(whole.sample(times + 0.7), abs=1e-11)
     assert rest_of(whole, 2.0) is None
     assert rest_of(whole, 0.0) is whole
+
+
+def test_the_scene_is_there_again_after_a_restart(tmp_path):
+    service = VirtualService(tmp_path)
+    file = file_of(service)
+    ball = SceneObject("sphere", (0.05,), (0.5, 0.4, 0.3, 1.0, 0.0, 0.0, 0.0))
+    file.write(Scene(5, {"ball": ball}))
+    with service.serving():
+        assert service.get("/scene").json()["version"] == 5
+        services = service.app.state.services
+        assert services.planning.scene == services.robot.collision.scene == Scene(5, {"ball": ball})
+        assert put(service, "other", AHEAD | {"x": -0.8}).json()["version"] == 6
+    assert list(file.read().objects) == ["ball", "other"]

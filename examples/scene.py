@@ -1,0 +1,16 @@
+"""Tell the arm what stands around it, and plan around that. Start `make run` in another terminal, then:
+
+.venv/bin/python examples/scene.py
+"""
+
+from __future__ import annotations
+
+from cobot.client import Client
+
+with Client() as robot:
+    robot.move_named("home", speed=0.5)
+    post = {"shape": "cylinder", "radius": 0.05, "length": 1.0, "x": 0.35, "y": 0.2, "z": 0.5}
+    print(robot.change_scene(objects={"post": post}))
+    home = robot.joint_states()["position"]
+    print(robot.move_joints([1.0, *home[1:]], speed=0.5, planner="auto")["note"])
+    robot.remove_object("post")
