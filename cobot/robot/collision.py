@@ -74,6 +74,11 @@ class CollisionChecker:
         self._mj, self.scene = mj, scene
         self.pairs = list(self.clearance.pairs)
 
+    def take_over(self, other: CollisionChecker) -> None:
+        """Have the scene of another checker of the same arm, and its distances with it: at once."""
+        self.clearance, self.pairs = other.clearance, other.pairs
+        self._mj, self.scene = other._mj, other.scene
+
     def among(self, scene: Scene) -> CollisionChecker:
         """Another one, of the same arm in another scene; raises as `surround` does."""
         other = copy.copy(self)

@@ -15,7 +15,7 @@ from app.services.motion.planning import PlanningService
 from app.services.motion.stopping import StopService
 from app.services.motion.tool_and_limits import compose, inverted
 from app.services.state.link import RobotLink
-from cobot.errors import CollisionError, ConflictError, InputError, LimitError, NotFoundError
+from cobot.errors import CollisionError, ConflictError, ExecutionError, InputError, LimitError, NotFoundError
 from cobot.robot.collision import CollisionChecker, Contact
 from cobot.robot.description import RobotDescription
 from cobot.robot.scene import Numbers7, Scene, SceneFile, SceneObject, numbers
@@ -153,9 +153,10 @@ class SceneService:
             return await self._take_over(replace(scene, version=self.scene.version + 1))
 
     async def _take_over(self, scene: Scene) -> Changed:
-        checker = await asyncio.to_thread(self._robot.collision.among, scene)
+        both = [await asyncio.to_thread(self._robot.collision.among, scene) for _ in range(2)]
         await asyncio.to_thread(self._file.write, scene)
-        self._robot.collision.surround(scene)
+        checker, ours = both  # one is for threads
+        self._robot.collision.take_over(ours)
         self._planning.scene = scene
         self._motion.scene_changed_s = self._link.clock.now_s()
         log.info("the scene has version %d: %d objects", scene.version, len(scene.objects))
@@ -179,7 +180,10 @@ class SceneService:
                 f"the scene has changed (version {checker.scene.version}): what is left of the motion: {exc}"
             )
             log.warning("motion %d is stopped: %s", motion_id, why)
-            await self._stopping.stop_motion(why)
+            try:
+                await self._stopping.stop_motion(why)
+            except ExecutionError as problem:  # the scene has changed all the same
+                return f"{why}; {problem}"
             return why
         return ""
 
