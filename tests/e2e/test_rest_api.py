@@ -48,6 +48,7 @@ OPERATIONS = {
     ("get", "/metrics"),
     ("post", "/admin/reload"),
 }
+SCENE = {("get", "/scene"), ("post", "/scene")}
 
 
 def joints(http: httpx.Client) -> list[float]:
@@ -70,7 +71,7 @@ def test_every_endpoint_of_the_manual_is_in_the_schema(http: httpx.Client) -> No
     paths = http.get("/openapi.json").json()["paths"]
     served = {(method, path) for path, methods in paths.items() if "{" not in path for method in methods}
     more = {("get", "/health"), ("get", "/robots"), ("post", "/robot/reset")}
-    assert served == MANUAL | more | CONTROL | OPERATIONS
+    assert served == MANUAL | more | CONTROL | OPERATIONS | SCENE
 
 
 def test_the_documentation_needs_no_internet(http: httpx.Client) -> None:
@@ -446,7 +447,7 @@ def test_every_example_of_the_schema_works_unedited(http: httpx.Client) -> None:
     tried, plan = 0, {}
     for path, methods in schema["paths"].items():
         content = methods.get("post", {}).get("requestBody", {}).get("content", {})
-        if "application/json" in content and not path.startswith("/{robot}/"):
+        if "application/json" in content and not path.startswith("/{robot}/") and "{name}" not in path:
             path = path.replace("{robot}", http.get("/robots").json()[0]["name"])
             model = content["application/json"]["schema"]["$ref"].rsplit("/", 1)[1]
             for example in models[model]["examples"]:
@@ -458,7 +459,7 @@ def test_every_example_of_the_schema_works_unedited(http: httpx.Client) -> None:
                     http.delete(path, headers={"X-Control-Token": answer.json()["token"]}).raise_for_status()
                 until(lambda: motion(http)["mode"] == "HOLD")
                 tried += 1
-    assert tried == 2 * 10, "of the default robot, and of a robot by name"
+    assert tried == 2 * 11, "of the default robot, and of a robot by name"
 
 
 def test_a_second_motion_is_refused_with_the_name_of_the_first(http: httpx.Client) -> None:
