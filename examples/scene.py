@@ -1,13 +1,17 @@
-"""Tell the arm what stands around it, and plan around that. Start `make run` in another terminal, then:
+"""Tell the arm what stands around it, and plan around that.
+
+Start `make run` in another terminal, then:
 
 .venv/bin/python examples/scene.py
 """
 
 from __future__ import annotations
 
+import os
+
 from cobot.client import Client
 
-with Client() as robot:
+with Client(os.environ.get("COBOT_URL", "http://localhost:8007")) as robot:
     robot.move_named("home", speed=0.5)
     post = {"shape": "cylinder", "radius": 0.05, "length": 1.0, "x": 0.35, "y": 0.2, "z": 0.5}
     print(robot.change_scene(objects={"post": post}))

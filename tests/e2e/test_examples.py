@@ -64,6 +64,7 @@ def test_every_example_says_how_it_is_run() -> None:
         "pick.lua": ".venv/bin/cobot lua examples/pick.lua",
         "plan_first.py": ".venv/bin/python examples/plan_first.py",
         "policy_30hz.py": ".venv/bin/python examples/policy_30hz.py",
+        "scene.py": ".venv/bin/python examples/scene.py",
         "streaming_plot.py": ".venv/bin/python examples/streaming_plot.py --rate 10 --output streaming.png",
         "tour.m": "run examples/tour",
         "tour.py": ".venv/bin/python examples/tour.py",
@@ -95,6 +96,14 @@ def test_a_plan_is_looked_at_before_it_is_run(shared: Run, clone: Path) -> None:
     said = output(clone, command, shared)
     assert "velocity: at the most" in said
     assert "nearest to its surroundings" in said
+
+
+def test_what_stands_in_the_way_is_gone_around(shared: Run, clone: Path) -> None:
+    (command,) = commands("scene.py")
+    said = output(clone, command, shared)
+    assert "'version': 1" in said
+    assert "auto took ompl (RRTConnect): ptp: collision of" in said
+    assert "post" in said.splitlines()[-1]
 
 
 def test_a_policy_moves_the_arm(shared: Run, clone: Path) -> None:
