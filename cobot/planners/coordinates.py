@@ -97,6 +97,11 @@ class Coordinates:
                 rows.append(tcp.projected(twists[:, :, part]))
         return joints, np.concatenate(rows, axis=2), slowness
 
+    @property
+    def zones(self) -> int:
+        """In how many zones the limits differ."""
+        return len(self._zones.ends)
+
     def shares(self, places: Array) -> Array:
         """Of the limits of velocity, acceleration and jerk there, of each coordinate, shape (3, n, m)."""
         columns = [*range(self.path.dof)]

@@ -2,7 +2,8 @@
 
 Around a corner the joints' path of the one motion is cut where its TCP comes within the radius, that of the
 next where it leaves it; a quintic in joint space that meets both with two derivatives is between. The whole
-is timed as one path, each part under the limits of its motion, a round corner under the lower ones of both.
+is timed as one path, under the limits of the first motion up to the middle of the round corner, and of the
+next one from there on.
 """
 
 from __future__ import annotations
@@ -205,24 +206,21 @@ def _path(
     legs: Sequence[Leg], paths: Sequence[Path], corners: Sequence[_Corner], robot: RobotDescription
 ) -> tuple[Path, Zones, Array]:
     """The path with its round corners, its zones, and where the corners' middles are."""
-    rows = [_rates(robot, leg) for leg in legs]
-    largest = _largest_rates(robot, legs)
     parts: list[Trajectory] = []
-    shares: list[Array] = []
     for index, path in enumerate(paths):
         begin = corners[index - 1].after if index else 0.0
         end = path.length - (corners[index].before if index < len(corners) else 0.0)
         parts.append(cut(Trajectory(path.breakpoints, path.coefficients), begin, end))
-        shares.append(rows[index] / largest)
-        if index < len(corners):
-            parts.append(corners[index].curve)
-            shares.append(np.minimum(rows[index], rows[index + 1]) / largest)
+        parts += [corner.curve for corner in corners[index : index + 1]]
     ends = np.cumsum([part.duration_s for part in parts])
     whole = parts[0]
     for part in parts[1:]:
         whole = whole.followed_by(part)
     middles = ends[1::2] - 0.5 * np.array([corner.curve.duration_s for corner in corners])
-    return Path(whole.breakpoints_s, whole.coefficients), Zones(ends, np.stack(shares, axis=1)), middles
+    largest = _largest_rates(robot, legs)
+    shares = np.stack([_rates(robot, leg) / largest for leg in legs], axis=1)
+    zones = Zones(np.append(middles, ends[-1]), shares)
+    return Path(whole.breakpoints_s, whole.coefficients), zones, middles
 
 
 def _rates(robot: RobotDescription, leg: Leg) -> Array:

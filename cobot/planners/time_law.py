@@ -38,9 +38,10 @@ GAP = 5e-4
 ITERATIONS = 60
 LONGEST_S = 1e9
 """Thirty years: beyond that the powers of a time leave the range of numbers."""
-ROUNDS = 3
+ROUNDS, MOST_ROUNDS = 3, 8
 TIGHT = 1.003
-"""A motion that its extrema would stretch by more is optimised again, up to so many times."""
+"""A motion that its extrema would stretch by more is optimised again, up to so many times;
+one more for each zone after the first, the latter at the most."""
 COARSE = 1.02
 """A motion that its extrema would stretch by more is divided into more cells."""
 EFFORT_SHARE = 0.999
@@ -192,7 +193,7 @@ class _Problem:
 
     def refined(self, best: Timed) -> Timed:
         """The same with limits tightened where the extrema are beyond them, until there is no more to it."""
-        for _ in range(ROUNDS):
+        for _ in range(min(ROUNDS + self._coordinates.zones - 1, MOST_ROUNDS)):
             if best.stretched <= TIGHT:
                 break
             again = self.solved()
