@@ -28,7 +28,7 @@ from cobot.types import Array, CartesianLimits, JointLimits
 
 SHARES = (1.0, 0.8, 0.6, 0.4, 0.2, 0.1)
 """Of what the radius permits; tried in this order until the round corner is possible."""
-BETWEEN_CORNERS, AT_AN_END = 0.5, 0.95
+BETWEEN_CORNERS, AT_AN_END = 0.49, 0.95
 """Of a motion, the share that one round corner may take: of both its ends, or where it has but one."""
 INSIDE = 0.998
 """Of the radius: what may lie between the places that are looked at."""
