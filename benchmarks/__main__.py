@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 
 from benchmarks import (
     clutter,
+    corners,
     crowd,
     cycle,
     dds,
@@ -51,6 +52,7 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "virtual_clock": lambda quick: virtual_clock.factor(2 if quick else 10),
     "inverse_kinematics": lambda quick: inverse.inverse_kinematics(300 if quick else 3000),
     "planning": lambda quick: planning.planning_time(30 if quick else 300),
+    "corners": lambda quick: corners.corners(),
     "lines": lambda quick: lines.lines(40 if quick else 500),
     "clutter": lambda quick: clutter.clutter(*(6, 1, 0.2) if quick else (25, 2, 0.5)),
     "durations": lambda quick: time_law.durations(20 if quick else 100),

@@ -47,6 +47,7 @@ ENDPOINTS = (
     "POST /robot/move/pose",
     "POST /robot/move/joints",
     "POST /robot/move/arc",
+    "POST /robot/move/sequence",
     "POST /robot/plan/named",
     "POST /robot/plan/pose",
     "POST /robot/plan/joints",

@@ -131,18 +131,16 @@ def _ignore_signals() -> None:
 
 
 def _iterate(order: Run, sequence: Sequence, client: Client, recorder: Recorder | None) -> None:
-    steps: list[tuple[int, AnyTarget]] = list(enumerate(sequence.waypoints, start=1))
-    if sequence.home is not None:
-        steps.insert(0, (0, sequence.home))
+    chains = sequence.chains()
     for iteration in _iterations(order):
-        for waypoint, target in steps:
+        for chain in chains:
             place = {
                 "iteration": iteration,
                 "n_iterations": order.iterations,
-                "waypoint": waypoint,
+                "waypoint": chain[-1][0],
                 "n_waypoints": len(sequence.waypoints),
             }
-            _step(order, client, recorder, place, target)
+            _step(order, client, recorder, place, [target for _, target in chain])
 
 
 def _iterations(order: Run) -> Iterator[int]:
@@ -168,24 +166,32 @@ def _iterate_program(order: Run, source: bytes, client: Client, recorder: Record
 
 
 def _step(
-    order: Run, client: Client, recorder: Recorder | None, place: dict[str, int], target: AnyTarget
+    order: Run, client: Client, recorder: Recorder | None, place: dict[str, int], chain: list[AnyTarget]
 ) -> None:
+    """Go to the last target of a chain, through the others without a stop."""
+    target = chain[-1]
     name = f"waypoint {place['waypoint']}/{place['n_waypoints']}" if place["waypoint"] else "home"
     where = f"iteration {place['iteration']}/{place['n_iterations']}, {name}"
+    if len(chain) > 1:
+        first = place["waypoint"] - len(chain) + 1
+        where += f", through {f'waypoint {first}' if first else 'home'} on without a stop"
     if target.label:
         where += f" ({target.label})"
     _report(order.progress, place)
     log(f"{where}: start")
     event = {**place, "target": target.model_dump()}
+    if len(chain) > 1:
+        event["through"] = [each.model_dump() for each in chain[:-1]]
     if recorder is not None:
         recorder.event({"event": "start", **event})
     try:
-        answer = _move(client, target)
+        answer = _move(client, target) if len(chain) == 1 else _move_through(client, chain)
     except CobotError as exc:
         if recorder is not None:
             recorder.event({"event": "failed", "reason": str(exc), **event})
         raise type(exc)(f"{where}: {exc}") from exc
-    log(f"{where}: arrived after {answer['duration_s']:.2f} s")
+    note = f"; {answer['note']}" if len(chain) > 1 and answer.get("note") else ""
+    log(f"{where}: arrived after {answer['duration_s']:.2f} s{note}")
     if recorder is not None:
         recorder.event({"event": "arrived", "motion_id": answer["motion_id"], **event})
 
@@ -195,7 +201,15 @@ def _move(client: Client, target: AnyTarget) -> dict[str, object]:
         return client.move_joints(target.joints, speed=target.speed, accel_scale=target.accel_scale)
     if isinstance(target, NamedTarget):
         return client.move_named(target.named, speed=target.speed, accel_scale=target.accel_scale)
-    return client.move_pose(**target.model_dump(exclude={"label"}))
+    return client.move_pose(**target.model_dump(exclude={"label", "radius"}))
+
+
+def _move_through(client: Client, chain: list[AnyTarget]) -> dict[str, object]:
+    motions = [target.model_dump(exclude={"label", "radius"}) for target in chain]
+    for motion in motions:
+        if "named" in motion:
+            motion["name"] = motion.pop("named")
+    return client.move_sequence(motions, [target.radius for target in chain[:-1]])
 
 
 def _report(progress: int | None, place: dict[str, int]) -> None:

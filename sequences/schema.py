@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag, ValidationError
+from pydantic import BeforeValidator, Discriminator, Field, Tag, ValidationError, model_validator
 
 from cobot.errors import InputError
 from cobot.strict import StrictModel, sentences, without_repetition
@@ -25,6 +25,13 @@ class Target(StrictModel):
         0.0, ge=0.0, le=1.0, description="Share of the acceleration and jerk limits; 0 takes speed."
     )
     label: str = Field("", max_length=200, description="For the log.")
+    radius: float = Field(
+        0.0,
+        ge=0.0,
+        le=1.0,
+        allow_inf_nan=False,
+        description="How far from here, m, the TCP may leave its path to go on without a stop; 0: it stops.",
+    )
 
 
 class JointTarget(Target):
@@ -78,11 +85,42 @@ AnyTarget = Annotated[
 ]
 
 
+LONGEST_CHAIN = 50
+"""So many targets are planned as one motion at the most."""
+
+
 class Sequence(StrictModel):
     """Targets that are visited in order, as often as one likes; home first in each iteration."""
 
     home: AnyTarget | None = None
     waypoints: list[AnyTarget] = Field(min_length=1, max_length=100_000)
+
+    @model_validator(mode="after")
+    def _ends_at_rest(self) -> Self:
+        if self.waypoints[-1].radius > 0.0:
+            last = len(self.waypoints) - 1
+            raise ValueError(
+                f"waypoints[{last}].radius: the last waypoint has a radius, but the arm stops there; "
+                "leave it out"
+            )
+        for chain in self.chains():
+            if len(chain) > LONGEST_CHAIN:
+                first, end = chain[0][0], chain[-1][0]
+                raise ValueError(
+                    f"waypoints[{max(first - 1, 0)}] to [{end - 1}] are {len(chain)} without a stop, "
+                    f"possible are {LONGEST_CHAIN}; let one between them have no radius"
+                )
+        return self
+
+    def chains(self) -> list[list[tuple[int, AnyTarget]]]:
+        """The targets, each with its number from 1 (0 for home), by what is visited without a stop."""
+        chains: list[list[tuple[int, AnyTarget]]] = [[]]
+        home = [] if self.home is None else [(0, self.home)]
+        for number, target in [*home, *enumerate(self.waypoints, start=1)]:
+            chains[-1].append((number, target))
+            if target.radius == 0.0:
+                chains.append([])
+        return [chain for chain in chains if chain]
 
 
 def read_file(path: Path) -> bytes:

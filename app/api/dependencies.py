@@ -19,6 +19,7 @@ from starlette.requests import HTTPConnection
 
 from app.api.clients import MOTION_TOKEN
 from app.api.errors import status_of
+from app.api.schemas import MOTION_TAGS
 from app.robot_services import Services
 from app.services.motion.ownership import Caller
 from cobot.config import Endpoint
@@ -145,7 +146,7 @@ def _validated(body: bytes, model: type[BaseModel]) -> BaseModel:
     try:
         return model.model_validate(decoded(body, "the body"))
     except ValidationError as exc:
-        raise InputError(sentences(exc.errors())) from exc
+        raise InputError(sentences(exc.errors(), ignored=MOTION_TAGS)) from exc
 
 
 def decoded(text: bytes | str, name: str) -> Any:

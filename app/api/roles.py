@@ -30,6 +30,7 @@ ROLES: dict[str, Role] = {
     "POST /robot/move/pose": Role.OPERATOR,
     "POST /robot/move/joints": Role.OPERATOR,
     "POST /robot/move/arc": Role.OPERATOR,
+    "POST /robot/move/sequence": Role.OPERATOR,
     "POST /robot/plan/named": Role.OPERATOR,  # moves nothing, but takes the computer's time
     "POST /robot/plan/pose": Role.OPERATOR,
     "POST /robot/plan/joints": Role.OPERATOR,

@@ -9,7 +9,7 @@ import math
 from datetime import datetime
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, FailFast, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, FailFast, Field, Tag
 
 from app.services.motion.lease import TIMEOUT_S, TIMEOUTS_S
 from cobot.motions.requests import RRT_CONNECT, Algorithm
@@ -248,6 +248,48 @@ class MoveJoints(StrictModel):
     constraints: KeptTo = None
 
 
+MOTION_TAGS = ("named motion", "joint motion", "pose motion")
+
+
+def _kind(value: Any) -> str:
+    """A motion with a name is a named one, one with joints a joint motion; everything else is to a pose."""
+    keys = value if isinstance(value, dict) else vars(value)
+    return MOTION_TAGS[0] if "name" in keys else MOTION_TAGS[1] if "joints" in keys else MOTION_TAGS[2]
+
+
+AnyMotion = Annotated[
+    Annotated[MoveNamed, Tag(MOTION_TAGS[0])]
+    | Annotated[MoveJoints, Tag(MOTION_TAGS[1])]
+    | Annotated[MovePose, Tag(MOTION_TAGS[2])],
+    Discriminator(_kind),
+]
+
+
+class MoveSequence(StrictModel):
+    """Motions one after the other, round where one goes over into the next."""
+
+    model_config = _example(
+        {
+            "motions": [
+                {"joints": [0.0, 0.5, *HOME[2:]], "speed": 0.25},
+                {"joints": [0.5, 0.5, *HOME[2:]], "speed": 0.25},
+                {"name": "home", "speed": 0.25},
+            ],
+            "radii": [0.05, 0.05],
+        }
+    )
+
+    motions: Annotated[list[AnyMotion], BeforeValidator(_as_list)] = Field(
+        min_length=1, max_length=50, description="Bodies of move/named, move/joints and move/pose, mixed."
+    )
+    radii: list[Annotated[Finite, Field(ge=0.0, le=1.0)]] = Field(
+        [],
+        max_length=49,
+        description="For each motion but the last: how far from its end, m, the TCP may leave its path to go "
+        "on without a stop; 0: it stops. Without any it stops at each.",
+    )
+
+
 class MoveAnswer(BaseModel):
     """How a motion ended. It has arrived and settled when `success` is true."""
 
@@ -270,7 +312,9 @@ class MoveAnswer(BaseModel):
     duration_s: float = Field(description="From request to answer, s.")
     planning_time_s: float = Field(description="Of that, s, until there was a plan.")
     note: str = Field(
-        "", description="What auto took and why, and how a start in collision or beyond a limit was left."
+        "",
+        description="What auto took and why, how a start in collision or beyond a limit was left, and which "
+        "radius of a sequence was not used.",
     )
 
 

@@ -224,6 +224,15 @@ class Client:
         """
         return self._move("arc", {"centre": dict(centre), "axis": dict(axis), "angle": angle, **more})
 
+    def move_sequence(self, motions: Sequence[Mapping[str, Any]], radii: Sequence[float] = ()) -> Json:
+        """Several motions as one; returns on arrival.
+
+        Args:
+            motions: bodies of POST /robot/move/named, joints and pose.
+            radii: for each but the last, m: so far from its end the TCP may leave its path; none: it stops.
+        """
+        return self._move("sequence", {"motions": [dict(each) for each in motions], "radii": list(radii)})
+
     def send_trajectory(self, points: Sequence[Mapping[str, Any]], **options: bool) -> Json:
         """Run timed points; returns when the motion has begun. Options as in POST /trajectory/send."""
         body = {"points": [dict(point) for point in points], **options}

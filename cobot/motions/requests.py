@@ -184,11 +184,13 @@ class Blended:
     Attributes:
         ends_s: when each motion gives way to the next one: in the middle of their overlap.
         blended: for each corner, whether the arm goes through without a stop.
+        used_m: for each corner, how far from it the TCP leaves its path, of the radius.
     """
 
     trajectory: Trajectory
     ends_s: tuple[float, ...]
     blended: tuple[bool, ...]
+    used_m: tuple[float, ...] = ()
 
 
 PATH_PLANNERS = (PlannerName.LIN, PlannerName.CIRC, PlannerName.POLYLINE)

@@ -73,11 +73,11 @@ def _no_arm_angle(robot: RobotDescription, reached: float) -> str:
 
 def _timed(robot: RobotDescription, request: MotionRequest, joint_path: Path) -> Trajectory:
     return time_optimal(
-        robot, joint_path, request.scaled_limits(robot), _tcp_limits(robot, request)
+        robot, joint_path, request.scaled_limits(robot), tcp_limits(robot, request)
     ).trajectory
 
 
-def _tcp_limits(robot: RobotDescription, request: MotionRequest) -> CartesianLimits:
+def tcp_limits(robot: RobotDescription, request: MotionRequest) -> CartesianLimits:
     scaling, speed = request.scaling, request.tcp_speed
     limits = robot.cartesian_limits.scaled(scaling.speed, scaling.acceleration, scaling.jerk)
     return replace(
@@ -89,7 +89,7 @@ def _tcp_limits(robot: RobotDescription, request: MotionRequest) -> CartesianLim
 
 def _shortest_s(request: MotionRequest, robot: RobotDescription, path: TcpPath) -> float:
     """How long the TCP's own limits make the path take, whatever the joints do."""
-    limits = _tcp_limits(robot, request)
+    limits = tcp_limits(robot, request)
     times = []
     for way, velocity, acceleration, jerk in (
         (

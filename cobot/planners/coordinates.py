@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from cobot.planners.path import Path
@@ -16,6 +18,24 @@ corners on the tangent and on the normal, where it is exact. In between it lacks
 NEARLY_STRAIGHT = 0.01
 """Where the normal acceleration at full speed stays below this share of the limit, the tangent alone counts.
 """
+
+
+@dataclass(frozen=True, slots=True)
+class Zones:
+    """Limits that change along a path.
+
+    Attributes:
+        ends: shape (n,), of the path's parameter: where each zone ends.
+        shares: shape (3, n, dof + 2), of the path's limits of velocity, acceleration and jerk: of each joint,
+            of the TCP's linear and of its angular ones.
+    """
+
+    ends: Array
+    shares: Array
+
+    def at(self, places: Array) -> Array:
+        """The shares, shape (3, len(places), dof + 2)."""
+        return np.asarray(self.shares[:, np.searchsorted(self.ends[:-1], places)])
 
 
 class Coordinates:
@@ -33,10 +53,12 @@ class Coordinates:
         limits: JointLimits,
         tcp_limits: CartesianLimits | None = None,
         least_slowness: float = 0.0,
+        zones: Zones | None = None,
     ) -> None:
         """least_slowness: how long a unit of the path's parameter takes at the least, s."""
         self._model, self.path, self.limits = model, path, limits
         self._least_slowness = least_slowness
+        self._zones = zones or Zones(np.array([path.length]), np.ones((3, 1, path.dof + len(PARTS))))
         self._tcp: list[_Tcp] = []
         if tcp_limits is not None:
             places = np.linspace(0.0, path.length, 33)
@@ -63,14 +85,29 @@ class Coordinates:
         """At places of the path: the joints and their derivatives by s, shape (4, n, dof); the derivatives of
         all coordinates, (3, n, m); and the least time per s, shape (n,), that the velocities allow."""
         joints = self.path.derivatives(places)
-        slowness = (np.abs(joints[1]) / self.limits.max_velocity).max(axis=1, initial=self._least_slowness)
+        velocity = self._zones.at(places)[0]
+        fastest = self.limits.max_velocity * velocity[:, : self.path.dof]
+        slowness = (np.abs(joints[1]) / fastest).max(axis=1, initial=self._least_slowness)
         rows = [joints[1:]]
         if self._tcp:
             twists = _twists(self._model, self.path, places)
-            for part, tcp in zip(PARTS, self._tcp, strict=True):
-                slowness = np.maximum(slowness, np.linalg.norm(twists[0, :, part], axis=1) / tcp.velocity)
+            for part, tcp, share in zip(PARTS, self._tcp, velocity.T[self.path.dof :], strict=True):
+                speed = np.linalg.norm(twists[0, :, part], axis=1)
+                slowness = np.maximum(slowness, speed / (tcp.velocity * share))
                 rows.append(tcp.projected(twists[:, :, part]))
         return joints, np.concatenate(rows, axis=2), slowness
+
+    @property
+    def zones(self) -> int:
+        """In how many zones the limits differ."""
+        return len(self._zones.ends)
+
+    def shares(self, places: Array) -> Array:
+        """Of the limits of velocity, acceleration and jerk there, of each coordinate, shape (3, n, m)."""
+        columns = [*range(self.path.dof)]
+        for number, tcp in enumerate(self._tcp):
+            columns += [self.path.dof + number] * tcp.rows
+        return np.asarray(self._zones.at(places)[:, :, columns])
 
 
 PARTS = (slice(0, 3), slice(3, 6))

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from cobot.errors import InputError, PlanningError
 from cobot.planners.cells import bases, chained, cubic, motion, times_of
-from cobot.planners.coordinates import Coordinates
+from cobot.planners.coordinates import Coordinates, Zones
 from cobot.planners.interior_point import Stations, fastest_rate
 from cobot.planners.path import Path
 from cobot.planners.reference import reference_motion
@@ -38,9 +38,10 @@ GAP = 5e-4
 ITERATIONS = 60
 LONGEST_S = 1e9
 """Thirty years: beyond that the powers of a time leave the range of numbers."""
-ROUNDS = 3
+ROUNDS, MOST_ROUNDS = 3, 8
 TIGHT = 1.003
-"""A motion that its extrema would stretch by more is optimised again, up to so many times."""
+"""A motion that its extrema would stretch by more is optimised again, up to so many times;
+one more for each zone after the first, the latter at the most."""
 COARSE = 1.02
 """A motion that its extrema would stretch by more is divided into more cells."""
 EFFORT_SHARE = 0.999
@@ -75,23 +76,34 @@ class Timed:
 
 
 def time_optimal(
-    robot: RobotDescription, path: Path, limits: JointLimits, tcp_limits: CartesianLimits | None = None
+    robot: RobotDescription,
+    path: Path,
+    limits: JointLimits,
+    tcp_limits: CartesianLimits | None = None,
+    zones: Zones | None = None,
 ) -> Timed:
     """A path from rest to rest, near the time optimum under the limits of the joints, of the TCP if there are
     any, and of the drives' efforts with what the model carries.
 
     Of the robot's acceleration limits it uses `PLANNED_ACCELERATION` at the most, whatever `limits` say.
-    The efforts take part in the optimisation when the motion without them is beyond one.
+    The efforts take part in the optimisation when the motion without them is beyond one. `zones` are where
+    the limits are lower than these.
 
     Raises:
         PlanningError: the efforts do not suffice to hold the arm somewhere on the path, or limits are too
             small for any motion.
     """
-    room = PLANNED_ACCELERATION * robot.limits.max_acceleration
-    limits = replace(limits, max_acceleration=np.minimum(limits.max_acceleration, room))
-    coordinates = Coordinates(robot.model, path, limits, tcp_limits)
-    laws = (_first_law(coordinates, cells) for cells in (CELLS_PER_BUILD_UP, FINER_CELLS))
+    limits = with_room(robot, limits)
+    coordinates = Coordinates(robot.model, path, limits, tcp_limits, zones=zones)
+    most = MOST_CELLS * (1 if zones is None else len(zones.ends))
+    laws = (_first_law(coordinates, cells, most) for cells in (CELLS_PER_BUILD_UP, FINER_CELLS))
     return _solved(robot, coordinates, laws)
+
+
+def with_room(robot: RobotDescription, limits: JointLimits) -> JointLimits:
+    """The limits with no more than `PLANNED_ACCELERATION` of the robot's accelerations."""
+    room = PLANNED_ACCELERATION * robot.limits.max_acceleration
+    return replace(limits, max_acceleration=np.minimum(limits.max_acceleration, room))
 
 
 def retimed(robot: RobotDescription, trajectory: Trajectory, limits: JointLimits) -> Timed:
@@ -118,17 +130,18 @@ def _even_law(duration_s: float, step_s: float) -> Array:
     return np.asarray(duration_s / cells * (np.arange(cells + 3) - 1.0))
 
 
-def _first_law(coordinates: Coordinates, per_build_up: int) -> Array:
+def _first_law(coordinates: Coordinates, per_build_up: int, most_cells: int) -> Array:
     """The control points of s(τ): as fast as velocities and accelerations allow, smoothed."""
     length, pieces = coordinates.path.length, len(coordinates.path.coefficients)
     places = np.linspace(0.0, length, max(PLACES, 3 * pieces) + 1)
     _, (first, second, third), slowness = coordinates.at(places)
-    max_acceleration, max_jerk = coordinates.max_acceleration, coordinates.max_jerk
+    _, acceleration, jerk = coordinates.shares(places)
+    max_acceleration, max_jerk = coordinates.max_acceleration * acceleration, coordinates.max_jerk * jerk
     speed = 1.0 / np.maximum(slowness, 1e-12)
     for derivative, limit, order in ((second, max_acceleration, 2), (third, max_jerk, 3)):
         share = np.maximum((np.abs(derivative) / limit).max(axis=1), 1e-12)
         speed = np.minimum(speed, share ** (-1.0 / order))
-    bounds = (LEAST_CELLS, MOST_CELLS, per_build_up)
+    bounds = (LEAST_CELLS, most_cells, per_build_up)
     shares = first / max_acceleration, second / max_acceleration, first / max_jerk
     return reference_motion(*shares, speed, length, bounds)[0]
 
@@ -173,11 +186,14 @@ class _Problem:
         self._derivatives = derivatives[:, :split], derivatives[:, split:]
         self._slowness = slowness[:split], slowness[split:]
         self._efforts: list[Array] = []
-        self._tightened = np.ones((2, self._cells, self._path.dof))
+        middles = self._middles[0]
+        self._shares = np.minimum(coordinates.shares(self._knots[0, :-1]), coordinates.shares(middles))
+        self._shares = np.minimum(self._shares, coordinates.shares(self._knots[0, 1:]))
+        self._tightened = self._shares[1:].copy()
 
     def refined(self, best: Timed) -> Timed:
         """The same with limits tightened where the extrema are beyond them, until there is no more to it."""
-        for _ in range(ROUNDS):
+        for _ in range(min(ROUNDS + self._coordinates.zones - 1, MOST_ROUNDS)):
             if best.stretched <= TIGHT:
                 break
             again = self.solved()
@@ -203,8 +219,7 @@ class _Problem:
         ):
             index = np.minimum(chosen, self._cells - 1)
             first, second = chained(self._derivatives[at][:, chosen], law)[:2] / coordinates.max_acceleration
-            high = np.ones_like(first)
-            high[:, : self._path.dof] = self._tightened[0, index]
+            high = self._tightened[0, index]
             speed = (self._slowness[at][chosen] * law[1])[:, None] ** 2
             none = np.zeros_like(speed)
             rows = [first, none], [second, speed], [-high, none - UNBOUNDED], [high, none + 1.0]
@@ -226,8 +241,7 @@ class _Problem:
             (MIDDLE, ending, self._derivatives[1][:, ending], self._middles[:, ending]),
         ):
             rows = chained(derivatives, law) / self._coordinates.max_jerk
-            high = np.ones_like(rows[0])
-            high[:, : self._path.dof] = self._tightened[1, chosen]
+            high = self._tightened[1, chosen]
             groups.append((chosen, bases(x, len(chosen)), *rows, -high, high))
         return Stations(*(np.concatenate(parts) for parts in zip(*groups, strict=True)))
 
@@ -261,7 +275,7 @@ class _Problem:
         first, second, _ = chained(self._joints[0][1:], self._knots)
         first[[0, -1]] = second[[0, -1]] = 0.0  # At rest, whatever was rounded.
         trajectory = motion(times, self._joints[0][0], first, second, squares, slopes)
-        kept = stretch_to_limits(trajectory, self._limits)
+        kept = self._stretched(trajectory)
         stretched = kept.duration_s / trajectory.duration_s
         if stretched > TIGHT:
             self._tighten(trajectory)
@@ -270,12 +284,21 @@ class _Problem:
         progress = partial(motion, times * stretched, place, rates[0], rates[1], squares, slopes)
         return Timed(kept, progress, stretched)
 
+    def _stretched(self, trajectory: Trajectory) -> Trajectory:
+        """Slowed down evenly by just so much that the rate limits of each cell hold."""
+        largest = self._used(trajectory).max(axis=(1, 2))
+        factor = float((largest ** (1.0 / np.arange(1, 4))).max())
+        return trajectory if factor <= 1.0 else trajectory.stretched(factor)
+
     def _tighten(self, trajectory: Trajectory) -> None:
         """Lower the limits of the cells in which the true extrema are beyond them."""
+        self._tightened[:, :, : self._path.dof] /= np.maximum(self._used(trajectory)[1:], 1.0)
+
+    def _used(self, trajectory: Trajectory) -> Array:
+        """Of the limits of velocity, acceleration and jerk in each cell, shape (3, cells, dof)."""
         peaks = greatest_rates(trajectory.coefficients, np.diff(trajectory.breakpoints_s))
-        limits = self._limits.max_acceleration, self._limits.max_jerk
-        for tightened, peak, limit in zip(self._tightened, peaks[1:], limits, strict=True):
-            tightened /= np.maximum(peak / limit, 1.0)
+        limits = (self._limits.max_velocity, self._limits.max_acceleration, self._limits.max_jerk)
+        return np.asarray(peaks / (np.array(limits)[:, None] * self._shares[:, :, : self._path.dof]))
 
 
 def _duration(cells: int) -> Stations:

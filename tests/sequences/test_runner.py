@@ -97,6 +97,21 @@ def test_home_and_waypoints_are_visited_in_order_in_each_iteration(tmp_path: Pat
     assert result.stdout.splitlines()[-1].endswith(" done")
 
 
+def test_waypoints_with_a_radius_are_one_motion_with_the_next(tmp_path: Path, service: Service) -> None:
+    content = {
+        "home": {"named": "home", "radius": 0.1},
+        "waypoints": [{**JOINTS, "radius": 0.05}, JOINTS, JOINTS],
+    }
+    result = run(tmp_path, service.url, content)
+    assert result.returncode == 0
+    (first, _, body), (second, _, _) = service.posted
+    assert (first, second) == ("/robot/move/sequence", "/robot/move/joints")
+    scaling = {"speed": 0.1, "accel_scale": 0.0}
+    here = {**JOINTS, **scaling}
+    assert body == {"motions": [{"name": "home", **scaling}, here, here], "radii": [0.1, 0.05]}
+    assert "iteration 1/1, waypoint 2/3, through home on without a stop: arrived" in result.stdout
+
+
 def test_the_first_failure_ends_the_sequence(tmp_path: Path, service: Service) -> None:
     service.answers = [
         (200, ARRIVED),

@@ -66,6 +66,8 @@ def test_every_kind_of_target_is_valid_for_both(
         ({"waypoints": [{"joints": ["0"]}]}, "waypoints[0].joints[0]"),
         ({"waypoints": [{**JOINTS, "speed": 0}]}, "waypoints[0].speed"),
         ({"waypoints": [{**JOINTS, "speed": True}]}, "waypoints[0].speed"),
+        ({"waypoints": [{**JOINTS, "radius": -0.1}, JOINTS]}, "waypoints[0].radius"),
+        ({"waypoints": [{**JOINTS, "radius": "wide"}, JOINTS]}, "waypoints[0].radius"),
         ({"waypoints": [{"x": 0.4, "y": 0}]}, "waypoints[0].z: is missing"),
         ({"waypoints": [{**POSE, "planner": "stomp"}]}, "waypoints[0].planner"),
         ({"waypoints": [JOINTS], "hom": None}, "unknown key 'hom'"),
@@ -78,6 +80,21 @@ def test_what_one_refuses_the_other_refuses_too(
     assert not validator.is_valid(content)
     with pytest.raises(InputError) as caught:
         read_sequence(written(tmp_path, content))
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("waypoints", "words"),
+    [
+        ([JOINTS, {**JOINTS, "radius": 0.1}], "waypoints[1].radius: the last waypoint has a radius"),
+        ([{**JOINTS, "radius": 0.1}] * 50 + [JOINTS], "waypoints[0] to [50] are 51 without a stop, possible"),
+    ],
+)
+def test_a_sequence_comes_to_rest_at_its_end_and_now_and_then(
+    tmp_path: Path, waypoints: list[object], words: str
+) -> None:
+    with pytest.raises(InputError) as caught:
+        read_sequence(written(tmp_path, {"waypoints": waypoints}))
     assert words in str(caught.value)
 
 

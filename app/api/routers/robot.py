@@ -18,6 +18,7 @@ from app.api.schemas import (
     MoveJoints,
     MoveNamed,
     MovePose,
+    MoveSequence,
     NamedPositionAnswer,
     Orientation,
     Point,
@@ -116,6 +117,14 @@ async def move_arc(body: MoveArc, request: Request, gone: Gone) -> MoveAnswer:
     speed = TcpSpeed(body.speed_m_s, body.speed_rad_s)
     goal = call.services.motion.arc(arc, body.frame_id, _scaling(body), speed)
     return answer(await call.services.motion.move(goal, call.caller(gone)))
+
+
+@router.post("/move/sequence", responses=MOTION_RESPONSES, dependencies=[Depends(json_body)])
+async def move_sequence(body: MoveSequence, request: Request, gone: Gone) -> MoveAnswer:
+    """Several motions as one, with round corners; answers when the arm has arrived and settled."""
+    call = Call(request)
+    goals = [goal_of(motion, call.services) for motion in body.motions]
+    return answer(await call.services.motion.move_sequence(goals, body.radii, call.caller(gone)))
 
 
 @router.post("/reset", responses=responses(409, 503))

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from app.services.motion.ownership import Caller, Claim, Ownership, watching
 from app.services.motion.planning import PlanningService
-from app.services.motion.planning_tasks import PlanRequest
+from app.services.motion.planning_tasks import PlanRequest, joined
 from app.services.motion.tool_and_limits import compose
 from app.services.state.link import ACKNOWLEDGE_S, POLL_S, RobotLink
 from app.services.state.robot_state import RobotState
@@ -275,14 +276,60 @@ class MotionService:
         Raises:
             ConflictError, UnavailableError, InputError: nothing has moved.
         """
+
+        async def planned(claim: Claim, start: Array) -> Trajectory | None:
+            return await self.plan(claim, self.request(goal, start), caller.timeout_s)
+
+        return await self._move(planned, caller)
+
+    async def move_sequence(self, goals: Sequence[Goal], radii_m: Sequence[float], caller: Caller) -> Outcome:
+        """Plan all of them, and go through them as one motion; see `move`.
+
+        Args:
+            radii_m: for each goal but the last: how far from it the TCP may leave its path; none: it stops.
+        """
+        check_radii(goals, radii_m)
+
+        async def planned(claim: Claim, start: Array) -> Trajectory | None:
+            return await self._sequence(claim, goals, radii_m, start, caller.timeout_s)
+
+        return await self._move(planned, caller)
+
+    async def _sequence(
+        self, claim: Claim, goals: Sequence[Goal], radii_m: Sequence[float], start: Array, timeout_s: float
+    ) -> Trajectory | None:
+        requests: list[MotionRequest] = []
+        motions: list[Trajectory] = []
+        radii: list[float] = []
+        for number, (goal, radius) in enumerate(zip(goals, [*radii_m, *[0.0] * len(goals)], strict=False), 1):
+            request = self.request(goal, start)
+            try:
+                motion = await self.plan(claim, request, timeout_s)
+            except (PlanningError, InputError) as exc:
+                raise type(exc)(f"motion {number}: {exc}") from exc
+            if motion is not None:
+                requests.append(request)
+                motions.append(motion)
+                radii.append(radius)
+                start = motion.end
+            elif radii:  # It ends where the one before does: who wants to be there, stops.
+                radii[-1] = min(radii[-1], radius)
+        if not motions:
+            return None
+        work = partial(joined, requests=requests, motions=motions, radii_m=radii[:-1])
+        blended = await claim.unless_interrupted(self._planning.compute(work, timeout_s))
+        return blended.trajectory
+
+    async def _move(
+        self, planned: Callable[[Claim, Array], Awaitable[Trajectory | None]], caller: Caller
+    ) -> Outcome:
         begun_s = self._link.clock.now_s()
         planned_s, note = begun_s, ""
         with self._ownership.claim(caller) as claim, watching(claim, caller):
             error: CobotError | None = None
             try:
                 state = await self.ready()
-                request = self.request(goal, state.commanded_position)
-                trajectory = await self.plan(claim, request, caller.timeout_s)
+                trajectory = await planned(claim, state.commanded_position)
                 planned_s = self._link.clock.now_s()
                 if trajectory is not None:
                     note = trajectory.note
@@ -392,6 +439,22 @@ class MotionService:
             raise type(cause)(f"{cause}: the arm came to rest {where} after {share:.0f} % of it")
         if state.motion_result is not MotionResult.ARRIVED:
             raise ExecutionError(state.reason)
+
+
+def check_radii(goals: Sequence[Goal], radii_m: Sequence[float]) -> None:
+    """There is a radius for each corner, or none at all, and none beside constraints.
+
+    Raises:
+        InputError: it is not so.
+    """
+    if radii_m and len(radii_m) != len(goals) - 1:
+        raise InputError(
+            f"radii: {len(goals)} motions need {len(goals) - 1}, one for each but the last; "
+            f"got {len(radii_m)}"
+        )
+    for number, radius in enumerate(radii_m):
+        if radius > 0.0 and any(goal.constraints for goal in goals[number : number + 2]):
+            raise InputError(f"radii[{number}]: a round corner would not keep the constraints; use 0")
 
 
 def _point(frame: Pose, point: Array) -> Array:

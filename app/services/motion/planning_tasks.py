@@ -46,6 +46,19 @@ def blended(
     return blend(robot, motions, radii_m, envelope)
 
 
+def joined(
+    robot: RobotDescription,
+    requests: Sequence[MotionRequest],
+    motions: Sequence[Trajectory],
+    radii_m: Sequence[float],
+) -> Blended:
+    """See `cobot.planners.joined.joined`: motions as they have been planned for these requests."""
+    from cobot.planners.joined import joined, leg_of
+
+    pairs = zip(requests, motions, strict=True)
+    return joined(robot, [leg_of(robot, *pair) for pair in pairs], radii_m)
+
+
 def forecast(robot: RobotDescription, request: MotionRequest, samples: int) -> Forecast:
     """See `cobot.planners.forecast.forecast`."""
     from cobot.planners.forecast import forecast

@@ -154,6 +154,11 @@ def test_logs_are_lists_of_lines(call: Callable[[Client, int], list[str]]) -> No
             "arc",
             {"centre": {"x": 1, "y": 2, "z": 3}, "axis": UP, "angle": 6.3, "rise": 0.1},
         ),
+        (
+            lambda robot: robot.move_sequence([{"name": "home"}, {"joints": [1.0]}], [0.1]),
+            "sequence",
+            {"motions": [{"name": "home"}, {"joints": [1.0]}], "radii": [0.1]},
+        ),
     ],
 )
 def test_motions_send_the_manuals_fields_with_its_defaults(

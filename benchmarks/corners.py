@@ -1,0 +1,65 @@
+"""Motions through round corners beside the same ones with stops, and how much of each radius is used."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from benchmarks.table import Row, row
+from cobot.config import load_settings
+from cobot.motions.requests import MotionRequest
+from cobot.planners import plan
+from cobot.planners.joined import Leg, joined, leg_of
+from cobot.robot.description import RobotDescription, load_robot
+from cobot.types import Array, PlannerName, Pose, Scaling
+
+RADIUS_M = 0.05
+START = np.array([0.0, 0.5, 0.0, -1.3, 0.0, 1.34, 0.0])
+LIN, PTP = PlannerName.LIN, PlannerName.PTP
+Step = tuple[PlannerName, Array | Pose, float]
+
+
+def corners() -> Iterator[Row]:
+    """Rectangles of lines, and ptp and lin mixed, at several speeds; all corners have the same radius."""
+    robot = load_robot(load_settings(None))
+    here = robot.model.forward(START)
+
+    def at(x: float, y: float, z: float) -> Pose:
+        return Pose(here.position + np.array([x, y, z]), here.quaternion)
+
+    there = START + np.array([0.5, 0.3, 0.0, 0.2, 0.0, -0.3, 0.0])
+    ways = [(0.05, 0.2, 0.0), (0.05, 0.2, -0.2), (0.05, -0.2, -0.2), (0.05, 0.0, 0.0)]
+    for speed in (0.1, 0.5, 1.0):
+        lines: list[Step] = [(LIN, at(*way), speed) for way in ways]
+        mixed: list[Step] = [
+            (PTP, there, speed),
+            (LIN, at(0.05, 0.2, -0.1), speed),
+            (PTP, START, speed),
+            (PTP, there, speed),
+        ]
+        for name, steps in (("lin", lines), ("ptp and lin", mixed)):
+            legs = _planned(robot, steps)
+            motion = joined(robot, legs, [RADIUS_M] * (len(legs) - 1))
+            used = 100.0 * min(motion.used_m) / RADIUS_M
+            stops_s = sum(leg.motion.duration_s for leg in legs)
+            yield row(
+                f"4 motions, {name}, speed {speed:g}, {1e3 * RADIUS_M:g} mm at 3 corners",
+                "",
+                (motion.trajectory.duration_s, used),
+                "stops, all of the radius",
+                (stops_s, 100.0),
+                columns=("duration, s", "least radius used, %"),
+                aim="100 % used",
+            )
+
+
+def _planned(robot: RobotDescription, steps: list[Step]) -> list[Leg]:
+    legs, start = [], START
+    for planner, goal, speed in steps:
+        request = MotionRequest(start, goal, planner, Scaling(speed))
+        motion = plan(robot, request)
+        assert motion is not None
+        legs.append(leg_of(robot, request, motion))
+        start = motion.end
+    return legs

@@ -1,0 +1,253 @@
+"""Motions joined to one that goes through their ends without a stop, within a radius of each.
+
+Around a corner the joints' path of the one motion is cut where its TCP comes within the radius, that of the
+next where it leaves it; a quintic in joint space that meets both with two derivatives is between. The whole
+is timed as one path, under the limits of the first motion up to the middle of the round corner, and of the
+next one from there on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from itertools import pairwise
+
+import numpy as np
+
+from cobot.errors import CobotError, InputError, LimitError, PlanningError
+from cobot.motions.requests import PATH_PLANNERS, Blended, MotionRequest
+from cobot.planners.blend import cut
+from cobot.planners.cartesian import tcp_limits
+from cobot.planners.checks import validate
+from cobot.planners.coordinates import PARTS, Zones
+from cobot.planners.path import Path
+from cobot.planners.time_law import time_optimal, with_room
+from cobot.robot.description import RobotDescription
+from cobot.trajectory import Trajectory, from_hermite
+from cobot.types import Array, CartesianLimits, JointLimits
+
+SHARES = (1.0, 0.8, 0.6, 0.4, 0.2, 0.1)
+"""Of what the radius permits; tried in this order until the round corner is possible."""
+BETWEEN_CORNERS, AT_AN_END = 0.49, 0.95
+"""Of a motion, the share that one round corner may take: of both its ends, or where it has but one."""
+INSIDE = 0.998
+"""Of the radius: what may lie between the places that are looked at."""
+SAMPLES = 400
+TOLD = 0.9
+"""A corner that uses less than this share of its radius is told."""
+UNLIMITED = 1e9
+RATES = ("max_velocity", "max_acceleration", "max_jerk")
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """A motion from rest to rest, and the limits that it has been planned with; None for no TCP's."""
+
+    motion: Trajectory
+    limits: JointLimits
+    tcp: CartesianLimits | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Corner:
+    """A round corner: a curve between the last `before` of one path and the first `after` of the next."""
+
+    curve: Trajectory
+    before: float
+    after: float
+    used_m: float
+
+
+def leg_of(robot: RobotDescription, request: MotionRequest, motion: Trajectory) -> Leg:
+    """A motion with the limits of its request."""
+    of_tcp = tcp_limits(robot, request) if request.planner in PATH_PLANNERS else None
+    return Leg(motion, request.scaled_limits(robot), of_tcp)
+
+
+def joined(robot: RobotDescription, legs: Sequence[Leg], radii_m: Sequence[float]) -> Blended:
+    """One motion through all of them, which stops at a corner only if it has no radius, or if rounding it is
+    impossible or saves no time.
+
+    Args:
+        legs: each begins where the one before ends.
+        radii_m: one less: how far from each corner the TCP may leave its path.
+
+    Raises:
+        InputError: another number of radii, or one that is negative.
+        PlanningError: see `time_optimal`.
+    """
+    _check(legs, radii_m)
+    paths = [Path.of_trajectory(leg.motion) for leg in legs]
+    round_ = [radius > 0.0 for radius in radii_m]
+    corners: list[_Corner | None] = []
+    for index, radius in enumerate(radii_m):
+        before = BETWEEN_CORNERS if index > 0 and round_[index - 1] else AT_AN_END
+        after = BETWEEN_CORNERS if index + 1 < len(round_) and round_[index + 1] else AT_AN_END
+        first, second = paths[index], paths[index + 1]
+        free = before * first.length, after * second.length
+        corners.append(_corner(robot, first, second, radius, free) if radius > 0.0 else None)
+    stops = [index + 1 for index, corner in enumerate(corners) if corner is None]
+    whole: Trajectory | None = None
+    ends: list[float] = []
+    blended: list[bool] = []
+    used: list[float] = []
+    for begin, end in pairwise([0, *stops, len(legs)]):
+        inner = [corner for corner in corners[begin : end - 1] if corner is not None]
+        part = _part(robot, legs[begin:end], paths[begin:end], inner)
+        since = 0.0 if whole is None else whole.duration_s
+        if whole is not None:
+            blended.append(False)
+            used.append(0.0)
+        ends += [since + each for each in part.ends_s]
+        blended += part.blended
+        used += part.used_m
+        whole = part.trajectory if whole is None else whole.followed_by(part.trajectory)
+    assert whole is not None
+    notes = [whole.note, *_told(radii_m, used)]
+    whole = replace(whole, note="; ".join(filter(None, notes)))
+    return Blended(whole, tuple(ends), tuple(blended), tuple(used))
+
+
+def _check(legs: Sequence[Leg], radii_m: Sequence[float]) -> None:
+    if len(radii_m) != len(legs) - 1:
+        raise InputError(f"radii: {len(legs)} motions have {len(legs) - 1} corners, got {len(radii_m)} radii")
+    for index, radius in enumerate(radii_m):
+        if not 0.0 <= radius < np.inf:
+            raise InputError(f"radii[{index}]: is {radius:g} m, possible is 0 and above")
+
+
+def _told(radii_m: Sequence[float], used_m: Sequence[float]) -> list[str]:
+    return [
+        f"motion {number}: of its radius of {1e3 * radius:.4g} mm {1e3 * used:.3g} mm are used"
+        if used > 0.0
+        else f"motion {number}: it stops at its end, which cannot be rounded within {1e3 * radius:.4g} mm"
+        for number, (radius, used) in enumerate(zip(radii_m, used_m, strict=True), start=1)
+        if used < TOLD * radius
+    ]
+
+
+def _corner(
+    robot: RobotDescription, first: Path, second: Path, radius_m: float, free: tuple[float, float]
+) -> _Corner | None:
+    """The largest of `SHARES` that stays within the radius and the limits and touches nothing."""
+    middle = robot.model.forward(second.at(np.zeros(1))[0]).position
+    along = [np.linspace(0.0, most, SAMPLES + 1) for most in free]
+    away = [
+        _away(robot, middle, path.at(places))
+        for path, places in ((first, first.length - along[0]), (second, along[1]))
+    ]
+    ways = [_within(*each, INSIDE * radius_m) for each in zip(along, away, strict=True)]
+    for share in SHARES:
+        before, after = share * ways[0], share * ways[1]
+        curve = _curve(first, second, before, after)
+        used_m = float(_away(robot, middle, curve.sample(np.linspace(0.0, curve.duration_s, SAMPLES))).max())
+        low, high = robot.limits.min_position, robot.limits.max_position
+        if used_m > 0.5 * (1.0 + INSIDE) * radius_m:
+            continue
+        if len(Path(curve.breakpoints_s, curve.coefficients).places_outside(low, high)):
+            continue
+        try:
+            robot.collision.check_trajectory(curve)
+        except CobotError:
+            continue
+        return _Corner(curve, before, after, used_m)
+    return None
+
+
+def _away(robot: RobotDescription, middle: Array, rows: Array) -> Array:
+    return np.asarray(np.linalg.norm(robot.model.poses(rows)[:, :3] - middle, axis=1))
+
+
+def _within(places: Array, away: Array, radius_m: float) -> float:
+    """The place up to which the TCP is within the radius."""
+    outside = np.flatnonzero(away > radius_m)
+    if not len(outside):
+        return float(places[-1])
+    index = int(outside[0])
+    return float(np.interp(radius_m, away[index - 1 : index + 1], places[index - 1 : index + 1]))
+
+
+def _curve(first: Path, second: Path, before: float, after: float) -> Trajectory:
+    """Over the path's parameter instead of time."""
+    begin, end = first.derivatives(np.array([first.length - before])), second.derivatives(np.array([after]))
+    position, velocity, acceleration, _ = np.concatenate([begin, end], axis=1)
+    return from_hermite(np.array([0.0, before + after]), position, velocity, acceleration)
+
+
+def _part(
+    robot: RobotDescription, legs: Sequence[Leg], paths: Sequence[Path], corners: Sequence[_Corner]
+) -> Blended:
+    """Motions with all corners round; with stops if that is not slower."""
+    stopping = legs[0].motion
+    ends = [stopping.duration_s]
+    for leg in legs[1:]:
+        stopping = stopping.followed_by(leg.motion)
+        ends.append(stopping.duration_s)
+    if not corners:
+        return Blended(stopping, tuple(ends), (), ())
+    path, zones, middles = _path(legs, paths, corners, robot)
+    limits, of_tcp = _largest(robot, legs)
+    timed = time_optimal(robot, path, limits, of_tcp, zones)
+    if timed.trajectory.duration_s >= stopping.duration_s:
+        return Blended(stopping, tuple(ends), (False,) * len(corners), (0.0,) * len(corners))
+    try:
+        validate(robot, timed.trajectory, limits)
+    except LimitError as exc:
+        raise PlanningError(f"round corners: {exc}") from exc
+    progress = timed.progress
+    reached = np.interp(middles, progress.sample(progress.breakpoints_s)[:, 0], progress.breakpoints_s)
+    trajectory = replace(timed.trajectory, note=stopping.note)
+    used = tuple(corner.used_m for corner in corners)
+    times = (*reached.tolist(), trajectory.duration_s)
+    return Blended(trajectory, times, (True,) * len(corners), used)
+
+
+def _path(
+    legs: Sequence[Leg], paths: Sequence[Path], corners: Sequence[_Corner], robot: RobotDescription
+) -> tuple[Path, Zones, Array]:
+    """The path with its round corners, its zones, and where the corners' middles are."""
+    parts: list[Trajectory] = []
+    for index, path in enumerate(paths):
+        begin = corners[index - 1].after if index else 0.0
+        end = path.length - (corners[index].before if index < len(corners) else 0.0)
+        parts.append(cut(Trajectory(path.breakpoints, path.coefficients), begin, end))
+        parts += [corner.curve for corner in corners[index : index + 1]]
+    ends = np.cumsum([part.duration_s for part in parts])
+    whole = parts[0]
+    for part in parts[1:]:
+        whole = whole.followed_by(part)
+    middles = ends[1::2] - 0.5 * np.array([corner.curve.duration_s for corner in corners])
+    largest = _largest_rates(robot, legs)
+    shares = np.stack([_rates(robot, leg) / largest for leg in legs], axis=1)
+    zones = Zones(np.append(middles, ends[-1]), shares)
+    return Path(whole.breakpoints_s, whole.coefficients), zones, middles
+
+
+def _rates(robot: RobotDescription, leg: Leg) -> Array:
+    """Its limits of velocity, acceleration and jerk: of the joints, and of the TCP, shape (3, dof + 2)."""
+    limits = with_room(robot, leg.limits)
+    of_joints = np.array([getattr(limits, name) for name in RATES])
+    of_tcp = np.full((3, len(PARTS)), UNLIMITED)
+    if leg.tcp is not None:
+        values = [getattr(leg.tcp, item.name) for item in fields(CartesianLimits)]
+        of_tcp = np.array(values).reshape(len(PARTS), 3).T
+    return np.concatenate([of_joints, of_tcp], axis=1)
+
+
+def _largest_rates(robot: RobotDescription, legs: Sequence[Leg]) -> Array:
+    """The largest of each limit, of the TCP's among the motions that have any."""
+    largest = np.max([_rates(robot, leg) for leg in legs], axis=0)
+    with_tcp = [_rates(robot, leg) for leg in legs if leg.tcp is not None]
+    if with_tcp:
+        largest[:, -len(PARTS) :] = np.max(with_tcp, axis=0)[:, -len(PARTS) :]
+    return np.asarray(largest)
+
+
+def _largest(robot: RobotDescription, legs: Sequence[Leg]) -> tuple[JointLimits, CartesianLimits | None]:
+    """The limits of which the zones have shares."""
+    largest = _largest_rates(robot, legs)
+    dof = robot.limits.dof
+    limits = replace(legs[0].limits, **dict(zip(RATES, largest[:, :dof], strict=True)))
+    if not any(leg.tcp for leg in legs):
+        return limits, None
+    return limits, CartesianLimits(*largest[:, dof:].T.ravel().tolist())

@@ -1,0 +1,89 @@
+"""Motions through round corners, over HTTP and from a sequence file, on virtual time.
+
+Oracles: the motions one by one, and where /robot/joint_states says the arm is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from virtual import VirtualService, virtual_service
+
+HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
+CORNER = [0.6, 0.2, 0.0, -1.5, 0.0, 1.5, 0.0]
+END = [0.6, 0.6, 0.0, -1.2, 0.0, 1.5, 0.0]
+GO = {"speed": 1.0}
+MOTIONS = [{"joints": CORNER, **GO}, {"joints": END, **GO}]
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
+    """One for all tests here."""
+    with virtual_service(tmp_path_factory.mktemp("robot")) as started:
+        yield started
+
+
+def post(service: VirtualService, body: Any) -> Any:
+    return service.post("/robot/move/sequence", json=body)
+
+
+def done(service: VirtualService, body: Any) -> Any:
+    answer = post(service, body).json()
+    assert answer["success"], answer
+    return answer
+
+
+def test_with_radii_it_goes_through_and_is_sooner_there(service: VirtualService) -> None:
+    durations = []
+    for radii in ([], [0.1]):
+        done(service, {"motions": [{"name": "home", **GO}]})
+        durations.append(done(service, {"motions": MOTIONS, "radii": radii})["duration_s"])
+        np.testing.assert_allclose(service.joints(), END, atol=5e-3)
+    assert durations[1] < durations[0] - 0.15
+
+
+def test_all_kinds_of_motions_go_over_into_each_other(service: VirtualService) -> None:
+    done(service, {"motions": [{"name": "home", **GO}]})
+    down = {"x": 0.0, "y": 0.0, "z": 0.1, "planner": "lin", "frame_id": "tool", **GO}
+    motions = [{"name": "work", **GO}, down, {"joints": END, **GO}, {"joints": END, **GO}]
+    done(service, {"motions": motions, "radii": [0.03, 0.03, 0.03]})
+    np.testing.assert_allclose(service.joints(), END, atol=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        (
+            {"motions": MOTIONS, "radii": [-0.1]},
+            "radii[0]: input should be greater than or equal to 0, got -0.1",
+        ),
+        (
+            {"motions": MOTIONS, "radii": [0.1, 0.1]},
+            "radii: 2 motions need 1, one for each but the last; got 2",
+        ),
+        ({"motions": [{"joints": HOME, "sped": 1}]}, "motions[0]: unknown key 'sped'"),
+        (
+            {
+                "motions": [{**MOTIONS[0], "constraints": {"joints": {"joint3": [-1, 1]}}}, MOTIONS[1]],
+                "radii": [0.1],
+            },
+            "radii[0]: a round corner would not keep the constraints; use 0",
+        ),
+    ],
+)
+def test_what_makes_no_sense_is_refused(service: VirtualService, body: Any, message: str) -> None:
+    answer = post(service, body)
+    assert answer.status_code == 422
+    assert message in answer.json()["detail"]
+
+
+def test_a_motion_that_is_not_possible_is_named_and_nothing_moves(service: VirtualService) -> None:
+    before = service.joints()
+    far = {"x": 9.0, "y": 0.0, "z": 0.5, "planner": "lin"}
+    answer = post(service, {"motions": [MOTIONS[0], far], "radii": [0.1]}).json()
+    assert not answer["success"]
+    assert answer["message"].startswith("motion 2: ")
+    np.testing.assert_allclose(service.joints(), before, atol=1e-4)
