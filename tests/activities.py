@@ -18,6 +18,8 @@ from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 
 PERIOD_S = 0.02
+WATCHDOG_S = 10.0
+"""So long that a test whose client is kept waiting for the processor sees the service fall silent first."""
 AWAY = [0.8, 0.3, -0.3, -1.2, 0.3, 1.2, 0.5]
 
 
@@ -67,7 +69,13 @@ class Servo(OverRosbridge):
             socket.send(json.dumps({**message, "type": "std_msgs/String", "msg": data}))
 
         begin = self._run.joints()
-        send(type="servo_control", command="set_mode", mode=1, watchdog_timeout=1.0, send_period=PERIOD_S)
+        send(
+            type="servo_control",
+            command="set_mode",
+            mode=1,
+            watchdog_timeout=WATCHDOG_S,
+            send_period=PERIOD_S,
+        )
         number = 0
         while not self._over.wait(PERIOD_S):
             number += 1
