@@ -99,7 +99,7 @@ class Judge:
         distances = [self.distance(joints) for joints in rows]
         if "the motion leaves this first" in motion.note:
             out = next((i for i, distance in enumerate(distances) if distance >= least), len(distances))
-            if out == len(distances) or min(distances[:out], default=0.0) < distances[0] - 2.0 * SLACK_M:
+            if out == len(distances) or min(distances[:out], default=NEAR_M) < distances[0] - 2.0 * SLACK_M:
                 yield f"collision: gets deeper on the way out, {1e3 * min(distances):.2f} mm"
             distances = distances[out:]
         if min(distances, default=NEAR_M) < least:

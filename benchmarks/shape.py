@@ -39,7 +39,8 @@ def _lin_flaws(positions: Array, turns: Rotation, goal: Pose) -> Iterator[str]:
         return
     along = (positions - positions[0]) @ way / length**2
     beside = np.linalg.norm(positions - positions[0] - along[:, None] * way, axis=1).max()
-    if beside > BESIDE_M or along.min() < -1e-6 or along.max() > 1.0 + 1e-6:
+    over = length * max(-along.min(), along.max() - 1.0)
+    if max(beside, over) > BESIDE_M:
         yield f"path: {1e3 * beside:.4f} mm beside the line, from {along.min():.6f} to {along.max():.6f}"
     yield from _turn_flaws(turns, Rotation.from_quat(goal.quaternion, scalar_first=True), along)
 

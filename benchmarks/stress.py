@@ -22,7 +22,7 @@ from benchmarks.arms import NAMES, SHIPPED, Arm, arm
 from benchmarks.judge import END_M, Judge, flips
 from benchmarks.second_search import confirmed
 from benchmarks.stress_cases import CORRIDOR_RAD, KINDS, Case, case
-from cobot.errors import CobotError
+from cobot.errors import CobotError, InputError
 from cobot.motions.requests import PATH_PLANNERS, MotionRequest
 from cobot.planners import plan, plan_waypoints
 from cobot.planners.joined import joined, leg_of
@@ -99,8 +99,8 @@ def one(arm: Arm, case: Case, tally: Tally, share: float) -> None:
     except CobotError as exc:
         tally.refused[exc.code] += 1
         random = np.random.default_rng([case.number, 7])
-        if not str(exc).strip():
-            tally.wrong.append(f"{case.number} {case.kind}: {exc.code} without a reason")
+        if type(exc) is InputError or not str(exc).strip():  # each request is one that may be asked
+            tally.wrong.append(f"{case.number} {case.kind}: no reason: {exc.code}: {exc}")
         if random.random() < share:
             answer = confirmed(judge, case, exc, random)
             tally.looked_at += answer is not None
