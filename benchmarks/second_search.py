@@ -14,13 +14,18 @@ from benchmarks.stress_cases import Case
 from cobot.errors import CobotError, CollisionError, LimitError, UnreachableError
 from cobot.motions.requests import PATH_PLANNERS, MotionRequest
 from cobot.planners import plan
+from cobot.planners.circ import arc, helix
 from cobot.planners.lin import straight_line
+from cobot.planners.polyline import rounded
+from cobot.planners.tcp_path import TcpPath
 from cobot.types import Array, PlannerName, Pose
 
 TRIES = 80
 ROUNDED_M = 2.5e-3
 """Joints in messages have three digits."""
 FINE = 600
+LONG_M = 0.5
+"""Longer paths are looked at in more places."""
 
 
 def confirmed(judge: Judge, case: Case, exc: CobotError, random: np.random.Generator) -> bool | None:
@@ -40,7 +45,7 @@ def confirmed(judge: Judge, case: Case, exc: CobotError, random: np.random.Gener
         return None
     if "the goal" in text and isinstance(exc, CollisionError):
         return not any(_is_free(judge, joints) for joints in _goals(judge, request, random))
-    if request.planner is PlannerName.LIN and isinstance(exc, UnreachableError | CollisionError):
+    if request.planner in PATH_PLANNERS and isinstance(exc, UnreachableError | CollisionError):
         return _no_line(judge, request)
     if (
         isinstance(exc, UnreachableError)
@@ -103,31 +108,39 @@ def _no_way(judge: Judge, request: MotionRequest) -> bool | None:
 
 def _no_line(judge: Judge, request: MotionRequest) -> bool | None:
     """Arm angle by path for S-R-S arms; for six joints the one way that there is, followed in small steps."""
-    assert isinstance(request.goal, Pose)
-    robot = judge.robot
-    position, turn = judge.tcp(request.start)
-    here = Pose(position, Rotation.from_matrix(turn).as_quat(scalar_first=True))
+    robot, path = judge.robot, _path(judge, request)
+    fineness = max(1, int(np.ceil(path.length_m / LONG_M)))
     if robot.model.inverse_kinematics.arm_angle is not None:
-        poses = straight_line(here, request.goal).poses(np.linspace(0.0, 1.0, PLACES + 1)[1:])
-        return not exhaustive(robot, request.start, poses)
+        places = np.linspace(0.0, 1.0, fineness * PLACES + 1)[1:]
+        return not exhaustive(robot, request.start, path.poses(places))
     if robot.limits.dof != 6:
         return None
-    return not _followed(judge, request.start, here, request.goal)
+    return not _followed(judge, request.start, path.poses(np.linspace(0.0, 1.0, fineness * FINE + 1)[1:]))
 
 
-def _followed(judge: Judge, start: Array, here: Pose, goal: Pose) -> bool:
+def _path(judge: Judge, request: MotionRequest) -> TcpPath:
+    """Where the TCP was to be; `shape` has its own opinion of where it is."""
+    position, turn = judge.tcp(request.start)
+    here = Pose(position, Rotation.from_matrix(turn).as_quat(scalar_first=True))
+    if request.arc is not None and request.arc.angle_rad is not None:
+        return helix(here, request.arc, request.arc.angle_rad)
+    assert isinstance(request.goal, Pose)
+    if request.planner is PlannerName.POLYLINE:
+        return rounded([here, *request.through, request.goal], request.radius_m)
+    if request.via is not None:
+        return arc(here, request.via, request.goal)
+    return straight_line(here, request.goal)
+
+
+def _followed(judge: Judge, start: Array, poses: Array) -> bool:
     """Newton's method from place to place, without jumps, within the limits, free."""
     limits, joints = judge.robot.limits, start.copy()
-    first = Rotation.from_quat(here.quaternion, scalar_first=True)
-    turn = (Rotation.from_quat(goal.quaternion, scalar_first=True) * first.inv()).as_rotvec()
-    for share in np.linspace(0.0, 1.0, FINE + 1)[1:]:
-        before = joints
-        position = here.position + share * (goal.position - here.position)
-        wanted = Rotation.from_rotvec(share * turn) * first
+    for pose in poses:
+        before, wanted = joints, Rotation.from_quat(pose[3:], scalar_first=True)
         for _ in range(8):
             at, now = judge.tcp(joints)
             angles = (wanted * Rotation.from_matrix(now).inv()).as_rotvec()
-            error = np.concatenate([position - at, angles])
+            error = np.concatenate([pose[:3] - at, angles])
             if np.abs(error).max() < 1e-9:
                 break
             joints = joints + np.linalg.lstsq(judge.jacobian(joints), error, rcond=1e-6)[0]
