@@ -85,7 +85,8 @@ class ToolService:
             task.cancel()
 
     async def change(self, edit: Edit, name: str = "a change of the tool") -> ToolChanged:
-        """Have another tool from now on. What has begun is done, even if the caller goes away.
+        """Have another tool from now on. What has begun is done, even if the caller goes away. To have what there
+        is already is no change, and needs nothing.
 
         Args:
             name: of the request, for people.
@@ -96,6 +97,8 @@ class ToolService:
             ExecutionError, UnavailableError: rtloop does not take it, or the file cannot be written; all is
                 as it was.
         """
+        if edit(self.tool) == self.tool:
+            return ToolChanged(self.tool, self._robot.collision.contacts(self._link.state().position))
         return await asyncio.shield(asyncio.create_task(self._change(edit, name)))
 
     async def _change(self, edit: Edit, name: str) -> ToolChanged:
