@@ -27,7 +27,7 @@ from app.api.clients import Clients
 from app.api.origins import Origins
 from app.api.roles import guard, roles
 from app.api.routers import audit as audit_router
-from app.api.routers import common, control, operations, plans, scene, sequences, trajectory
+from app.api.routers import common, control, operations, plans, scene, sequences, tool, trajectory
 from app.api.routers import robot as robot_router
 from app.api.routers import robots as robots_router
 from app.api.routers import stream as stream_router
@@ -168,6 +168,7 @@ def create_app(
         robot_router.router,
         plans.router,
         scene.router,
+        tool.router,
         control.router,
         trajectory.router,
         sequences.router,

@@ -19,6 +19,7 @@ from app.services.motion.scene import SceneService
 from app.services.motion.speed_override import MAX_PAUSE_S
 from app.services.motion.stopping import StopService
 from app.services.motion.synchronous import SyncService
+from app.services.motion.tool import ToolService
 from app.services.motion.tool_and_limits import RobotSettings
 from app.services.motion.trajectories import TrajectoryService
 from app.services.programs.programs import ProgramService
@@ -36,6 +37,7 @@ from cobot.clock import Clock
 from cobot.config import Endpoint, Settings
 from cobot.robot.description import RobotDescription
 from cobot.robot.scene import SceneFile
+from cobot.robot.tool import ToolFile
 
 Planner = Callable[[Path | None, int, str], PlanningService]
 
@@ -70,6 +72,7 @@ class Services:
     motion: MotionService
     plans: PlanService
     scene: SceneService
+    tool: ToolService
     trajectories: TrajectoryService
     sequences: SequenceService
     stopping: StopService
@@ -103,7 +106,8 @@ async def serving_robot(
     timeout_s = settings.streaming.client_timeout_s
     async with link.heartbeat(), reporting(link), watching_clients(link, timeout_s):
         services = _services(settings, robot, shared, link, planning)
-        yield services
+        async with services.tool.in_force():
+            yield services
         services.servo.close()
         services.force.close()
         services.equipment.close()
@@ -136,14 +140,17 @@ def _services(
     equipment = Equipment(link, stopping, ownership.speed_override, simulated=simulated)
     tool_and_limits = RobotSettings(robot)
     force = ForceService(robot, link, streams, stopping, equipment.traces.warn)
-    servo = ServoService(robot, link, streams, force, tool_and_limits)
+    servo = ServoService(robot, link, streams, force)
+    scene = SceneService(robot, link, motion, planning, stopping, SceneFile(settings.scene_file))
+    max_payload_kg, tool_file = settings.robot.max_payload_kg, ToolFile(settings.tool_file)
     stale_s = settings.web.stale_after_s
     return Services(
         robot=robot,
         link=link,
         ownership=ownership,
         motion=motion,
-        scene=SceneService(robot, link, motion, planning, stopping, SceneFile(settings.scene_file)),
+        scene=scene,
+        tool=ToolService(robot, link, ownership, planning, scene, max_payload_kg, tool_file),
         plans=PlanService(robot, link.clock, motion, planning, settings.planning),
         trajectories=TrajectoryService(robot.limits, ownership, motion, settings.planning, link.label),
         sequences=sequences,

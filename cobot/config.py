@@ -52,6 +52,8 @@ ENDPOINTS = (
     "POST /robot/plan/pose",
     "POST /robot/plan/joints",
     "POST /robot/execute",
+    "GET /robot/tool",
+    "POST /robot/tool",
     "GET /scene",
     "POST /scene",
     "POST /robot/reset",
@@ -171,6 +173,7 @@ class RobotSection(Section):
     base_frame: str
     tcp: str
     start_position: str
+    max_payload_kg: Annotated[float, Field(ge=0.0, le=10_000.0)]
 
 
 class RtSection(Section):
@@ -328,6 +331,11 @@ class Settings(Section):
     def scene_file(self) -> Path:
         """What stands around the robot; the service writes it."""
         return self.logs / f"{self.robot.name}.scene.json"
+
+    @property
+    def tool_file(self) -> Path:
+        """What is on the robot's flange; the service writes it."""
+        return self.logs / f"{self.robot.name}.tool.json"
 
     @property
     def each(self) -> dict[str, Settings]:

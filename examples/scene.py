@@ -1,4 +1,4 @@
-"""Tell the arm what stands around it, and plan around that.
+"""Tell the arm what it carries and what stands around it, and plan with that.
 
 Start `make run` in another terminal, then:
 
@@ -13,8 +13,10 @@ from cobot.client import Client
 
 with Client(os.environ.get("COBOT_URL", "http://localhost:8007")) as robot:
     robot.move_named("home", speed=0.5)
+    print(robot.set_tool(name="gripper", mass=1.2, centre=[0.0, 0.0, 0.06], tcp={"z": 0.15}))
     post = {"shape": "cylinder", "radius": 0.05, "length": 1.0, "x": 0.35, "y": 0.2, "z": 0.5}
     print(robot.change_scene(objects={"post": post}))
     home = robot.joint_states()["position"]
     print(robot.move_joints([1.0, *home[1:]], speed=0.5, planner="auto")["note"])
     robot.remove_object("post")
+    robot.set_tool(clear=True)

@@ -32,6 +32,7 @@ cdef class Controller:
     cdef Guide _guide
     cdef bint _left_path, _stop_unseen, _misread
     cdef object _rt, _limits, _slots, _backend, _loader
+    cdef object _model, _info, _tool, _max_payload_kg
     cdef int _loading
     cdef unsigned long long _loading_motion
     cdef object _desired_rows

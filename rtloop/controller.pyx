@@ -15,11 +15,12 @@ from rtloop.streaming.feed cimport NO_PROBLEM, Feed
 
 import numpy as np
 
-from cobot.errors import InputError
-from cobot.ipc.layout import Ack, Command, Intervention, MotionResult
-from cobot.ipc.shm import text
-from cobot.types import LoopMode
-from rtloop.backends import BackendError
+from cobot.errors import InputError, LimitError
+from cobot.ipc.layout import Ack, Command, Intervention, MotionResult, text
+from cobot.ipc.tool_record import tool_of
+from cobot.robot.tool import check_tool
+from cobot.types import RESTING, LoopMode
+from rtloop.backends import BackendError, CarriesTool
 from rtloop.modes import STREAMING, TRANSITIONS
 from rtloop.planned.loading import RefusedError, load
 
@@ -57,6 +58,8 @@ cdef class Controller:
         if self._dof > MAX_DOF:
             raise InputError(f"the robot has {self._dof} joints, possible are {MAX_DOF}")
         self._slots = memory.slots
+        self._model, self._info, self._tool = model, memory.info, memory.tool
+        self._max_payload_kg = settings.robot.max_payload_kg
         self._backend = backend
         self.commands = CommandInbox(memory)
         self.safety = Safety(limits, rt.period_s)
@@ -311,6 +314,8 @@ cdef class Controller:
             refusal = self._set_rate(float(command["value"]))
         elif kind == Command.RESET:
             refusal = self._reset(measured)
+        elif kind == Command.TOOL:
+            refusal = self._take_tool(int(command["tool"]))
         else:
             refusal = f"there is no command {kind}"
         if refusal is not None:
@@ -325,6 +330,9 @@ cdef class Controller:
             return "the arm is not at rest yet"
         if slot >= len(self._slots):
             return f"there is no slot {slot}"
+        planned, carried = int(command["tool"]), self._model.tool.version
+        if planned != carried:
+            return f"the motion was planned with version {planned} of the tool, the arm has version {carried}"
         self.slot = slot
         self._loading_motion = int(command["motion_id"])
         self._loader = load(
@@ -351,6 +359,38 @@ cdef class Controller:
             self._still_cycles = self._unsettled_cycles = 0
             self.settled = False
             self._enter(LoopMode.TRAJECTORY)
+
+    def carry(self, tool):
+        """Have this tool on the flange from the next cycle on: in the model and, if it wants to know, in the
+        backend. Some 500 µs, so only while nothing moves.
+
+        Raises:
+            BackendError: the robot refuses it; nothing has changed.
+        """
+        if isinstance(self._backend, CarriesTool):
+            self._backend.set_tool(tool)
+        self._model.carry(tool)
+        self._info.data["flange"] = self._model.flange_in_tcp()
+        self._info.data["tool_version"] = tool.version
+        self._info.publish()
+
+    def _take_tool(self, version):
+        """Carry what stands in the tool's block. The arm rests: the command stays what it is, and the torques
+        that hold it follow the weight within the same cycle.
+        """
+        if self._mode not in RESTING or self.c_moving() or self.streaming.session:
+            return f"the tool changes only while the arm rests: it is in mode {self.mode.name}"
+        if not self._tool.try_read():
+            return "the tool could not be read"
+        try:
+            tool = tool_of(self._tool.data)
+            check_tool(tool, self._max_payload_kg, self._model.file_gravity)
+            if tool.version != version:
+                return f"version {tool.version} of the tool stands there, not {version}"
+            self.carry(tool)
+        except (InputError, LimitError, ValueError, BackendError) as exc:
+            return str(exc)
+        return ""
 
     def _finish_loading(self, result, message=""):
         number, self._loader, self._loading = self._loading, None, 0

@@ -12,6 +12,7 @@ import numpy as np
 
 from cobot.ipc.layout import MotionResult, Phase
 from cobot.ipc.shm import encoded
+from cobot.robot.tool import BARE
 from cobot.types import LoopMode
 from rtloop.backends import BackendError
 
@@ -54,8 +55,9 @@ cdef class ControlLoop:
         self._measured_ns = 0
         self._cycle = 0
 
-    def open(self, start_position):
-        """Connect to the robot and hold it where it is; a simulation begins where the last one was left.
+    def open(self, start_position, tool=BARE):
+        """Connect to the robot, which carries a tool, and hold it where it is; a simulation begins where the
+        last one was left.
 
         Raises:
             BackendError: the robot does not answer.
@@ -64,6 +66,8 @@ cdef class ControlLoop:
         if last is not None:
             self._cycle = int(last["cycle"])
             self.controller.restore(last)
+        if tool.version:
+            self.controller.carry(tool)
         known = last is not None and np.isfinite(last["position"]).all()
         self._backend.open(last["position"] if last is not None and known else start_position)
         self._backend.read(self._measured)

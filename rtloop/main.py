@@ -20,6 +20,7 @@ from cobot.ipc.shm import MemoryRole, RobotMemory, encoded
 from cobot.launch.process import Niceness, be
 from cobot.logs import start_logging
 from cobot.robot.description import RobotDescription, load_robot
+from cobot.robot.tool import ToolFile
 from rtloop.backends import Backend, BackendError, ImpedanceControlled, make_backend
 from rtloop.clock import FastClock, RealtimeClock
 from rtloop.loop import ControlLoop
@@ -81,7 +82,8 @@ def _run(settings: Settings, clock_name: str | None) -> None:
     backend = make_backend(settings, robot.limits)
     clock = FastClock(rt.period_s) if clock_name == "fast" else RealtimeClock(rt.period_s)
     loop = ControlLoop(settings, robot.model, memory, backend, clock)
-    loop.open(np.array(robot.positions[settings.robot.start_position].joints))
+    tool = ToolFile(settings.tool_file).read_checked(settings.robot.max_payload_kg, robot.model.file_gravity)
+    loop.open(np.array(robot.positions[settings.robot.start_position].joints), tool)
     try:
         _introduce(memory, rt, clock_name, _permissions(rt, clock_name))
         _describe(memory, robot, backend)
@@ -126,4 +128,5 @@ def _describe(memory: RobotMemory, robot: RobotDescription, backend: Backend) ->
         data["stiffness"] = backend.nominal_stiffness
         data["cartesian_stiffness"] = backend.nominal_cartesian_stiffness
     data["flange"] = robot.model.flange_in_tcp()
+    data["tool_version"] = robot.model.tool.version
     memory.info.publish()

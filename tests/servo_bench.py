@@ -16,7 +16,6 @@ from app.services.motion.execution import MotionService
 from app.services.motion.ownership import Ownership
 from app.services.motion.planning import PlanningService
 from app.services.motion.stopping import StopService
-from app.services.motion.tool_and_limits import RobotSettings
 from app.services.programs.sequences import SequenceService
 from app.services.state.link import RobotLink
 from app.services.streaming.force import ForceService
@@ -45,7 +44,7 @@ class Bench:
         sequences = SequenceService(self.ownership, link, settings.sequences, url, 1.0, tokens)
         self.stopping = StopService(link, self.ownership, sequences)
         self.force = ForceService(robot, link, self.streams, self.stopping, lambda text: None)
-        self.servo = ServoService(robot, link, self.streams, self.force, RobotSettings(robot))
+        self.servo = ServoService(robot, link, self.streams, self.force)
         self._point_id = 0
 
     def set_mode(self, mode: int, **fields: Any) -> None:

@@ -13,6 +13,8 @@ from app.aubo.classes import REGISTRY
 from app.aubo.codes import Code
 from app.aubo.registry import Answer, call
 from app.services.devices.equipment import Equipment
+from cobot.robot.description import RobotDescription
+from cobot.robot.tool import Tool, check_tool
 
 
 class Caller:
@@ -46,6 +48,18 @@ def equipped(**parts: Any) -> Any:
         *(parts.pop(name, None) for name in ("link", "stopping", "speed_override")), simulated=True
     )
     return SimpleNamespace(equipment=equipment, **parts)
+
+
+class ToolHere:
+    """The tool of a robot without processes: checked, and in its model at once."""
+
+    def __init__(self, robot: RobotDescription) -> None:
+        self._model = robot.model
+
+    async def change(self, edit: Callable[[Tool], Tool], name: str) -> None:
+        tool = edit(self._model.tool)
+        check_tool(tool, 14.0, self._model.file_gravity)
+        self._model.carry(tool)
 
 
 async def eventually(condition: Callable[[], Any]) -> Any:

@@ -35,6 +35,8 @@ ROLES: dict[str, Role] = {
     "POST /robot/plan/pose": Role.OPERATOR,
     "POST /robot/plan/joints": Role.OPERATOR,
     "POST /robot/execute": Role.OPERATOR,
+    "GET /robot/tool": Role.OBSERVER,
+    "POST /robot/tool": Role.PROGRAMMER,  # all later motions are planned with it
     "GET /scene": Role.OBSERVER,
     "POST /scene": Role.OPERATOR,
     "POST /robot/reset": Role.OPERATOR,

@@ -38,7 +38,7 @@ def forward_kinematics(robot: Services, q: list[float]) -> Json:
     Returns:
         JSON: [[x, y, z, rx, ry, rz], 0] in the base frame, m and rad.
     """
-    return [numbers_of(robot.settings.tip(_forward(robot, q))), 0]
+    return [numbers_of(_forward(robot, q)), 0]
 
 
 @service("RobotAlgorithm")
@@ -65,7 +65,7 @@ async def inverse_kinematics(robot: Services, qnear: list[float], pose: list[flo
     Returns:
         JSON: [[q1, q2, ...], 0], rad.
     """
-    return [await _inverse(robot, robot.settings.tcp(pose_of(pose)), qnear), 0]
+    return [await _inverse(robot, pose_of(pose), qnear), 0]
 
 
 @service("RobotAlgorithm")
@@ -93,7 +93,7 @@ async def inverse_kinematics_all(robot: Services, pose: list[float]) -> Json:
         JSON: [[[q1, q2, ...], ...], 0], rad: of each branch those nearest to the middle of the limits; with
         seven joints of each interval of the elbow's circle that the limits permit.
     """
-    work = partial(_inverse_all, pose=robot.settings.tcp(pose_of(pose)))
+    work = partial(_inverse_all, pose=pose_of(pose))
     return [[as_list(joints) for joints in await robot.planning.compute(work, TIMEOUT_S)], 0]
 
 

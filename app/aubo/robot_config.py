@@ -8,20 +8,23 @@ service is a function that says what it takes and gives.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from app.aubo.poses import as_list, numbers_of, pose_of, pose_of_seven
 from app.aubo.registry import Json, service
 from cobot.errors import InputError, LimitError, NotSupportedError
+from cobot.robot.frames import rotation_matrix
+from cobot.robot.scene import numbers
+from cobot.robot.tool import Numbers6, Tool, chained, check_gravity, inverse
 from cobot.types import Array, CartesianLimits, JointLimits
 
 if TYPE_CHECKING:
     from app.robot_services import Services
 
 SAME = 1e-3
-"""A gravity or a payload that is so near to the model's is taken for the same, m/s² and kg."""
+"""A gravity that is so near to another one is taken for the same, m/s²."""
 SMALLEST = 1e-3
 """A rate that is set, and the distance of two position limits, is no smaller: nothing could move at all."""
 
@@ -232,26 +235,30 @@ def reset_limits(robot: Services) -> None:
 
 @service("RobotConfig")
 def get_tcp_offset(robot: Services) -> list[float]:
-    """Where the tool's tip is, which all poses of vendor services are about.
+    """Where the tool's tip is, the TCP that all poses are about.
 
     Returns:
-        [x, y, z, rx, ry, rz] in the frame of the model's TCP, m and rad; all 0 when the tip is that TCP.
+        [x, y, z, rx, ry, rz] in the frame of the TCP in the model's file, m and rad; all 0 when it is that.
     """
-    return numbers_of(pose_of_seven(np.array(robot.settings.envelope.tool)))
+    model = robot.robot.model
+    return numbers_of(
+        pose_of_seven(np.array(chained(inverse(model.file_tcp_in_flange), model.tcp_in_flange())))
+    )
 
 
 @service("RobotConfig")
-def set_tcp_offset(robot: Services, offset: list[float]) -> None:
-    """Say where the tool's tip is. Moves that are planned already keep theirs, REST and streams the model's.
+async def set_tcp_offset(robot: Services, offset: list[float]) -> None:
+    """Say where the tool's tip is, for everything, as POST /robot/tool does; kept over restarts. Only while
+    the arm rests and no moves wait.
 
     Args:
-        offset: [x, y, z, rx, ry, rz] in the frame of the model's TCP, m and rad; at most 2 m away.
+        offset: [x, y, z, rx, ry, rz] in the frame of the TCP in the model's file, m and rad; at most 2 m.
     """
-    tool = pose_of(offset, "offset")
-    if np.linalg.norm(tool.position) > 2.0:
-        raise LimitError(f"offset must be at most 2 m away, got {np.linalg.norm(tool.position):.3g} m")
-    values = (*as_list(tool.position), *as_list(tool.quaternion))
-    robot.settings.envelope = replace(robot.settings.envelope, tool=values)
+    tip = pose_of(offset, "offset")
+    if np.linalg.norm(tip.position) > 2.0:
+        raise LimitError(f"offset must be at most 2 m away, got {np.linalg.norm(tip.position):.3g} m")
+    tcp = chained(robot.robot.model.file_tcp_in_flange, numbers(tip)) if any(offset) else None
+    await robot.tool.change(lambda tool: replace(tool, tcp=tcp), "setTcpOffset")
 
 
 @service("RobotConfig")
@@ -265,46 +272,61 @@ def get_gravity(robot: Services) -> list[float]:
 
 
 @service("RobotConfig")
-def set_gravity(robot: Services, gravity: list[float]) -> None:
-    """See that the model has this gravity: it is part of the model, and cannot be changed while the arm runs.
+async def set_gravity(robot: Services, gravity: list[float]) -> None:
+    """Say where down is, for a base that is tilted; kept over restarts. Only while the arm rests. The size of
+    gravity is part of the model's file.
 
     Args:
         gravity: [x, y, z] in the base frame, m/s².
     """
-    present = robot.robot.model.gravity
     if len(gravity) != 3:
         raise InputError(f"gravity must be [x, y, z], got {len(gravity)} numbers")
-    if np.abs(np.array(gravity) - present).max() > SAME:
-        raise NotSupportedError(
-            f"gravity is part of the model's file and stays {as_list(present)} m/s² while the arm runs"
-        )
+    x, y, z = gravity
+    model = robot.robot.model
+    if np.abs(np.array(gravity) - model.gravity).max() <= SAME:
+        return
+    try:
+        check_gravity((x, y, z), model.file_gravity)
+    except LimitError as exc:
+        raise NotSupportedError(str(exc)) from exc
+    as_in_file = bool(np.abs(np.array(gravity) - model.file_gravity).max() <= SAME)
+    down = None if as_in_file else (x, y, z)
+    await robot.tool.change(lambda tool: replace(tool, gravity=down), "setGravity")
 
 
 @service("RobotConfig")
 def get_payload(robot: Services) -> Json:
-    """What is mounted beyond the model.
+    """What is mounted beyond the model's file, tool and load.
 
     Returns:
-        JSON: [mass, centre of gravity, rotation, inertia]: kg; [x, y, z], m; [rx, ry, rz], rad; [xx, xy, xz,
-        yy, yz, zz], kg·m². Always zeros, for a tool is part of the model's file.
+        JSON: [mass, centre of gravity, rotation, inertia]: kg; [x, y, z] in the flange's frame, m; [0, 0, 0],
+        for the inertia is along the flange's axes; [xx, xy, xz, yy, yz, zz] about the centre, kg·m².
     """
-    return [0.0, [0.0] * 3, [0.0] * 3, [0.0] * 6]
+    tool = robot.robot.model.tool
+    return [tool.mass, list(tool.centre), [0.0] * 3, list(tool.inertia or [0.0] * 6)]
 
 
 @service("RobotConfig")
-def set_payload(robot: Services, m: float, cog: list[float], aom: list[float], inertia: list[float]) -> None:
-    """See that nothing is mounted beyond the model: a tool's mass is part of the model's file.
+async def set_payload(
+    robot: Services, m: float, cog: list[float], aom: list[float], inertia: list[float]
+) -> None:
+    """Say what is mounted beyond the model's file, tool and load, as POST /robot/tool does: all later motions
+    are planned with it, and the arm makes up for its weight. Kept over restarts. Only while the arm rests.
 
     Args:
-        m: kg; 0 is the only mass that is possible.
-        cog: [x, y, z], m.
-        aom: [rx, ry, rz], rad.
-        inertia: [xx, xy, xz, yy, yz, zz], kg·m².
+        m: kg, up to robot.max_payload_kg of the settings.
+        cog: [x, y, z] of its centre in the flange's frame, m.
+        aom: [rx, ry, rz] of the inertia's axes in the flange's frame, rad.
+        inertia: [xx, xy, xz, yy, yz, zz] about the centre, kg·m²; all 0 for a point.
     """
-    if abs(m) > SAME:
-        raise NotSupportedError(
-            f"a payload of {m:g} kg belongs into the model's file: it cannot change while it runs"
-        )
+    for name, values, count in (("cog", cog, 3), ("aom", aom, 3), ("inertia", inertia, 6)):
+        if len(values) != count:
+            raise InputError(f"{name} must have {count} numbers, got {len(values)}")
+    matrix = Tool(mass=m, inertia=cast(Numbers6, tuple(inertia))).inertia_matrix
+    turn = rotation_matrix(pose_of([0.0, 0.0, 0.0, *aom], "aom").quaternion)
+    along = as_list((turn @ matrix @ turn.T)[np.triu_indices(3)]) if any(inertia) else None
+    changes = {"mass": m, "centre": tuple(cog), "inertia": None if along is None else tuple(along)}
+    await robot.tool.change(lambda tool: replace(tool, **cast(dict[str, Any], changes)), "setPayload")
 
 
 @service("RobotConfig")

@@ -12,7 +12,7 @@ import numpy as np
 from app.aubo.poses import as_list, numbers_of, pose_of_seven
 from app.aubo.registry import service
 from cobot.ipc.layout import Intervention
-from cobot.types import RESTING, Array, LoopMode
+from cobot.types import RESTING, LoopMode
 
 if TYPE_CHECKING:
     from app.robot_services import Services
@@ -114,7 +114,7 @@ async def get_tcp_pose(robot: Services) -> list[float]:
     Returns:
         [x, y, z, rx, ry, rz] in the base frame, m and rad.
     """
-    return numbers_of(robot.settings.tip(pose_of_seven((await record(robot))["tcp"])))
+    return numbers_of(pose_of_seven((await record(robot))["tcp"]))
 
 
 @service("RobotState")
@@ -125,7 +125,7 @@ async def get_target_tcp_pose(robot: Services) -> list[float]:
         [x, y, z, rx, ry, rz] in the base frame, m and rad.
     """
     joints = (await record(robot))["commanded_position"]
-    return numbers_of(robot.settings.tip(robot.robot.model.forward(joints)))
+    return numbers_of(robot.robot.model.forward(joints))
 
 
 @service("RobotState")
@@ -145,9 +145,7 @@ async def get_tcp_speed(robot: Services) -> list[float]:
     Returns:
         [vx, vy, vz, wx, wy, wz] in the base frame, m/s and rad/s.
     """
-    state = await record(robot)
-    linear, angular = state["tcp_velocity"][:3], state["tcp_velocity"][3:]
-    return as_list(np.concatenate([linear + np.cross(angular, _arm(robot, state)), angular]))
+    return as_list((await record(robot))["tcp_velocity"])
 
 
 @service("RobotState")
@@ -157,9 +155,7 @@ async def get_tcp_force(robot: Services) -> list[float]:
     Returns:
         [fx, fy, fz, tx, ty, tz] in the base frame, N and N·m.
     """
-    state = await record(robot)
-    force, torque = state["wrench"][:3], state["wrench"][3:]
-    return as_list(np.concatenate([force, torque - np.cross(_arm(robot, state), force)]))
+    return as_list((await record(robot))["wrench"])
 
 
 @service("RobotState")
@@ -255,9 +251,3 @@ async def is_within_safety_limits(robot: Services) -> bool:
     limits = robot.robot.limits
     inside = (state.position >= limits.min_position) & (state.position <= limits.max_position)
     return bool(inside.all()) and state.mode not in (LoopMode.FAULT, LoopMode.ESTOP)
-
-
-def _arm(robot: Services, state: np.ndarray) -> Array:
-    """From the model's TCP to the tool's tip, in the base frame, m."""
-    tcp = pose_of_seven(state["tcp"])
-    return robot.settings.tip(tcp).position - tcp.position

@@ -150,6 +150,21 @@ class Client:
         """Run a plan; returns on arrival, raises when it cannot be run any more or is not reached."""
         return self._arrived("/robot/execute", {"plan_id": plan_id})
 
+    def tool(self) -> Json:
+        """What is on the flange: `version`, `name`, `mass`, `centre`, `inertia`, `position` and `quaternion` of
+        the TCP, `shapes`, `gravity`.
+        """
+        return self._json("GET", "/robot/tool")
+
+    def set_tool(self, **changes: Any) -> Json:
+        """Say what is on the flange, while the arm rests; what is not given stays.
+
+        Args:
+            changes: `clear`, `name`, `mass`, `centre`, `inertia`, `tcp`, `shapes`, `gravity`, as in POST
+                /robot/tool.
+        """
+        return self._json("POST", "/robot/tool", json=changes)
+
     def scene(self) -> Json:
         """`version`, `objects`, `frames` and `allowed` pairs."""
         return self._json("GET", "/scene")

@@ -11,7 +11,7 @@ from enum import IntEnum
 import numpy as np
 
 MAGIC = b"COBOTRT\0"
-LAYOUT_VERSION = 6
+LAYOUT_VERSION = 7
 RING = 32
 SLOTS = 2
 LOADED_SEGMENTS = 96
@@ -27,6 +27,7 @@ class Command(IntEnum):
     START = 1  # run the motion in a slot
     SET_RATE = 2  # path time per clock time, 0 (pause) to 1
     RESET = 3  # leave ESTOP or FAULT
+    TOOL = 4  # carry the tool that stands in its block
 
 
 class Ack(IntEnum):
@@ -199,15 +200,36 @@ HEARTBEAT = np.dtype([("pid", "u4"), ("monotonic_ns", "i8")], align=True)
 REQUESTS = np.dtype([("stops", "u8"), ("estops", "u8")], align=True)
 HEAD = np.dtype([("id", "u8")], align=True)
 COMMAND = np.dtype(
-    [("id", "u8"), ("kind", "u4"), ("slot", "u4"), ("motion_id", "u8"), ("stops", "u8"), ("value", "f8")],
+    [
+        ("id", "u8"),
+        ("kind", "u4"),
+        ("slot", "u4"),
+        ("motion_id", "u8"),
+        ("stops", "u8"),
+        ("value", "f8"),
+        ("tool", "u8"),
+    ],
     align=True,
-)  # stops: the count of stop requests that the sender knew of; a START that a stop has overtaken is refused
+)
+"""stops: the count of stop requests that the sender knew of; a START that a stop has overtaken is refused.
+tool: the version that a START was planned with, another one is refused; of a TOOL that in the block."""
+TOOL = np.dtype(
+    [
+        ("version", "u8"),
+        ("mass", "f8"),  # kg
+        ("centre", "f8", (3,)),  # of the mass, m, in the flange's frame
+        ("inertia", "f8", (6,)),  # about it: xx, xy, xz, yy, yz, zz, kg·m²; NaN: a point
+        ("tcp", "f8", (7,)),  # in the flange's frame; NaN: the model's
+        ("gravity", "f8", (3,)),  # in the base frame, m/s²; NaN: the model's
+    ]
+)
+"""As `cobot.robot.tool.Tool`, without name and shapes."""
 SLOT = np.dtype([("motion_id", "u8"), ("segments", "u8"), ("checksum", "u8")], align=True)
 INFO_TEXT = "S64"
 
 
 def info_dtype(dof: int) -> np.dtype:
-    """What rtloop knows of its robot from the beginning."""
+    """What rtloop knows of its robot from the beginning; what hangs on the tool changes with that."""
     joints = ("f8", (dof,))
     return np.dtype(
         [
@@ -223,6 +245,7 @@ def info_dtype(dof: int) -> np.dtype:
             ("stiffness", *joints),  # nominal, N·m/rad; zeros: the drives do not give way
             ("cartesian_stiffness", "f8", (6,)),  # nominal, N/m and N·m/rad
             ("flange", "f8", (7,)),  # in the TCP's frame
+            ("tool_version", "u8"),  # of the tool that it carries
         ]
     )
 

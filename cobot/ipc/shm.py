@@ -11,8 +11,9 @@ A file in /dev/shm, made by the supervisor, mapped by rtloop and by the service:
     outside_stops, outside_estops   anybody adds to them: the same, from those who do without the service
     head        the service writes: the newest command's number
     commands    the service writes: a ring
+    tool        the service writes: what a TOOL command is about
     slots       the service writes: two trajectories
-    info        rtloop writes, at its start: what robot this is
+    info        rtloop writes, at its start and with a new tool: what robot this is
     session_ack rtloop writes: its answer to a session
     session, setpoint, chunk, stream_requests   the streaming client writes
     point_head, points  the streaming client writes: a ring of servo points; what rtloop has not read is
@@ -57,6 +58,7 @@ from cobot.ipc.layout import (
     STATISTICS,
     STREAM_REQUESTS,
     TEXT,
+    TOOL,
     chunk_dtype,
     info_dtype,
     point_dtype,
@@ -161,6 +163,7 @@ class RobotMemory:
         self.outside_stops, self.outside_estops = self._counter(), self._counter()
         self.head = self._block(HEAD, "command head")
         self.commands = [self._block(COMMAND, "command") for _ in range(RING)]
+        self.tool = self._block(TOOL, "tool")
         self._next_page()
         self.slots = [self._slot(capacity) for _ in range(SLOTS)]
         self.info = self._block(info_dtype(self.dof), "robot information")
@@ -405,6 +408,7 @@ def _file_size(dof: int, capacity: int) -> int:
     blocks = (
         sum(Block.size(dtype(dof)) for dtype in dtypes)
         + Block.size(STATISTICS)
+        + Block.size(TOOL)
         + RING * (Block.size(ACK) + Block.size(COMMAND) + 128)
         + POINTS * (Block.size(point_dtype(dof)) + 64)
     )

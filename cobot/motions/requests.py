@@ -40,8 +40,6 @@ Algorithm = Literal[
 """Of planner ompl, by OMPL's names."""
 RRT_CONNECT: Algorithm = "RRTConnect"
 
-NO_TOOL = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-
 
 @dataclass(frozen=True, slots=True)
 class Arc:
@@ -142,15 +140,10 @@ class WaypointRequest:
 
 @dataclass(frozen=True, slots=True)
 class Envelope:
-    """What holds for all motions: the limits, which may be tighter than the robot's, and the tool.
-
-    Attributes:
-        tool: x, y, z in m, then w, x, y, z: the tool's tip in the frame of the model's TCP.
-    """
+    """What holds for all motions: the limits, which may be tighter than the robot's."""
 
     limits: JointLimits
     cartesian: CartesianLimits
-    tool: tuple[float, ...] = NO_TOOL
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,15 +6,13 @@ A motion that is told how fast it may be keeps the robot's limits too: the lower
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 
 from cobot.errors import InputError, LimitError
-from cobot.motions.requests import NO_TOOL, Envelope, MotionRequest, RatedMove
+from cobot.motions.requests import Envelope, MotionRequest, RatedMove
 from cobot.planners import plan
 from cobot.robot.description import RobotDescription
-from cobot.robot.model import RobotModel
 from cobot.trajectory import Trajectory
 from cobot.types import CartesianLimits, JointLimits, PlannerName, Scaling
 
@@ -59,9 +57,8 @@ def plan_rated(robot: RobotDescription, move: RatedMove) -> Trajectory | None:
 
 
 def with_envelope(robot: RobotDescription, envelope: Envelope) -> RobotDescription:
-    """The robot with this tool and these limits."""
-    model = _with_tool(robot.model, envelope.tool)
-    return replace(robot, model=model, limits=envelope.limits, cartesian_limits=envelope.cartesian)
+    """The robot with these limits."""
+    return replace(robot, limits=envelope.limits, cartesian_limits=envelope.cartesian)
 
 
 def slowed_joints(limits: JointLimits, velocity: float, acceleration: float) -> JointLimits:
@@ -80,8 +77,3 @@ def slowed_tcp(limits: CartesianLimits, velocity: float, acceleration: float) ->
     faster = min(1.0, velocity / limits.max_linear_velocity)
     harder = min(1.0, acceleration / limits.max_linear_acceleration)
     return limits.scaled(faster, harder, harder)
-
-
-@lru_cache(maxsize=8)
-def _with_tool(model: RobotModel, tool: tuple[float, ...]) -> RobotModel:
-    return model.with_tool(np.array(tool)) if tool != NO_TOOL else model

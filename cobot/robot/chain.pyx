@@ -43,10 +43,12 @@ cdef class Chain:
         self._c_joints, self._c_pose = doubles(self._joints, self.dof), doubles(self._pose, 7)
         self._c_rotation = doubles(self._rotation, 9)
         self._c_jacobian = doubles(self._jacobian, 6 * self.dof)
-        self._fold(mj, base, site)
+        self.fold(mj, base, site)
 
-    def _fold(self, mj, int base, int site):
-        """Walk from the world to the TCP and keep what is fixed between two joints as one part."""
+    def fold(self, mj, int base, int site):
+        """Walk from the world to the TCP and keep what is fixed between two joints as one part; again when the
+        TCP is elsewhere. Not while anybody computes.
+        """
         self._count = 0
         self.base_rotation, position = _standing(mj, base)
         turn, offset = self.base_rotation.T, -self.base_rotation.T @ position

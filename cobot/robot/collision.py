@@ -14,6 +14,7 @@ from cobot.errors import CollisionError, InputError
 from cobot.robot.clearance import Clearance, bezier
 from cobot.robot.model import RobotModel
 from cobot.robot.scene import Scene
+from cobot.robot.tool import BARE, Tool
 from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array
 
@@ -48,6 +49,7 @@ class CollisionChecker:
         margin_m: what comes nearer counts as a collision.
         clearance: the distances, with the margin as what is required.
         scene: what is around the arm beside its model.
+        tool: whose shapes are on the flange.
     """
 
     def __init__(
@@ -58,31 +60,33 @@ class CollisionChecker:
         self.limits = model.limits
         self.disabled: frozenset[frozenset[str]] = frozenset(disabled)
         self._model = model
+        self.tool = BARE
         self.surround(Scene())
 
-    def surround(self, scene: Scene) -> None:
-        """Have this scene around the arm from now on.
+    def surround(self, scene: Scene, tool: Tool | None = None) -> None:
+        """Have this scene around the arm from now on, and this tool, or the same one, on its flange.
 
         Raises:
             InputError: MuJoCo refuses it; nothing has changed.
         """
-        mj = self._model.among(scene)
-        apart = self.disabled | scene.may_touch()
+        tool = tool or self.tool
+        mj = self._model.among(scene, tool)
+        apart = self.disabled | tool.mounted(scene).may_touch()
         pairs = [pair for pair in geom_pairs(mj) if frozenset(_name(mj, geom) for geom in pair) not in apart]
         self.clearance = Clearance(mj, pairs, RESOLUTION_M)
         self.clearance.require(self.margin_m)
-        self._mj, self.scene = mj, scene
+        self._mj, self.scene, self.tool = mj, scene, tool
         self.pairs = list(self.clearance.pairs)
 
     def take_over(self, other: CollisionChecker) -> None:
-        """Have the scene of another checker of the same arm, and its distances with it: at once."""
+        """Have the scene and the tool of another checker of the same arm, and its distances: at once."""
         self.clearance, self.pairs = other.clearance, other.pairs
-        self._mj, self.scene = other._mj, other.scene
+        self._mj, self.scene, self.tool = other._mj, other.scene, other.tool
 
-    def among(self, scene: Scene) -> CollisionChecker:
-        """Another one, of the same arm in another scene; raises as `surround` does."""
+    def among(self, scene: Scene, tool: Tool | None = None) -> CollisionChecker:
+        """Another one, of the same arm in another scene, or with another tool; raises as `surround` does."""
         other = copy.copy(self)
-        other.surround(scene)
+        other.surround(scene, tool)
         return other
 
     @contextmanager
@@ -120,9 +124,10 @@ class CollisionChecker:
 
     @property
     def body_names(self) -> list[str]:
-        """Of the model and what stands in the world, without the scene's objects."""
+        """Of the model, its tool and what stands in the world, without the scene's objects."""
         geoms = range(self._model.mj.ngeom)
-        return list(dict.fromkeys(_name(self._model.mj, geom) for geom in geoms))
+        names = [_name(self._model.mj, geom) for geom in geoms]
+        return list(dict.fromkeys([*names, *self.tool.shapes]))
 
     def body_name(self, body: int) -> str:
         return str(self._mj.body(body).name)

@@ -18,6 +18,8 @@ from cobot.robot.mujoco cimport (
     mj_fullM,
     mj_kinematics,
     mj_rne,
+    mj_setConst,
+    mjModel,
     model_of,
 )
 
@@ -37,6 +39,10 @@ cdef class Dynamics:
     def __dealloc__(self):
         if self._data != NULL:
             mj_deleteData(self._data)
+
+    def settle(self):
+        """Have the model's constants follow its masses, once these have changed. Some 10 µs."""
+        mj_setConst(<mjModel*>self._model, self._data)
 
     cdef void c_mass_matrix(self, const double* joints, double* full) noexcept nogil:
         """Joint-space inertia, dof × dof, kg·m², the drives' inertia (armature) included."""

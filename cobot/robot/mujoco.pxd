@@ -167,6 +167,7 @@ cdef extern from "mujoco/mujoco.h" nogil:
     void mj_deleteModel(mjModel* m)
     mjData* mj_makeData(const mjModel* m)
     mjData* mj_copyData(mjData* dest, const mjModel* m, const mjData* src)
+    void mj_setConst(mjModel* m, mjData* d)
     void mj_resetData(const mjModel* m, mjData* d)
     void mj_deleteData(mjData* d)
 

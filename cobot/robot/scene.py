@@ -5,8 +5,6 @@ The file is replaced as a whole, so that whoever is killed while writing leaves 
 
 from __future__ import annotations
 
-import contextlib
-import os
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, cast
@@ -16,7 +14,8 @@ import numpy as np
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
-from cobot.errors import ConfigError, InputError, UnavailableError, exhausted
+from cobot.errors import ConfigError, InputError, exhausted
+from cobot.robot.kept import keep
 from cobot.strict import sentences
 from cobot.types import Pose
 
@@ -111,30 +110,7 @@ class SceneFile:
         Raises:
             UnavailableError: there is no room or no permission; the old one is there as it was.
         """
-        new = self.path.with_name(f"{self.path.name}.new")
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            with new.open("wb") as file:
-                file.write(_FILE.dump_json(scene, indent=1))
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(new, self.path)
-            _settle(self.path.parent)
-        except OSError as exc:
-            with contextlib.suppress(OSError):
-                new.unlink(missing_ok=True)
-            raise exhausted(exc) or UnavailableError(
-                f"{self.path}: cannot be written: {exc.strerror}; the scene is as it was"
-            ) from exc
-
-
-def _settle(folder: Path) -> None:
-    """Have a folder's entries on the disk too."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+        keep(self.path, _FILE.dump_json(scene, indent=1), "the scene")
 
 
 def numbers(pose: Pose) -> Numbers7:

@@ -9,6 +9,7 @@ from typing import Protocol, runtime_checkable
 from cobot.config import Settings
 from cobot.errors import ConfigError
 from cobot.robot import mujoco_library as mujoco_library
+from cobot.robot.tool import Tool
 from cobot.types import Array, JointLimits
 from rtloop.backends.compiled import JOINT_ROWS, Measured
 
@@ -16,6 +17,7 @@ __all__ = [
     "JOINT_ROWS",
     "Backend",
     "BackendError",
+    "CarriesTool",
     "Impedance",
     "ImpedanceControlled",
     "Measured",
@@ -90,6 +92,20 @@ class ImpedanceControlled(Protocol):
 
     def set_impedance(self, impedance: Impedance | None) -> None:
         """From the next cycle on; None for position control. Real-time safe."""
+        ...
+
+
+@runtime_checkable
+class CarriesTool(Protocol):
+    """A backend whose drives have to know what they carry, as those that make up for gravity themselves."""
+
+    def set_tool(self, tool: Tool) -> None:
+        """From the next cycle on. Called before `open`, if there is a tool then, and while the arm rests: it
+        may take some cycles, and the arm must not move.
+
+        Raises:
+            BackendError: the robot cannot carry it; nothing has changed.
+        """
         ...
 
 

@@ -9,6 +9,7 @@ cdef class MujocoBackend(CompiledBackend):
     cdef int _tcp, _tcp_body
     cdef const mjModel* _c_model
     cdef mjData* _c_data
+    cdef object _robot
     cdef readonly object _model, _data, _position
     cdef readonly object nominal_stiffness, nominal_cartesian_stiffness
     cdef double _base_rotation[9]

@@ -1,6 +1,7 @@
 import mujoco
 
 from cobot.config import Settings
+from cobot.robot.tool import Tool
 from cobot.types import Array, JointLimits
 from rtloop.backends import Impedance, Measured
 from rtloop.backends.compiled import CompiledBackend
@@ -38,6 +39,7 @@ class MujocoBackend(CompiledBackend):
     def enable(self) -> None:
         """The simulated drives are always on, but for a fault of theirs."""
 
+    def set_tool(self, tool: Tool) -> None: ...
     def set_impedance(self, impedance: Impedance | None) -> None: ...
     def read(self, measured: Measured) -> None: ...
     def write(self, command: Array) -> None: ...

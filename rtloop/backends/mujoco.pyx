@@ -24,6 +24,7 @@ from rtloop.backends.observer cimport Observer
 from rtloop.backends.springs cimport Springs
 
 from cobot.robot.model import RobotModel
+from cobot.robot.tool import BARE
 from rtloop.backends import BackendError
 
 # Each joint has this frequency about its inertia at the start. 60 rad/s gives some 5000 N·m/rad in the large
@@ -45,6 +46,7 @@ cdef class MujocoBackend(CompiledBackend):
         names = settings.robot
         robot = RobotModel.load(names.model, limits, base=names.base_frame, tcp=names.tcp)
         self._dof = dof
+        self._robot = robot
         self._model = robot.mj
         self._model.opt.timestep = settings.rt.period_s
         self._model.actuator_ctrlrange[:] = np.stack([-limits.max_effort, limits.max_effort], axis=1)
@@ -78,6 +80,9 @@ cdef class MujocoBackend(CompiledBackend):
 
     def open(self, initial_position: object) -> None:
         cdef int i
+        tool = self._robot.tool
+        if tool.version:  # the drives are as stiff with a load as without
+            self._robot.carry(BARE)
         self._position[:] = initial_position
         self._data.qvel[:] = 0.0
         mujoco.mj_forward(self._model, self._data)
@@ -88,6 +93,9 @@ cdef class MujocoBackend(CompiledBackend):
             self._damping[i] = inertia[i, i] * 2.0 * DAMPING_RATIO * NATURAL_FREQUENCY_RAD_S
             self._command[i] = self._position[i]
             self._command[self._dof + i] = self._command[2 * self._dof + i] = 0.0
+        if tool.version:
+            self._robot.carry(tool)
+            mujoco.mj_forward(self._model, self._data)
         self._data.ctrl[:] = self._data.qfrc_bias
         mujoco.mj_forward(self._model, self._data)
         self._transition[:] = 0.0
@@ -100,6 +108,12 @@ cdef class MujocoBackend(CompiledBackend):
     def enable(self) -> None:
         if self._drive_fault:
             raise BackendError(self._drive_fault)
+
+    def set_tool(self, tool: object) -> None:
+        # Torque and motion of the next step follow from the same masses: the arm stays where it is.
+        self._robot.carry(tool)
+        mujoco.mj_kinematics(self._model, self._data)
+        self._find_sensors()
 
     def set_impedance(self, impedance: object) -> None:
         # The torque stays what it is: the difference of the springs, and of what is commanded next, goes into

@@ -49,7 +49,7 @@ OPERATIONS = {
     ("get", "/metrics"),
     ("post", "/admin/reload"),
 }
-SCENE = {("get", "/scene"), ("post", "/scene")}
+SCENE = {(method, path) for path in ("/scene", "/robot/tool") for method in ("get", "post")}
 
 
 def joints(http: httpx.Client) -> list[float]:

@@ -15,6 +15,7 @@ from app.services.motion.planning_tasks import PlanRequest, in_scene, planned
 from cobot.errors import PlanningError, PlanningTimeout
 from cobot.robot.description import RobotDescription
 from cobot.robot.scene import Scene
+from cobot.robot.tool import BARE
 from cobot.trajectory import Trajectory
 
 POLL_S = 0.02
@@ -57,9 +58,11 @@ class PlanningService:
 
     Attributes:
         scene: what everything is planned in.
+        tool: what everything is planned with.
     """
 
     scene = Scene()
+    tool = BARE
 
     def __init__(self, config: Path | None, workers: int, robot: str | None = None) -> None:
         chosen = {"--config": config, "--robot": robot}
@@ -109,15 +112,17 @@ class PlanningService:
             CobotError: what the function raises.
         """
         while True:
-            scene = self.scene
+            scene, tool = self.scene, self.tool
             found = await self._computed(self.placed(work), timeout_s)
-            if scene is self.scene:
+            if scene is self.scene and tool is self.tool:
                 return found
-            log.info("the scene has changed meanwhile: what was planned in it is planned again")
+            log.info("the scene or the tool has changed meanwhile: what was planned is planned again")
 
     def placed(self, work: Callable[[RobotDescription], Result]) -> Callable[[RobotDescription], Result]:
-        """The same, in the scene."""
-        return partial(in_scene, scene=self.scene, work=work) if self.scene.version else work
+        """The same, in the scene and with the tool."""
+        if not self.scene.version and not self.tool.version:
+            return work
+        return partial(in_scene, scene=self.scene, tool=self.tool, work=work)
 
     async def _computed(self, work: Callable[[RobotDescription], Result], timeout_s: float) -> Result:
         for left in reversed(range(ATTEMPTS)):

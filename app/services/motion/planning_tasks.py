@@ -12,6 +12,7 @@ from cobot.motions.forecast import Forecast
 from cobot.motions.requests import Blended, Envelope, MotionRequest, RatedMove, WaypointRequest
 from cobot.robot.description import RobotDescription
 from cobot.robot.scene import Scene
+from cobot.robot.tool import Tool
 from cobot.trajectory import Trajectory
 
 Result = TypeVar("Result")
@@ -30,10 +31,17 @@ def planned(robot: RobotDescription, request: PlanRequest) -> Trajectory | None:
     return plan_rated(robot, request)
 
 
-def in_scene(robot: RobotDescription, scene: Scene, work: Callable[[RobotDescription], Result]) -> Result:
-    """Some work of a robot in a scene, which comes along: a process that has just begun knows none."""
-    if robot.collision.scene.version != scene.version:
-        robot.collision.surround(scene)
+def in_scene(
+    robot: RobotDescription, scene: Scene, tool: Tool, work: Callable[[RobotDescription], Result]
+) -> Result:
+    """Some work of a robot in a scene with a tool, which come along: a process that has just begun knows
+    neither.
+    """
+    if robot.model.tool.version != tool.version:
+        robot.model.carry(tool)
+    checker = robot.collision
+    if (checker.scene.version, checker.tool.version) != (scene.version, tool.version):
+        checker.surround(scene, tool)
     return work(robot)
 
 

@@ -37,6 +37,7 @@ class Plan:
         limits: of the joints, as they were when it was made.
         made_s: when that was, on the service's clock.
         scene: the version of the scene that it was made for.
+        tool: that of the tool.
     """
 
     plan_id: str
@@ -45,6 +46,7 @@ class Plan:
     limits: JointLimits
     made_s: float
     scene: int = 0
+    tool: int = 0
 
 
 class PlanService:
@@ -89,7 +91,8 @@ class PlanService:
         except TimeoutError as exc:
             raise PlanningTimeout(f"not planned within {timeout_s:g} s") from exc
         scene = self._robot.collision.scene.version
-        plan = Plan(secrets.token_hex(8), begin, found, limits, self._clock.now_s(), scene)
+        tool = self._robot.model.tool.version
+        plan = Plan(secrets.token_hex(8), begin, found, limits, self._clock.now_s(), scene, tool)
         self._plans[plan.plan_id] = plan
         self._forget()
         return plan
@@ -120,12 +123,15 @@ class PlanService:
                     f"plan {plan.plan_id}: {item.name} of {name} was {before[joint]:g} when it was "
                     f"made and is {now[joint]:g} now; allowed is no difference; plan again"
                 )
-        now_version = self._robot.collision.scene.version
-        if plan.scene != now_version:
-            raise ConflictError(
-                f"plan {plan.plan_id}: the scene had version {plan.scene} when it was made and has version "
-                f"{now_version} now; plan again"
-            )
+        for what, before, now in (
+            ("scene", plan.scene, self._robot.collision.scene.version),
+            ("tool", plan.tool, self._robot.model.tool.version),
+        ):
+            if before != now:
+                raise ConflictError(
+                    f"plan {plan.plan_id}: the {what} had version {before} when it was made and has version "
+                    f"{now} now; plan again"
+                )
         off = joints - plan.start
         worst = int(np.abs(off).argmax())
         if abs(off[worst]) > START_TOLERANCE_RAD:

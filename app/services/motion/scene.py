@@ -50,6 +50,9 @@ class Changed:
 class SceneService:
     """Changes come one after the other. Each is on the disk before it counts, and counts before its answer.
 
+    Attributes:
+        turn: held by who changes what the collision checker knows.
+
     Raises:
         ConfigError: the file is no scene.
     """
@@ -69,7 +72,7 @@ class SceneService:
         self._planning = planning
         self._stopping = stopping
         self._file = file
-        self._turn = asyncio.Lock()
+        self.turn = asyncio.Lock()
         self._model_names = robot.model.frame_names | {robot.base_frame, "tool"}
         scene = file.read()
         if scene.version:
@@ -140,7 +143,7 @@ class SceneService:
             ConflictError: something is attached already, or not; or the arm moves.
             UnavailableError: the file cannot be written, or the robot does not answer.
         """
-        async with self._turn:
+        async with self.turn:
             state = await self._link.fresh_state(STATE_TIMEOUT_S)
             if moves_hand and state.mode not in RESTING:
                 raise ConflictError(
@@ -194,6 +197,8 @@ class SceneService:
         return numbers(self._motion.placed(_pose(pose), frame))
 
     def _require_own_name(self, name: str) -> None:
+        if name in self._robot.collision.tool.shapes:
+            raise InputError(f"name: {shown(name)} is a shape of the tool; take another one")
         if name in self._model_names:
             raise InputError(f"name: {shown(name)} is a body, site or frame of the robot; take another one")
 

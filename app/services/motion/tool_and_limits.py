@@ -9,11 +9,11 @@ import numpy as np
 from cobot.motions.requests import Envelope
 from cobot.robot import quaternion
 from cobot.robot.description import RobotDescription
-from cobot.types import Array, Pose
+from cobot.types import Pose
 
 
 class RobotSettings:
-    """Tool and limits of one robot's vendor services; back to the configuration's with each start.
+    """Limits of one robot's vendor services, back to the configuration's with each start; and its flange.
 
     Attributes:
         envelope: what the motion queue plans with. Moves that are planned already keep theirs.
@@ -22,33 +22,23 @@ class RobotSettings:
     def __init__(self, robot: RobotDescription) -> None:
         self.envelope = Envelope(robot.limits, robot.cartesian_limits)
         self._robot = robot
-        flange = robot.model.flange_in_tcp()
-        self._flange = Pose(flange[:3], flange[3:])
 
     def restore_limits(self) -> None:
         """Go back to the joint limits of the configuration."""
         self.envelope = replace(self.envelope, limits=self._robot.limits)
 
-    def tip(self, tcp: Pose) -> Pose:
-        """The tool's tip, for a pose of the model's TCP."""
-        return compose(tcp, self._tool)
-
-    def tcp(self, tip: Pose) -> Pose:
-        """The model's TCP, for a pose of the tool's tip."""
-        return compose(tip, inverted(self._tool))
-
     def flange(self, tcp: Pose) -> Pose:
-        """The flange, for a pose of the model's TCP."""
+        """The flange, for a pose of the TCP."""
         return compose(tcp, self._flange)
 
     def tcp_of_flange(self, flange: Pose) -> Pose:
-        """The model's TCP, for a pose of the flange."""
+        """The TCP, for a pose of the flange."""
         return compose(flange, inverted(self._flange))
 
     @property
-    def _tool(self) -> Pose:
-        tool: Array = np.array(self.envelope.tool)
-        return Pose(tool[:3], tool[3:])
+    def _flange(self) -> Pose:
+        flange = self._robot.model.flange_in_tcp()
+        return Pose(flange[:3], flange[3:])
 
 
 def compose(first: Pose, second: Pose) -> Pose:

@@ -26,6 +26,8 @@ from cobot.errors import (
 )
 from cobot.ipc.layout import LOADED_SEGMENTS, RING, SLOTS, Ack, Command, MotionResult, text
 from cobot.ipc.shm import MemoryRole, RobotMemory
+from cobot.ipc.tool_record import fill
+from cobot.robot.tool import Tool
 from cobot.trajectory import Trajectory
 from cobot.types import LoopMode
 
@@ -274,11 +276,12 @@ class RobotLink:
         self.memory.requests.data["estops"] += 1
         self.memory.requests.publish()
 
-    async def start(self, trajectory: Trajectory, stops: int) -> int:
+    async def start(self, trajectory: Trajectory, stops: int, tool: int = 0) -> int:
         """Hand a motion over and have it started.
 
         Args:
             stops: `stops` as it was when the motion was asked for.
+            tool: the version of the tool that it was planned with.
 
         Returns:
             The motion's number.
@@ -305,6 +308,7 @@ class RobotLink:
                     slot=number,
                     motion_id=motion_id,
                     stops=stops,
+                    tool=tool,
                     timeout_s=ACKNOWLEDGE_S + loading_s(trajectory.segments, self.memory.period_s),
                 )
             except CobotError:
@@ -321,6 +325,25 @@ class RobotLink:
         """
         async with self._command_turn:
             await self._send(Command.SET_RATE, stops=self.stops, value=rate)
+
+    async def set_tool(self, tool: Tool) -> None:
+        """Have rtloop, and the simulation, carry this tool from now on.
+
+        Raises:
+            ExecutionError: rtloop refuses it, with its reason: the arm moves.
+            UnavailableError: rtloop does not answer.
+        """
+        async with self._command_turn:
+            fill(self.memory.tool.data, tool)
+            self.memory.tool.publish()
+            await self._send(Command.TOOL, stops=self.stops, tool=tool.version)
+
+    @property
+    def tool_version(self) -> int | None:
+        """Of the tool that rtloop carries; None if that cannot be read."""
+        if self.memory.info.sequence == 0 or not self.memory.info.try_read():
+            return None
+        return int(self.memory.info.data["tool_version"])
 
     async def reset(self, timeout_s: float) -> None:
         """Leave ESTOP or FAULT. What was asked for before, and waits for something, moves nothing any more.
@@ -349,6 +372,7 @@ class RobotLink:
         slot: int = 0,
         motion_id: int = 0,
         value: float = 0.0,
+        tool: int = 0,
         timeout_s: float = ACKNOWLEDGE_S,
     ) -> None:
         """Have a command carried out, now or never: rtloop refuses one that a stop has overtaken."""
@@ -360,6 +384,7 @@ class RobotLink:
         command.data["motion_id"] = motion_id
         command.data["stops"] = stops
         command.data["value"] = value
+        command.data["tool"] = tool
         command.publish()
         self.memory.head.data["id"] = number
         self.memory.head.publish()

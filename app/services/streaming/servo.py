@@ -11,7 +11,6 @@ import contextlib
 from collections.abc import Sequence
 from typing import Any
 
-from app.services.motion.tool_and_limits import RobotSettings
 from app.services.state.link import RobotLink
 from app.services.streaming.force import ForceService
 from app.services.streaming.servo_points import PointInverse, ServoPoints
@@ -39,14 +38,13 @@ class ServoService:
         link: RobotLink,
         streams: StreamService,
         force: ForceService,
-        settings: RobotSettings,
     ) -> None:
         self._robot = robot
         limits = robot.limits
         self.rules = ServoRules(limits.min_position.tolist(), limits.max_position.tolist(), streams.period_s)
         self._link = link
         self._streams = streams
-        inverse = PointInverse(robot, link, settings)
+        inverse = PointInverse(robot, link)
         self._points = ServoPoints(link, self.rules, inverse, ServoWrench(force, link.memory.dof))
         self._sessions = ServoSessions(link, streams, force, self.rules, self._points, inverse)
 

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from app.services.motion.tool_and_limits import RobotSettings
 from app.services.state.link import RobotLink
 from app.services.streaming.servo_wrench import ServoWrench
 from app.services.streaming.sessions import Session
@@ -30,10 +29,9 @@ of points out of reach must not keep the service busy."""
 class PointInverse:
     """Joint angles of points, each the nearest to those of the point before."""
 
-    def __init__(self, robot: RobotDescription, link: RobotLink, settings: RobotSettings) -> None:
+    def __init__(self, robot: RobotDescription, link: RobotLink) -> None:
         self._robot = robot
         self._link = link
-        self._settings = settings
         self._before: Array | None = None
         self._not_before_s = 0.0
 
@@ -61,7 +59,7 @@ class PointInverse:
         x, y, z, rx, ry, rz = point.position
         try:
             near = self._link.state().commanded_position if self._before is None else self._before
-            pose = self._settings.tcp(pose_from_abc(x, y, z, rz, ry, rx))
+            pose = pose_from_abc(x, y, z, rz, ry, rx)
             joints: list[float] = continued(self._robot.model, pose, near).tolist()
             return joints
         except CobotError as exc:

@@ -31,7 +31,6 @@ from app.graph.actions import GoalStatus, Rejected
 from app.services.motion.execution import MotionService
 from app.services.motion.ownership import Caller, Ownership
 from app.services.motion.planning import PlanningService
-from app.services.motion.tool_and_limits import RobotSettings
 from app.services.state.link import RobotLink
 from app.services.streaming.servo import ServoService
 from app.services.streaming.sessions import StreamService
@@ -291,7 +290,7 @@ class Stand:
         info["min_position"], info["max_position"] = rig.limits.min_position, rig.limits.max_position
         # No mode with force control in here.
         self.force = SimpleNamespace(settings=None, take_back=lambda: asyncio.sleep(0))
-        self.servo = ServoService(robot, self.link, self.streams, self.force, RobotSettings(robot))  # type: ignore[arg-type]
+        self.servo = ServoService(robot, self.link, self.streams, self.force)  # type: ignore[arg-type]
         ros = settings.ros.model_copy(update={"enable_fjt_action": True})
         self.action = FollowJointTrajectory(
             robot,

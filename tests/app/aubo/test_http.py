@@ -15,9 +15,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from second_opinion import second_robot
+from tools import loaded
 from virtual import VirtualService, virtual_service
 
 from app.aubo.codes import Code
+from cobot.robot.tool import Tool
 
 IDLE = -1
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
@@ -89,7 +91,8 @@ def robot(service: VirtualService) -> Iterator[Robot]:
     robot = Robot(service)
     yield robot
     robot("RobotConfig", "resetLimits")
-    robot("RobotConfig", "setTcpOffset", offset=[0.0] * 6)
+    robot.http.post("/stop").raise_for_status()
+    robot.http.post("/robot/tool", {"clear": True}).raise_for_status()
     robot("MotionControl", "setSpeedFraction", fraction=1.0)
     robot.http.post("/stop").raise_for_status()
 
@@ -400,6 +403,23 @@ def test_poses_are_those_of_the_tool(robot: Robot) -> None:
     np.testing.assert_allclose(robot("RobotState", "getToolPose")[:3], place, atol=1e-3)
     reached = Rotation.from_matrix(turn) * Rotation.from_euler("xyz", offset[3:])
     assert (reached.inv() * Rotation.from_euler("xyz", goal[3:])).magnitude() < 5e-3
+
+
+def test_vendor_payload_is_the_tool_and_really_weighs(robot: Robot) -> None:
+    before, joints = np.array(robot("RobotState", "getJointTorques")), np.array(robot.joints)
+    point = {"cog": [0.02, -0.05, 0.12], "aom": [0.0] * 3, "inertia": [0.0] * 6}
+    robot("RobotConfig", "setPayload", m=10.0, **point)
+    assert robot.http.get("/robot/tool").json()["mass"] == 10.0
+    robot.http.sleep(0.3)
+    load = Tool(mass=10.0, centre=(0.02, -0.05, 0.12))
+    expected = loaded(load).gravity(joints) - second_robot().gravity(joints)
+    np.testing.assert_allclose(np.array(robot("RobotState", "getJointTorques")) - before, expected, atol=0.1)
+    assert np.abs(expected).max() > 10.0
+    robot("MotionControl", "moveJoint", q=moved(HOME, j1=0.3), v=0.2)
+    robot.fails(Code.CONFLICT, "RobotConfig", "setPayload", m=5.0, **point)
+    robot("RobotConfig", "setPayload", m=10.0, **point)  # as it is: no change
+    robot.done()
+    assert robot.http.get("/robot/tool").json()["mass"] == 10.0
 
 
 def test_tightened_limits_are_kept_by_moves(robot: Robot) -> None:

@@ -6,7 +6,7 @@ Oracle: pinocchio; scipy's Rotation.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from second_opinion import second_robot
-from vendor_calls import Caller, run
+from vendor_calls import Caller, ToolHere, run
 
 from app.aubo.codes import Code
 from app.services.motion.tool_and_limits import RobotSettings
 from cobot.robot.description import RobotDescription
+from cobot.robot.tool import BARE
 from cobot.types import Array
 
 RANDOM = np.random.default_rng(44)
@@ -37,13 +38,15 @@ class Workers:
 
 
 @pytest.fixture
-def services(robot: RobotDescription) -> Any:
-    return SimpleNamespace(
+def services(robot: RobotDescription) -> Iterator[Any]:
+    yield SimpleNamespace(
         robot=robot,
         settings=RobotSettings(robot),
         planning=Workers(robot),
         streams=SimpleNamespace(period_s=0.001),
+        tool=ToolHere(robot),
     )
+    robot.model.carry(BARE)
 
 
 def joints(robot: RobotDescription, share: float = 0.6) -> Array:

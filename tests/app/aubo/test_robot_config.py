@@ -6,18 +6,22 @@ Oracle: joint_limits.yaml and cobot-setting.yaml as PyYAML reads them; the MJCF 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from scipy.spatial.transform import Rotation
 from second_opinion import LIMITS, mjcf_root
-from vendor_calls import Caller, run
+from tools import AXES, INERTIA, TILTED, loaded
+from vendor_calls import Caller, ToolHere, run
 
 from app.aubo.codes import Code
 from app.services.motion.tool_and_limits import RobotSettings
 from cobot.robot.description import RobotDescription
+from cobot.robot.tool import BARE, Tool
 
 ROWS = yaml.safe_load(LIMITS.read_text(encoding="utf-8"))["joint_limits"]
 PLANNING = yaml.safe_load(LIMITS.with_name("cobot-setting.yaml").read_text(encoding="utf-8"))["planning"]
@@ -28,11 +32,15 @@ def column(name: str) -> list[float]:
 
 
 @pytest.fixture
-def ask(robot: RobotDescription) -> Caller:
+def ask(robot: RobotDescription) -> Iterator[Caller]:
     services: Any = SimpleNamespace(
-        robot=robot, settings=RobotSettings(robot), streams=SimpleNamespace(period_s=0.001)
+        robot=robot,
+        settings=RobotSettings(robot),
+        streams=SimpleNamespace(period_s=0.001),
+        tool=ToolHere(robot),
     )
-    return Caller(services, "RobotConfig")
+    yield Caller(services, "RobotConfig")
+    robot.model.carry(BARE)
 
 
 def test_what_the_arm_is(ask: Caller) -> None:
@@ -122,7 +130,7 @@ def test_the_tool_is_what_was_set(ask: Caller) -> None:
     run(check())
 
 
-def test_what_the_model_alone_decides_is_answered_and_never_changed(ask: Caller) -> None:
+def test_the_size_of_gravity_and_the_collision_level_are_answered_and_never_changed(ask: Caller) -> None:
     async def check() -> None:
         option = mjcf_root().find("option")
         text = "0 0 -9.81" if option is None else option.get("gravity", "0 0 -9.81")
@@ -135,9 +143,49 @@ def test_what_the_model_alone_decides_is_answered_and_never_changed(ask: Caller)
         assert json.loads(await ask("getPayload")) == [0.0, [0.0] * 3, [0.0] * 3, [0.0] * 6]
         nothing: dict[str, Any] = {"cog": [0.0] * 3, "aom": [0.0] * 3, "inertia": [0.0] * 6}
         assert await ask("setPayload", m=0.0, **nothing) == 0
-        await ask.fails("setPayload", Code.NOT_SUPPORTED, m=1.5, **nothing)
         assert await ask("getCollisionLevel") == 0
         assert await ask("setCollisionLevel", level=0) == 0
         await ask.fails("setCollisionLevel", Code.NOT_SUPPORTED, level=5)
+
+    run(check())
+
+
+def test_gravity_of_a_tilted_base_is_that_of_pinocchio(ask: Caller, robot: RobotDescription) -> None:
+    async def check() -> None:
+        joints = np.array([0.3, 0.5, -0.2, -1.0, 0.4, 0.9, 0.1])
+        assert await ask("setGravity", gravity=list(TILTED)) == 0
+        np.testing.assert_allclose(await ask("getGravity"), TILTED, atol=1e-9)
+        expected = loaded(Tool(gravity=TILTED)).gravity(joints)
+        np.testing.assert_allclose(robot.model.gravity_torques(joints), expected, atol=1e-9)
+        assert await ask("setGravity", gravity=[0.0, 0.0, -9.81]) == 0
+        assert robot.model.tool.gravity is None
+
+    run(check())
+
+
+def test_a_payload_is_what_was_set_and_weighs_as_in_pinocchio(ask: Caller, robot: RobotDescription) -> None:
+    async def check() -> None:
+        joints = np.array([0.3, 0.5, -0.2, -1.0, 0.4, 0.9, 0.1])
+        moments, axes = np.linalg.eigh(AXES)
+        axes[:, 0] *= np.linalg.det(axes)
+        aom = Rotation.from_matrix(axes).as_euler("xyz").tolist()
+        diagonal = [moments[0], 0.0, 0.0, moments[1], 0.0, moments[2]]
+        centre = [0.02, -0.05, 0.12]
+        assert await ask("setPayload", m=10.0, cog=centre, aom=aom, inertia=diagonal) == 0
+        mass, cog, turn, inertia = json.loads(await ask("getPayload"))
+        assert (mass, cog, turn) == (10.0, centre, [0.0] * 3)
+        np.testing.assert_allclose(inertia, INERTIA, atol=1e-12)
+        other = loaded(Tool(mass=10.0, centre=(0.02, -0.05, 0.12), inertia=INERTIA))
+        np.testing.assert_allclose(robot.model.gravity_torques(joints), other.gravity(joints), atol=1e-9)
+        np.testing.assert_allclose(robot.model.mass_matrix(joints), other.mass_matrix(joints), atol=1e-9)
+        point: dict[str, Any] = {"cog": [0.0] * 3, "aom": [0.0] * 3, "inertia": [0.0] * 6}
+        assert "14 kg" in await ask.fails("setPayload", Code.LIMIT, m=15.0, **point)
+        await ask.fails("setPayload", Code.LIMIT, m=-1.0, **point)
+        await ask.fails("setPayload", Code.INPUT, m=1.0, **(point | {"cog": [0.0]}))
+        wrong = point | {"inertia": [0.1, 0.0, 0.0, 0.1, 0.0, 0.3]}
+        assert "no body has it" in await ask.fails("setPayload", Code.INPUT, m=1.0, **wrong)
+        assert json.loads(await ask("getPayload"))[0] == 10.0
+        assert await ask("setPayload", m=0.0, **point) == 0
+        assert json.loads(await ask("getPayload")) == [0.0, [0.0] * 3, [0.0] * 3, [0.0] * 6]
 
     run(check())

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from second_opinion import (
+    MJCF,
     Contacts,
     changed_world,
     largest_rates,
@@ -27,6 +28,8 @@ from cobot.motions.requests import Blended, Envelope, RatedMove
 from cobot.planners.blend import blend
 from cobot.planners.rated import plan_rated
 from cobot.robot.description import RobotDescription
+from cobot.robot.model import RobotModel
+from cobot.robot.tool import Tool
 from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName, Pose
 
@@ -148,8 +151,10 @@ def test_a_tool_goes_along_the_line_and_not_the_tcp(
     tip = place + turn @ offset
     goal = Rotation.from_rotvec([0.4, 0.0, 0.0]) * Rotation.from_matrix(turn) * tilt
     pose = Pose(tip + np.array([0.0, 0.1, 0.0]), goal.as_quat(scalar_first=True))
-    held = replace(envelope, tool=tuple(map(float, tool)))
-    motion = planned(robot, RatedMove(home, pose, PlannerName.LIN, 0.2, 1.0, held))
+    model = RobotModel.load(MJCF, robot.limits)
+    model.carry(Tool(tcp=(tool[0], tool[1], tool[2], *map(float, tool[3:]))))
+    held = replace(robot, model=model)
+    motion = planned(held, RatedMove(home, pose, PlannerName.LIN, 0.2, 1.0, envelope))
     places, turns = second_robot().path(motion.sample(np.linspace(0.0, motion.duration_s, 100)))
     tips = places + turns.apply(offset)
     assert np.abs(tips[:, [0, 2]] - tip[[0, 2]]).max() < 2e-4

@@ -12,11 +12,13 @@ import numpy as np
 import pinocchio
 import pytest
 from samples import samples
+from second_opinion import MJCF
 
 from cobot.errors import ConfigError, InputError
 from cobot.robot.chain import Chain
 from cobot.robot.description import RobotDescription
 from cobot.robot.model import RobotModel
+from cobot.robot.tool import Tool
 from cobot.types import Array, JointLimits
 
 SEEDS = range(20)
@@ -165,8 +167,8 @@ def test_random_urdf_arms_are_those_of_pinocchio(seed: int, tmp_path: Path) -> N
 
 
 def test_a_tool_is_as_mujoco_has_it(robot: RobotDescription) -> None:
-    tool = np.array([0.1, -0.2, 0.3, 0.5, 0.5, -0.5, 0.5])
-    model = robot.model.with_tool(tool)
+    model = RobotModel.load(MJCF, robot.limits)
+    model.carry(Tool(tcp=(0.1, -0.2, 0.3, 0.5, 0.5, -0.5, 0.5)))
     check_against_mujoco(model.mj, np.random.default_rng(2).uniform(-3.0, 3.0, (500, 7)))
 
 

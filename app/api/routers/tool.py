@@ -1,0 +1,100 @@
+"""What is on the flange."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, cast
+
+from fastapi import APIRouter, Depends, Request
+
+from app.api.dependencies import Call, CobotRoute, json_body
+from app.api.errors import responses
+from app.api.scene_schemas import ObjectAnswer
+from app.api.tool_schemas import ChangeTool, ToolAnswer, ToolShape, ToolTip
+from app.services.motion.tool import Edit
+from cobot.robot.frames import pose_from_abc
+from cobot.robot.model import RobotModel
+from cobot.robot.scene import Numbers7, SceneObject, numbers
+from cobot.robot.tool import BARE, Tool
+
+router = APIRouter(prefix="/robot/tool", tags=["robot"], route_class=CobotRoute)
+
+
+@router.get("")
+async def tool(request: Request) -> ToolAnswer:
+    """What is on the flange: mass, TCP, shapes."""
+    return _answer(Call(request).services.robot.model, [])
+
+
+@router.post("", responses=responses(409, 413, 415, 422, 503), dependencies=[Depends(json_body)])
+async def change_tool(body: ChangeTool, request: Request) -> ToolAnswer:
+    """Say what is on the flange, all at once or not at all.
+
+    From the answer on, every motion is planned with its mass, its TCP and its shapes, the real-time process
+    makes up for its weight, and so does the simulation. It is kept over restarts. Only while the arm rests.
+    """
+    call = Call(request)
+    changed = await call.services.tool.change(_edit(body), call.name)
+    return _answer(call.services.robot.model, [str(each) for each in changed.contacts])
+
+
+def _edit(body: ChangeTool) -> Edit:
+    given, changes = body.model_fields_set, cast(dict[str, Any], {})
+    if body.name is not None:
+        changes["name"] = body.name
+    if body.mass is not None:
+        changes["mass"] = body.mass
+        changes["centre"] = tuple(body.centre or (0.0, 0.0, 0.0))
+        changes["inertia"] = None if body.inertia is None else tuple(body.inertia)
+    if "tcp" in given:
+        changes["tcp"] = None if body.tcp is None else _tip(body.tcp)
+    if body.shapes is not None:
+        changes["shapes"] = {name: _solid(each) for name, each in body.shapes.items()}
+    if "gravity" in given:
+        changes["gravity"] = None if body.gravity is None else tuple(body.gravity)
+    return lambda tool: replace(replace(BARE, version=tool.version) if body.clear else tool, **changes)
+
+
+def _tip(tip: ToolTip) -> Numbers7:
+    if tip.quaternion is None:
+        return numbers(pose_from_abc(tip.x, tip.y, tip.z, tip.a, tip.b, tip.c))
+    x, y, z, w = tip.quaternion
+    return (tip.x, tip.y, tip.z, w, x, y, z)
+
+
+def _solid(solid: ToolShape) -> SceneObject:
+    pose = numbers(pose_from_abc(solid.x, solid.y, solid.z, solid.a, solid.b, solid.c))
+    return SceneObject(shape=solid.shape, size=solid.numbers(), pose=pose, touch=tuple(solid.touch))
+
+
+def _answer(model: RobotModel, contacts: list[str]) -> ToolAnswer:
+    tool: Tool = model.tool
+    tcp = model.tcp_in_flange()
+    return ToolAnswer(
+        version=tool.version,
+        name=tool.name,
+        mass=tool.mass,
+        centre=list(tool.centre),
+        inertia=None if tool.inertia is None else list(tool.inertia),
+        position=list(tcp[:3]),
+        quaternion=_xyzw(tcp),
+        shapes=[
+            ObjectAnswer(
+                name=name,
+                shape=each.shape,
+                size=list(each.size),
+                position=list(each.pose[:3]),
+                quaternion=_xyzw(each.pose),
+                attached=True,
+                touch=list(each.touch),
+            )
+            for name, each in tool.shapes.items()
+        ],
+        gravity=model.gravity.tolist(),
+        contacts=contacts,
+    )
+
+
+def _xyzw(pose: Sequence[float]) -> list[float]:
+    return [*pose[4:], pose[3]]

@@ -1,0 +1,132 @@
+"""The tool as JSON."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from app.api.scene_schemas import Coordinate, Name, ObjectAnswer, PutObject
+from app.api.schemas import Finite
+from cobot.strict import StrictModel
+
+INERTIA = [0.004, 0.0, 0.0, 0.004, 0.0, 0.002]
+
+
+def _example(body: Any) -> ConfigDict:
+    return ConfigDict(json_schema_extra={"examples": [body]})
+
+
+class ToolTip(StrictModel):
+    """Where the TCP is in the flange's frame."""
+
+    model_config = _example({"x": 0.0, "y": 0.0, "z": 0.15})
+
+    x: Coordinate = Field(0.0, description="m")
+    y: Coordinate = Field(0.0, description="m")
+    z: Coordinate = Field(0.0, description="m")
+    a: Finite = Field(0.0, description="KUKA angle A about z, rad")
+    b: Finite = Field(0.0, description="KUKA angle B about the new y, rad")
+    c: Finite = Field(0.0, description="KUKA angle C about the newest x, rad")
+    quaternion: list[Finite] | None = Field(
+        None, min_length=4, max_length=4, description="x, y, z, w of length 1, instead of a, b and c."
+    )
+
+    @model_validator(mode="after")
+    def _one_orientation(self) -> ToolTip:
+        if self.quaternion is not None and {"a", "b", "c"} & self.model_fields_set:
+            raise ValueError("give either quaternion or a, b and c")
+        return self
+
+
+class ToolShape(PutObject):
+    """A solid, given by its middle in the flange's frame."""
+
+    model_config = _example(
+        {"shape": "cylinder", "radius": 0.05, "length": 0.1, "x": 0.0, "y": 0.0, "z": 0.06}
+    )
+
+    touch: list[str] = Field([], max_length=100, description="Bodies and objects that it may touch.")
+
+    @model_validator(mode="after")
+    def _on_the_flange(self) -> ToolShape:
+        if self.frame_id:
+            raise ValueError("frame_id: a shape of the tool is given in the flange's frame: leave it out")
+        return self
+
+
+class ChangeTool(StrictModel):
+    """What is on the flange. What is not given stays; but mass, centre and inertia go together."""
+
+    model_config = _example(
+        {"name": "gripper", "mass": 1.2, "centre": [0.0, 0.0, 0.06], "inertia": INERTIA, "tcp": {"z": 0.15}}
+    )
+
+    clear: bool = Field(False, description="Begin with the bare flange, as the model's file has it.")
+    name: Annotated[str, Field(max_length=64)] | None = Field(None, description="For people.")
+    mass: Finite | None = Field(
+        None,
+        description="Of tool and load, kg, up to robot.max_payload_kg; on top of the model's own masses.",
+    )
+    centre: list[Finite] | None = Field(
+        None, min_length=3, max_length=3, description="Of that mass, x, y, z in the flange's frame, m."
+    )
+    inertia: list[Finite] | None = Field(
+        None,
+        min_length=6,
+        max_length=6,
+        description="About the centre, along the flange's axes: xx, xy, xz, yy, yz, zz, kg·m².",
+    )
+    tcp: ToolTip | None = Field(None, description="In the flange's frame; null: that of the model's file.")
+    shapes: dict[Name, ToolShape] | None = Field(
+        None, max_length=50, description="Solids for the collision checks, by name, instead of those before."
+    )
+    gravity: list[Finite] | None = Field(
+        None,
+        min_length=3,
+        max_length=3,
+        description="Free fall in the base frame, m/s², of a tilted base; null: that of the model's file.",
+    )
+
+    @model_validator(mode="after")
+    def _says_something(self) -> ChangeTool:
+        given = self.model_fields_set
+        if not given:
+            raise ValueError(f"nothing to change; valid are: {', '.join(type(self).model_fields)}")
+        if {"centre", "inertia"} & given and self.mass is None:
+            raise ValueError("mass: is missing; centre and inertia are of no mass")
+        return self
+
+
+class ToolAnswer(BaseModel):
+    """The tool as it is, in the flange's frame."""
+
+    model_config = _example(
+        {
+            "version": 3,
+            "name": "gripper",
+            "mass": 1.2,
+            "centre": [0.0, 0.0, 0.06],
+            "inertia": INERTIA,
+            "position": [0.0, 0.0, 0.15],
+            "quaternion": [0.0, 0.0, 0.0, 1.0],
+            "shapes": [],
+            "gravity": [0.0, 0.0, -9.81],
+            "contacts": [],
+        }
+    )
+
+    version: int = Field(description="Rises with each change; 0: nobody has changed anything yet.")
+    name: str = Field(description="Of the tool.")
+    mass: float = Field(description="Of tool and load, kg.")
+    centre: list[float] = Field(description="Of that mass, x, y, z, m.")
+    inertia: list[float] | None = Field(
+        description="About the centre: xx, xy, xz, yy, yz, zz, kg·m²; or none."
+    )
+    position: list[float] = Field(description="Of the TCP: x, y, z, m.")
+    quaternion: list[float] = Field(description="Of the TCP: x, y, z, w.")
+    shapes: list[ObjectAnswer] = Field(description="What collision checks see of it, in the flange's frame.")
+    gravity: list[float] = Field(description="Free fall in the base frame, m/s².")
+    contacts: list[str] = Field(
+        description="After a change: what the arm touches, or nearly, where it is now."
+    )

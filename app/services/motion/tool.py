@@ -1,0 +1,188 @@
+"""The tool of one robot: changed at rest, kept in its file, and the same for plans, cycle and simulation."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import math
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from app.services.motion.lease import CLIENT
+from app.services.motion.ownership import Caller, Ownership
+from app.services.motion.planning import PlanningService
+from app.services.motion.scene import SceneService
+from app.services.state.link import RobotLink
+from cobot.errors import CobotError, ConflictError, InputError, LimitError
+from cobot.robot.collision import CollisionChecker, Contact
+from cobot.robot.description import RobotDescription
+from cobot.robot.tool import Tool, ToolFile, check_tool
+from cobot.strict import shown
+from cobot.types import RESTING, Array
+
+MAX_SHAPES = 50
+STATE_TIMEOUT_S = 1.5
+LOOK_S = 0.5
+"""So often it is seen whether rtloop carries the same."""
+
+Edit = Callable[[Tool], Tool]
+
+log = logging.getLogger("cobot.tool")
+
+
+@dataclass(frozen=True, slots=True)
+class ToolChanged:
+    """What a change has done; `contacts` is what the arm touches where it is."""
+
+    tool: Tool
+    contacts: list[Contact]
+
+
+class ToolService:
+    """Who changes the tool owns the motion meanwhile: nothing moves, and nothing is planned with half of it.
+
+    A change is on the disk, and rtloop carries it, before its answer.
+
+    Raises:
+        ConfigError: the file is no tool, or no possible one.
+    """
+
+    def __init__(
+        self,
+        robot: RobotDescription,
+        link: RobotLink,
+        ownership: Ownership,
+        planning: PlanningService,
+        scene: SceneService,
+        max_payload_kg: float,
+        file: ToolFile,
+    ) -> None:
+        self._robot = robot
+        self._link = link
+        self._ownership = ownership
+        self._planning = planning
+        self._scene = scene
+        self._max_payload_kg = max_payload_kg
+        self._file = file
+        tool = file.read_checked(max_payload_kg, robot.model.file_gravity)
+        if tool.version:
+            self._take_over(tool, robot.collision.among(scene.scene, tool))
+
+    @property
+    def tool(self) -> Tool:
+        return self._robot.model.tool
+
+    @contextlib.asynccontextmanager
+    async def in_force(self) -> AsyncIterator[None]:
+        """See that rtloop carries this tool, which it may not after a crash in the midst of a change."""
+        task = asyncio.create_task(self._watch(), name="tool")
+        try:
+            yield
+        finally:
+            task.cancel()
+
+    async def change(self, edit: Edit, name: str = "a change of the tool") -> ToolChanged:
+        """Have another tool from now on. What has begun is done, even if the caller goes away. To have what there
+        is already is no change, and needs nothing.
+
+        Args:
+            name: of the request, for people.
+
+        Raises:
+            InputError, LimitError: there can be no such tool, or the arm could not hold it where it is.
+            ConflictError: the arm moves, somebody else owns the motion, or something is attached to the TCP.
+            ExecutionError, UnavailableError: rtloop does not take it, or the file cannot be written; all is
+                as it was.
+        """
+        if edit(self.tool) == self.tool:
+            return ToolChanged(self.tool, self._robot.collision.contacts(self._link.state().position))
+        return await asyncio.shield(asyncio.create_task(self._change(edit, name)))
+
+    async def _change(self, edit: Edit, name: str) -> ToolChanged:
+        token, stops = CLIENT.get().sequence, self._ownership.stops
+        caller = Caller(name, token, stops, math.inf, asyncio.Event())
+        async with self._scene.turn:
+            with self._ownership.claim(caller):
+                state = await self._link.fresh_state(STATE_TIMEOUT_S)
+                if state.mode not in RESTING:
+                    raise ConflictError(
+                        f"the arm moves (mode {state.mode.name}): the tool changes only while it rests"
+                    )
+                tool = replace(edit(self.tool), version=self.tool.version + 1)
+                self._check(tool, state.commanded_position)
+                return await self._have(tool)
+
+    def _check(self, tool: Tool, joints: Array) -> None:
+        check_tool(tool, self._max_payload_kg, self._robot.model.file_gravity)
+        if len(tool.shapes) > MAX_SHAPES:
+            raise LimitError(f"shapes: no more than {MAX_SHAPES} are allowed, got {len(tool.shapes)}")
+        taken = self._robot.model.frame_names | set(self._scene.scene.objects) | {"tool"}
+        for name in tool.shapes:
+            if name in taken:
+                raise InputError(
+                    f"shapes: {shown(name)} is a body, site or frame of the robot, or an object of the "
+                    "scene; take another name"
+                )
+        model = self._robot.model
+        held = [name for name, each in self._scene.scene.objects.items() if each.attached]
+        if held and model.tcp_in_flange(tool) != model.tcp_in_flange():
+            raise ConflictError(
+                f"tcp: {', '.join(held)} would move with it, for it is attached to the TCP; detach it first"
+            )
+        self._check_holding(tool, joints)
+
+    def _check_holding(self, tool: Tool, joints: Array) -> None:
+        """That the drives can hold it where the arm is."""
+        model, limits, before = self._robot.model, self._robot.limits, self.tool
+        model.carry(tool)
+        try:
+            efforts = np.abs(model.gravity_torques(joints))
+        finally:
+            model.carry(before)
+        worst = int((efforts / limits.max_effort).argmax())
+        if efforts[worst] > limits.max_effort[worst]:
+            raise LimitError(
+                f"mass: {limits.names[worst]} would need {efforts[worst]:.4g} N·m to hold {tool.mass:g} kg "
+                f"where the arm is, its limit is {limits.max_effort[worst]:.4g} N·m; take the arm elsewhere "
+                "first"
+            )
+
+    async def _have(self, tool: Tool) -> ToolChanged:
+        checker, ours = [  # one is for threads
+            await asyncio.to_thread(self._robot.collision.among, self._scene.scene, tool) for _ in range(2)
+        ]
+        before = self.tool
+        await asyncio.to_thread(self._file.write, tool)
+        try:
+            await self._link.set_tool(tool)
+        except CobotError:
+            await asyncio.to_thread(self._file.write, before)
+            raise
+        self._take_over(tool, ours)
+        log.info("%sthe tool has version %d: %s", self._link.label, tool.version, described(tool))
+        return ToolChanged(tool, checker.contacts(self._link.state().position))
+
+    def _take_over(self, tool: Tool, checker: CollisionChecker) -> None:
+        self._robot.model.carry(tool)
+        self._robot.collision.take_over(checker)
+        self._planning.tool = tool
+
+    async def _watch(self) -> None:
+        while True:
+            await asyncio.sleep(LOOK_S)
+            if self._link.tool_version in (None, self.tool.version) or self._ownership.in_motion:
+                continue
+            with contextlib.suppress(CobotError):
+                async with self._scene.turn:
+                    state = await self._link.fresh_state(0.0)
+                    if state.mode in RESTING and self._link.tool_version != self.tool.version:
+                        await self._link.set_tool(self.tool)
+                        log.warning("%srtloop carried another tool: it has this one now", self._link.label)
+
+
+def described(tool: Tool) -> str:
+    """A tool in a log line."""
+    return f"{tool.name or 'no name'}, {tool.mass:g} kg, {len(tool.shapes)} shapes"

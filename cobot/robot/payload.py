@@ -1,0 +1,105 @@
+"""Puts a tool's mass on the body that carries the TCP, in the memory of MuJoCo's model.
+
+Whoever has the address of that model sees it at once, for nothing is allocated: the simulation goes on with
+the same data. The mass becomes part of the body's own inertia, by the parallel axis theorem (Siciliano,
+Sciavicco, Villani, Oriolo, "Robotics", 2009, equation B.61).
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from cobot.robot.quaternion import from_matrix
+from cobot.robot.rotations import matrix_of
+from cobot.robot.scene import Numbers7
+from cobot.robot.tool import Tool
+from cobot.types import Array
+
+
+class Carrier:
+    """What carries the tool, and how it is without one.
+
+    Attributes:
+        tcp_in_flange: of the model's file.
+        gravity: of the model's file, in the world, m/s².
+    """
+
+    def __init__(self, mj: mujoco.MjModel, base: int, site: int) -> None:
+        self._mj = mj
+        self._body = int(mj.site_bodyid[site])
+        self._site = site
+        self.gravity: Array = np.array(mj.opt.gravity)
+        self._mass = float(mj.body_mass[self._body])
+        self._centre: Array = np.array(mj.body_ipos[self._body])
+        self._turn: Array = np.array(mj.body_iquat[self._body])
+        self._moments: Array = np.array(mj.body_inertia[self._body])
+        self._sameframe = int(mj.body_sameframe[self._body])
+        self._tcp: Array = np.array(mj.site_pos[site])
+        self._tcp_turn: Array = np.array(mj.site_quat[site])
+        self._flange, self._flange_turn = self._find_flange()
+        tcp = self._flange_turn.T @ matrix_of(self._tcp_turn)
+        place = self._flange_turn.T @ (self._tcp - self._flange)
+        self.tcp_in_flange: Numbers7 = (*place.tolist(), *from_matrix(tcp.ravel().tolist()))
+
+    def _find_flange(self) -> tuple[Array, Array]:
+        """Position and rotation of the flange in the body that carries the TCP."""
+        mj, flange = self._mj, mujoco.mj_name2id(self._mj, mujoco.mjtObj.mjOBJ_SITE, "flange")
+        if flange < 0 or mj.body_weldid[mj.site_bodyid[flange]] != mj.body_weldid[self._body]:
+            return self._tcp.copy(), matrix_of(self._tcp_turn)
+        place, turn = np.array(mj.site_pos[flange]), matrix_of(mj.site_quat[flange])
+        in_weld = self._to_weld(int(mj.site_bodyid[flange]), place, turn)
+        here = self._to_weld(self._body, np.zeros(3), np.eye(3))
+        return here[1].T @ (in_weld[0] - here[0]), here[1].T @ in_weld[1]
+
+    def _to_weld(self, body: int, place: Array, turn: Array) -> tuple[Array, Array]:
+        """A frame of a body in the frame of the one that it is welded to."""
+        mj = self._mj
+        while body != mj.body_weldid[body]:
+            outer = matrix_of(mj.body_quat[body])
+            place, turn = mj.body_pos[body] + outer @ place, outer @ turn
+            body = int(mj.body_parentid[body])
+        return place, turn
+
+    def load(self, tool: Tool, gravity: Array | None) -> None:
+        """Have this tool instead of the one before; `Dynamics.settle` and `Chain.fold` follow.
+
+        Args:
+            gravity: in the world, m/s²; None for that of the model's file.
+        """
+        mj, body, site = self._mj, self._body, self._site
+        mj.opt.gravity[:] = self.gravity if gravity is None else gravity
+        mass, centre, turn, moments = self._with(tool)
+        mj.body_mass[body], mj.body_ipos[body] = mass, centre
+        mj.body_iquat[body], mj.body_inertia[body] = turn, moments
+        # Or MuJoCo would take the frame of the inertia for another one, as it may be without a tool.
+        mj.body_sameframe[body] = self._sameframe if tool.mass == 0.0 else 0
+        mj.geom_sameframe[mj.geom_bodyid == body] = 0
+        mj.site_sameframe[mj.site_bodyid == body] = 0
+        if tool.tcp is None:
+            mj.site_pos[site], mj.site_quat[site] = self._tcp, self._tcp_turn
+        else:
+            tip = self._flange_turn @ matrix_of(np.array(tool.tcp[3:]) / np.linalg.norm(tool.tcp[3:]))
+            mj.site_pos[site] = self._flange + self._flange_turn @ tool.tcp[:3]
+            mj.site_quat[site] = from_matrix(tip.ravel().tolist())
+
+    def _with(self, tool: Tool) -> tuple[float, Array, Array, Array]:
+        """Mass, centre, principal axes and moments of the body and the tool together."""
+        if tool.mass == 0.0:
+            return self._mass, self._centre, self._turn, self._moments
+        place = self._flange + self._flange_turn @ tool.centre
+        mass = self._mass + tool.mass
+        centre = (self._mass * self._centre + tool.mass * place) / mass
+        axes = matrix_of(self._turn)
+        inertia = axes @ np.diag(self._moments) @ axes.T + _moved(self._mass, self._centre - centre)
+        inertia += self._flange_turn @ tool.inertia_matrix @ self._flange_turn.T
+        inertia += _moved(tool.mass, place - centre)
+        moments, axes = np.linalg.eigh(inertia)
+        if np.linalg.det(axes) < 0.0:
+            axes[:, 0] *= -1.0
+        return mass, centre, np.array(from_matrix(axes.ravel().tolist())), moments
+
+
+def _moved(mass: float, arm: Array) -> Array:
+    """The inertia of a point mass at the end of an arm, shape (3, 3), kg·m²."""
+    return mass * (float(arm @ arm) * np.eye(3) - np.outer(arm, arm))
