@@ -151,8 +151,8 @@ class Client:
         return self._arrived("/robot/execute", {"plan_id": plan_id})
 
     def tool(self) -> Json:
-        """What is on the flange: `version`, `name`, `mass`, `centre`, `inertia`, `position` and `quaternion` of
-        the TCP, `shapes`, `gravity`.
+        """What is on the flange: `version`, `name`, `mass`, `centre`, `inertia`, `position` and `quaternion`
+        of the TCP, `shapes`, `gravity`.
         """
         return self._json("GET", "/robot/tool")
 

@@ -85,8 +85,8 @@ class ToolService:
             task.cancel()
 
     async def change(self, edit: Edit, name: str = "a change of the tool") -> ToolChanged:
-        """Have another tool from now on. What has begun is done, even if the caller goes away. To have what there
-        is already is no change, and needs nothing.
+        """Have another tool from now on. What has begun is done, even if the caller goes away. To have what
+        there is already is no change, and needs nothing.
 
         Args:
             name: of the request, for people.
