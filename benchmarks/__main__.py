@@ -1,6 +1,7 @@
 """`make bench`: measures cobot against peers and floors in the same run, and prints one table.
 
 python -m benchmarks [--quick | --full] [NAME ...]
+python -m benchmarks stress [--quick] [--arm NAME]  random requests of every planner, each answer judged
 """
 
 from __future__ import annotations
@@ -8,6 +9,7 @@ from __future__ import annotations
 import argparse
 import os
 import platform
+import sys
 from collections.abc import Callable, Iterator
 
 from benchmarks import (
@@ -28,6 +30,7 @@ from benchmarks import (
     servo,
     smoothness,
     stopping,
+    stress,
     time_law,
     timed,
     torn,
@@ -70,6 +73,8 @@ FULL: dict[str, Callable[[], Iterator[Row]]] = {"clutter": lambda: clutter.clutt
 
 
 def main() -> None:
+    if sys.argv[1:2] == ["stress"]:
+        sys.exit(stress.main(sys.argv[2:]))
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument(
         "names", nargs="*", metavar="NAME", help=f"of {', '.join(BENCHMARKS)}; all without one"

@@ -1,12 +1,6 @@
-"""`python -m benchmarks.clutter_picture FILE`: draws what ptp, ompl and chomp plan at a shelf."""
+"""What ptp, ompl and chomp plan at a shelf, drawn for `planning_pictures`."""
 
 from __future__ import annotations
-
-import sys
-
-import matplotlib
-
-matplotlib.use("Agg")
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -14,20 +8,19 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from benchmarks import scenes
 from benchmarks.scenes import Box, Problem
-from cobot.config import load_settings
 from cobot.planners import MotionRequest, plan
 from cobot.planners.ptp import plan_ptp
-from cobot.robot.description import load_robot
+from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import PlannerName, Scaling
 
 COLOURS = {"ptp, refused": "0.45", "ompl": "tab:blue", "chomp": "tab:orange"}
 
 
-def main() -> None:
-    robot = load_robot(load_settings(None))
+def draw_clutter(robot: RobotDescription) -> plt.Figure:
+    """The TCP's paths, and the nearest distance over time."""
     problem = next(scenes.problems(robot, "shelf", 1, seed=7))
-    figure = plt.figure(figsize=(11, 5))
+    figure = plt.figure(figsize=(11, 4.5))
     space = figure.add_subplot(1, 2, 1, projection="3d")
     clear = figure.add_subplot(1, 2, 2)
     for box in _boxes(problem):
@@ -42,8 +35,7 @@ def main() -> None:
     clear.axhline(1e3 * problem.robot.collision.margin_m, color="red", linewidth=0.8)
     clear.set(xlabel="time, s", ylabel="nearest distance, mm", title="Clearance; the margin is red")
     clear.legend()
-    figure.tight_layout()
-    figure.savefig(sys.argv[1], dpi=80)
+    return figure
 
 
 def _motions(problem: Problem) -> dict[str, Trajectory]:
@@ -80,7 +72,3 @@ def _faces(box: Box) -> list[list[list[float]]]:
                 corners.append([x + signs[0] * a, y + signs[1] * b, z + signs[2] * c])
             faces.append(corners)
     return faces
-
-
-if __name__ == "__main__":
-    main()

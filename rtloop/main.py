@@ -17,6 +17,7 @@ import numpy as np
 from cobot.config import RtSection, Settings, load_settings
 from cobot.errors import CobotError
 from cobot.ipc.shm import MemoryRole, RobotMemory, encoded
+from cobot.launch.process import Niceness, be
 from cobot.logs import start_logging
 from cobot.robot.description import RobotDescription, load_robot
 from cobot.robot.tool import ToolFile
@@ -95,6 +96,7 @@ def _run(settings: Settings, clock_name: str | None) -> None:
 
 def _permissions(rt: RtSection, clock_name: str) -> Permissions:
     if clock_name == "fast":
+        be(Niceness.PROMPT)  # What reads a state takes an old one for a dead process.
         return Permissions(
             sched_fifo=False, memory_locked=False, refused="not asked for: the fast clock does not wait"
         )

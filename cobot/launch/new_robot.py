@@ -36,6 +36,13 @@ VELOCITY = {False: 1.0, True: 0.25}
 """Guessed for a hinge, rad/s, and a slide, m/s."""
 ACCELERATION_PER_VELOCITY, JERK_PER_ACCELERATION = 4.0, 10.0
 """Full speed in a quarter of a second, full acceleration in a tenth."""
+EXACT = {
+    "body": {"pos": "pos", "quat": "quat"},
+    "joint": {"pos": "pos", "axis": "axis", "range": "range"},
+    "site": {"pos": "pos", "quat": "quat"},
+}
+INERTIAL = {"pos": "ipos", "quat": "iquat", "mass": "mass", "diaginertia": "inertia"}
+"""Attributes of the file that are written with all digits, and what MuJoCo calls them."""
 EFFORT_RESERVE = 2.5
 """Guessed effort, of what gravity and the guessed acceleration need at the most of the samples."""
 
@@ -357,6 +364,22 @@ def _compiled(spec: mujoco.MjSpec, file: Path) -> mujoco.MjModel:
 
 
 def _save(spec: mujoco.MjSpec, folder: Path) -> None:
-    """With names of meshes relative to the file."""
-    text = spec.to_xml().replace(f"{folder}/", "")
-    (folder / "model.xml").write_text(text, encoding="utf-8")
+    """With names of meshes relative to the file, and all digits: MuJoCo writes six, some micrometres."""
+    mj, root = spec.compile(), ElementTree.fromstring(spec.to_xml().replace(f"{folder}/", ""))
+    for tag, fields in EXACT.items():
+        for element in root.iter(tag):
+            if name := element.get("name"):
+                _refine(element, getattr(mj, tag)(name), fields)
+    for body in root.iter("body"):
+        if body.get("name") and (inertial := body.find("inertial")) is not None:
+            _refine(inertial, mj.body(body.get("name")), INERTIAL)
+    ElementTree.ElementTree(root).write(folder / "model.xml", encoding="utf-8")
+
+
+def _refine(element: Element, compiled: object, fields: dict[str, str]) -> None:
+    """Write the numbers that stand there rounded with all their digits."""
+    for attribute, field_name in fields.items():
+        if (text := element.get(attribute)) is not None:
+            rounded, exact = np.array(text.split(), dtype=float), np.ravel(getattr(compiled, field_name))
+            if rounded.shape == exact.shape and np.allclose(rounded, exact, rtol=1e-5, atol=1e-9):
+                element.set(attribute, " ".join(repr(float(value)) for value in exact))

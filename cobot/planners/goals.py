@@ -32,7 +32,7 @@ def joint_goals(robot: RobotDescription, request: MotionRequest) -> Array:
     found = _configurations(robot, goal, request)
     free = found[robot.collision.clearance.are_free(found)]
     if len(free) == 0:
-        several = f", as in the other {len(found) - 1} configurations" if len(found) > 1 else ""
+        several = f", as in the other {len(found) - 1} configurations," if len(found) > 1 else ""
         robot.collision.check_position(found[0], f"the goal in the nearest configuration{several}")
     return free
 

@@ -27,6 +27,8 @@ SHORTEST_SHARE = 1e-9
 """Joints that turn further between two places this near to each other jump: the path is singular there."""
 SHARE_RAD = 0.1
 """What the whole path counts as in its parameter, beside the joints' way, so that it always increases."""
+SWINGING = 1.5
+"""A curve through the places that is so many times as long as its chords swings beside them."""
 MOST_PLACES = 1500
 ROUNDS = 12
 INSIDE_RAD = 1e-6
@@ -128,7 +130,10 @@ def _halved(
 
 
 def _lengths(shares: Array, rows: Array) -> Array:
-    """The way to each place, of the joints and, a little, of the path: chords, then twice the true arcs."""
+    """The way to each place, of the joints and, a little, of the path: chords, then twice the true arcs.
+
+    Chords alone where a curve through the places would swing far out, until there are more places.
+    """
     points = np.column_stack([rows, SHARE_RAD * shares])
     parameters = np.concatenate([[0.0], np.cumsum(_chords(shares, rows))])
     for _ in range(2):
@@ -137,6 +142,8 @@ def _lengths(shares: Array, rows: Array) -> Array:
         places = curve.breakpoints[:-1, None] + 0.5 * steps[:, None] * (NODES + 1.0)
         speeds = np.linalg.norm(curve.at(places.ravel(), 1), axis=1).reshape(places.shape)
         lengths = np.concatenate([[0.0], np.cumsum(0.5 * steps * (speeds @ WEIGHTS))])
+        if lengths[-1] > SWINGING * parameters[-1]:
+            break
         parameters = np.interp(parameters, curve.breakpoints, lengths)
     return np.asarray(parameters)
 

@@ -16,6 +16,8 @@ from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array
 
 DEGREE = ORDER - 1
+SWUNG = 1.0
+"""Rad; a piece whose control points are so far outside is taken for outside without its extrema."""
 POINTS_ALONG = 200
 """A trajectory's path is taken through so many of its points."""
 
@@ -105,6 +107,9 @@ class Path:
         hull = bezier(self.coefficients * widths ** np.arange(ORDER))
         if (hull >= low).all() and (hull <= high).all():
             return np.empty(0)
+        wild = ((hull < low - SWUNG) | (hull > high + SWUNG)).any(axis=(1, 2))
+        if wild.any():
+            return self.breakpoints[:-1][wild]
         pieces, _, _ = Trajectory(self.breakpoints, self.coefficients).excesses(0, low, high)
         return self.breakpoints[pieces]
 

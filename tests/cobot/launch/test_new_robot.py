@@ -79,11 +79,11 @@ def test_the_tcp_is_where_pinocchio_finds_it(arm: Path) -> None:
     for joints in random.uniform(robot.limits.min_position, robot.limits.max_position, (20, other.nq)):
         pinocchio.framesForwardKinematics(other, data, joints)
         np.testing.assert_allclose(
-            robot.model.forward(joints).position, data.oMf[frame].translation, atol=1e-6
+            robot.model.forward(joints).position, data.oMf[frame].translation, atol=1e-12
         )
         np.testing.assert_allclose(
             robot.model.gravity_torques(joints), pinocchio.rnea(other, data, joints, joints * 0, joints * 0),
-            atol=1e-3,
+            atol=1e-9,
         )  # fmt: skip
 
 

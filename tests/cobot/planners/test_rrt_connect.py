@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 from benchmarks import scenes
+from cobot.motions.requests import MotionRequest
 from cobot.planners.rrt_connect import connect
+from cobot.planners.sampling import find_path, room
 from cobot.planners.shortcut import shortened
 from cobot.robot.description import RobotDescription
+from cobot.types import Array, PlannerName, Scaling
 
 SEED = 20261122
 IN_THE_FLOOR = np.array([0.0, 1.9, 0.0, -0.2, 0.0, 0.0, 0.0])
@@ -41,6 +44,27 @@ def test_a_path_is_found_to_the_goal_that_can_be_reached(robot: RobotDescription
     assert corners is not None
     assert np.array_equal(corners[-1], problem.goal)
     assert connect(clearance, problem.start, inside[None], *bounds, 1, 10.0, 2.0, attempts=200) is None
+
+
+@pytest.mark.parametrize("kind", scenes.KINDS)
+def test_a_path_makes_no_detour(robot: RobotDescription, kind: str) -> None:
+    limits = robot.limits
+    for problem in scenes.problems(robot, kind, 2, SEED):
+        request = MotionRequest(problem.start, problem.goal, PlannerName.OMPL, Scaling(1.0))
+        planned = find_path(problem.robot, request, problem.goal[None])
+        ends = np.array([problem.start, problem.goal])
+        best = np.inf
+        with problem.robot.collision.keeping(room(problem.robot, ends)) as clearance:
+            for seed in range(60):
+                bounds = limits.min_position, limits.max_position
+                corners = connect(clearance, ends[0], ends[1:], *bounds, seed, 10.0, 0.5)
+                assert corners is not None
+                best = min(best, length(shortened(clearance, corners, seed)))
+        assert length(planned) <= 1.3 * best, problem.name
+
+
+def length(corners: Array) -> float:
+    return float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum())
 
 
 def test_what_is_not_finite_is_refused(robot: RobotDescription) -> None:

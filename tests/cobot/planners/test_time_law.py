@@ -182,6 +182,11 @@ def test_a_line_is_slow_only_where_a_joint_has_to_be(robot: RobotDescription) ->
     assert motion is not None
     assert require_limits(motion, planned_limits(robot)) > 0.99
     assert motion.duration_s < 1.3
+    path, tcp = Path.of_trajectory(motion), robot.cartesian_limits
+    length = np.linalg.norm(np.asarray(goal.position) - robot.model.forward(start).position)
+    assert motion.duration_s <= 1.25 * max(
+        least_duration_s(path, robot.limits), length / tcp.max_linear_velocity
+    )
 
 
 def followed(robot: RobotDescription, timed: Timed) -> tuple[Array, Array]:

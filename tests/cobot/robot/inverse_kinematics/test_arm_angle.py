@@ -150,6 +150,29 @@ def test_the_best_is_no_worse_than_any_of_a_fine_grid(model: RobotModel, criteri
     assert worse <= 0.04 * len(rows)  # a lesser minimum beside the best one
 
 
+def test_beside_aligned_axes_the_nearest_is_no_further_than_the_joints_that_made_the_pose(
+    model: RobotModel,
+) -> None:
+    # There some joints race along the arm angle, and a grid of angles steps over the nearest solution.
+    random, limits = np.random.default_rng(SEED + 11), model.limits
+    further = 0
+    rows = drawn(model, samples(150), SEED + 12)
+    for joints in rows:
+        chosen = random.choice([1, 3, 5], random.integers(1, 4), replace=False)
+        joints[chosen] = np.clip(
+            random.choice([0.0, 1e-9, 1e-6, -1e-4, 1e-3], len(chosen)),
+            limits.min_position[chosen],
+            limits.max_position[chosen],
+        )
+        step = random.choice([1e-6, 1e-4, 1e-2]) * random.normal(size=7)
+        seed = np.clip(joints + step, limits.min_position, limits.max_position)
+        away = np.linalg.norm(inverse(model, posed(model, joints)[1], seed) - seed)
+        least = np.linalg.norm(joints - seed)
+        assert away <= 3.0 * least + 0.02, joints.tolist()
+        further += away > 1.01 * least + 1e-6
+    assert further <= 0.03 * len(rows)
+
+
 def test_the_clearest_of_all_is_taken_where_clearance_is_asked_for(robot: RobotDescription) -> None:
     model = robot.model
     _, pose = posed(model, np.array(robot.positions["home"].joints))

@@ -1,0 +1,134 @@
+"""The arms of the stress test: the shipped one, and four that `cobot new-robot` makes of a URDF each."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pinocchio
+import second_opinion
+
+from cobot.config import load_settings
+from cobot.launch.new_robot import NewRobot
+from cobot.robot.description import RobotDescription, load_robot
+from cobot.types import Array
+
+Point = tuple[float, float, float]
+Joint = tuple[str, Point, Point, tuple[float, float]]
+"""Its kind, axis, a point on the axis (with all joints at 0, in the base frame, m), and its range."""
+X, Y, Z, BACK, DOWN = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0), (0.0, 0.0, -1.0)
+TURN, SLIDE = "revolute", "prismatic"
+SPHERICAL: list[Joint] = [
+    (TURN, Z, (0.0, 0.0, 0.1), (-3.1, 3.1)),
+    (TURN, Y, (0.15, 0.0, 0.4), (-2.2, 1.6)),
+    (TURN, Y, (0.15, 0.0, 0.95), (-2.4, 2.4)),
+    (TURN, X, (0.4, 0.0, 1.0), (-3.1, 3.1)),
+    (TURN, Y, (0.65, 0.0, 1.0), (-2.1, 2.1)),
+    (TURN, X, (0.75, 0.0, 1.0), (-3.1, 3.1)),
+]
+JOINTS: dict[str, list[Joint]] = {
+    "srs": [
+        (TURN, Z, (0.0, 0.0, 0.15), (-2.9, 2.9)),
+        (TURN, Y, (0.0, 0.0, 0.35), (-2.1, 2.1)),
+        (TURN, Z, (0.0, 0.0, 0.5), (-2.9, 2.9)),
+        (TURN, BACK, (0.0, 0.0, 0.8), (-2.3, 2.3)),
+        (TURN, Z, (0.0, 0.0, 1.0), (-2.9, 2.9)),
+        (TURN, Y, (0.0, 0.0, 1.2), (-2.1, 2.1)),
+        (TURN, Z, (0.0, 0.0, 1.27), (-2.9, 2.9)),
+    ],
+    "ur": [
+        (TURN, Z, (0.0, 0.0, 0.05), (-6.2, 6.2)),
+        (TURN, BACK, (0.0, -0.13, 0.1625), (-6.2, 6.2)),
+        (TURN, BACK, (-0.425, -0.01, 0.1625), (-3.1, 3.1)),
+        (TURN, BACK, (-0.8172, -0.133, 0.1625), (-6.2, 6.2)),
+        (TURN, DOWN, (-0.8172, -0.133, 0.1), (-6.2, 6.2)),
+        (TURN, BACK, (-0.8172, -0.18, 0.0628), (-6.2, 6.2)),
+    ],
+    "spherical": SPHERICAL,
+    "gantry": [
+        (SLIDE, X, (0.0, 0.0, 0.0), (-0.6, 0.6)),
+        (SLIDE, Y, (0.0, 0.0, 0.05), (-0.4, 0.4)),
+        *SPHERICAL,
+    ],
+}  # fmt: skip
+TIPS: dict[str, Point] = {
+    "srs": (0.0, 0.0, 1.4),
+    "ur": (-0.8172, -0.26, 0.0628),
+    "spherical": (0.85, 0.0, 1.0),
+    "gantry": (0.85, 0.0, 1.0),
+}
+SHIPPED = "iiwa"
+NAMES = (SHIPPED, *JOINTS)
+VELOCITY = {TURN: 2.0, SLIDE: 0.5}
+THICK_M, THIN_M = 0.05, 0.03
+INERTIA = '<inertia ixx="0.02" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/>'
+
+
+@dataclass(frozen=True, slots=True)
+class Arm:
+    """`robot` is cobot's, the other three are pinocchio's, of the same URDF; `base` and `tcp` are frames."""
+
+    name: str
+    robot: RobotDescription
+    model: pinocchio.Model
+    base: int
+    tcp: int
+
+
+@cache
+def arm(name: str) -> Arm:
+    """One of `NAMES`."""
+    if name == SHIPPED:
+        other = second_opinion.Pinocchio()
+        base = other.model.getFrameId("base_link")
+        return Arm(name, load_robot(load_settings(None)), other.model, base, other.tcp)
+    with tempfile.TemporaryDirectory() as place:
+        file = Path(place) / "arm.urdf"
+        file.write_text(urdf(name))
+        NewRobot(file).write(Path(place) / name)
+        robot = load_robot(load_settings(Path(place) / name / "cobot-setting.yaml"))
+    model = pinocchio.buildModelFromXML(urdf(name))
+    return Arm(name, robot, model, model.getFrameId(robot.base_frame), model.getFrameId("tool0"))
+
+
+def urdf(name: str) -> str:
+    """Each link is a cylinder from its joint to the next one."""
+    joints, parent, before = JOINTS[name], "base_link", np.zeros(3)
+    parts = [f'<robot name="{name}"><link name="base_link"/>']
+    places = [np.array(place) for _, _, place, _ in joints] + [np.array(TIPS[name])]
+    for index, (kind, axis, _, (low, high)) in enumerate(joints):
+        place, following = places[index], places[index + 1]
+        velocity = VELOCITY[kind]
+        radius = THICK_M if index < len(joints) - 3 else THIN_M
+        parts.append(f'<link name="link{index + 1}">{_solid(following - place, radius)}</link>')
+        parts.append(
+            f'<joint name="a{index + 1}" type="{kind}"><origin xyz="{_words(place - before)}"/>'
+            f'<parent link="{parent}"/><child link="link{index + 1}"/><axis xyz="{_words(axis)}"/>'
+            f'<limit lower="{low}" upper="{high}" velocity="{velocity}" effort="0"/></joint>'
+        )
+        parent, before = f"link{index + 1}", place
+    parts.append(
+        f'<link name="tool0"/><joint name="tip" type="fixed"><origin xyz="{_words(places[-1] - before)}" '
+        f'rpy="0 0 0"/><parent link="{parent}"/><child link="tool0"/></joint>'
+    )
+    return "".join([*parts, "</robot>"])
+
+
+def _solid(way: Array, radius: float) -> str:
+    """A cylinder along a way from the link's origin, and a mass in its middle."""
+    length = float(np.linalg.norm(way))
+    origin = f'xyz="{_words(0.5 * way)}"'
+    pitch, yaw = np.arctan2(np.hypot(way[0], way[1]), way[2]), np.arctan2(way[1], way[0])
+    return (
+        f'<inertial><origin {origin}/><mass value="{0.5 + 4.0 * length:.4g}"/>{INERTIA}</inertial>'
+        f'<collision><origin {origin} rpy="0 {pitch:.17g} {yaw:.17g}"/><geometry>'
+        f'<cylinder radius="{radius}" length="{length:.17g}"/></geometry></collision>'
+    )
+
+
+def _words(values: Sequence[float] | Array) -> str:
+    return " ".join(f"{float(value):.17g}" for value in values)

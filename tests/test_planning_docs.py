@@ -1,0 +1,16 @@
+"""docs/planning.md names tests: each of them exists."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_each_test_that_the_table_of_complaints_names_exists() -> None:
+    text = (ROOT / "docs" / "planning.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"(?:`|::)(test_\w+)`", text.split("## Complaints and answers")[1]))
+    source = "".join(file.read_text(encoding="utf-8") for file in (ROOT / "tests").rglob("test_*.py"))
+    assert len(named) > 15
+    assert [name for name in sorted(named) if f"def {name}(" not in source] == []

@@ -1,0 +1,88 @@
+"""The stress test of `benchmarks stress`: its judge finds what is wrong, and a few requests of every planner.
+
+Oracle: pinocchio, MuJoCo's distances, roots by numpy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.arms import NAMES, arm
+from benchmarks.judge import Judge, broken_limits, flips, jumps
+from benchmarks.stress import Tally, one
+from benchmarks.stress_cases import KINDS, case
+from cobot.planners import MotionRequest, plan
+from cobot.robot.description import RobotDescription
+from cobot.trajectory import Trajectory
+from cobot.types import PlannerName, Pose, Scaling
+
+SEED = 4
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_planner_on_every_arm_gives_what_was_asked_for_or_a_reason(name: str) -> None:
+    for number in range(len(KINDS)):
+        tally = Tally()
+        one(arm(name), case(arm(name), number, SEED), tally, share=0.0)
+        assert tally.planned + tally.refused.total() == 1, tally.wrong
+        assert tally.wrong == [], f"seed {SEED}"
+
+
+def ptp(robot: RobotDescription) -> Trajectory:
+    start, goal = (np.array(robot.positions[name].joints) for name in ("home", "work"))
+    motion = plan(robot, MotionRequest(start, goal, PlannerName.PTP, Scaling(1.0)))
+    assert motion is not None
+    return motion
+
+
+def test_the_judge_has_nothing_against_a_good_motion(robot: RobotDescription) -> None:
+    assert list(Judge(arm("iiwa"), robot).flaws(ptp(robot), robot.limits)) == []
+
+
+def test_the_judge_sees_a_motion_that_is_a_little_too_fast(robot: RobotDescription) -> None:
+    motion = ptp(robot).stretched(0.999)
+    found = list(broken_limits(motion, robot.limits.scaled(1.0, 1.0, Scaling(1.0).jerk)))
+    assert [flaw.split(" of ")[0] for flaw in found][-1:] == ["limit: derivative 3"]
+
+
+def test_the_judge_sees_a_joint_beyond_its_range_between_samples(robot: RobotDescription) -> None:
+    motion = ptp(robot)
+    low, high = motion.extrema(0)
+    narrow = replace(robot.limits, max_position=high - 1e-7 * (high - low))
+    assert any("derivative 0" in flaw for flaw in broken_limits(motion, narrow))
+
+
+def test_the_judge_sees_jumps_and_flips(robot: RobotDescription) -> None:
+    motion = ptp(robot)
+    coefficients = motion.coefficients.copy()
+    coefficients[3:, 2, 0] += 5e-7
+    assert "derivative 0 jumps" in next(jumps(Trajectory(motion.breakpoints_s, coefficients)))
+    assert list(flips(motion, robot.limits)) == []
+    assert "flip" in next(flips(motion.stretched(0.2), robot.limits))
+
+
+def test_the_judge_sees_a_collision_and_too_much_effort(robot: RobotDescription) -> None:
+    judge, motion = Judge(arm("iiwa"), robot), ptp(robot)
+    lower = motion.coefficients + 1.2 * np.eye(6)[0] * np.eye(7)[1][:, None]  # joint 2, everywhere
+    through = Trajectory(motion.breakpoints_s, lower)
+    assert any(flaw.startswith("collision") for flaw in judge.flaws(through, robot.limits))
+    weak = replace(robot.limits, max_effort=0.02 * robot.limits.max_effort)
+    assert any(flaw.startswith("effort") for flaw in judge.flaws(motion, weak))
+
+
+def test_joints_whose_spline_swings_between_uneven_places_still_follow_a_line() -> None:
+    # Found by seed 1: the true arcs of a curve that swung made its parameter 4,600 long, and the next curve
+    # was refused because it "jumps", as if the request were wrong.
+    robot = arm("srs").robot
+    start = np.array([-1.727817122847, -1.004464866223, -1.347217301343, 0.578881178162, -1.624680037810,
+                      2.11219790453, 0.495985090537])  # fmt: skip
+    goal = Pose(
+        np.array([0.502248874040, 0.486514354587, 0.371970404126]),
+        np.array([-0.193667760565, -0.245950261190, 0.944102680753, 0.103302447856]),
+    )
+    motion = plan(robot, MotionRequest(start, goal, PlannerName.LIN, Scaling(0.4)))
+    assert motion is not None
+    assert motion.duration_s < 2.0
