@@ -372,7 +372,7 @@ def test_the_state_is_what_rest_and_another_library_say(robot: Robot) -> None:
     np.testing.assert_allclose(robot("RobotState", "getJointSpeeds"), 0.0, atol=1e-3)
     np.testing.assert_allclose(robot("RobotState", "getTargetJointPositions"), joints, atol=SETTLED_RAD)
     gravity = second_robot().gravity(joints)
-    for method in ("getJointTorqueSensors", "getTargetJointTorqueSensors"):
+    for method in ("getJointTorqueSensors", "getTargetJointTorques"):
         np.testing.assert_allclose(robot("RobotState", method), gravity, atol=0.2)
     np.testing.assert_allclose(robot("RobotState", "getJointExternalTorques"), 0.0, atol=0.2)
     np.testing.assert_allclose(robot("RobotState", "getTcpForce"), 0.0, atol=1.0)
