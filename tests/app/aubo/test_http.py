@@ -413,7 +413,9 @@ def test_vendor_payload_is_the_tool_and_really_weighs(robot: Robot) -> None:
     robot.http.sleep(0.3)
     load = Tool(mass=10.0, centre=(0.02, -0.05, 0.12))
     expected = loaded(load).gravity(joints) - second_robot().gravity(joints)
-    np.testing.assert_allclose(np.array(robot("RobotState", "getJointTorqueSensors")) - before, expected, atol=0.1)
+    np.testing.assert_allclose(
+        np.array(robot("RobotState", "getJointTorqueSensors")) - before, expected, atol=0.1
+    )
     assert np.abs(expected).max() > 10.0
     robot("MotionControl", "moveJoint", q=moved(HOME, j1=0.3), v=0.2)
     robot.fails(Code.CONFLICT, "RobotConfig", "setPayload", m=5.0, **point)
