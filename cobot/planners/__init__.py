@@ -77,8 +77,25 @@ def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
     first = leave(robot, request)
     if first is None:
         return _searched(robot, request)
-    rest = _searched(robot, replace(request, start=first.end))
+    rest = _searched(robot, replace(_after(robot, request, first), start=first.end))
     return first if rest is None else first.followed_by(rest)
+
+
+def _after(robot: RobotDescription, request: MotionRequest, first: Trajectory) -> MotionRequest:
+    """The request with constraints as they are from its own start on, which the way out has to keep too."""
+    held, constraints = _held(robot, request), request.constraints
+    if held is None or constraints is None:
+        return request
+    held.require(request.start, "the start")
+    try:
+        held.check(first, request.planner)
+    except PlanningError as exc:
+        raise PlanningError(f"{exc}; this is on the way out: {first.note}") from exc
+    cone = constraints.cone
+    if cone is None or cone.direction is not None:
+        return request
+    axis = robot.model.chain.solve(request.start)[1] @ cone.axis
+    return replace(request, constraints=replace(constraints, cone=replace(cone, direction=axis)))
 
 
 def _direct(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:

@@ -37,6 +37,20 @@ def joint_goals(robot: RobotDescription, request: MotionRequest) -> Array:
     return free
 
 
+def more_goals(robot: RobotDescription, request: MotionRequest, number: int) -> Array:
+    """Further free configurations of a pose, shape (n, dof), the more the higher the number; maybe none.
+
+    An arm with more joints than the pose needs has configurations without end, and those that are known may
+    all be where no free way leads.
+    """
+    assert isinstance(request.goal, Pose)
+    seed = request.seed + 1009 * number
+    found = inverse_all(
+        robot.model, request.goal, request.start, spread=SPREAD * (number + 1), random_seed=seed
+    )
+    return np.array(found)[robot.collision.clearance.are_free(np.array(found))]
+
+
 def nearest_goal(robot: RobotDescription, request: MotionRequest) -> Array:
     """The nearest free joint angles alone, shape (dof,); raises as `joint_goals`."""
     if isinstance(request.goal, Pose) and not _at(robot, request.start, request.goal):
