@@ -15,6 +15,7 @@ from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from app.api.explain_schemas import Explain, explain_of
 from cobot import audit, errors
 from cobot.errors import CobotError, exhausted
 from cobot.logs import log_context
@@ -49,6 +50,7 @@ class ErrorAnswer(BaseModel):
 
     detail: str = Field(description="What is wrong, where, the value and the limit.")
     code: str = Field(description="A stable word for programs.")
+    explain: Explain | None = Field(None, description="Of a motion that cannot be planned: why, as numbers.")
 
 
 DESCRIPTIONS = {
@@ -87,10 +89,15 @@ def install(app: FastAPI) -> None:
     app.router.default = without_websocket(app.router.default)
 
 
-def answer_to(error: CobotError) -> JSONResponse:
-    """The answer that tells of an error."""
+def answer_to(error: CobotError, explain: Explain | None = None) -> JSONResponse:
+    """The answer that tells of an error; `explain` instead of the facts alone."""
     headers = {"WWW-Authenticate": "Bearer"} if isinstance(error, errors.AuthenticationError) else None
-    return _answer(status_of(error), str(error), error.code, headers)
+    return _answer(status_of(error), str(error), error.code, headers, explain or explain_of(error))
+
+
+def tell(request: Request, explain: Explain) -> None:
+    """Have the answer to a request, which will be an error, say so much of it."""
+    request.state.explain = explain
 
 
 def without_websocket(otherwise: ASGIApp) -> ASGIApp:
@@ -106,14 +113,17 @@ def without_websocket(otherwise: ASGIApp) -> ASGIApp:
     return answer
 
 
-def _answer(status: int, detail: str, code: str, headers: Any = None) -> JSONResponse:
+def _answer(
+    status: int, detail: str, code: str, headers: Any = None, explain: Explain | None = None
+) -> JSONResponse:
     audit.add_details(error=detail, code=code)
-    return JSONResponse({"detail": detail, "code": code}, status, headers)
+    more = {} if explain is None else {"explain": explain.model_dump()}
+    return JSONResponse({"detail": detail, "code": code} | more, status, headers)
 
 
 async def _cobot_error(request: Request, exc: Exception) -> JSONResponse:
     assert isinstance(exc, CobotError)
-    return answer_to(exc)
+    return answer_to(exc, getattr(request.state, "explain", None))
 
 
 async def _refused_by_system(request: Request, exc: Exception) -> JSONResponse:

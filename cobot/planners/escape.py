@@ -47,7 +47,7 @@ def leave(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
         return None
     straight = replace(request, synchronization=Synchronization.PHASE)
     for least_m in _least(robot, start):
-        for exit_joints in [inside] if is_free else _exits(robot, inside):
+        for exit_joints in [inside] if is_free else exits(robot, inside):
             motion = plan_ptp(robot, straight, exit_joints)
             with robot.collision.keeping(least_m) as clearance:
                 if clearance.contact(motion_pieces(motion)) is not None:
@@ -56,7 +56,8 @@ def leave(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
             return replace(motion, note=_note(robot, start, inside, exit_joints))
     contact = robot.collision.contacts(inside)[0]
     raise CollisionError(
-        f"the start is in collision: {contact}, and no straight joint motion leads out of it"
+        f"the start is in collision: {contact}, and no straight joint motion leads out of it",
+        findings=[robot.collision.finding(contact, 0.0)],
     )
 
 
@@ -68,7 +69,7 @@ def _least(robot: RobotDescription, start: Array) -> tuple[Array, Array]:
     return kept, np.where(kept < margin_m, kept.min(initial=margin_m), kept)
 
 
-def _exits(robot: RobotDescription, start: Array) -> list[Array]:
+def exits(robot: RobotDescription, start: Array) -> list[Array]:
     """Free joint angles within the limits, the nearest first, that pushing leads to from around the start."""
     wanted_m, random = robot.collision.margin_m + SPARE_M, np.random.default_rng(1)
     limits = robot.limits
