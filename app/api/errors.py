@@ -50,6 +50,11 @@ class ErrorAnswer(BaseModel):
 
     detail: str = Field(description="What is wrong, where, the value and the limit.")
     code: str = Field(description="A stable word for programs.")
+
+
+class RefusedAnswer(ErrorAnswer):
+    """A request that cannot be honoured; of a motion that cannot be planned, why."""
+
     explain: Explain | None = Field(None, description="Of a motion that cannot be planned: why, as numbers.")
 
 
@@ -68,7 +73,11 @@ DESCRIPTIONS = {
 
 def responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
     """The documentation of the error answers that an endpoint can give."""
-    return {status: {"model": ErrorAnswer, "description": DESCRIPTIONS[status]} for status in statuses}
+    models: dict[int, type[ErrorAnswer]] = {422: RefusedAnswer}
+    return {
+        status: {"model": models.get(status, ErrorAnswer), "description": DESCRIPTIONS[status]}
+        for status in statuses
+    }
 
 
 def status_of(error: CobotError) -> int:

@@ -59,12 +59,13 @@ def check_limits(
     limit = low[joint] if value < low[joint] else high[joint]
     begin, end = trajectory.breakpoints_s[segment : segment + 2]
     share = _worst_share(trajectory, derivative, segment, joint, value < low[joint])
-    place = f"from {begin:.3f} s to {end:.3f} s, at {100.0 * share:.0f} % of the motion,"
+    place = f"from {begin:.3f} s to {end:.3f} s"
     if labels is not None:
-        place = f"between {labels[segment]} and {labels[segment + 1]} ({place[:-1]})"
+        place = f"between {labels[segment]} and {labels[segment + 1]} ({place})"
     name, quantity, unit = limits.names[joint], QUANTITIES[derivative], UNITS[derivative]
     raise LimitError(
-        f"{place} the {quantity} of {name} reaches {value:.6g} {unit}, its limit is {limit:.6g} {unit}",
+        f"{place} the {quantity} of {name} reaches {value:.6g} {unit}, its limit is {limit:.6g} {unit}, "
+        f"at {100.0 * share:.0f} % of the motion",
         findings=[Finding("limit", quantity, value, float(limit), unit, share, (name,))],
     )
 
