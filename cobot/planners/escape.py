@@ -54,11 +54,24 @@ def leave(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
                     continue
             check_limits(motion, request.scaled_limits(robot).including(start))
             return replace(motion, note=_note(robot, start, inside, exit_joints))
-    contact = robot.collision.contacts(inside)[0]
-    raise CollisionError(
-        f"the start is in collision: {contact}, and no straight joint motion leads out of it",
-        findings=[robot.collision.finding(contact, 0.0)],
-    )
+    raise _no_way_out(robot, straight, inside)
+
+
+def _no_way_out(robot: RobotDescription, request: MotionRequest, inside: Array) -> CollisionError:
+    contacts = robot.collision.contacts(inside)
+    if contacts:
+        return CollisionError(
+            f"the start is in collision: {contacts[0]}, and no straight joint motion leads out of it",
+            findings=[robot.collision.finding(contacts[0], 0.0)],
+        )
+    beyond = np.abs(inside - request.start)
+    joint = int(beyond.argmax())
+    said = f"the start: {robot.limits.names[joint]} is {beyond[joint]:.4f} rad beyond its limit"
+    try:
+        robot.collision.check_trajectory(plan_ptp(robot, request, inside))
+    except CollisionError as exc:
+        return exc.said(f"{said}, and the straight way back is not free: {exc}")
+    return CollisionError(f"{said}, and the straight way back is not free")
 
 
 def _least(robot: RobotDescription, start: Array) -> tuple[Array, Array]:

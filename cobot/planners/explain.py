@@ -34,18 +34,23 @@ SLOWEST, LONGEST_S = 0.01, 600.0
 BACK = (0.0, 1e-3, 1e-2, 0.03, 0.1, 0.2)
 """From the edge of what is reachable the goal is taken back by these shares of the way to the start, in turn:
 what is at the edge has joint angles at a limit or a straight elbow."""
-SHORT_OF, SHORTEST = 0.95, 0.05
-"""A line that ends on its way is tried up to this share of where it ended, if that is not all too short."""
+SHORT_OF, SHORTEST = (0.95, 0.8, 0.6, 0.4, 0.2), 0.05
+"""A line that ends on its way is tried up to these shares of where it ended, if that is not all too short."""
 SPREAD = 8
 
 
 @dataclass(frozen=True, slots=True)
 class Idea:
-    """What a request might be changed to."""
+    """What a request might be changed to.
+
+    Attributes:
+        first: the arm would have to go to another start first: it counts only if it can.
+    """
 
     kind: Kind
     change: dict[str, Any]
     says: str
+    first: bool = False
 
 
 def explain(
@@ -82,8 +87,7 @@ def explain(
 
 
 def _planned(robot: RobotDescription, request: MotionRequest, idea: Idea) -> Trajectory | None:
-    """The motion of the idea; another start counts only if the arm can go there."""
-    if idea.kind == "start":
+    if idea.first:
         anyhow = {"through": (), "radius_m": 0.0, "constraints": None, **_searching(request)}
         plan(robot, replace(request, goal=idea.change["start"], **anyhow))
     return plan(robot, replace(request, **idea.change))
@@ -92,8 +96,8 @@ def _planned(robot: RobotDescription, request: MotionRequest, idea: Idea) -> Tra
 def _ideas(robot: RobotDescription, request: MotionRequest, error: CobotError) -> Iterator[Idea]:
     """The likely ones first."""
     checks = {found.check for found in error.findings}
-    if isinstance(error, LimitError) and _at_start(error):
-        yield from _other_starts(robot, request)
+    if isinstance(error, LimitError) and _at_start(error):  # The arm is not there: somebody has written it.
+        yield from (replace(idea, first=False) for idea in _other_starts(robot, request))
         return
     at_goal = bool(error.findings) and error.findings[0].share == 1.0
     if "effort" in checks or any(f.check == "limit" and f.quantity != "position" for f in error.findings):
@@ -106,6 +110,8 @@ def _ideas(robot: RobotDescription, request: MotionRequest, error: CobotError) -
         yield from _other_branches(robot, request)
     yield from _other_planners(request)
     yield from _shorter(robot, request, error)
+    if "reach" in checks and not at_goal:
+        yield from _other_goals(robot, request)
     if request.planner in PATH_PLANNERS or _at_start(error):
         yield from _other_starts(robot, request)
 
@@ -130,10 +136,15 @@ def _faster(request: MotionRequest) -> Iterator[Idea]:
         )
 
 
+def _is_the_path(request: MotionRequest) -> bool:
+    """Whether there is no more to a request than its path, so that another way to its end is no help."""
+    return bool(request.through) or (request.arc is not None and request.arc.angle_rad is not None)
+
+
 def _other_planners(request: MotionRequest) -> Iterator[Idea]:
     """Those that go around what is in the way, from a start that must be left too."""
-    if (request.arc is not None and request.arc.angle_rad is not None) or request.through:
-        return  # the path is what was asked for
+    if _is_the_path(request):
+        return
     others = {PlannerName.AUTO: PlannerName.CHOMP, PlannerName.OMPL: PlannerName.CHOMP}
     planner = others.get(request.planner, PlannerName.AUTO)
     along = ", not along the path" if request.planner in PATH_PLANNERS else ""
@@ -184,14 +195,19 @@ def _other_starts(robot: RobotDescription, request: MotionRequest) -> Iterator[I
         return
     for start in starts:
         if np.abs(start - request.start).max() > 1e-3:
-            yield Idea("start", {"start": start}, f"from the joints {_shown(start)} rad")
+            says = f"from the joints {_shown(start)} rad"
+            yield Idea("start", {"start": start}, says, first=True)
+            if request.planner is PlannerName.PTP:
+                change = {"start": start, **_searching(request)}
+                yield Idea("start", change, f"{says}, with planner auto", first=True)
 
 
 def _other_goals(robot: RobotDescription, request: MotionRequest) -> Iterator[Idea]:
     """The nearest that can be: within the limits, in reach and free; the way there may need a search."""
     for goal, says in _near_goals(robot, request):
-        yield Idea("goal", {"goal": goal}, f"to the nearest goal that is possible, {says}")
-        if request.planner is PlannerName.PTP:
+        if request.planner not in PATH_PLANNERS:
+            yield Idea("goal", {"goal": goal}, f"to the nearest goal that is possible, {says}")
+        if request.planner is PlannerName.PTP or request.planner in PATH_PLANNERS:
             change = {"goal": goal, **_searching(request, PlannerName.AUTO)}
             yield Idea("goal", change, f"to the nearest goal that is possible, {says}, with planner auto")
 
@@ -204,7 +220,7 @@ def _near_goals(robot: RobotDescription, request: MotionRequest) -> Iterator[tup
         for joints in nearest:
             yield joints, f"joints {_shown(joints)} rad"
         return
-    if request.arc is not None or request.via is not None or request.through:
+    if _is_the_path(request):
         return
     for joints in _near_joints(robot, request, goal):
         pose = _as_written(robot.model.forward(joints))
@@ -215,7 +231,10 @@ def _near_goals(robot: RobotDescription, request: MotionRequest) -> Iterator[tup
 
 def _near_joints(robot: RobotDescription, request: MotionRequest, goal: Pose) -> Iterator[Array]:
     """Free joint angles with the TCP near a pose that cannot be reached, or only in collision."""
-    nearest = nearest_to(robot.model, goal, request.start, request.seed).joints
+    descent = nearest_to(robot.model, goal, request.start, request.seed)
+    nearest = descent.joints
+    if request.planner in PATH_PLANNERS and descent.solved:
+        return
     if not robot.collision.is_free(nearest):
         yield from exits(robot, nearest)[:MOST_GOALS]
         return
@@ -234,7 +253,8 @@ def _shorter(robot: RobotDescription, request: MotionRequest, error: CobotError)
     if request.planner is not PlannerName.LIN or not shares or not isinstance(request.goal, Pose):
         return
     line = straight_line(robot.model.forward(request.start), request.goal)
-    for share in sorted({SHORT_OF * each for each in (max(shares), min(shares))}, reverse=True):
+    for part in SHORT_OF:
+        share = part * max(shares)
         if share >= SHORTEST:
             goal = _as_written(line.pose_at(share))
             yield Idea("goal", {"goal": goal}, f"along the line up to {100.0 * share:.0f} % of it")
