@@ -40,6 +40,7 @@ BLOCKS = (
     "requests",
     "head",
     "commands",
+    "tool",
     "slots",
     "info",
     "session_ack",

@@ -24,8 +24,8 @@ def joint_goals(robot: RobotDescription, request: MotionRequest) -> Array:
     """
     goal = request.goal
     if not isinstance(goal, Pose):
-        check_positions(robot.limits, goal)
-        robot.collision.check_position(goal, "the goal")
+        check_positions(robot.limits, goal, share=1.0)
+        robot.collision.check_position(goal, "the goal", 1.0)
         return np.array([goal], dtype=np.float64)
     if _at(robot, request.start, goal):
         return np.array([request.start])
@@ -33,7 +33,7 @@ def joint_goals(robot: RobotDescription, request: MotionRequest) -> Array:
     free = found[robot.collision.clearance.are_free(found)]
     if len(free) == 0:
         several = f", as in the other {len(found) - 1} configurations," if len(found) > 1 else ""
-        robot.collision.check_position(found[0], f"the goal in the nearest configuration{several}")
+        robot.collision.check_position(found[0], f"the goal in the nearest configuration{several}", 1.0)
     return free
 
 

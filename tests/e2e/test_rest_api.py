@@ -32,6 +32,8 @@ MANUAL = {
     ("post", "/robot/plan/named"),
     ("post", "/robot/plan/joints"),
     ("post", "/robot/plan/pose"),
+    ("post", "/robot/plan/path"),
+    ("post", "/robot/plan/sequence"),
     ("post", "/robot/execute"),
     ("post", "/trajectory/send"),
     ("post", "/trajectory/send_csv"),
@@ -460,7 +462,8 @@ def test_every_example_of_the_schema_works_unedited(http: httpx.Client) -> None:
                     http.delete(path, headers={"X-Control-Token": answer.json()["token"]}).raise_for_status()
                 until(lambda: motion(http)["mode"] == "HOLD")
                 tried += 1
-    assert tried == 2 * 12, "of the default robot, and of a robot by name"
+    http.post("/robot/tool", json={"clear": True}).raise_for_status()
+    assert tried == 2 * 13, "of the default robot, and of a robot by name"
 
 
 def test_a_second_motion_is_refused_with_the_name_of_the_first(http: httpx.Client) -> None:

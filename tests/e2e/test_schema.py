@@ -68,7 +68,8 @@ def fuzzed(service: Run, folder: Path, *options: str, document: str = "/openapi.
         # The folder is where it leaves what it has found.
         result = subprocess.run(command, capture_output=True, text=True, timeout=280, check=False, cwd=folder)
     # What it has put there would be in the way of the tests that follow.
-    httpx.post(f"{service.url}/scene", json={"clear": True}, timeout=WAIT_S)
+    for path in ("/scene", "/robot/tool"):
+        httpx.post(f"{service.url}{path}", json={"clear": True}, timeout=WAIT_S)
     assert result.returncode == 0, result.stdout[-6000:] + result.stderr[-2000:]
     assert re.search(r"\d+ passed", result.stdout)
 

@@ -16,7 +16,7 @@ from app.services.motion.ownership import Caller, Ownership
 from app.services.motion.planning import PlanningService
 from app.services.motion.scene import SceneService
 from app.services.state.link import RobotLink
-from cobot.errors import CobotError, ConflictError, InputError, LimitError
+from cobot.errors import CobotError, ConflictError, ExecutionError, InputError, LimitError
 from cobot.robot.collision import CollisionChecker, Contact
 from cobot.robot.description import RobotDescription
 from cobot.robot.tool import Tool, ToolFile, check_tool
@@ -93,9 +93,9 @@ class ToolService:
 
         Raises:
             InputError, LimitError: there can be no such tool, or the arm could not hold it where it is.
-            ConflictError: the arm moves, somebody else owns the motion, or something is attached to the TCP.
-            ExecutionError, UnavailableError: rtloop does not take it, or the file cannot be written; all is
-                as it was.
+            ConflictError: the arm moves, somebody else owns the motion, something is attached to the TCP, or
+                rtloop refuses it; all is as it was.
+            UnavailableError: rtloop does not answer, or the file cannot be written; likewise.
         """
         if edit(self.tool) == self.tool:
             return ToolChanged(self.tool, self._robot.collision.contacts(self._link.state().position))
@@ -158,8 +158,10 @@ class ToolService:
         await asyncio.to_thread(self._file.write, tool)
         try:
             await self._link.set_tool(tool)
-        except CobotError:
+        except CobotError as exc:
             await asyncio.to_thread(self._file.write, before)
+            if isinstance(exc, ExecutionError):
+                raise ConflictError(str(exc)) from exc
             raise
         self._take_over(tool, ours)
         log.info("%sthe tool has version %d: %s", self._link.label, tool.version, described(tool))

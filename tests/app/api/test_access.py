@@ -401,7 +401,7 @@ def role_by_the_docs(endpoint: str) -> Role:
         return Role.ADMIN
     if method in ("GET", "WS") or path.endswith("/stop") or "{method}" in path:
         return Role.OBSERVER
-    return Role.PROGRAMMER if path.endswith("/sequences/start") else Role.OPERATOR
+    return Role.PROGRAMMER if path.endswith(("/sequences/start", "/tool")) else Role.OPERATOR
 
 
 def test_the_table_has_each_endpoint_and_no_other() -> None:

@@ -406,14 +406,16 @@ def test_poses_are_those_of_the_tool(robot: Robot) -> None:
 
 
 def test_vendor_payload_is_the_tool_and_really_weighs(robot: Robot) -> None:
-    before, joints = np.array(robot("RobotState", "getJointTorques")), np.array(robot.joints)
+    before, joints = np.array(robot("RobotState", "getJointTorqueSensors")), np.array(robot.joints)
     point = {"cog": [0.02, -0.05, 0.12], "aom": [0.0] * 3, "inertia": [0.0] * 6}
     robot("RobotConfig", "setPayload", m=10.0, **point)
     assert robot.http.get("/robot/tool").json()["mass"] == 10.0
     robot.http.sleep(0.3)
     load = Tool(mass=10.0, centre=(0.02, -0.05, 0.12))
     expected = loaded(load).gravity(joints) - second_robot().gravity(joints)
-    np.testing.assert_allclose(np.array(robot("RobotState", "getJointTorques")) - before, expected, atol=0.1)
+    np.testing.assert_allclose(
+        np.array(robot("RobotState", "getJointTorqueSensors")) - before, expected, atol=0.1
+    )
     assert np.abs(expected).max() > 10.0
     robot("MotionControl", "moveJoint", q=moved(HOME, j1=0.3), v=0.2)
     robot.fails(Code.CONFLICT, "RobotConfig", "setPayload", m=5.0, **point)

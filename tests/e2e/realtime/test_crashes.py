@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator
+from functools import partial
 
 import httpx
 import numpy as np
@@ -19,11 +20,14 @@ from activities import AWAY, active
 from faults import Record, watched
 from peers import own_domain
 from running import WAIT_S, Run, answering
+from second_opinion import second_robot
 from tasks import HOME, child, name, reset, robot_health
+from tools import loaded
 
 from cobot.config import load_settings
 from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.robot import description as robots
+from cobot.robot.tool import Tool
 
 MOVE = {"joints": AWAY, "speed": 0.3}
 
@@ -169,6 +173,32 @@ def test_a_planning_process_that_is_stopped_is_replaced(crashing: Run, record: R
     assert move(run, AWAY).json()["success"]
     assert worker.pid not in [each.pid for each in workers(run)]
     require_able(run, record)
+
+
+def test_the_load_is_held_again_by_who_is_restarted(crashing: Run, record: Record) -> None:
+    """Oracle: pinocchio, in which the load is a body of its own."""
+    load = Tool(mass=10.0, centre=(0.02, -0.05, 0.12))
+    expected = loaded(load).gravity(np.array(HOME)) - second_robot().gravity(np.array(HOME))
+    crashing.go_home()
+    before = efforts(crashing)
+    tool = {"mass": load.mass, "centre": list(load.centre)}
+    answer = httpx.post(f"{crashing.url}/robot/tool", json=tool, timeout=WAIT_S)
+    assert answer.status_code == 200, answer.text
+    crashing.until(lambda: np.abs(efforts(crashing) - before - expected).max() < 0.3)
+    for which in ("rtloop", "app"):
+        victim = child(crashing, which, None)
+        victim.kill()
+        crashing.until(partial(crashing.restarted, which, victim.pid))
+        crashing.until(crashing.healthy)
+        assert httpx.get(f"{crashing.url}/robot/tool", timeout=WAIT_S).json()["mass"] == load.mass
+        crashing.until(lambda: np.abs(efforts(crashing) - before - expected).max() < 0.3)
+    moved = httpx.post(f"{crashing.url}/robot/move/joints", json=MOVE, timeout=WAIT_S).json()
+    assert moved["success"], moved
+    httpx.post(f"{crashing.url}/robot/tool", json={"clear": True}, timeout=WAIT_S).raise_for_status()
+
+
+def efforts(run: Run) -> np.ndarray:
+    return np.array(httpx.get(f"{run.url}/robot/joint_states", timeout=WAIT_S).json()["effort"])
 
 
 def test_a_spoilt_header_is_mended_and_who_is_restarted_meanwhile_comes_back(
