@@ -191,7 +191,8 @@ def _spoiled(
     inner = (parameters[:-1, None] + BETWEEN * np.diff(parameters)[:, None]).ravel()
     there = inner
     if parameters is not shares:
-        there = Path.through(parameters, shares[:, None]).at(inner)[:, 0]
+        # Beyond its ends a path would go on as a line does, and the TCP would not be found beside it.
+        there = np.clip(Path.through(parameters, shares[:, None]).at(inner)[:, 0], 0.0, 1.0)
     poses, targets = robot.model.poses(joint_path.at(inner)), path.poses(there)
     far = np.linalg.norm(poses[:, :3] - targets[:, :3], axis=1) > PATH_SHARE * LARGEST_DEVIATION_M
     far |= angles_between(poses[:, 3:], targets[:, 3:]) > PATH_SHARE * LARGEST_DEVIATION_RAD
