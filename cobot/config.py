@@ -51,6 +51,8 @@ ENDPOINTS = (
     "POST /robot/plan/named",
     "POST /robot/plan/pose",
     "POST /robot/plan/joints",
+    "POST /robot/plan/path",
+    "POST /robot/plan/sequence",
     "POST /robot/execute",
     "GET /robot/tool",
     "POST /robot/tool",
@@ -219,6 +221,7 @@ class PlanningSection(Section):
     smoothing_rad: Annotated[float, Field(ge=0.0, le=0.01)]
     kept_plans: Annotated[int, Field(ge=1, le=1000)]
     plan_lifetime_s: Annotated[float, Field(ge=1.0, le=86_400.0)]
+    explain_s: Annotated[float, Field(ge=0.0, le=60.0)]
     max_linear_velocity: Rate
     max_linear_acceleration: Rate
     max_linear_jerk: Rate

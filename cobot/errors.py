@@ -33,13 +33,33 @@ CobotError
 from __future__ import annotations
 
 import errno
-from typing import ClassVar
+from collections.abc import Iterable
+from typing import ClassVar, Self
+
+from cobot.findings import Explanation, Finding
 
 
 class CobotError(Exception):
-    """Base of all errors; `code` is stable and safe to compare, the message is for people."""
+    """Base of all errors; `code` is stable and safe to compare, the message is for people.
+
+    Attributes:
+        findings: the facts of the message, of errors about a motion; the decisive one first.
+        explanation: what would make it work, if that was tried.
+    """
 
     code: ClassVar[str] = "error"
+    findings: tuple[Finding, ...] = ()
+    explanation: Explanation | None = None
+
+    def __init__(self, *arguments: object, findings: Iterable[Finding] = ()) -> None:
+        super().__init__(*arguments)
+        self.findings = tuple(findings)
+
+    def said(self, message: str) -> Self:
+        """The same with another message."""
+        error = type(self)(message, findings=self.findings)
+        error.explanation = self.explanation
+        return error
 
 
 class ConfigError(CobotError):

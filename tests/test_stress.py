@@ -86,3 +86,13 @@ def test_joints_whose_spline_swings_between_uneven_places_still_follow_a_line() 
     motion = plan(robot, MotionRequest(start, goal, PlannerName.LIN, Scaling(0.4)))
     assert motion is not None
     assert motion.duration_s < 2.0
+
+
+def test_a_redundant_arm_is_given_more_configurations_of_its_goal_until_one_can_be_reached() -> None:
+    # Of this gantry's configurations at the goal one in twenty can be reached; the first ones cannot.
+    there = case(arm("gantry"), 664, 1)
+    request = replace(there.requests[0], seed=0, timeout_s=30.0)
+    motion = plan(there.robot, request)
+    assert motion is not None
+    assert isinstance(request.goal, Pose)
+    assert Judge(arm("gantry"), there.robot).off(motion.end, request.goal) < 1e-6

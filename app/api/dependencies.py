@@ -71,32 +71,32 @@ class Call:
     """
 
     def __init__(self, request: Request) -> None:
-        self._request = request
+        self.request = request
         self.services = services_of(request)
 
     @property
     def name(self) -> str:
         """As in api_endpoints.yaml: "POST /stop"; for a robot by name "POST /robots/{robot}/stop"."""
-        return f"{self._request.method} {self._request.scope['route'].path}"
+        return f"{self.request.method} {self.request.scope['route'].path}"
 
     @property
     def timeout_s(self) -> float:
         """The time that api_endpoints.yaml grants this endpoint."""
-        return cast(dict[str, Endpoint], self._request.app.state.endpoints)[self.name].timeout_s
+        return cast(dict[str, Endpoint], self.request.app.state.endpoints)[self.name].timeout_s
 
     @property
     def stops(self) -> int:
         """`Ownership.stops` when this request came in."""
-        return cast(int, self._request.scope[STOPS])
+        return cast(int, self.request.scope[STOPS])
 
     @property
     def token(self) -> str | None:
         """Of the sequence on whose behalf the arm shall move, if any."""
-        return self._request.headers.get(MOTION_TOKEN)
+        return self.request.headers.get(MOTION_TOKEN)
 
     def caller(self, gone: asyncio.Event) -> Caller:
         """Who asks, for a motion."""
-        name = self.name.replace("{robot}", self._request.path_params.get("robot", ""))
+        name = self.name.replace("{robot}", self.request.path_params.get("robot", ""))
         return Caller(name, self.token, self.stops, self.timeout_s, gone)
 
 

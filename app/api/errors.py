@@ -15,6 +15,7 @@ from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from app.api.explain_schemas import Explain, explain_of
 from cobot import audit, errors
 from cobot.errors import CobotError, exhausted
 from cobot.logs import log_context
@@ -51,6 +52,12 @@ class ErrorAnswer(BaseModel):
     code: str = Field(description="A stable word for programs.")
 
 
+class RefusedAnswer(ErrorAnswer):
+    """A request that cannot be honoured; of a motion that cannot be planned, why."""
+
+    explain: Explain | None = Field(None, description="Of a motion that cannot be planned: why, as numbers.")
+
+
 DESCRIPTIONS = {
     401: "A token is needed, and there is none, or it is not valid.",
     403: "The token's role does not permit this: the detail says which role does.",
@@ -66,7 +73,11 @@ DESCRIPTIONS = {
 
 def responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
     """The documentation of the error answers that an endpoint can give."""
-    return {status: {"model": ErrorAnswer, "description": DESCRIPTIONS[status]} for status in statuses}
+    models: dict[int, type[ErrorAnswer]] = {422: RefusedAnswer}
+    return {
+        status: {"model": models.get(status, ErrorAnswer), "description": DESCRIPTIONS[status]}
+        for status in statuses
+    }
 
 
 def status_of(error: CobotError) -> int:
@@ -87,10 +98,15 @@ def install(app: FastAPI) -> None:
     app.router.default = without_websocket(app.router.default)
 
 
-def answer_to(error: CobotError) -> JSONResponse:
-    """The answer that tells of an error."""
+def answer_to(error: CobotError, explain: Explain | None = None) -> JSONResponse:
+    """The answer that tells of an error; `explain` instead of the facts alone."""
     headers = {"WWW-Authenticate": "Bearer"} if isinstance(error, errors.AuthenticationError) else None
-    return _answer(status_of(error), str(error), error.code, headers)
+    return _answer(status_of(error), str(error), error.code, headers, explain or explain_of(error))
+
+
+def tell(request: Request, explain: Explain) -> None:
+    """Have the answer to a request, which will be an error, say so much of it."""
+    request.state.explain = explain
 
 
 def without_websocket(otherwise: ASGIApp) -> ASGIApp:
@@ -106,14 +122,17 @@ def without_websocket(otherwise: ASGIApp) -> ASGIApp:
     return answer
 
 
-def _answer(status: int, detail: str, code: str, headers: Any = None) -> JSONResponse:
+def _answer(
+    status: int, detail: str, code: str, headers: Any = None, explain: Explain | None = None
+) -> JSONResponse:
     audit.add_details(error=detail, code=code)
-    return JSONResponse({"detail": detail, "code": code}, status, headers)
+    more = {} if explain is None else {"explain": explain.model_dump()}
+    return JSONResponse({"detail": detail, "code": code} | more, status, headers)
 
 
 async def _cobot_error(request: Request, exc: Exception) -> JSONResponse:
     assert isinstance(exc, CobotError)
-    return answer_to(exc)
+    return answer_to(exc, getattr(request.state, "explain", None))
 
 
 async def _refused_by_system(request: Request, exc: Exception) -> JSONResponse:

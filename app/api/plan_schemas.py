@@ -4,9 +4,24 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
-from app.api.schemas import HOME, Finite, MoveJoints, MoveNamed, MovePose
+from app.api.schemas import (
+    HOME,
+    AccelScale,
+    Finite,
+    FrameId,
+    KeptTo,
+    MetresPerSecond,
+    MoveJoints,
+    MoveNamed,
+    MovePose,
+    MoveSequence,
+    PathPose,
+    RadPerSecond,
+    Speed,
+    as_list,
+)
 from cobot.strict import StrictModel
 
 Start = Annotated[
@@ -17,9 +32,40 @@ Samples = Annotated[
     int, Field(ge=2, le=1000, description="How many points of the path are answered, evenly over its time.")
 ]
 
+ExplainIt = Annotated[
+    bool,
+    Field(
+        description="If there is no plan: try what would make one, for `planning.explain_s` at the most; "
+        "false: only say what has failed."
+    ),
+]
+
 
 def _example(body: Any) -> ConfigDict:
     return ConfigDict(json_schema_extra={"examples": [body]})
+
+
+PLANNED = {
+    "plan_id": "2f1c9a0b7d3e4855",
+    "expires_in_s": 600.0,
+    "duration_s": 1.1,
+    "note": "",
+    "path": [
+        {"time_s": 0.0, "joints": HOME, "position": [0.51, 0.0, 0.46], "quaternion": [0.0, 1.0, 0.0, 0.0]},
+        {
+            "time_s": 1.1,
+            "joints": [0.3, *HOME[1:]],
+            "position": [0.49, 0.15, 0.46],
+            "quaternion": [0.15, 0.99, 0.0, 0.0],
+        },
+    ],
+    "utilisation": {
+        "velocity": {"peak": [0.49, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], "share": [0.33, *[0.0] * 6]},
+        "torque": {"peak": [9.8, 52.0, 3.1, 24.0, 0.9, 2.4, 0.1], "share": [0.03, 0.16, *[0.03] * 5]},
+    },
+    "closest_self": {"between": ["link2", "link5"], "distance_m": 0.094, "share": 0.0},
+    "closest_environment": None,
+}
 
 
 class PlanNamed(MoveNamed):
@@ -29,6 +75,7 @@ class PlanNamed(MoveNamed):
 
     start: Start = None
     samples: Samples = 50
+    explain: ExplainIt = True
 
 
 class PlanJoints(MoveJoints):
@@ -38,6 +85,7 @@ class PlanJoints(MoveJoints):
 
     start: Start = None
     samples: Samples = 50
+    explain: ExplainIt = True
 
 
 class PlanPose(MovePose):
@@ -47,6 +95,69 @@ class PlanPose(MovePose):
 
     start: Start = None
     samples: Samples = 50
+    explain: ExplainIt = True
+
+
+class PlanPath(StrictModel):
+    """Straight lines of the TCP, and from where."""
+
+    model_config = _example(
+        {
+            "poses": [
+                {"x": 0.45, "y": 0.1, "z": 0.5, "b": 3.14159},
+                {"x": 0.45, "y": -0.1, "z": 0.5, "b": 3.14159},
+            ],
+            "radius": 0.02,
+            "start": [0.0, 0.5, 0.0, -1.57, 0.0, 1.07, 0.0],
+            "samples": 3,
+        }
+    )
+
+    poses: Annotated[list[PathPose], BeforeValidator(as_list)] = Field(
+        min_length=1, max_length=201, description="Where it goes through; the last is the goal."
+    )
+    radius: Finite = Field(
+        0.0,
+        ge=0.0,
+        le=1.0,
+        description="How far from each pose but the last, m, the TCP may leave its path to go on without a "
+        "stop; 0: it stops.",
+    )
+    frame_id: FrameId = ""
+    speed: Speed = 0.1
+    accel_scale: AccelScale = 0.0
+    speed_m_s: MetresPerSecond = None
+    speed_rad_s: RadPerSecond = None
+    constraints: KeptTo = None
+    start: Start = None
+    samples: Samples = 50
+    explain: ExplainIt = True
+
+    def polyline(self) -> PlanPose:
+        """The same as a motion to a pose through the others."""
+        given = self.model_dump(exclude={"poses"}, exclude_unset=True)
+        through = [pose.model_dump() for pose in self.poses[:-1]]
+        goal = self.poses[-1].model_dump()
+        return PlanPose.model_validate({**given, **goal, "planner": "polyline", "through": through})
+
+
+class PlanSequence(MoveSequence):
+    """As for the motion, and from where."""
+
+    model_config = _example(
+        {
+            "motions": [
+                {"joints": [0.0, 0.5, *HOME[2:]], "speed": 0.25},
+                {"name": "home", "speed": 0.25},
+            ],
+            "radii": [0.05],
+            "samples": 3,
+        }
+    )
+
+    start: Start = None
+    samples: Samples = 50
+    explain: ExplainIt = True
 
 
 class PlanPoint(BaseModel):
@@ -75,6 +186,8 @@ class PlanDistance(BaseModel):
 
 class PlanAnswer(BaseModel):
     """A motion that has been planned, checked and not run."""
+
+    model_config = _example(PLANNED)
 
     plan_id: str = Field(description="For POST /robot/execute.")
     expires_in_s: float = Field(description="After which it is forgotten, s; sooner if there are many.")

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, FailFast, Field, Tag
 
+from app.api.explain_schemas import Explain
 from app.services.motion.lease import TIMEOUT_S, TIMEOUTS_S
 from cobot.motions.requests import RRT_CONNECT, Algorithm
 from cobot.strict import StrictModel
@@ -31,7 +32,7 @@ def _lower(value: Any) -> Any:
     return value.lower() if isinstance(value, str) else value
 
 
-def _as_list(value: Any) -> Any:
+def as_list(value: Any) -> Any:
     """MATLAB encodes a list of one object as the object."""
     return [value] if isinstance(value, dict) else value
 
@@ -218,7 +219,7 @@ class MovePose(StrictModel):
     axis: Point | None = Field(
         None, description="With `centre`: the arc turns about it by the right hand; else the short way."
     )
-    through: Annotated[list[PathPose], BeforeValidator(_as_list)] = Field(
+    through: Annotated[list[PathPose], BeforeValidator(as_list)] = Field(
         [], max_length=200, description="Of polyline: poses on the way."
     )
     radius: Finite = Field(
@@ -279,7 +280,7 @@ class MoveSequence(StrictModel):
         }
     )
 
-    motions: Annotated[list[AnyMotion], BeforeValidator(_as_list)] = Field(
+    motions: Annotated[list[AnyMotion], BeforeValidator(as_list)] = Field(
         min_length=1, max_length=50, description="Bodies of move/named, move/joints and move/pose, mixed."
     )
     radii: list[Annotated[Finite, Field(ge=0.0, le=1.0)]] = Field(
@@ -302,6 +303,7 @@ class MoveAnswer(BaseModel):
             "duration_s": 3.21,
             "planning_time_s": 0.01,
             "note": "",
+            "explain": None,
         }
     )
 
@@ -316,6 +318,7 @@ class MoveAnswer(BaseModel):
         description="What auto took and why, how a start in collision or beyond a limit was left, and which "
         "radius of a sequence was not used.",
     )
+    explain: Explain | None = Field(None, description="Of a motion that cannot be planned: why, as numbers.")
 
 
 class ResetAnswer(BaseModel):
@@ -460,7 +463,7 @@ class SendTrajectory(StrictModel):
         }
     )
 
-    points: Annotated[list[TrajectoryPoint], FailFast(), BeforeValidator(_as_list)] = Field(
+    points: Annotated[list[TrajectoryPoint], FailFast(), BeforeValidator(as_list)] = Field(
         min_length=1, max_length=100_000, description="At strictly increasing times."
     )
     validate_limits: bool = Field(True, description=VALIDATE)

@@ -72,13 +72,30 @@ def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
     check_synchronization(request.planner, request.synchronization)
     check_algorithm(request.algorithm, request.constraints)
     if request.planner in PATH_PLANNERS or request.planner is PlannerName.PTP:
-        robot.collision.check_position(request.start, "the start")
+        robot.collision.check_position(request.start, "the start", 0.0)
         return _direct(robot, request)
     first = leave(robot, request)
     if first is None:
         return _searched(robot, request)
-    rest = _searched(robot, replace(request, start=first.end))
+    rest = _searched(robot, replace(_after(robot, request, first), start=first.end))
     return first if rest is None else first.followed_by(rest)
+
+
+def _after(robot: RobotDescription, request: MotionRequest, first: Trajectory) -> MotionRequest:
+    """The request with constraints as they are from its own start on, which the way out has to keep too."""
+    held, constraints = _held(robot, request), request.constraints
+    if held is None or constraints is None:
+        return request
+    held.require(request.start, "the start")
+    try:
+        held.check(first, request.planner)
+    except PlanningError as exc:
+        raise PlanningError(f"{exc}; this is on the way out: {first.note}") from exc
+    cone = constraints.cone
+    if cone is None or cone.direction is not None:
+        return request
+    axis = robot.model.chain.solve(request.start)[1] @ cone.axis
+    return replace(request, constraints=replace(constraints, cone=replace(cone, direction=axis)))
 
 
 def _direct(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
@@ -97,10 +114,10 @@ def _searched(robot: RobotDescription, request: MotionRequest) -> Trajectory | N
     goals = joint_goals(robot, request)
     held = _held(robot, request)
     if held is not None:
-        held.require(request.start, "the start")
+        held.require(request.start, "the start", 0.0)
         kept = [joints for joints in goals if held.keeps(joints)]
         if not kept:
-            held.require(goals[0], "the goal, in the nearest configuration,")
+            held.require(goals[0], "the goal, in the nearest configuration,", 1.0)
         goals = np.array(kept or goals)
     if is_there(request.start, goals[0]):
         return None
@@ -115,11 +132,12 @@ def _chosen(robot: RobotDescription, request: MotionRequest, goals: Array) -> Tr
         trajectory = _validated(robot, request, plan_ptp(robot, request, goals[0]))
         return replace(trajectory, note="auto took ptp: the direct joint motion is free")
     except PlanningError as exc:
-        straight = str(exc)
+        straight = exc
     try:
         trajectory = _validated(robot, request, _plan_ompl(robot, request, goals))
     except PlanningError as exc:
-        raise type(exc)(f"auto found no motion: ptp: {straight}; {exc}") from exc
+        message = f"auto found no motion: ptp: {straight}; {exc}"
+        raise type(exc)(message, findings=straight.findings + exc.findings) from exc
     return replace(trajectory, note=f"auto took ompl ({request.algorithm}): ptp: {straight}")
 
 
@@ -129,5 +147,5 @@ def _validated(robot: RobotDescription, request: MotionRequest, trajectory: Traj
         if (held := _held(robot, request)) is not None:
             held.check(trajectory, request.planner)
     except LimitError as exc:
-        raise PlanningError(f"{request.planner}: {exc}") from exc
+        raise PlanningError(f"{request.planner}: {exc}", findings=exc.findings) from exc
     return trajectory

@@ -11,9 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from cobot.errors import InputError, PlanningError, UnreachableError
+from cobot.errors import CobotError, InputError, PlanningError, UnreachableError
+from cobot.findings import Finding
 from cobot.motions.requests import MotionRequest
-from cobot.planners.joint_path import SHORTEST_SHARE, through
+from cobot.planners.joint_path import SHORTEST_SHARE, at_limit_of, jump_of, through
 from cobot.planners.path import Path
 from cobot.planners.redundancy import MESHES, Graph, Profile
 from cobot.planners.tcp_path import TcpPath
@@ -49,7 +50,7 @@ def follow(robot: RobotDescription, request: MotionRequest, path: TcpPath) -> Tr
         try:
             motion = _timed(robot, request, simple)
         except (PlanningError, InputError) as exc:
-            reason = str(exc)
+            reason = exc
     if motion is not None and motion.duration_s <= SLOW * _shortest_s(request, robot, path):
         return motion
     other, reached = _redundant(robot, request.start, path, len(MESHES) if motion is None else 1)
@@ -59,16 +60,20 @@ def follow(robot: RobotDescription, request: MotionRequest, path: TcpPath) -> Tr
     if motion is None and simple is not None:
         return _timed(robot, request, simple)  # What it touches is said by the check of all motions.
     if motion is None:
-        raise UnreachableError(reason + _no_arm_angle(robot, reached))
+        assert reason is not None
+        raise _refused(robot, reason, reached)
     return motion
 
 
-def _no_arm_angle(robot: RobotDescription, reached: float) -> str:
-    if robot.model.inverse_kinematics.arm_angle is None:
-        return ""
-    if reached >= 1.0:
-        return "; no other arm angles lead along the path without touching something"
-    return f"; no arm angle leads further than {100 * reached:.0f} % of the path"
+def _refused(robot: RobotDescription, reason: CobotError, reached: float) -> UnreachableError:
+    """Why neither the simple way nor any arm angle leads to the end."""
+    more, findings = "", list(reason.findings)
+    if robot.model.inverse_kinematics.arm_angle is not None:
+        more = f"; no arm angle leads further than {100 * reached:.0f} % of the path"
+        if reached >= 1.0:
+            more = "; no other arm angles lead along the path without touching something"
+        findings.append(Finding("redundancy", "share of the path", reached, 1.0, "", reached))
+    return UnreachableError(f"{reason}{more}", findings=findings)
 
 
 def _timed(robot: RobotDescription, request: MotionRequest, joint_path: Path) -> Trajectory:
@@ -159,13 +164,15 @@ def _require_reach(robot: RobotDescription, path: TcpPath, start: Array) -> None
     end = next(share for share in shares if reach_gap(robot.model, path.pose_at(share)) > LEAST_GAP_M)
     joints = solve_near(robot.model, path.pose_at(end), start).joints
     joint = int(np.abs(joints - start).argmax())
+    name = robot.limits.names[joint]
     raise UnreachableError(
         f"{path.name}: at {100 * end:.0f} % of the path the TCP cannot go on: the goal is out of reach by "
-        f"{gap:.3g} m, with {robot.limits.names[joint]} turning most, to {joints[joint]:.3f} rad"
+        f"{gap:.3g} m, with {name} turning most, to {joints[joint]:.3f} rad",
+        findings=[Finding("reach", "distance beyond the reach", float(gap), 0.0, "m", float(end), (name,))],
     )
 
 
-def _continued(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Path | None, str]:
+def _continued(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Path | None, CobotError | None]:
     """The joints by inverse kinematics at even places, each from the one before, or why they cannot go on."""
     arm = robot.model.inverse_kinematics
 
@@ -175,9 +182,9 @@ def _continued(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Pa
 
     try:
         shares, rows = _chain(robot, start, path)
-        return through(robot, path, shares, rows, joints_at), ""
+        return through(robot, path, shares, rows, joints_at), None
     except UnreachableError as exc:
-        return None, str(exc)
+        return None, exc
 
 
 def _chain(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Array, Array]:
@@ -201,7 +208,7 @@ def _chain(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Array,
             beyond = next(place for place in reversed(ahead) if place in poses)
             if not solved:  # At the next even place it is as far off as a person would call it.
                 joints = descend(poses[beyond], rows[-1], 60)[0]
-            raise UnreachableError(_failure(robot, path, (share, beyond), joints, rows[-1], at_limit, solved))
+            raise _failure(robot, path, (share, beyond), joints, rows[-1], at_limit, solved)
     return np.array(shares), np.array(rows)
 
 
@@ -219,24 +226,26 @@ def _failure(
     before: Array,
     at_limit: list[int],
     solved: bool,
-) -> str:
+) -> UnreachableError:
     """Why it ends at the first of these shares; `joints` are those of the second if they are not solved."""
     share, beyond = shares
     place = f"{path.name}: at {100 * share:.0f} % of the path"
     limits = robot.limits
     for joint in at_limit:
         limit = limits.min_position[joint] if joints[joint] < 0 else limits.max_position[joint]
-        return f"{place} {limits.names[joint]} reaches its limit of {limit:.4f} rad"
+        return at_limit_of(place, limits.names[joint], float(joints[joint]), float(limit), share)
     joint = int(np.abs(joints - before).argmax())
+    name = limits.names[joint]
     if solved:
-        return (
-            f"{place} {limits.names[joint]} would have to jump by {abs(joints[joint] - before[joint]):.2f} "
-            "rad: the path leads through a singularity"
-        )
+        return jump_of(place, name, abs(float(joints[joint] - before[joint])), share)
     pose, target = robot.model.forward(joints), path.pose_at(beyond)
     missing = 1e3 * float(np.linalg.norm(pose.position - target.position))
-    angle = np.degrees(angle_between(pose.quaternion, target.quaternion))
-    return (
-        f"{place} the TCP cannot go on: it stays {missing:.1f} mm and {angle:.2f} degrees away, "
-        f"with {limits.names[joint]} turning most, to {joints[joint]:.3f} rad"
+    angle = float(angle_between(pose.quaternion, target.quaternion))
+    return UnreachableError(
+        f"{place} the TCP cannot go on: it stays {missing:.1f} mm and {np.degrees(angle):.2f} degrees away, "
+        f"with {name} turning most, to {joints[joint]:.3f} rad",
+        findings=[
+            Finding("reach", "distance to the path", 1e-3 * missing, 0.0, "m", share, (name,)),
+            Finding("reach", "angle to the path", angle, 0.0, "rad", share, (name,)),
+        ],
     )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from cobot.errors import PlanningTimeout
+from cobot.findings import Finding
 from cobot.robot.description import RobotDescription
 from cobot.robot.feasibility import check_efforts, check_limits
 from cobot.trajectory import Trajectory
@@ -29,6 +31,11 @@ def validate(
     check_limits(trajectory, limits.including(trajectory.start), labels, TOLERANCE)
     check_efforts(robot.model, trajectory, limits)
     robot.collision.check_trajectory(trajectory)
+
+
+def out_of_time(message: str, timeout_s: float) -> PlanningTimeout:
+    """A planner has found nothing in its time."""
+    return PlanningTimeout(message, findings=[Finding("time", "planning time", timeout_s, timeout_s, "s")])
 
 
 def is_there(start: Array, goal: Array) -> bool:

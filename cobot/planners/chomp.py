@@ -19,8 +19,10 @@ from scipy.linalg import cho_factor, cho_solve
 
 from cobot.errors import CollisionError, PlanningError, PlanningTimeout
 from cobot.motions.requests import RRT_CONNECT, MotionRequest
+from cobot.planners.checks import out_of_time
 from cobot.planners.spline import smooth_motion
 from cobot.robot.clearance import Clearance
+from cobot.robot.collision import Contact
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array
@@ -54,7 +56,7 @@ def plan_chomp(robot: RobotDescription, request: MotionRequest, goals: Array) ->
         PlanningTimeout: it took longer than the request allows.
     """
     deadline_s = time.monotonic() + request.timeout_s
-    problem = ""
+    problem: CollisionError | None = None
     for note, corners in _starts(robot, request, goals, deadline_s):
         points, why = _optimised(robot, corners, SMOOTHING if note else 0, deadline_s, request.timeout_s)
         problem = problem or why
@@ -63,10 +65,13 @@ def plan_chomp(robot: RobotDescription, request: MotionRequest, goals: Array) ->
         try:
             motion = smooth_motion(robot, points, request.scaled_limits(robot))
         except CollisionError as exc:
-            problem = problem or str(exc)
+            problem = problem or exc
         else:
             return replace(motion, note=note)
-    raise PlanningError(f"chomp: found no free path near the straight one: {problem}")
+    raise PlanningError(
+        f"chomp: found no free path near the straight one: {problem}",
+        findings=() if problem is None else problem.findings,
+    )
 
 
 def _starts(
@@ -88,7 +93,7 @@ def _starts(
 
 def _optimised(
     robot: RobotDescription, corners: Array, least_iterations: int, deadline_s: float, timeout_s: float
-) -> tuple[Array | None, str]:
+) -> tuple[Array | None, CollisionError | None]:
     """A free polyline, shape (n, dof), with these ends; or None, and what is in the way.
 
     Raises:
@@ -104,7 +109,7 @@ def _optimised(
                 robot, clearance, points, least_m, least_iterations, deadline_s, timeout_s
             )
             if free is not None:
-                return free, ""
+                return free, None
             if 2 * len(points) > MAX_POINTS or not clearance.are_free(points).all():
                 return None, _obstacle(robot, clearance, points)
             points = _doubled(points)
@@ -126,7 +131,7 @@ def _descended(
     weight, free = SMOOTHNESS_WEIGHT, None
     for iteration in range(ITERATIONS):
         if time.monotonic() > deadline_s:
-            raise PlanningTimeout(f"chomp: not done within {timeout_s:.1f} s")
+            raise out_of_time(f"chomp: not done within {timeout_s:.1f} s", timeout_s)
         velocities = np.gradient(points, axis=0) * (count - 1)
         push, _, nearest = clearance.push(points, velocities, least_m + PUSHED_M, CLEARANCE_M)
         if iteration % LOOK == 0 and nearest.min() >= least_m:
@@ -146,15 +151,17 @@ def _descended(
     return points, free
 
 
-def _obstacle(robot: RobotDescription, clearance: Clearance, points: Array) -> str:
+def _obstacle(robot: RobotDescription, clearance: Clearance, points: Array) -> CollisionError:
     """What is deepest, where, and how deep."""
     points = _doubled(_doubled(points))
     distances = clearance.distances(points, 1.0)
     row, pair = np.unravel_index(int(distances.argmin()), distances.shape)
-    first, second = robot.collision.names(int(pair))
-    return (
-        f"after {100.0 * row / (len(points) - 1):.0f} % of the path {first} and {second} still at "
-        f"{1e3 * distances[row, pair]:.0f} mm; try ompl"
+    contact = Contact(*robot.collision.names(int(pair)), float(distances[row, pair]))
+    share = float(row / (len(points) - 1))
+    return CollisionError(
+        f"after {100.0 * share:.0f} % of the path {contact.first} and {contact.second} still at "
+        f"{1e3 * contact.distance_m:.0f} mm; try ompl",
+        findings=[robot.collision.finding(contact, share)],
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cobot.errors import InputError, PlanningError
+from cobot.findings import Finding
 from cobot.motions.requests import Arc, MotionRequest, check_via
 from cobot.planners.cartesian import follow
 from cobot.planners.tcp_path import PLACES, TcpPath, turn_between, turned
@@ -53,20 +54,23 @@ def arc_about(start: Pose, given: Arc, goal: Pose) -> TcpPath:
     if min(radii) < NEAREST_POINTS_M or abs(radii[0] - radii[1]) > EQUAL_RADII_M:
         raise PlanningError(
             f"circ: the start is {1e3 * radii[0]:.2f} mm from the centre, the goal {1e3 * radii[1]:.2f} mm"
-            f"; they may differ by {1e3 * EQUAL_RADII_M:g} mm, the least is {1e3 * NEAREST_POINTS_M:g} mm"
+            f"; they may differ by {1e3 * EQUAL_RADII_M:g} mm, the least is {1e3 * NEAREST_POINTS_M:g} mm",
+            findings=[_shape("difference of the radii", float(abs(radii[0] - radii[1])), EQUAL_RADII_M)],
         )
     normal = np.cross(x, to_goal) if given.axis is None else given.axis / np.linalg.norm(given.axis)
     if given.axis is None and np.linalg.norm(normal) < SMALLEST_SINE * radii[0] * radii[1]:
         raise PlanningError(
             "circ: start, centre and goal are on one line: an axis has to say in which plane the arc is, "
-            "or via, a point on it"
+            "or via, a point on it",
+            findings=[_shape("sine of the arc", _sine(normal, x, to_goal), SMALLEST_SINE, "")],
         )
     axis = normal / np.linalg.norm(normal)
     for name, way in (("start", x), ("goal", to_goal)):
         if abs(way @ axis) > EQUAL_RADII_M:
             raise PlanningError(
                 f"circ: the {name} is {1e3 * abs(way @ axis):.2f} mm beside the plane that the axis has at "
-                f"the centre, allowed are {1e3 * EQUAL_RADII_M:g} mm"
+                f"the centre, allowed are {1e3 * EQUAL_RADII_M:g} mm",
+                findings=[_shape("distance from the plane", abs(way @ axis), EQUAL_RADII_M)],
             )
     angle = float(np.arctan2(to_goal @ np.cross(axis, x), to_goal @ x) % (2.0 * np.pi))
     end = _circle(given.centre, x, axis, angle, np.zeros(3), np.array([1.0]))[0]
@@ -86,7 +90,10 @@ def helix(start: Pose, given: Arc, angle: float) -> TcpPath:
         PlanningError: there is no axis, or the TCP is on it.
     """
     if given.axis is None or np.linalg.norm(given.axis) < SMALLEST_SINE:
-        raise PlanningError("circ: axis: is missing or zero; an arc by an angle turns about it")
+        raise PlanningError(
+            "circ: axis: is missing or zero; an arc by an angle turns about it",
+            findings=[_shape("length of the axis", 0.0, SMALLEST_SINE, "")],
+        )
     axis = given.axis / np.linalg.norm(given.axis)
     along = (start.position - given.centre) @ axis * axis
     x = start.position - given.centre - along
@@ -94,7 +101,8 @@ def helix(start: Pose, given: Arc, angle: float) -> TcpPath:
     if radius < NEAREST_POINTS_M:
         raise PlanningError(
             f"circ: the TCP is {1e3 * radius:.2f} mm from the axis, an arc needs "
-            f"{1e3 * NEAREST_POINTS_M:g} mm at least"
+            f"{1e3 * NEAREST_POINTS_M:g} mm at least",
+            findings=[_shape("distance from the axis", radius, NEAREST_POINTS_M)],
         )
     turn = angle * axis if given.turns_tool else np.zeros(3)
 
@@ -104,6 +112,17 @@ def helix(start: Pose, given: Arc, angle: float) -> TcpPath:
 
     length = float(np.hypot(angle * radius, given.rise_m))
     return TcpPath("circ", poses, length, float(np.linalg.norm(turn)), _places(angle))
+
+
+def _shape(quantity: str, value: float, limit: float, unit: str = "m") -> Finding:
+    """Why points define no arc."""
+    return Finding("path", quantity, float(value), limit, unit)
+
+
+def _sine(normal: Array, first: Array, second: Array) -> float:
+    """Of the angle between two vectors whose cross product is `normal`; 0 if one of them is."""
+    size = float(np.linalg.norm(first) * np.linalg.norm(second))
+    return float(np.linalg.norm(normal)) / size if size > 0.0 else 0.0
 
 
 def _circle(centre: Array, x: Array, axis: Array, angle: float, rise: Array, shares: Array) -> Array:
@@ -130,12 +149,17 @@ def arc(start: Pose, via: Array, goal: Pose) -> TcpPath:
     ):
         if length < NEAREST_POINTS_M:
             raise PlanningError(
-                f"circ: {name} are {1e3 * length:.2f} mm apart, an arc needs three distinct points"
+                f"circ: {name} are {1e3 * length:.2f} mm apart, an arc needs three distinct points",
+                findings=[_shape("distance of two points", float(length), NEAREST_POINTS_M)],
             )
     normal = np.cross(to_via, to_goal)
     area = float(np.linalg.norm(normal))
     if area < SMALLEST_SINE * np.linalg.norm(to_via) * np.linalg.norm(via - goal.position):
-        raise PlanningError("circ: start, via and goal are on one line; use lin")
+        sine = _sine(normal, to_via, via - goal.position)
+        raise PlanningError(
+            "circ: start, via and goal are on one line; use lin",
+            findings=[_shape("sine of the angle at via", sine, SMALLEST_SINE, "")],
+        )
     # Circumcentre of a triangle with one corner in the origin.
     towards = np.cross(normal, to_via) * (to_goal @ to_goal) + np.cross(to_goal, normal) * (to_via @ to_via)
     radius = towards / (2.0 * area**2)

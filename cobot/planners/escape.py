@@ -47,17 +47,31 @@ def leave(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
         return None
     straight = replace(request, synchronization=Synchronization.PHASE)
     for least_m in _least(robot, start):
-        for exit_joints in [inside] if is_free else _exits(robot, inside):
+        for exit_joints in [inside] if is_free else exits(robot, inside):
             motion = plan_ptp(robot, straight, exit_joints)
             with robot.collision.keeping(least_m) as clearance:
                 if clearance.contact(motion_pieces(motion)) is not None:
                     continue
             check_limits(motion, request.scaled_limits(robot).including(start))
             return replace(motion, note=_note(robot, start, inside, exit_joints))
-    contact = robot.collision.contacts(inside)[0]
-    raise CollisionError(
-        f"the start is in collision: {contact}, and no straight joint motion leads out of it"
-    )
+    raise _no_way_out(robot, straight, inside)
+
+
+def _no_way_out(robot: RobotDescription, request: MotionRequest, inside: Array) -> CollisionError:
+    contacts = robot.collision.contacts(inside)
+    if contacts:
+        return CollisionError(
+            f"the start is in collision: {contacts[0]}, and no straight joint motion leads out of it",
+            findings=[robot.collision.finding(contacts[0], 0.0)],
+        )
+    beyond = np.abs(inside - request.start)
+    joint = int(beyond.argmax())
+    said = f"the start: {robot.limits.names[joint]} is {beyond[joint]:.4f} rad beyond its limit"
+    try:
+        robot.collision.check_trajectory(plan_ptp(robot, request, inside))
+    except CollisionError as exc:
+        return exc.said(f"{said}, and the straight way back is not free: {exc}")
+    return CollisionError(f"{said}, and the straight way back is not free")
 
 
 def _least(robot: RobotDescription, start: Array) -> tuple[Array, Array]:
@@ -68,7 +82,7 @@ def _least(robot: RobotDescription, start: Array) -> tuple[Array, Array]:
     return kept, np.where(kept < margin_m, kept.min(initial=margin_m), kept)
 
 
-def _exits(robot: RobotDescription, start: Array) -> list[Array]:
+def exits(robot: RobotDescription, start: Array) -> list[Array]:
     """Free joint angles within the limits, the nearest first, that pushing leads to from around the start."""
     wanted_m, random = robot.collision.margin_m + SPARE_M, np.random.default_rng(1)
     limits = robot.limits

@@ -19,23 +19,26 @@ DISTANCE_SAMPLES = 200
 
 
 def forecast(robot: RobotDescription, request: MotionRequest, samples: int) -> Forecast:
-    """Plan as `plan` does, and say what the motion will be like.
+    """Plan as `plan` does, and say what the motion will be like; raises as `plan` does."""
+    return described(robot, plan(robot, request), request.start, samples)
+
+
+def described(robot: RobotDescription, trajectory: Trajectory | None, start: Array, samples: int) -> Forecast:
+    """What a planned motion will be like.
 
     Args:
+        trajectory: None if there is nothing to move.
+        start: where the arm stands, shape (dof,), rad.
         samples: how many points of the path are wanted, evenly over the time, both ends included.
-
-    Raises:
-        As `plan` does.
     """
-    trajectory = plan(robot, request)
     if trajectory is None:
-        times, joints = np.zeros(1), np.array(request.start)[None]
+        times, joints = np.zeros(1), np.array(start)[None]
         looked_at = joints
     else:
         times = np.linspace(0.0, trajectory.duration_s, samples)
         joints = trajectory.sample(times)
         looked_at = trajectory.sample(np.linspace(0.0, trajectory.duration_s, DISTANCE_SAMPLES))
-    peaks = _peaks(robot, trajectory, request.start)
+    peaks = _peaks(robot, trajectory, start)
     limits = robot.limits
     most = (limits.max_velocity, limits.max_acceleration, limits.max_jerk, limits.max_effort)
     return Forecast(

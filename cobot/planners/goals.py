@@ -24,8 +24,8 @@ def joint_goals(robot: RobotDescription, request: MotionRequest) -> Array:
     """
     goal = request.goal
     if not isinstance(goal, Pose):
-        check_positions(robot.limits, goal)
-        robot.collision.check_position(goal, "the goal")
+        check_positions(robot.limits, goal, share=1.0)
+        robot.collision.check_position(goal, "the goal", 1.0)
         return np.array([goal], dtype=np.float64)
     if _at(robot, request.start, goal):
         return np.array([request.start])
@@ -33,8 +33,22 @@ def joint_goals(robot: RobotDescription, request: MotionRequest) -> Array:
     free = found[robot.collision.clearance.are_free(found)]
     if len(free) == 0:
         several = f", as in the other {len(found) - 1} configurations," if len(found) > 1 else ""
-        robot.collision.check_position(found[0], f"the goal in the nearest configuration{several}")
+        robot.collision.check_position(found[0], f"the goal in the nearest configuration{several}", 1.0)
     return free
+
+
+def more_goals(robot: RobotDescription, request: MotionRequest, number: int) -> Array:
+    """Further free configurations of a pose, shape (n, dof), the more the higher the number; maybe none.
+
+    An arm with more joints than the pose needs has configurations without end, and those that are known may
+    all be where no free way leads.
+    """
+    assert isinstance(request.goal, Pose)
+    seed = request.seed + 1009 * number
+    found = inverse_all(
+        robot.model, request.goal, request.start, spread=SPREAD * (number + 1), random_seed=seed
+    )
+    return np.array(found)[robot.collision.clearance.are_free(np.array(found))]
 
 
 def nearest_goal(robot: RobotDescription, request: MotionRequest) -> Array:

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from cobot.errors import PlanningError
+from cobot.findings import Finding
 from cobot.motions.constraints import Box, Cone, Constraints
 from cobot.robot.description import RobotDescription
 from cobot.robot.quaternion import cross
@@ -63,8 +64,8 @@ class Held:
             columns.append(np.maximum(low - rows[:, joint], rows[:, joint] - high))
         return np.stack(columns, axis=1)
 
-    def require(self, joints: Array, what: str) -> None:
-        """Refuse a configuration that breaks a constraint.
+    def require(self, joints: Array, what: str, share: float | None = None) -> None:
+        """Refuse a configuration that breaks a constraint; `share` is where of a motion it is.
 
         Raises:
             PlanningError: naming `what`, the constraint, by how much and what is allowed.
@@ -72,7 +73,10 @@ class Held:
         excess = self.excess(joints[None])[0]
         worst = int(excess.argmax())
         if excess[worst] > ALLOWANCE:
-            raise PlanningError(f"{what} breaks {self._said(worst, joints)}")
+            said = self._said(worst, joints)
+            raise PlanningError(
+                f"{what} breaks {said}", findings=[self._finding(worst, float(excess[worst]), share)]
+            )
 
     def check(self, trajectory: Trajectory, planner: PlannerName) -> None:
         """Refuse a motion that breaks a constraint.
@@ -89,10 +93,14 @@ class Held:
             return
         first, deepest = int((worst > ALLOWANCE).argmax()), int(worst.argmax())
         percent = 100.0 / trajectory.duration_s
+        broken = int(excess[deepest].argmax())
         raise PlanningError(
             f"{planner}: the motion breaks constraints from {percent * times[first]:.0f} % of its time on; "
             f"most after {percent * times[deepest]:.0f} % ({times[deepest]:.2f} s): "
-            f"{self._said(int(excess[deepest].argmax()), rows[deepest])}"
+            f"{self._said(broken, rows[deepest])}",
+            findings=[
+                self._finding(broken, float(worst[deepest]), float(times[deepest]) / trajectory.duration_s)
+            ],
         )
 
     def projected(self, joints: Array) -> Array | None:
@@ -147,6 +155,19 @@ class Held:
         axes = cone.axis + w * twice + np.cross(vector, twice)
         sines = np.linalg.norm(np.cross(axes, self._direction), axis=1)
         return np.asarray(np.arctan2(sines, axes @ self._direction))
+
+    def _finding(self, index: int, excess: float, share: float | None) -> Finding:
+        """A broken constraint, by its column of `excess`; its value is what is beyond what is allowed."""
+        names = ["", *(["orientation"] if self._constraints.cone is not None else [])]
+        units = ["", *(["rad"] if self._constraints.cone is not None else [])]
+        if self._constraints.box is not None:
+            names += ["box.x", "box.y", "box.z"]
+            units += ["m"] * 3
+        joints = [self._names[joint] for joint, _, _ in self._constraints.joints]
+        names += [f"joints.{name}" for name in joints]
+        units += ["rad"] * len(joints)
+        of = (joints[index - len(names) + len(joints)],) if index >= len(names) - len(joints) else ()
+        return Finding("constraint", f"{names[index]}, beyond it", excess, 0.0, units[index], share, of)
 
     def _said(self, index: int, joints: Array) -> str:
         """A broken constraint, by its column of `excess`."""

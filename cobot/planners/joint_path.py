@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from cobot.errors import UnreachableError
+from cobot.findings import Finding
 from cobot.planners.path import Path
 from cobot.planners.tcp_path import TcpPath, angles_between
 from cobot.robot.description import RobotDescription
@@ -58,9 +59,13 @@ def through(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, 
         if len(outside):
             place, joint = outside[0]
             limit = np.clip(rows[place, joint], low[joint], high[joint])
-            raise UnreachableError(
-                f"{path.name}: at {100 * shares[place]:.0f} % of the path {robot.limits.names[joint]} "
-                f"reaches its limit of {limit:.4f} rad"
+            where = f"{path.name}: at {100 * shares[place]:.0f} % of the path"
+            raise at_limit_of(
+                where,
+                robot.limits.names[joint],
+                float(rows[place, joint]),
+                float(limit),
+                float(shares[place]),
             )
         parameters = _lengths(shares, rows)
         joint_path = Path.through(parameters, rows)
@@ -68,7 +73,31 @@ def through(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, 
         if not spoiled.any():
             return joint_path
         shares, rows = _halved(path, shares, rows, spoiled, joints_at)
-    raise UnreachableError(f"{path.name}: the joints cannot follow the path accurately")
+    raise _inaccurate(path)
+
+
+def at_limit_of(where: str, joint: str, value: float, limit: float, share: float) -> UnreachableError:
+    """A joint that a path drives into its limit."""
+    return UnreachableError(
+        f"{where} {joint} reaches its limit of {limit:.4f} rad",
+        findings=[Finding("limit", "position", value, limit, "rad", share, (joint,))],
+    )
+
+
+def jump_of(where: str, joint: str, step_rad: float, share: float) -> UnreachableError:
+    """A joint that could follow a path only by a jump."""
+    return UnreachableError(
+        f"{where} {joint} would have to jump by {step_rad:.2f} rad: the path leads through a singularity",
+        findings=[Finding("singularity", "step", step_rad, LARGEST_STEP_RAD, "rad", share, (joint,))],
+    )
+
+
+def _inaccurate(path: TcpPath) -> UnreachableError:
+    most = float(MOST_PLACES)
+    return UnreachableError(
+        f"{path.name}: the joints cannot follow the path accurately",
+        findings=[Finding("path", "places needed, more than", most, most, "")],
+    )
 
 
 def _is_even(shares: Array) -> bool:
@@ -87,10 +116,11 @@ def _without_jumps(
         jumps = np.flatnonzero(far & (np.diff(shares) < SHORTEST_SHARE))
         if len(jumps):
             place, joint = int(jumps[0]), int(steps[jumps[0]].argmax())
-            raise UnreachableError(
-                f"{path.name}: at {100 * shares[place]:.0f} % of the path {robot.limits.names[joint]} would "
-                f"have to jump by {steps[place, joint]:.2f} rad: the path leads through a singularity"
+            where, name = (
+                f"{path.name}: at {100 * shares[place]:.0f} % of the path",
+                robot.limits.names[joint],
             )
+            raise jump_of(where, name, float(steps[place, joint]), float(shares[place]))
         shares, rows = _halved(path, shares, rows, far, joints_at)
 
 
@@ -116,14 +146,15 @@ def _halved(
     """With a place in the middle of these intervals, a mask of shape (n - 1,)."""
     chosen = np.flatnonzero(which)
     if len(rows) + len(chosen) > MOST_PLACES:
-        raise UnreachableError(f"{path.name}: the joints cannot follow the path accurately")
+        raise _inaccurate(path)
     middles = 0.5 * (shares[chosen] + shares[chosen + 1])
     found = []
     for share, index in zip(middles, chosen, strict=True):
         joints = joints_at(float(share), 0.5 * (rows[index] + rows[index + 1]))
         if joints is None:
             raise UnreachableError(
-                f"{path.name}: at {100 * share:.1f} % of the path no joint angles within the limits go on"
+                f"{path.name}: at {100 * share:.1f} % of the path no joint angles within the limits go on",
+                findings=[Finding("reach", "share of the path", float(share), 1.0, "", float(share))],
             )
         found.append(joints)
     return np.insert(shares, chosen + 1, middles), np.insert(rows, chosen + 1, np.array(found), axis=0)

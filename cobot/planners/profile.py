@@ -5,6 +5,7 @@ from __future__ import annotations
 import ruckig
 
 from cobot.errors import PlanningError
+from cobot.findings import Finding
 
 
 def fastest_profile(problem: ruckig.InputParameter) -> ruckig.Trajectory:
@@ -23,5 +24,11 @@ def fastest_profile(problem: ruckig.InputParameter) -> ruckig.Trajectory:
     raise PlanningError(
         f"no time profile from rest to rest with a velocity of up to {min(problem.max_velocity):.3g}, an "
         f"acceleration of up to {min(problem.max_acceleration):.3g} and a jerk of up to "
-        f"{min(problem.max_jerk):.3g} per second: these may be too small"
+        f"{min(problem.max_jerk):.3g} per second: these may be too small",
+        findings=[Finding("time", "smallest limit", _smallest(problem), 0.0, "")],
     )
+
+
+def _smallest(problem: ruckig.InputParameter) -> float:
+    limits = (problem.max_velocity, problem.max_acceleration, problem.max_jerk)
+    return float(min(min(each) for each in limits))

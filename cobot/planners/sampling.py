@@ -7,25 +7,31 @@ resolution to choose.
 
 from __future__ import annotations
 
+import itertools
 import time
 
 import numpy as np
 from ompl import base, geometric, util
 
-from cobot.errors import PlanningTimeout
 from cobot.motions.requests import RRT_CONNECT, Algorithm, MotionRequest
+from cobot.planners.checks import out_of_time
+from cobot.planners.goals import more_goals
 from cobot.planners.rrt_connect import connect
 from cobot.planners.shortcut import shortened
 from cobot.planners.spline import smooth_motion
 from cobot.robot.clearance import Clearance
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
-from cobot.types import Array
+from cobot.types import Array, Pose
 
 SPARE_M = 1e-3
 """A polyline keeps so much further away than the margin, where its ends do: room for rounding its corners."""
 RANGE_RAD = 2.0
 """No node of RRTConnect is further from the one before it."""
+POSE_DOF = 6
+FIRST_ATTEMPTS = 1000
+"""Where no path is found with so many attempts to add a node, more configurations of the goal are looked for,
+and so on, each time with half as many attempts more."""
 RESTART_ATTEMPTS = 200
 """To add a node, in each search after the first one."""
 FEW_SEARCHES, MANY_SEARCHES = 4, 16
@@ -73,7 +79,7 @@ def find_path(robot: RobotDescription, request: MotionRequest, goals: Array) -> 
             found = search.run(request.timeout_s)
             corners = None if found is None else shortened(clearance, found, request.seed)
     if corners is None:
-        raise PlanningTimeout(_failure(request, goals))
+        raise out_of_time(_failure(request, goals), request.timeout_s)
     corners[0] = request.start
     return corners
 
@@ -91,7 +97,10 @@ def _connected(
         seed = int(random.integers(2**62))
         left_s = deadline_s - time.monotonic()
         bounds = limits.min_position, limits.max_position
-        found = connect(clearance, start, goals, *bounds, seed, left_s, RANGE_RAD, shortest_rad, attempts)
+        if search == 0:
+            found, goals = _first(robot, clearance, start, goals, request, seed)
+        else:
+            found = connect(clearance, start, goals, *bounds, seed, left_s, RANGE_RAD, shortest_rad, attempts)
         if found is not None:
             corners = shortened(clearance, found, seed)
             if _length(corners) < shortest_rad:
@@ -102,6 +111,31 @@ def _connected(
         if best is None or len(best) == 2 or enough or clearance.evaluations - begun > MUCH_WORK:
             break
     return best
+
+
+def _first(
+    robot: RobotDescription,
+    clearance: Clearance,
+    start: Array,
+    goals: Array,
+    request: MotionRequest,
+    seed: int,
+) -> tuple[Array | None, Array]:
+    """A path, and the goals that are known then: where none is found soon, an arm with more joints than a
+    pose needs is given more configurations of its goal, as no free way may lead to the first ones.
+    """
+    deadline_s = time.monotonic() + request.timeout_s
+    bounds = robot.limits.min_position, robot.limits.max_position
+    grows = isinstance(request.goal, Pose) and robot.limits.dof > POSE_DOF
+    attempts = FIRST_ATTEMPTS if grows else 0
+    for number in itertools.count():
+        left_s = deadline_s - time.monotonic()
+        found = connect(clearance, start, goals, *bounds, seed + number, left_s, RANGE_RAD, np.inf, attempts)
+        if found is not None or not grows or time.monotonic() >= deadline_s:
+            break
+        goals = np.vstack([goals, more_goals(robot, request, number + 1)])
+        attempts += attempts // 2
+    return found, goals
 
 
 def room(robot: RobotDescription, ends: Array) -> float:

@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cobot.errors import InputError, PlanningError
+from cobot.findings import Finding
 from cobot.planners.cells import bases, chained, cubic, motion, times_of
 from cobot.planners.coordinates import Coordinates, Zones
 from cobot.planners.interior_point import Stations, fastest_rate
@@ -165,7 +166,8 @@ def _solved(robot: RobotDescription, coordinates: Coordinates, laws: Iterator[Ar
                 raise ValueError(f"it would take {timed.trajectory.duration_s:.3g} s")
         except (ValueError, InputError, OverflowError) as exc:
             raise PlanningError(
-                f"no motion along the path from rest to rest: limits may be too small ({exc})"
+                f"no motion along the path from rest to rest: limits may be too small ({exc})",
+                findings=[Finding("time", "duration, more than", LONGEST_S, LONGEST_S, "s")],
             ) from exc
     return timed
 
@@ -314,8 +316,10 @@ def _require_held(held: Array, limits: JointLimits) -> None:
     share = np.abs(held) / limits.max_effort
     place, joint = np.unravel_index(int(share.argmax()), share.shape)
     if share[place, joint] >= EFFORT_SHARE:
+        where, name = float(place / (len(held) - 1)), limits.names[int(joint)]
+        needed, limit = float(abs(held[place, joint])), float(limits.max_effort[joint])
         raise PlanningError(
-            f"{limits.names[int(joint)]} needs {abs(held[place, joint]):.4g} N·m to hold the arm at "
-            f"{100.0 * place / (len(held) - 1):.0f} % of the path, its limit is "
-            f"{limits.max_effort[joint]:.4g} N·m"
+            f"{name} needs {needed:.4g} N·m to hold the arm at {100.0 * where:.0f} % of the path, its limit "
+            f"is {limit:.4g} N·m",
+            findings=[Finding("effort", "effort at rest", needed, limit, "N·m", where, (name,))],
         )

@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 
 from cobot.errors import CollisionError, InputError
+from cobot.findings import Finding
 from cobot.robot.clearance import Clearance, bezier
 from cobot.robot.model import RobotModel
 from cobot.robot.scene import Scene
@@ -174,18 +175,33 @@ class CollisionChecker:
         raise CollisionError(
             f"collision of {contact} after {percent * time_s:.0f} % of the motion "
             f"({time_s:.2f} s), at joints {_shown(joints)} rad; the deepest is {deepest} after "
-            f"{percent * times[row]:.0f} %; allowed are {1e3 * self.margin_m:.0f} mm"
+            f"{percent * times[row]:.0f} %; allowed are {1e3 * self.margin_m:.0f} mm",
+            findings=[
+                self.finding(contact, time_s / trajectory.duration_s),
+                self.finding(deepest, float(times[row]) / trajectory.duration_s),
+            ],
         )
 
-    def check_position(self, joints: Array, what: str) -> None:
+    def check_position(self, joints: Array, what: str, share: float | None = None) -> None:
         """Refuse a configuration that is not free.
+
+        Args:
+            share: where of a motion it is: 0 at the start, 1 at the goal.
 
         Raises:
             CollisionError: naming `what` and the bodies.
         """
         contacts = self.contacts(joints)
         if contacts:
-            raise CollisionError(f"{what} is in collision: {contacts[0]}, at joints {_shown(joints)} rad")
+            raise CollisionError(
+                f"{what} is in collision: {contacts[0]}, at joints {_shown(joints)} rad",
+                findings=[self.finding(contact, share) for contact in contacts],
+            )
+
+    def finding(self, contact: Contact, share: float | None) -> Finding:
+        """A contact as a fact about a motion."""
+        pair = contact.first, contact.second
+        return Finding("collision", "distance", contact.distance_m, self.margin_m, "m", share, pair)
 
 
 def _name(mj: mujoco.MjModel, geom: int) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cobot.errors import LimitError
+from cobot.findings import Finding
 from cobot.polynomials import greatest_rates, pieces_at
 from cobot.robot.model import RobotModel
 from cobot.trajectory import Trajectory
@@ -21,6 +22,9 @@ MOST_EFFORT_STEPS = 2000
 ones where there would be more than so many."""
 EFFORT_TOLERANCE = 1e-3
 """What may lie between two of these looks."""
+
+PLACES = 33
+"""In the segment that exceeds a limit, for a message only: so many are looked at for where."""
 
 QUANTITIES = ("position", "velocity", "acceleration", "jerk")
 UNITS = ("rad", "rad/s", "rad/s²", "rad/s³")
@@ -54,13 +58,26 @@ def check_limits(
     low, high = _bounds(limits, tolerance)[derivative]
     limit = low[joint] if value < low[joint] else high[joint]
     begin, end = trajectory.breakpoints_s[segment : segment + 2]
+    share = _worst_share(trajectory, derivative, segment, joint, value < low[joint])
     place = f"from {begin:.3f} s to {end:.3f} s"
     if labels is not None:
         place = f"between {labels[segment]} and {labels[segment + 1]} ({place})"
+    name, quantity, unit = limits.names[joint], QUANTITIES[derivative], UNITS[derivative]
     raise LimitError(
-        f"{place} the {QUANTITIES[derivative]} of {limits.names[joint]} reaches "
-        f"{value:.6g} {UNITS[derivative]}, its limit is {limit:.6g} {UNITS[derivative]}"
+        f"{place} the {quantity} of {name} reaches {value:.6g} {unit}, its limit is {limit:.6g} {unit}, "
+        f"at {100.0 * share:.0f} % of the motion",
+        findings=[Finding("limit", quantity, value, float(limit), unit, share, (name,))],
     )
+
+
+def _worst_share(trajectory: Trajectory, derivative: int, segment: int, joint: int, below: bool) -> float:
+    """Where in a segment a joint is furthest beyond a limit, as a share of the motion's time."""
+    begin, end = trajectory.breakpoints_s[segment : segment + 2]
+    times = np.linspace(begin, end, PLACES)
+    # The end belongs to the next segment, where a jerk may be another one.
+    inside = np.append(times[:-1], np.nextafter(times[-1], 0.0))
+    values = trajectory.sample(inside, derivative)[:, joint]
+    return float(times[int(values.argmin() if below else values.argmax())] / trajectory.duration_s)
 
 
 def _keeps(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> bool:
@@ -118,8 +135,11 @@ def check_efforts(model: RobotModel, trajectory: Trajectory, limits: JointLimits
     if share.max() <= 1.0 + EFFORT_TOLERANCE:
         return
     sample, joint = np.unravel_index(int(share.argmax()), share.shape)
-    place = 100.0 * times[sample] / trajectory.duration_s
+    place = float(times[sample] / trajectory.duration_s)
+    name, needed = limits.names[int(joint)], float(abs(efforts[sample, joint]))
+    limit = float(limits.max_effort[joint])
     raise LimitError(
-        f"after {place:.0f} % of the motion ({times[sample]:.3f} s) {limits.names[int(joint)]} needs "
-        f"{abs(efforts[sample, joint]):.4g} N·m, its limit is {limits.max_effort[joint]:.4g} N·m"
+        f"after {100.0 * place:.0f} % of the motion ({times[sample]:.3f} s) {name} needs {needed:.4g} N·m, "
+        f"its limit is {limit:.4g} N·m",
+        findings=[Finding("effort", "effort", needed, limit, "N·m", place, (name,))],
     )

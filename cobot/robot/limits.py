@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from cobot.errors import ConfigError, LimitError
+from cobot.findings import Finding
 from cobot.types import Array, JointLimits, vector
 from cobot.yaml_file import read_yaml
 
@@ -43,23 +44,35 @@ def load_joint_limits(path: Path) -> JointLimits:
     return JointLimits(tuple(str(name) for name in joints), *columns)
 
 
-def check_positions(limits: JointLimits, joints: Array, what: str = "joint angle") -> None:
+def check_positions(
+    limits: JointLimits, joints: Array, what: str = "joint angle", share: float | None = None
+) -> None:
     """Refuse joint positions beyond the limits.
+
+    Args:
+        share: where of a motion they are: 0 at the start, 1 at the goal.
 
     Raises:
         LimitError: naming every joint that is beyond, its value and its range.
     """
+    ranges = zip(limits.names, joints, limits.min_position, limits.max_position, strict=True)
     beyond = [
-        f"{what} of {name} is {value:.6g} rad, allowed is {low:g} to {high:g} rad"
-        for name, value, low, high in zip(
-            limits.names, joints, limits.min_position, limits.max_position, strict=True
-        )
+        (name, float(value), float(low), float(high))
+        for name, value, low, high in ranges
         if not low <= value <= high
     ]
     if beyond:
         turned = DEGREES_FROM_RAD < np.abs(joints).max() <= DEGREES_TO_RAD
+        said = [
+            f"{what} of {name} is {value:.6g} rad, allowed is {low:g} to {high:g} rad"
+            for name, value, low, high in beyond
+        ]
         raise LimitError(
-            "; ".join(beyond) + ("; these look like degrees, angles are in rad" if turned else "")
+            "; ".join(said) + ("; these look like degrees, angles are in rad" if turned else ""),
+            findings=[
+                Finding("limit", "position", value, low if value < low else high, "rad", share, (name,))
+                for name, value, low, high in beyond
+            ],
         )
 
 

@@ -32,6 +32,8 @@ MANUAL = {
     ("post", "/robot/plan/named"),
     ("post", "/robot/plan/joints"),
     ("post", "/robot/plan/pose"),
+    ("post", "/robot/plan/path"),
+    ("post", "/robot/plan/sequence"),
     ("post", "/robot/execute"),
     ("post", "/trajectory/send"),
     ("post", "/trajectory/send_csv"),

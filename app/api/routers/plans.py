@@ -2,46 +2,68 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 from fastapi import APIRouter, Depends, Request
 
 from app.api.dependencies import Call, CobotRoute, Gone, json_body
-from app.api.errors import responses
+from app.api.errors import responses, tell
+from app.api.explanations import explained
 from app.api.plan_schemas import (
     Execute,
     PlanAnswer,
     PlanDistance,
     PlanJoints,
     PlanNamed,
+    PlanPath,
     PlanPoint,
     PlanPose,
+    PlanSequence,
     PlanUse,
 )
 from app.api.routers.robot import answer, goal_of
-from app.api.schemas import MoveAnswer
-from app.services.motion.plans import Plan
+from app.api.schemas import AnyMotion, MoveAnswer
+from app.services.motion.plans import Plan, PlanOptions
+from cobot.errors import CobotError
 from cobot.motions.forecast import Closest, Forecast
 
-PLAN_RESPONSES = responses(409, 413, 415, 422, 503)
+PLAN: dict[str, Any] = {
+    "responses": responses(409, 413, 415, 422, 503),
+    "dependencies": [Depends(json_body)],
+}
 
 router = APIRouter(prefix="/robot", tags=["robot"], route_class=CobotRoute)
 
 
-@router.post("/plan/named", responses=PLAN_RESPONSES, dependencies=[Depends(json_body)])
+@router.post("/plan/named", **PLAN)
 async def plan_named(body: PlanNamed, request: Request) -> PlanAnswer:
     """Plan a motion to a named position. Nothing moves."""
-    return await _planned(body, Call(request))
+    return await _planned([body], [], body, Call(request))
 
 
-@router.post("/plan/joints", responses=PLAN_RESPONSES, dependencies=[Depends(json_body)])
+@router.post("/plan/joints", **PLAN)
 async def plan_joints(body: PlanJoints, request: Request) -> PlanAnswer:
     """Plan a motion to joint angles. Nothing moves."""
-    return await _planned(body, Call(request))
+    return await _planned([body], [], body, Call(request))
 
 
-@router.post("/plan/pose", responses=PLAN_RESPONSES, dependencies=[Depends(json_body)])
+@router.post("/plan/pose", **PLAN)
 async def plan_pose(body: PlanPose, request: Request) -> PlanAnswer:
     """Plan a motion of the TCP to a pose. Nothing moves."""
-    return await _planned(body, Call(request))
+    return await _planned([body], [], body, Call(request))
+
+
+@router.post("/plan/path", **PLAN)
+async def plan_path(body: PlanPath, request: Request) -> PlanAnswer:
+    """Plan straight lines of the TCP through poses. Nothing moves."""
+    return await _planned([body.polyline()], [], body, Call(request))
+
+
+@router.post("/plan/sequence", **PLAN)
+async def plan_sequence(body: PlanSequence, request: Request) -> PlanAnswer:
+    """Plan several motions as one, with round corners. Nothing moves."""
+    return await _planned(body.motions, body.radii, body, Call(request))
 
 
 @router.post("/execute", responses=responses(404, 409, 413, 415, 422, 503), dependencies=[Depends(json_body)])
@@ -51,9 +73,22 @@ async def execute(body: Execute, request: Request, gone: Gone) -> MoveAnswer:
     return answer(await call.services.plans.execute(body.plan_id, call.caller(gone)))
 
 
-async def _planned(body: PlanNamed | PlanJoints | PlanPose, call: Call) -> PlanAnswer:
+async def _planned(
+    motions: Sequence[AnyMotion],
+    radii: Sequence[float],
+    asked: PlanNamed | PlanJoints | PlanPose | PlanPath | PlanSequence,
+    call: Call,
+) -> PlanAnswer:
     plans = call.services.plans
-    plan = await plans.make(goal_of(body, call.services), body.start, body.samples, call.timeout_s)
+    goals = [goal_of(motion, call.services, checked=False) for motion in motions]
+    options = PlanOptions(asked.start, asked.samples, asked.explain)
+    try:
+        plan = await plans.make(goals, radii, options, call.timeout_s)
+    except CobotError as exc:
+        if exc.explanation is not None:
+            base_frame = call.services.robot.base_frame
+            tell(call.request, explained(exc, exc.explanation, motions, goals, base_frame))
+        raise
     return _shown(plan, plans.lifetime_s)
 
 

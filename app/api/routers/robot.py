@@ -10,6 +10,7 @@ from fastapi import APIRouter, Depends, Request
 from app.api.constraints import constraints_of
 from app.api.dependencies import Call, CobotRoute, Gone, json_body
 from app.api.errors import responses
+from app.api.explain_schemas import explain_of
 from app.api.schemas import (
     Angles,
     JointStates,
@@ -154,8 +155,8 @@ def _vector(point: Point) -> Array:
     return np.array([point.x, point.y, point.z])
 
 
-def goal_of(body: MoveNamed | MoveJoints | MovePose, services: Services) -> Goal:
-    """What a request asks for.
+def goal_of(body: MoveNamed | MoveJoints | MovePose, services: Services, *, checked: bool = True) -> Goal:
+    """What a request asks for; joint angles are `checked` against the limits, which planning does too.
 
     Raises:
         InputError, LimitError: see `MotionService.named`, `joints` and `pose`.
@@ -163,9 +164,9 @@ def goal_of(body: MoveNamed | MoveJoints | MovePose, services: Services) -> Goal
     motion = services.motion
     scaling, synchronization = Scaling(body.speed, body.accel_scale), Synchronization(body.synchronization)
     if isinstance(body, MoveNamed):
-        goal = motion.named(body.name, scaling, synchronization)
+        goal = motion.named(body.name, scaling, synchronization, checked=checked)
     elif isinstance(body, MoveJoints):
-        goal = motion.joints(body.joints, scaling, synchronization)
+        goal = motion.joints(body.joints, scaling, synchronization, checked=checked)
     else:
         via = None if body.via is None else [body.via.x, body.via.y, body.via.z]
         place, turn = [body.x, body.y, body.z], [body.a, body.b, body.c]
@@ -198,4 +199,5 @@ def answer(outcome: Outcome) -> MoveAnswer:
         duration_s=outcome.duration_s,
         planning_time_s=outcome.planning_time_s,
         note=outcome.note,
+        explain=None if outcome.error is None else explain_of(outcome.error),
     )

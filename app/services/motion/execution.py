@@ -36,6 +36,7 @@ from cobot.motions.requests import (
     RRT_CONNECT,
     Algorithm,
     Arc,
+    Blended,
     MotionRequest,
     TcpSpeed,
     check_synchronization,
@@ -49,6 +50,7 @@ from cobot.robot.limits import check_positions
 from cobot.trajectory import Trajectory
 from cobot.types import Array, LoopMode, PlannerName, Pose, Scaling, Synchronization
 
+Join = Callable[[RobotDescription], Blended]
 TOOL = "tool"
 """The frame_id of what is given in the TCP's frame."""
 REST_TIMEOUT_S = 5.0
@@ -132,9 +134,14 @@ class MotionService:
         self._settings = settings
 
     def named(
-        self, name: str, scaling: Scaling, synchronization: Synchronization = Synchronization.TIME
+        self,
+        name: str,
+        scaling: Scaling,
+        synchronization: Synchronization = Synchronization.TIME,
+        *,
+        checked: bool = True,
     ) -> Goal:
-        """The goal of a named position.
+        """The goal of a named position; see `joints`.
 
         Raises:
             InputError: there is no such position; lists the valid ones.
@@ -143,15 +150,20 @@ class MotionService:
         if position is None:
             valid = ", ".join(self._robot.positions)
             raise InputError(f"there is no named position {name!r}; valid are: {valid}")
-        return self.joints(list(position.joints), scaling, synchronization)
+        return self.joints(list(position.joints), scaling, synchronization, checked=checked)
 
     def joints(
         self,
         angles: list[float],
         scaling: Scaling,
         synchronization: Synchronization = Synchronization.TIME,
+        *,
+        checked: bool = True,
     ) -> Goal:
         """The goal of joint angles, rad.
+
+        Args:
+            checked: against the limits, which planning does too.
 
         Raises:
             InputError: another number of joints than the robot has.
@@ -161,7 +173,8 @@ class MotionService:
         if len(angles) != limits.dof:
             raise InputError(f"joints must have {limits.dof} angles, got {len(angles)}")
         target = np.array(angles, dtype=np.float64)
-        check_positions(limits, target)
+        if checked:
+            check_positions(limits, target, share=1.0)
         return Goal(target, scaling, synchronization=synchronization)
 
     def pose(
@@ -291,22 +304,46 @@ class MotionService:
         check_radii(goals, radii_m)
 
         async def planned(claim: Claim, start: Array) -> Trajectory | None:
-            return await self._sequence(claim, goals, radii_m, start, caller.timeout_s)
+            async def plan(request: MotionRequest) -> Trajectory | None:
+                return await self.plan(claim, request, caller.timeout_s)
+
+            async def join(work: Join) -> Blended:
+                return await claim.unless_interrupted(self._planning.compute(work, caller.timeout_s))
+
+            return await self.sequence(goals, radii_m, start, plan, join)
 
         return await self._move(planned, caller)
 
-    async def _sequence(
-        self, claim: Claim, goals: Sequence[Goal], radii_m: Sequence[float], start: Array, timeout_s: float
+    async def sequence(
+        self,
+        goals: Sequence[Goal],
+        radii_m: Sequence[float],
+        start: Array,
+        plan: Callable[[MotionRequest], Awaitable[Trajectory | None]],
+        join: Callable[[Join], Awaitable[Blended]],
     ) -> Trajectory | None:
+        """Several motions as one; None if the arm is there already.
+
+        Args:
+            start: where the first begins, shape (dof,), rad.
+            plan: plans one.
+            join: has a planning process join them.
+
+        Raises:
+            PlanningError, InputError: saying which motion.
+        """
         requests: list[MotionRequest] = []
         motions: list[Trajectory] = []
         radii: list[float] = []
         for number, (goal, radius) in enumerate(zip(goals, [*radii_m, *[0.0] * len(goals)], strict=False), 1):
             request = self.request(goal, start)
             try:
-                motion = await self.plan(claim, request, timeout_s)
+                motion = await plan(request)
             except (PlanningError, InputError) as exc:
-                raise type(exc)(f"motion {number}: {exc}") from exc
+                error = exc.said(f"motion {number}: {exc}")
+                if exc.explanation is not None:
+                    error.explanation = replace(exc.explanation, motion=number)
+                raise error from exc
             if motion is not None:
                 requests.append(request)
                 motions.append(motion)
@@ -316,8 +353,7 @@ class MotionService:
                 radii[-1] = min(radii[-1], radius)
         if not motions:
             return None
-        work = partial(joined, requests=requests, motions=motions, radii_m=radii[:-1])
-        blended = await claim.unless_interrupted(self._planning.compute(work, timeout_s))
+        blended = await join(partial(joined, requests=requests, motions=motions, radii_m=radii[:-1]))
         return blended.trajectory
 
     async def _move(

@@ -8,12 +8,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TypeVar
 
+from cobot.errors import CobotError
+from cobot.findings import Explanation
 from cobot.motions.forecast import Forecast
 from cobot.motions.requests import Blended, Envelope, MotionRequest, RatedMove, WaypointRequest
 from cobot.robot.description import RobotDescription
 from cobot.robot.scene import Scene
 from cobot.robot.tool import Tool
 from cobot.trajectory import Trajectory
+from cobot.types import Array
 
 Result = TypeVar("Result")
 PlanRequest = MotionRequest | WaypointRequest | RatedMove
@@ -67,8 +70,24 @@ def joined(
     return joined(robot, [leg_of(robot, *pair) for pair in pairs], radii_m)
 
 
+def described(robot: RobotDescription, trajectory: Trajectory | None, start: Array, samples: int) -> Forecast:
+    """See `cobot.planners.forecast.described`."""
+    from cobot.planners.forecast import described
+
+    return described(robot, trajectory, start, samples)
+
+
 def forecast(robot: RobotDescription, request: MotionRequest, samples: int) -> Forecast:
     """See `cobot.planners.forecast.forecast`."""
     from cobot.planners.forecast import forecast
 
     return forecast(robot, request, samples)
+
+
+def explained(
+    robot: RobotDescription, request: MotionRequest, error: CobotError, budget_s: float
+) -> Explanation:
+    """See `cobot.planners.explain.explain`."""
+    from cobot.planners.explain import explain
+
+    return explain(robot, request, error, budget_s)

@@ -5,27 +5,61 @@ from __future__ import annotations
 import asyncio
 import secrets
 from collections import OrderedDict
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, fields
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 
-from app.services.motion.execution import Goal, MotionService, Outcome
+from app.services.motion.execution import Goal, MotionService, Outcome, check_radii
 from app.services.motion.ownership import Caller
 from app.services.motion.planning import PlanningService
-from app.services.motion.planning_tasks import forecast
+from app.services.motion.planning_tasks import described, explained, forecast, planned
 from cobot.clock import Clock
 from cobot.config import PlanningSection
-from cobot.errors import ConflictError, InputError, NotFoundError, PlanningTimeout
+from cobot.errors import (
+    ConflictError,
+    InputError,
+    LimitError,
+    NotFoundError,
+    PlanningError,
+    PlanningTimeout,
+)
+from cobot.findings import Finding
 from cobot.motions.forecast import Forecast
+from cobot.motions.requests import MotionRequest
 from cobot.robot.description import RobotDescription
 from cobot.robot.limits import check_positions
 from cobot.strict import shown
+from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
 
 START_TOLERANCE_RAD = 1e-6
 """How far a joint may be from where a plan begins: a plan is run as it is, what is off would be a jump."""
+
+
+ANSWER_S = 1.0
+"""Of an endpoint's time, what explaining leaves for what it has begun and for the answer."""
+SHORTEST_S = 0.01
+
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True, slots=True)
+class PlanOptions:
+    """What a plan is asked for beside its motion.
+
+    Attributes:
+        start: joint angles, rad; None for where the arm is, which has to be at rest.
+        samples: how many points of the path are answered.
+        explain: if there is no plan, try what would make one.
+    """
+
+    start: list[float] | None = None
+    samples: int = 50
+    explain: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +83,50 @@ class Plan:
     tool: int = 0
 
 
+class _Attempt:
+    """One plan in the making, within its time.
+
+    Attributes:
+        begin: where it begins, shape (dof,), rad.
+    """
+
+    def __init__(
+        self,
+        planning: PlanningService,
+        robot: RobotDescription,
+        clock: Clock,
+        asked: PlanOptions,
+        begin: Array,
+        timeout_s: float,
+        explain_s: float,
+    ) -> None:
+        self._planning, self._robot, self._clock = planning, robot, clock
+        self.asked, self.begin = asked, begin
+        self._until_s = clock.now_s() + timeout_s
+        self._explain_s = explain_s if asked.explain else 0.0
+
+    async def compute(self, work: Callable[[RobotDescription], Result]) -> Result:
+        """Have a planning process compute something."""
+        return await self._planning.compute(work, max(self._left_s(), SHORTEST_S))
+
+    async def of(self, request: MotionRequest, work: Callable[[RobotDescription], Result]) -> Result:
+        """What `work` makes of the robot; a failure is explained, if there is time."""
+        try:
+            if self.asked.start is not None and request.start is self.begin:
+                check_positions(self._robot.limits, self.begin, "start: the angle", 0.0)
+            return await self.compute(work)
+        except (PlanningError, LimitError) as exc:
+            budget_s = min(self._explain_s, self._left_s() - ANSWER_S)
+            if exc.findings and budget_s > 0.0:
+                exc.explanation = await self.compute(
+                    partial(explained, request=request, error=exc, budget_s=budget_s)
+                )
+            raise
+
+    def _left_s(self) -> float:
+        return self._until_s - self._clock.now_s()
+
+
 class PlanService:
     """Makes plans and keeps the newest of them, in memory: after a restart of the service there are none.
 
@@ -68,34 +146,54 @@ class PlanService:
         self._motion = motion
         self._planning = planning
         self._kept = settings.kept_plans
+        self._explain_s = settings.explain_s
         self.lifetime_s = settings.plan_lifetime_s
         self._plans: OrderedDict[str, Plan] = OrderedDict()
         self._turn = asyncio.Lock()
 
-    async def make(self, goal: Goal, start: list[float] | None, samples: int, timeout_s: float) -> Plan:
-        """Plan; nothing moves.
+    async def make(
+        self, goals: Sequence[Goal], radii_m: Sequence[float], asked: PlanOptions, timeout_s: float
+    ) -> Plan:
+        """Plan one motion, or several as one; nothing moves.
 
         Args:
-            start: joint angles, rad; None for where the arm is, which has to be at rest.
+            radii_m: as for `MotionService.move_sequence`.
 
         Raises:
             ConflictError: the arm moves and there is no `start`.
-            InputError, PlanningError, UnavailableError: as for a motion.
+            InputError, PlanningError, UnavailableError: as for a motion; with an `explanation`, if it is
+                asked for and the error has findings.
         """
-        begin = self._given(start) if start is not None else await self._present()
+        check_radii(goals, radii_m)
+        begin = await self._present() if asked.start is None else self._given(asked.start)
         limits = deepcopy(self._robot.limits)
-        work = partial(forecast, request=self._motion.request(goal, begin), samples=samples)
+        attempt = _Attempt(self._planning, self._robot, self._clock, asked, begin, timeout_s, self._explain_s)
         try:
             async with asyncio.timeout(timeout_s), self._turn:
-                found = await self._planning.compute(work, timeout_s)
+                found = await self._forecast(goals, radii_m, attempt)
         except TimeoutError as exc:
-            raise PlanningTimeout(f"not planned within {timeout_s:g} s") from exc
+            raise PlanningTimeout(
+                f"not planned within {timeout_s:g} s",
+                findings=[Finding("time", "planning time", timeout_s, timeout_s, "s")],
+            ) from exc
         scene = self._robot.collision.scene.version
         tool = self._robot.model.tool.version
         plan = Plan(secrets.token_hex(8), begin, found, limits, self._clock.now_s(), scene, tool)
         self._plans[plan.plan_id] = plan
         self._forget()
         return plan
+
+    async def _forecast(self, goals: Sequence[Goal], radii_m: Sequence[float], attempt: _Attempt) -> Forecast:
+        begin, samples = attempt.begin, attempt.asked.samples
+        if len(goals) == 1:
+            request = self._motion.request(goals[0], begin)
+            return await attempt.of(request, partial(forecast, request=request, samples=samples))
+
+        async def plan(request: MotionRequest) -> Trajectory | None:
+            return await attempt.of(request, partial(planned, request=request))
+
+        trajectory = await self._motion.sequence(goals, radii_m, begin, plan, attempt.compute)
+        return await attempt.compute(partial(described, trajectory=trajectory, start=begin, samples=samples))
 
     async def execute(self, plan_id: str, caller: Caller) -> Outcome:
         """Run a plan; it is kept, so that it can be run again from where it begins.
@@ -145,9 +243,7 @@ class PlanService:
         limits = self._robot.limits
         if len(start) != limits.dof:
             raise InputError(f"start must have {limits.dof} angles, got {len(start)}")
-        begin = np.array(start, dtype=np.float64)
-        check_positions(limits, begin, "start: the angle")
-        return begin
+        return np.array(start, dtype=np.float64)
 
     async def _present(self) -> Array:
         try:

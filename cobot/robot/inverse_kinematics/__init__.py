@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cobot.errors import InputError, UnreachableError
+from cobot.findings import Finding
 from cobot.robot import quaternion
 from cobot.robot.inverse_kinematics.arm import Arm
 from cobot.robot.inverse_kinematics.geometry import recognised
@@ -111,7 +112,7 @@ def inverse(
         return inverse_all(model, pose, seed, criterion, clearance, CLEARANCE_SPREAD, random_seed)[0]
     joints = arm.solve(row, seed, COMPILED[criterion], random_seed)
     if joints is None:
-        raise UnreachableError(_out_of_reach(model, pose, seed, random_seed))
+        raise _out_of_reach(model, pose, seed, random_seed)
     if criterion is Criterion.NEAREST and arm.closed_form:
         # Where axes are aligned the joints race along the arm angle: the descent ends where the seed is.
         near = solve_near(model, pose, seed)
@@ -146,7 +147,7 @@ def inverse_all(
     near = 0.5 * (limits.min_position + limits.max_position) if seed is None else seed
     found = arm.solve_all(row, near, COMPILED[criterion], SOLUTIONS, random_seed)
     if not found:
-        raise UnreachableError(_out_of_reach(model, pose, near, random_seed))
+        raise _out_of_reach(model, pose, near, random_seed)
     if spread > 1 and isinstance(arm, SrsArm):
         found += _along_the_arm_angle(arm, row, spread)
     if clearance is not None and criterion is Criterion.CLEARANCE:
@@ -195,22 +196,38 @@ def reach_gap(model: RobotModel, pose: Pose) -> float:
     return model.inverse_kinematics.gap(_row(pose))
 
 
-def _out_of_reach(model: RobotModel, pose: Pose, seed: Array, random_seed: int) -> str:
-    """Why a pose has no joints, and how near the TCP comes to it."""
-    x, y, z = pose.position
+def nearest_to(model: RobotModel, pose: Pose, seed: Array, random_seed: int = 0) -> Descent:
+    """How near the TCP comes to a pose that it cannot reach: the best of some descents, one from the seed."""
     random, limits = np.random.default_rng(random_seed), model.limits
     starts = random.uniform(limits.min_position, limits.max_position, (NEAR_STARTS, limits.dof))
     ends = [
         Descent(*model.inverse_kinematics.descend(_row(pose), start, NEAR_STEPS, True))
         for start in (seed, *starts)
     ]
-    nearest = min(ends, key=lambda end: end.distance_m + end.angle_rad)
+    return min(ends, key=lambda end: end.distance_m + end.angle_rad)
+
+
+def _out_of_reach(model: RobotModel, pose: Pose, seed: Array, random_seed: int) -> UnreachableError:
+    """Why a pose has no joints, and how near the TCP comes to it."""
+    x, y, z = pose.position
+    nearest = nearest_to(model, pose, seed, random_seed)
     gap = reach_gap(model, pose)
     why = f"it is out of reach by {gap:.3g} m, and" if gap > LEAST_GAP_M else "within the joints' limits it"
-    return (
+    return UnreachableError(
         f"the TCP cannot reach x {x:.6g}, y {y:.6g}, z {z:.6g} m in this orientation: {why} comes as near as "
-        f"{1e3 * nearest.distance_m:.4g} mm and {np.degrees(nearest.angle_rad):.2f} degrees"
+        f"{1e3 * nearest.distance_m:.4g} mm and {np.degrees(nearest.angle_rad):.2f} degrees",
+        findings=_reach(gap, nearest.distance_m, nearest.angle_rad),
     )
+
+
+def _reach(gap_m: float, distance_m: float, angle_rad: float) -> list[Finding]:
+    """What is missing to a goal: of the arm's reach, and of the nearest pose."""
+    missing = [
+        Finding("reach", "distance to the goal", float(distance_m), 0.0, "m", 1.0),
+        Finding("reach", "angle to the goal", float(angle_rad), 0.0, "rad", 1.0),
+    ]
+    beyond = Finding("reach", "distance beyond the reach", float(gap_m), 0.0, "m", 1.0)
+    return [beyond, *missing] if gap_m > LEAST_GAP_M else missing
 
 
 def continued(model: RobotModel, pose: Pose, joints: Array) -> Array:

@@ -122,6 +122,27 @@ def test_lin_turns_the_tool_no_further_than_it_may(robot: RobotDescription) -> N
                 plan(robot, request)
 
 
+def test_the_way_out_of_a_collision_keeps_the_constraints_of_the_start_or_is_refused(
+    robot: RobotDescription,
+) -> None:
+    start = np.array([0.0, 1.9, 0.0, -0.2, 0.0, 0.0, 0.0])  # in the floor
+    goal = start + np.array([0.5, -0.6, 0.0, 0.0, 0.0, 0.0, 0.0])
+    here = robot.model.forward(start).position
+    narrow = Constraints(box=Box(here - np.array([2.0, 2.0, 0.02]), here + np.array([2.0, 2.0, 0.02])))
+    request = MotionRequest(start, goal, PlannerName.OMPL, Scaling(1.0), constraints=narrow)
+    with pytest.raises(
+        PlanningError, match=r"the TCP's z is .*; this is on the way out: the start is in coll"
+    ):
+        plan(robot, request)
+    cone = Constraints(Cone(np.array([0.0, 0.0, 1.0]), 0.8))
+    motion = plan(robot, replace(request, constraints=cone))
+    assert motion is not None
+    axes = (
+        second_robot().path(motion.sample(np.linspace(0.0, motion.duration_s, 200)))[1].apply([0.0, 0.0, 1.0])
+    )
+    assert np.arccos(np.clip(axes @ axes[0], -1.0, 1.0)).max() <= 0.8 + 1e-3
+
+
 def test_a_start_or_goal_that_breaks_it_and_what_cannot_be_kept_are_said(robot: RobotDescription) -> None:
     joints = np.array(robot.positions["work"].joints)
     away = joints + np.eye(7)[0] * 0.5

@@ -1,0 +1,84 @@
+"""Why there is no motion, as JSON: what the checks have found, and what was tried and works."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from pydantic import BaseModel, Field
+
+from cobot.errors import CobotError
+from cobot.findings import Check, Failure, Finding, Kind
+
+
+class FailedCheck(BaseModel):
+    """What one check has found."""
+
+    check: Check = Field(description="Which one.")
+    quantity: str = Field(description="What it looks at.")
+    value: float = Field(description="Of that, in `unit`.")
+    limit: float = Field(description="The same.")
+    by: float = Field(description="How far the one is beyond the other.")
+    unit: str = Field(description="SI; empty for a share.")
+    share: float | None = Field(
+        description="Where, as a share of the path (of its time, if it has been timed): 0 is the start, 1 "
+        "the goal; null if nowhere in particular."
+    )
+    of: list[str] = Field(description="The joint, or the two that come too near to each other.")
+
+
+class Works(BaseModel):
+    """A changed request that was planned with all checks."""
+
+    change: Kind = Field(description="What is changed.")
+    says: str = Field(description="The same in words.")
+    endpoint: str = Field(description="Where to send `body` to; /robot/move/... takes it without `samples`.")
+    body: dict[str, Any] = Field(description="The whole request that works.")
+    duration_s: float = Field(description="Of the motion then, s.")
+
+
+class Tried(BaseModel):
+    """What does not help."""
+
+    change: Kind = Field(description="What was changed.")
+    count: int = Field(description="In how many ways.")
+    says: str = Field(description="The first of them.")
+    why: str = Field(description="Why there is no motion then either.")
+
+
+class Explain(BaseModel):
+    """Why there is no motion, and what would make one."""
+
+    checks: list[FailedCheck] = Field(description="What has failed, the decisive one first.")
+    motion: int | None = Field(
+        None, description="Of a sequence, which one, from 1 on; `works` is of it alone."
+    )
+    works: list[Works] = Field([], description="At the most one of each kind; of /robot/plan only.")
+    tried: list[Tried] = Field([], description="What was tried and does not work.")
+    spent_s: float = Field(0.0, description="How long was tried, s.")
+    budget_s: float = Field(0.0, description="How long might be tried, s: `planning.explain_s`, or less.")
+
+
+def explain_of(error: CobotError) -> Explain | None:
+    """The facts of an error; None if it has none."""
+    if not error.findings:
+        return None
+    checks = [_check(found) for found in error.findings]
+    return Explain(checks=checks, motion=None, works=[], tried=[], spent_s=0.0, budget_s=0.0)
+
+
+def _check(found: Finding) -> FailedCheck:
+    return FailedCheck(
+        check=found.check,
+        quantity=found.quantity,
+        value=found.value,
+        limit=found.limit,
+        by=found.excess,
+        unit=found.unit,
+        share=found.share,
+        of=list(found.of),
+    )
+
+
+def tried_of(tried: Sequence[Failure]) -> list[Tried]:
+    return [Tried(change=each.kind, count=each.count, says=each.says, why=each.why) for each in tried]

@@ -1,0 +1,90 @@
+"""What works instead of a motion that cannot be planned, as requests that a client can send as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from app.api.explain_schemas import Explain, Works, explain_of, tried_of
+from app.api.schemas import AnyMotion, MoveJoints, MoveNamed, MovePose
+from app.services.motion.execution import Goal
+from cobot.errors import CobotError
+from cobot.findings import Explanation, Remedy
+from cobot.robot.frames import abc_from_quaternion
+from cobot.types import Array, Pose, Scaling
+
+ENDPOINTS: dict[type[Any], str] = {MoveNamed: "named", MoveJoints: "joints", MovePose: "pose"}
+OF_POSES = set(MovePose.model_fields) - set(MoveJoints.model_fields)
+"""What a motion to joint angles does not take of one to a pose."""
+OF_PATHS = {"via", "centre", "axis", "through", "radius", "speed_m_s", "speed_rad_s", "synchronization"}
+"""What the planners that search for a path do not take."""
+
+
+def explained(
+    error: CobotError,
+    found: Explanation,
+    motions: Sequence[AnyMotion],
+    goals: Sequence[Goal],
+    base_frame: str,
+) -> Explain:
+    """The answer of a plan that failed with `error`; `motions` are what was asked for, for these goals."""
+    explain = explain_of(error)
+    assert explain is not None
+    number = (found.motion or 1) - 1
+    body, in_tool = motions[number], goals[number].in_tool
+    return explain.model_copy(
+        update={
+            "motion": found.motion,
+            # From another start what is given in the TCP's frame would be another goal.
+            "works": [
+                _works(each, body, found, base_frame)
+                for each in found.works
+                if not (in_tool and each.kind == "start")
+            ],
+            "tried": tried_of(found.tried),
+            "spent_s": found.spent_s,
+            "budget_s": found.budget_s,
+        }
+    )
+
+
+def _works(remedy: Remedy, asked: AnyMotion, found: Explanation, base_frame: str) -> Works:
+    body = asked.model_dump(exclude_unset=True)
+    kind = next(name for model, name in ENDPOINTS.items() if isinstance(asked, model))
+    if found.motion is not None:
+        body["start"] = list(found.start)
+    for field, value in remedy.change.items():
+        match field:
+            case "scaling":
+                assert isinstance(value, Scaling)
+                body |= {"speed": value.speed, "accel_scale": value.accel_scale}
+            case "planner":
+                body = {name: given for name, given in body.items() if name not in OF_PATHS}
+                body["planner"] = str(value)
+            case "start":
+                body["start"] = value.tolist()
+            case "goal" if isinstance(value, Pose):
+                body |= _pose(value, base_frame)
+            case "goal":
+                kind = "joints"
+                body = _to_joints(body, value)
+    return Works(
+        change=remedy.kind,
+        says=remedy.says,
+        endpoint=f"/robot/plan/{kind}",
+        body=body,
+        duration_s=remedy.duration_s,
+    )
+
+
+def _pose(goal: Pose, base_frame: str) -> dict[str, Any]:
+    x, y, z = goal.position.tolist()
+    a, b, c = np.asarray(abc_from_quaternion(goal.quaternion)).tolist()
+    return {"x": x, "y": y, "z": z, "a": a, "b": b, "c": c, "frame_id": base_frame}
+
+
+def _to_joints(body: dict[str, Any], joints: Array) -> dict[str, Any]:
+    kept = {name: given for name, given in body.items() if name not in OF_POSES | {"name"}}
+    return kept | {"joints": joints.tolist()}

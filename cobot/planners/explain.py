@@ -1,0 +1,264 @@
+"""What would make a motion work that could not be planned: found by planning it so, never by guessing.
+
+From what the checks have found follow ideas, each a change of the request: more time for the path, another
+planner, another of the joint angles that lead to the goal, another start, the nearest goal. Each is planned
+with all checks; the first of each kind that passes is what works.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from cobot.errors import CobotError, LimitError, PlanningError
+from cobot.findings import Explanation, Failure, Kind, Remedy
+from cobot.motions.requests import ANY_SPEED, PATH_PLANNERS, MotionRequest
+from cobot.planners import plan
+from cobot.planners.escape import exits
+from cobot.planners.goals import joint_goals
+from cobot.planners.lin import straight_line
+from cobot.robot.description import RobotDescription
+from cobot.robot.frames import abc_from_quaternion, pose_from_abc
+from cobot.robot.inverse_kinematics import LEAST_GAP_M, inverse_all, nearest_to, reach_gap
+from cobot.trajectory import Trajectory
+from cobot.types import Array, PlannerName, Pose, Scaling, Synchronization
+
+MOST_BRANCHES, MOST_STARTS, MOST_GOALS = 12, 40, 4
+SLOWER = (0.5, 0.2, 0.1)
+SLOWEST, LONGEST_S = 0.01, 600.0
+"""Of speed; and a motion that takes longer is none."""
+BACK = (0.0, 1e-3, 1e-2, 0.03, 0.1, 0.2)
+"""From the edge of what is reachable the goal is taken back by these shares of the way to the start, in turn:
+what is at the edge has joint angles at a limit or a straight elbow."""
+SHORT_OF, SHORTEST = (0.95, 0.8, 0.6, 0.4, 0.2), 0.05
+"""A line that ends on its way is tried up to these shares of where it ended, if that is not all too short."""
+SPREAD = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Idea:
+    """What a request might be changed to.
+
+    Attributes:
+        first: the arm would have to go to another start first: it counts only if it can.
+    """
+
+    kind: Kind
+    change: dict[str, Any]
+    says: str
+    first: bool = False
+
+
+def explain(
+    robot: RobotDescription, request: MotionRequest, error: CobotError, budget_s: float
+) -> Explanation:
+    """What makes the motion work that has failed with `error`.
+
+    Args:
+        budget_s: after which nothing more is tried; what has begun is still finished.
+    """
+    begun_s = time.monotonic()
+    works: list[Remedy] = []
+    tried: dict[Kind, Failure] = {}
+    ideas = _ideas(robot, request, error)
+    while (left_s := begun_s + budget_s - time.monotonic()) > 0.0:
+        idea = next(ideas, None)
+        if idea is None:
+            break
+        if any(remedy.kind == idea.kind for remedy in works):
+            continue
+        limited = replace(request, timeout_s=min(request.timeout_s, left_s))
+        try:
+            motion = _planned(robot, limited, idea)
+            duration_s = 0.0 if motion is None else motion.duration_s
+            if duration_s > LONGEST_S:
+                raise PlanningError(f"it would take {duration_s:.4g} s, which helps nobody")
+        except CobotError as exc:
+            first = tried.get(idea.kind) or Failure(idea.kind, 0, idea.says, str(exc))
+            tried[idea.kind] = replace(first, count=first.count + 1)
+        else:
+            works.append(Remedy(idea.kind, idea.change, idea.says, duration_s))
+    spent_s = time.monotonic() - begun_s
+    return Explanation(tuple(works), tuple(tried.values()), spent_s, budget_s, tuple(request.start.tolist()))
+
+
+def _planned(robot: RobotDescription, request: MotionRequest, idea: Idea) -> Trajectory | None:
+    if idea.first:
+        anyhow = {"through": (), "radius_m": 0.0, "constraints": None, **_searching(request)}
+        plan(robot, replace(request, goal=idea.change["start"], **anyhow))
+    return plan(robot, replace(request, **idea.change))
+
+
+def _ideas(robot: RobotDescription, request: MotionRequest, error: CobotError) -> Iterator[Idea]:
+    """The likely ones first."""
+    checks = {found.check for found in error.findings}
+    if isinstance(error, LimitError) and _at_start(error):  # The arm is not there: somebody has written it.
+        yield from (replace(idea, first=False) for idea in _other_starts(robot, request))
+        return
+    at_goal = bool(error.findings) and error.findings[0].share == 1.0
+    if "effort" in checks or any(f.check == "limit" and f.quantity != "position" for f in error.findings):
+        yield from _slower(request)
+    if "time" in checks:
+        yield from _faster(request)
+    if at_goal:
+        yield from _other_goals(robot, request)
+    if checks & {"limit", "reach", "redundancy", "singularity", "collision"}:
+        yield from _other_branches(robot, request)
+    yield from _other_planners(request)
+    yield from _shorter(robot, request, error)
+    if "reach" in checks and not at_goal:
+        yield from _other_goals(robot, request)
+    if request.planner in PATH_PLANNERS or _at_start(error):
+        yield from _other_starts(robot, request)
+
+
+def _at_start(error: CobotError) -> bool:
+    return any(found.share == 0.0 for found in error.findings)
+
+
+def _slower(request: MotionRequest) -> Iterator[Idea]:
+    for share in SLOWER:
+        speed = share * request.scaling.speed
+        if speed >= SLOWEST:
+            yield Idea("slower", {"scaling": Scaling(speed)}, f"at a speed of {speed:.3g}")
+
+
+def _faster(request: MotionRequest) -> Iterator[Idea]:
+    """What has no time profile may have been asked for with an all but impossible acceleration."""
+    scaling = request.scaling
+    if scaling.acceleration < scaling.speed:
+        yield Idea(
+            "faster", {"scaling": Scaling(scaling.speed)}, "with accel_scale 0, which is that of speed"
+        )
+
+
+def _is_the_path(request: MotionRequest) -> bool:
+    """Whether there is no more to a request than its path, so that another way to its end is no help."""
+    return bool(request.through) or (request.arc is not None and request.arc.angle_rad is not None)
+
+
+def _other_planners(request: MotionRequest) -> Iterator[Idea]:
+    """Those that go around what is in the way, from a start that must be left too."""
+    if _is_the_path(request):
+        return
+    others = {PlannerName.AUTO: PlannerName.CHOMP, PlannerName.OMPL: PlannerName.CHOMP}
+    planner = others.get(request.planner, PlannerName.AUTO)
+    along = ", not along the path" if request.planner in PATH_PLANNERS else ""
+    yield Idea("planner", _searching(request, planner), f"with planner {planner}{along}")
+
+
+def _searching(request: MotionRequest, planner: PlannerName = PlannerName.AUTO) -> dict[str, Any]:
+    """Another planner, at the same shares of the limits, and nothing that only others take."""
+    return {
+        "planner": planner,
+        "scaling": request.scaling,
+        "via": None,
+        "arc": None,
+        "tcp_speed": ANY_SPEED,
+        "synchronization": Synchronization.TIME,
+    }
+
+
+def _other_branches(robot: RobotDescription, request: MotionRequest) -> Iterator[Idea]:
+    """Of ptp, which goes to the nearest joint angles of a pose: the others."""
+    if request.planner is not PlannerName.PTP or not isinstance(request.goal, Pose):
+        return
+    try:
+        goals = joint_goals(robot, request)[1:]
+    except CobotError:
+        return
+    for goal in goals[:MOST_BRANCHES]:
+        yield Idea("branch", {"goal": goal}, f"at the goal the joints {_shown(goal)} rad")
+
+
+def _other_starts(robot: RobotDescription, request: MotionRequest) -> Iterator[Idea]:
+    """Out of limits and collisions, if the start is; for a path other joint angles with the TCP where it is,
+    those to which the arm can go first.
+    """
+    limits = robot.limits
+    inside = np.clip(request.start, limits.min_position, limits.max_position)
+    if not robot.collision.is_free(inside):
+        starts = exits(robot, inside)[:MOST_GOALS]
+    elif np.abs(inside - request.start).max() > 0.0:
+        starts = [inside]
+    elif request.planner in PATH_PLANNERS:
+        here = robot.model.forward(request.start)
+        found = np.array(inverse_all(robot.model, here, request.start, spread=SPREAD))
+        starts = list(found[robot.collision.clearance.are_free(found)][:MOST_STARTS])
+    else:
+        return
+    if isinstance(request.goal, Pose) and reach_gap(robot.model, request.goal) > LEAST_GAP_M:
+        return
+    for start in starts:
+        if np.abs(start - request.start).max() > 1e-3:
+            says = f"from the joints {_shown(start)} rad"
+            yield Idea("start", {"start": start}, says, first=True)
+            if request.planner is PlannerName.PTP:
+                change = {"start": start, **_searching(request)}
+                yield Idea("start", change, f"{says}, with planner auto", first=True)
+
+
+def _other_goals(robot: RobotDescription, request: MotionRequest) -> Iterator[Idea]:
+    """The nearest that can be: within the limits, in reach and free; the way there may need a search."""
+    for goal, says in _near_goals(robot, request):
+        if request.planner not in PATH_PLANNERS:
+            yield Idea("goal", {"goal": goal}, f"to the nearest goal that is possible, {says}")
+        if request.planner is PlannerName.PTP or request.planner in PATH_PLANNERS:
+            change = {"goal": goal, **_searching(request, PlannerName.AUTO)}
+            yield Idea("goal", change, f"to the nearest goal that is possible, {says}, with planner auto")
+
+
+def _near_goals(robot: RobotDescription, request: MotionRequest) -> Iterator[tuple[Array | Pose, str]]:
+    limits, goal = robot.limits, request.goal
+    if not isinstance(goal, Pose):
+        inside = np.clip(goal, limits.min_position, limits.max_position)
+        nearest = [inside] if robot.collision.is_free(inside) else exits(robot, inside)[:MOST_GOALS]
+        for joints in nearest:
+            yield joints, f"joints {_shown(joints)} rad"
+        return
+    if _is_the_path(request):
+        return
+    for joints in _near_joints(robot, request, goal):
+        pose = _as_written(robot.model.forward(joints))
+        away = float(np.linalg.norm(pose.position - goal.position))
+        turn = 2.0 * float(np.arccos(np.clip(abs(pose.quaternion @ goal.quaternion), -1.0, 1.0)))
+        yield pose, f"{1e3 * away:.4g} mm and {turn:.3g} rad away"
+
+
+def _near_joints(robot: RobotDescription, request: MotionRequest, goal: Pose) -> Iterator[Array]:
+    """Free joint angles with the TCP near a pose that cannot be reached, or only in collision."""
+    descent = nearest_to(robot.model, goal, request.start, request.seed)
+    nearest = descent.joints
+    if request.planner in PATH_PLANNERS and descent.solved:
+        return
+    if not robot.collision.is_free(nearest):
+        yield from exits(robot, nearest)[:MOST_GOALS]
+        return
+    for share in BACK:
+        yield nearest + share * (request.start - nearest)
+
+
+def _as_written(pose: Pose) -> Pose:
+    """The pose that comes back from the angles that a client writes."""
+    return pose_from_abc(*pose.position.tolist(), *abc_from_quaternion(pose.quaternion))
+
+
+def _shorter(robot: RobotDescription, request: MotionRequest, error: CobotError) -> Iterator[Idea]:
+    """Of a line, what is before where it failed."""
+    shares = [found.share for found in error.findings if found.share]
+    if request.planner is not PlannerName.LIN or not shares or not isinstance(request.goal, Pose):
+        return
+    line = straight_line(robot.model.forward(request.start), request.goal)
+    for part in SHORT_OF:
+        share = part * max(shares)
+        if share >= SHORTEST:
+            goal = _as_written(line.pose_at(share))
+            yield Idea("goal", {"goal": goal}, f"along the line up to {100.0 * share:.0f} % of it")
+
+
+def _shown(joints: Array) -> str:
+    return "[" + ", ".join(f"{value:.3f}" for value in joints) + "]"
