@@ -39,6 +39,7 @@ from cobot.motions.requests import (
     Blended,
     MotionRequest,
     TcpSpeed,
+    check_arc,
     check_synchronization,
     check_tcp_speed,
     check_through,
@@ -198,6 +199,7 @@ class MotionService:
         """
         name = PlannerName(planner)
         check_via(name, via, arc)
+        check_arc(arc)
         check_synchronization(name, synchronization)
         check_through(name, through, radius_m)
         check_tcp_speed(name, tcp_speed, self._robot.cartesian_limits)
