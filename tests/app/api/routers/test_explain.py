@@ -12,6 +12,7 @@ import pytest
 from virtual import VirtualService, virtual_service
 
 from benchmarks.explanations import examined
+from cobot.errors import LimitError
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 
@@ -98,6 +99,15 @@ def test_of_a_sequence_it_is_said_which_motion_and_what_works_is_of_it_alone(ser
     for works in explain["works"]:
         assert works["body"]["start"] == pytest.approx(there)
         assert service.post(works["endpoint"], json=works["body"]).status_code == 200
+
+
+def test_the_client_raises_with_what_works(service: VirtualService) -> None:
+    robot = service.client(service.url)
+    with pytest.raises(LimitError) as caught:
+        robot.plan("joints", joints=[3.5, *HOME[1:]])
+    assert caught.value.explain is not None
+    (works,) = caught.value.explain["works"]
+    assert robot.plan("joints", **works["body"])["duration_s"] == works["duration_s"]
 
 
 def test_what_has_no_facts_is_an_ordinary_error(service: VirtualService) -> None:
