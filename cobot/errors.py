@@ -95,6 +95,11 @@ class CollisionError(PlanningError):
 class PlanningTimeout(PlanningError):
     code = "planning_timeout"
 
+    @classmethod
+    def after(cls, timeout_s: float, message: str) -> Self:
+        """No plan within so long."""
+        return cls(message, findings=[Finding("time", "planning time", timeout_s, timeout_s, "s")])
+
 
 class ExecutionError(CobotError):
     code = "execution"

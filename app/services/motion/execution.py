@@ -422,7 +422,7 @@ class MotionService:
         try:
             return await claim.unless_interrupted(self._planning.plan(request, timeout_s))
         except MotionTimeout as exc:
-            raise PlanningTimeout(f"not planned within {timeout_s:g} s") from exc
+            raise PlanningTimeout.after(timeout_s, f"not planned within {timeout_s:g} s") from exc
 
     async def start(self, claim: Claim, trajectory: Trajectory) -> None:
         """Hand the motion to rtloop.
