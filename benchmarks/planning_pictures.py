@@ -112,7 +112,8 @@ def _needs_the_redundancy(robot: RobotDescription) -> tuple[MotionRequest, str]:
         here = robot.model.forward(start)
         way = random.normal(size=3)
         goal = Pose(here.position + 0.5 * way / np.linalg.norm(way), here.quaternion)
-        _, reason = _continued(robot, start, straight_line(here, goal))
+        _, error = _continued(robot, start, straight_line(here, goal))
+        reason = str(error or "")
         request = MotionRequest(start, goal, PlannerName.LIN, FULL)
         if "limit" in reason and _possible(robot, request):
             return request, f"without the redundancy {reason.removeprefix('lin: ')}"

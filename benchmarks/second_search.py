@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.judge import END_M, NEAR_M, Judge
-from benchmarks.lines import PLACES, exhaustive
+from benchmarks.lines import PLACES, STEP_RAD, exhaustive
 from benchmarks.stress_cases import Case
 from cobot.errors import CobotError, CollisionError, LimitError, UnreachableError
 from cobot.motions.requests import PATH_PLANNERS, MotionRequest
@@ -23,6 +23,7 @@ from cobot.types import Array, PlannerName, Pose
 TRIES = 80
 ROUNDED_M = 2.5e-3
 """Joints in messages have three digits."""
+DRAWS, PLACES_OF_DRAWS = 150, 40
 FINE = 600
 LONG_M = 0.5
 """Longer paths are looked at in more places."""
@@ -113,8 +114,9 @@ def _no_line(judge: Judge, request: MotionRequest) -> bool | None:
     if robot.model.inverse_kinematics.arm_angle is not None:
         places = np.linspace(0.0, 1.0, fineness * PLACES + 1)[1:]
         return not exhaustive(robot, request.start, path.poses(places))
-    if robot.limits.dof != 6:
-        return None
+    if robot.limits.dof > 6:
+        places = np.linspace(0.0, 1.0, fineness * PLACES_OF_DRAWS + 1)[1:]
+        return not _drawn_along(judge, request.start, path.poses(places))
     return not _followed(judge, request.start, path.poses(np.linspace(0.0, 1.0, fineness * FINE + 1)[1:]))
 
 
@@ -130,6 +132,24 @@ def _path(judge: Judge, request: MotionRequest) -> TcpPath:
     if request.via is not None:
         return arc(here, request.via, request.goal)
     return straight_line(here, request.goal)
+
+
+def _drawn_along(judge: Judge, start: Array, poses: Array) -> bool:
+    """Random configurations from place to place, each within a step of one before; no cost, no memory."""
+    robot, random, rows = judge.robot, np.random.default_rng(5), start[None]
+    descend, limits = robot.model.inverse_kinematics.descend, robot.limits
+    for pose in poses:
+        found = []
+        for _ in range(DRAWS):
+            before = rows[random.integers(len(rows))]
+            drawn = before + random.choice([0.0, 0.02, 0.08]) * random.normal(size=limits.dof)
+            joints, solved, _, _ = descend(pose, np.clip(drawn, limits.min_position, limits.max_position), 30)
+            if solved and np.abs(joints - before).max() <= STEP_RAD and _is_free(judge, joints):
+                found.append(joints)
+        if not found:
+            return False
+        rows = np.array(found)
+    return True
 
 
 def _followed(judge: Judge, start: Array, poses: Array) -> bool:

@@ -42,16 +42,18 @@ def _lin_flaws(positions: Array, turns: Rotation, goal: Pose) -> Iterator[str]:
     over = length * max(-along.min(), along.max() - 1.0)
     if max(beside, over) > BESIDE_M:
         yield f"path: {1e3 * beside:.4f} mm beside the line, from {along.min():.6f} to {along.max():.6f}"
-    yield from _turn_flaws(turns, Rotation.from_quat(goal.quaternion, scalar_first=True), along)
+    last = Rotation.from_quat(goal.quaternion, scalar_first=True)
+    yield from _turn_flaws(turns, last, along, BESIDE_M / length)
 
 
-def _turn_flaws(turns: Rotation, last: Rotation, shares: Array) -> Iterator[str]:
+def _turn_flaws(turns: Rotation, last: Rotation, shares: Array, slack: float) -> Iterator[str]:
+    """`slack` is what the shares of the path, taken from the positions, may be off."""
     whole = (last * turns[0].inv()).as_rotvec()
     if np.linalg.norm(whole) > 3.1:  # which way round is open
         return
     wanted = Rotation.from_rotvec(shares[:, None] * whole) * turns[0]
     off = float((wanted.inv() * turns).magnitude().max())
-    if off > BESIDE_RAD:
+    if off > BESIDE_RAD + slack * float(np.linalg.norm(whole)):
         yield f"path: the hand is turned {off:.3g} rad otherwise"
 
 
@@ -87,7 +89,8 @@ def _circ_flaws(positions: Array, turns: Rotation, request: MotionRequest) -> It
     if beside > BESIDE_M:
         yield f"path: {1e3 * beside:.4f} mm beside the arc of {1e3 * radius:.1f} mm"
     if arc is None and isinstance(request.goal, Pose):
-        yield from _turn_flaws(turns, Rotation.from_quat(request.goal.quaternion, scalar_first=True), shares)
+        last = Rotation.from_quat(request.goal.quaternion, scalar_first=True)
+        yield from _turn_flaws(turns, last, shares, BESIDE_M / (radius * float(angles[-1])))
     elif arc is not None and not arc.turns_tool and (turns * turns[0].inv()).magnitude().max() > BESIDE_RAD:
         yield "path: the hand does not keep its orientation"
 

@@ -96,3 +96,14 @@ def test_a_redundant_arm_is_given_more_configurations_of_its_goal_until_one_can_
     assert motion is not None
     assert isinstance(request.goal, Pose)
     assert Judge(arm("gantry"), there.robot).off(motion.end, request.goal) < 1e-6
+
+
+@pytest.mark.parametrize("number", [1, 201, 231, 381, 401])
+def test_a_redundant_arm_without_an_arm_angle_follows_a_line_where_its_nearest_joints_end(
+    number: int,
+) -> None:
+    # Of the gantry, whose nearest joints reach a limit or touch a box on these lines.
+    tally = Tally()
+    one(arm("gantry"), case(arm("gantry"), number, seed=3), tally, share=0.0)
+    assert tally.wrong == []
+    assert tally.planned == 1, tally.refused

@@ -14,7 +14,8 @@ import numpy as np
 from cobot.errors import CobotError, InputError, PlanningError, UnreachableError
 from cobot.findings import Finding
 from cobot.motions.requests import MotionRequest
-from cobot.planners.joint_path import SHORTEST_SHARE, at_limit_of, jump_of, through
+from cobot.planners.joint_path import SHORTEST_SHARE, JointsAt, at_limit_of, jump_of, through
+from cobot.planners.null_space import FEW, MANY, Particles
 from cobot.planners.path import Path
 from cobot.planners.redundancy import MESHES, Graph, Profile
 from cobot.planners.tcp_path import TcpPath
@@ -27,6 +28,9 @@ from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array, CartesianLimits, JointLimits
 
 STANDING_M, STANDING_RAD = 1e-6, 1e-6
+POSE_DOF = 6
+FAR = 0.5
+"""Where some configurations come beyond this share of a path, more of them may find the rest."""
 STEP_RAD = 0.4
 """Where a joint would turn further from one place to the next, there is one more between them."""
 SLOW = 2.5
@@ -66,14 +70,19 @@ def follow(robot: RobotDescription, request: MotionRequest, path: TcpPath) -> Tr
 
 
 def _refused(robot: RobotDescription, reason: CobotError, reached: float) -> UnreachableError:
-    """Why neither the simple way nor any arm angle leads to the end."""
-    more, findings = "", list(reason.findings)
+    """Why neither the simple way nor any other configuration of a redundant arm leads to the end."""
+    if robot.limits.dof <= POSE_DOF:
+        return UnreachableError(str(reason), findings=reason.findings)
     if robot.model.inverse_kinematics.arm_angle is not None:
-        more = f"; no arm angle leads further than {100 * reached:.0f} % of the path"
+        more = f"no arm angle leads further than {100 * reached:.0f} % of the path"
         if reached >= 1.0:
-            more = "; no other arm angles lead along the path without touching something"
-        findings.append(Finding("redundancy", "share of the path", reached, 1.0, "", reached))
-    return UnreachableError(f"{reason}{more}", findings=findings)
+            more = "no other arm angles lead along the path without touching something"
+    else:
+        more = f"no other joints that were looked for lead further than {100 * reached:.0f} % of the path"
+        if reached >= 1.0:
+            more = "the other joints that were looked for lead along it only with a jump or a collision"
+    findings = [*reason.findings, Finding("redundancy", "share of the path", reached, 1.0, "", reached)]
+    return UnreachableError(f"{reason}; {more}", findings=findings)
 
 
 def _timed(robot: RobotDescription, request: MotionRequest, joint_path: Path) -> Trajectory:
@@ -127,7 +136,7 @@ def _redundant(
     """A free path of the joints by planning the arm angle, from coarse to fine, and how far any leads."""
     reached = 0.0
     if robot.model.inverse_kinematics.arm_angle is None:
-        return None, reached
+        return _by_particles(robot, start, path) if robot.limits.dof > POSE_DOF else (None, reached)
     for mesh in MESHES[:meshes]:
         graph = Graph(robot, start, path, mesh)
         for free in (False, True):
@@ -139,6 +148,24 @@ def _redundant(
                 break
         reached = max(reached, graph.reached)
         if graph.is_cut():
+            break
+    return None, reached
+
+
+def _by_particles(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Path | None, float]:
+    """The same for an arm without an arm angle."""
+    reached = 0.0
+    for count in (FEW, MANY):
+        particles = Particles(robot, start, path, count)
+        for rows in particles.ways():
+            try:
+                found = through(robot, path, particles.shares, rows, _joints_at(robot, path))
+            except UnreachableError:
+                continue
+            if _is_free(robot, found):
+                return found, 1.0
+        reached = max(reached, particles.reached)
+        if reached < FAR:
             break
     return None, reached
 
@@ -174,17 +201,22 @@ def _require_reach(robot: RobotDescription, path: TcpPath, start: Array) -> None
 
 def _continued(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Path | None, CobotError | None]:
     """The joints by inverse kinematics at even places, each from the one before, or why they cannot go on."""
-    arm = robot.model.inverse_kinematics
-
-    def joints_at(share: float, near: Array) -> Array | None:
-        joints, solved, _, _ = arm.descend(path.poses(np.array([share]))[0], near, 60)
-        return joints if solved else None
-
     try:
         shares, rows = _chain(robot, start, path)
-        return through(robot, path, shares, rows, joints_at), None
+        return through(robot, path, shares, rows, _joints_at(robot, path)), None
     except UnreachableError as exc:
         return None, exc
+
+
+def _joints_at(robot: RobotDescription, path: TcpPath) -> JointsAt:
+    """Joints at a share of the path, from near ones."""
+    descend = robot.model.inverse_kinematics.descend
+
+    def joints_at(share: float, near: Array) -> Array | None:
+        joints, solved, _, _ = descend(path.poses(np.array([share]))[0], near, 60)
+        return joints if solved else None
+
+    return joints_at
 
 
 def _chain(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Array, Array]:

@@ -1,0 +1,116 @@
+"""Joints along a path of the TCP, for arms with more joints than a pose needs and no arm angle.
+
+A set of configurations is carried along the path: each has neighbours drawn about it in its null space, those
+that are free and near a configuration of the place before are kept, and each remembers the cheapest way to it
+(a particle filter whose ways are found by dynamic programming). The cheapest way to the end is then made
+smooth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from cobot.planners.tcp_path import TcpPath
+from cobot.robot.description import RobotDescription
+from cobot.types import Array
+
+FEW, MANY = 120, 360
+"""So many configurations are carried along, and if these find no way that is free, so many."""
+SPREADS_RAD = (0.02, 0.08, 0.25)
+"""Of what is drawn about a configuration, by turns."""
+NEAR_SHARE = 0.1
+"""Configurations nearer to a limit than this share of the range cost more, up to one full step."""
+STEP_RAD = 0.3
+"""From place to place no joint turns further."""
+PLACE_M, PLACE_RAD, MOST_PLACES = 0.015, 0.1, 200
+INSIDE_RAD = 1e-3
+"""From limits, unless the start is nearer: the splines between places need some room."""
+STEPS = 30
+SMOOTHINGS = (60, 15, 4)
+"""So often each configuration is drawn to the middle of its neighbours; less where the smooth way touches."""
+
+
+class Particles:
+    """The ways of the joints along one path from one start; the same for the same count.
+
+    Attributes:
+        shares: of the path, where there are configurations, shape (n,).
+        reached: the share of the path to which joints lead.
+    """
+
+    def __init__(self, robot: RobotDescription, start: Array, path: TcpPath, count: int) -> None:
+        self._robot, self._arm = robot, robot.model.inverse_kinematics
+        self._count, self._random = count, np.random.default_rng(count)
+        limits = robot.limits
+        self._low = np.minimum(limits.min_position + INSIDE_RAD, start)
+        self._high = np.maximum(limits.max_position - INSIDE_RAD, start)
+        places = max(path.places, path.length_m / PLACE_M, path.angle_rad / PLACE_RAD)
+        self.shares = np.linspace(0.0, 1.0, min(MOST_PLACES, int(np.ceil(places))) + 1)
+        self._poses = path.poses(self.shares)
+        self.reached = 0.0
+        self._way = self._carried(start)
+
+    def ways(self) -> Iterator[Array]:
+        """Joints at all shares, shape (n, dof), from the smoothest way on; none if none leads to the end."""
+        for count in SMOOTHINGS if self._way is not None else ():
+            yield self._smooth(count)
+
+    def _carried(self, start: Array) -> Array | None:
+        rows, costs = start[None], np.zeros(1)
+        history, parents = [rows], [np.zeros(1, dtype=np.intp)]
+        for share, pose in zip(self.shares[1:], self._poses[1:], strict=True):
+            found = self._around(rows, costs, pose)
+            if len(found) == 0:
+                return None
+            steps = found[:, None] - rows
+            total = costs + ((steps / self._robot.limits.max_velocity) ** 2).sum(axis=2)
+            total[np.abs(steps).max(axis=2) > STEP_RAD] = np.inf
+            parent = total.argmin(axis=1)
+            reached = np.isfinite(total.min(axis=1))
+            if not reached.any():
+                return None
+            rows, costs = found[reached], (total.min(axis=1) + self._nearness(found))[reached]
+            history.append(rows)
+            parents.append(parent[reached])
+            self.reached = float(share)
+        way = [int(costs.argmin())]
+        for each in parents[:0:-1]:
+            way.append(int(each[way[-1]]))
+        return np.array([rows[index] for rows, index in zip(history, way[::-1], strict=True)])
+
+    def _around(self, rows: Array, costs: Array, pose: Array) -> Array:
+        """Free configurations at a pose, from all rows and from draws about them, the cheaper the more."""
+        order = np.argsort(costs)[: self._count // 3]
+        found = []
+        for index in range(self._count):
+            near = rows[order[index % len(order)]]
+            if index >= len(order):
+                near = near + SPREADS_RAD[index % len(SPREADS_RAD)] * self._random.normal(size=len(near))
+            joints, solved, _, _ = self._arm.descend(pose, np.clip(near, self._low, self._high), STEPS)
+            if solved and self._inside(joints):
+                found.append(joints)
+        kept = np.array(found).reshape(-1, rows.shape[1])
+        return kept[self._robot.collision.clearance.are_free(kept)] if len(kept) else kept
+
+    def _inside(self, joints: Array) -> bool:
+        return bool(((joints >= self._low) & (joints <= self._high)).all())
+
+    def _nearness(self, rows: Array) -> Array:
+        """What limits cost that are near."""
+        room = np.minimum(rows - self._low, self._high - rows) / (self._high - self._low)
+        near = np.clip(1.0 - room / NEAR_SHARE, 0.0, 1.0)
+        return np.asarray((near**2).sum(axis=1) * (STEP_RAD / self._robot.limits.max_velocity.max()) ** 2)
+
+    def _smooth(self, count: int) -> Array:
+        assert self._way is not None
+        rows = self._way.copy()
+        for _ in range(count):
+            for index in range(1, len(rows)):
+                after = rows[min(index + 1, len(rows) - 1)]
+                middle = 0.25 * rows[index - 1] + 0.5 * rows[index] + 0.25 * after
+                joints, solved, _, _ = self._arm.descend(self._poses[index], middle, STEPS)
+                if solved and self._inside(joints) and self._robot.collision.is_free(joints):
+                    rows[index] = joints
+        return rows
