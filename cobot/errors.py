@@ -33,8 +33,8 @@ CobotError
 from __future__ import annotations
 
 import errno
-from collections.abc import Iterable
-from typing import ClassVar, Self
+from collections.abc import Iterable, Mapping
+from typing import Any, ClassVar, Self
 
 from cobot.findings import Explanation, Finding
 
@@ -45,11 +45,13 @@ class CobotError(Exception):
     Attributes:
         findings: the facts of the message, of errors about a motion; the decisive one first.
         explanation: what would make it work, if that was tried.
+        explain: both as the REST API answers them (docs/api.md), where a client raises what it was answered.
     """
 
     code: ClassVar[str] = "error"
     findings: tuple[Finding, ...] = ()
     explanation: Explanation | None = None
+    explain: Mapping[str, Any] | None = None
 
     def __init__(self, *arguments: object, findings: Iterable[Finding] = ()) -> None:
         super().__init__(*arguments)
@@ -92,6 +94,11 @@ class CollisionError(PlanningError):
 
 class PlanningTimeout(PlanningError):
     code = "planning_timeout"
+
+    @classmethod
+    def after(cls, timeout_s: float, message: str) -> Self:
+        """No plan within so long."""
+        return cls(message, findings=[Finding("time", "planning time", timeout_s, timeout_s, "s")])
 
 
 class ExecutionError(CobotError):

@@ -110,9 +110,15 @@ def _robots(node: Node, settings: Settings) -> list[Telemetry]:
     prefixes = {name: f"{name}/" if len(settings.each) > 1 else "" for name in settings.each}
     robots = [Telemetry(node, each, prefixes[name], transforms) for name, each in settings.each.items()]
     static = node.publisher("/tf_static", TRANSFORMS, latched=True)
-    static.publish({"transforms": [each for robot in robots for each in robot.static_transforms]})
-    node.publisher("/robot_description", STRING, latched=True).publish_cdr(robots[0].description)
+    described = node.publisher("/robot_description", STRING, latched=True)
+
+    def tell() -> None:
+        static.publish({"transforms": [each for robot in robots for each in robot.static_transforms]})
+        described.publish_cdr(robots[0].description)
+
+    tell()
     for robot in robots:
+        robot.on_tool = tell
         robot.start()
     return robots
 

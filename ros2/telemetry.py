@@ -21,6 +21,7 @@ from cobot.config import Settings
 from cobot.errors import CobotError, TornReadError
 from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.robot.description import load_robot
+from cobot.robot.tool import ToolFile
 from cobot.ros.robot_messages import JOINT_STATES, POSE, STRING, TRANSFORMS, WRENCH, RobotMessages
 from ros2.node import Node, Publisher
 
@@ -94,10 +95,13 @@ class Telemetry:
         description: std_msgs/msg/String with the URDF, as CDR.
         static_transforms: of links that no joint moves, as dicts.
         problem: why there was no fresh state the last time.
+        on_tool: called in that thread when the TCP, which is part of both, is elsewhere.
     """
 
     def __init__(self, node: Node, settings: Settings, prefix: str, transforms: Publisher) -> None:
         robot = load_robot(settings)
+        self._model, self._tool_file = robot.model, ToolFile(settings.tool_file)
+        self._model.carry(self._tool_file.read())
         section = settings.ros
         name = settings.robot.name
         self.robot = name
@@ -127,13 +131,13 @@ class Telemetry:
             Feed(transforms, section.tf_rate_hz, by(TRANSFORMS, made.transforms)),
         ]
         self._status = feed("status", STRING, section.status_rate_hz, by(STRING, made.status))
-        description = self._encode(STRING, made.description())
-        latched = node.publisher(f"/{name}/robot_description", STRING, latched=True)
-        latched.publish_cdr(description)
-        self.description = description
+        self._described = latched = node.publisher(f"/{name}/robot_description", STRING, latched=True)
+        self.description = self._encode(STRING, made.description())
+        latched.publish_cdr(self.description)
         feeds = [feed for feed in (*self._feeds, self._status) if feed.publisher is not transforms]
         self.topics = {latched.topic, *(feed.publisher.topic for feed in feeds)}
         self.static_transforms = made.static_transforms()["transforms"]
+        self.on_tool: Callable[[], None] = lambda: None
         self._thread = threading.Thread(target=self._run, name=f"telemetry {name}", daemon=True)
 
     def start(self) -> None:
@@ -165,9 +169,24 @@ class Telemetry:
             if status_due:
                 self._status.advance(now_ns)
                 self._tell_status(state)
+                if self._memory is not None and self._memory.info.try_read():
+                    self._follow_tool(int(self._memory.info.data["tool_version"]))
         wanted = [feed.due_ns for feed in self._feeds if feed.publisher.readers]
         next_ns = min([self._status.due_ns, time.monotonic_ns() + int(IDLE_S * _SECOND_NS), *wanted])
         time.sleep(max(0.0, (next_ns - time.monotonic_ns()) * 1e-9))
+
+    def _follow_tool(self, version: int) -> None:
+        """Publish anew what has the TCP in it, if rtloop carries another tool than this process knows."""
+        if version == self._model.tool.version:
+            return
+        tool = self._tool_file.read()
+        if tool.version != version:  # it is about to be changed back
+            return
+        self._model.carry(tool)
+        self.description = self._encode(STRING, self._messages.description())
+        self._described.publish_cdr(self.description)
+        self.static_transforms = self._messages.static_transforms()["transforms"]
+        self.on_tool()
 
     def read(self) -> np.ndarray | None:
         """The newest state with a measurement that is fresh; otherwise None, and `problem` says why."""

@@ -143,6 +143,7 @@ class Rig:
         command = self.memory.commands[self._command % RING]
         command.data["id"], command.data["kind"] = self._command, kind
         command.data["stops"] = self.memory.requests.data["stops"]
+        command.data["tool"] = 0
         for name, value in fields.items():
             command.data[name] = value
         command.publish()

@@ -18,8 +18,9 @@ from cobot.types import Array, Pose, Scaling
 ENDPOINTS: dict[type[Any], str] = {MoveNamed: "named", MoveJoints: "joints", MovePose: "pose"}
 OF_POSES = set(MovePose.model_fields) - set(MoveJoints.model_fields)
 """What a motion to joint angles does not take of one to a pose."""
-OF_PATHS = {"via", "centre", "axis", "through", "radius", "speed_m_s", "speed_rad_s", "synchronization"}
-"""What the planners that search for a path do not take."""
+DROPPED = {"via", "centre", "axis", "through", "radius", "speed_m_s", "speed_rad_s"}
+DROPPED |= {"synchronization", "algorithm"}
+"""What not every planner takes: another one goes without."""
 
 
 def explained(
@@ -61,7 +62,7 @@ def _works(remedy: Remedy, asked: AnyMotion, found: Explanation, base_frame: str
                 assert isinstance(value, Scaling)
                 body |= {"speed": value.speed, "accel_scale": value.accel_scale}
             case "planner":
-                body = {name: given for name, given in body.items() if name not in OF_PATHS}
+                body = {name: given for name, given in body.items() if name not in DROPPED}
                 body["planner"] = str(value)
             case "start":
                 body["start"] = value.tolist()

@@ -64,7 +64,7 @@ PLANNED = {
         "torque": {"peak": [9.8, 52.0, 3.1, 24.0, 0.9, 2.4, 0.1], "share": [0.03, 0.16, *[0.03] * 5]},
     },
     "closest_self": {"between": ["link2", "link5"], "distance_m": 0.094, "share": 0.0},
-    "closest_environment": None,
+    "closest_environment": {"between": ["floor", "link1"], "distance_m": 0.098, "share": 0.0},
 }
 
 
@@ -134,11 +134,15 @@ class PlanPath(StrictModel):
     explain: ExplainIt = True
 
     def polyline(self) -> PlanPose:
-        """The same as a motion to a pose through the others."""
+        """The same as a motion to a pose through the others; to a single one it is lin."""
         given = self.model_dump(exclude={"poses"}, exclude_unset=True)
         through = [pose.model_dump() for pose in self.poses[:-1]]
         goal = self.poses[-1].model_dump()
-        return PlanPose.model_validate({**given, **goal, "planner": "polyline", "through": through})
+        path: dict[str, Any] = {"planner": "polyline", "through": through}
+        if not through:
+            given.pop("radius", None)
+            path = {"planner": "lin"}
+        return PlanPose.model_validate({**given, **goal, **path})
 
 
 class PlanSequence(MoveSequence):

@@ -26,7 +26,7 @@ class RobotTopics:
 
     def __init__(self, graph: Graph, services: Services, name: str, tcp: str, prefix: str = "") -> None:
         robot = services.robot
-        self._streams = services.streams
+        self._streams, self._tool = services.streams, services.tool
         self._clock = services.link.clock
         self._ticker: Ticks | None = None
         self._publication = self._ticks = 0
@@ -44,12 +44,15 @@ class RobotTopics:
         self._make_status = messages.status
         for publisher in (*self._made, self._status):
             publisher.on_demand = self._demand
-        for topic, type_, message, alone in (
-            ("/tf_static", TRANSFORMS, messages.static_transforms(), False),
-            (f"/{name}/robot_description", STRING, messages.description(), True),
-        ):
-            made = graph.advertise(topic, type_, latch=True, owner=self, local=True, alone=alone)
-            made.publish(message)
+        self._latched = {
+            graph.advertise(topic, type_, latch=True, owner=self, local=True, alone=alone): make
+            for topic, type_, make, alone in (
+                ("/tf_static", TRANSFORMS, messages.static_transforms, False),
+                (f"/{name}/robot_description", STRING, messages.description, True),
+            )
+        }
+        self._publish_latched()
+        services.tool.on_change.append(self._publish_latched)  # the TCP is part of both
         servo = services.servo
         graph.subscribe(
             f"/{name}/joint_cmd", STRING, lambda message: servo.receive(message["data"]), owner=self
@@ -57,8 +60,13 @@ class RobotTopics:
 
     def close(self) -> None:
         """Read nothing any more."""
+        self._tool.on_change.remove(self._publish_latched)
         if self._ticker is not None:
             self._ticker.close()
+
+    def _publish_latched(self) -> None:
+        for publisher, make in self._latched.items():
+            publisher.publish(make())
 
     def _demand(self, _: int) -> None:
         wanted = any(publisher.subscribers for publisher in (*self._made, self._status))

@@ -40,6 +40,11 @@ ERRORS: Mapping[str, type[CobotError]] = {kind.code: kind for kind in _family(er
 """The class of errors that each code of the service stands for."""
 
 
+def _answered(error: CobotError, answer: Json) -> CobotError:
+    error.explain = answer.get("explain")
+    return error
+
+
 class Client:
     """One robot's service.
 
@@ -345,7 +350,7 @@ class Client:
     def _arrived(self, path: str, body: Json) -> Json:
         answer = self._json("POST", path, json=body, timeout=self._motion_timeout_s)
         if not answer["success"]:
-            raise ERRORS.get(str(answer.get("code")), ExecutionError)(answer["message"])
+            raise _answered(ERRORS.get(str(answer.get("code")), ExecutionError)(answer["message"]), answer)
         return answer
 
     def _json(self, method: str, path: str, **request: Any) -> Json:
@@ -377,4 +382,4 @@ class Client:
             raise UnavailableError(
                 f"{method} {url}: status {response.status_code}, and no answer of cobot's"
             ) from exc
-        raise ERRORS.get(code, CobotError)(detail)
+        raise _answered(ERRORS.get(code, CobotError)(detail), answer)

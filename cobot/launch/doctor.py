@@ -45,7 +45,7 @@ class Verdict(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class Diagnosis:
     """One line of the report; `remedy` is what to type."""
 
     item: str
@@ -103,11 +103,11 @@ def doctor(
     return all(finding.verdict is not Verdict.PROBLEM for finding in findings)
 
 
-def _findings(config: Path | None, machine: Machine) -> Iterator[Finding]:
+def _findings(config: Path | None, machine: Machine) -> Iterator[Diagnosis]:
     try:
         settings = load_settings(config)
     except CobotError as exc:
-        yield Finding("settings", Verdict.PROBLEM, str(exc), f"{_cobot()} check{_option(config)}")
+        yield Diagnosis("settings", Verdict.PROBLEM, str(exc), f"{_cobot()} check{_option(config)}")
         settings = load_settings()
         config = None
     else:
@@ -126,25 +126,25 @@ def _findings(config: Path | None, machine: Machine) -> Iterator[Finding]:
     yield compiler(Path(__file__).parents[2])
 
 
-def configuration(settings: Settings, config: Path | None) -> Iterator[Finding]:
+def configuration(settings: Settings, config: Path | None) -> Iterator[Diagnosis]:
     """What `cobot check` says: of what is good, how much there is."""
     items = check(settings, config, io.StringIO())
     wrong = [item for item in items if not item.good]
     for item in wrong:
         where = config or "a settings file of yours"
-        yield Finding(item.item, Verdict.PROBLEM, item.found, f'"${{EDITOR:-vi}}" {where}')
+        yield Diagnosis(item.item, Verdict.PROBLEM, item.found, f'"${{EDITOR:-vi}}" {where}')
     if not wrong:
-        yield Finding("configuration", Verdict.OK, f"{len(items)} items are good, see `cobot check`")
+        yield Diagnosis("configuration", Verdict.OK, f"{len(items)} items are good, see `cobot check`")
 
 
-def kernel(machine: Machine) -> Finding:
+def kernel(machine: Machine) -> Diagnosis:
     """How soon a process that is due gets its turn."""
     version = machine.read("/proc/sys/kernel/version")
     found = f"Linux {machine.read('/proc/sys/kernel/osrelease')} {version}"
     if "PREEMPT_RT" in version or machine.read("/sys/kernel/realtime") == "1":
-        return Finding("kernel", Verdict.OK, found)
+        return Diagnosis("kernel", Verdict.OK, found)
     kind = "amd64" if os.uname().machine == "x86_64" else "arm64"
-    return Finding(
+    return Diagnosis(
         "kernel",
         Verdict.WARNING,
         f"{found}: not PREEMPT_RT, so some cycles begin late when the computer is busy",
@@ -152,15 +152,15 @@ def kernel(machine: Machine) -> Finding:
     )
 
 
-def governor(machine: Machine) -> Finding:
+def governor(machine: Machine) -> Diagnosis:
     """Whether the cores slow down when they have little to do, as the cycle has."""
     found = machine.each("/sys/devices/system/cpu", "cpu[0-9]*/cpufreq/scaling_governor")
     if not found:
-        return Finding("governor", Verdict.OK, "the cores' frequency is not Linux's to choose here")
+        return Diagnosis("governor", Verdict.OK, "the cores' frequency is not Linux's to choose here")
     slow = sorted({each for each in found if each != "performance"})
     if not slow:
-        return Finding("governor", Verdict.OK, f"performance on all {len(found)} cores")
-    return Finding(
+        return Diagnosis("governor", Verdict.OK, f"performance on all {len(found)} cores")
+    return Diagnosis(
         "governor",
         Verdict.WARNING,
         f"{', '.join(slow)} on {sum(each in slow for each in found)} of {len(found)} cores: slow to wake up",
@@ -168,46 +168,46 @@ def governor(machine: Machine) -> Finding:
     )
 
 
-def clock_source(machine: Machine) -> Finding:
+def clock_source(machine: Machine) -> Diagnosis:
     """Whether the time is read without a call into the kernel."""
     folder = "/sys/devices/system/clocksource/clocksource0"
     clock = machine.read(f"{folder}/current_clocksource")
     if not clock or clock in PRECISE_CLOCKS:
-        return Finding("clock", Verdict.OK, clock or "Linux does not say which")
+        return Diagnosis("clock", Verdict.OK, clock or "Linux does not say which")
     available = machine.read(f"{folder}/available_clocksource").split()
     better = next((each for each in PRECISE_CLOCKS if each in available), None)
     remedy = f"echo {better} | sudo tee {folder}/current_clocksource"
     if better is None:
         remedy = _kernel_option("tsc=reliable")
-    return Finding("clock", Verdict.WARNING, f"{clock}: reading the time takes microseconds", remedy)
+    return Diagnosis("clock", Verdict.WARNING, f"{clock}: reading the time takes microseconds", remedy)
 
 
-def cores(count: int) -> Finding:
+def cores(count: int) -> Diagnosis:
     """Whether planning and the service leave one to the cycle."""
     found = f"{count} for this process"
     if count >= WELL_CORES:
-        return Finding("cores", Verdict.OK, found)
+        return Diagnosis("cores", Verdict.OK, found)
     remedy = f"taskset --cpu-list 0-{(os.cpu_count() or 2) - 1} {_cobot()} run"
-    return Finding("cores", Verdict.WARNING, f"{found}: the cycle shares it with planning", remedy)
+    return Diagnosis("cores", Verdict.WARNING, f"{found}: the cycle shares it with planning", remedy)
 
 
-def isolation(machine: Machine, robot: str, cpu: int | None, last: int) -> Finding:
+def isolation(machine: Machine, robot: str, cpu: int | None, last: int) -> Diagnosis:
     """Whether the real-time process has a core of its own."""
     item = f"isolation {robot}"
     isolated = _numbers(machine.read("/sys/devices/system/cpu/isolated"))
     shown = f"isolated cores: {', '.join(map(str, sorted(isolated))) or 'none'}"
     if cpu is not None and cpu in isolated:
-        return Finding(item, Verdict.OK, f"rt.cpu is {cpu}; {shown}")
+        return Diagnosis(item, Verdict.OK, f"rt.cpu is {cpu}; {shown}")
     core = cpu if cpu is not None else min(isolated, default=last)
     said = "null: the cycle runs on any core" if cpu is None else f"{cpu}, which others use too"
     own = f"rt: {{cpu: {core}}} in the settings, and: " if cpu is None else ""
     remedy = f"{own}{_kernel_option(f'isolcpus={core} nohz_full={core} rcu_nocbs={core}')}"
     if cpu is None and isolated:
         remedy = f"rt: {{cpu: {core}}} in the settings"
-    return Finding(item, Verdict.WARNING, f"rt.cpu is {said}; {shown}", remedy)
+    return Diagnosis(item, Verdict.WARNING, f"rt.cpu is {said}; {shown}", remedy)
 
 
-def permissions(machine: Machine, robot: str, config: Path | None) -> Iterator[Finding]:
+def permissions(machine: Machine, robot: str, config: Path | None) -> Iterator[Diagnosis]:
     """What rtloop would be granted, by its own asking."""
     command = [*RUN_MODULE, "rtloop", "--permissions", "--robot", robot]
     command += ["--config", str(config)] if config else []
@@ -216,7 +216,7 @@ def permissions(machine: Machine, robot: str, config: Path | None) -> Iterator[F
         granted = json.loads(done.stdout)
     except ValueError:
         said = (done.stdout + done.stderr).strip().splitlines() or [f"status {done.returncode}"]
-        yield Finding(
+        yield Diagnosis(
             f"permissions {robot}", Verdict.PROBLEM, f"rtloop does not start: {said[-1]}", _check(config)
         )
         return
@@ -228,9 +228,9 @@ def permissions(machine: Machine, robot: str, config: Path | None) -> Iterator[F
     ):
         why = next((text for name, text in refused.items() if name.startswith(asked)), None)
         if why is None:
-            yield Finding(f"{item} {robot}", Verdict.OK, "granted")
+            yield Diagnosis(f"{item} {robot}", Verdict.OK, "granted")
         else:
-            yield Finding(f"{item} {robot}", Verdict.WARNING, f"refused: {why}", remedy)
+            yield Diagnosis(f"{item} {robot}", Verdict.WARNING, f"refused: {why}", remedy)
 
 
 def _awake_remedy(machine: Machine) -> str:
@@ -254,7 +254,7 @@ def _limits_remedy(machine: Machine) -> str:
     )
 
 
-def shared_memory(settings: Settings, folder: Path, machine: Machine) -> Finding:
+def shared_memory(settings: Settings, folder: Path, machine: Machine) -> Diagnosis:
     """Whether the robots' memory fits."""
     need = sum(
         memory_bytes(load_joint_limits(each.web.joint_limits).dof, each.rt.trajectory_capacity)
@@ -264,30 +264,32 @@ def shared_memory(settings: Settings, folder: Path, machine: Machine) -> Finding
     usage = shutil.disk_usage(folder)
     found = f"{folder}: {_mb(usage.free)} of {_mb(usage.total)} free, {_mb(need)} needed"
     if usage.free >= need:
-        return Finding("shared memory", Verdict.OK, found)
+        return Diagnosis("shared memory", Verdict.OK, found)
     size = f"{-(-(usage.used + 2 * need) // 1_000_000)}M"
     remedy = (
         f"docker run --shm-size={size} ..."
         if machine.in_container
         else f"sudo mount -o remount,size={size} {folder}"
     )
-    return Finding("shared memory", Verdict.PROBLEM, f"{found}; or a smaller rt.trajectory_capacity", remedy)
+    return Diagnosis(
+        "shared memory", Verdict.PROBLEM, f"{found}; or a smaller rt.trajectory_capacity", remedy
+    )
 
 
-def log_disk(folder: Path) -> Finding:
+def log_disk(folder: Path) -> Diagnosis:
     """Whether there is room for logs, audit and recordings."""
     there = next(each for each in (folder, *folder.parents) if each.exists())
     free = shutil.disk_usage(there).free
     found = f"{folder}: {_mb(free)} free"
     if free >= ENOUGH_LOG_BYTES:
-        return Finding("log disk", Verdict.OK, found)
+        return Diagnosis("log disk", Verdict.OK, found)
     verdict = Verdict.WARNING if free >= FEW_LOG_BYTES else Verdict.PROBLEM
-    return Finding(
+    return Diagnosis(
         "log disk", verdict, found, f"sudo du -xh --max-depth=2 {shlex.quote(str(there))} | sort -h"
     )
 
 
-def port(settings: Settings, machine: Machine) -> Finding:
+def port(settings: Settings, machine: Machine) -> Diagnosis:
     """Whether the service can listen, and who does if it cannot."""
     host, number = settings.web.host, settings.web.port
     found = f"{host} port {number}"
@@ -299,7 +301,7 @@ def port(settings: Settings, machine: Machine) -> Finding:
     except (OSError, ValueError) as exc:  # ValueError: no name of a host at all
         pid = listening(machine, number)
         if pid is not None and pid == user_of(settings.robot.name, MemoryRole.SUPERVISOR):
-            return Finding("port", Verdict.OK, f"{found}: cobot itself listens, pid {pid}")
+            return Diagnosis("port", Verdict.OK, f"{found}: cobot itself listens, pid {pid}")
         reason = getattr(exc, "strerror", None) or str(exc)
         whose = f", by pid {pid}: {_command(machine, pid)}" if pid else ""
         remedy = (
@@ -307,8 +309,8 @@ def port(settings: Settings, machine: Machine) -> Finding:
             if pid
             else f"{_cobot()} run --port 0    # or another web.port"
         )
-        return Finding("port", Verdict.PROBLEM, f"{found}: {reason}{whose}", remedy)
-    return Finding("port", Verdict.OK, f"{found} is free")
+        return Diagnosis("port", Verdict.PROBLEM, f"{found}: {reason}{whose}", remedy)
+    return Diagnosis("port", Verdict.OK, f"{found} is free")
 
 
 def listening(machine: Machine, number: int) -> int | None:
@@ -328,15 +330,15 @@ def listening(machine: Machine, number: int) -> int | None:
     return None
 
 
-def compiler(checkout: Path) -> Finding:
+def compiler(checkout: Path) -> Diagnosis:
     """Needed only where cobot is built; setup.py has the rule."""
     if not (checkout / "setup.py").is_file():
-        return Finding("compiler", Verdict.OK, "not needed: cobot is installed")
+        return Diagnosis("compiler", Verdict.OK, "not needed: cobot is installed")
     command = [sys.executable, "setup.py", "preflight"]
     done = subprocess.run(command, cwd=checkout, capture_output=True, text=True, check=False)
     if done.returncode == 0:
-        return Finding("compiler", Verdict.OK, "there is one, for the checkout")
-    return Finding("compiler", Verdict.PROBLEM, done.stderr.strip(), "sudo apt-get install gcc python3-dev")
+        return Diagnosis("compiler", Verdict.OK, "there is one, for the checkout")
+    return Diagnosis("compiler", Verdict.PROBLEM, done.stderr.strip(), "sudo apt-get install gcc python3-dev")
 
 
 def _command(machine: Machine, pid: int) -> str:

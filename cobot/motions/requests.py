@@ -186,6 +186,7 @@ class Blended:
     used_m: tuple[float, ...] = ()
 
 
+SHORTEST_AXIS = 1e-3
 PATH_PLANNERS = (PlannerName.LIN, PlannerName.CIRC, PlannerName.POLYLINE)
 
 
@@ -205,14 +206,35 @@ def check_via(planner: PlannerName, via: object, arc: object = None) -> None:
 
 
 def check_through(planner: PlannerName, through: Sequence[Pose], radius_m: float) -> None:
-    """Poses on the way and a radius are for polyline only.
+    """Poses on the way and a radius are for polyline only, which needs a pose at the least.
 
     Raises:
-        InputError: for another planner.
+        InputError: there is none, or one for another planner.
     """
+    if planner is PlannerName.POLYLINE and not through:
+        raise InputError(
+            "through: is empty; planner polyline needs a pose on the way at the least, or take lin"
+        )
     for name, given in (("through", len(through) > 0), ("radius", radius_m != 0.0)):
         if given and planner is not PlannerName.POLYLINE:
             raise InputError(f"{name}: is for planner polyline only, not for {planner}")
+
+
+def check_arc(arc: Arc | None) -> None:
+    """An arc by an angle turns, and about a direction.
+
+    Raises:
+        InputError: the angle is 0, or the axis has no length.
+    """
+    if arc is None:
+        return
+    if arc.angle_rad == 0.0:
+        raise InputError("angle: is 0 rad, which is no arc, with or without a rise; for a line there is lin")
+    if arc.axis is not None and not math.hypot(*arc.axis) > SHORTEST_AXIS:
+        length = math.hypot(*arc.axis)
+        raise InputError(
+            f"axis: has a length of {length:g}, which is no direction; above {SHORTEST_AXIS:g} is"
+        )
 
 
 def check_tcp_speed(planner: PlannerName, speed: TcpSpeed, limits: CartesianLimits) -> None:
@@ -246,11 +268,13 @@ def check_synchronization(planner: PlannerName, synchronization: Synchronization
         raise InputError(f"synchronization: phase is for planner ptp only, not for {planner}")
 
 
-def check_algorithm(algorithm: Algorithm, constraints: Constraints | None) -> None:
-    """Only one of ompl's planners keeps constraints.
+def check_algorithm(planner: PlannerName, algorithm: Algorithm, constraints: Constraints | None) -> None:
+    """One of ompl's planners is chosen where ompl may plan, and only one of them keeps constraints.
 
     Raises:
-        InputError: it is asked of another one.
+        InputError: another planner was given one, or another of ompl's has to keep constraints.
     """
+    if algorithm != RRT_CONNECT and planner not in (PlannerName.OMPL, PlannerName.AUTO):
+        raise InputError(f"algorithm: {algorithm} is for planner ompl and auto only, not for {planner}")
     if constraints is not None and algorithm != RRT_CONNECT:
         raise InputError(f"constraints: of ompl's planners {RRT_CONNECT} alone keeps them, not {algorithm}")

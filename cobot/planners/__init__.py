@@ -70,7 +70,7 @@ def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
     check_through(request.planner, request.through, request.radius_m)
     check_tcp_speed(request.planner, request.tcp_speed, robot.cartesian_limits)
     check_synchronization(request.planner, request.synchronization)
-    check_algorithm(request.algorithm, request.constraints)
+    check_algorithm(request.planner, request.algorithm, request.constraints)
     if request.planner in PATH_PLANNERS or request.planner is PlannerName.PTP:
         robot.collision.check_position(request.start, "the start", 0.0)
         return _direct(robot, request)

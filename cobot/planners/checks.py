@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from cobot.errors import PlanningTimeout
-from cobot.findings import Finding
 from cobot.robot.description import RobotDescription
 from cobot.robot.feasibility import check_efforts, check_limits
 from cobot.trajectory import Trajectory
@@ -31,11 +29,6 @@ def validate(
     check_limits(trajectory, limits.including(trajectory.start), labels, TOLERANCE)
     check_efforts(robot.model, trajectory, limits)
     robot.collision.check_trajectory(trajectory)
-
-
-def out_of_time(message: str, timeout_s: float) -> PlanningTimeout:
-    """A planner has found nothing in its time."""
-    return PlanningTimeout(message, findings=[Finding("time", "planning time", timeout_s, timeout_s, "s")])
 
 
 def is_there(start: Array, goal: Array) -> bool:

@@ -19,7 +19,6 @@ from scipy.linalg import cho_factor, cho_solve
 
 from cobot.errors import CollisionError, PlanningError, PlanningTimeout
 from cobot.motions.requests import RRT_CONNECT, MotionRequest
-from cobot.planners.checks import out_of_time
 from cobot.planners.spline import smooth_motion
 from cobot.robot.clearance import Clearance
 from cobot.robot.collision import Contact
@@ -131,7 +130,7 @@ def _descended(
     weight, free = SMOOTHNESS_WEIGHT, None
     for iteration in range(ITERATIONS):
         if time.monotonic() > deadline_s:
-            raise out_of_time(f"chomp: not done within {timeout_s:.1f} s", timeout_s)
+            raise PlanningTimeout.after(timeout_s, f"chomp: not done within {timeout_s:.1f} s")
         velocities = np.gradient(points, axis=0) * (count - 1)
         push, _, nearest = clearance.push(points, velocities, least_m + PUSHED_M, CLEARANCE_M)
         if iteration % LOOK == 0 and nearest.min() >= least_m:

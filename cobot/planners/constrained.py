@@ -13,9 +13,8 @@ import time
 
 import numpy as np
 
-from cobot.errors import PlanningError
+from cobot.errors import PlanningError, PlanningTimeout
 from cobot.motions.requests import MotionRequest
-from cobot.planners.checks import out_of_time
 from cobot.planners.held import Held
 from cobot.planners.sampling import room
 from cobot.planners.spline import smooth_motion
@@ -48,10 +47,10 @@ def plan_constrained(robot: RobotDescription, request: MotionRequest, goals: Arr
         search = _Steps(held, clearance, request)
         found = search.paths(request.start, goals)
         if not found:
-            raise out_of_time(
+            raise PlanningTimeout.after(
+                request.timeout_s,
                 f"ompl: no free path that keeps the constraints within {request.timeout_s:.1f} s "
                 f"({len(search.trees[0])} and {len(search.trees[1])} places reached from start and goal)",
-                request.timeout_s,
             )
     reasons = []
     for way in sorted(found, key=_length):

@@ -16,7 +16,7 @@ import numpy as np
 
 from cobot.errors import CobotError, LimitError, PlanningError
 from cobot.findings import Explanation, Failure, Kind, Remedy
-from cobot.motions.requests import ANY_SPEED, PATH_PLANNERS, MotionRequest
+from cobot.motions.requests import ANY_SPEED, PATH_PLANNERS, RRT_CONNECT, MotionRequest
 from cobot.planners import plan
 from cobot.planners.escape import exits
 from cobot.planners.goals import joint_goals
@@ -160,6 +160,7 @@ def _searching(request: MotionRequest, planner: PlannerName = PlannerName.AUTO) 
         "arc": None,
         "tcp_speed": ANY_SPEED,
         "synchronization": Synchronization.TIME,
+        "algorithm": RRT_CONNECT,
     }
 
 

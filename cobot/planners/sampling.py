@@ -13,8 +13,8 @@ import time
 import numpy as np
 from ompl import base, geometric, util
 
+from cobot.errors import PlanningTimeout
 from cobot.motions.requests import RRT_CONNECT, Algorithm, MotionRequest
-from cobot.planners.checks import out_of_time
 from cobot.planners.goals import more_goals
 from cobot.planners.rrt_connect import connect
 from cobot.planners.shortcut import shortened
@@ -79,7 +79,7 @@ def find_path(robot: RobotDescription, request: MotionRequest, goals: Array) -> 
             found = search.run(request.timeout_s)
             corners = None if found is None else shortened(clearance, found, request.seed)
     if corners is None:
-        raise out_of_time(_failure(request, goals), request.timeout_s)
+        raise PlanningTimeout.after(request.timeout_s, _failure(request, goals))
     corners[0] = request.start
     return corners
 

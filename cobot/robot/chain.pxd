@@ -4,6 +4,7 @@ from cobot.arrays cimport MAX_DOF
 
 
 cdef class Chain:
+    cdef object _tail  # rotation and position from the last joint to the body of the TCP
     cdef readonly int dof
     cdef readonly object base_rotation
     cdef int _count                       # joints on the way to the TCP; the others do not move it

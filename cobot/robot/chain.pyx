@@ -43,12 +43,10 @@ cdef class Chain:
         self._c_joints, self._c_pose = doubles(self._joints, self.dof), doubles(self._pose, 7)
         self._c_rotation = doubles(self._rotation, 9)
         self._c_jacobian = doubles(self._jacobian, 6 * self.dof)
-        self.fold(mj, base, site)
+        self._fold(mj, base, site)
 
-    def fold(self, mj, int base, int site):
-        """Walk from the world to the TCP and keep what is fixed between two joints as one part; again when the
-        TCP is elsewhere. Not while anybody computes.
-        """
+    def _fold(self, mj, int base, int site):
+        """Walk from the world to the TCP and keep what is fixed between two joints as one part."""
         self._count = 0
         self.base_rotation, position = _standing(mj, base)
         turn, offset = self.base_rotation.T, -self.base_rotation.T @ position
@@ -59,6 +57,12 @@ cdef class Chain:
                 self._add_joint(mj, joint, turn @ aligned, offset + turn @ mj.jnt_pos[joint])
                 # What follows is seen from the joint's frame, whose origin is the anchor.
                 turn, offset = aligned.T, -aligned.T @ mj.jnt_pos[joint]
+        self._tail = turn, offset
+        self.reach(mj, site)
+
+    def reach(self, mj, int site):
+        """Have the TCP where the site is in its body by now. Not while anybody computes."""
+        turn, offset = self._tail
         offset = offset + turn @ mj.site_pos[site]
         self._set_part(self._count, turn @ matrix_of(mj.site_quat[site]), offset)
 

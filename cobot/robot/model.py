@@ -126,7 +126,7 @@ class RobotModel:
         gravity = None if tool.gravity is None else self.chain.base_rotation @ tool.gravity
         self._carrier.load(tool, gravity)
         self.dynamics.settle()
-        self.chain.fold(self.mj, self._base, self.tcp_site)
+        self.chain.reach(self.mj, self.tcp_site)
         self.__dict__.pop("inverse_kinematics", None)
         self.tool = tool
 

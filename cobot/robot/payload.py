@@ -62,7 +62,7 @@ class Carrier:
         return place, turn
 
     def load(self, tool: Tool, gravity: Array | None) -> None:
-        """Have this tool instead of the one before; `Dynamics.settle` and `Chain.fold` follow.
+        """Have this tool instead of the one before; `Dynamics.settle` and `Chain.reach` follow.
 
         Args:
             gravity: in the world, m/s²; None for that of the model's file.

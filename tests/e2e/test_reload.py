@@ -106,6 +106,7 @@ def test_what_has_changed_counts_everywhere_at_once(run: Edited) -> None:
     run.edit(run.config.name, "web: {", "web: {max_json_bytes: 4096, ")
     run.limit("joint1", "max_velocity", 1.0)
     run.limit("joint7", "max_position", 1.0)
+    plan = run.post("/robot/plan/named", name="home", start=[0.1, 0.5, 0.0, -1.57, 0.0, 1.57, 0.0]).json()
     answer = run.reload()
     assert answer.status_code == 200, answer.text
     assert answer.json() == {
@@ -122,6 +123,9 @@ def test_what_has_changed_counts_everywhere_at_once(run: Edited) -> None:
     assert new.pid != rtloop.pid
     assert run.info()["max_velocity"][0] == 1.0
     assert run.info()["max_position"][6] == 1.0
+    outdated = run.post("/robot/execute", plan_id=plan["plan_id"])
+    assert outdated.status_code == 409
+    assert "max_position of joint7 was 3.05 when it was made and is 1 now" in outdated.json()["detail"]
     assert run.post("/robot/move/named", name="bench", speed=1.0).json()["success"]
     beyond = run.post("/robot/move/joints", joints=[0.0, 0.5, 0.0, -1.57, 0.0, 1.57, 1.2])
     assert (beyond.status_code, beyond.json()["code"]) == (422, "limit")
@@ -173,6 +177,7 @@ def test_a_file_that_is_not_valid_changes_nothing_and_is_named(
 
 def test_what_restarts_by_itself_does_not_see_a_file_that_is_being_edited(run: Edited) -> None:
     before = (run.folder / "limits.yaml").read_text(encoding="utf-8")
+    plan = run.post("/robot/plan/named", name="home", start=[0.1, 0.5, 0.0, -1.57, 0.0, 1.57, 0.0]).json()
     (run.folder / "limits.yaml").write_text("joint_limits: {", encoding="utf-8")
     try:
         for module in ("rtloop", "app"):
@@ -180,6 +185,9 @@ def test_what_restarts_by_itself_does_not_see_a_file_that_is_being_edited(run: E
             assert old is not None
             old.kill()
             run.until(lambda module=module, pid=old.pid: run.restarted(module, pid) and run.healthy())
+        forgotten = run.post("/robot/execute", plan_id=plan["plan_id"])
+        assert forgotten.status_code == 404
+        assert "until the service restarts; plan again" in forgotten.json()["detail"]
         assert run.info()["max_velocity"][0] == 1.0
         run.go_home()  # with new planning processes
     finally:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,8 +17,9 @@ from cobot.config import Settings
 from cobot.ipc.layout import state_dtype
 from cobot.ipc.shm import RobotMemory
 from cobot.robot.description import RobotDescription
+from cobot.robot.tool import Tool, ToolFile
 from cobot.ros.messages import Messages
-from cobot.ros.robot_messages import JOINT_STATES, RobotMessages
+from cobot.ros.robot_messages import JOINT_STATES, TRANSFORMS, RobotMessages
 from ros2.telemetry import JointStates, Telemetry
 
 
@@ -104,6 +106,30 @@ def test_a_measurement_is_sent_once(silent: Silent) -> None:
     measured.append(silent.measure())
     silent.telemetry.publish(feed, silent.telemetry.read(), time.monotonic_ns())
     assert sent == measured[1:]
+
+
+def test_the_tcp_is_that_of_the_tool_that_rtloop_carries(settings: Settings, tmp_path: Path) -> None:
+    kept = settings.model_copy(update={"logs": tmp_path})
+    with own_domain() as domain, NodeRig(domain) as rig:
+        silent = Silent(kept, rig)
+        telemetry, told = silent.telemetry, []
+        telemetry.on_tool = lambda: told.append(telemetry.static_transforms[-1])
+        before = telemetry.static_transforms[-1]["transform"]["translation"]["z"]
+        tool = Tool(version=4, tcp=(0.0, 0.0, 0.2, 1.0, 0.0, 0.0, 0.0))
+        ToolFile(silent.settings.tool_file).write(tool)
+        telemetry._follow_tool(3)  # another one than is kept: it will be kept, or changed back
+        assert told == []
+        telemetry._follow_tool(4)
+        telemetry._follow_tool(4)
+        (transform,) = told
+        assert transform["child_frame_id"] == "tcp"
+        assert transform["transform"]["translation"]["z"] == pytest.approx(before + 0.2)
+        again = rig.do(
+            lambda: Telemetry(rig.node, silent.settings, "", rig.node.publisher("/tf", TRANSFORMS))
+        )
+        assert again.static_transforms[-1]["transform"] == transform["transform"]
+        silent.memory.unlink()
+        silent.memory.close()
 
 
 def test_the_grid_of_a_rate_is_kept_until_it_is_left(silent: Silent) -> None:

@@ -184,8 +184,9 @@ def goal_of(body: MoveNamed | MoveJoints | MovePose, services: Services, *, chec
             TcpSpeed(body.speed_m_s, body.speed_rad_s),
         )
     constraints = constraints_of(body.constraints, services.robot.limits)
-    check_algorithm(body.algorithm, constraints)
-    return replace(goal, planner=PlannerName(body.planner), algorithm=body.algorithm, constraints=constraints)
+    planner = PlannerName(body.planner)
+    check_algorithm(planner, body.algorithm, constraints)
+    return replace(goal, planner=planner, algorithm=body.algorithm, constraints=constraints)
 
 
 def answer(outcome: Outcome) -> MoveAnswer:

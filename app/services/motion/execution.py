@@ -39,6 +39,7 @@ from cobot.motions.requests import (
     Blended,
     MotionRequest,
     TcpSpeed,
+    check_arc,
     check_synchronization,
     check_tcp_speed,
     check_through,
@@ -198,6 +199,7 @@ class MotionService:
         """
         name = PlannerName(planner)
         check_via(name, via, arc)
+        check_arc(arc)
         check_synchronization(name, synchronization)
         check_through(name, through, radius_m)
         check_tcp_speed(name, tcp_speed, self._robot.cartesian_limits)
@@ -420,7 +422,7 @@ class MotionService:
         try:
             return await claim.unless_interrupted(self._planning.plan(request, timeout_s))
         except MotionTimeout as exc:
-            raise PlanningTimeout(f"not planned within {timeout_s:g} s") from exc
+            raise PlanningTimeout.after(timeout_s, f"not planned within {timeout_s:g} s") from exc
 
     async def start(self, claim: Claim, trajectory: Trajectory) -> None:
         """Hand the motion to rtloop.

@@ -129,8 +129,8 @@ class PlanningService:
             try:
                 return cast(Result, await self._pool.run(work, timeout_s))
             except TimeoutError as exc:
-                raise PlanningTimeout(
-                    f"planning took longer than {timeout_s:.0f} s and was given up"
+                raise PlanningTimeout.after(
+                    timeout_s, f"planning took longer than {timeout_s:.0f} s and was given up"
                 ) from exc
             except MemoryError as exc:
                 raise PlanningError("the planning process has no memory left for this motion") from exc

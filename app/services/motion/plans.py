@@ -27,7 +27,6 @@ from cobot.errors import (
     PlanningError,
     PlanningTimeout,
 )
-from cobot.findings import Finding
 from cobot.motions.forecast import Forecast
 from cobot.motions.requests import MotionRequest
 from cobot.robot.description import RobotDescription
@@ -172,10 +171,7 @@ class PlanService:
             async with asyncio.timeout(timeout_s), self._turn:
                 found = await self._forecast(goals, radii_m, attempt)
         except TimeoutError as exc:
-            raise PlanningTimeout(
-                f"not planned within {timeout_s:g} s",
-                findings=[Finding("time", "planning time", timeout_s, timeout_s, "s")],
-            ) from exc
+            raise PlanningTimeout.after(timeout_s, f"not planned within {timeout_s:g} s") from exc
         scene = self._robot.collision.scene.version
         tool = self._robot.model.tool.version
         plan = Plan(secrets.token_hex(8), begin, found, limits, self._clock.now_s(), scene, tool)

@@ -46,6 +46,9 @@ class ToolService:
 
     A change is on the disk, and rtloop carries it, before its answer.
 
+    Attributes:
+        on_change: called after each change.
+
     Raises:
         ConfigError: the file is no tool, or no possible one.
     """
@@ -67,6 +70,7 @@ class ToolService:
         self._scene = scene
         self._max_payload_kg = max_payload_kg
         self._file = file
+        self.on_change: list[Callable[[], None]] = []
         tool = file.read_checked(max_payload_kg, robot.model.file_gravity)
         if tool.version:
             self._take_over(tool, robot.collision.among(scene.scene, tool))
@@ -164,6 +168,8 @@ class ToolService:
                 raise ConflictError(str(exc)) from exc
             raise
         self._take_over(tool, ours)
+        for tell in self.on_change:
+            tell()
         log.info("%sthe tool has version %d: %s", self._link.label, tool.version, described(tool))
         return ToolChanged(tool, checker.contacts(self._link.state().position))
 

@@ -16,7 +16,7 @@ import pytest
 from cobot.config import Settings, load_settings
 from cobot.launch import doctor as module
 from cobot.launch.cli import main
-from cobot.launch.doctor import Finding, Machine, Verdict
+from cobot.launch.doctor import Diagnosis, Machine, Verdict
 
 OK, WARNING, PROBLEM = Verdict
 CPU = "/sys/devices/system/cpu"
@@ -113,7 +113,7 @@ def test_one_core_is_too_few() -> None:
     assert module.cores(2).verdict is OK
 
 
-def permissions(monkeypatch: pytest.MonkeyPatch, folder: Path, output: str) -> list[Finding]:
+def permissions(monkeypatch: pytest.MonkeyPatch, folder: Path, output: str) -> list[Diagnosis]:
     def run(*_: object, **__: object) -> subprocess.CompletedProcess[str]:
         return subprocess.CompletedProcess([], 0, output, "")
 
@@ -207,13 +207,13 @@ def test_the_report_names_what_to_type_and_its_status_says_whether_there_is_a_pr
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     findings = [
-        Finding("a", OK, "good"),
-        Finding("b", WARNING, "slow", "sudo faster"),
+        Diagnosis("a", OK, "good"),
+        Diagnosis("b", WARNING, "slow", "sudo faster"),
     ]
     monkeypatch.setattr(module, "_findings", lambda *_: iter(findings))
     assert main(["doctor"]) == 0
     assert capsys.readouterr().out == "ok       a: good\nwarning  b: slow\n         type: sudo faster\n"
-    findings.append(Finding("c", PROBLEM, "broken", "mend"))
+    findings.append(Diagnosis("c", PROBLEM, "broken", "mend"))
     assert main(["doctor", "--json"]) == 1
     told = json.loads(capsys.readouterr().out)
     assert [each["verdict"] for each in told] == ["ok", "warning", "problem"]

@@ -6,11 +6,16 @@ Oracles: where /robot/joint_states says the arm is, and the limits of joint_limi
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from virtual import VirtualService, virtual_service
+
+from app.api.plan_schemas import PlanAnswer
+from cobot.access.roles import Role
+from cobot.access.tokens import TokenFile
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 THERE = [0.3, 0.2, 0.0, -1.5, 0.0, 1.5, 0.0]
@@ -80,19 +85,89 @@ def test_an_unknown_plan_is_not_found(service: VirtualService) -> None:
 
 
 def test_only_the_newest_plans_are_kept(service: VirtualService) -> None:
+    """As where 50 are kept, the shipped number: with a few less there, it costs no 51 plans."""
     at_home(service)
-    first, second = planned(service)["plan_id"], planned(service)["plan_id"]
-    for _ in range(49):
-        planned(service, samples=2)
-    assert post(service, "/robot/execute", {"plan_id": first}).status_code == 404
-    assert post(service, "/robot/execute", {"plan_id": second}).json()["success"]
+    plans = service.app.state.services.plans
+    kept, plans._kept = plans._kept, 3
+    try:
+        first, second = planned(service)["plan_id"], planned(service)["plan_id"]
+        for _ in range(2):
+            planned(service, samples=2)
+        assert post(service, "/robot/execute", {"plan_id": first}).status_code == 404
+        assert post(service, "/robot/execute", {"plan_id": second}).json()["success"]
+    finally:
+        plans._kept = kept
+    assert kept == 50
+
+
+def test_of_two_executes_of_a_plan_one_is_refused(service: VirtualService) -> None:
+    at_home(service)
+    body = {"plan_id": planned(service)["plan_id"]}
+    both = [service.begin(service.asking("POST", "/robot/execute", json=body)) for _ in range(2)]
+    answers = [service.end(each) for each in both]
+    done, refused = sorted(answers, key=lambda each: each.status_code)
+    assert done.json()["success"], done.text
+    assert refused.status_code == 409
+    assert "the robot is in use by POST /robot/execute" in refused.json()["detail"]
+    np.testing.assert_allclose(joints(service), THERE, atol=5e-3)
+
+
+def test_who_may_plan_and_execute_and_that_another_service_knows_no_plan(
+    service: VirtualService, tmp_path: Path
+) -> None:
+    """An observer may neither: a plan takes the computer's time from those who move the arm."""
+    at_home(service)
+    known = planned(service)["plan_id"]
+    file = TokenFile(tmp_path / "tokens.json")
+    tokens = {role: file.create(role.name.lower(), role) for role in (Role.OBSERVER, Role.OPERATOR)}
+    with virtual_service(tmp_path, more="web: {authentication: required, tokens: tokens.json}\n") as other:
+
+        def asked(role: Role, path: str, body: dict[str, Any]) -> Any:
+            return other.ask("POST", path, json=body, headers={"Authorization": f"Bearer {tokens[role]}"})
+
+        sequence = {"motions": [{"joints": THERE}]}
+        poses = {"poses": [{"x": 0.45, "y": 0.1, "z": 0.5, "b": 3.14159}]}
+        for path, body in (
+            ("/robot/plan/joints", {"joints": THERE}),
+            ("/robot/plan/named", {"name": "home"}),
+            ("/robot/plan/sequence", sequence),
+            ("/robot/plan/path", poses | {"start": [0.0, 0.5, 0.0, -1.57, 0.0, 1.07, 0.0]}),
+        ):
+            refused = asked(Role.OBSERVER, path, body)
+            assert refused.status_code == 403
+            assert "operator" in refused.json()["detail"]
+            made = asked(Role.OPERATOR, path, body)
+            assert made.status_code == 200, made.text
+        plan = asked(Role.OPERATOR, "/robot/plan/joints", {"joints": THERE, "speed": 1.0}).json()
+        body = {"plan_id": plan["plan_id"]}
+        assert asked(Role.OBSERVER, "/robot/execute", body).status_code == 403
+        forgotten = asked(Role.OPERATOR, "/robot/execute", {"plan_id": known})  # as after a restart
+        assert forgotten.status_code == 404
+        assert "until the service restarts; plan again" in forgotten.json()["detail"]
+        assert asked(Role.OPERATOR, "/robot/execute", body).json()["success"]
+
+
+def test_the_schema_shows_a_plan(service: VirtualService) -> None:
+    models = service.get("/openapi.json").json()["components"]["schemas"]
+    (example,) = models["PlanAnswer"]["examples"]
+    assert PlanAnswer.model_validate(example).path[0].joints == HOME
 
 
 def test_a_plan_expires(service: VirtualService) -> None:
     at_home(service)
-    body = {"plan_id": planned(service)["plan_id"]}
-    service.sleep(601.0)
-    assert post(service, "/robot/execute", body).status_code == 404
+    plans = service.app.state.services.plans
+    shipped_s, plans.lifetime_s = plans.lifetime_s, 5.0
+    try:
+        plan = planned(service)
+        assert plan["expires_in_s"] == 5.0
+        service.sleep(4.0)
+        body = {"plan_id": plan["plan_id"]}
+        assert post(service, "/robot/execute", body).json()["success"]
+        at_home(service)
+        assert post(service, "/robot/execute", body).status_code == 404
+    finally:
+        plans.lifetime_s = shipped_s
+    assert shipped_s == 600.0
 
 
 def test_while_the_arm_moves_a_plan_needs_a_start_and_none_is_run(service: VirtualService) -> None:
