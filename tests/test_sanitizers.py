@@ -1,11 +1,15 @@
 """The compiled modules under the address and undefined-behaviour sanitizers, with the tests that work them.
 
 A copy of the checkout is compiled with COBOT_SANITIZE=1, and the tests run there in a process of their own.
+What is compiled stays in build/sanitized: the next run compiles what has changed since, by its content.
 Leaks are not looked for: the interpreter keeps much until it ends.
 """
 
 from __future__ import annotations
 
+import fcntl
+import filecmp
+import hashlib
 import os
 import shlex
 import shutil
@@ -64,6 +68,9 @@ TOO_LONG = (
 )
 SHARE_OF_SAMPLES = "0.01"
 LIMIT_S = 1200
+WHOLE = "whole"
+"""A file that says that the last build came to its end."""
+FAULTY_SOURCE = Path("cobot", "faulty.pyx")
 # What the sanitizers must find, or the whole test says nothing.
 FAULTY = """
 from cobot.arrays cimport doubles
@@ -104,25 +111,105 @@ def in_copy(copy: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+def sources(top: Path) -> set[Path]:
+    """The files of a checkout, relative to its top, but what Python and the compiler have made of them."""
+    named = [top / name for name in COPIED]
+    files = [file for each in named for file in ([each] if each.is_file() else each.rglob("*"))]
+    return {
+        file.relative_to(top)
+        for file in files
+        if file.is_file() and file.suffix != ".so" and "__pycache__" not in file.parts
+    } - {FAULTY_SOURCE}
+
+
+def compiled(files: set[Path]) -> set[Path]:
+    return {file for file in files if file.suffix in (".pyx", ".pxd")}
+
+
+def update(kept: Path) -> None:
+    """Make the sources of the kept checkout those of this one.
+
+    The build compares dates, so a file that differs is as new as now, whatever its date is here. Where
+    modules have come or gone, or a build has not come to its end, all is made anew.
+    """
+    wanted, had, whole = sources(ROOT), sources(kept), kept / WHOLE
+    if whole.exists() and compiled(had) == compiled(wanted):
+        copy = shutil.copyfile
+    else:
+        shutil.rmtree(kept, ignore_errors=True)
+        had, copy = set(), shutil.copy2
+        if (ROOT / "build" / "cython").exists():  # It is translated already.
+            shutil.copytree(ROOT / "build" / "cython", kept / "build" / "cython")
+    for gone in had - wanted:
+        (kept / gone).unlink()
+    for each in wanted:
+        if each not in had or not filecmp.cmp(ROOT / each, kept / each, shallow=False):
+            (kept / each).parent.mkdir(parents=True, exist_ok=True)
+            copy(ROOT / each, kept / each)
+    if not whole.exists() or (kept / FAULTY_SOURCE).read_text() != FAULTY:
+        (kept / FAULTY_SOURCE).write_text(FAULTY)
+    whole.unlink(missing_ok=True)
+
+
 @pytest.fixture(scope="module")
 def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A checkout whose compiled modules are watched."""
+    """A checkout whose compiled modules are watched.
+
+    One run at a time updates and compiles the kept one; each works in a copy of its own.
+    """
     if not runtime("libasan.so").is_absolute() or not runtime("libubsan.so").is_absolute():
         pytest.skip("the compiler has no sanitizers")
-    folder = tmp_path_factory.mktemp("sanitized")
-    for name in COPIED:
-        if (ROOT / name).is_dir():
-            unread = shutil.ignore_patterns("__pycache__", "*.so")
-            shutil.copytree(ROOT / name, folder / name, ignore=unread)
-        else:
-            shutil.copy2(ROOT / name, folder)
-    if (ROOT / "build" / "cython").exists():  # It is translated already.
-        shutil.copytree(ROOT / "build" / "cython", folder / "build" / "cython")
-    (folder / "cobot" / "faulty.pyx").write_text(FAULTY)
-    build = [sys.executable, "setup.py", "--quiet", "build_ext", "--inplace"]
-    environment = {**os.environ, "COBOT_SANITIZE": "1"}
-    subprocess.run(build, cwd=folder, env=environment, check=True, timeout=LIMIT_S)
+    # Another environment or compiler has other headers.
+    made_with = f"{sys.prefix} {sys.version} {os.environ.get('CC')} {runtime('libasan.so')}"
+    kept = ROOT / "build" / "sanitized" / hashlib.sha256(made_with.encode()).hexdigest()[:12]
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    with kept.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        update(kept)
+        build = [sys.executable, "setup.py", "--quiet", "build_ext", "--inplace"]
+        environment = {**os.environ, "COBOT_SANITIZE": "1"}
+        subprocess.run(build, cwd=kept, env=environment, check=True, timeout=LIMIT_S)
+        (kept / WHOLE).touch()
+        folder = tmp_path_factory.mktemp("sanitized") / "checkout"
+        shutil.copytree(kept, folder, ignore=shutil.ignore_patterns("__pycache__", "build"))
     return folder
+
+
+def test_a_change_is_compiled_whatever_its_date(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    checkout, kept = tmp_path / "checkout", tmp_path / "kept"
+    monkeypatch.setitem(globals(), "ROOT", checkout)
+    package = checkout / "cobot"
+    package.mkdir(parents=True)
+    for name in ("changed.pyx", "same.pyx", "gone.py"):
+        (package / name).write_text("before")
+        os.utime(package / name, (1000, 1000))
+    update(kept)
+    (kept / WHOLE).touch()
+    assert {file.stat().st_mtime for file in map(kept.joinpath, sources(kept))} == {1000}
+    (package / "changed.pyx").write_text("after!")
+    os.utime(package / "changed.pyx", (500, 500))
+    (package / "gone.py").unlink()
+    update(kept)
+    assert (kept / "cobot" / "changed.pyx").read_text() == "after!"
+    assert (kept / "cobot" / "changed.pyx").stat().st_mtime > 1000
+    assert (kept / "cobot" / "same.pyx").stat().st_mtime == 1000
+    assert sources(kept) == sources(checkout)
+
+
+@pytest.mark.parametrize("after", ["a build that did not end", "a new module"])
+def test_all_is_compiled_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: str) -> None:
+    checkout, kept = tmp_path / "checkout", tmp_path / "kept"
+    monkeypatch.setitem(globals(), "ROOT", checkout)
+    (checkout / "cobot").mkdir(parents=True)
+    (checkout / "cobot" / "one.pyx").touch()
+    update(kept)
+    (kept / "cobot" / "one.so").touch()
+    if after == "a new module":
+        (kept / WHOLE).touch()
+        (checkout / "cobot" / "one.pxd").touch()
+    update(kept)
+    assert not (kept / "cobot" / "one.so").exists()
+    assert sources(kept) == sources(checkout)
 
 
 @pytest.mark.timeout(2 * LIMIT_S)
