@@ -73,7 +73,9 @@ class CollisionChecker:
         tool = tool or self.tool
         mj = self._model.among(scene, tool)
         apart = self.disabled | tool.mounted(scene).may_touch()
-        pairs = [pair for pair in geom_pairs(mj) if frozenset(_name(mj, geom) for geom in pair) not in apart]
+        pairs = [
+            pair for pair in geom_pairs(mj) if frozenset(body_or_geom(mj, geom) for geom in pair) not in apart
+        ]
         self.clearance = Clearance(mj, pairs, RESOLUTION_M)
         self.clearance.require(self.margin_m)
         self._mj, self.scene, self.tool = mj, scene, tool
@@ -127,7 +129,7 @@ class CollisionChecker:
     def body_names(self) -> list[str]:
         """Of the model, its tool and what stands in the world, without the scene's objects."""
         geoms = range(self._model.mj.ngeom)
-        names = [_name(self._model.mj, geom) for geom in geoms]
+        names = [body_or_geom(self._model.mj, geom) for geom in geoms]
         return list(dict.fromkeys([*names, *self.tool.shapes]))
 
     def body_name(self, body: int) -> str:
@@ -135,7 +137,7 @@ class CollisionChecker:
 
     def name(self, geom: int) -> str:
         """What a person calls a geom: its body, or the geom itself if that is part of the world."""
-        return _name(self._mj, geom)
+        return body_or_geom(self._mj, geom)
 
     def check_trajectory(self, trajectory: Trajectory) -> None:
         """Refuse a motion that comes nearer to anything than the margin.
@@ -204,7 +206,7 @@ class CollisionChecker:
         return Finding("collision", "distance", contact.distance_m, self.margin_m, "m", share, pair)
 
 
-def _name(mj: mujoco.MjModel, geom: int) -> str:
+def body_or_geom(mj: mujoco.MjModel, geom: int) -> str:
     body = int(mj.geom_bodyid[geom])
     return str(mj.body(body).name) if body else str(mj.geom(geom).name or "the surroundings")
 
