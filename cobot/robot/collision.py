@@ -224,19 +224,19 @@ def _shown(joints: Array) -> str:
 def geom_pairs(model: mujoco.MjModel) -> list[tuple[int, int]]:
     """The pairs of geoms that MuJoCo's own filter lets collide."""
     excluded = {tuple(sorted((int(s) >> 16, int(s) & 0xFFFF))) for s in model.exclude_signature}
+    body_of = model.geom_bodyid.tolist()
+    weld_of = model.body_weldid[model.geom_bodyid].tolist()
+    parent_of = model.body_weldid[model.body_parentid[weld_of]].tolist()
+    kind, partners = model.geom_contype.tolist(), model.geom_conaffinity.tolist()
     pairs = []
     for first in range(model.ngeom):
         for second in range(first + 1, model.ngeom):
-            bodies = sorted((int(model.geom_bodyid[first]), int(model.geom_bodyid[second])))
-            welds = [int(model.body_weldid[body]) for body in bodies]
-            parents = [int(model.body_weldid[model.body_parentid[weld]]) for weld in welds]
-            affine = (
-                model.geom_contype[first] & model.geom_conaffinity[second]
-                or model.geom_contype[second] & model.geom_conaffinity[first]
-            )
+            if not (kind[first] & partners[second] or kind[second] & partners[first]):
+                continue
+            welds = weld_of[first], weld_of[second]
             related = welds[0] == welds[1] or (
-                0 not in welds and (welds[0] == parents[1] or welds[1] == parents[0])
+                0 not in welds and (welds[0] == parent_of[second] or welds[1] == parent_of[first])
             )
-            if affine and not related and tuple(bodies) not in excluded:
+            if not related and tuple(sorted((body_of[first], body_of[second]))) not in excluded:
                 pairs.append((first, second))
     return pairs
