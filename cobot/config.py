@@ -319,6 +319,7 @@ class Settings(Section):
     sequences: SequencesSection
     ros: RosSection
     logs: Location
+    kept: Location | None
     logging: LoggingSection
     robots: tuple[Settings, ...] = ()
 
@@ -333,12 +334,12 @@ class Settings(Section):
     @property
     def scene_file(self) -> Path:
         """What stands around the robot; the service writes it."""
-        return self.logs / f"{self.robot.name}.scene.json"
+        return (self.kept or self.logs) / f"{self.robot.name}.scene.json"
 
     @property
     def tool_file(self) -> Path:
         """What is on the robot's flange; the service writes it."""
-        return self.logs / f"{self.robot.name}.tool.json"
+        return (self.kept or self.logs) / f"{self.robot.name}.tool.json"
 
     @property
     def each(self) -> dict[str, Settings]:

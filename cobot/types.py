@@ -56,6 +56,9 @@ class LoopMode(IntEnum):
 RESTING = frozenset({LoopMode.HOLD, LoopMode.ESTOP, LoopMode.FAULT})
 """In these modes nothing moves the arm, but for the end of a motion."""
 
+STREAMING = frozenset({LoopMode.JOINT_IMPEDANCE, LoopMode.CARTESIAN, LoopMode.JOINT_TORQUE})
+"""In these modes a client streams."""
+
 
 class PlannerName(StrEnum):
     """The planners a motion can ask for."""

@@ -33,6 +33,9 @@ cdef class Controller:
     cdef bint _left_path, _stop_unseen, _misread
     cdef object _rt, _limits, _slots, _backend, _loader
     cdef object _model, _info, _tool, _max_payload_kg
+    cdef readonly object surroundings
+    cdef bint _surrounding, _changed
+    cdef str _unseen
     cdef int _loading
     cdef unsigned long long _loading_motion
     cdef object _desired_rows
@@ -48,6 +51,7 @@ cdef class Controller:
     cdef void c_describe(self, StateScalars* state) noexcept nogil
     cdef void _heed_requests(self, long long now_ns) except *
     cdef void _heed_stream(self) except *
+    cdef void _surround(self) except *
     cdef void c_follow_path(self) noexcept nogil
     cdef bint c_streams(self) noexcept nogil
     cdef void c_brake(self) noexcept nogil

@@ -15,7 +15,7 @@ from rtloop.streaming.feed cimport NO_PROBLEM, Feed
 
 import numpy as np
 
-from cobot.errors import InputError, LimitError
+from cobot.errors import CobotError, InputError, LimitError
 from cobot.ipc.layout import Ack, Command, Intervention, MotionResult, text
 from cobot.ipc.tool_record import tool_of
 from cobot.robot.tool import check_tool
@@ -23,6 +23,7 @@ from cobot.types import RESTING, LoopMode
 from rtloop.backends import BackendError, CarriesTool
 from rtloop.modes import STREAMING, TRANSITIONS
 from rtloop.planned.loading import RefusedError, load
+from rtloop.streaming.surroundings import Surroundings
 
 # How far a motion may start from the commanded position: planning rounds, the safety layer smooths.
 START_TOLERANCE_RAD = 1e-3
@@ -64,6 +65,9 @@ cdef class Controller:
         self.commands = CommandInbox(memory)
         self.safety = Safety(limits, rt.period_s)
         self.streaming = Session(settings.streaming, model, memory, backend, self.safety, rt.period_s)
+        self.surroundings = Surroundings(settings, model, self.streaming.stream_limits)
+        self._surrounding = self._changed = False
+        self._unseen = ""  # Why the monitor does not know what stands around the arm.
         self.path = Path(rt.trajectory_capacity, limits.dof)
         self.clock = PathClock(limits, rt.period_s)
         self._mode = LoopMode.HOLD
@@ -175,11 +179,15 @@ cdef class Controller:
         """`update`."""
         self.safety.now_ns = now_ns
         self._heed_requests(now_ns)
-        if self.streaming.box.c_asks():
+        if self._surrounding or (self._changed and not self.c_moving() and not self.c_streams()):
+            self._surround()
+        if self._surrounding:
+            pass  # Whatever would move the arm waits until the thread has ended.
+        elif self.streaming.box.c_asks():
             self._take_session()
         if self._loader is not None:
             self._load()
-        elif self.commands.c_has_command():
+        elif not self._surrounding and self.commands.c_has_command():
             self._take_command(measured)
         if self._guide == PATH:
             self.c_follow_path()
@@ -283,6 +291,9 @@ cdef class Controller:
 
     def _take_session(self):
         mode = LoopMode.TRAJECTORY if self.moving else self.mode
+        if self._unseen:
+            self.streaming.box.answer(Ack.REJECTED, f"the scene cannot be watched: {self._unseen}")
+            return
         if not self.streaming.open(self.safety.command, mode, self.commands.stops):
             self._enter(self.streaming.mode)
             self._guide = STREAM
@@ -316,6 +327,8 @@ cdef class Controller:
             refusal = self._reset(measured)
         elif kind == Command.TOOL:
             refusal = self._take_tool(int(command["tool"]))
+        elif kind == Command.SCENE:
+            refusal = self._take_scene()
         else:
             refusal = f"there is no command {kind}"
         if refusal is not None:
@@ -374,6 +387,34 @@ cdef class Controller:
         self._info.data["tool_version"] = tool.version
         self._info.publish()
 
+    def _take_scene(self):
+        """Read anew what stands around the arm, as soon as it rests; a session waits for it."""
+        if self.c_streams() or self.streaming.session:
+            return f"somebody streams (mode {self.mode.name}): the scene changes before or after that"
+        self._changed = True
+        return ""
+
+    def watch_scene(self):
+        """Have streams know from the beginning what stands around the arm; before the first cycle."""
+        try:
+            self.streaming.watch(self.surroundings.read())
+        except CobotError as exc:
+            self._unseen = str(exc)
+
+    cdef void _surround(self) except *:
+        """Have the surroundings read, or take over what has been made of them."""
+        if not self._surrounding:
+            self._surrounding, self._changed = True, False
+            self.surroundings.begin()
+            return
+        done, monitor = self.surroundings.take()
+        if not done:
+            return
+        self._surrounding = False
+        self._unseen = self.surroundings.problem
+        if monitor is not None:
+            self.streaming.watch(monitor)
+
     def _take_tool(self, version):
         """Carry what stands in the tool's block. The arm rests: the command stays what it is, and the torques
         that hold it follow the weight within the same cycle.
@@ -388,6 +429,7 @@ cdef class Controller:
             if tool.version != version:
                 return f"version {tool.version} of the tool stands there, not {version}"
             self.carry(tool)
+            self._changed = True  # Its shapes stand in its file.
         except (InputError, LimitError, ValueError, BackendError) as exc:
             return str(exc)
         return ""

@@ -84,6 +84,7 @@ def _run(settings: Settings, clock_name: str | None) -> None:
     loop = ControlLoop(settings, robot.model, memory, backend, clock)
     tool = ToolFile(settings.tool_file).read_checked(settings.robot.max_payload_kg, robot.model.file_gravity)
     loop.open(np.array(robot.positions[settings.robot.start_position].joints), tool)
+    loop.controller.watch_scene()
     try:
         _introduce(memory, rt, clock_name, _permissions(rt, clock_name))
         _describe(memory, robot, backend)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from cobot.types import LoopMode
+from cobot.types import STREAMING, LoopMode
 
-STREAMING = frozenset({LoopMode.JOINT_IMPEDANCE, LoopMode.CARTESIAN, LoopMode.JOINT_TORQUE})
+__all__ = ["STREAMING", "TRANSITIONS"]
 
 _ENDED_BY = frozenset({LoopMode.STOPPING, LoopMode.ESTOP, LoopMode.FAULT})
 TRANSITIONS: dict[LoopMode, frozenset[LoopMode]] = {

@@ -28,6 +28,7 @@ class Command(IntEnum):
     SET_RATE = 2  # path time per clock time, 0 (pause) to 1
     RESET = 3  # leave ESTOP or FAULT
     TOOL = 4  # carry the tool that stands in its block
+    SCENE = 5  # read the scene's file anew, for streams
 
 
 class Ack(IntEnum):

@@ -140,6 +140,8 @@ def _folder(folder: Path) -> str:
 
 def _log(settings: Settings) -> str:
     _folder(settings.logs)
+    if settings.kept:
+        _folder(settings.kept)
     try:
         with settings.log_file.open("a"):
             return str(settings.log_file)

@@ -73,7 +73,9 @@ class CollisionChecker:
         tool = tool or self.tool
         mj = self._model.among(scene, tool)
         apart = self.disabled | tool.mounted(scene).may_touch()
-        pairs = [pair for pair in geom_pairs(mj) if frozenset(_name(mj, geom) for geom in pair) not in apart]
+        pairs = [
+            pair for pair in geom_pairs(mj) if frozenset(body_or_geom(mj, geom) for geom in pair) not in apart
+        ]
         self.clearance = Clearance(mj, pairs, RESOLUTION_M)
         self.clearance.require(self.margin_m)
         self._mj, self.scene, self.tool = mj, scene, tool
@@ -127,7 +129,7 @@ class CollisionChecker:
     def body_names(self) -> list[str]:
         """Of the model, its tool and what stands in the world, without the scene's objects."""
         geoms = range(self._model.mj.ngeom)
-        names = [_name(self._model.mj, geom) for geom in geoms]
+        names = [body_or_geom(self._model.mj, geom) for geom in geoms]
         return list(dict.fromkeys([*names, *self.tool.shapes]))
 
     def body_name(self, body: int) -> str:
@@ -135,7 +137,7 @@ class CollisionChecker:
 
     def name(self, geom: int) -> str:
         """What a person calls a geom: its body, or the geom itself if that is part of the world."""
-        return _name(self._mj, geom)
+        return body_or_geom(self._mj, geom)
 
     def check_trajectory(self, trajectory: Trajectory) -> None:
         """Refuse a motion that comes nearer to anything than the margin.
@@ -204,7 +206,7 @@ class CollisionChecker:
         return Finding("collision", "distance", contact.distance_m, self.margin_m, "m", share, pair)
 
 
-def _name(mj: mujoco.MjModel, geom: int) -> str:
+def body_or_geom(mj: mujoco.MjModel, geom: int) -> str:
     body = int(mj.geom_bodyid[geom])
     return str(mj.body(body).name) if body else str(mj.geom(geom).name or "the surroundings")
 
@@ -222,19 +224,19 @@ def _shown(joints: Array) -> str:
 def geom_pairs(model: mujoco.MjModel) -> list[tuple[int, int]]:
     """The pairs of geoms that MuJoCo's own filter lets collide."""
     excluded = {tuple(sorted((int(s) >> 16, int(s) & 0xFFFF))) for s in model.exclude_signature}
+    body_of = model.geom_bodyid.tolist()
+    weld_of = model.body_weldid[model.geom_bodyid].tolist()
+    parent_of = model.body_weldid[model.body_parentid[weld_of]].tolist()
+    kind, partners = model.geom_contype.tolist(), model.geom_conaffinity.tolist()
     pairs = []
     for first in range(model.ngeom):
         for second in range(first + 1, model.ngeom):
-            bodies = sorted((int(model.geom_bodyid[first]), int(model.geom_bodyid[second])))
-            welds = [int(model.body_weldid[body]) for body in bodies]
-            parents = [int(model.body_weldid[model.body_parentid[weld]]) for weld in welds]
-            affine = (
-                model.geom_contype[first] & model.geom_conaffinity[second]
-                or model.geom_contype[second] & model.geom_conaffinity[first]
-            )
+            if not (kind[first] & partners[second] or kind[second] & partners[first]):
+                continue
+            welds = weld_of[first], weld_of[second]
             related = welds[0] == welds[1] or (
-                0 not in welds and (welds[0] == parents[1] or welds[1] == parents[0])
+                0 not in welds and (welds[0] == parent_of[second] or welds[1] == parent_of[first])
             )
-            if affine and not related and tuple(bodies) not in excluded:
+            if not related and tuple(sorted((body_of[first], body_of[second]))) not in excluded:
                 pairs.append((first, second))
     return pairs

@@ -7,7 +7,7 @@ from cobot.robot.distances cimport GeomDistances
 cdef class CollisionMonitor:
     cdef public double share
     cdef public bint blocked
-    cdef object _mj, _pairs
+    cdef object _mj, _pairs, _watched
     cdef GeomDistances _distances
     cdef int _dof, _cycle, _tool
     cdef double _margin_m, _zone_m

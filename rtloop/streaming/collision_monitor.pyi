@@ -1,3 +1,5 @@
+import mujoco
+
 from cobot.config import StreamingSection
 from cobot.robot.model import RobotModel
 from cobot.types import Array, JointLimits
@@ -5,7 +7,15 @@ from cobot.types import Array, JointLimits
 class CollisionMonitor:
     share: float
     blocked: bool
-    def __init__(self, model: RobotModel, section: StreamingSection, limits: JointLimits) -> None: ...
+    def __init__(
+        self,
+        model: RobotModel,
+        section: StreamingSection,
+        limits: JointLimits,
+        mj: mujoco.MjModel | None = None,
+        apart: set[frozenset[str]] | frozenset[frozenset[str]] = ...,
+    ) -> None: ...
+    def blocking(self) -> str: ...
     def begin(self, *, touching: bool) -> None: ...
     def look(self, command: Array) -> None: ...
     def leads_away(self, position: Array, heading: Array) -> bool: ...

@@ -7,7 +7,7 @@ import numpy as np
 from cobot.arrays cimport MAX_DOF, bytes_of, checked_dof, doubles
 from cobot.robot.distances cimport GeomDistances
 
-from cobot.robot.collision import geom_pairs
+from cobot.robot.collision import body_or_geom, geom_pairs
 
 cdef enum:
     # The distances are looked at every so many cycles: at 1 m/s, every 4 mm.
@@ -31,9 +31,10 @@ cdef class CollisionMonitor:
         blocked: whether the arm would come to rest nearer than the margin.
     """
 
-    def __init__(self, model, section, limits):
+    def __init__(self, model, section, limits, mj=None, apart=frozenset()):
+        """mj: the model with what else stands around it; apart: pairs of names that may touch."""
         cdef int joint, room
-        self._mj = model.mj
+        self._mj = mj or model.mj
         self._dof = checked_dof(limits.dof)
         for joint in range(self._dof):
             self._max_acceleration[joint] = limits.max_acceleration[joint]
@@ -41,13 +42,18 @@ cdef class CollisionMonitor:
         self._tool = self._mj.body_weldid[self._mj.site_bodyid[model.tcp_site]]
         self._margin_m = section.collision_margin_m
         self._zone_m = section.slow_down_m
-        self._pairs = geom_pairs(self._mj)
+        self._pairs = [
+            pair
+            for pair in geom_pairs(self._mj)
+            if not apart or frozenset(body_or_geom(self._mj, geom) for geom in pair) not in apart
+        ]
         self._distances = GeomDistances(self._mj, len(self._pairs), self._margin_m + self._zone_m)
         room = max(1, len(self._pairs))
         self._rows, self._blocking = np.zeros((3, room)), np.zeros(room, np.int8)
         self._c_zones_m = doubles(self._rows, 3 * room)
         self._c_here, self._c_there = &self._c_zones_m[room], &self._c_zones_m[2 * room]
         self._c_blocking = bytes_of(self._blocking, room)
+        self._watched = []
         self.share = 1.0
         self.blocked = False
 
@@ -59,6 +65,7 @@ cdef class CollisionMonitor:
         """
         watched = [pair for pair in self._pairs if not (touching and self._is_tool_work(pair))]
         self._distances.watch(watched)
+        self._watched = watched
         self._rows[...] = 0.0
         self._blocking[...] = False
         for index, pair in enumerate(watched):
@@ -67,6 +74,15 @@ cdef class CollisionMonitor:
         self._cycle = 0
         self.share = 1.0
         self.blocked = False
+
+    def blocking(self):
+        """What would come too near to what, in words; "" if nothing has."""
+        found = dict.fromkeys(
+            " and ".join(body_or_geom(self._mj, geom) for geom in pair)
+            for index, pair in enumerate(self._watched)
+            if self._blocking[index]
+        )
+        return ", ".join(found)
 
     def look(self, command):
         """See where the command leads, shape (3, dof)."""

@@ -1,10 +1,11 @@
 from cobot.config import StreamingSection
 from cobot.ipc.shm import RobotMemory
 from cobot.robot.model import RobotModel
-from cobot.types import Array, LoopMode
+from cobot.types import Array, JointLimits, LoopMode
 from rtloop.backends import Backend
 from rtloop.inboxes.stream import StreamInbox
 from rtloop.safety.limiter import Safety
+from rtloop.streaming.collision_monitor import CollisionMonitor
 
 class Session:
     def __init__(
@@ -22,6 +23,9 @@ class Session:
     def session(self) -> int: ...
     @property
     def mode(self) -> LoopMode: ...
+    @property
+    def stream_limits(self) -> JointLimits: ...
+    def watch(self, monitor: CollisionMonitor) -> None: ...
     @property
     def move_running(self) -> bool: ...
     @property

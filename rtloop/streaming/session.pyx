@@ -88,7 +88,8 @@ cdef class Session:
         return {
             CLIENT_ENDED: "the client has ended the session",
             CLIENT_DIED: "the streaming client has died",
-            OBSTACLE: "the points lead the arm into itself or its surroundings",
+            OBSTACLE: "the points lead the arm into itself or its surroundings: "
+            + self._collision_monitor.blocking(),
         }[problem]
 
     @property
@@ -97,6 +98,15 @@ cdef class Session:
         if self.feed is None or not self.feed.not_finite:
             return ""
         return (self.points.points if self.has_points else self.feed.source).explain()
+
+    @property
+    def stream_limits(self):
+        """The joints' limits in a stream of joint positions."""
+        return self._stream_limits
+
+    def watch(self, CollisionMonitor monitor):
+        """Have another collision monitor from the next session on."""
+        self._collision_monitor = monitor
 
     def open(self, command, mode, stops):
         """Answer the client that asks: begin the session in which it streams.

@@ -31,6 +31,14 @@ def test_a_file_of_ones_own_changes_only_what_it_names(tmp_path: Path) -> None:
     assert settings.logs == tmp_path / "logs"
 
 
+def test_scene_and_tool_are_kept_where_the_settings_say_and_else_beside_the_log(tmp_path: Path) -> None:
+    settings = load_settings(write(tmp_path, "logs: logs\n"))
+    assert settings.scene_file.parent == settings.tool_file.parent == tmp_path / "logs"
+    settings = load_settings(write(tmp_path, "logs: logs\nkept: things\n"))
+    assert settings.scene_file.parent == settings.tool_file.parent == tmp_path / "things"
+    assert settings.log_file.parent == tmp_path / "logs"
+
+
 def test_the_manuals_web_section_is_understood(tmp_path: Path) -> None:
     text = """
 web:

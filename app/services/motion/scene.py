@@ -15,13 +15,21 @@ from app.services.motion.planning import PlanningService
 from app.services.motion.stopping import StopService
 from app.services.motion.tool_and_limits import compose, inverted
 from app.services.state.link import RobotLink
-from cobot.errors import CollisionError, ConflictError, ExecutionError, InputError, LimitError, NotFoundError
+from cobot.errors import (
+    CobotError,
+    CollisionError,
+    ConflictError,
+    ExecutionError,
+    InputError,
+    LimitError,
+    NotFoundError,
+)
 from cobot.robot.collision import CollisionChecker, Contact
 from cobot.robot.description import RobotDescription
 from cobot.robot.scene import Numbers7, Scene, SceneFile, SceneObject, numbers
 from cobot.strict import shown
 from cobot.trajectory import ORDER, Trajectory
-from cobot.types import RESTING, Pose
+from cobot.types import RESTING, STREAMING, Pose
 
 MAX_OBJECTS = 200
 MAX_FRAMES = 1000
@@ -140,7 +148,7 @@ class SceneService:
             InputError: a name is the robot's, there is no such frame, or MuJoCo refuses it.
             LimitError: there are too many.
             NotFoundError: there is no such object, frame or body.
-            ConflictError: something is attached already, or not; or the arm moves.
+            ConflictError: something is attached already, or not; or the arm moves; or somebody streams.
             UnavailableError: the file cannot be written, or the robot does not answer.
         """
         async with self.turn:
@@ -148,6 +156,10 @@ class SceneService:
             if moves_hand and state.mode not in RESTING:
                 raise ConflictError(
                     f"the arm moves (mode {state.mode.name}): attach and detach only while it rests"
+                )
+            if state.mode in STREAMING:
+                raise ConflictError(
+                    f"somebody streams (mode {state.mode.name}): the scene changes before or after that"
                 )
             hand = self._robot.model.forward(state.commanded_position)
             scene = self.scene
@@ -157,7 +169,15 @@ class SceneService:
 
     async def _take_over(self, scene: Scene) -> Changed:
         both = [await asyncio.to_thread(self._robot.collision.among, scene) for _ in range(2)]
+        before = self.scene
         await asyncio.to_thread(self._file.write, scene)
+        try:
+            await self._link.read_scene()
+        except CobotError as exc:
+            await asyncio.to_thread(self._file.write, before)
+            if isinstance(exc, ExecutionError):
+                raise ConflictError(str(exc)) from exc
+            raise
         checker, ours = both  # one is for threads
         self._robot.collision.take_over(ours)
         self._planning.scene = scene

@@ -338,6 +338,16 @@ class RobotLink:
             self.memory.tool.publish()
             await self._send(Command.TOOL, stops=self.stops, tool=tool.version)
 
+    async def read_scene(self) -> None:
+        """Have rtloop read the scene's file, before the next stream begins.
+
+        Raises:
+            ExecutionError: rtloop refuses it, with its reason: somebody streams.
+            UnavailableError: rtloop does not answer.
+        """
+        async with self._command_turn:
+            await self._send(Command.SCENE, stops=self.stops)
+
     @property
     def tool_version(self) -> int | None:
         """Of the tool that rtloop carries; None if that cannot be read."""

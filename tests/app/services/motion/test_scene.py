@@ -235,3 +235,25 @@ def test_the_scene_is_there_again_after_a_restart(tmp_path):
         assert services.planning.scene == services.robot.collision.scene == Scene(5, {"ball": ball})
         assert put(service, "other", AHEAD | {"x": -0.8}).json()["version"] == 6
     assert list(file.read().objects) == ["ball", "other"]
+
+
+def test_a_change_is_handed_over_to_the_cycle(robot):
+    seen = robot.rig.loop.controller.commands.command_seen
+    assert put(robot, "ball", AHEAD | {"x": -0.8}).status_code == 200
+    assert robot.rig.loop.controller.commands.command_seen == seen + 1
+
+
+def test_it_does_not_change_while_somebody_streams(robot):
+    before = file_of(robot).read()
+    robot.until(lambda: not robot.rig.loop.controller.surroundings.busy)
+    assert robot.rig.stream() == ""
+    robot.sleep(0.05)
+    refused = put(robot, "ball", AHEAD)
+    assert refused.status_code == 409
+    assert "somebody streams (mode JOINT_IMPEDANCE)" in refused.json()["detail"]
+    assert file_of(robot).read() == before
+    robot.rig.memory.session.data["open"] = 0
+    robot.rig.memory.session.publish()
+    robot.until(lambda: robot.rig.mode.name == "HOLD")
+    robot.sleep(1.0)
+    assert put(robot, "ball", AHEAD).status_code == 200

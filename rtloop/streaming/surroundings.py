@@ -1,0 +1,85 @@
+"""What streams must not touch beside the model: the scene's objects and the tool's shapes, from their files.
+
+They are read and compiled in a thread, while the arm rests and nothing begins: the cycle only takes the
+finished monitor over.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+
+from cobot.config import Settings
+from cobot.errors import CobotError
+from cobot.robot.model import RobotModel
+from cobot.robot.scene import SceneFile
+from cobot.robot.tool import ToolFile
+from cobot.types import JointLimits
+from rtloop.streaming.collision_monitor import CollisionMonitor
+
+SWITCH_S = 1e-4
+"""How long the thread keeps the interpreter from the cycle while it runs Python."""
+
+
+class Surroundings:
+    """Makes collision monitors of what stands in the files.
+
+    Attributes:
+        busy: whether one is being made.
+        problem: why the last one could not be made; "" if it could.
+    """
+
+    def __init__(self, settings: Settings, model: RobotModel, limits: JointLimits) -> None:
+        self._settings = settings
+        self._model = model
+        self._limits = limits
+        self._thread: threading.Thread | None = None
+        self._made: CollisionMonitor | None = None
+        self.problem = ""
+
+    @property
+    def busy(self) -> bool:
+        return self._thread is not None
+
+    def read(self) -> CollisionMonitor:
+        """A monitor that knows what the files hold now.
+
+        Raises:
+            CobotError: a file is damaged, or MuJoCo refuses what it holds.
+        """
+        scene = SceneFile(self._settings.scene_file).read()
+        tool = ToolFile(self._settings.tool_file).read_checked(
+            self._settings.robot.max_payload_kg, self._model.file_gravity
+        )
+        return CollisionMonitor(
+            self._model,
+            self._settings.streaming,
+            self._limits,
+            self._model.among(scene, tool),
+            tool.mounted(scene).may_touch(),
+        )
+
+    def begin(self) -> None:
+        """Have a monitor made, in a thread of its own."""
+        self._switch_s = sys.getswitchinterval()
+        sys.setswitchinterval(SWITCH_S)
+        self._thread = threading.Thread(target=self._make, name="surroundings", daemon=True)
+        self._thread.start()
+
+    def take(self) -> tuple[bool, CollisionMonitor | None]:
+        """Whether the thread has ended, and what it has made; None with a `problem`."""
+        if self._thread is None or self._thread.is_alive():
+            return False, None
+        self._thread = None
+        sys.setswitchinterval(self._switch_s)
+        made, self._made = self._made, None
+        return True, made
+
+    def _make(self) -> None:
+        try:
+            self._made = self.read()
+            self.problem = ""
+        except CobotError as exc:
+            self.problem = str(exc)
+        except Exception as exc:  # noqa: BLE001 - the cycle must learn of it, whatever it is
+            self.problem = f"{type(exc).__name__}: {exc}"

@@ -1,0 +1,131 @@
+"""Streams keep away from the scene's objects. Oracle: MuJoCo's own distances at each commanded position."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+from rig import Rig
+
+from cobot.config import Settings
+from cobot.ipc.layout import Command, ServoMode, Stream
+from cobot.ipc.stream_writer import PointWriter
+from cobot.robot.description import RobotDescription
+from cobot.robot.scene import Scene, SceneFile, SceneObject
+from cobot.types import Array, LoopMode
+
+WAY_RAD, WAY_S = 1.0, 4.0
+ACROSS = np.array([WAY_RAD, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+
+
+@pytest.fixture
+def here(settings: Settings, tmp_path: Path) -> Settings:
+    return settings.model_copy(update={"logs": tmp_path})
+
+
+def ball_ahead(robot: RobotDescription, **fields: object) -> Scene:
+    """Where the hand would be after half of the way."""
+    home = np.array(robot.positions["home"].joints)
+    x, y, z = robot.model.forward(home + 0.5 * ACROSS).position.tolist()
+    ball = SceneObject(shape="sphere", size=(0.05,), pose=(x, y, z, 1.0, 0.0, 0.0, 0.0))
+    return Scene(version=1, objects={"ball": ball}, **fields)  # type: ignore[arg-type]
+
+
+def hand_over(rig: Rig, scene: Scene) -> str:
+    """As the service does it; "" or why not."""
+    SceneFile(rig.settings.scene_file).write(scene)
+    return read_anew(rig)
+
+
+def read_anew(rig: Rig) -> str:
+    """Have rtloop read the file, and wait until it has; "" or why not."""
+    if refusal := rig.answer(rig.send(Command.SCENE)):
+        return refusal
+    for _ in range(2000):
+        rig.step()
+        if not rig.loop.controller.surroundings.busy:
+            return ""
+        time.sleep(1e-3)
+    raise AssertionError("the scene was never taken over")
+
+
+def stream_across(rig: Rig) -> Array:
+    """Stream the first joint over its way; what was commanded."""
+    assert rig.stream(Stream.JOINT_IMPEDANCE, servo_mode=ServoMode.BUFFERED, watchdog_s=0.5) == ""
+    writer = PointWriter(rig.memory)
+    writer.begin(int(rig.memory.session.data["number"]))
+    begun = len(rig.commanded)
+    for cycle in range(round(1000 * WAY_S)):
+        if rig.mode is not LoopMode.JOINT_IMPEDANCE:
+            break
+        if cycle % 10 == 0:
+            share = min(cycle * 1e-3 / (WAY_S - 0.5), 1.0)
+            writer.put(rig.home + (3.0 - 2.0 * share) * share**2 * ACROSS, 0.01, 0.0, 0.0)
+        rig.step()
+    rig.run()
+    return np.array(rig.commanded[begun:])
+
+
+def nearest(rig: Rig, scene: Scene, rows: Array) -> float:
+    """From the ball to any geom that may collide, m."""
+    mj = rig.robot.model.among(scene)
+    data, ball = mujoco.MjData(mj), int(mj.body("ball").geomadr[0])
+    others = [geom for geom in range(mj.ngeom) if geom != ball and mj.geom_contype[geom]]
+    found = np.inf
+    for row in rows[::20]:
+        data.qpos[:] = row
+        mujoco.mj_kinematics(mj, data)
+        found = min(found, *(mujoco.mj_geomDistance(mj, data, ball, geom, 1.0, None) for geom in others))
+    return float(found)
+
+
+def test_a_stream_stops_before_an_object_and_names_it(here: Settings, robot: RobotDescription) -> None:
+    rig, scene = Rig(here, robot), ball_ahead(robot)
+    assert hand_over(rig, scene) == ""
+    rows = stream_across(rig)
+    assert rig.mode is LoopMode.HOLD
+    assert "ball" in rig.reason
+    assert 0.0 < nearest(rig, scene, rows) < 0.1
+    rig.close()
+
+
+def test_without_it_the_same_stream_goes_through(here: Settings, robot: RobotDescription) -> None:
+    rig, scene = Rig(here, robot), ball_ahead(robot)
+    assert hand_over(rig, scene) == ""
+    assert hand_over(rig, Scene(version=2)) == ""
+    rows = stream_across(rig)
+    assert rows[:, 0].max() - rig.home[0] > WAY_RAD - 0.01
+    assert nearest(rig, scene, rows) < 0.0
+    rig.close()
+
+
+def test_a_restart_keeps_it(here: Settings, robot: RobotDescription) -> None:
+    scene = ball_ahead(robot)
+    SceneFile(here.scene_file).write(scene)
+    rig = Rig(here, robot)
+    rig.loop.controller.watch_scene()  # as `rtloop.main` does before the first cycle
+    rows = stream_across(rig)
+    assert "ball" in rig.reason
+    assert nearest(rig, scene, rows) > 0.0
+    rig.close()
+
+
+def test_a_scene_is_refused_while_somebody_streams(here: Settings, robot: RobotDescription) -> None:
+    rig = Rig(here, robot)
+    assert rig.stream(Stream.JOINT_IMPEDANCE) == ""
+    assert "somebody streams" in hand_over(rig, ball_ahead(robot))
+    rig.close()
+
+
+def test_who_cannot_see_the_scene_does_not_stream(here: Settings, robot: RobotDescription) -> None:
+    rig = Rig(here, robot)
+    assert hand_over(rig, Scene(version=1)) == ""
+    here.scene_file.write_text("{")
+    assert read_anew(rig) == ""
+    refusal = rig.stream(Stream.JOINT_IMPEDANCE)
+    assert "the scene cannot be watched" in refusal
+    assert str(here.scene_file) in refusal
+    rig.close()
