@@ -6,11 +6,14 @@ finished monitor over.
 
 from __future__ import annotations
 
+import contextlib
+import os
 import sys
 import threading
 
 from cobot.config import Settings
 from cobot.errors import CobotError
+from cobot.launch.process import Niceness, be
 from cobot.robot.model import RobotModel
 from cobot.robot.scene import SceneFile
 from cobot.robot.tool import ToolFile
@@ -76,6 +79,7 @@ class Surroundings:
         return True, made
 
     def _make(self) -> None:
+        _be_ordinary()
         try:
             self._made = self.read()
             self.problem = ""
@@ -83,3 +87,13 @@ class Surroundings:
             self.problem = str(exc)
         except Exception as exc:  # noqa: BLE001 - the cycle must learn of it, whatever it is
             self.problem = f"{type(exc).__name__}: {exc}"
+
+
+def _be_ordinary() -> None:
+    """A thread begins with what its process was granted: as urgent as the cycle, on the same core, it would
+    keep the cycle waiting for as long as MuJoCo compiles.
+    """
+    with contextlib.suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        os.sched_setaffinity(0, range(os.cpu_count() or 1))
+    be(Niceness.PROMPT)  # While it has the interpreter, the cycle may wait for it.

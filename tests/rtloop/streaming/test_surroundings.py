@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import threading
 import time
 from pathlib import Path
 
@@ -16,6 +18,7 @@ from cobot.ipc.stream_writer import PointWriter
 from cobot.robot.description import RobotDescription
 from cobot.robot.scene import Scene, SceneFile, SceneObject
 from cobot.types import Array, LoopMode
+from rtloop.streaming.surroundings import Surroundings
 
 WAY_RAD, WAY_S = 1.0, 4.0
 ACROSS = np.array([WAY_RAD, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
@@ -129,3 +132,23 @@ def test_who_cannot_see_the_scene_does_not_stream(here: Settings, robot: RobotDe
     assert "the scene cannot be watched" in refusal
     assert str(here.scene_file) in refusal
     rig.close()
+
+
+def test_reading_is_not_as_urgent_as_the_cycle(
+    here: Settings, robot: RobotDescription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle: the kernel's word. SCHED_BATCH is inherited as SCHED_FIFO is, and anybody may have it."""
+    seen: list[int] = []
+    monkeypatch.setattr(Surroundings, "read", lambda _: seen.append(os.sched_getscheduler(0)))
+    surroundings = Surroundings(here, robot.model, robot.limits)
+
+    def cycle() -> None:
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+        surroundings.begin()
+        while not surroundings.take()[0]:
+            time.sleep(1e-3)
+
+    thread = threading.Thread(target=cycle)
+    thread.start()
+    thread.join()
+    assert seen == [os.SCHED_OTHER]
