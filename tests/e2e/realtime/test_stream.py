@@ -299,3 +299,35 @@ def test_a_script_runs_here_and_there(run: Run, where: str) -> None:
         robot.execute_plan("PLAN-Home", speed=1.0)
         until(lambda: not robot.busy())
         assert robot.stopped()
+
+
+def reaches(run: Run, joint1_rad: float) -> float:
+    """How far the first joint comes, rad, when targets lead it there from home in two seconds; and back."""
+    run.go_home()
+    with StreamClient(run.url) as client:
+        client.session(inner_control_hz=50)
+        for step in range(150):
+            client.target([joint1_rad * min(1.0, step / 100), *HOME[1:]])
+            time.sleep(0.02)
+        reached = run.joints()[0]
+        client.ended()
+    run.go_home()
+    return reached
+
+
+def test_a_stream_keeps_away_from_an_object_of_the_scene_after_a_restart_too(run: Run) -> None:
+    """The ball is where the hand would be after two thirds of the way."""
+    post(run, "/robot/move/joints", joints=[0.8, *HOME[1:]])
+    pose = httpx.get(f"{run.url}/robot/pose", timeout=WAIT_S).json()["position"]
+    assert reaches(run, 1.2) == pytest.approx(1.2, abs=0.01), "nothing is in the way"
+    ball = {"shape": "sphere", "radius": 0.05, **pose}
+    try:
+        post(run, "/scene", objects={"ball": ball}).raise_for_status()
+        assert 0.2 < reaches(run, 1.2) < 0.75
+        rtloop = run.child("rtloop")
+        assert rtloop is not None
+        rtloop.kill()
+        run.until(lambda: run.restarted("rtloop", rtloop.pid) and run.healthy())
+        assert 0.2 < reaches(run, 1.2) < 0.75
+    finally:
+        post(run, "/scene", clear=True).raise_for_status()
