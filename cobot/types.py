@@ -106,7 +106,12 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class JointLimits:
-    """The limits of all joints, each shape (dof,): rad, rad/s, rad/s², rad/s³, N·m."""
+    """The limits of all joints, each shape (dof,): rad, rad/s, rad/s², rad/s³, N·m; of a slide (prismatic
+    joint) m, m/s, m/s², m/s³, N.
+
+    Attributes:
+        slides: of each joint whether it is one; empty for none.
+    """
 
     names: tuple[str, ...]
     min_position: Array
@@ -115,9 +120,10 @@ class JointLimits:
     max_acceleration: Array
     max_jerk: Array
     max_effort: Array
+    slides: tuple[bool, ...] = ()
 
     def __post_init__(self) -> None:
-        for item in fields(self)[1:]:
+        for item in fields(self)[1:-1]:
             value = vector(getattr(self, item.name), len(self.names), name=item.name)
             object.__setattr__(self, item.name, value)
 
@@ -125,9 +131,22 @@ class JointLimits:
     def dof(self) -> int:
         return len(self.names)
 
+    def unit(self, joint: int, derivative: int = 0) -> str:
+        """Of a joint's position, or of its velocity (1), acceleration (2) or jerk (3)."""
+        length = "m" if self.slides and self.slides[joint] else "rad"
+        return length + ("", "/s", "/s²", "/s³")[derivative]
+
+    def effort_unit(self, joint: int) -> str:
+        return "N" if self.slides and self.slides[joint] else "N·m"
+
+    @property
+    def units(self) -> str:
+        """Of the positions of all joints together."""
+        return "rad, of slides m" if any(self.slides) else "rad"
+
     def take_over(self, other: JointLimits) -> None:
         """Become these limits, of the same joints: whoever holds this object goes by them at once."""
-        for item in fields(self)[1:]:
+        for item in fields(self)[1:-1]:
             mine = getattr(self, item.name)
             mine.flags.writeable = True
             mine[:] = getattr(other, item.name)

@@ -506,15 +506,16 @@ cdef class Controller:
         joint = int(np.abs(error).argmax())
         if abs(error[joint]) > allowed:
             self.safety.count(Intervention.TRACKING)
+            unit = self._limits.unit(joint)
             self.fault(
-                f"{self._limits.names[joint]} is {abs(error[joint]):.3f} rad from where it is commanded "
-                f"({position[joint]:.3f} instead of {self.safety.position[joint]:.3f} rad), "
-                f"allowed are {allowed} rad"
+                f"{self._limits.names[joint]} is {abs(error[joint]):.3f} {unit} from where it is commanded "
+                f"({position[joint]:.3f} instead of {self.safety.position[joint]:.3f} {unit}), "
+                f"allowed are {allowed} {unit}"
             )
         elif self._jump:
             self.safety.count(Intervention.TRACKING)
             self.fault(
-                f"the measured position has jumped by {self._jump:.3f} rad within a cycle, as no arm can"
+                f"the measured position has jumped by {self._jump:.3f} {self._limits.units} within a cycle, as no arm can"
             )
 
     cdef bint c_settle(self, const double* velocity, bint fresh) noexcept nogil:
@@ -572,13 +573,16 @@ cdef class Controller:
         joint = int(off.argmax())
         if off[joint] > self._rt.settle_position_rad:
             here, wanted = self.safety.position[joint], self._desired_rows[0, joint]
-            name = self._limits.names[joint]
-            return f"the safety layer keeps {name} at {here:.4f} rad: the motion wants it at {wanted:.4f} rad"
+            name, unit = self._limits.names[joint], self._limits.unit(joint)
+            return (
+                f"the safety layer keeps {name} at {here:.4f} {unit}: the motion wants it at {wanted:.4f} {unit}"
+            )
         error = np.array([self._error[joint] for joint in range(self._dof)])
         joint = int(np.abs(error).argmax())
         return (
             f"not settled {SETTLE_LIMIT_S} s after the end of the motion: {self._limits.names[joint]} is "
-            f"{abs(error[joint]):.4f} rad away and moves at {velocity[joint]:.4f} rad/s"
+            f"{abs(error[joint]):.4f} {self._limits.unit(joint)} away and moves at {velocity[joint]:.4f} "
+            f"{self._limits.unit(joint, 1)}"
         )
 
 

@@ -6,12 +6,11 @@ import mujoco
 import numpy as np
 
 from cobot.errors import ConfigError
+from cobot.robot.limits import MILLIMETRES_FROM_M
 from cobot.types import JointLimits
 
 TOLERANCE = 1e-6
 """Of positions, rad or m: files are rounded."""
-MILLIMETRES_M = 50.0
-"""No slide of an arm is that long: whose position is beyond this has written millimetres."""
 
 
 def check_drives(mj: mujoco.MjModel, limits: JointLimits) -> None:
@@ -55,7 +54,7 @@ def check_ranges(mj: mujoco.MjModel, limits: JointLimits) -> None:
         low, high = limits.min_position[index], limits.max_position[index]
         slides = mj.jnt_type[index] == mujoco.mjtJoint.mjJNT_SLIDE
         unit = "m" if slides else "rad"
-        if slides and max(abs(low), abs(high)) > MILLIMETRES_M:
+        if slides and max(abs(low), abs(high)) > MILLIMETRES_FROM_M:
             raise ConfigError(
                 f"{name} slides from {low:g} to {high:g} m, which looks like millimetres: "
                 "limits of a prismatic joint are in m, m/s, m/s², m/s³ and N"

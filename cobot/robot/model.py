@@ -30,7 +30,7 @@ class RobotModel:
 
     Attributes:
         mj: MuJoCo's model.
-        limits: the joint limits, which also give the joints' order.
+        limits: the joint limits, which also give the joints' order; they know which of them are slides.
         tcp_site: index of the TCP among the model's sites.
         chain: the kinematics, which compiled code calls without Python.
         dynamics: inertia and bias forces, likewise.
@@ -56,6 +56,9 @@ class RobotModel:
                 f"the model's joints must be those of the limits, hinges in the same order: "
                 f"{', '.join(joints)} against {', '.join(limits.names)}"
             )
+        slides = tuple(bool(kind == mujoco.mjtJoint.mjJNT_SLIDE) for kind in mj.jnt_type)
+        if any(slides):
+            self.limits = limits = replace(limits, slides=slides)
         self.tcp_site = _tcp_site(mj, tcp)
         if mj.body_weldid[self._base] != 0:
             raise ConfigError(f"robot.base_frame: {base!r} must not move with the joints")

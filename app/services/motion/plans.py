@@ -229,10 +229,11 @@ class PlanService:
         off = joints - plan.start
         worst = int(np.abs(off).argmax())
         if abs(off[worst]) > START_TOLERANCE_RAD:
+            unit = plan.limits.unit(worst)
             raise ConflictError(
-                f"plan {plan.plan_id}: {plan.limits.names[worst]} is at {joints[worst]:.6f} rad, "
-                f"{abs(off[worst]):.3g} rad from {plan.start[worst]:.6f} rad where the plan begins; allowed "
-                f"are {START_TOLERANCE_RAD:g} rad; go there, or plan again"
+                f"plan {plan.plan_id}: {plan.limits.names[worst]} is at {joints[worst]:.6f} {unit}, "
+                f"{abs(off[worst]):.3g} {unit} from {plan.start[worst]:.6f} {unit} where the plan begins; "
+                f"allowed are {START_TOLERANCE_RAD:g} {unit}; go there, or plan again"
             )
 
     def _given(self, start: list[float]) -> Array:

@@ -148,10 +148,11 @@ class ToolService:
             model.carry(before)
         worst = int((efforts / limits.max_effort).argmax())
         if efforts[worst] > limits.max_effort[worst]:
+            unit = limits.effort_unit(worst)
             raise LimitError(
-                f"mass: {limits.names[worst]} would need {efforts[worst]:.4g} N·m to hold {tool.mass:g} kg "
-                f"where the arm is, its limit is {limits.max_effort[worst]:.4g} N·m; take the arm elsewhere "
-                "first"
+                f"mass: {limits.names[worst]} would need {efforts[worst]:.4g} {unit} to hold {tool.mass:g} "
+                f"kg where the arm is, its limit is {limits.max_effort[worst]:.4g} {unit}; take the arm "
+                "elsewhere first"
             )
 
     async def _have(self, tool: Tool) -> ToolChanged:
