@@ -90,7 +90,12 @@ def arm(name: str) -> Arm:
         file = Path(place) / "arm.urdf"
         file.write_text(urdf(name))
         NewRobot(file).write(Path(place) / name)
-        robot = load_robot(load_settings(Path(place) / name / "cobot-setting.yaml"))
+        return loaded(name, Path(place) / name)
+
+
+def loaded(name: str, folder: Path) -> Arm:
+    """One of `JOINTS`, of the folder that `cobot new-robot` has made of its URDF."""
+    robot = load_robot(load_settings(folder / "cobot-setting.yaml"))
     model = pinocchio.buildModelFromXML(urdf(name))
     return Arm(name, robot, model, model.getFrameId(robot.base_frame), model.getFrameId("tool0"))
 
