@@ -27,6 +27,7 @@ FILES = (
     "client/*.py",
     "clock.py",
     "errors.py",
+    "findings.py",
     "ipc/__init__.py",
     "ipc/layout.py",
     "ipc/session_rules.py",

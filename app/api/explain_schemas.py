@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -71,13 +72,18 @@ def _check(found: Finding) -> FailedCheck:
     return FailedCheck(
         check=found.check,
         quantity=found.quantity,
-        value=found.value,
-        limit=found.limit,
-        by=found.excess,
+        value=_in_json(found.value),
+        limit=_in_json(found.limit),
+        by=_in_json(found.excess),
         unit=found.unit,
         share=found.share,
         of=list(found.of),
     )
+
+
+def _in_json(value: float) -> float:
+    """Numbers of absurd requests overflow; JSON has no infinity."""
+    return max(-sys.float_info.max, min(sys.float_info.max, value))
 
 
 def tried_of(tried: Sequence[Failure]) -> list[Tried]:

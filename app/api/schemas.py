@@ -26,6 +26,8 @@ def _example(body: Any) -> ConfigDict:
 
 MAX_ARC_RAD = 200.0
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+Coordinate = Annotated[float, Field(allow_inf_nan=False, ge=-1000.0, le=1000.0)]
+"""m: further than any arm reaches, so near that nothing that is computed with it overflows."""
 
 
 def _lower(value: Any) -> Any:
@@ -77,17 +79,17 @@ OmplAlgorithm = Annotated[Algorithm, Field(description="Of planner ompl, by OMPL
 class Point(StrictModel):
     """A point in the frame of the motion, m."""
 
-    x: Finite = Field(description="m")
-    y: Finite = Field(description="m")
-    z: Finite = Field(description="m")
+    x: Coordinate = Field(description="m")
+    y: Coordinate = Field(description="m")
+    z: Coordinate = Field(description="m")
 
 
 class Direction(StrictModel):
     """A direction, of any length but 0."""
 
-    x: Finite = Field(description="Of any unit.")
-    y: Finite = Field(description="Of any unit.")
-    z: Finite = Field(description="Of any unit.")
+    x: Coordinate = Field(description="Of any unit.")
+    y: Coordinate = Field(description="Of any unit.")
+    z: Coordinate = Field(description="Of any unit.")
 
 
 class KeptOrientation(StrictModel):
@@ -143,9 +145,9 @@ class MoveNamed(StrictModel):
 class PathPose(StrictModel):
     """A pose of the TCP in the frame of the motion."""
 
-    x: Finite = Field(description="m")
-    y: Finite = Field(description="m")
-    z: Finite = Field(description="m")
+    x: Coordinate = Field(description="m")
+    y: Coordinate = Field(description="m")
+    z: Coordinate = Field(description="m")
     a: Finite = Field(0.0, description="KUKA angle A about z, rad")
     b: Finite = Field(0.0, description="KUKA angle B about the new y, rad")
     c: Finite = Field(0.0, description="KUKA angle C about the newest x, rad")
@@ -203,9 +205,9 @@ class MovePose(StrictModel):
         }
     )
 
-    x: Finite = Field(description="m")
-    y: Finite = Field(description="m")
-    z: Finite = Field(description="m")
+    x: Coordinate = Field(description="m")
+    y: Coordinate = Field(description="m")
+    z: Coordinate = Field(description="m")
     a: Finite = Field(0.0, description="KUKA angle A about z, rad")
     b: Finite = Field(0.0, description="KUKA angle B about the new y, rad")
     c: Finite = Field(0.0, description="KUKA angle C about the newest x, rad")

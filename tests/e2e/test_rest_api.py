@@ -263,7 +263,7 @@ def test_bad_input_is_named_and_moves_nothing(
     response = http.post(path, json=body)
     assert response.status_code == 422, response.text
     answer = response.json()
-    assert set(answer) == {"detail", "code"} | ({"explain"} if answer["code"] == "limit" else set())
+    assert set(answer) - ({"explain"} if answer["code"] == "limit" else set()) == {"detail", "code"}
     for word in words:
         assert word in answer["detail"]
     assert motion(http)["motion_id"] == before

@@ -6,14 +6,18 @@ Oracle: the tree of `cobot.errors` itself, walked class by class, and RFC 9110's
 from __future__ import annotations
 
 import asyncio
+import json
+import math
+import sys
 
 import httpx
 import pytest
 from fastapi import FastAPI
 
-from app.api.errors import STATUS, install, status_of
+from app.api.errors import STATUS, answer_to, install, status_of
 from cobot import errors
-from cobot.errors import CobotError
+from cobot.errors import CobotError, LimitError
+from cobot.findings import Finding
 
 TREE = [each for each in vars(errors).values() if isinstance(each, type) and issubclass(each, CobotError)]
 
@@ -50,3 +54,11 @@ def test_an_error_that_somebody_derives_is_answered_as_its_ancestor() -> None:
     for kind, status in STATUS.items():
         special = type("Special", (kind,), {})
         assert status_of(special("why")) == status
+
+
+def test_a_number_that_has_overflowed_is_the_largest_one() -> None:
+    """Oracle: the standard library's strict JSON."""
+    found = Finding("limit", "velocity", -math.inf, 1.0, "rad/s", of=("joint1",))
+    answer = answer_to(LimitError("joint1 would be too fast", findings=[found]))
+    (check,) = json.loads(answer.body)["explain"]["checks"]
+    assert check["value"] == -check["by"] == -sys.float_info.max

@@ -61,6 +61,7 @@ BAD: list[tuple[str, dict[str, Any], list[str]]] = [
     ("pose", LINES | {"radius": NAN}, ["radius", "got nan"]),
     ("pose", LINES | {"through": []}, ["through: is empty", "polyline", "lin"]),
     ("pose", LINES | {"through": [POSE | {"z": NAN}]}, ["through[0].z", "finite number", "got nan"]),
+    ("pose", POSE | {"y": -4.5e183}, ["y", "greater than or equal to -1000", "got -4.5e+183"]),
     ("pose", POSE | {"frame_id": "pallet"}, ["frame_id: there is no frame 'pallet'", "valid are: base_link"]),
     ("pose", POSE | {"frame_id": "link3"}, ["frame_id: 'link3' moves with the joints", "valid are:"]),
     ("pose", POSE | {"planner": "lin", "speed_m_s": 0.0}, ["speed_m_s: is 0 m/s", "up to 1 m/s"]),
