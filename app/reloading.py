@@ -15,7 +15,7 @@ import math
 import os
 import signal
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -279,9 +279,9 @@ def _position_changes(old: RobotDescription, new: RobotDescription) -> Iterator[
 
 
 def _limit_changes(old: JointLimits, new: JointLimits) -> Iterator[str]:
-    for item in fields(JointLimits)[1:]:
+    for quantity in JointLimits.QUANTITIES:
         for joint, before, after in zip(
-            old.names, getattr(old, item.name).tolist(), getattr(new, item.name).tolist(), strict=True
+            old.names, getattr(old, quantity).tolist(), getattr(new, quantity).tolist(), strict=True
         ):
             if before != after:
-                yield f"{joint}.{item.name}: {before:g} → {after:g}"
+                yield f"{joint}.{quantity}: {before:g} → {after:g}"

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from enum import IntEnum, StrEnum
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -111,7 +111,12 @@ class JointLimits:
 
     Attributes:
         slides: of each joint whether it is one; empty for none.
+        QUANTITIES: the fields that are arrays.
     """
+
+    QUANTITIES: ClassVar[tuple[str, ...]] = (
+        "min_position", "max_position", "max_velocity", "max_acceleration", "max_jerk", "max_effort"
+    )  # fmt: skip
 
     names: tuple[str, ...]
     min_position: Array
@@ -123,9 +128,9 @@ class JointLimits:
     slides: tuple[bool, ...] = ()
 
     def __post_init__(self) -> None:
-        for item in fields(self)[1:-1]:
-            value = vector(getattr(self, item.name), len(self.names), name=item.name)
-            object.__setattr__(self, item.name, value)
+        for quantity in self.QUANTITIES:
+            value = vector(getattr(self, quantity), len(self.names), name=quantity)
+            object.__setattr__(self, quantity, value)
 
     @property
     def dof(self) -> int:
@@ -146,10 +151,10 @@ class JointLimits:
 
     def take_over(self, other: JointLimits) -> None:
         """Become these limits, of the same joints: whoever holds this object goes by them at once."""
-        for item in fields(self)[1:-1]:
-            mine = getattr(self, item.name)
+        for quantity in self.QUANTITIES:
+            mine = getattr(self, quantity)
             mine.flags.writeable = True
-            mine[:] = getattr(other, item.name)
+            mine[:] = getattr(other, quantity)
             mine.flags.writeable = False
 
     def including(self, position: Array) -> JointLimits:

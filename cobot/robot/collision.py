@@ -154,7 +154,7 @@ class CollisionChecker:
         if not travel <= MAX_TRAVEL_RAD:
             raise InputError(
                 f"the motion travels {travel:.4g} {self.limits.units}, "
-                f"at the most {MAX_TRAVEL_RAD:g} can be checked for collisions"
+                f"at the most {MAX_TRAVEL_RAD:g} {self.limits.units} can be checked for collisions"
             )
         if self.clearance.contact(pieces) is None:
             return

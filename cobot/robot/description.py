@@ -8,7 +8,7 @@ from pathlib import Path
 from cobot.config import Settings, naming
 from cobot.errors import ConfigError
 from cobot.robot.collision import CollisionChecker
-from cobot.robot.drives import check_drives, check_ranges
+from cobot.robot.drives import check_drives, check_forces, check_ranges
 from cobot.robot.limits import check_positions, load_joint_limits
 from cobot.robot.model import RobotModel
 from cobot.robot.srdf import disabled_pairs, load_named_positions
@@ -60,11 +60,13 @@ def load_robot(settings: Settings) -> RobotDescription:
         model = RobotModel.load(
             settings.robot.model, limits, base=settings.robot.base_frame, tcp=settings.robot.tcp
         )
+        limits = model.limits
         if settings.rt.backend == "mujoco":
             check_drives(model.mj, limits)
     with naming("web.joint_limits"):
         check_ranges(model.mj, limits)
-    limits = model.limits
+        if settings.rt.backend == "mujoco":
+            check_forces(model.mj, limits)
     with naming("robot.srdf"):
         positions = load_named_positions(settings.robot.srdf, limits.names, settings.robot.group)
         disabled = disabled_pairs(settings.robot.srdf)

@@ -7,7 +7,7 @@ import secrets
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
 
@@ -209,12 +209,12 @@ class PlanService:
         return await self._motion.run(plan.forecast.trajectory, partial(self._require_same, plan), caller)
 
     def _require_same(self, plan: Plan, joints: Array) -> None:
-        for item in fields(JointLimits)[1:]:
-            before, now = getattr(plan.limits, item.name), getattr(self._robot.limits, item.name)
+        for quantity in JointLimits.QUANTITIES:
+            before, now = getattr(plan.limits, quantity), getattr(self._robot.limits, quantity)
             for joint in np.flatnonzero(before != now)[:1]:
                 name = plan.limits.names[int(joint)]
                 raise ConflictError(
-                    f"plan {plan.plan_id}: {item.name} of {name} was {before[joint]:g} when it was "
+                    f"plan {plan.plan_id}: {quantity} of {name} was {before[joint]:g} when it was "
                     f"made and is {now[joint]:g} now; allowed is no difference; plan again"
                 )
         for what, before, now in (
