@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 from pathlib import Path
 
 import httpx
@@ -10,7 +9,7 @@ import numpy as np
 import pinocchio
 import pytest
 import yaml
-from running import Run
+from running import RunOfFolder
 from scipy.spatial.transform import Rotation
 from urdf_arms import ARMS, urdf
 
@@ -120,25 +119,6 @@ def test_what_was_guessed_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[
         assert guess in said
     limits = yaml.safe_load((tmp_path / "made" / "joint_limits.yaml").read_text())
     assert limits["joint_limits"]["j"]["max_position"] == pytest.approx(np.pi / 2)
-
-
-class RunOfFolder(Run):
-    """`cobot run --config FOLDER` of a folder that new-robot has made."""
-
-    def __init__(self, made: Path) -> None:
-        self.made = made
-        super().__init__(made.parent)
-
-    def command(self) -> list[str]:
-        return [*super().command()[:-1], str(self.made)]
-
-    def start(self) -> subprocess.Popen[str]:
-        file = self.made / "cobot-setting.yaml"
-        settings = yaml.safe_load(file.read_text())
-        for section, values in yaml.safe_load(self.config.read_text()).items():
-            settings[section] = settings.get(section, {}) | values if isinstance(values, dict) else values
-        file.write_text(yaml.safe_dump(settings))
-        return super().start()
 
 
 def test_cobot_run_moves_the_gantry(tmp_path: Path) -> None:
