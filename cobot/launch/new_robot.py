@@ -122,7 +122,7 @@ class NewRobot:
                 raise ConfigError(f"{self.file}: has no joint {name!r}; valid are: {', '.join(names)}")
         kept = [name for name in names if name not in self.without and name in (self.actuators or names)]
         if gone := robot_file.keep_joints(self.file, spec, kept):
-            self.guessed.append(f"joints that stay at 0: {', '.join(gone)}")
+            self.guessed.append(f"joints that stay at 0: {', '.join(name or '(no name)' for name in gone)}")
         if not kept:
             raise ConfigError(f"{self.file}: has no joint that moves")
         return kept

@@ -147,7 +147,8 @@ def keep_joints(file: Path, spec: mujoco.MjSpec, kept: Container[str]) -> list[s
         elif joint.type not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
             raise ConfigError(
                 f"{file}: joint {joint.name!r} is a free or ball joint: an arm has a base that "
-                "stands, and hinges and slides; take the joint out of the file"
+                "stands, and hinges and slides; take the joint out of the file, or name the arm's with "
+                "--actuators: all others then stay at 0"
             )
         elif not joint.name:
             raise ConfigError(f"{file}: a joint has no name; each needs one")
@@ -163,23 +164,27 @@ def keep_joints(file: Path, spec: mujoco.MjSpec, kept: Container[str]) -> list[s
 
 
 def collect_meshes(file: Path, spec: mujoco.MjSpec, folder: Path) -> None:
-    """Copy them into the folder, so that it may be moved.
+    """Copy them and the height fields into the folder, so that it may be moved. Textures go: nobody looks.
 
     Raises:
         ConfigError: one is not there or cannot be copied.
     """
+    for material in spec.materials:
+        material.textures = [""] * len(material.textures)
+    for texture in list(spec.textures):
+        spec.delete(texture)
     source = Path(spec.modelfiledir or file.parent) / (spec.compiler.meshdir or "")
-    for index, mesh in enumerate(spec.meshes):
-        if not mesh.file:
+    for index, shape in enumerate((*spec.meshes, *spec.hfields)):
+        if not shape.file:
             continue
-        path = source / mesh.file
+        path = source / shape.file
         if not path.is_file():
             raise ConfigError(f"{file}: there is no mesh {path}")
-        mesh.name = mesh.name or path.stem
-        mesh.file = f"{index}_{path.name}"
+        shape.name = shape.name or path.stem
+        shape.file = f"{index}_{path.name}"
         try:
             (folder / "meshes").mkdir(exist_ok=True)
-            shutil.copyfile(path, folder / "meshes" / mesh.file)
+            shutil.copyfile(path, folder / "meshes" / shape.file)
         except OSError as exc:
             raise ConfigError(f"{file}: mesh {path} cannot be copied: {exc.strerror}") from exc
     spec.modelfiledir, spec.compiler.meshdir = str(folder), "meshes"

@@ -156,6 +156,18 @@ def test_a_gripper_of_mjcf_goes_with_its_tendon_equality_actuator_and_sensors(tm
     )
 
 
+def test_a_whole_scene_of_mjcf_is_taken_with_its_objects_standing_still(tmp_path: Path) -> None:
+    """As those of others come: with textures that are not there, and a cube that falls."""
+    colour = '<asset><texture type="2d" name="t" file="t.png"/><material name="m" texture="t"/></asset>'
+    cube = '<body name="cube" pos="2 0 1"><freejoint/><geom type="box" size=".1 .1 .1" material="m"/></body>'
+    text = MJCF.replace("<worldbody>", f"{colour}<worldbody>{cube}").replace('<key qpos="0 0 0 0"/>', "")
+    with pytest.raises(ConfigError, match=r"free or ball joint: .*, or name the arm's with --actuators"):
+        made_of(tmp_path / "one.xml", text)
+    robot = made_of(tmp_path / "two.xml", text, actuators=["j", "k"])
+    assert robot.limits.names == ("j", "k")
+    assert robot.model.mj.body("cube").pos.tolist() == [2.0, 0.0, 1.0]
+
+
 def test_efforts_are_those_of_the_actuators_in_mjcf(tmp_path: Path) -> None:
     robot = made_of(tmp_path / "arm.xml", MJCF, without=["fl", "fr"])
     assert robot.limits.max_effort.tolist() == [87.0, 60.0]

@@ -23,6 +23,7 @@ from cobot.robot.description import load_robot
     ("file", "old", "new", "reason"),
     [
         ("model.xml", "<general ", '<general biastype="affine" biasprm="0 -9 0" ', "no <motor>"),
+        ("model.xml", "<general ", '<general gear="50" ', "no <motor>"),
         ("joint_limits.yaml", "max_position: 2.9", "max_position: 3.0", "set min_position to -2.9"),
         ("joint_limits.yaml", "max_position: 0.5", "max_position: 500", "looks like millimetres"),
         ("joint_limits.yaml", "max_velocity: 1.5", "max_velocity: 1500.0", "1500 m/s, which looks like mm/s"),
