@@ -91,7 +91,8 @@ class RobotModel:
         except ValueError as exc:
             if error := exhausted(exc):
                 raise error from exc
-            raise ConfigError(f"{path}: MuJoCo cannot load it: {' '.join(str(exc).split())}") from exc
+            said = " ".join(str(exc).split())
+            raise ConfigError(f"{path}: MuJoCo cannot load it: {said}{_advice(path, said)}") from exc
         except ConfigError as exc:
             raise ConfigError(f"{path}: {exc}") from exc
 
@@ -249,6 +250,15 @@ class RobotModel:
     def gravity(self) -> Array:
         """The acceleration of free fall, shape (3,), m/s², in the base frame."""
         return np.asarray(self.chain.base_rotation.T @ self.mj.opt.gravity)
+
+
+def _advice(path: Path, said: str) -> str:
+    """For files as ROS has them."""
+    if path.suffix == ".xacro":
+        return f"; it is xacro, expand it first: xacro {path.name} > {path.name.split('.')[0]}.urdf"
+    if "package:" in said:
+        return f"; let `cobot new-robot {path.name} --package FOLDER` make a model of it, with its meshes"
+    return ""
 
 
 def _read(path: Path, tcp: str) -> mujoco.MjSpec:

@@ -96,3 +96,26 @@ def _found(made: Path) -> str:
     with (made / "out").open("w") as out:
         items = check(settings, made / "cobot-setting.yaml", out)
     return " ".join(item.found for item in items if not item.good)
+
+
+@pytest.mark.parametrize(
+    ("name", "advice"),
+    [
+        ("arm.urdf.xacro", "it is xacro, expand it first: xacro arm.urdf.xacro > arm.urdf"),
+        ("arm.urdf", "let `cobot new-robot arm.urdf --package FOLDER` make a model of it"),
+    ],
+)
+@pytest.mark.usefixtures("signals_and_log")
+def test_a_model_as_ros_has_it_is_refused_with_the_command_that_makes_one_of_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, advice: str
+) -> None:
+    (tmp_path / "arm.urdf").write_text(urdf(ARMS["ur"]))
+    made = tmp_path / "made"
+    NewRobot(tmp_path / "arm.urdf").write(made)
+    mesh = '<mesh filename="package://parts/a.stl"/>'
+    (made / name).write_text(urdf(ARMS["ur"]).replace('<sphere radius="0.03"/>', mesh, 1))
+    settings = yaml.safe_load((made / "cobot-setting.yaml").read_text())
+    settings["robot"]["model"] = name
+    (made / "cobot-setting.yaml").write_text(yaml.safe_dump(settings))
+    assert advice in _found(made)
+    assert advice in _said_by_run(made, capsys)
