@@ -326,9 +326,9 @@ cdef class Controller:
         elif kind == Command.RESET:
             refusal = self._reset(measured)
         elif kind == Command.TOOL:
-            refusal = self._take_tool(int(command["tool"]))
+            refusal = self._take_tool(int(command["tool"]), int(command["scene"]))
         elif kind == Command.SCENE:
-            refusal = self._take_scene()
+            refusal = self._take_scene(int(command["scene"]))
         else:
             refusal = f"there is no command {kind}"
         if refusal is not None:
@@ -387,12 +387,17 @@ cdef class Controller:
         self._info.data["tool_version"] = tool.version
         self._info.publish()
 
-    def _take_scene(self):
+    def _take_scene(self, version):
         """Read anew what stands around the arm, as soon as it rests; a session waits for it."""
         if self.c_streams() or self.streaming.session:
             return f"somebody streams (mode {self.mode.name}): the scene changes before or after that"
-        self._changed = True
+        self._hear_of(version)
         return ""
+
+    def _hear_of(self, version):
+        self._changed = True
+        self._info.data["scene_version"] = version
+        self._info.publish()
 
     def watch_scene(self):
         """Have streams know from the beginning what stands around the arm; before the first cycle."""
@@ -400,6 +405,7 @@ cdef class Controller:
             self.streaming.watch(self.surroundings.read())
         except CobotError as exc:
             self._unseen = str(exc)
+        self._info.data["scene_version"] = self.surroundings.version
 
     cdef void _surround(self) except *:
         """Have the surroundings read, or take over what has been made of them."""
@@ -415,7 +421,7 @@ cdef class Controller:
         if monitor is not None:
             self.streaming.watch(monitor)
 
-    def _take_tool(self, version):
+    def _take_tool(self, version, scene_version):
         """Carry what stands in the tool's block. The arm rests: the command stays what it is, and the torques
         that hold it follow the weight within the same cycle.
         """
@@ -429,7 +435,7 @@ cdef class Controller:
             if tool.version != version:
                 return f"version {tool.version} of the tool stands there, not {version}"
             self.carry(tool)
-            self._changed = True  # Its shapes stand in its file.
+            self._hear_of(scene_version)  # Its shapes stand in its file.
         except (InputError, LimitError, ValueError, BackendError) as exc:
             return str(exc)
         return ""

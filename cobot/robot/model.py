@@ -15,6 +15,7 @@ from cobot.robot.chain import Chain
 from cobot.robot.dynamics import Dynamics
 from cobot.robot.inverse_kinematics.arm import Arm
 from cobot.robot.inverse_kinematics.geometry import recognised
+from cobot.robot.load import carrying
 from cobot.robot.payload import Carrier
 from cobot.robot.quaternion import from_matrix
 from cobot.robot.scene import Numbers7, Scene, compiled
@@ -35,6 +36,8 @@ class RobotModel:
         chain: the kinematics, which compiled code calls without Python.
         dynamics: inertia and bias forces, likewise.
         tool: what is on the flange; `carry` changes it.
+        attached: the scene whose attached objects are carried with it.
+        carried: the tool with their masses.
         spec: what MuJoCo's model was made of, for one with more in it; None if it was made elsewhere.
     """
 
@@ -67,7 +70,8 @@ class RobotModel:
         except InputError as exc:
             raise ConfigError(str(exc)) from exc
         self.dynamics = Dynamics(mj)
-        self.tool = BARE
+        self.tool = self.carried = BARE
+        self.attached = Scene()
         self._carrier = Carrier(mj, self._base, self.tcp_site)
         self._given = np.zeros(limits.dof)
         moved = np.abs(self.jacobian(np.full(limits.dof, 0.5))).max(axis=0) > 0.0
@@ -122,13 +126,15 @@ class RobotModel:
         """That of the model's file, shape (3,), m/s², in the base frame."""
         return np.asarray(self.chain.base_rotation.T @ self._carrier.gravity)
 
-    def carry(self, tool: Tool) -> None:
-        """Have this tool on the flange instead: mass, TCP and gravity, for all who use this model's `mj`,
-        `chain` and `dynamics`. Its shapes are the collision checker's. Some 200 µs; nobody may compute
-        meanwhile.
+    def carry(self, tool: Tool, scene: Scene | None = None) -> None:
+        """Have this tool on the flange instead, and what is attached in this scene, or nothing: mass, TCP and
+        gravity, for all who use this model's `mj`, `chain` and `dynamics`. Shapes are the collision
+        checker's. Some 200 µs; nobody may compute meanwhile.
         """
+        self.attached = scene or Scene()
+        self.carried = carrying(tool, self.attached, self.tcp_in_flange(tool))
         gravity = None if tool.gravity is None else self.chain.base_rotation @ tool.gravity
-        self._carrier.load(tool, gravity)
+        self._carrier.load(self.carried, gravity)
         self.dynamics.settle()
         self.chain.reach(self.mj, self.tcp_site)
         self.__dict__.pop("inverse_kinematics", None)
