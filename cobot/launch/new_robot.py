@@ -112,7 +112,8 @@ class NewRobot:
             if joint.get("name") in self.without
             or (self.actuators and joint.get("name") not in self.actuators)
         }
-        return robot_file.read_urdf(self.file, root, still, self.packages), robot_file.urdf_rates(root)
+        spec = robot_file.read_urdf(self.file, root, still, self.packages)
+        return spec, robot_file.urdf_rates(self.file, root)
 
     def _driven(self, spec: mujoco.MjSpec) -> list[str]:
         """The joints that move; nothing else is left of the others."""

@@ -24,6 +24,8 @@ VELOCITY = {False: 1.0, True: 0.25}
 """Guessed for a hinge, rad/s, and a slide, m/s."""
 ACCELERATION_PER_VELOCITY, JERK_PER_ACCELERATION = 4.0, 10.0
 """Full speed in a quarter of a second, full acceleration in a tenth."""
+MANY_TURNS_RAD = 8.0 * np.pi
+"""Few joints turn so far either way: who has this in a file may have written degrees."""
 EFFORT_RESERVE = 2.5
 """Guessed effort, of what gravity and the guessed acceleration need at the most of the samples."""
 
@@ -61,12 +63,16 @@ def limits(
     ranges, velocities, known = np.zeros((len(names), 2)), np.zeros(len(names)), np.zeros(len(names))
     for index, name in enumerate(names):
         slides = bool(mj.jnt_type[index] == mujoco.mjtJoint.mjJNT_SLIDE)
-        ranges[index] = mj.jnt_range[index]
+        low, high = ranges[index] = mj.jnt_range[index]
         if not mj.jnt_limited[index]:
             if slides:
                 raise ConfigError(f"{file}: the slide {name!r} has no range; give it one, in m")
             ranges[index] = -2.0 * np.pi, 2.0 * np.pi
             guessed.append(f"{name}: position ±6.28319 rad, the file has no range")
+        elif not slides and np.abs(ranges[index]).max() > MANY_TURNS_RAD:
+            guessed.append(
+                f"{name}: position {low:g} to {high:g} rad as in the file, these look like degrees"
+            )
         velocity, effort = rates.get(name, (0.0, 0.0))
         if velocity <= 0.0:
             velocity = VELOCITY[slides]

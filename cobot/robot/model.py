@@ -52,7 +52,7 @@ class RobotModel:
         self.mj = mj
         self.spec = spec
         self.limits = limits
-        self._base = _named(mj, mujoco.mjtObj.mjOBJ_BODY, base, "robot.base_frame")
+        self._base = _base_body(mj, base)
         joints = [mj.joint(index).name for index in range(mj.njnt)]
         if tuple(joints) != limits.names or mj.nv != limits.dof or mj.nq != limits.dof:
             raise ConfigError(
@@ -283,10 +283,11 @@ def _read(path: Path, tcp: str) -> mujoco.MjSpec:
     return spec
 
 
-def _named(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, setting: str) -> int:
-    index = mujoco.mj_name2id(model, kind, name)
+def _base_body(model: mujoco.MjModel, name: str) -> int:
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
     if index < 0:
-        raise ConfigError(f"{setting}: the model has no {name!r}")
+        still = [model.body(body).name for body in range(model.nbody) if model.body_weldid[body] == 0]
+        raise ConfigError(f"robot.base_frame: the model has no {name!r}; valid are: {', '.join(still)}")
     return int(index)
 
 

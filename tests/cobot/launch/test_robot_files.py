@@ -241,6 +241,13 @@ def test_a_collision_shape_that_mujoco_cannot_read_is_to_be_converted(tmp_path: 
         made_of(tmp_path / "arm.urdf", text)
 
 
+def test_degrees_in_the_file_are_asked_about(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(urdf(ARMS["ur"]).replace('upper="2.9"', 'upper="170"', 1))
+    new = NewRobot(tmp_path / "arm.urdf")
+    new.write(tmp_path / "arm")
+    assert "a0: position -2.9 to 170 rad as in the file, these look like degrees" in new.guessed
+
+
 def test_millimetres_in_the_file_are_refused_by_its_name(tmp_path: Path) -> None:
     text = urdf(ARMS["gantry"]).replace('lower="-0.5" upper="0.5"', 'lower="-500" upper="500"', 1)
     with pytest.raises(
