@@ -19,6 +19,7 @@ from cobot.robot.payload import Carrier
 from cobot.robot.quaternion import from_matrix
 from cobot.robot.scene import Numbers7, Scene, compiled
 from cobot.robot.tool import BARE, Tool, chained, inverse
+from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits, Pose
 
 
@@ -35,6 +36,7 @@ class RobotModel:
         chain: the kinematics, which compiled code calls without Python.
         dynamics: inertia and bias forces, likewise.
         tool: what is on the flange; `carry` changes it.
+        last_efforts: see `effort_samples`.
         spec: what MuJoCo's model was made of, for one with more in it; None if it was made elsewhere.
     """
 
@@ -64,6 +66,7 @@ class RobotModel:
         except InputError as exc:
             raise ConfigError(str(exc)) from exc
         self.dynamics = Dynamics(mj)
+        self.last_efforts: tuple[Trajectory, Array, Array] | None = None
         self.tool = BARE
         self._carrier = Carrier(mj, self._base, self.tcp_site)
         self._given = np.zeros(limits.dof)
@@ -126,6 +129,7 @@ class RobotModel:
         gravity = None if tool.gravity is None else self.chain.base_rotation @ tool.gravity
         self._carrier.load(tool, gravity)
         self.dynamics.settle()
+        self.last_efforts = None
         self.chain.reach(self.mj, self.tcp_site)
         self.__dict__.pop("inverse_kinematics", None)
         self.tool = tool
