@@ -159,6 +159,8 @@ class JointLimits:
 
     def including(self, position: Array) -> JointLimits:
         """The same, but no tighter than this position: an arm that was pushed beyond may go back."""
+        if ((self.min_position <= position) & (position <= self.max_position)).all():
+            return self
         low, high = np.minimum(self.min_position, position), np.maximum(self.max_position, position)
         return replace(self, min_position=low, max_position=high)
 

@@ -111,7 +111,12 @@ def _bounds(
 
 
 def effort_samples(model: RobotModel, trajectory: Trajectory) -> tuple[Array, Array]:
-    """Times, shape (n,), s, and what the drives need there, shape (n, dof), N·m, without friction."""
+    """Times, shape (n,), s, and what the drives need there, shape (n, dof), N·m, without friction.
+
+    A planner looks at them, and then whoever checks its motion: the model keeps those of the last one.
+    """
+    if model.last_efforts is not None and model.last_efforts[0] is trajectory:
+        return model.last_efforts[1:]
     knots = trajectory.breakpoints_s
     durations = np.diff(knots)
     step_s = max(EFFORT_STEP_S, trajectory.duration_s / MOST_EFFORT_STEPS)
@@ -120,7 +125,10 @@ def effort_samples(model: RobotModel, trajectory: Trajectory) -> tuple[Array, Ar
     number = np.arange(len(segment)) - np.repeat(np.cumsum(counts) - counts, counts)
     times = np.append(knots[segment] + durations[segment] * number / counts[segment], knots[-1])
     joints, velocity, acceleration, _ = pieces_at(knots, trajectory.coefficients, times)
-    return times, model.dynamics.inverse(joints, velocity, acceleration)
+    efforts = model.dynamics.inverse(joints, velocity, acceleration)
+    times.flags.writeable = efforts.flags.writeable = False
+    model.last_efforts = trajectory, times, efforts
+    return times, efforts
 
 
 def check_efforts(model: RobotModel, trajectory: Trajectory, limits: JointLimits) -> None:

@@ -20,6 +20,7 @@ from cobot.robot.payload import Carrier
 from cobot.robot.quaternion import from_matrix
 from cobot.robot.scene import Numbers7, Scene, compiled
 from cobot.robot.tool import BARE, Tool, chained, inverse
+from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits, Pose
 
 
@@ -38,6 +39,7 @@ class RobotModel:
         tool: what is on the flange; `carry` changes it.
         attached: the scene whose attached objects are carried with it.
         carried: the tool with their masses.
+        last_efforts: see `effort_samples`.
         spec: what MuJoCo's model was made of, for one with more in it; None if it was made elsewhere.
     """
 
@@ -70,6 +72,7 @@ class RobotModel:
         except InputError as exc:
             raise ConfigError(str(exc)) from exc
         self.dynamics = Dynamics(mj)
+        self.last_efforts: tuple[Trajectory, Array, Array] | None = None
         self.tool = self.carried = BARE
         self.attached = Scene()
         self._carrier = Carrier(mj, self._base, self.tcp_site)
@@ -136,6 +139,7 @@ class RobotModel:
         gravity = None if tool.gravity is None else self.chain.base_rotation @ tool.gravity
         self._carrier.load(self.carried, gravity)
         self.dynamics.settle()
+        self.last_efforts = None
         self.chain.reach(self.mj, self.tcp_site)
         self.__dict__.pop("inverse_kinematics", None)
         self.tool = tool
