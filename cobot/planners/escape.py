@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import nnls
 
 from cobot.errors import CollisionError
 from cobot.motions.requests import MotionRequest
@@ -129,6 +128,8 @@ def _shortest(rows: Array, needs: Array) -> Array | None:
     """The shortest x with rows @ x >= needs, None if there is none: least distance programming (Lawson and
     Hanson, "Solving Least Squares Problems", 1974, chapter 23).
     """
+    from scipy.optimize import nnls
+
     matrix = np.vstack([rows.T, needs])
     right = np.zeros(len(matrix))
     right[-1] = 1.0
