@@ -154,7 +154,7 @@ def test_a_short_line_takes_as_long_as_another_optimiser_finds_under_the_same_li
     home = np.array(robot.positions["home"].joints)
     start = home + random.uniform(-0.3, 0.3, 7)
     here, across = robot.model.forward(start), random.normal(size=3)
-    goal = Pose(here.position + 0.15 * across / np.linalg.norm(across), here.quaternion)
+    goal = Pose(here.position + 0.1 * across / np.linalg.norm(across), here.quaternion)
     line = plan(robot, MotionRequest(start, goal, PlannerName.LIN, Scaling(1.0)))
     assert line is not None
     path = Path.of_trajectory(line)
