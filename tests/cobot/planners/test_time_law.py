@@ -18,6 +18,7 @@ from second_opinion import second_robot
 from toppra.algorithm import TOPPRA
 from toppra.constraint import JointAccelerationConstraint, JointVelocityConstraint
 
+from benchmarks.jerk_price import Optimiser
 from cobot.errors import PlanningError
 from cobot.motions.requests import Envelope, RatedMove
 from cobot.planners import MotionRequest, plan
@@ -25,7 +26,7 @@ from cobot.planners.blend import blend
 from cobot.planners.path import Path
 from cobot.planners.rated import plan_rated
 from cobot.planners.spline import control_spline, resampled
-from cobot.planners.time_law import Timed, retimed, time_optimal
+from cobot.planners.time_law import Timed, retimed, time_optimal, with_room
 from cobot.planners.waypoints import through
 from cobot.robot.description import RobotDescription
 from cobot.robot.feasibility import stretch_to_limits
@@ -143,6 +144,23 @@ def test_random_paths_take_little_longer_than_without_jerk_limits(robot: RobotDe
     assert min(ratios) > 0.999, "toppra's optimum on the same path cannot be beaten"
     assert np.median(ratios) < 1.10
     assert np.percentile(ratios, 95) < 1.25
+
+
+def test_a_short_line_takes_as_long_as_another_optimiser_finds_under_the_same_limits(
+    robot: RobotDescription,
+) -> None:
+    # There jerk costs most, up to 1.4 times toppra's duration. Oracle: sequential linear programs over time.
+    random, limits = np.random.default_rng(23), planned_limits(robot)
+    home = np.array(robot.positions["home"].joints)
+    start = home + random.uniform(-0.3, 0.3, 7)
+    here, across = robot.model.forward(start), random.normal(size=3)
+    goal = Pose(here.position + 0.1 * across / np.linalg.norm(across), here.quaternion)
+    line = plan(robot, MotionRequest(start, goal, PlannerName.LIN, Scaling(1.0)))
+    assert line is not None
+    path = Path.of_trajectory(line)
+    timed = time_optimal(robot, path, limits)
+    best_s = Optimiser(path, with_room(robot, limits), 40).shortest_s(timed.progress)
+    assert 0.98 * best_s < timed.trajectory.duration_s < 1.01 * best_s
 
 
 @pytest.mark.parametrize("distance_rad", [1e-5, 1e-3, 0.05, 0.3, 2.0])
