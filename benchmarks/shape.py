@@ -83,6 +83,9 @@ def _circ_flaws(positions: Array, turns: Rotation, request: MotionRequest) -> It
         to_via = np.arctan2((request.via - centre) @ y, (request.via - centre) @ x) % (2.0 * np.pi)
         if not 0.0 <= to_via <= angles[-1] + 1e-6:
             yield f"path: it leads the other way round, to {angles[-1]:.3f} rad, via at {to_via:.3f} rad"
+    if abs(rise) > radius * abs(angles[-1]):  # the angle of a steep helix says little
+        shares = (positions - positions[0]) @ axis / rise
+        angles = shares * angles[-1]
     wanted = centre + np.cos(angles)[:, None] * x + np.sin(angles)[:, None] * y
     wanted += (shares * rise)[:, None] * axis
     beside = float(np.linalg.norm(positions - wanted, axis=1).max())

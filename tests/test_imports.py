@@ -10,9 +10,26 @@ SLOW = {"cobot.planners", "httpx", "ompl", "rich", "ruckig", "scipy"}
 """What only planning processes and clients need."""
 
 
+PLANNING = (
+    "app.services.motion.planning_worker",
+    "app.services.motion.planning_tasks",
+    "cobot.planners.blend",
+)
+
+
+def test_a_planning_process_is_ready_without_what_only_some_planners_need() -> None:
+    imported = _imported(PLANNING)
+    assert "cobot.planners.ptp" in imported
+    assert not imported & {"scipy", "ompl"}
+
+
 def test_no_process_imports_what_only_planners_and_clients_need() -> None:
-    code = f"import sys, {', '.join(PROCESSES)}; print(*sys.modules, sep='\\n')"
+    assert not _imported(PROCESSES) & SLOW
+
+
+def _imported(modules: tuple[str, ...]) -> set[str]:
+    code = f"import sys, {', '.join(modules)}; print(*sys.modules, sep='\\n')"
     done = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True)
     imported = set(done.stdout.splitlines())
-    assert imported >= set(PROCESSES)
-    assert not imported & SLOW
+    assert imported >= set(modules)
+    return imported

@@ -10,10 +10,11 @@ import asyncio
 import gc
 import json
 from collections.abc import AsyncIterator, Callable, Coroutine
+from inspect import iscoroutinefunction
 from typing import Annotated, Any, TypeVar, cast
 
 from fastapi import Depends, HTTPException, Request, Response
-from fastapi.routing import APIRoute
+from fastapi.routing import APIRoute, serialize_response
 from pydantic import BaseModel, ValidationError
 from starlette.requests import HTTPConnection
 
@@ -191,18 +192,45 @@ def without_collection(function: Callable[..., Result], *arguments: Any) -> Resu
 
 class CobotRoute(APIRoute):
     """Of a request with a body: notes the count of stops before it came in, takes it apart strictly, and lets
-    nobody else wait for a large one.
+    nobody else wait for a large one. Of a state, which is polled: answers without FastAPI's looking for what
+    the endpoint might depend on.
     """
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         handler = super().get_route_handler()
         if self.methods == {"GET"}:
-            return handler
+            return self._state_handler() if self._takes_request_alone() else handler
 
         async def handle(request: Request) -> Response:
             ownership = services_of(request).ownership
             request.scope[STOPS] = ownership.stops_before(request.scope.get(BEGUN_S))
             return await handler(_CobotRequest(request.scope, request.receive))
+
+        return handle
+
+    def _takes_request_alone(self) -> bool:
+        """Whether the endpoint takes nothing but the request, and answers with a model as JSON."""
+        asked = self.dependant
+        return (
+            self.response_field is not None
+            and iscoroutinefunction(self.endpoint)
+            and asked.request_param_name is not None
+            and not (asked.dependencies or asked.path_params or asked.query_params or asked.header_params)
+            and not (asked.cookie_params or asked.body_params or self.dependencies)
+            and not (asked.response_param_name or asked.background_tasks_param_name)
+        )
+
+    def _state_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
+        """As FastAPI answers: what the endpoint returns is checked against its model."""
+        endpoint, name = self.endpoint, str(self.dependant.request_param_name)
+        field, status = self.response_field, self.status_code or 200
+
+        async def handle(request: Request) -> Response:
+            returned = await endpoint(**{name: request})
+            if isinstance(returned, Response):
+                return returned
+            content = await serialize_response(field=field, response_content=returned, dump_json=True)
+            return Response(content, status, media_type="application/json")
 
         return handle
 

@@ -117,7 +117,9 @@ def with_tokens(
     def described() -> dict[str, Any]:
         schema = openapi()
         bearer = {"type": "http", "scheme": "bearer", "description": "of `cobot token create`"}
-        schema.setdefault("components", {})["securitySchemes"] = {"token": bearer}
+        components = schema.setdefault("components", {})
+        components["securitySchemes"] = {"token": bearer}
+        components.setdefault("responses", {}).update(error_components(401, 403))
         for path, operations in schema["paths"].items():
             for method, endpoint in operations.items():
                 name = endpoint.get("x-role") or roles[f"{method.upper()} {path}"].name.lower()
@@ -125,12 +127,21 @@ def with_tokens(
                     continue
                 endpoint["security"] = [{"token": []}]
                 endpoint["description"] += f"\n\nNeeds the role {name}."
-                for status, each in responses(401, 403).items():
-                    reference = {"schema": {"$ref": "#/components/schemas/ErrorAnswer"}}
-                    endpoint["responses"][str(status)] = {
-                        "description": each["description"],
-                        "content": {"application/json": reference},
-                    }
+                endpoint["responses"] |= error_references(401, 403)
         return schema
 
     return described
+
+
+def error_components(*statuses: int) -> dict[str, Any]:
+    """Error answers, for `components.responses`: once, for a browser has 300 endpoints to read."""
+    reference = {"schema": {"$ref": "#/components/schemas/ErrorAnswer"}}
+    return {
+        f"Error{status}": {"description": each["description"], "content": {"application/json": reference}}
+        for status, each in responses(*statuses).items()
+    }
+
+
+def error_references(*statuses: int) -> dict[str, Any]:
+    """The same answers, as an endpoint has them."""
+    return {str(status): {"$ref": f"#/components/responses/Error{status}"} for status in statuses}

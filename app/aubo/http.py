@@ -19,8 +19,8 @@ from starlette.types import Scope
 from app.api.access import identity_of
 from app.api.clients import MOTION_TOKEN
 from app.api.dependencies import BEGUN_S, LARGE_BYTES, decoded, json_body, services_of
-from app.api.errors import ErrorAnswer, responses
-from app.api.openapi import CONTROL
+from app.api.errors import ErrorAnswer
+from app.api.openapi import CONTROL, error_components, error_references
 from app.aubo.classes import CLASSES, REGISTRY
 from app.aubo.fields import REQUIRED, Field
 from app.aubo.registry import Origin, Service, bind, run, unknown_service
@@ -116,11 +116,13 @@ def schema(rest: dict[str, Any], robots: list[str]) -> dict[str, Any]:
     services = sorted(REGISTRY.values(), key=lambda found: order.index(found.robot_class))
     components = dict(rest.get("components", {}))
     components["schemas"] = {"ErrorAnswer": ErrorAnswer.model_json_schema()}
+    components["parameters"] = {"robot": robot, "control": CONTROL}
+    components["responses"] = error_components(*STATUSES)
     return {
         **{key: value for key, value in rest.items() if key in ("openapi", "security", "servers")},
         "info": {**rest["info"], "title": "cobot: vendor services", "description": DESCRIPTION},
         "paths": {
-            f"/{{robot}}/{found.robot_class}/{found.method}": {"post": _operation(found, robot)}
+            f"/{{robot}}/{found.robot_class}/{found.method}": {"post": _operation(found)}
             for found in services
         },
         "components": components,
@@ -128,7 +130,7 @@ def schema(rest: dict[str, Any], robots: list[str]) -> dict[str, Any]:
     }
 
 
-def _operation(found: Service, robot: dict[str, Any]) -> dict[str, Any]:
+def _operation(found: Service) -> dict[str, Any]:
     fields = {field.name: _schema(field) for field in found.parameters}
     needed = [field.name for field in found.parameters if field.default is REQUIRED]
     body: dict[str, Any] = {"type": "object", "properties": fields, "additionalProperties": False}
@@ -144,27 +146,21 @@ def _operation(found: Service, robot: dict[str, Any]) -> dict[str, Any]:
         },
         "required": ["code", "message", "result"],
     }
-    errors = {
-        str(status): {
-            "description": each.get("description", "There is no such robot, class or method."),
-            "content": {"application/json": {"schema": {"$ref": "#/components/schemas/ErrorAnswer"}}},
-        }
-        for status, each in responses(*STATUSES).items()
-    }
+    parameters = ("robot", "control") if found.robot_class in MOVING else ("robot",)
     return {
         "tags": [found.robot_class],
         "operationId": f"{found.robot_class}_{found.method}",
         "summary": f"{found.method}: {found.doc.partition('. ')[0].rstrip('.')}.",
         "description": found.doc,
         "x-role": found.role.name.lower(),
-        "parameters": [robot, CONTROL] if found.robot_class in MOVING else [robot],
+        "parameters": [{"$ref": f"#/components/parameters/{name}"} for name in parameters],
         "requestBody": {"required": bool(needed), "content": {"application/json": {"schema": body}}},
         "responses": {
             "200": {
                 "description": "Called: `code` says what became of it.",
                 "content": {"application/json": {"schema": answer}},
             },
-            **errors,
+            **error_references(*STATUSES),
         },
     }
 

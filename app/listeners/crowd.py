@@ -3,7 +3,9 @@
 There is room for so many connections, and for so many of one address. Who comes when it is full gets the
 place of a connection with which little is lost: one that has not said what it wants yet, one between two
 requests, one whose body is still on its way; the oldest of the address that has most of them. Who has just
-come has some time to speak before it is that one, else each newcomer of a flood would cost a stop its place.
+come has some time to speak before it is that one, else each newcomer of a flood would cost a stop its place;
+a stop or /health that waits for its turn is that one only where there are no others, for some time, unless
+half of an address do that.
 If all are being served, the newcomer gets a place of the reserve, on which only a stop and /health are
 answered.
 """
@@ -17,18 +19,21 @@ from enum import Enum, auto
 
 
 class Doing(Enum):
-    """What a connection is about; those of the first three can be closed without any loss but their own."""
+    """What a connection is about; those of the first four can be closed without any loss but their own."""
 
     ASKING = auto()  # its request, or the beginning of one, is on its way
     IDLE = auto()  # between two requests
     SENDING = auto()  # the body of its request is on its way
+    WAITING = auto()  # for the turn of what the reserve is there for: a stop, /health
     SERVED = auto()  # a request is being worked on
     STREAMING = auto()  # a WebSocket
 
 
-CLOSABLE = (Doing.ASKING, Doing.IDLE, Doing.SENDING)
+CLOSABLE = (Doing.ASKING, Doing.IDLE, Doing.SENDING, Doing.WAITING)
 SETTLED_S = 0.25
 """So long a connection may take to say what it wants before it goes before those that have said it."""
+TURN_S = 2.0
+"""So long a stop or /health may wait for its turn before it goes before those that have just come."""
 
 EXPIRING = 4
 """So many connections are ended at once whose time is up."""
@@ -67,10 +72,17 @@ class _Address:
         return sum(map(len, self.visits.values()))
 
     def dispensable(self, now_s: float) -> Visit | None:
-        """Who has to go; one that has just come only where there are no others."""
+        """Who has to go; one that has just come, or waits for its turn, only where there are no others."""
         oldest = [next(iter(self.visits[doing])) for doing in CLOSABLE if self.visits[doing]]
-        settled = (visit for visit in oldest if now_s - visit.since_s >= SETTLED_S)
-        return next(settled, None) or min(oldest, key=lambda visit: visit.since_s, default=None)
+        settled = (visit for visit in oldest if now_s - visit.since_s >= _settled_s(visit))
+        few = len(self.visits[Doing.WAITING]) <= self.count / 2
+        return next(settled, None) or min(
+            oldest, key=lambda visit: (few and visit.doing is Doing.WAITING, visit.since_s), default=None
+        )
+
+
+def _settled_s(visit: Visit) -> float:
+    return TURN_S if visit.doing is Doing.WAITING else SETTLED_S
 
 
 class Crowd:

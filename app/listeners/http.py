@@ -161,7 +161,7 @@ class HttpProtocol(HttpToolsProtocol):
         A stop or /health whose turn has not come keeps its place for longer than who has not said anything.
         """
         if STOP.match(data) or HEALTH.match(data):
-            self._crowd.go_on(self._visit, Doing.SENDING, self.loop.time() + self._limits.header_timeout_s)
+            self._crowd.go_on(self._visit, Doing.WAITING, self.loop.time() + self._limits.header_timeout_s)
         elif self._visit.reserved and b"\r\n" in data:
             self._refuse_crowded()
             return False

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from cobot.errors import InputError
 from cobot.motions.points import labels_of, require_order, require_rest, require_start
@@ -41,6 +40,8 @@ class Course:
 
     def motion(self) -> Trajectory:
         """The curve: quintics between the points."""
+        from scipy.interpolate import CubicSpline
+
         spline = CubicSpline(self.times_s, self.positions, bc_type="clamped")
         velocities, accelerations = spline(self.times_s, 1), spline(self.times_s, 2)
         accelerations[[0, -1]] = 0.0

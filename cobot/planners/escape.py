@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import nnls
 
 from cobot.errors import CollisionError
 from cobot.motions.requests import MotionRequest
@@ -66,7 +65,8 @@ def _no_way_out(robot: RobotDescription, request: MotionRequest, inside: Array) 
         )
     beyond = np.abs(inside - request.start)
     joint = int(beyond.argmax())
-    said = f"the start: {robot.limits.names[joint]} is {beyond[joint]:.4f} rad beyond its limit"
+    unit = robot.limits.unit(joint)
+    said = f"the start: {robot.limits.names[joint]} is {beyond[joint]:.4f} {unit} beyond its limit"
     try:
         robot.collision.check_trajectory(plan_ptp(robot, request, inside))
     except CollisionError as exc:
@@ -128,6 +128,8 @@ def _shortest(rows: Array, needs: Array) -> Array | None:
     """The shortest x with rows @ x >= needs, None if there is none: least distance programming (Lawson and
     Hanson, "Solving Least Squares Problems", 1974, chapter 23).
     """
+    from scipy.optimize import nnls
+
     matrix = np.vstack([rows.T, needs])
     right = np.zeros(len(matrix))
     right[-1] = 1.0
@@ -146,7 +148,7 @@ def _note(robot: RobotDescription, start: Array, inside: Array, exit_joints: Arr
     beyond = np.abs(inside - start)
     if beyond.max() > 0.0:
         joint = int(beyond.argmax())
-        reasons.append(f"{limits.names[joint]} is {beyond[joint]:.4f} rad beyond its limit")
+        reasons.append(f"{limits.names[joint]} is {beyond[joint]:.4f} {limits.unit(joint)} beyond its limit")
     contacts: list[Contact] = robot.collision.contacts(start)
     if contacts:
         reasons.append(f"the start is in collision: {contacts[0]}")
@@ -154,5 +156,6 @@ def _note(robot: RobotDescription, start: Array, inside: Array, exit_joints: Arr
     joint = int(np.abs(way).argmax())
     return (
         f"{' and '.join(reasons)}; the motion leaves this first by the shortest way, "
-        f"{np.linalg.norm(way):.4f} rad, {limits.names[joint]} by {way[joint]:+.4f} rad"
+        f"{np.linalg.norm(way):.4f} {limits.units}, {limits.names[joint]} by {way[joint]:+.4f} "
+        f"{limits.unit(joint)}"
     )

@@ -5,15 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from math import factorial
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import BSpline, make_interp_spline
 
 from cobot.errors import InputError
 from cobot.polynomials import pieces_at
 from cobot.robot.clearance import bezier
 from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 DEGREE = ORDER - 1
 SWUNG = 1.0
@@ -60,6 +63,8 @@ class Path:
     @classmethod
     def through(cls, parameters: Array, points: Array) -> Path:
         """Through points, shape (n, dof), at parameters, shape (n,), with four continuous derivatives."""
+        from scipy.interpolate import make_interp_spline
+
         degree = min(DEGREE, len(points) - 1)
         return cls.of_spline(make_interp_spline(parameters, points, k=degree))
 

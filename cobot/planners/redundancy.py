@@ -10,17 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import BSpline
-from scipy.linalg import solveh_banded
 
 from cobot.planners.lattice import cheapest
 from cobot.planners.tcp_path import TcpPath
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import SrsArm
 from cobot.types import Array
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 PLACE_M, PLACE_RAD = 0.015, 0.06
 LEAST_PLACES, MOST_PLACES = 24, 128
@@ -103,6 +105,8 @@ class Graph:
 
     def profiles(self, free: bool) -> Iterator[Profile]:
         """Smoother ones first, of each branch that the start is at; see `_cheapest`."""
+        from scipy.interpolate import BSpline
+
         for branch in self._branches:
             angles = self._cheapest(branch, free)
             if angles is not None:
@@ -205,6 +209,8 @@ def _smooth_within(angles: Array, corridor: Array, smoothness: float) -> tuple[A
 
 
 def _whittaker(wanted: Array, weights: Array, smoothness: float) -> Array:
+    from scipy.linalg import solveh_banded
+
     count = len(wanted)
     bands = np.zeros((3, count))
     for row, value in enumerate((1.0, -2.0, 1.0)):

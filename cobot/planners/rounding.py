@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.linalg import solveh_banded
 
 from cobot.types import Array
 
@@ -74,6 +73,8 @@ def _change(positions: Array, weight: float) -> Array:
     Args:
         weight: of the differences; what repeats within fewer than 2 π weight^(1/8) rows is taken out.
     """
+    from scipy.linalg import solveh_banded
+
     count = len(positions)
     away = positions - positions[0]
     differences = sum(c * away[k : count - ORDER + k] for k, c in enumerate(DIFFERENCE))

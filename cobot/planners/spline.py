@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from math import factorial
+from typing import TYPE_CHECKING
+
 import numpy as np
-from scipy.interpolate import BSpline
-from scipy.special import factorial
 
 from cobot.errors import CollisionError
 from cobot.planners.held import Held
@@ -14,6 +15,9 @@ from cobot.robot.clearance import bezier
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 DEGREE = 5
 FIRST_POINTS, LAST_POINTS = 12, 400
@@ -67,6 +71,8 @@ def resampled(corners: Array, count: int) -> Array:
 
 def control_spline(points: Array) -> BSpline:
     """The clamped uniform B-spline over [0, 1] with the given control points, shape (n, dof)."""
+    from scipy.interpolate import BSpline
+
     return BSpline(_knots(len(points)), points, DEGREE)
 
 
@@ -74,9 +80,10 @@ def pieces_of(spline: BSpline) -> Array:
     """A spline as Bezier curves, for `Clearance.contact`: control points, shape (n, degree + 1, dof)."""
     borders = np.unique(spline.t)
     orders = np.arange(spline.k + 1)
+    factorials = np.array([factorial(int(order)) for order in orders])
     derivatives = np.array([spline(borders[:-1], nu=int(order)) for order in orders])
     widths = np.diff(borders)[None, :, None] ** orders[:, None, None]
-    return bezier((derivatives * widths / factorial(orders)[:, None, None]).transpose(1, 2, 0))
+    return bezier((derivatives * widths / factorials[:, None, None]).transpose(1, 2, 0))
 
 
 def _knots(points: int) -> Array:

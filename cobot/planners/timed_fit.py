@@ -15,7 +15,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
 from cobot.planners.corridor import PARTS, asked_curve, deviation
 from cobot.planners.jerk_fit import fit
@@ -169,6 +168,8 @@ class _Fitting:
 
     def _first_slowness(self, grid_s: Array) -> Array:
         """What the velocities and the accelerations need, as far as they are no noise."""
+        from scipy.ndimage import gaussian_filter1d, maximum_filter1d
+
         velocity = self._curve.towards(grid_s)
         acceleration = np.gradient(velocity, grid_s[1], axis=0)
         needed = np.maximum(
@@ -179,6 +180,8 @@ class _Fitting:
 
     @staticmethod
     def _slower(slowness: Array, grid_s: Array, belongs_s: Array, needed: Array) -> Array:
+        from scipy.ndimage import gaussian_filter1d, maximum_filter1d
+
         factor = np.maximum(maximum_filter1d(needed, NEAR), HASTE)
         smooth = gaussian_filter1d(factor, SMOOTH, mode="nearest")
         return np.maximum(slowness * np.interp(grid_s, belongs_s, smooth), 1.0)

@@ -27,7 +27,6 @@ PLACES = 33
 """In the segment that exceeds a limit, for a message only: so many are looked at for where."""
 
 QUANTITIES = ("position", "velocity", "acceleration", "jerk")
-UNITS = ("rad", "rad/s", "rad/s²", "rad/s³")
 
 
 def check_limits(
@@ -62,7 +61,7 @@ def check_limits(
     place = f"from {begin:.3f} s to {end:.3f} s"
     if labels is not None:
         place = f"between {labels[segment]} and {labels[segment + 1]} ({place})"
-    name, quantity, unit = limits.names[joint], QUANTITIES[derivative], UNITS[derivative]
+    name, quantity, unit = limits.names[joint], QUANTITIES[derivative], limits.unit(joint, derivative)
     raise LimitError(
         f"{place} the {quantity} of {name} reaches {value:.6g} {unit}, its limit is {limit:.6g} {unit}, "
         f"at {100.0 * share:.0f} % of the motion",
@@ -145,9 +144,10 @@ def check_efforts(model: RobotModel, trajectory: Trajectory, limits: JointLimits
     sample, joint = np.unravel_index(int(share.argmax()), share.shape)
     place = float(times[sample] / trajectory.duration_s)
     name, needed = limits.names[int(joint)], float(abs(efforts[sample, joint]))
+    unit = limits.effort_unit(int(joint))
     limit = float(limits.max_effort[joint])
     raise LimitError(
-        f"after {100.0 * place:.0f} % of the motion ({times[sample]:.3f} s) {name} needs {needed:.4g} N·m, "
-        f"its limit is {limit:.4g} N·m",
-        findings=[Finding("effort", "effort", needed, limit, "N·m", place, (name,))],
+        f"after {100.0 * place:.0f} % of the motion ({times[sample]:.3f} s) {name} needs {needed:.4g} "
+        f"{unit}, its limit is {limit:.4g} {unit}",
+        findings=[Finding("effort", "effort", needed, limit, unit, place, (name,))],
     )

@@ -41,7 +41,7 @@ def main() -> int:
     parser.add_argument("--fd", type=int, required=True, help="descriptor of the socket")
     arguments = parser.parse_args()
     gc.disable()  # until all is there that stays
-    # What takes a second to import, for a worker that says it is ready shall be so.
+    # What nearly every task needs, for a worker that says it is ready shall be so.
     from app.services.motion import planning_tasks  # noqa: F401
     from cobot.config import load_settings
     from cobot.errors import CobotError

@@ -444,7 +444,8 @@ def test_swagger_shows_each_service_in_its_class(robot: Robot) -> None:
     assert body["additionalProperties"] is False
     assert body["properties"]["v"]["default"] == 0.5
     assert "rad/s" in body["properties"]["v"]["description"]
-    assert robot.name in move["parameters"][0]["schema"]["enum"]
+    assert move["parameters"][0] == {"$ref": "#/components/parameters/robot"}
+    assert robot.name in schema["components"]["parameters"]["robot"]["schema"]["enum"]
     assert (
         robot.post("MotionControl", "moveJoint", **body["examples"][0]).json()["code"] == 0
     )  # works unedited

@@ -9,7 +9,7 @@ from functools import partial
 
 import pytest
 
-from app.listeners.crowd import CLOSABLE, EXPIRING, SETTLED_S, Crowd, Doing, Visit
+from app.listeners.crowd import CLOSABLE, EXPIRING, SETTLED_S, TURN_S, Crowd, Doing, Visit
 
 GRACE_S = 0.02
 
@@ -21,8 +21,10 @@ class Guests:
         self.crowd = Crowd(places, per_address, reserve)
         self.closed: list[str] = []
 
-    def come(self, name: str, address: str = "a", doing: Doing = Doing.ASKING) -> Visit | None:
-        visit = self.crowd.enter(address, self._closing(name))
+    def come(
+        self, name: str, address: str = "a", doing: Doing = Doing.ASKING, now_s: float = 0.0
+    ) -> Visit | None:
+        visit = self.crowd.enter(address, self._closing(name), now_s)
         if visit is not None and doing is not Doing.ASKING:
             self.crowd.go_on(visit, doing)
         return visit
@@ -128,6 +130,27 @@ def test_who_has_just_come_stays_before_who_has_sent_a_body_for_longer() -> None
     assert closed == ["sends", "sends too"]
     crowd.enter("a", partial(closed.append, "of the flood too"), 2.0 + SETTLED_S)
     assert closed == ["sends", "sends too", "stop"], "it has said nothing"
+
+
+def test_a_health_that_waits_for_its_turn_stays_before_a_flood_of_newcomers_for_some_time() -> None:
+    """200 WebSockets came and came again, and each of the five tries of a /health was the oldest of all."""
+    guests = Guests(places=3, per_address=3, reserve=1)
+    guests.come("health", doing=Doing.WAITING)
+    for number in range(100):
+        assert guests.come(f"new {number}", now_s=number * TURN_S / 100)
+    assert guests.closed == [f"new {number}" for number in range(98)]
+    assert guests.come("late", now_s=TURN_S)
+    assert guests.closed[98:] == ["health"]
+
+
+def test_a_flood_of_those_does_not_take_a_stop_its_place() -> None:
+    guests = Guests(places=4, per_address=4, reserve=1)
+    for number in range(4):
+        guests.come(f"health {number}", doing=Doing.WAITING, now_s=0.001 * number)
+    guests.come("stop", now_s=0.004)
+    for number in range(3):
+        guests.come(f"new {number}", doing=Doing.WAITING, now_s=0.005 + 0.001 * number)
+    assert guests.closed == [f"health {number}" for number in range(4)]
 
 
 @pytest.mark.parametrize("seed", range(20))
