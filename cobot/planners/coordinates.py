@@ -12,6 +12,9 @@ from cobot.types import Array, CartesianLimits, JointLimits
 
 DIFFERENCE = 1e-4
 """The TCP's derivatives are differences over this share of the path."""
+STILL, STILL_BESIDE = 1e-9, 1e-4
+"""A part of the TCP's motion that is less than these, per unit of the path and beside the other part (rad for
+m), is what the joints' path deviates from the line: it is limited in speed alone."""
 DIRECTIONS = np.pi / 8.0 * np.array([-3.0, -1.0, 1.0, 3.0])
 """A vector is limited along these directions, rad from its tangent: an octagon within the circle, with
 corners on the tangent and on the normal, where it is exact. In between it lacks 8 % at the most."""
@@ -75,7 +78,12 @@ class Coordinates:
                     tcp_limits.max_angular_jerk,
                 ),
             )
-            self._tcp = [_Tcp(twists[:, :, part], *rate) for part, rate in zip(PARTS, rates, strict=True)]
+            amounts = [float(np.linalg.norm(twists[0, :, part], axis=1).max()) for part in PARTS]
+            still = [amount < max(STILL, STILL_BESIDE * max(amounts)) for amount in amounts]
+            self._tcp = [
+                _Tcp(twists[:, :, part], at_rest, *rate)
+                for part, at_rest, rate in zip(PARTS, still, rates, strict=True)
+            ]
         self.max_acceleration = np.concatenate(
             [limits.max_acceleration, *(np.full(tcp.rows, tcp.acceleration) for tcp in self._tcp)]
         )
@@ -122,19 +130,20 @@ class _Tcp:
         velocity, acceleration, jerk: its limits, the latter two in each of these directions.
     """
 
-    def __init__(self, twists: Array, velocity: float, acceleration: float, jerk: float) -> None:
+    def __init__(self, twists: Array, still: bool, velocity: float, acceleration: float, jerk: float) -> None:
         _, normal = _frame(twists)
         speed = velocity / np.maximum(np.linalg.norm(twists[0], axis=1), 1e-12)
         bend = np.abs((normal * twists[1]).sum(axis=1)) * speed**2
-        still = np.linalg.norm(twists[0], axis=1).max() < 1e-9
         straight = still or bend.max() < NEARLY_STRAIGHT * acceleration
-        self._directions = np.zeros(1) if straight else DIRECTIONS
+        self._directions = np.zeros(0 if still else 1) if straight else DIRECTIONS
         self.rows = len(self._directions)
         inner = 1.0 if straight else np.cos(np.pi / 8.0)
         self.velocity, self.acceleration, self.jerk = velocity, inner * acceleration, inner * jerk
 
     def projected(self, twists: Array) -> Array:
         """Derivatives, shape (3, n, 3), in the directions between tangent and normal, shape (3, n, rows)."""
+        if self.rows == 0:
+            return np.zeros((*twists.shape[:2], 0))
         tangent, normal = _frame(twists)
         along, across = (twists * tangent).sum(axis=2), (twists * normal).sum(axis=2)
         return np.asarray(

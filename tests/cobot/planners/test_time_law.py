@@ -23,6 +23,7 @@ from cobot.errors import PlanningError
 from cobot.motions.requests import Envelope, RatedMove
 from cobot.planners import MotionRequest, plan
 from cobot.planners.blend import blend
+from cobot.planners.coordinates import Coordinates
 from cobot.planners.path import Path
 from cobot.planners.rated import plan_rated
 from cobot.planners.spline import control_spline, resampled
@@ -205,6 +206,23 @@ def test_a_line_is_slow_only_where_a_joint_has_to_be(robot: RobotDescription) ->
     assert motion.duration_s <= 1.25 * max(
         least_duration_s(path, robot.limits), length / tcp.max_linear_velocity
     )
+
+
+def test_what_a_line_deviates_in_orientation_is_no_coordinate_but_stays_within_the_limits(
+    robot: RobotDescription,
+) -> None:
+    start = np.array(robot.positions["home"].joints)
+    here = robot.model.forward(start)
+    goal = Pose(here.position + np.array([-0.05, -0.1, 0.1]), here.quaternion)
+    line = plan(robot, MotionRequest(start, goal, PlannerName.LIN, Scaling(1.0)))
+    assert line is not None
+    path, tcp = Path.of_trajectory(line), robot.cartesian_limits
+    assert len(Coordinates(robot.model, path, robot.limits, tcp).max_jerk) == 7 + 1
+    times = np.linspace(0.0, line.duration_s, 400)
+    twists = robot.model.chain.twists(line.sample(times), line.sample(times, 1))[:, 3:]
+    jerk = np.gradient(np.gradient(twists, times, axis=0), times, axis=0)
+    assert np.abs(twists).max() < 1e-3 * tcp.max_angular_velocity
+    assert np.abs(jerk).max() < tcp.max_angular_jerk
 
 
 def followed(robot: RobotDescription, timed: Timed) -> tuple[Array, Array]:
