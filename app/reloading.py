@@ -15,7 +15,7 @@ import math
 import os
 import signal
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +24,19 @@ from starlette.datastructures import State
 from app.robot_services import Services
 from app.services.motion.ownership import Caller
 from cobot.config import Settings, load_endpoints, load_settings
-from cobot.errors import CobotError, ConfigError, ConflictError, InputError, LimitError, UnavailableError
+from cobot.errors import (
+    CobotError,
+    CollisionError,
+    ConfigError,
+    ConflictError,
+    InputError,
+    LimitError,
+    UnavailableError,
+)
 from cobot.launch.running_config import ProcessState, RunningConfig
 from cobot.robot.description import RobotDescription, load_robot
 from cobot.robot.limits import check_positions
-from cobot.types import RESTING, JointLimits, vector
+from cobot.types import RESTING, JointLimits
 
 LIVE_WEB = ("allowed_hosts", "allowed_origins", "max_body_bytes", "max_json_bytes", "stop_on_disconnect")
 """Of the section `web`: who needs one of these reads it from `app.state.web` each time, or is told."""
@@ -131,12 +139,12 @@ class Reloading:
             new = load_settings(self._source)
             endpoints = load_endpoints(new.web.endpoints)
             for each in new.each.values():
-                _check(each, load_robot(each))
+                load_robot(each).check_named_positions(each.robot.srdf)
             settings = self._merged(new)
             if self._running is not None:
                 settings = load_settings(self._running.prepare(settings))
             robots = {name: load_robot(each) for name, each in settings.each.items()}
-        except (ConfigError, LimitError) as exc:
+        except (ConfigError, LimitError, CollisionError) as exc:
             raise InputError(str(exc)) from exc
         needs_restart = list(_differences(self._settings, new))
         if endpoints != load_endpoints(self._settings.web.endpoints):
@@ -237,12 +245,6 @@ def _require_within(services: Services, limits: JointLimits) -> None:
         raise ConflictError(f"{exc}; move it there first") from exc
 
 
-def _check(settings: Settings, robot: RobotDescription) -> None:
-    for position in robot.positions.values():
-        what = f"{settings.robot.srdf}: position {position.name!r}: the angle"
-        check_positions(robot.limits, vector(position.joints), what)
-
-
 def _differences(old: Settings, new: Settings) -> Iterator[str]:
     """What a reload does not take over."""
     if list(old.each) != list(new.each):
@@ -277,9 +279,9 @@ def _position_changes(old: RobotDescription, new: RobotDescription) -> Iterator[
 
 
 def _limit_changes(old: JointLimits, new: JointLimits) -> Iterator[str]:
-    for item in fields(JointLimits)[1:]:
+    for quantity in JointLimits.QUANTITIES:
         for joint, before, after in zip(
-            old.names, getattr(old, item.name).tolist(), getattr(new, item.name).tolist(), strict=True
+            old.names, getattr(old, quantity).tolist(), getattr(new, quantity).tolist(), strict=True
         ):
             if before != after:
-                yield f"{joint}.{item.name}: {before:g} → {after:g}"
+                yield f"{joint}.{quantity}: {before:g} → {after:g}"

@@ -141,8 +141,9 @@ def _services(
     tool_and_limits = RobotSettings(robot)
     force = ForceService(robot, link, streams, stopping, equipment.traces.warn)
     servo = ServoService(robot, link, streams, force)
-    scene = SceneService(robot, link, motion, planning, stopping, SceneFile(settings.scene_file))
     max_payload_kg, tool_file = settings.robot.max_payload_kg, ToolFile(settings.tool_file)
+    scene_file = SceneFile(settings.scene_file)
+    scene = SceneService(robot, link, motion, planning, stopping, ownership, max_payload_kg, scene_file)
     stale_s = settings.web.stale_after_s
     return Services(
         robot=robot,

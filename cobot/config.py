@@ -30,7 +30,8 @@ from cobot.yaml_file import read_mapping
 
 Model = TypeVar("Model", bound=BaseModel)
 
-DEFAULT_SETTINGS = "pkg://config/cobot-setting.yaml"
+SETTINGS_FILE = "cobot-setting.yaml"
+DEFAULT_SETTINGS = f"pkg://config/{SETTINGS_FILE}"
 
 SECTIONS_OF_A_ROBOT = ("rt", "streaming", "planning")
 """An entry in `robots` may change these sections as a whole."""

@@ -28,6 +28,10 @@ def pieces_at(breakpoints: Array, coefficients: Array, places: Array) -> Array:
     """The values and three derivatives, shape (4, m, n), of piecewise quintics, shape (pieces, n, 6), in
     powers of the distance from each piece's start, at places of shape (m,)."""
 
+def jumps(coefficients: Array, durations: Array) -> tuple[Array, Array]:
+    """By how much position, velocity and acceleration, shape (3, pieces - 1, n), differ between the end of
+    each quintic, shape (pieces, n, 6), and the start of the next one; and the amounts of the latter."""
+
 def greatest_rates(coefficients: Array, durations: Array) -> Array:
     """The exact greatest amounts of velocity, acceleration and jerk, shape (3, pieces, n), of quintics, shape
     (pieces, n, 6), in powers of the time since each piece's start."""

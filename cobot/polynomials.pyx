@@ -229,6 +229,37 @@ cdef double _greatest(const double* p, int degree) noexcept nogil:
     return greatest
 
 
+def jumps(coefficients, durations):
+    """By how much position, velocity and acceleration, (3, pieces - 1, n), differ between the end of each
+    quintic and the start of the next one, and how large the latter are; see polynomials.pyi."""
+    cdef int pieces = len(coefficients), n = np.shape(coefficients)[1]
+    cdef int piece, i, order, k, at
+    rows = np.array(coefficients, dtype=np.float64, order="C")
+    lengths = np.array(durations, dtype=np.float64)
+    gaps, starts = np.empty((3, pieces - 1, n)), np.empty((3, pieces - 1, n))
+    if gaps.size == 0:
+        return gaps, starts
+    cdef double* row = doubles(rows, pieces * n * ORDER)
+    cdef double* duration = doubles(lengths, pieces)
+    cdef double* gap = doubles(gaps, 3 * (pieces - 1) * n)
+    cdef double* start = doubles(starts, 3 * (pieces - 1) * n)
+    cdef const double* c
+    cdef double end
+    with nogil:
+        for piece in range(pieces - 1):
+            for i in range(n):
+                c = &row[(piece * n + i) * ORDER]
+                for order in range(3):
+                    end = 0.0
+                    for k in range(ORDER - 1, order - 1, -1):
+                        end = end * duration[piece] + FACTOR[order][k] * c[k]
+                    at = (order * (pieces - 1) + piece) * n + i
+                    start[at] = FACTOR[order][order] * c[n * ORDER + order]
+                    gap[at] = fabs(end - start[at])
+                    start[at] = fabs(start[at])
+    return gaps, starts
+
+
 def greatest_rates(coefficients, durations):
     """The exact greatest amounts of velocity, acceleration and jerk, (3, pieces, n), of quintics, of shape
     (pieces, n, 6), in the time since each piece's start."""

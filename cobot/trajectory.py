@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cobot.errors import InputError
-from cobot.polynomials import EXPONENTS, FACTORS, HERMITE
+from cobot.polynomials import EXPONENTS, FACTORS, HERMITE, jumps
 from cobot.types import Array
 
 Integers = npt.NDArray[np.intp]
@@ -90,14 +90,13 @@ class Trajectory:
         self._require_continuity()
 
     def _require_continuity(self) -> None:
-        starts, stops = self._at_ends()
-        jumps = np.abs(stops[:, :-1] - starts[:, 1:])
-        too_far = jumps > ALLOWED_JUMPS[:, None, None] * (1.0 + np.abs(starts[:, 1:]))
+        gaps, amounts = jumps(self.coefficients, self._durations())
+        too_far = gaps > ALLOWED_JUMPS[:, None, None] * (1.0 + amounts)
         if too_far.any():
             order, segment, joint = np.argwhere(too_far)[0]
             name = ("position", "velocity", "acceleration")[order]
             raise InputError(
-                f"the {name} of joint {joint + 1} jumps by {jumps[order, segment, joint]:.3g} "
+                f"the {name} of joint {joint + 1} jumps by {gaps[order, segment, joint]:.3g} "
                 f"at {self.breakpoints_s[segment + 1]:.3f} s"
             )
 
@@ -187,14 +186,6 @@ class Trajectory:
         """Coefficients (n, dof, 6 − derivative) of a derivative, in time scaled to [0, 1] per segment."""
         rows = self.coefficients[:, :, derivative:] * FACTORS[derivative, derivative:]
         return np.asarray(rows * self._durations()[:, None, None] ** np.arange(ORDER - derivative))
-
-    def _at_ends(self) -> Array:
-        """Shape (2, 3, n, dof): at the start and the end of each segment, orders 0 to 2."""
-        durations = self._durations()[:, None, None]
-        starts = self.coefficients[:, :, :3] * np.diag(FACTORS[:3])
-        unit = self.coefficients * durations ** np.arange(ORDER)
-        stops = unit @ FACTORS[:3].T / durations ** np.arange(3)
-        return np.moveaxis(np.array([starts, stops]), 3, 1)
 
 
 def from_hermite(times_s: Array, positions: Array, velocities: Array, accelerations: Array) -> Trajectory:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from enum import IntEnum, StrEnum
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -106,7 +106,17 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class JointLimits:
-    """The limits of all joints, each shape (dof,): rad, rad/s, rad/s², rad/s³, N·m."""
+    """The limits of all joints, each shape (dof,): rad, rad/s, rad/s², rad/s³, N·m; of a slide (prismatic
+    joint) m, m/s, m/s², m/s³, N.
+
+    Attributes:
+        slides: of each joint whether it is one; empty for none.
+        QUANTITIES: the fields that are arrays.
+    """
+
+    QUANTITIES: ClassVar[tuple[str, ...]] = (
+        "min_position", "max_position", "max_velocity", "max_acceleration", "max_jerk", "max_effort"
+    )  # fmt: skip
 
     names: tuple[str, ...]
     min_position: Array
@@ -115,26 +125,42 @@ class JointLimits:
     max_acceleration: Array
     max_jerk: Array
     max_effort: Array
+    slides: tuple[bool, ...] = ()
 
     def __post_init__(self) -> None:
-        for item in fields(self)[1:]:
-            value = vector(getattr(self, item.name), len(self.names), name=item.name)
-            object.__setattr__(self, item.name, value)
+        for quantity in self.QUANTITIES:
+            value = vector(getattr(self, quantity), len(self.names), name=quantity)
+            object.__setattr__(self, quantity, value)
 
     @property
     def dof(self) -> int:
         return len(self.names)
 
+    def unit(self, joint: int, derivative: int = 0) -> str:
+        """Of a joint's position, or of its velocity (1), acceleration (2) or jerk (3)."""
+        length = "m" if self.slides and self.slides[joint] else "rad"
+        return length + ("", "/s", "/s²", "/s³")[derivative]
+
+    def effort_unit(self, joint: int) -> str:
+        return "N" if self.slides and self.slides[joint] else "N·m"
+
+    @property
+    def units(self) -> str:
+        """Of the positions of all joints together."""
+        return "rad, of slides m" if any(self.slides) else "rad"
+
     def take_over(self, other: JointLimits) -> None:
         """Become these limits, of the same joints: whoever holds this object goes by them at once."""
-        for item in fields(self)[1:]:
-            mine = getattr(self, item.name)
+        for quantity in self.QUANTITIES:
+            mine = getattr(self, quantity)
             mine.flags.writeable = True
-            mine[:] = getattr(other, item.name)
+            mine[:] = getattr(other, quantity)
             mine.flags.writeable = False
 
     def including(self, position: Array) -> JointLimits:
         """The same, but no tighter than this position: an arm that was pushed beyond may go back."""
+        if ((self.min_position <= position) & (position <= self.max_position)).all():
+            return self
         low, high = np.minimum(self.min_position, position), np.maximum(self.max_position, position)
         return replace(self, min_position=low, max_position=high)
 

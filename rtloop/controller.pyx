@@ -326,9 +326,9 @@ cdef class Controller:
         elif kind == Command.RESET:
             refusal = self._reset(measured)
         elif kind == Command.TOOL:
-            refusal = self._take_tool(int(command["tool"]))
+            refusal = self._take_tool(int(command["tool"]), int(command["scene"]))
         elif kind == Command.SCENE:
-            refusal = self._take_scene()
+            refusal = self._take_scene(int(command["scene"]))
         else:
             refusal = f"there is no command {kind}"
         if refusal is not None:
@@ -387,12 +387,17 @@ cdef class Controller:
         self._info.data["tool_version"] = tool.version
         self._info.publish()
 
-    def _take_scene(self):
+    def _take_scene(self, version):
         """Read anew what stands around the arm, as soon as it rests; a session waits for it."""
         if self.c_streams() or self.streaming.session:
             return f"somebody streams (mode {self.mode.name}): the scene changes before or after that"
-        self._changed = True
+        self._hear_of(version)
         return ""
+
+    def _hear_of(self, version):
+        self._changed = True
+        self._info.data["scene_version"] = version
+        self._info.publish()
 
     def watch_scene(self):
         """Have streams know from the beginning what stands around the arm; before the first cycle."""
@@ -400,6 +405,7 @@ cdef class Controller:
             self.streaming.watch(self.surroundings.read())
         except CobotError as exc:
             self._unseen = str(exc)
+        self._info.data["scene_version"] = self.surroundings.version
 
     cdef void _surround(self) except *:
         """Have the surroundings read, or take over what has been made of them."""
@@ -415,7 +421,7 @@ cdef class Controller:
         if monitor is not None:
             self.streaming.watch(monitor)
 
-    def _take_tool(self, version):
+    def _take_tool(self, version, scene_version):
         """Carry what stands in the tool's block. The arm rests: the command stays what it is, and the torques
         that hold it follow the weight within the same cycle.
         """
@@ -429,7 +435,7 @@ cdef class Controller:
             if tool.version != version:
                 return f"version {tool.version} of the tool stands there, not {version}"
             self.carry(tool)
-            self._changed = True  # Its shapes stand in its file.
+            self._hear_of(scene_version)  # Its shapes stand in its file.
         except (InputError, LimitError, ValueError, BackendError) as exc:
             return str(exc)
         return ""
@@ -506,15 +512,16 @@ cdef class Controller:
         joint = int(np.abs(error).argmax())
         if abs(error[joint]) > allowed:
             self.safety.count(Intervention.TRACKING)
+            unit = self._limits.unit(joint)
             self.fault(
-                f"{self._limits.names[joint]} is {abs(error[joint]):.3f} rad from where it is commanded "
-                f"({position[joint]:.3f} instead of {self.safety.position[joint]:.3f} rad), "
-                f"allowed are {allowed} rad"
+                f"{self._limits.names[joint]} is {abs(error[joint]):.3f} {unit} from where it is commanded "
+                f"({position[joint]:.3f} instead of {self.safety.position[joint]:.3f} {unit}), "
+                f"allowed are {allowed} {unit}"
             )
         elif self._jump:
             self.safety.count(Intervention.TRACKING)
             self.fault(
-                f"the measured position has jumped by {self._jump:.3f} rad within a cycle, as no arm can"
+                f"the measured position has jumped by {self._jump:.3f} {self._limits.units} within a cycle, as no arm can"
             )
 
     cdef bint c_settle(self, const double* velocity, bint fresh) noexcept nogil:
@@ -572,13 +579,16 @@ cdef class Controller:
         joint = int(off.argmax())
         if off[joint] > self._rt.settle_position_rad:
             here, wanted = self.safety.position[joint], self._desired_rows[0, joint]
-            name = self._limits.names[joint]
-            return f"the safety layer keeps {name} at {here:.4f} rad: the motion wants it at {wanted:.4f} rad"
+            name, unit = self._limits.names[joint], self._limits.unit(joint)
+            return (
+                f"the safety layer keeps {name} at {here:.4f} {unit}: the motion wants it at {wanted:.4f} {unit}"
+            )
         error = np.array([self._error[joint] for joint in range(self._dof)])
         joint = int(np.abs(error).argmax())
         return (
             f"not settled {SETTLE_LIMIT_S} s after the end of the motion: {self._limits.names[joint]} is "
-            f"{abs(error[joint]):.4f} rad away and moves at {velocity[joint]:.4f} rad/s"
+            f"{abs(error[joint]):.4f} {self._limits.unit(joint)} away and moves at {velocity[joint]:.4f} "
+            f"{self._limits.unit(joint, 1)}"
         )
 
 

@@ -15,12 +15,14 @@ from types import FrameType
 import numpy as np
 
 from cobot.config import RtSection, Settings, load_settings
-from cobot.errors import CobotError
+from cobot.errors import CobotError, ConfigError
 from cobot.ipc.shm import MemoryRole, RobotMemory, encoded
 from cobot.launch.process import Niceness, be
 from cobot.logs import start_logging
 from cobot.robot.description import RobotDescription, load_robot
-from cobot.robot.tool import ToolFile
+from cobot.robot.load import carrying
+from cobot.robot.scene import SceneFile
+from cobot.robot.tool import Tool, ToolFile
 from rtloop.backends import Backend, BackendError, ImpedanceControlled, make_backend
 from rtloop.clock import FastClock, RealtimeClock
 from rtloop.loop import ControlLoop
@@ -82,7 +84,7 @@ def _run(settings: Settings, clock_name: str | None) -> None:
     backend = make_backend(settings, robot.limits)
     clock = FastClock(rt.period_s) if clock_name == "fast" else RealtimeClock(rt.period_s)
     loop = ControlLoop(settings, robot.model, memory, backend, clock)
-    tool = ToolFile(settings.tool_file).read_checked(settings.robot.max_payload_kg, robot.model.file_gravity)
+    tool = _carried(settings, robot)
     loop.open(np.array(robot.positions[settings.robot.start_position].joints), tool)
     loop.controller.watch_scene()
     try:
@@ -93,6 +95,20 @@ def _run(settings: Settings, clock_name: str | None) -> None:
     finally:
         loop.close()
         memory.close()
+
+
+def _carried(settings: Settings, robot: RobotDescription) -> Tool:
+    """The tool and what is attached. If the scene cannot be read, it is the tool: the service, which has all
+    motions, does not start with that file, nor does a session.
+    """
+    model = robot.model
+    tool = ToolFile(settings.tool_file).read_checked(settings.robot.max_payload_kg, model.file_gravity)
+    try:
+        scene = SceneFile(settings.scene_file).read()
+    except ConfigError as exc:
+        log.error("%s", exc)
+        return tool
+    return carrying(tool, scene, model.tcp_in_flange(tool))
 
 
 def _permissions(rt: RtSection, clock_name: str) -> Permissions:

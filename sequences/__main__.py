@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from cobot.addresses import DEFAULT_URL
-from cobot.client.rest import MOTION_TIMEOUT_S
+from cobot.client.connection import MOTION_TIMEOUT_S
 from cobot.errors import InputError
 from cobot.launch.process import Niceness, be, die_with_parent
 from sequences.lua_sandbox import Limits, require_lua

@@ -144,6 +144,7 @@ class Rig:
         command.data["id"], command.data["kind"] = self._command, kind
         command.data["stops"] = self.memory.requests.data["stops"]
         command.data["tool"] = 0
+        command.data["scene"] = 0
         for name, value in fields.items():
             command.data[name] = value
         command.publish()

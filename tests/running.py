@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 
 import httpx
 import psutil
+import yaml
 
 WAIT_S = 120.0
 PATIENT = "pause_to_stop_s: 1.0, overruns_to_stop: 1000, service_timeout_s: 1.0"
@@ -180,6 +181,25 @@ class Pair(Run):
         robots = (self.health() or {"robots": {}})["robots"]
         assert isinstance(robots, dict)
         return len(robots) == 2 and all(each["status"] == "ok" for each in robots.values())
+
+
+class RunOfFolder(Run):
+    """`cobot run --config FOLDER` of a folder that new-robot has made."""
+
+    def __init__(self, made: Path) -> None:
+        self.made = made
+        super().__init__(made.parent)
+
+    def command(self) -> list[str]:
+        return [*super().command()[:-1], str(self.made)]
+
+    def start(self) -> subprocess.Popen[str]:
+        file = self.made / "cobot-setting.yaml"
+        settings = yaml.safe_load(file.read_text())
+        for section, values in yaml.safe_load(self.config.read_text()).items():
+            settings[section] = settings.get(section, {}) | values if isinstance(values, dict) else values
+        file.write_text(yaml.safe_dump(settings))
+        return super().start()
 
 
 @contextmanager

@@ -23,9 +23,13 @@ from benchmarks.judge import Judge
 from benchmarks.stress import Tally, one
 from benchmarks.stress_cases import CORRIDOR_RAD, Case
 from cobot.config import Settings, load_settings
+from cobot.errors import LimitError, UnreachableError
 from cobot.ipc.layout import Interpolation, Stream
 from cobot.launch.cli import main
 from cobot.motions.requests import Arc, MotionRequest, WaypointRequest
+from cobot.planners import plan
+from cobot.robot.description import load_robot
+from cobot.robot.feasibility import check_efforts, check_limits
 from cobot.robot.frames import abc_from_quaternion
 from cobot.robot.scene import Scene, SceneObject
 from cobot.types import Array, LoopMode, PlannerName, Pose, Scaling, Waypoint
@@ -71,12 +75,25 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session", params=sorted(JOINTS))
 def made(request: pytest.FixtureRequest, folder: Path) -> Made:
-    name = str(request.param)
-    file = folder / f"{name}.urdf"
-    file.write_text(urdf(name), encoding="utf-8")
-    assert main(["new-robot", str(file), "--output", str(folder / name)]) == 0
+    return robot_of(folder, str(request.param))
+
+
+@pytest.fixture(scope="session")
+def gantry(folder: Path) -> Made:
+    return robot_of(folder, "gantry")
+
+
+def robot_of(folder: Path, name: str) -> Made:
+    """Made by the command, once."""
+    if not (folder / name).exists():
+        new_robot(folder / f"{name}.urdf", urdf(name), folder / name)
     settings = load_settings(folder / name / "cobot-setting.yaml")
     return Made(loaded(name, folder / name), settings, np.array(READY[name]))
+
+
+def new_robot(file: Path, text: str, folder: Path) -> None:
+    file.write_text(text, encoding="utf-8")
+    assert main(["new-robot", str(file), "--output", str(folder)]) == 0
 
 
 def require_planned(made: Made, kind: str, *requests: MotionRequest, scene: Scene | None = None) -> None:
@@ -240,3 +257,72 @@ def test_servo_points_bring_the_arm_to_the_last_of_them(made: Made, own_rig: Rig
     furthest = np.abs(np.array(own_rig.commanded) - goal).max(axis=1).min()
     assert furthest < 3e-3
     require_limits(own_rig)
+
+
+BEYOND = [
+    (0, 3.0, "joint position of a1 is 3 m, allowed is -0.6 to 0.6 m"),
+    (0, 300.0, "these look like millimetres, positions of slides are in m"),
+    (3, 30.0, "joint angle of a4 is 30 rad, allowed is -2.2 to 1.6 rad; these look like degrees"),
+]
+
+
+@pytest.mark.parametrize(("joint", "value", "said"), BEYOND)
+def test_a_goal_beyond_the_limits_is_refused_in_the_joints_own_unit(
+    gantry: Made, joint: int, value: float, said: str
+) -> None:
+    goal = gantry.ready.copy()
+    goal[joint] = value
+    with pytest.raises(LimitError) as refused:
+        plan(gantry.arm.robot, MotionRequest(gantry.ready, goal, PlannerName.PTP, FULL))
+    assert said in str(refused.value)
+    assert [finding.unit for finding in refused.value.findings] == ["m" if joint < 2 else "rad"]
+
+
+def test_a_slide_is_spoken_of_in_metres_and_newtons(gantry: Made) -> None:
+    robot = gantry.arm.robot
+    assert [robot.limits.unit(joint, 1) for joint in range(8)] == ["m/s"] * 2 + ["rad/s"] * 6
+    goal = gantry.moved(0.0, 0.3)
+    motion = plan(robot, MotionRequest(gantry.ready, goal, PlannerName.PTP, FULL))
+    assert motion is not None
+    with pytest.raises(LimitError, match=r"the velocity of a1 reaches -?\S+ m/s, its limit is"):
+        check_limits(motion, robot.limits.scaled(0.2, 1.0, 1.0))
+    weak = replace(robot.limits, max_effort=0.05 * robot.limits.max_effort)
+    with pytest.raises(LimitError, match=r"a1 needs \S+ N, its limit is 1 N$"):
+        check_efforts(robot.model, motion, replace(weak, max_effort=np.array([1.0, *[1e5] * 7])))
+
+
+def test_a_servo_point_beyond_a_slides_end_is_refused_in_metres(gantry: Made) -> None:
+    rig = Rig(gantry.settings, gantry.arm.robot, start=gantry.ready)
+
+    async def test(bench: Bench) -> None:
+        bench.streams.info["stiffness"] = rig.loopback.nominal_stiffness
+        bench.set_mode(1)
+        await bench.active()
+        bench.point([2.0, *gantry.ready[1:]], point_type="joint")
+        assert bench.servo.feedback()["last_refusal"] == "joint 1 must be from -0.6 to 0.6 m, got 2"
+        bench.stop()
+        await bench.idle()
+
+    runner(rig, gantry.arm.robot, gantry.settings)(test)
+    rig.close()
+
+
+def test_a_line_ends_where_a_slide_ends_and_says_so_in_metres(tmp_path: Path) -> None:
+    # A machine of three slides: no other joint can help it on.
+    joints = zip(("x", "y", "z", "c", "b", "a"), ("1 0 0", "0 1 0", "0 0 1") * 2, strict=True)
+    parts, parent = ['<robot name="m"><link name="base_link"/>'], "base_link"
+    for name, axis in joints:
+        kind = "prismatic" if name in "xyz" else "revolute"
+        parts.append(
+            f'<link name="{name}_link"><inertial><mass value="1"/><inertia ixx="0.1" iyy="0.1" izz="0.1" '
+            f'ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="{name}" type="{kind}"><parent '
+            f'link="{parent}"/><child link="{name}_link"/><axis xyz="{axis}"/>'
+            '<limit lower="-0.5" upper="0.5" velocity="1" effort="200"/></joint>'
+        )
+        parent = f"{name}_link"
+    new_robot(tmp_path / "machine.urdf", "".join([*parts, "</robot>"]), tmp_path / "made")
+    robot = load_robot(load_settings(tmp_path / "made" / "cobot-setting.yaml"))
+    here = robot.model.forward(np.zeros(6))
+    goal = Pose(here.position + np.array([0.7, 0.0, 0.0]), here.quaternion)
+    with pytest.raises(UnreachableError, match=r"with x sliding most, to 0\.500 m"):
+        plan(robot, MotionRequest(np.zeros(6), goal, PlannerName.LIN, FULL))

@@ -70,7 +70,7 @@ class FollowJointTrajectory:
         self._ownership = ownership
         self._motion = motion
         self._servo = servo
-        self._streamed = ServoExecution(servo, link, robot.limits.names)
+        self._streamed = ServoExecution(servo, link, robot.limits)
         self._configured = settings
         self._start_tolerance_rad = start_tolerance_rad
         self._smoothing_rad = smoothing_rad
@@ -178,10 +178,11 @@ class FollowJointTrajectory:
         """See that a single point at time 0 is where the arm is: MoveIt's plan when it is there already."""
         off = np.abs(np.asarray(position) - start)
         if off.max() > self._start_tolerance_rad:
-            name = self._limits.names[int(off.argmax())]
+            joint = int(off.argmax())
+            name, unit = self._limits.names[joint], self._limits.unit(joint)
             raise GoalError(
-                f"points[0]: the only point is at time 0, but {name} is {off.max():.4f} rad away from it, "
-                f"allowed are {self._start_tolerance_rad:g} rad"
+                f"points[0]: the only point is at time 0, but {name} is {off.max():.4f} {unit} away from it, "
+                f"allowed are {self._start_tolerance_rad:g} {unit}"
             )
 
     async def _follow(self, claim: Claim, goal: FjtGoal, trajectory: Trajectory, handle: GoalHandle) -> None:
@@ -231,7 +232,7 @@ class FollowJointTrajectory:
         deadline_s = self._link.clock.now_s() + min(goal.late_s, ARRIVAL_S)
         while True:
             state = self._link.state()
-            off = goal.end.violation(trajectory.end - state.position, -state.velocity, self._limits.names)
+            off = goal.end.violation(trajectory.end - state.position, -state.velocity, self._limits)
             if not off:
                 return
             if self._link.clock.now_s() > deadline_s:
@@ -240,14 +241,14 @@ class FollowJointTrajectory:
             await asyncio.sleep(WATCH_S)
 
     def _judge(self, claim: Claim, goal: FjtGoal, progress: Progress) -> None:
-        if claim.interruption is None and (violation := progress.path_violation(goal, self._limits.names)):
+        if claim.interruption is None and (violation := progress.path_violation(goal, self._limits)):
             claim.interrupt(PathViolated(f"{violation} by path_tolerance"))
 
     def _under_way(self, goal: FjtGoal, trajectory: Trajectory, state: RobotState) -> bool:
         """Whether the arm is not where the goal wants it yet; what it then takes to settle does not count."""
         if state.path_time_s < trajectory.duration_s:
             return True
-        return bool(goal.end.violation(trajectory.end - state.position, -state.velocity, self._limits.names))
+        return bool(goal.end.violation(trajectory.end - state.position, -state.velocity, self._limits))
 
     def _latest_s(self, goal: FjtGoal, trajectory: Trajectory) -> float:
         """After the beginning, when the arm has to be there."""

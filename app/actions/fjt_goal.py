@@ -69,17 +69,17 @@ class Tolerance:
     position: Array
     velocity: Array
 
-    def violation(self, position_error: Array, velocity_error: Array, names: tuple[str, ...]) -> str:
+    def violation(self, position_error: Array, velocity_error: Array, limits: JointLimits) -> str:
         """A sentence about the joint that is off the furthest beyond it; "" if none is."""
-        for error, allowed, unit in (
-            (position_error, self.position, "rad"),
-            (velocity_error, self.velocity, "rad/s"),
+        for derivative, (error, allowed) in enumerate(
+            ((position_error, self.position), (velocity_error, self.velocity))
         ):
             excess = np.abs(error) - allowed
             joint = int(excess.argmax())
             if excess[joint] > 0.0:
                 off, limit = abs(error[joint]), allowed[joint]
-                return f"{names[joint]} is off by {off:.4g} {unit}, {limit:.4g} are allowed"
+                unit = limits.unit(joint, derivative)
+                return f"{limits.names[joint]} is off by {off:.4g} {unit}, {limit:.4g} are allowed"
         return ""
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from app.actions.fjt_goal import FjtGoal, Message
 from app.services.state.robot_state import RobotState
 from cobot.trajectory import Trajectory
-from cobot.types import Array
+from cobot.types import Array, JointLimits
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,9 +29,9 @@ class Progress:
         """desired − actual, as joint_trajectory_controller has it."""
         return self.desired[0] - self.actual[0], self.desired[1] - self.actual[1]
 
-    def path_violation(self, goal: FjtGoal, names: tuple[str, ...]) -> str:
+    def path_violation(self, goal: FjtGoal, limits: JointLimits) -> str:
         """See `Tolerance.violation`."""
-        return goal.path.violation(*self.error, names)
+        return goal.path.violation(*self.error, limits)
 
     def feedback(self, names: tuple[str, ...]) -> Message:
         """control_msgs/action/FollowJointTrajectory_Feedback; ROS's defaults are left out."""

@@ -18,6 +18,7 @@ from app.services.streaming.servo import ServoService
 from cobot.errors import ExecutionError, MotionStopped
 from cobot.ipc.layout import ServoMode
 from cobot.trajectory import Trajectory
+from cobot.types import JointLimits
 
 FEEDBACK_S = 0.05
 """The feedback comes at 20 Hz, the default of joint_trajectory_controller."""
@@ -89,16 +90,12 @@ class Run:
 
 
 class ServoExecution:
-    """Has goals executed by servo sessions, point by point.
+    """Has goals executed by servo sessions, point by point."""
 
-    Args:
-        names: of the joints.
-    """
-
-    def __init__(self, servo: ServoService, link: RobotLink, names: tuple[str, ...]) -> None:
+    def __init__(self, servo: ServoService, link: RobotLink, limits: JointLimits) -> None:
         self._servo = servo
         self._link = link
-        self._names = names
+        self._limits = limits
 
     async def execute(
         self,
@@ -139,7 +136,7 @@ class ServoExecution:
                 progress = self._progress(goal, trajectory, elapsed_s)
                 if elapsed_s >= told * FEEDBACK_S:
                     told = int(elapsed_s / FEEDBACK_S) + 1
-                    handle.feedback(progress.feedback(self._names))
+                    handle.feedback(progress.feedback(self._limits.names))
                 if elapsed_s >= trajectory.duration_s and _finished(goal, progress):
                     return
                 if elapsed_s > latest_s:
@@ -153,7 +150,7 @@ class ServoExecution:
         rate = float(elapsed_s < trajectory.duration_s)
         time_s, stamp_ns = min(elapsed_s, trajectory.duration_s), self._link.clock.wall_ns()
         progress = on_path(trajectory, time_s, rate, self._link.state(), stamp_ns)
-        if violation := progress.path_violation(goal, self._names):
+        if violation := progress.path_violation(goal, self._limits):
             raise PathViolated(f"{violation} by path_tolerance")
         return progress
 

@@ -62,11 +62,13 @@ def _range(name: str, low: float, high: float, limits: JointLimits) -> tuple[int
     if name not in limits.names:
         raise InputError(f"{place}: there is no such joint; valid are: {', '.join(limits.names)}")
     joint = limits.names.index(name)
+    unit = limits.unit(joint)
+    what = "angle" if unit == "rad" else "position"
     least, most = float(limits.min_position[joint]), float(limits.max_position[joint])
     if not low <= high:
-        raise InputError(f"{place}: is {low:g} to {high:g} rad, the least angle comes first")
+        raise InputError(f"{place}: is {low:g} to {high:g} {unit}, the least {what} comes first")
     if high < least or low > most:
         raise InputError(
-            f"{place}: is {low:g} to {high:g} rad, beyond the limits of {least:.4f} to {most:.4f} rad"
+            f"{place}: is {low:g} to {high:g} {unit}, beyond the limits of {least:.4f} to {most:.4f} {unit}"
         )
     return joint, low, high

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from app.api.schemas import Finite
+from cobot.robot.scene import SceneObject
 from cobot.strict import StrictModel
 
 Name = Annotated[
@@ -59,6 +60,30 @@ class PutObject(Place):
     length: Length | None = Field(
         None, description="Of a cylinder or capsule, along its z, m; of a capsule without the round ends."
     )
+
+    mass: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
+        0.0, description="kg; the arm carries it while the object is attached, together with the tool's."
+    )
+    centre: list[Coordinate] | None = Field(
+        None,
+        min_length=3,
+        max_length=3,
+        description="Of the mass, x, y, z from the middle along its own axes, m; without it the solid has "
+        "one density.",
+    )
+    inertia: list[Finite] | None = Field(
+        None,
+        min_length=6,
+        max_length=6,
+        description="About the centre, along its own axes: xx, xy, xz, yy, yz, zz, kg·m²; without it the "
+        "solid has one density.",
+    )
+
+    @model_validator(mode="after")
+    def _of_some_mass(self) -> PutObject:
+        if self.mass == 0.0 and {"centre", "inertia"} & self.model_fields_set:
+            raise ValueError("mass: is missing; centre and inertia are of no mass")
+        return self
 
     @model_validator(mode="after")
     def _of_its_shape(self) -> PutObject:
@@ -123,6 +148,27 @@ class ObjectAnswer(BaseModel):
     quaternion: list[float] = Field(description="x, y, z, w, likewise.")
     attached: bool = Field(description="The hand holds it.")
     touch: list[str] = Field(description="What it may touch while the hand holds it.")
+    mass: float = Field(0.0, description="kg")
+    centre: list[float] | None = Field(None, description="Of the mass, m; null: of one density.")
+    inertia: list[float] | None = Field(
+        None, description="About the centre: xx, xy, xz, yy, yz, zz, kg·m²; null: of one density."
+    )
+
+    @classmethod
+    def of(cls, name: str, each: SceneObject) -> ObjectAnswer:
+        """An object as it stands in the scene or on the tool."""
+        return cls(
+            name=name,
+            shape=each.shape,
+            size=list(each.size),
+            position=list(each.pose[:3]),
+            quaternion=[*each.pose[4:], each.pose[3]],
+            attached=each.attached,
+            touch=list(each.touch),
+            mass=each.mass,
+            centre=None if each.centre is None else list(each.centre),
+            inertia=None if each.inertia is None else list(each.inertia),
+        )
 
 
 class FrameAnswer(BaseModel):

@@ -52,6 +52,8 @@ class ToolShape(PutObject):
     def _on_the_flange(self) -> ToolShape:
         if self.frame_id:
             raise ValueError("frame_id: a shape of the tool is given in the flange's frame: leave it out")
+        if self.mass:
+            raise ValueError("mass: that of a shape is part of the tool's mass: give it there")
         return self
 
 

@@ -16,8 +16,8 @@ from app.aubo.poses import as_list, numbers_of, pose_of, pose_of_seven
 from app.aubo.registry import Json, service
 from cobot.errors import InputError, LimitError, NotSupportedError
 from cobot.robot.frames import rotation_matrix
-from cobot.robot.scene import numbers
-from cobot.robot.tool import Numbers6, Tool, chained, check_gravity, inverse
+from cobot.robot.scene import Numbers6, numbers
+from cobot.robot.tool import Tool, chained, check_gravity, inverse
 from cobot.types import Array, CartesianLimits, JointLimits
 
 if TYPE_CHECKING:

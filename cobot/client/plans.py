@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 
 from cobot.client import Client
-from cobot.client.rest import Json
+from cobot.client.connection import Json
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import CobotError
 

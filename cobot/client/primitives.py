@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from cobot.client.connection import Json
 from cobot.client.orientations import kuka_angles, normalised
 from cobot.client.plans import Run
-from cobot.client.rest import Json
 from cobot.errors import InputError
 from cobot.types import vector
 

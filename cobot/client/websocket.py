@@ -13,7 +13,7 @@ from websockets.exceptions import InvalidStatus, WebSocketException
 from websockets.sync.client import ClientConnection, connect
 
 from cobot.addresses import path_at
-from cobot.client.rest import ERRORS
+from cobot.client.connection import ERRORS
 from cobot.client.tls import Verify, tls_context, token_from_environment
 from cobot.client.wire import PATH, Kind, packed, record
 from cobot.clock import SYSTEM, Clock

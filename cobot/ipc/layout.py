@@ -11,7 +11,7 @@ from enum import IntEnum
 import numpy as np
 
 MAGIC = b"COBOTRT\0"
-LAYOUT_VERSION = 7
+LAYOUT_VERSION = 8
 RING = 32
 SLOTS = 2
 LOADED_SEGMENTS = 96
@@ -209,11 +209,13 @@ COMMAND = np.dtype(
         ("stops", "u8"),
         ("value", "f8"),
         ("tool", "u8"),
+        ("scene", "u8"),
     ],
     align=True,
 )
 """stops: the count of stop requests that the sender knew of; a START that a stop has overtaken is refused.
-tool: the version that a START was planned with, another one is refused; of a TOOL that in the block."""
+tool: the version that a START was planned with, another one is refused; of a TOOL that in the block.
+scene: of a SCENE or a TOOL, the version of the scene whose file is to be read."""
 TOOL = np.dtype(
     [
         ("version", "u8"),
@@ -246,7 +248,8 @@ def info_dtype(dof: int) -> np.dtype:
             ("stiffness", *joints),  # nominal, N·m/rad; zeros: the drives do not give way
             ("cartesian_stiffness", "f8", (6,)),  # nominal, N/m and N·m/rad
             ("flange", "f8", (7,)),  # in the TCP's frame
-            ("tool_version", "u8"),  # of the tool that it carries
+            ("tool_version", "u8"),  # of the tool that it carries, with what is attached
+            ("scene_version", "u8"),  # of the scene that it was told of last
         ]
     )
 

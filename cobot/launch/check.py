@@ -15,12 +15,11 @@ from typing import TextIO
 from cobot.access.authentication import authentication_required
 from cobot.access.tls import check_certificate
 from cobot.access.tokens import TokenFile
-from cobot.config import Settings, WebSection, load_endpoints, naming
+from cobot.config import Settings, WebSection, load_endpoints
 from cobot.errors import CobotError, CollisionError, ConfigError
 from cobot.launch.process import RUN_MODULE
 from cobot.planners import MotionRequest, plan
 from cobot.robot.description import RobotDescription, load_robot
-from cobot.robot.drives import check_drives, check_ranges
 from cobot.robot.limits import check_positions
 from cobot.types import PlannerName, Scaling, vector
 
@@ -65,13 +64,7 @@ def _check_robot(report: _Report, settings: Settings, config: Path | None) -> No
     robots: list[RobotDescription] = []
 
     def load() -> str:
-        robot = load_robot(settings)
-        with naming("robot.model"):
-            if settings.rt.backend == "mujoco":
-                check_drives(robot.model.mj, robot.limits)
-        with naming("web.joint_limits"):
-            check_ranges(robot.model.mj, robot.limits)
-        robots.append(robot)
+        robots.append(load_robot(settings))
         return f"{robots[0].limits.dof} joints, {settings.robot.model}, limits {settings.web.joint_limits}"
 
     report.item("core", lambda: _core(settings.rt.cpu))

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from cobot.addresses import DEFAULT_URL, address
 from cobot.client.tls import CERTIFICATE_VARIABLE, TOKEN_VARIABLE
-from cobot.config import Settings, load_settings
+from cobot.config import SETTINGS_FILE, Settings, load_settings
 from cobot.errors import CobotError
 from cobot.launch import token
 from cobot.launch.process import RUN_MODULE, in_words, require_limits
@@ -71,8 +71,6 @@ def _run(chosen: argparse.Namespace) -> int:
             return EXIT_OK
         if chosen.command == "new-robot":
             return _new_robot(chosen)
-        if chosen.config is not None and chosen.config.is_dir():
-            chosen.config = chosen.config / "cobot-setting.yaml"
         settings = load_settings(chosen.config)
         if chosen.command == "check":
             from cobot.launch.check import check
@@ -102,9 +100,10 @@ def _parser() -> argparse.ArgumentParser:
     config = argparse.ArgumentParser(add_help=False)
     config.add_argument(
         "--config",
-        type=Path,
+        type=_settings_file,
         metavar="FILE",
-        help="settings that differ from the shipped cobot-setting.yaml; other keys keep their shipped values",
+        help="settings that differ from the shipped cobot-setting.yaml, or the folder of such a file; other "
+        "keys keep their shipped values",
     )
     run = commands.add_parser(
         "run", parents=[config], help="start the robot and the service; Ctrl-C stops both"
@@ -216,6 +215,19 @@ def _lua(chosen: argparse.Namespace) -> int:
     given = {TOKEN_VARIABLE: chosen.token, CERTIFICATE_VARIABLE: chosen.certificate}
     os.environ.update({name: str(value) for name, value in given.items() if value is not None})
     os.execv(command[0], command)
+
+
+def _settings_file(argument: str) -> Path:
+    """A folder stands for the file in it that `cobot new-robot` writes."""
+    file = Path(argument)
+    if not file.is_dir():
+        return file
+    if not (file / SETTINGS_FILE).is_file():
+        raise argparse.ArgumentTypeError(
+            f"{argument}: has no {SETTINGS_FILE}; give the file with your settings, or a folder that "
+            "`cobot new-robot` has made"
+        )
+    return file / SETTINGS_FILE
 
 
 def _port(argument: str) -> int:

@@ -278,7 +278,9 @@ class Supervisor:
         """A robot's shared memory, which goes with the stack."""
         settings = self._settings.of(name)
         own_url = address(url, name) if url and self._settings.robots else url
-        dof = load_robot(settings).limits.dof
+        robot = load_robot(settings)
+        robot.check_named_positions(settings.robot.srdf)
+        dof = robot.limits.dof
         memory = RobotMemory.create(name, dof, settings.rt.period_s, settings.rt.trajectory_capacity, own_url)
         stack.callback(memory.close)
         stack.callback(memory.unlink)

@@ -80,8 +80,9 @@ def require_start(first: Array, start: Array, limits: JointLimits, tolerance_rad
     if off.max() <= tolerance_rad:
         return
     joint = int(off.argmax())
+    unit = limits.unit(joint)
     raise InputError(
-        f"{label}: starts with {limits.names[joint]} at {first[joint]:.4f} rad, but it is at "
-        f"{start[joint]:.4f} rad: {off[joint]:.4f} rad apart, allowed are {tolerance_rad:g} rad; "
+        f"{label}: starts with {limits.names[joint]} at {first[joint]:.4f} {unit}, but it is at "
+        f"{start[joint]:.4f} {unit}: {off[joint]:.4f} {unit} apart, allowed are {tolerance_rad:g} {unit}; "
         f"{GO_THERE}"
     )

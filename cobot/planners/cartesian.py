@@ -194,7 +194,8 @@ def _require_reach(robot: RobotDescription, path: TcpPath, start: Array) -> None
     name = robot.limits.names[joint]
     raise UnreachableError(
         f"{path.name}: at {100 * end:.0f} % of the path the TCP cannot go on: the goal is out of reach by "
-        f"{gap:.3g} m, with {name} turning most, to {joints[joint]:.3f} rad",
+        f"{gap:.3g} m, with {_moving(robot.limits, joint)} most, to {joints[joint]:.3f} "
+        f"{robot.limits.unit(joint)}",
         findings=[Finding("reach", "distance beyond the reach", float(gap), 0.0, "m", float(end), (name,))],
     )
 
@@ -250,6 +251,10 @@ def _at_limit(limits: JointLimits, joints: Array, step: Array) -> list[int]:
     return [int(joint) for joint in stuck.nonzero()[0]] if stuck.any() else []
 
 
+def _moving(limits: JointLimits, joint: int) -> str:
+    return f"{limits.names[joint]} {'sliding' if limits.unit(joint) == 'm' else 'turning'}"
+
+
 def _failure(
     robot: RobotDescription,
     path: TcpPath,
@@ -264,18 +269,19 @@ def _failure(
     place = f"{path.name}: at {100 * share:.0f} % of the path"
     limits = robot.limits
     for joint in at_limit:
-        limit = limits.min_position[joint] if joints[joint] < 0 else limits.max_position[joint]
-        return at_limit_of(place, limits.names[joint], float(joints[joint]), float(limit), share)
+        low, high = limits.min_position[joint], limits.max_position[joint]
+        limit = low if joints[joint] - low < high - joints[joint] else high
+        return at_limit_of(place, limits, joint, float(joints[joint]), float(limit), share)
     joint = int(np.abs(joints - before).argmax())
     name = limits.names[joint]
     if solved:
-        return jump_of(place, name, abs(float(joints[joint] - before[joint])), share)
+        return jump_of(place, limits, joint, abs(float(joints[joint] - before[joint])), share)
     pose, target = robot.model.forward(joints), path.pose_at(beyond)
     missing = 1e3 * float(np.linalg.norm(pose.position - target.position))
     angle = float(angle_between(pose.quaternion, target.quaternion))
     return UnreachableError(
         f"{place} the TCP cannot go on: it stays {missing:.1f} mm and {np.degrees(angle):.2f} degrees away, "
-        f"with {name} turning most, to {joints[joint]:.3f} rad",
+        f"with {_moving(limits, joint)} most, to {joints[joint]:.3f} {limits.unit(joint)}",
         findings=[
             Finding("reach", "distance to the path", 1e-3 * missing, 0.0, "m", share, (name,)),
             Finding("reach", "angle to the path", angle, 0.0, "rad", share, (name,)),

@@ -65,7 +65,8 @@ def _no_way_out(robot: RobotDescription, request: MotionRequest, inside: Array) 
         )
     beyond = np.abs(inside - request.start)
     joint = int(beyond.argmax())
-    said = f"the start: {robot.limits.names[joint]} is {beyond[joint]:.4f} rad beyond its limit"
+    unit = robot.limits.unit(joint)
+    said = f"the start: {robot.limits.names[joint]} is {beyond[joint]:.4f} {unit} beyond its limit"
     try:
         robot.collision.check_trajectory(plan_ptp(robot, request, inside))
     except CollisionError as exc:
@@ -147,7 +148,7 @@ def _note(robot: RobotDescription, start: Array, inside: Array, exit_joints: Arr
     beyond = np.abs(inside - start)
     if beyond.max() > 0.0:
         joint = int(beyond.argmax())
-        reasons.append(f"{limits.names[joint]} is {beyond[joint]:.4f} rad beyond its limit")
+        reasons.append(f"{limits.names[joint]} is {beyond[joint]:.4f} {limits.unit(joint)} beyond its limit")
     contacts: list[Contact] = robot.collision.contacts(start)
     if contacts:
         reasons.append(f"the start is in collision: {contacts[0]}")
@@ -155,5 +156,6 @@ def _note(robot: RobotDescription, start: Array, inside: Array, exit_joints: Arr
     joint = int(np.abs(way).argmax())
     return (
         f"{' and '.join(reasons)}; the motion leaves this first by the shortest way, "
-        f"{np.linalg.norm(way):.4f} rad, {limits.names[joint]} by {way[joint]:+.4f} rad"
+        f"{np.linalg.norm(way):.4f} {limits.units}, {limits.names[joint]} by {way[joint]:+.4f} "
+        f"{limits.unit(joint)}"
     )

@@ -173,7 +173,7 @@ def _other_branches(robot: RobotDescription, request: MotionRequest) -> Iterator
     except CobotError:
         return
     for goal in goals[:MOST_BRANCHES]:
-        yield Idea("branch", {"goal": goal}, f"at the goal the joints {_shown(goal)} rad")
+        yield Idea("branch", {"goal": goal}, f"at the goal the joints {_shown(goal)} {robot.limits.units}")
 
 
 def _other_starts(robot: RobotDescription, request: MotionRequest) -> Iterator[Idea]:
@@ -196,7 +196,7 @@ def _other_starts(robot: RobotDescription, request: MotionRequest) -> Iterator[I
         return
     for start in starts:
         if np.abs(start - request.start).max() > 1e-3:
-            says = f"from the joints {_shown(start)} rad"
+            says = f"from the joints {_shown(start)} {limits.units}"
             yield Idea("start", {"start": start}, says, first=True)
             if request.planner is PlannerName.PTP:
                 change = {"start": start, **_searching(request)}
@@ -219,7 +219,7 @@ def _near_goals(robot: RobotDescription, request: MotionRequest) -> Iterator[tup
         inside = np.clip(goal, limits.min_position, limits.max_position)
         nearest = [inside] if robot.collision.is_free(inside) else exits(robot, inside)[:MOST_GOALS]
         for joints in nearest:
-            yield joints, f"joints {_shown(joints)} rad"
+            yield joints, f"joints {_shown(joints)} {limits.units}"
         return
     if _is_the_path(request):
         return

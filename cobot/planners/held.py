@@ -33,7 +33,7 @@ class Held:
 
     def __init__(self, robot: RobotDescription, constraints: Constraints, start: Array) -> None:
         self._model = robot.model
-        self._names = robot.limits.names
+        self._limits = robot.limits
         self._constraints = constraints
         self.low, self.high = robot.limits.min_position.copy(), robot.limits.max_position.copy()
         for joint, low, high in constraints.joints:
@@ -163,9 +163,9 @@ class Held:
         if self._constraints.box is not None:
             names += ["box.x", "box.y", "box.z"]
             units += ["m"] * 3
-        joints = [self._names[joint] for joint, _, _ in self._constraints.joints]
+        joints = [self._limits.names[joint] for joint, _, _ in self._constraints.joints]
         names += [f"joints.{name}" for name in joints]
-        units += ["rad"] * len(joints)
+        units += [self._limits.unit(joint) for joint, _, _ in self._constraints.joints]
         of = (joints[index - len(names) + len(joints)],) if index >= len(names) - len(joints) else ()
         return Finding("constraint", f"{names[index]}, beyond it", excess, 0.0, units[index], share, of)
 
@@ -187,8 +187,9 @@ class Held:
                 return _outside_box(box, index, float(pose[0, index]))
             index -= 3
         joint, low, high = self._constraints.joints[index]
-        value = f"{self._names[joint]} is at {joints[joint]:.4g} rad"
-        return f"constraints.joints: {value}, allowed are {low:g} to {high:g} rad"
+        unit = self._limits.unit(joint)
+        value = f"{self._limits.names[joint]} is at {joints[joint]:.4g} {unit}"
+        return f"constraints.joints: {value}, allowed are {low:g} to {high:g} {unit}"
 
 
 def _outside_box(box: Box, axis: int, value: float) -> str:

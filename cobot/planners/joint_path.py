@@ -11,7 +11,7 @@ from cobot.findings import Finding
 from cobot.planners.path import Path
 from cobot.planners.tcp_path import TcpPath, angles_between
 from cobot.robot.description import RobotDescription
-from cobot.types import Array
+from cobot.types import Array, JointLimits
 
 LARGEST_DEVIATION_M = 5e-5
 LARGEST_DEVIATION_RAD = np.radians(0.01)
@@ -61,11 +61,7 @@ def through(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, 
             limit = np.clip(rows[place, joint], low[joint], high[joint])
             where = f"{path.name}: at {100 * shares[place]:.0f} % of the path"
             raise at_limit_of(
-                where,
-                robot.limits.names[joint],
-                float(rows[place, joint]),
-                float(limit),
-                float(shares[place]),
+                where, robot.limits, int(joint), float(rows[place, joint]), float(limit), float(shares[place])
             )
         parameters = _lengths(shares, rows)
         joint_path = Path.through(parameters, rows)
@@ -76,19 +72,23 @@ def through(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, 
     raise _inaccurate(path)
 
 
-def at_limit_of(where: str, joint: str, value: float, limit: float, share: float) -> UnreachableError:
+def at_limit_of(
+    where: str, limits: JointLimits, joint: int, value: float, limit: float, share: float
+) -> UnreachableError:
     """A joint that a path drives into its limit."""
+    name, unit = limits.names[joint], limits.unit(joint)
     return UnreachableError(
-        f"{where} {joint} reaches its limit of {limit:.4f} rad",
-        findings=[Finding("limit", "position", value, limit, "rad", share, (joint,))],
+        f"{where} {name} reaches its limit of {limit:.4f} {unit}",
+        findings=[Finding("limit", "position", value, limit, unit, share, (name,))],
     )
 
 
-def jump_of(where: str, joint: str, step_rad: float, share: float) -> UnreachableError:
+def jump_of(where: str, limits: JointLimits, joint: int, step: float, share: float) -> UnreachableError:
     """A joint that could follow a path only by a jump."""
+    name, unit = limits.names[joint], limits.unit(joint)
     return UnreachableError(
-        f"{where} {joint} would have to jump by {step_rad:.2f} rad: the path leads through a singularity",
-        findings=[Finding("singularity", "step", step_rad, LARGEST_STEP_RAD, "rad", share, (joint,))],
+        f"{where} {name} would have to jump by {step:.2f} {unit}: the path leads through a singularity",
+        findings=[Finding("singularity", "step", step, LARGEST_STEP_RAD, unit, share, (name,))],
     )
 
 
@@ -116,11 +116,8 @@ def _without_jumps(
         jumps = np.flatnonzero(far & (np.diff(shares) < SHORTEST_SHARE))
         if len(jumps):
             place, joint = int(jumps[0]), int(steps[jumps[0]].argmax())
-            where, name = (
-                f"{path.name}: at {100 * shares[place]:.0f} % of the path",
-                robot.limits.names[joint],
-            )
-            raise jump_of(where, name, float(steps[place, joint]), float(shares[place]))
+            where = f"{path.name}: at {100 * shares[place]:.0f} % of the path"
+            raise jump_of(where, robot.limits, joint, float(steps[place, joint]), float(shares[place]))
         shares, rows = _halved(path, shares, rows, far, joints_at)
 
 

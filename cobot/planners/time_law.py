@@ -318,8 +318,9 @@ def _require_held(held: Array, limits: JointLimits) -> None:
     if share[place, joint] >= EFFORT_SHARE:
         where, name = float(place / (len(held) - 1)), limits.names[int(joint)]
         needed, limit = float(abs(held[place, joint])), float(limits.max_effort[joint])
+        unit = limits.effort_unit(int(joint))
         raise PlanningError(
-            f"{name} needs {needed:.4g} N·m to hold the arm at {100.0 * where:.0f} % of the path, its limit "
-            f"is {limit:.4g} N·m",
-            findings=[Finding("effort", "effort at rest", needed, limit, "N·m", where, (name,))],
+            f"{name} needs {needed:.4g} {unit} to hold the arm at {100.0 * where:.0f} % of the path, its "
+            f"limit is {limit:.4g} {unit}",
+            findings=[Finding("effort", "effort at rest", needed, limit, unit, where, (name,))],
         )

@@ -153,8 +153,8 @@ class CollisionChecker:
         travel = float(np.abs(np.diff(pieces, axis=1)).sum(axis=1).max(axis=1).sum())
         if not travel <= MAX_TRAVEL_RAD:
             raise InputError(
-                f"the motion travels {travel:.4g} rad, "
-                f"at the most {MAX_TRAVEL_RAD:g} rad can be checked for collisions"
+                f"the motion travels {travel:.4g} {self.limits.units}, "
+                f"at the most {MAX_TRAVEL_RAD:g} {self.limits.units} can be checked for collisions"
             )
         if self.clearance.contact(pieces) is None:
             return
@@ -176,8 +176,8 @@ class CollisionChecker:
         percent = 100.0 / trajectory.duration_s
         raise CollisionError(
             f"collision of {contact} after {percent * time_s:.0f} % of the motion "
-            f"({time_s:.2f} s), at joints {_shown(joints)} rad; the deepest is {deepest} after "
-            f"{percent * times[row]:.0f} %; allowed are {1e3 * self.margin_m:.0f} mm",
+            f"({time_s:.2f} s), at joints {_shown(joints)} {self.limits.units}; the deepest is {deepest} "
+            f"after {percent * times[row]:.0f} %; allowed are {1e3 * self.margin_m:.0f} mm",
             findings=[
                 self.finding(contact, time_s / trajectory.duration_s),
                 self.finding(deepest, float(times[row]) / trajectory.duration_s),
@@ -196,7 +196,7 @@ class CollisionChecker:
         contacts = self.contacts(joints)
         if contacts:
             raise CollisionError(
-                f"{what} is in collision: {contacts[0]}, at joints {_shown(joints)} rad",
+                f"{what} is in collision: {contacts[0]}, at joints {_shown(joints)} {self.limits.units}",
                 findings=[self.finding(contact, share) for contact in contacts],
             )
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from cobot.config import Settings, naming
 from cobot.errors import ConfigError
 from cobot.robot.collision import CollisionChecker
-from cobot.robot.limits import load_joint_limits
+from cobot.robot.drives import check_drives, check_forces, check_ranges
+from cobot.robot.limits import check_positions, load_joint_limits
 from cobot.robot.model import RobotModel
 from cobot.robot.srdf import disabled_pairs, load_named_positions
-from cobot.types import CartesianLimits, JointLimits, NamedPosition
+from cobot.types import CartesianLimits, JointLimits, NamedPosition, vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,12 +32,27 @@ class RobotDescription:
         self.positions.clear()
         self.positions.update(positions)
 
+    def check_named_positions(self, source: Path) -> None:
+        """Refuse a robot with a named position beyond its limits, or in which it touches anything.
+
+        Args:
+            source: the file that they come from, for the message.
+
+        Raises:
+            LimitError, CollisionError: naming the file, the position, and the joint or the bodies.
+        """
+        for position in self.positions.values():
+            what, joints = f"{source}: position {position.name!r}", vector(position.joints)
+            check_positions(self.limits, joints, f"{what}: the angle")
+            self.collision.check_position(joints, what)
+
 
 def load_robot(settings: Settings) -> RobotDescription:
     """Read the model, the limits and the named positions that the settings name.
 
     Raises:
-        ConfigError: a file is missing or wrong, or they do not fit each other.
+        ConfigError: a file is missing or wrong, they do not fit each other, or MuJoCo shall simulate
+            actuators that take no torques.
     """
     with naming("web.joint_limits"):
         limits = load_joint_limits(settings.web.joint_limits)
@@ -43,6 +60,13 @@ def load_robot(settings: Settings) -> RobotDescription:
         model = RobotModel.load(
             settings.robot.model, limits, base=settings.robot.base_frame, tcp=settings.robot.tcp
         )
+        limits = model.limits
+        if settings.rt.backend == "mujoco":
+            check_drives(model.mj, limits)
+    with naming("web.joint_limits"):
+        check_ranges(model.mj, limits)
+        if settings.rt.backend == "mujoco":
+            check_forces(model.mj, limits)
     with naming("robot.srdf"):
         positions = load_named_positions(settings.robot.srdf, limits.names, settings.robot.group)
         disabled = disabled_pairs(settings.robot.srdf)

@@ -6,12 +6,16 @@ import mujoco
 import numpy as np
 
 from cobot.errors import ConfigError
+from cobot.robot.limits import MILLIMETRES_FROM_M
 from cobot.types import JointLimits
 
 TOLERANCE = 1e-6
 """Of positions, rad or m: files are rounded."""
-MILLIMETRES_M = 50.0
-"""No slide of an arm is that long: whose position is beyond this has written millimetres."""
+MILLIMETRES_PER_S_FROM = 20.0
+"""No slide of an arm moves at so many m/s: whose limit is beyond this has written mm/s."""
+MILLIMETRES_FROM_RATIO = 100.0
+"""Limits that many times wider than the model's are in another unit."""
+UNITS_OF_SLIDES = "limits of a prismatic joint are in m, m/s, m/s², m/s³ and N"
 
 
 def check_drives(mj: mujoco.MjModel, limits: JointLimits) -> None:
@@ -45,8 +49,32 @@ def check_drives(mj: mujoco.MjModel, limits: JointLimits) -> None:
         )
 
 
+def check_forces(mj: mujoco.MjModel, limits: JointLimits) -> None:
+    """Refuse efforts that the model's drives never reach: the simulation would cut them off unsaid.
+
+    Raises:
+        ConfigError: names the joint, both efforts and the way out.
+    """
+    for index, (name, effort) in enumerate(zip(limits.names, limits.max_effort.tolist(), strict=True)):
+        bounds = [
+            (what, float(np.abs(span[index]).min()))
+            for what, limited, span in (
+                ("forcerange", mj.actuator_forcelimited, mj.actuator_forcerange),
+                ("actuatorfrcrange", mj.jnt_actfrclimited, mj.jnt_actfrcrange),
+            )
+            if limited[index]
+        ]
+        for what, bound in bounds:
+            if effort > bound + TOLERANCE * max(1.0, bound):
+                unit = limits.effort_unit(index)
+                raise ConfigError(
+                    f"max_effort of {name} is {effort:g} {unit}, the model's {what} allows {bound:g} {unit}: "
+                    f"set max_effort to {bound:g} or less, or widen {what}"
+                )
+
+
 def check_ranges(mj: mujoco.MjModel, limits: JointLimits) -> None:
-    """Refuse position limits wider than the model's, and those of slides in millimetres.
+    """Refuse position limits wider than the model's, and limits of slides in millimetres.
 
     Raises:
         ConfigError: names the joint, both ranges and the way out.
@@ -55,12 +83,19 @@ def check_ranges(mj: mujoco.MjModel, limits: JointLimits) -> None:
         low, high = limits.min_position[index], limits.max_position[index]
         slides = mj.jnt_type[index] == mujoco.mjtJoint.mjJNT_SLIDE
         unit = "m" if slides else "rad"
-        if slides and max(abs(low), abs(high)) > MILLIMETRES_M:
-            raise ConfigError(
-                f"{name} slides from {low:g} to {high:g} m, which looks like millimetres: "
-                "limits of a prismatic joint are in m, m/s, m/s², m/s³ and N"
-            )
         lowest, highest = mj.jnt_range[index]
+        longest = MILLIMETRES_FROM_M
+        if mj.jnt_limited[index]:
+            longest = min(longest, MILLIMETRES_FROM_RATIO * max(abs(lowest), abs(highest)))
+        if slides and max(abs(low), abs(high)) > longest:
+            raise ConfigError(
+                f"{name} slides from {low:g} to {high:g} m, which looks like millimetres: {UNITS_OF_SLIDES}"
+            )
+        if slides and limits.max_velocity[index] > MILLIMETRES_PER_S_FROM:
+            raise ConfigError(
+                f"max_velocity of {name} is {limits.max_velocity[index]:g} m/s, which looks like mm/s: "
+                f"{UNITS_OF_SLIDES}"
+            )
         if mj.jnt_limited[index] and (low < lowest - TOLERANCE or high > highest + TOLERANCE):
             raise ConfigError(
                 f"{name} may move from {low:g} to {high:g} {unit}, the model allows {lowest:g} to "

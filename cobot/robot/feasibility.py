@@ -27,7 +27,6 @@ PLACES = 33
 """In the segment that exceeds a limit, for a message only: so many are looked at for where."""
 
 QUANTITIES = ("position", "velocity", "acceleration", "jerk")
-UNITS = ("rad", "rad/s", "rad/s²", "rad/s³")
 
 
 def check_limits(
@@ -62,7 +61,7 @@ def check_limits(
     place = f"from {begin:.3f} s to {end:.3f} s"
     if labels is not None:
         place = f"between {labels[segment]} and {labels[segment + 1]} ({place})"
-    name, quantity, unit = limits.names[joint], QUANTITIES[derivative], UNITS[derivative]
+    name, quantity, unit = limits.names[joint], QUANTITIES[derivative], limits.unit(joint, derivative)
     raise LimitError(
         f"{place} the {quantity} of {name} reaches {value:.6g} {unit}, its limit is {limit:.6g} {unit}, "
         f"at {100.0 * share:.0f} % of the motion",
@@ -112,7 +111,12 @@ def _bounds(
 
 
 def effort_samples(model: RobotModel, trajectory: Trajectory) -> tuple[Array, Array]:
-    """Times, shape (n,), s, and what the drives need there, shape (n, dof), N·m, without friction."""
+    """Times, shape (n,), s, and what the drives need there, shape (n, dof), N·m, without friction.
+
+    A planner looks at them, and then whoever checks its motion: the model keeps those of the last one.
+    """
+    if model.last_efforts is not None and model.last_efforts[0] is trajectory:
+        return model.last_efforts[1:]
     knots = trajectory.breakpoints_s
     durations = np.diff(knots)
     step_s = max(EFFORT_STEP_S, trajectory.duration_s / MOST_EFFORT_STEPS)
@@ -121,7 +125,10 @@ def effort_samples(model: RobotModel, trajectory: Trajectory) -> tuple[Array, Ar
     number = np.arange(len(segment)) - np.repeat(np.cumsum(counts) - counts, counts)
     times = np.append(knots[segment] + durations[segment] * number / counts[segment], knots[-1])
     joints, velocity, acceleration, _ = pieces_at(knots, trajectory.coefficients, times)
-    return times, model.dynamics.inverse(joints, velocity, acceleration)
+    efforts = model.dynamics.inverse(joints, velocity, acceleration)
+    times.flags.writeable = efforts.flags.writeable = False
+    model.last_efforts = trajectory, times, efforts
+    return times, efforts
 
 
 def check_efforts(model: RobotModel, trajectory: Trajectory, limits: JointLimits) -> None:
@@ -137,9 +144,10 @@ def check_efforts(model: RobotModel, trajectory: Trajectory, limits: JointLimits
     sample, joint = np.unravel_index(int(share.argmax()), share.shape)
     place = float(times[sample] / trajectory.duration_s)
     name, needed = limits.names[int(joint)], float(abs(efforts[sample, joint]))
+    unit = limits.effort_unit(int(joint))
     limit = float(limits.max_effort[joint])
     raise LimitError(
-        f"after {100.0 * place:.0f} % of the motion ({times[sample]:.3f} s) {name} needs {needed:.4g} N·m, "
-        f"its limit is {limit:.4g} N·m",
-        findings=[Finding("effort", "effort", needed, limit, "N·m", place, (name,))],
+        f"after {100.0 * place:.0f} % of the motion ({times[sample]:.3f} s) {name} needs {needed:.4g} "
+        f"{unit}, its limit is {limit:.4g} {unit}",
+        findings=[Finding("effort", "effort", needed, limit, unit, place, (name,))],
     )

@@ -24,6 +24,8 @@ DEGREES_FROM_RAD = 9.5
 """No joint turns one and a half times either way: whose angle is beyond this has written degrees."""
 DEGREES_TO_RAD = 720.0
 """Nobody means more than two turns in degrees: what is beyond this is no angle in any unit."""
+MILLIMETRES_FROM_M = 50.0
+"""No slide of an arm is that long: whose position is beyond this has written millimetres."""
 
 
 def load_joint_limits(path: Path) -> JointLimits:
@@ -40,8 +42,9 @@ def load_joint_limits(path: Path) -> JointLimits:
     if not isinstance(joints, dict) or not joints or set(content) != {"joint_limits"}:
         raise ConfigError(f"{path}: must hold joint_limits: with an entry for each joint, and nothing else")
     rows = [_joint(path, str(name), entry) for name, entry in joints.items()]
-    columns = [vector(column) for column in zip(*rows, strict=True)]
-    return JointLimits(tuple(str(name) for name in joints), *columns)
+    low, high, velocity, acceleration, jerk, effort = (vector(column) for column in zip(*rows, strict=True))
+    names = tuple(str(name) for name in joints)
+    return JointLimits(names, low, high, velocity, acceleration, jerk, effort)
 
 
 def check_positions(
@@ -57,23 +60,34 @@ def check_positions(
     """
     ranges = zip(limits.names, joints, limits.min_position, limits.max_position, strict=True)
     beyond = [
-        (name, float(value), float(low), float(high))
-        for name, value, low, high in ranges
+        (name, float(value), float(low), float(high), limits.unit(index))
+        for index, (name, value, low, high) in enumerate(ranges)
         if not low <= value <= high
     ]
     if beyond:
-        turned = DEGREES_FROM_RAD < np.abs(joints).max() <= DEGREES_TO_RAD
+        nouns = {"rad": what, "m": what.replace("angle", "position")}
         said = [
-            f"{what} of {name} is {value:.6g} rad, allowed is {low:g} to {high:g} rad"
-            for name, value, low, high in beyond
+            f"{nouns[unit]} of {name} is {value:.6g} {unit}, allowed is {low:g} to {high:g} {unit}"
+            for name, value, low, high, unit in beyond
         ]
         raise LimitError(
-            "; ".join(said) + ("; these look like degrees, angles are in rad" if turned else ""),
+            "; ".join(said) + _mistaken(limits, joints),
             findings=[
-                Finding("limit", "position", value, low if value < low else high, "rad", share, (name,))
-                for name, value, low, high in beyond
+                Finding("limit", "position", value, low if value < low else high, unit, share, (name,))
+                for name, value, low, high, unit in beyond
             ],
         )
+
+
+def _mistaken(limits: JointLimits, joints: Array) -> str:
+    """What other unit the values look like; "" for none."""
+    slides = np.array(limits.slides or (False,) * limits.dof)
+    angles, ways = np.abs(joints[~slides]), np.abs(joints[slides])
+    if len(ways) and ways.max() > MILLIMETRES_FROM_M:
+        return "; these look like millimetres, positions of slides are in m"
+    if len(angles) and DEGREES_FROM_RAD < angles.max() <= DEGREES_TO_RAD:
+        return "; these look like degrees, angles are in rad"
+    return ""
 
 
 def _joint(path: Path, name: str, entry: Any) -> tuple[float, ...]:

@@ -15,10 +15,12 @@ from cobot.robot.chain import Chain
 from cobot.robot.dynamics import Dynamics
 from cobot.robot.inverse_kinematics.arm import Arm
 from cobot.robot.inverse_kinematics.geometry import recognised
+from cobot.robot.load import carrying
 from cobot.robot.payload import Carrier
 from cobot.robot.quaternion import from_matrix
 from cobot.robot.scene import Numbers7, Scene, compiled
 from cobot.robot.tool import BARE, Tool, chained, inverse
+from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits, Pose
 
 
@@ -30,11 +32,14 @@ class RobotModel:
 
     Attributes:
         mj: MuJoCo's model.
-        limits: the joint limits, which also give the joints' order.
+        limits: the joint limits, which also give the joints' order; they know which of them are slides.
         tcp_site: index of the TCP among the model's sites.
         chain: the kinematics, which compiled code calls without Python.
         dynamics: inertia and bias forces, likewise.
         tool: what is on the flange; `carry` changes it.
+        attached: the scene whose attached objects are carried with it.
+        carried: the tool with their masses.
+        last_efforts: see `effort_samples`.
         spec: what MuJoCo's model was made of, for one with more in it; None if it was made elsewhere.
     """
 
@@ -49,13 +54,16 @@ class RobotModel:
         self.mj = mj
         self.spec = spec
         self.limits = limits
-        self._base = _named(mj, mujoco.mjtObj.mjOBJ_BODY, base, "robot.base_frame")
+        self._base = _base_body(mj, base)
         joints = [mj.joint(index).name for index in range(mj.njnt)]
         if tuple(joints) != limits.names or mj.nv != limits.dof or mj.nq != limits.dof:
             raise ConfigError(
                 f"the model's joints must be those of the limits, hinges in the same order: "
                 f"{', '.join(joints)} against {', '.join(limits.names)}"
             )
+        slides = tuple(bool(kind == mujoco.mjtJoint.mjJNT_SLIDE) for kind in mj.jnt_type)
+        if any(slides):
+            self.limits = limits = replace(limits, slides=slides)
         self.tcp_site = _tcp_site(mj, tcp)
         if mj.body_weldid[self._base] != 0:
             raise ConfigError(f"robot.base_frame: {base!r} must not move with the joints")
@@ -64,7 +72,9 @@ class RobotModel:
         except InputError as exc:
             raise ConfigError(str(exc)) from exc
         self.dynamics = Dynamics(mj)
-        self.tool = BARE
+        self.last_efforts: tuple[Trajectory, Array, Array] | None = None
+        self.tool = self.carried = BARE
+        self.attached = Scene()
         self._carrier = Carrier(mj, self._base, self.tcp_site)
         self._given = np.zeros(limits.dof)
         moved = np.abs(self.jacobian(np.full(limits.dof, 0.5))).max(axis=0) > 0.0
@@ -88,7 +98,8 @@ class RobotModel:
         except ValueError as exc:
             if error := exhausted(exc):
                 raise error from exc
-            raise ConfigError(f"{path}: MuJoCo cannot load it: {' '.join(str(exc).split())}") from exc
+            said = " ".join(str(exc).split())
+            raise ConfigError(f"{path}: MuJoCo cannot load it: {said}{_advice(path, said)}") from exc
         except ConfigError as exc:
             raise ConfigError(f"{path}: {exc}") from exc
 
@@ -118,14 +129,17 @@ class RobotModel:
         """That of the model's file, shape (3,), m/s², in the base frame."""
         return np.asarray(self.chain.base_rotation.T @ self._carrier.gravity)
 
-    def carry(self, tool: Tool) -> None:
-        """Have this tool on the flange instead: mass, TCP and gravity, for all who use this model's `mj`,
-        `chain` and `dynamics`. Its shapes are the collision checker's. Some 200 µs; nobody may compute
-        meanwhile.
+    def carry(self, tool: Tool, scene: Scene | None = None) -> None:
+        """Have this tool on the flange instead, and what is attached in this scene, or nothing: mass, TCP and
+        gravity, for all who use this model's `mj`, `chain` and `dynamics`. Shapes are the collision
+        checker's. Some 200 µs; nobody may compute meanwhile.
         """
+        self.attached = scene or Scene()
+        self.carried = carrying(tool, self.attached, self.tcp_in_flange(tool))
         gravity = None if tool.gravity is None else self.chain.base_rotation @ tool.gravity
-        self._carrier.load(tool, gravity)
+        self._carrier.load(self.carried, gravity)
         self.dynamics.settle()
+        self.last_efforts = None
         self.chain.reach(self.mj, self.tcp_site)
         self.__dict__.pop("inverse_kinematics", None)
         self.tool = tool
@@ -248,6 +262,15 @@ class RobotModel:
         return np.asarray(self.chain.base_rotation.T @ self.mj.opt.gravity)
 
 
+def _advice(path: Path, said: str) -> str:
+    """For files as ROS has them."""
+    if path.suffix == ".xacro":
+        return f"; it is xacro, expand it first: xacro {path.name} > {path.name.split('.')[0]}.urdf"
+    if "package:" in said:
+        return f"; let `cobot new-robot {path.name} --package FOLDER` make a model of it, with its meshes"
+    return ""
+
+
 def _read(path: Path, tcp: str) -> mujoco.MjSpec:
     """A URDF has no sites and MuJoCo would fuse its fixed links: keep them, and let the TCP be a link.
 
@@ -264,10 +287,11 @@ def _read(path: Path, tcp: str) -> mujoco.MjSpec:
     return spec
 
 
-def _named(model: mujoco.MjModel, kind: mujoco.mjtObj, name: str, setting: str) -> int:
-    index = mujoco.mj_name2id(model, kind, name)
+def _base_body(model: mujoco.MjModel, name: str) -> int:
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
     if index < 0:
-        raise ConfigError(f"{setting}: the model has no {name!r}")
+        still = [model.body(body).name for body in range(model.nbody) if model.body_weldid[body] == 0]
+        raise ConfigError(f"robot.base_frame: the model has no {name!r}; valid are: {', '.join(still)}")
     return int(index)
 
 

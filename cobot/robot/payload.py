@@ -10,6 +10,7 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from cobot.robot.load import moved
 from cobot.robot.quaternion import from_matrix
 from cobot.robot.rotations import matrix_of
 from cobot.robot.scene import Numbers7
@@ -91,15 +92,10 @@ class Carrier:
         mass = self._mass + tool.mass
         centre = (self._mass * self._centre + tool.mass * place) / mass
         axes = matrix_of(self._turn)
-        inertia = axes @ np.diag(self._moments) @ axes.T + _moved(self._mass, self._centre - centre)
+        inertia = axes @ np.diag(self._moments) @ axes.T + moved(self._mass, self._centre - centre)
         inertia += self._flange_turn @ tool.inertia_matrix @ self._flange_turn.T
-        inertia += _moved(tool.mass, place - centre)
+        inertia += moved(tool.mass, place - centre)
         moments, axes = np.linalg.eigh(inertia)
         if np.linalg.det(axes) < 0.0:
             axes[:, 0] *= -1.0
         return mass, centre, np.array(from_matrix(axes.ravel().tolist())), moments
-
-
-def _moved(mass: float, arm: Array) -> Array:
-    """The inertia of a point mass at the end of an arm, shape (3, 3), kg·m²."""
-    return mass * (float(arm @ arm) * np.eye(3) - np.outer(arm, arm))

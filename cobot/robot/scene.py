@@ -17,11 +17,13 @@ from pydantic.dataclasses import dataclass as checked
 from cobot.errors import ConfigError, InputError, exhausted
 from cobot.robot.kept import keep
 from cobot.strict import sentences
-from cobot.types import Pose
+from cobot.types import Array, Pose
 
 Shape = Literal["box", "sphere", "cylinder", "capsule"]
 Numbers7 = tuple[float, float, float, float, float, float, float]
 """x, y, z (m) and w, x, y, z of a unit quaternion."""
+Numbers3 = tuple[float, float, float]
+Numbers6 = tuple[float, float, float, float, float, float]
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 _GEOMS = {
@@ -41,6 +43,9 @@ class SceneObject:
             which lie along z, radius and length, that of a capsule without its round ends.
         pose: of its middle in the base frame; in the TCP's if it is attached.
         touch: the bodies and objects that it may touch while it is attached.
+        mass: kg, of which the arm feels nothing unless it is attached.
+        centre: of the mass, m, in its own frame; None: that of a solid of one density.
+        inertia: about the centre, along its own axes, kg·m²: xx, xy, xz, yy, yz, zz; None: likewise.
     """
 
     shape: Shape
@@ -48,6 +53,9 @@ class SceneObject:
     pose: Numbers7
     attached: bool = False
     touch: tuple[str, ...] = ()
+    mass: float = 0.0
+    centre: Numbers3 | None = None
+    inertia: Numbers6 | None = None
 
 
 @checked(frozen=True, config=_STRICT)
@@ -59,12 +67,19 @@ class Scene:
         objects: by name.
         frames: where named frames are in the base frame.
         allowed: pairs of bodies or objects that may touch.
+        loads: how often `load` has changed.
     """
 
     version: int = 0
     objects: dict[str, SceneObject] = field(default_factory=dict)
     frames: dict[str, Numbers7] = field(default_factory=dict)
     allowed: tuple[tuple[str, str], ...] = ()
+    loads: int = 0
+
+    @property
+    def load(self) -> dict[str, SceneObject]:
+        """What the arm feels: what is attached and has a mass."""
+        return {name: each for name, each in self.objects.items() if each.attached and each.mass > 0.0}
 
     def may_touch(self) -> set[frozenset[str]]:
         """The pairs that are not looked at, by the names of their bodies."""
@@ -111,6 +126,12 @@ class SceneFile:
             UnavailableError: there is no room or no permission; the old one is there as it was.
         """
         keep(self.path, _FILE.dump_json(scene, indent=1), "the scene")
+
+
+def symmetric(six: Numbers6) -> Array:
+    """A matrix, shape (3, 3), of xx, xy, xz, yy, yz, zz."""
+    xx, xy, xz, yy, yz, zz = six
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 def numbers(pose: Pose) -> Numbers7:

@@ -17,12 +17,10 @@ from pydantic.dataclasses import dataclass as checked
 from cobot.errors import ConfigError, InputError, LimitError
 from cobot.robot import quaternion
 from cobot.robot.kept import keep
-from cobot.robot.scene import Numbers7, Scene, SceneObject
+from cobot.robot.scene import Numbers3, Numbers6, Numbers7, Scene, SceneObject, symmetric
 from cobot.strict import sentences
 from cobot.types import Array
 
-Numbers3 = tuple[float, float, float]
-Numbers6 = tuple[float, float, float, float, float, float]
 MAX_REACH_M = 2.0
 """Neither the centre of mass nor the TCP nor a shape is further from the flange."""
 UNIT = 1e-3
@@ -57,8 +55,7 @@ class Tool:
     @property
     def inertia_matrix(self) -> Array:
         """About the centre of mass, along the flange's axes, shape (3, 3), kg·m²."""
-        xx, xy, xz, yy, yz, zz = self.inertia or (0.0,) * 6
-        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        return symmetric(self.inertia or (0.0,) * 6)
 
     def mounted(self, scene: Scene) -> Scene:
         """The scene with the tool's shapes among what is attached; their poses stay those of the flange."""
@@ -88,7 +85,7 @@ def check_tool(tool: Tool, max_payload_kg: float, gravity: Array) -> None:
         )
     _require_near("centre", tool.centre)
     if tool.inertia is not None:
-        _check_inertia(tool.inertia_matrix, tool.mass)
+        check_inertia("inertia", tool.inertia_matrix, tool.mass)
     if tool.tcp is not None:
         _require_near("tcp", tool.tcp[:3])
         _require_unit("tcp", tool.tcp[3:])
@@ -117,23 +114,28 @@ def check_gravity(gravity: Numbers3, present: Array) -> None:
         )
 
 
-def _check_inertia(inertia: Array, mass: float) -> None:
+def check_inertia(name: str, inertia: Array, mass: float) -> None:
+    """See that some body of this mass has it: shape (3, 3), kg·m².
+
+    Raises:
+        InputError, LimitError: none has.
+    """
     moments = np.linalg.eigvalsh(inertia)
     shown = ", ".join(f"{moment:.4g}" for moment in moments)
     if moments[0] <= 0.0:
         raise InputError(
-            f"inertia: must be positive definite, its principal moments are {shown} kg·m²; "
+            f"{name}: must be positive definite, its principal moments are {shown} kg·m²; "
             "leave it out for a point mass"
         )
     if moments[2] > (moments[0] + moments[1]) * (1.0 + ROUNDING):
         raise InputError(
-            f"inertia: no body has it: of its principal moments {shown} kg·m² the largest is above the sum "
+            f"{name}: no body has it: of its principal moments {shown} kg·m² the largest is above the sum "
             "of the others"
         )
     largest = mass * MAX_REACH_M**2
     if moments[2] > largest:
         raise LimitError(
-            f"inertia: its principal moments are {shown} kg·m²; {mass:g} kg within {MAX_REACH_M:g} m have at "
+            f"{name}: its principal moments are {shown} kg·m²; {mass:g} kg within {MAX_REACH_M:g} m have at "
             f"most {largest:g} kg·m²"
         )
 

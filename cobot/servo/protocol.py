@@ -98,9 +98,14 @@ class ServoRules:
     """
 
     def __init__(
-        self, min_position: Sequence[float], max_position: Sequence[float], control_period_s: float
+        self,
+        min_position: Sequence[float],
+        max_position: Sequence[float],
+        control_period_s: float,
+        units: Sequence[str] = (),
     ) -> None:
         self.bound(min_position, max_position)
+        self._units = list(units) or ["rad"] * len(self._bounds)
         self._control_period_s = control_period_s
         self.fjt = FjtControl()
         self.last_refusal = ""
@@ -114,7 +119,7 @@ class ServoRules:
         self.watchdog_s, self.send_period_s = DEFAULT_WATCHDOG_S, control_period_s
 
     def bound(self, min_position: Sequence[float], max_position: Sequence[float]) -> None:
-        """Take only joint angles within these, rad."""
+        """Take only joint positions within these, rad or m."""
         self._bounds = list(zip(map(float, min_position), map(float, max_position), strict=True))
 
     def begin(self, request: SetMode, owner: str = "") -> None:
@@ -287,7 +292,8 @@ class ServoRules:
                 if not low - POSITION_TOLERANCE_RAD <= value <= high + POSITION_TOLERANCE_RAD:
                     raise BrokenRule(
                         Refusal.LIMIT,
-                        f"joint {joint} must be from {low:g} to {high:g} rad, got {value:.6g}",
+                        f"joint {joint} must be from {low:g} to {high:g} {self._units[joint - 1]}, "
+                        f"got {value:.6g}",
                     )
         return values
 

@@ -89,9 +89,10 @@ def _refuse_positions(piece: Array, times_s: Array, limits: JointLimits) -> None
     segment, place, joint = np.unravel_index(beyond.argmax(), beyond.shape)
     time_s = times_s[segment] + PLACES[place] * (times_s[segment + 1] - times_s[segment])
     position = positions[segment, place, joint]
+    unit = limits.unit(int(joint))
     raise RefusedError(
-        f"{time_s:.3f} s into the motion {limits.names[joint]} would be at {position:.4f} rad, "
-        f"allowed is {limits.min_position[joint]:g} to {limits.max_position[joint]:g} rad"
+        f"{time_s:.3f} s into the motion {limits.names[joint]} would be at {position:.4f} {unit}, "
+        f"allowed is {limits.min_position[joint]:g} to {limits.max_position[joint]:g} {unit}"
     )
 
 

@@ -29,6 +29,7 @@ class Surroundings:
 
     Attributes:
         busy: whether one is being made.
+        version: of the scene that was read last.
         problem: why the last one could not be made; "" if it could.
     """
 
@@ -38,6 +39,7 @@ class Surroundings:
         self._limits = limits
         self._thread: threading.Thread | None = None
         self._made: CollisionMonitor | None = None
+        self.version = 0
         self.problem = ""
 
     @property
@@ -51,6 +53,7 @@ class Surroundings:
             CobotError: a file is damaged, or MuJoCo refuses what it holds.
         """
         scene = SceneFile(self._settings.scene_file).read()
+        self.version = scene.version
         tool = ToolFile(self._settings.tool_file).read_checked(
             self._settings.robot.max_payload_kg, self._model.file_gravity
         )

@@ -12,6 +12,7 @@ from cobot.polynomials import (
     between,
     evaluate,
     greatest_rates,
+    jumps,
     peaks,
     pieces_at,
 )
@@ -104,6 +105,18 @@ def test_pieces_are_evaluated_as_numpys_polynomials(seed: int) -> None:
         rows = np.polynomial.polynomial.polyder(coefficients, order, axis=2)[piece]
         since = (places - breakpoints[piece])[:, None, None] ** np.arange(6 - order)
         assert found[order] == pytest.approx((rows * since).sum(axis=2), abs=1e-12, rel=1e-12)
+
+
+def test_jumps_are_the_differences_of_numpys_polynomials_where_pieces_meet() -> None:
+    rng = np.random.default_rng(3)
+    coefficients, durations = rng.normal(size=(40, 7, 6)), rng.uniform(0.01, 3.0, 40)
+    gaps, amounts = jumps(coefficients, durations)
+    for order in range(3):
+        rows = np.polynomial.polynomial.polyder(coefficients, order, axis=2)
+        ends = np.einsum("nik,nk->ni", rows, durations[:, None] ** np.arange(6 - order))
+        assert gaps[order] == pytest.approx(np.abs(ends[:-1] - rows[1:, :, 0]), rel=1e-12, abs=1e-12)
+        assert amounts[order] == pytest.approx(np.abs(rows[1:, :, 0]), rel=1e-12)
+    assert jumps(coefficients[:1], durations[:1])[0].shape == (3, 0, 7)
 
 
 @pytest.mark.parametrize("seed", range(ROUNDS))

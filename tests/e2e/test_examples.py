@@ -14,7 +14,9 @@ import tree_sitter_matlab
 from running import Run
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-SCRIPTS = sorted(path.name for path in EXAMPLES.iterdir() if path.suffix not in (".csv", ".json"))
+SCRIPTS = sorted(
+    path.name for path in EXAMPLES.iterdir() if path.is_file() and path.suffix not in (".csv", ".json")
+)
 STARTS = ("make run", "make setup-dev")
 """They are run already: the shared service, and the environment of the tests."""
 COMMAND = re.compile(r"^(?:#|--|%)? *((?:make|bash|run|\.venv/bin/\w+) .*)$", re.M)

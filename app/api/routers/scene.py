@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 from fastapi import APIRouter, Depends, Request
 
 from app.api.dependencies import Call, CobotRoute, json_body
@@ -25,7 +27,7 @@ from app.services.motion.scene import (
     remove_object,
 )
 from cobot.robot.frames import pose_from_abc
-from cobot.robot.scene import Numbers7, SceneObject, numbers
+from cobot.robot.scene import Numbers6, Numbers7, SceneObject, numbers
 
 router = APIRouter(prefix="/scene", tags=["scene"], route_class=CobotRoute)
 
@@ -36,18 +38,7 @@ async def scene(request: Request) -> SceneAnswer:
     found = Call(request).services.scene.scene
     return SceneAnswer(
         version=found.version,
-        objects=[
-            ObjectAnswer(
-                name=name,
-                shape=each.shape,
-                size=list(each.size),
-                position=list(each.pose[:3]),
-                quaternion=_xyzw(each.pose),
-                attached=each.attached,
-                touch=list(each.touch),
-            )
-            for name, each in found.objects.items()
-        ],
+        objects=[ObjectAnswer.of(name, each) for name, each in found.objects.items()],
         frames=[
             FrameAnswer(name=name, position=list(pose[:3]), quaternion=_xyzw(pose))
             for name, pose in found.frames.items()
@@ -62,9 +53,10 @@ async def change_scene(body: ChangeScene, request: Request) -> ChangedAnswer:
 
     From the answer on, every planned motion keeps `planning.collision_margin_m` from the objects; the motion
     under way is stopped if what is left of it would not. It is kept over restarts. Nothing is attached or
-    detached while the arm moves.
+    detached while the arm moves, nor does what it carries change.
     """
-    service = Call(request).services.scene
+    call = Call(request)
+    service = call.services.scene
     edits: list[Edit] = [clear] if body.clear else []
     edits += [detach(name) for name in body.detach]
     for name, place in body.frames.items():
@@ -76,11 +68,18 @@ async def change_scene(body: ChangeScene, request: Request) -> ChangedAnswer:
     edits += [service.attach(name, touch) for name, touch in body.attach.items()]
     if body.allowed is not None:
         edits.append(service.allow([(first, second) for first, second in body.allowed]))
-    return _answer(await service.change(edits, moves_hand=bool(body.attach or body.detach)))
+    return _answer(await service.change(edits, moves_hand=bool(body.attach or body.detach), name=call.name))
 
 
 def _put(service: SceneService, name: str, solid: PutObject) -> Edit:
-    item = SceneObject(shape=solid.shape, size=solid.numbers(), pose=_pose(solid))
+    item = SceneObject(
+        shape=solid.shape,
+        size=solid.numbers(),
+        pose=_pose(solid),
+        mass=solid.mass,
+        centre=None if solid.centre is None else (solid.centre[0], solid.centre[1], solid.centre[2]),
+        inertia=None if solid.inertia is None else cast(Numbers6, tuple(solid.inertia)),
+    )
     return service.put_object(name, item, solid.frame_id)
 
 

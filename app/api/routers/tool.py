@@ -79,18 +79,7 @@ def _answer(model: RobotModel, contacts: list[str]) -> ToolAnswer:
         inertia=None if tool.inertia is None else list(tool.inertia),
         position=list(tcp[:3]),
         quaternion=_xyzw(tcp),
-        shapes=[
-            ObjectAnswer(
-                name=name,
-                shape=each.shape,
-                size=list(each.size),
-                position=list(each.pose[:3]),
-                quaternion=_xyzw(each.pose),
-                attached=True,
-                touch=list(each.touch),
-            )
-            for name, each in tool.shapes.items()
-        ],
+        shapes=[ObjectAnswer.of(name, replace(each, attached=True)) for name, each in tool.shapes.items()],
         gravity=model.gravity.tolist(),
         contacts=contacts,
     )

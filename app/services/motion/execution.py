@@ -437,7 +437,7 @@ class MotionService:
             checker = await asyncio.to_thread(self._robot.collision.among, self._robot.collision.scene)
             await asyncio.to_thread(checker.check_trajectory, trajectory)
         claim.proceed()
-        tool = self._robot.model.tool.version  # it cannot change while somebody has a claim
+        tool = self._robot.model.carried.version  # it cannot change while somebody has a claim
         claim.motion_id = await self._link.start(trajectory, claim.stops, tool)
         logs.bind(motion=claim.motion_id)
         await claim.speed_override.begun()

@@ -40,8 +40,8 @@ def in_scene(
     """Some work of a robot in a scene with a tool, which come along: a process that has just begun knows
     neither.
     """
-    if robot.model.tool.version != tool.version:
-        robot.model.carry(tool)
+    if robot.model.carried.version != tool.version + scene.loads:
+        robot.model.carry(tool, scene)
     checker = robot.collision
     if (checker.scene.version, checker.tool.version) != (scene.version, tool.version):
         checker.surround(scene, tool)

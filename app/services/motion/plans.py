@@ -7,7 +7,7 @@ import secrets
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
 
@@ -209,12 +209,12 @@ class PlanService:
         return await self._motion.run(plan.forecast.trajectory, partial(self._require_same, plan), caller)
 
     def _require_same(self, plan: Plan, joints: Array) -> None:
-        for item in fields(JointLimits)[1:]:
-            before, now = getattr(plan.limits, item.name), getattr(self._robot.limits, item.name)
+        for quantity in JointLimits.QUANTITIES:
+            before, now = getattr(plan.limits, quantity), getattr(self._robot.limits, quantity)
             for joint in np.flatnonzero(before != now)[:1]:
                 name = plan.limits.names[int(joint)]
                 raise ConflictError(
-                    f"plan {plan.plan_id}: {item.name} of {name} was {before[joint]:g} when it was "
+                    f"plan {plan.plan_id}: {quantity} of {name} was {before[joint]:g} when it was "
                     f"made and is {now[joint]:g} now; allowed is no difference; plan again"
                 )
         for what, before, now in (
@@ -229,10 +229,11 @@ class PlanService:
         off = joints - plan.start
         worst = int(np.abs(off).argmax())
         if abs(off[worst]) > START_TOLERANCE_RAD:
+            unit = plan.limits.unit(worst)
             raise ConflictError(
-                f"plan {plan.plan_id}: {plan.limits.names[worst]} is at {joints[worst]:.6f} rad, "
-                f"{abs(off[worst]):.3g} rad from {plan.start[worst]:.6f} rad where the plan begins; allowed "
-                f"are {START_TOLERANCE_RAD:g} rad; go there, or plan again"
+                f"plan {plan.plan_id}: {plan.limits.names[worst]} is at {joints[worst]:.6f} {unit}, "
+                f"{abs(off[worst]):.3g} {unit} from {plan.start[worst]:.6f} {unit} where the plan begins; "
+                f"allowed are {START_TOLERANCE_RAD:g} {unit}; go there, or plan again"
             )
 
     def _given(self, start: list[float]) -> Array:

@@ -11,10 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.services.motion.execution import MotionService
+from app.services.motion.lease import CLIENT
+from app.services.motion.ownership import Caller, Ownership
 from app.services.motion.planning import PlanningService
 from app.services.motion.stopping import StopService
 from app.services.motion.tool_and_limits import compose, inverted
 from app.services.state.link import RobotLink
+from app.services.state.robot_state import RobotState
 from cobot.errors import (
     CobotError,
     CollisionError,
@@ -26,7 +29,9 @@ from cobot.errors import (
 )
 from cobot.robot.collision import CollisionChecker, Contact
 from cobot.robot.description import RobotDescription
-from cobot.robot.scene import Numbers7, Scene, SceneFile, SceneObject, numbers
+from cobot.robot.load import carrying, check_load
+from cobot.robot.scene import Numbers7, Scene, SceneFile, SceneObject, numbers, symmetric
+from cobot.robot.tool import check_inertia
 from cobot.strict import shown
 from cobot.trajectory import ORDER, Trajectory
 from cobot.types import RESTING, STREAMING, Pose
@@ -72,6 +77,8 @@ class SceneService:
         motion: MotionService,
         planning: PlanningService,
         stopping: StopService,
+        ownership: Ownership,
+        max_payload_kg: float,
         file: SceneFile,
     ) -> None:
         self._robot = robot
@@ -79,6 +86,8 @@ class SceneService:
         self._motion = motion
         self._planning = planning
         self._stopping = stopping
+        self._ownership = ownership
+        self._max_payload_kg = max_payload_kg
         self._file = file
         self.turn = asyncio.Lock()
         self._model_names = robot.model.frame_names | {robot.base_frame, "tool"}
@@ -94,6 +103,8 @@ class SceneService:
     def put_object(self, name: str, item: SceneObject, frame: str) -> Edit:
         """Add a solid, or replace it; `item.pose` is in `frame`."""
         self._require_own_name(name)
+        if item.inertia is not None:
+            check_inertia(f"objects.{name}.inertia", symmetric(item.inertia), item.mass)
 
         def edit(scene: Scene, hand: Pose) -> Scene:
             if name not in scene.objects and len(scene.objects) >= MAX_OBJECTS:
@@ -138,15 +149,18 @@ class SceneService:
 
         return edit
 
-    async def change(self, edits: Sequence[Edit], *, moves_hand: bool) -> Changed:
+    async def change(
+        self, edits: Sequence[Edit], *, moves_hand: bool, name: str = "a change of the scene"
+    ) -> Changed:
         """Make all of these changes at once, in their order, or none.
 
         Args:
             moves_hand: something is attached or detached, so the arm has to rest.
+            name: of the request, for people.
 
         Raises:
             InputError: a name is the robot's, there is no such frame, or MuJoCo refuses it.
-            LimitError: there are too many.
+            LimitError: there are too many, or the arm may or can not hold what it would carry.
             NotFoundError: there is no such object, frame or body.
             ConflictError: something is attached already, or not; or the arm moves; or somebody streams.
             UnavailableError: the file cannot be written, or the robot does not answer.
@@ -165,26 +179,53 @@ class SceneService:
             scene = self.scene
             for edit in edits:
                 scene = edit(scene, hand)
-            return await self._take_over(replace(scene, version=self.scene.version + 1))
+            scene = replace(scene, version=self.scene.version + 1)
+            if scene.load == self.scene.load:
+                return await self._take_over(scene)
+            return await self._carry(replace(scene, loads=self.scene.loads + 1), state, name)
+
+    async def _carry(self, scene: Scene, state: RobotState, name: str) -> Changed:
+        """Take over a scene that changes what the arm carries: nothing moves or is planned meanwhile."""
+        if state.mode not in RESTING:
+            raise ConflictError(
+                f"the arm moves (mode {state.mode.name}): what it carries changes only while it rests"
+            )
+        caller = Caller(name, CLIENT.get().sequence, self._ownership.stops, math.inf, asyncio.Event())
+        with self._ownership.claim(caller):
+            model = self._robot.model
+            check_load(
+                model, self._robot.limits, model.tool, scene, state.commanded_position, self._max_payload_kg
+            )
+            return await self._take_over(scene)
 
     async def _take_over(self, scene: Scene) -> Changed:
         both = [await asyncio.to_thread(self._robot.collision.among, scene) for _ in range(2)]
         before = self.scene
         await asyncio.to_thread(self._file.write, scene)
         try:
-            await self._link.read_scene()
+            await self._tell(scene)
         except CobotError as exc:
             await asyncio.to_thread(self._file.write, before)
             if isinstance(exc, ExecutionError):
                 raise ConflictError(str(exc)) from exc
             raise
         checker, ours = both  # one is for threads
+        if scene.loads != before.loads:
+            self._robot.model.carry(self._robot.model.tool, scene)
         self._robot.collision.take_over(ours)
         self._planning.scene = scene
         self._motion.scene_changed_s = self._link.clock.now_s()
         log.info("the scene has version %d: %d objects", scene.version, len(scene.objects))
         stopped = await self._stop_if_invalid(checker)
         return Changed(scene, stopped, checker.contacts(self._link.state().position))
+
+    async def _tell(self, scene: Scene) -> None:
+        model = self._robot.model
+        if scene.loads == self.scene.loads:
+            await self._link.read_scene(scene.version)
+        else:
+            whole = carrying(model.tool, scene, model.tcp_in_flange())
+            await self._link.set_tool(whole, scene.version)
 
     async def _stop_if_invalid(self, checker: CollisionChecker) -> str:
         """Stop the motion under way if what is left of it touches something now; why."""
@@ -232,7 +273,7 @@ class SceneService:
 
 def clear(scene: Scene, hand: Pose) -> Scene:
     """Remove all of it."""
-    return Scene(version=scene.version)
+    return Scene(version=scene.version, loads=scene.loads)
 
 
 def remove_object(name: str) -> Edit:

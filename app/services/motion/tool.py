@@ -9,8 +9,6 @@ import math
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from app.services.motion.lease import CLIENT
 from app.services.motion.ownership import Caller, Ownership
 from app.services.motion.planning import PlanningService
@@ -19,6 +17,7 @@ from app.services.state.link import RobotLink
 from cobot.errors import CobotError, ConflictError, ExecutionError, InputError, LimitError
 from cobot.robot.collision import CollisionChecker, Contact
 from cobot.robot.description import RobotDescription
+from cobot.robot.load import carrying, check_load
 from cobot.robot.tool import Tool, ToolFile, check_tool
 from cobot.strict import shown
 from cobot.types import RESTING, Array
@@ -72,7 +71,7 @@ class ToolService:
         self._file = file
         self.on_change: list[Callable[[], None]] = []
         tool = file.read_checked(max_payload_kg, robot.model.file_gravity)
-        if tool.version:
+        if tool.version or scene.scene.loads:
             self._take_over(tool, robot.collision.among(scene.scene, tool))
 
     @property
@@ -81,7 +80,9 @@ class ToolService:
 
     @contextlib.asynccontextmanager
     async def in_force(self) -> AsyncIterator[None]:
-        """See that rtloop carries this tool, which it may not after a crash in the midst of a change."""
+        """See that rtloop carries this tool and knows this scene: after a crash between a file and its
+        command it does not.
+        """
         task = asyncio.create_task(self._watch(), name="tool")
         try:
             yield
@@ -136,23 +137,10 @@ class ToolService:
             raise ConflictError(
                 f"tcp: {', '.join(held)} would move with it, for it is attached to the TCP; detach it first"
             )
-        self._check_holding(tool, joints)
+        check_load(model, self._robot.limits, tool, self._scene.scene, joints, self._max_payload_kg)
 
-    def _check_holding(self, tool: Tool, joints: Array) -> None:
-        """That the drives can hold it where the arm is."""
-        model, limits, before = self._robot.model, self._robot.limits, self.tool
-        model.carry(tool)
-        try:
-            efforts = np.abs(model.gravity_torques(joints))
-        finally:
-            model.carry(before)
-        worst = int((efforts / limits.max_effort).argmax())
-        if efforts[worst] > limits.max_effort[worst]:
-            raise LimitError(
-                f"mass: {limits.names[worst]} would need {efforts[worst]:.4g} N·m to hold {tool.mass:g} kg "
-                f"where the arm is, its limit is {limits.max_effort[worst]:.4g} N·m; take the arm elsewhere "
-                "first"
-            )
+    def _carried(self, tool: Tool) -> Tool:
+        return carrying(tool, self._scene.scene, self._robot.model.tcp_in_flange(tool))
 
     async def _have(self, tool: Tool) -> ToolChanged:
         checker, ours = [  # one is for threads
@@ -161,7 +149,7 @@ class ToolService:
         before = self.tool
         await asyncio.to_thread(self._file.write, tool)
         try:
-            await self._link.set_tool(tool)
+            await self._link.set_tool(self._carried(tool), self._scene.scene.version)
         except CobotError as exc:
             await asyncio.to_thread(self._file.write, before)
             if isinstance(exc, ExecutionError):
@@ -174,21 +162,38 @@ class ToolService:
         return ToolChanged(tool, checker.contacts(self._link.state().position))
 
     def _take_over(self, tool: Tool, checker: CollisionChecker) -> None:
-        self._robot.model.carry(tool)
+        self._robot.model.carry(tool, self._scene.scene)
         self._robot.collision.take_over(checker)
         self._planning.tool = tool
 
     async def _watch(self) -> None:
         while True:
+            await self._see_that_rtloop_knows()
             await asyncio.sleep(LOOK_S)
-            if self._link.tool_version in (None, self.tool.version) or self._ownership.in_motion:
-                continue
-            with contextlib.suppress(CobotError):
-                async with self._scene.turn:
-                    state = await self._link.fresh_state(0.0)
-                    if state.mode in RESTING and self._link.tool_version != self.tool.version:
-                        await self._link.set_tool(self.tool)
-                        log.warning("%srtloop carried another tool: it has this one now", self._link.label)
+
+    async def _see_that_rtloop_knows(self) -> None:
+        if self._knows() or self._ownership.in_motion:
+            return
+        with contextlib.suppress(CobotError):
+            async with self._scene.turn:
+                state = await self._link.fresh_state(0.0)
+                if self._knows() or state.mode not in RESTING:
+                    return
+                had = self._link.tool_version, self._link.scene_version
+                wanted = self._robot.model.carried, self._scene.scene.version
+                await self._link.set_tool(*wanted)
+                versions = f"{had[0]} and {had[1]}, not {wanted[0].version} and {wanted[1]}"
+                log.warning(
+                    "%srtloop carried another tool or knew another scene (versions %s): no more",
+                    self._link.label,
+                    versions,
+                )
+
+    def _knows(self) -> bool:
+        """Whether rtloop has this tool, with what is attached, and was told of this scene."""
+        tool, scene = self._link.tool_version, self._link.scene_version
+        wanted = self._robot.model.carried.version, self._scene.scene.version
+        return tool is None or scene is None or (tool, scene) == wanted
 
 
 def described(tool: Tool) -> str:

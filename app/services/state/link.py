@@ -326,8 +326,8 @@ class RobotLink:
         async with self._command_turn:
             await self._send(Command.SET_RATE, stops=self.stops, value=rate)
 
-    async def set_tool(self, tool: Tool) -> None:
-        """Have rtloop, and the simulation, carry this tool from now on.
+    async def set_tool(self, tool: Tool, scene_version: int) -> None:
+        """Have rtloop, and the simulation, carry this tool from now on, and read the scene's file.
 
         Raises:
             ExecutionError: rtloop refuses it, with its reason: the arm moves.
@@ -336,9 +336,9 @@ class RobotLink:
         async with self._command_turn:
             fill(self.memory.tool.data, tool)
             self.memory.tool.publish()
-            await self._send(Command.TOOL, stops=self.stops, tool=tool.version)
+            await self._send(Command.TOOL, stops=self.stops, tool=tool.version, scene=scene_version)
 
-    async def read_scene(self) -> None:
+    async def read_scene(self, version: int) -> None:
         """Have rtloop read the scene's file, before the next stream begins.
 
         Raises:
@@ -346,14 +346,22 @@ class RobotLink:
             UnavailableError: rtloop does not answer.
         """
         async with self._command_turn:
-            await self._send(Command.SCENE, stops=self.stops)
+            await self._send(Command.SCENE, stops=self.stops, scene=version)
 
     @property
     def tool_version(self) -> int | None:
         """Of the tool that rtloop carries; None if that cannot be read."""
+        return self._version("tool_version")
+
+    @property
+    def scene_version(self) -> int | None:
+        """Of the scene that rtloop was told of last; None if that cannot be read."""
+        return self._version("scene_version")
+
+    def _version(self, name: str) -> int | None:
         if self.memory.info.sequence == 0 or not self.memory.info.try_read():
             return None
-        return int(self.memory.info.data["tool_version"])
+        return int(self.memory.info.data[name])
 
     async def reset(self, timeout_s: float) -> None:
         """Leave ESTOP or FAULT. What was asked for before, and waits for something, moves nothing any more.
@@ -383,6 +391,7 @@ class RobotLink:
         motion_id: int = 0,
         value: float = 0.0,
         tool: int = 0,
+        scene: int = 0,
         timeout_s: float = ACKNOWLEDGE_S,
     ) -> None:
         """Have a command carried out, now or never: rtloop refuses one that a stop has overtaken."""
@@ -395,6 +404,7 @@ class RobotLink:
         command.data["stops"] = stops
         command.data["value"] = value
         command.data["tool"] = tool
+        command.data["scene"] = scene
         command.publish()
         self.memory.head.data["id"] = number
         self.memory.head.publish()

@@ -41,7 +41,12 @@ class ServoService:
     ) -> None:
         self._robot = robot
         limits = robot.limits
-        self.rules = ServoRules(limits.min_position.tolist(), limits.max_position.tolist(), streams.period_s)
+        self.rules = ServoRules(
+            limits.min_position.tolist(),
+            limits.max_position.tolist(),
+            streams.period_s,
+            [limits.unit(joint) for joint in range(limits.dof)],
+        )
         self._link = link
         self._streams = streams
         inverse = PointInverse(robot, link)

@@ -113,8 +113,8 @@ def inverse(
     joints = arm.solve(row, seed, COMPILED[criterion], random_seed)
     if joints is None:
         raise _out_of_reach(model, pose, seed, random_seed)
-    if criterion is Criterion.NEAREST and arm.closed_form:
-        # Where axes are aligned the joints race along the arm angle: the descent ends where the seed is.
+    if criterion is Criterion.NEAREST and arm.is_vague(joints):
+        # Rounding moves the joints of a closed form there: the descent ends near the seed.
         near = solve_near(model, pose, seed)
         if near.solved and np.linalg.norm(near.joints - seed) < np.linalg.norm(joints - seed):
             return near.joints

@@ -31,6 +31,7 @@ cdef struct Candidate:
     double joints[MAX_DOF]
     int branch
     bint refined             # whether its free angle, if there is one, is the best there is
+    double bound             # what it costs at least when it is refined
     double begin             # between these the best free angle is, rad
     double angle
     double end

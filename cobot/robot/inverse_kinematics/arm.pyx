@@ -35,15 +35,12 @@ cdef extern from *:
     static const double COBOT_IK_LEAST_DAMPING = 1e-13;
     /* Of what is just out of reach, m or rad: a stretched arm gets there but for rounding. */
     static const double COBOT_IK_LEAST_SLOP = 2e-11;
-    /* A candidate that is so much farther from the seed, rad, is not made better than the best. */
-    static const double COBOT_IK_FAR_BEHIND = 1.5;
     """
     const double TOLERANCE "COBOT_IK_TOLERANCE"
     const double ACCEPTED "COBOT_IK_ACCEPTED"
     const double LARGEST_STEP "COBOT_IK_LARGEST_STEP"
     const double BIAS "COBOT_IK_BIAS"
     const double LEAST_DAMPING "COBOT_IK_LEAST_DAMPING"
-    const double FAR_BEHIND "COBOT_IK_FAR_BEHIND"
     const double LEAST_SLOP "COBOT_IK_LEAST_SLOP"
 
 cdef enum:
@@ -167,13 +164,14 @@ cdef class Arm:
         if problem.criterion == NEAREST and self.c_descend(problem, joints, 1, True, distance):
             return True
         count = self.c_closed_form(problem, found)
-        for i in range(min(count, REFINED)):
+        for i in range(count if problem.criterion == NEAREST else min(count, REFINED)):
             best = cheapest(found, count, True)
-            if i > 0 and problem.criterion == NEAREST and (
-                sqrt(found[best].cost) > sqrt(found[cheapest(found, count, False)].cost) + FAR_BEHIND
+            if problem.criterion == NEAREST and (
+                found[best].bound > found[cheapest(found, count, False)].cost
             ):
-                break
-            self.c_refine(problem, &found[best])
+                found[best].refined = True  # It cannot become the best.
+            elif not found[best].refined:
+                self.c_refine(problem, &found[best])
         for i in range(count, 0, -1):
             best = cheapest(found, i, False)
             memcpy(joints, found[best].joints, self.dof * sizeof(double))
@@ -418,6 +416,10 @@ cdef class Arm:
                 rows.append(self._found.copy())
             found[best] = found[count - 1]
         return rows
+
+    def is_vague(self, joints):
+        """Whether rounding may have the closed form miss joints that are nearer; never without one."""
+        return self.closed_form
 
     def descend(self, pose, seed, int steps, bint patient=False):
         """Joints (dof,) where a descent from a seed ends, whether they lead to the pose, and how far from it

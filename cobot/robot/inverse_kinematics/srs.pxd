@@ -7,7 +7,7 @@ from cobot.robot.inverse_kinematics.vectors cimport Hinge
 cdef enum:
     # The limits of six joints, each at two angles, and where a triple of axes that are not square ends.
     MAX_BREAKS = 32
-    MAX_SEGMENTS = 64
+    MAX_SEGMENTS = 320
 
 
 cdef struct Elbow:
@@ -23,6 +23,12 @@ cdef struct Turned:
     bint wrist_fits[2]
     double shoulder[2][3]
     double wrist[2][3]
+
+
+cdef struct Places:
+    int count
+    double begins[MAX_SEGMENTS + 1]   # of segments of the arm angle, ascending, and the end of the last one
+    Turned turned[MAX_SEGMENTS]       # in the middle of each
 
 
 cdef class SrsArm(Arm):
@@ -49,13 +55,40 @@ cdef class SrsArm(Arm):
         self, const Triple* triple, int joint, const double* left, const double* right, double sense,
         double* out
     ) noexcept nogil
-    cdef int _segments(self, const Elbow* elbow, double* out) noexcept nogil
+    cdef void _look(self, const Problem* problem, const Elbow* elbow, Places* places) noexcept nogil
+    cdef void _look_along(
+        self, const Problem* problem, const Elbow* elbow, double begin, double end, const Turned* middle,
+        Places* places
+    ) noexcept nogil
+    cdef void _look_at(
+        self, const Problem* problem, const Elbow* elbow, Places* places, int segment, const Turned* whole
+    ) noexcept nogil
+    cdef void _divide(
+        self, const Problem* problem, const Elbow* elbow, double best, Places* places
+    ) noexcept nogil
+    cdef bint _is_coarse(
+        self, const Problem* problem, const Elbow* elbow, const Places* places, int one, int other,
+        double best
+    ) noexcept nogil
+    cdef void _split(
+        self, const Problem* problem, const Elbow* elbow, Places* places, int segment
+    ) noexcept nogil
+    cdef double _least_cost(
+        self, const Problem* problem, const Elbow* elbow, const Turned* turned, int without, double slack
+    ) noexcept nogil
+    cdef double _triple_cost(
+        self, const Problem* problem, int joint, const bint* fits, const double* one, const double* other
+    ) noexcept nogil
     cdef int _candidates(
-        self, const Problem* problem, bint minus, Candidate* found, int count
+        self, const Problem* problem, bint minus, int kind, Candidate* found, int count
     ) noexcept nogil
     cdef int _runs(
-        self, const Problem* problem, const Elbow* elbow, const double* points, const Turned* turned,
-        int segments, int branch, Candidate* found, int count
+        self, const Problem* problem, const Elbow* elbow, const Places* places, int branch, int kind,
+        Candidate* found, int count
+    ) noexcept nogil
+    cdef int _run(
+        self, const Problem* problem, const Elbow* elbow, const Places* places, int branch, int kind,
+        int first, int length, Candidate* found, int count
     ) noexcept nogil
     cdef double _cost_at(
         self, const Problem* problem, const Elbow* elbow, double angle, int branch, double* joints
@@ -63,9 +96,6 @@ cdef class SrsArm(Arm):
     cdef double _elbow_cost(self, const Problem* problem, const Elbow* elbow) noexcept nogil
     cdef double _try(
         self, const Problem* problem, const Elbow* elbow, double angle, Candidate* candidate, double* joints
-    ) noexcept nogil
-    cdef void _parabola(
-        self, const Problem* problem, const Elbow* elbow, Candidate* candidate, double width
     ) noexcept nogil
     cdef void _grid(
         self, const double* poses, Py_ssize_t n, const double* angles, Py_ssize_t m, int wanted, double* out

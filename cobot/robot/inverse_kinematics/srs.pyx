@@ -14,8 +14,8 @@ has it, the place straight above would be another one. The angle stays smooth th
 Longer than other modules: one concept, and its parts share the frames.
 """
 
-from libc.math cimport NAN, atan2, cos, isnan, sin, sqrt
-from libc.string cimport memcpy
+from libc.math cimport NAN, atan2, cos, fabs, isnan, sin, sqrt
+from libc.string cimport memcpy, memmove
 
 import numpy as np
 
@@ -65,13 +65,39 @@ cdef extern from *:
        which the best arm angle is looked for at first. */
     static const double COBOT_SRS_SLACK = 1e-9, COBOT_SRS_STEP = 0.35;
     static const double COBOT_GOLDEN = 0.6180339887498949;
+    /* Where a joint turns further from one arm angle to the next, rad, there is one more between them, but
+       not in steps that are shorter than the least one. */
+    static const double COBOT_SRS_TURN = 0.6, COBOT_SRS_LEAST_STEP = 2e-12;
+    /* So close to its ends a stretch is looked at too, rad. */
+    static const double COBOT_SRS_EDGE = 1e-10;
+    /* How far three joints are from the nearer of two neighbours between them at the most, rad; and the arc
+       between two neighbours beside its chord. */
+    /* The best arm angle is looked for until its bracket is so small beside the first one, or, rad, or until
+       its costs are the same but for such a share: where joints race the first two alone would be coarse. */
+    static const double COBOT_REFINED_TO = 1e-12, COBOT_LEAST_TOLERANCE = 1e-15, COBOT_SAME_COST = 1e-12;
+    static const double COBOT_NEARLY_STRAIGHT = 1e-3;
+    static const double COBOT_SRS_BETWEEN = 0.6, COBOT_SRS_ARC = 1.2;
     """
+    const double LARGEST_TURN "COBOT_SRS_TURN"
+    const double LEAST_STEP "COBOT_SRS_LEAST_STEP"
+    const double EDGE "COBOT_SRS_EDGE"
+    const double NEARLY_STRAIGHT_RAD "COBOT_NEARLY_STRAIGHT"
+    const double SAME_COST "COBOT_SAME_COST"
+    const double LEAST_TOLERANCE "COBOT_LEAST_TOLERANCE"
+    const double REFINED_TO "COBOT_REFINED_TO"
+    const double BETWEEN "COBOT_SRS_BETWEEN"
+    const double ARC "COBOT_SRS_ARC"
     const double SLACK "COBOT_SRS_SLACK"
     const double LONGEST_STEP "COBOT_SRS_STEP"
     const double GOLDEN "COBOT_GOLDEN"
 
 cdef enum:
-    REFINEMENTS = 8
+    REFINEMENTS = 40
+    # What is asked of an interval of feasible arm angles: all that may lead to the best one, the best alone,
+    # or where it begins and ends.
+    MINIMA = 0
+    BEST = 1
+    WHOLE = 2
     SHOULDER = 1
     ELBOW = 2
     WRIST = 4
@@ -128,6 +154,10 @@ cdef class SrsArm(Arm):
     def closed_form(self):
         """Whether all solutions are known."""
         return True
+
+    def is_vague(self, joints):
+        """Beside a straight or folded elbow."""
+        return fabs(sin(joints[3] - self.c_rest[3] - self.elbow.folded)) < NEARLY_STRAIGHT_RAD
 
     @property
     def arm_angle(self):
@@ -356,26 +386,146 @@ cdef class SrsArm(Arm):
                 count += roots_of(triple.first, triple.third, left, right, sense, value, out + count)
         return count
 
-    cdef int _segments(self, const Elbow* elbow, double* out) noexcept nogil:
-        """Points from -π to π, ascending: all at which a joint may pass a limit, and some between them; the
-        number of stretches between them.
+    cdef void _look(self, const Problem* problem, const Elbow* elbow, Places* places) noexcept nogil:
+        """The joints in the middle of each of some segments, from -π to π.
+
+        Their ends are all at which a joint may pass a limit. A stretch between two of these is feasible or
+        not as a whole; if it is, it is looked at in steps, and close to its ends.
         """
         cdef double breaks[MAX_BREAKS + 1]
         cdef int count = self._breaks(elbow, breaks)
-        cdef int segments = 0
-        cdef int i, k, parts
         cdef double begin = -0.5 * TURN
+        cdef Turned middle
+        cdef int i
         breaks[count] = 0.5 * TURN
+        places.count = 0
         for i in range(count + 1):
             if breaks[i] - begin < 1e-13:
                 continue
-            parts = <int>((breaks[i] - begin) / LONGEST_STEP) + 1
-            for k in range(parts):
-                out[segments] = begin + (breaks[i] - begin) * k / parts
-                segments += 1
+            self._turn(problem, elbow, 0.5 * (begin + breaks[i]), &middle)
+            if feasible(&middle):
+                self._look_along(problem, elbow, begin, breaks[i], &middle, places)
+            else:
+                places.begins[places.count], places.turned[places.count] = begin, middle
+                places.count += 1
             begin = breaks[i]
-        out[segments] = 0.5 * TURN
-        return segments
+            places.begins[places.count] = begin
+
+    cdef void _look_along(
+        self, const Problem* problem, const Elbow* elbow, double begin, double end, const Turned* middle,
+        Places* places
+    ) noexcept nogil:
+        """An odd number of steps, so that the middle one is where the middle is, and two edges."""
+        cdef double edge = EDGE if end - begin > 100.0 * EDGE else 0.0
+        cdef int parts = 2 * <int>(0.5 * ((end - begin) / LONGEST_STEP + 1.0)) + 1
+        cdef int first = places.count
+        cdef int i
+        if edge > 0.0:
+            places.begins[first] = begin
+            first += 1
+        for i in range(parts):
+            places.begins[first + i] = begin + edge + (end - begin - 2.0 * edge) * i / parts
+        places.begins[first + parts] = end - edge
+        places.begins[first + parts + 1] = end
+        i, places.count = places.count, first + parts + (1 if edge > 0.0 else 0)
+        for i in range(i, places.count):
+            if i == first + parts // 2:
+                places.turned[i] = middle[0]
+            else:
+                self._look_at(problem, elbow, places, i, middle)
+
+    cdef void _look_at(
+        self, const Problem* problem, const Elbow* elbow, Places* places, int segment, const Turned* whole
+    ) noexcept nogil:
+        """What does not fit on the whole stretch does not fit within the slack beside its end either."""
+        cdef double angle = 0.5 * (places.begins[segment] + places.begins[segment + 1])
+        cdef Turned* turned = &places.turned[segment]
+        cdef int i
+        self._turn(problem, elbow, angle, turned)
+        for i in range(2):
+            turned.shoulder_fits[i] = turned.shoulder_fits[i] and whole.shoulder_fits[i]
+            turned.wrist_fits[i] = turned.wrist_fits[i] and whole.wrist_fits[i]
+
+    cdef void _divide(
+        self, const Problem* problem, const Elbow* elbow, double best, Places* places
+    ) noexcept nogil:
+        """More segments where joints race along the arm angle because axes are nearly aligned, unless the
+        others alone cost more than the best that is known.
+        """
+        cdef int i, after
+        for i in range(places.count):
+            best = min(best, self._least_cost(problem, elbow, &places.turned[i], 0, 0.0))
+        i = 0
+        while i < places.count and places.count < MAX_SEGMENTS:
+            after = i + 1 if i + 1 < places.count else 0
+            if self._is_coarse(problem, elbow, places, i, after, best):
+                if width(places, after) > width(places, i):
+                    i = after
+                self._split(problem, elbow, places, i)
+                for after in range(i, i + 2):
+                    best = min(best, self._least_cost(problem, elbow, &places.turned[after], 0, 0.0))
+                i = max(i - 1, 0)
+            else:
+                i += 1
+
+    cdef bint _is_coarse(
+        self, const Problem* problem, const Elbow* elbow, const Places* places, int one, int other,
+        double best
+    ) noexcept nogil:
+        """Whether there may be better joints than the best between two segments that follow each other."""
+        cdef int part = racing(&places.turned[one], &places.turned[other])
+        return part != 0 and max(width(places, one), width(places, other)) > LEAST_STEP and best > min(
+            self._least_cost(problem, elbow, &places.turned[one], part, BETWEEN),
+            self._least_cost(problem, elbow, &places.turned[other], part, BETWEEN),
+        )
+
+    cdef void _split(
+        self, const Problem* problem, const Elbow* elbow, Places* places, int segment
+    ) noexcept nogil:
+        cdef size_t after = places.count - segment - 1
+        cdef Turned whole = places.turned[segment]
+        memmove(&places.turned[segment + 2], &places.turned[segment + 1], after * sizeof(Turned))
+        memmove(&places.begins[segment + 2], &places.begins[segment + 1], (after + 1) * sizeof(double))
+        places.begins[segment + 1] = 0.5 * (places.begins[segment] + places.begins[segment + 2])
+        places.count += 1
+        self._look_at(problem, elbow, places, segment, &whole)
+        self._look_at(problem, elbow, places, segment + 1, &whole)
+
+    cdef double _least_cost(
+        self, const Problem* problem, const Elbow* elbow, const Turned* turned, int without, double slack
+    ) noexcept nogil:
+        """The squared distance to the seed of the nearest branch, without the shoulder (1) or the wrist (2),
+        and with so much less for either.
+        """
+        cdef double cost = self._elbow_cost(problem, elbow)
+        cdef double part
+        if not feasible(turned):
+            return 1e300
+        if not without & 1:
+            part = self._triple_cost(problem, 0, turned.shoulder_fits, turned.shoulder[0], turned.shoulder[1])
+            cost += max(part - slack, 0.0) ** 2
+        if not without & 2:
+            part = self._triple_cost(problem, 4, turned.wrist_fits, turned.wrist[0], turned.wrist[1])
+            cost += max(part - slack, 0.0) ** 2
+        return cost
+
+    cdef double _triple_cost(
+        self, const Problem* problem, int joint, const bint* fits, const double* one, const double* other
+    ) noexcept nogil:
+        """The distance to the seed of the nearer of the solutions that fit, rad."""
+        cdef double least = 1e300
+        cdef double sum, off
+        cdef const double* angles
+        cdef int i, k
+        for i in range(2):
+            if not fits[i]:
+                continue
+            angles, sum = other if i else one, 0.0
+            for k in range(3):
+                off = angles[k] + self.c_rest[joint + k] - problem.seed[joint + k]
+                sum += off * off
+            least = min(least, sum)
+        return sqrt(least)
 
     # The best arm angles.
 
@@ -384,6 +534,7 @@ cdef class SrsArm(Arm):
         cdef Elbow elbow
         cdef double far[2]
         cdef int count, i, first, attempt
+        cdef int kind = MINIMA if problem.criterion == NEAREST and not problem.every else BEST
         cdef bint near
         for i in range(2):
             far[i] = self._elbow_cost(problem, &elbow) if self._elbow(problem, i, &elbow) else 1e300
@@ -391,12 +542,12 @@ cdef class SrsArm(Arm):
         first = 1 if far[1] < far[0] else 0
         for attempt in range(2):
             exact.slack = problem.slack if attempt else 2.0 * SLACK
-            count = self._candidates(&exact, first, found, 0)
+            count = self._candidates(&exact, first, kind, found, 0)
             near = False
             for i in range(count):
                 near = near or found[i].cost < far[1 - first]
             if problem.every or problem.criterion != NEAREST or not near:
-                count = self._candidates(&exact, 1 - first, found, count)
+                count = self._candidates(&exact, 1 - first, kind, found, count)
             if count > 0:
                 break
         return count
@@ -407,93 +558,127 @@ cdef class SrsArm(Arm):
         return off * off
 
     cdef int _candidates(
-        self, const Problem* problem, bint minus, Candidate* found, int count
+        self, const Problem* problem, bint minus, int kind, Candidate* found, int count
     ) noexcept nogil:
-        """Of one elbow: the best arm angle of each feasible interval of each branch, roughly."""
-        cdef double points[MAX_SEGMENTS + 1]
-        cdef Turned turned[MAX_SEGMENTS]
+        """Of one elbow: arm angles in each feasible interval of each branch, roughly, after those that are
+        found already.
+        """
+        cdef double best = 1e300
+        cdef Places places
         cdef Elbow elbow
-        cdef int segments, i, branch
+        cdef int branch
         if not self._elbow(problem, minus, &elbow):
             return count
-        segments = self._segments(&elbow, points)
-        for i in range(segments):
-            self._turn(problem, &elbow, 0.5 * (points[i] + points[i + 1]), &turned[i])
+        self._look(problem, &elbow, &places)
+        if kind == MINIMA:
+            for branch in range(count):
+                best = min(best, found[branch].cost)
+            self._divide(problem, &elbow, best, &places)
         for branch in range(8):
             if (branch & ELBOW != 0) == minus:
-                count = self._runs(problem, &elbow, points, turned, segments, branch, found, count)
+                count = self._runs(problem, &elbow, &places, branch, kind, found, count)
         return count
 
     cdef int _runs(
-        self, const Problem* problem, const Elbow* elbow, const double* points, const Turned* turned,
-        int segments, int branch, Candidate* found, int count
+        self, const Problem* problem, const Elbow* elbow, const Places* places, int branch, int kind,
+        Candidate* found, int count
     ) noexcept nogil:
         """Feasible segments that follow each other, once round, are one interval."""
-        cdef int shoulder = branch & SHOULDER
-        cdef int wrist = 1 if branch & WRIST else 0
+        cdef int segments = places.count
         cdef int first = 0
-        cdef int i, k
-        cdef bint open = False
-        cdef double turn, cost
-        cdef double joints[7]
+        cdef int k, length
         # Begin where nothing is feasible, so that no interval is cut in two.
-        while first < segments and turned[first].shoulder_fits[shoulder] and turned[first].wrist_fits[wrist]:
+        while first < segments and fits(&places.turned[first], branch):
             first += 1
-        for k in range(segments):
-            i, turn = first + k, 0.0
-            if i >= segments:
-                i, turn = i - segments, TURN
-            if not (turned[i].shoulder_fits[shoulder] and turned[i].wrist_fits[wrist]):
-                open = False
+        k = 0
+        while k < segments and count < MAX_CANDIDATES:
+            length = 0
+            while k + length < segments and fits(&places.turned[(first + k + length) % segments], branch):
+                length += 1
+            if length > 0:
+                count = self._run(problem, elbow, places, branch, kind, first + k, length, found, count)
+            k += length + 1
+        return count
+
+    cdef int _run(
+        self, const Problem* problem, const Elbow* elbow, const Places* places, int branch, int kind,
+        int first, int length, Candidate* found, int count
+    ) noexcept nogil:
+        """The candidates of one interval: of so many segments from the first one on."""
+        cdef double joints[MAX_SEGMENTS][7]
+        cdef double cost[MAX_SEGMENTS]
+        cdef int i, best = 0
+        for i in range(length):
+            self._assemble(elbow, &places.turned[(first + i) % places.count], branch, joints[i])
+            cost[i] = self.c_cost(problem, joints[i])
+            best = i if cost[i] < cost[best] else best
+        for i in range(length):
+            if count == MAX_CANDIDATES:
+                break
+            if kind == MINIMA:
+                if (i > 0 and cost[i - 1] < cost[i]) or (i + 1 < length and cost[i + 1] < cost[i]):
+                    continue
+            elif i != best:
                 continue
-            if not open:
-                if count == MAX_CANDIDATES:
-                    return count
-                open, count = True, count + 1
-                found[count - 1].branch, found[count - 1].refined = branch, False
-                found[count - 1].begin, found[count - 1].cost = points[i] + turn, 1e300
-            found[count - 1].end = points[i + 1] + turn
-            self._assemble(elbow, &turned[i], branch, joints)
-            cost = self.c_cost(problem, joints)
-            if cost < found[count - 1].cost:
-                found[count - 1].cost = cost
-                found[count - 1].angle = 0.5 * (points[i] + points[i + 1]) + turn
-                memcpy(found[count - 1].joints, joints, sizeof(joints))
+            found[count].branch, found[count].refined = branch, False
+            found[count].cost, found[count].angle = cost[i], middle(places, first + i)
+            memcpy(found[count].joints, joints[i], sizeof(joints[i]))
+            found[count].begin, found[count].end = begin_of(places, first), begin_of(places, first + length)
+            if kind != WHOLE and i > 0:
+                found[count].begin = middle(places, first + i - 1)
+            if kind != WHOLE and i + 1 < length:
+                found[count].end = middle(places, first + i + 1)
+            found[count].bound = bound_of(cost[i], joints[0], i, length)
+            count += 1
         return count
 
     cdef void c_refine(self, const Problem* problem, Candidate* candidate) noexcept nogil:
-        """Golden sections around the best arm angle that is known, then parabolas."""
+        """The least cost within the candidate's bracket, by parabolas and golden sections (Brent, "Algorithms
+        for minimization without derivatives", 1973, chapter 5).
+        """
         cdef Problem exact = problem[0]
         cdef double joints[7]
-        cdef double inner[2]
-        cdef double cost[2]
-        cdef double begin = max(candidate.begin, candidate.angle - LONGEST_STEP)
-        cdef double end = min(candidate.end, candidate.angle + LONGEST_STEP)
-        cdef double width
+        cdef double begin = candidate.begin
+        cdef double end = candidate.end
+        cdef double tolerance = max(REFINED_TO * (end - begin), LEAST_TOLERANCE)
+        cdef double x[3]     # the best arm angle so far, the second best, and the one that was that before
+        cdef double cost[3]
+        cdef double step = 0.0
+        cdef double before = 0.0
+        cdef double angle, value
         cdef Elbow elbow
-        cdef int i, _i, _step, lower
+        cdef int i, _step
         candidate.refined = True
         exact.slack = max(problem.slack, 2.0 * SLACK)
         if not self._elbow(&exact, candidate.branch & ELBOW, &elbow):
             return
-        for i in range(2):
-            inner[i] = begin + (end - begin) * (GOLDEN if i else 1.0 - GOLDEN)
-            cost[i] = self._try(&exact, &elbow, inner[i], candidate, joints)
-        for _step in range(REFINEMENTS):
-            lower = 0 if cost[0] < cost[1] else 1
-            if lower == 0:
-                end, inner[1], cost[1] = inner[1], inner[0], cost[0]
-                inner[0] = begin + (end - begin) * (1.0 - GOLDEN)
-            else:
-                begin, inner[0], cost[0] = inner[0], inner[1], cost[1]
-                inner[1] = begin + (end - begin) * GOLDEN
-            cost[lower] = self._try(&exact, &elbow, inner[lower], candidate, joints)
-        width = end - begin
+        for i in range(3):
+            x[i], cost[i] = candidate.angle, candidate.cost
         for i in range(2):  # which may be the best because they are the last
-            self._try(&exact, &elbow, candidate.end if i else candidate.begin, candidate, joints)
-        for _i in range(3):
-            self._parabola(&exact, &elbow, candidate, width)
-            width *= 0.05
+            self._try(&exact, &elbow, end if i else begin, candidate, joints)
+        for _step in range(REFINEMENTS):
+            if fabs(x[0] - 0.5 * (begin + end)) + 0.5 * (end - begin) <= 2.0 * tolerance or (
+                x[2] != x[0] and x[1] != x[2] and cost[2] - cost[0] <= SAME_COST * cost[0]
+            ):
+                break
+            if not parabola(x, cost, begin, end, tolerance, &step, &before):
+                before = end - x[0] if x[0] < 0.5 * (begin + end) else begin - x[0]
+                step = (1.0 - GOLDEN) * before
+            if fabs(step) < tolerance:
+                step = tolerance if step > 0.0 else -tolerance
+            angle = x[0] + step
+            value = self._try(&exact, &elbow, angle, candidate, joints)
+            if value <= cost[0]:
+                begin, end = (begin, x[0]) if step < 0.0 else (x[0], end)
+                x[2], x[1], x[0] = x[1], x[0], angle
+                cost[2], cost[1], cost[0] = cost[1], cost[0], value
+                continue
+            begin, end = (angle, end) if step < 0.0 else (begin, angle)
+            if value <= cost[1] or x[1] == x[0]:
+                x[2], x[1] = x[1], angle
+                cost[2], cost[1] = cost[1], value
+            elif value <= cost[2] or x[2] == x[0] or x[2] == x[1]:
+                x[2], cost[2] = angle, value
 
     cdef double _try(
         self, const Problem* problem, const Elbow* elbow, double angle, Candidate* candidate, double* joints
@@ -506,19 +691,6 @@ cdef class SrsArm(Arm):
             candidate.cost, candidate.angle = cost, angle
             memcpy(candidate.joints, joints, 7 * sizeof(double))
         return cost
-
-    cdef void _parabola(
-        self, const Problem* problem, const Elbow* elbow, Candidate* candidate, double width
-    ) noexcept nogil:
-        """The lowest point of a parabola through the best arm angle and two beside it."""
-        cdef double joints[7]
-        cdef double angle = candidate.angle
-        cdef double middle = candidate.cost
-        cdef double before = self._try(problem, elbow, angle - width, candidate, joints)
-        cdef double after = self._try(problem, elbow, angle + width, candidate, joints)
-        cdef double bend = before - 2.0 * middle + after
-        if bend > 0.0 and before < 1e300 and after < 1e300:
-            self._try(problem, elbow, angle + 0.5 * width * (before - after) / bend, candidate, joints)
 
     cdef double c_gap(self, const Problem* problem) noexcept nogil:
         """How far the wrist centre is beyond, or short of, what the elbow reaches within its limits."""
@@ -580,7 +752,7 @@ cdef class SrsArm(Arm):
         self._given[:7] = pose
         self.c_state(self.c_given, NULL, LIMITS, &problem)
         problem.slack = 2.0 * SLACK
-        count = self._candidates(&problem, (checked(branch) & ELBOW) != 0, found, 0)
+        count = self._candidates(&problem, (checked(branch) & ELBOW) != 0, WHOLE, found, 0)
         rows = [
             (wrapped(found[i].begin, 0.0), wrapped(found[i].begin, 0.0) + found[i].end - found[i].begin)
             for i in range(count)
@@ -636,6 +808,96 @@ cdef class SrsArm(Arm):
                         self._assemble(&elbow, &turned, branch, joints)
                         if self.c_verified(&problem, joints):
                             memcpy(out + ((row * m + column) * 8 + branch) * 7, joints, sizeof(joints))
+
+
+cdef bint parabola(
+    const double* x, const double* cost, double begin, double end, double tolerance, double* step,
+    double* before
+) noexcept nogil:
+    """The step to the lowest point of the parabola through three points, if it is half of the last but one
+    at the most, and within the bracket.
+    """
+    cdef double one = (x[0] - x[1]) * (cost[0] - cost[2])
+    cdef double two = (x[0] - x[2]) * (cost[0] - cost[1])
+    cdef double over = (x[0] - x[2]) * two - (x[0] - x[1]) * one
+    cdef double under = 2.0 * (two - one)
+    cdef double last = before[0]
+    if under > 0.0:
+        over = -over
+    under = fabs(under)
+    if not fabs(last) > tolerance or not fabs(over) < fabs(0.5 * under * last) or not (
+        under * (begin - x[0]) < over < under * (end - x[0])
+    ):
+        return False
+    before[0], step[0] = step[0], over / under
+    if x[0] + step[0] - begin < 2.0 * tolerance or end - x[0] - step[0] < 2.0 * tolerance:
+        step[0] = tolerance if x[0] < 0.5 * (begin + end) else -tolerance
+    return True
+
+
+cdef inline bint feasible(const Turned* turned) noexcept nogil:
+    """In any branch."""
+    return (turned.shoulder_fits[0] or turned.shoulder_fits[1]) and (
+        turned.wrist_fits[0] or turned.wrist_fits[1]
+    )
+
+
+cdef inline bint fits(const Turned* turned, int branch) noexcept nogil:
+    return turned.shoulder_fits[branch & SHOULDER] and turned.wrist_fits[1 if branch & WRIST else 0]
+
+
+cdef inline double width(const Places* places, int segment) noexcept nogil:
+    return places.begins[segment + 1] - places.begins[segment]
+
+
+cdef inline double begin_of(const Places* places, int segment) noexcept nogil:
+    """Where a segment begins, counted on beyond the last one."""
+    if segment < places.count:
+        return places.begins[segment]
+    return places.begins[segment - places.count] + TURN
+
+
+cdef inline double middle(const Places* places, int segment) noexcept nogil:
+    cdef int i = segment if segment < places.count else segment - places.count
+    return 0.5 * (places.begins[i] + places.begins[i + 1]) + (TURN if segment > i else 0.0)
+
+
+cdef inline int racing(const Turned* one, const Turned* other) noexcept nogil:
+    """Whether a joint of the shoulder (1) or the wrist (2) turns far from one segment to the next."""
+    cdef int part = 0
+    cdef int i, k
+    if not (feasible(one) and feasible(other)):
+        return 0
+    for i in range(2):
+        for k in range(3):
+            if one.shoulder_fits[i] and other.shoulder_fits[i] and (
+                fabs(wrapped(one.shoulder[i][k] - other.shoulder[i][k], 0.0)) > LARGEST_TURN
+            ):
+                part |= 1
+            if one.wrist_fits[i] and other.wrist_fits[i] and (
+                fabs(wrapped(one.wrist[i][k] - other.wrist[i][k], 0.0)) > LARGEST_TURN
+            ):
+                part |= 2
+    return part
+
+
+cdef double bound_of(double cost, const double* joints, int i, int length) noexcept nogil:
+    """What a lowest point between the neighbours of a segment costs at least. Neighbours across which joints
+    race are too far from the seed, or they would have been divided.
+    """
+    cdef double farthest = 0.0
+    cdef double sum, off, largest
+    cdef int side, k
+    for side in range(-1, 2, 2):
+        if not 0 <= i + side < length:
+            continue
+        sum = largest = 0.0
+        for k in range(7):
+            off = fabs(wrapped(joints[7 * (i + side) + k] - joints[7 * i + k], 0.0))
+            sum, largest = sum + off * off, max(largest, off)
+        if largest <= LARGEST_TURN:
+            farthest = max(farthest, sqrt(sum))
+    return max(sqrt(cost) - ARC * farthest, 0.0) ** 2
 
 
 cdef int checked(int branch) except -1:

@@ -18,7 +18,7 @@ import httpx
 import pytest
 
 from cobot.client import Client
-from cobot.client.rest import ERRORS
+from cobot.client.connection import ERRORS
 from cobot.errors import CobotError, ExecutionError, InputError, UnavailableError
 
 Handler = Callable[[httpx.Request], httpx.Response]

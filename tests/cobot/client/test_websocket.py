@@ -22,7 +22,7 @@ from websockets.http11 import Request, Response
 from websockets.sync.server import ServerConnection, serve
 
 from cobot.client import websocket as remote
-from cobot.client.rest import ERRORS
+from cobot.client.connection import ERRORS
 from cobot.client.websocket import WebSocketTransport
 from cobot.errors import InputError, LayoutError, UnavailableError
 from cobot.ipc.layout import LAYOUT_VERSION, info_dtype, session_dtype, setpoint_dtype, state_dtype

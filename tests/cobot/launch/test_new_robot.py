@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 from pathlib import Path
 
 import httpx
@@ -10,57 +9,18 @@ import numpy as np
 import pinocchio
 import pytest
 import yaml
-from running import Run
+from running import RunOfFolder
 from scipy.spatial.transform import Rotation
+from urdf_arms import ARMS, urdf
 
 from cobot.config import load_settings
 from cobot.errors import ConfigError
-from cobot.launch.check import check
 from cobot.launch.cli import main
 from cobot.launch.new_robot import NewRobot
 from cobot.planners import MotionRequest, plan
 from cobot.robot.description import load_robot
 from cobot.types import PlannerName, Scaling
 from rtloop.backends import JOINT_ROWS, Measured, make_backend
-
-Joint = tuple[str, tuple[float, float, float], tuple[float, float, float]]
-R = 2.9
-SPACED = (0.0, 0.0, 0.25)
-X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-ARMS: dict[str, list[Joint]] = {
-    "srs": [("r", axis, place) for axis, place in zip(
-        (Z, Y, Z, Y, Z, Y, Z), (SPACED, SPACED, SPACED, SPACED, SPACED, SPACED, SPACED), strict=True)],
-    "ur": [("r", Z, SPACED), ("r", Y, (0, 0.1, 0.1)), ("r", Y, (0, 0, 0.4)), ("r", Y, (0, 0, 0.4)),
-           ("r", Z, (0, 0.15, 0)), ("r", Y, (0, 0, 0.15))],
-    "spherical": [("r", Z, SPACED), ("r", Y, (0.2, 0, 0.2)), ("r", Y, (0, 0, 0.5)), ("r", Z, (0, 0, 0.3)),
-                  ("r", Y, (0, 0, 0.2)), ("r", Z, (0, 0, 0.2))],
-    "gantry": [("p", X, (0, 0, 0.8)), ("p", Y, SPACED), ("r", Z, SPACED), ("r", Y, SPACED),
-               ("r", Y, (0, 0, 0.4)), ("r", X, (0, 0, 0.3))],
-}  # fmt: skip
-
-
-def urdf(joints: list[Joint], extra: str = "", inertial: bool = True) -> str:
-    """An arm with a ball at each joint and velocity and effort limits."""
-    mass = (
-        '<inertial><origin xyz="0 0 0.05"/><mass value="2"/><inertia ixx="0.02" iyy="0.02" izz="0.02" '
-        'ixy="0" ixz="0" iyz="0"/></inertial>'
-    )
-    ball = '<collision><geometry><sphere radius="0.03"/></geometry></collision>'
-    parts = ['<robot name="arm"><link name="base_link"/>']
-    parent = "base_link"
-    for index, (kind, axis, place) in enumerate([*joints, ("f", Z, (0.0, 0.05, 0.12))]):
-        words = [" ".join(map(str, values)) for values in (axis, place)]
-        name = "tool0" if kind == "f" else f"link{index}"
-        bound = {"r": R, "p": 0.5, "f": 0.0}[kind]
-        parts.append(f'<link name="{name}">{mass if inertial else ""}{ball if kind != "f" else ""}</link>')
-        parts.append(
-            f'<joint name="a{index}" type="{ {"r": "revolute", "p": "prismatic", "f": "fixed"}[kind] }">'
-            f'<parent link="{parent}"/><child link="{name}"/><origin xyz="{words[1]}" rpy="0.1 0 0"/>'
-            f'<axis xyz="{words[0]}"/><limit lower="{-bound}" upper="{bound}" velocity="1.5" effort="200"/>'
-            f"</joint>"
-        )
-        parent = name
-    return "".join([*parts, extra, "</robot>"])
 
 
 @pytest.fixture(scope="module", params=sorted(ARMS))
@@ -131,6 +91,11 @@ BROKEN = {
     "mimic": (urdf(ARMS["ur"]).replace('<axis xyz="0.0 1.0 0.0"/>', '<axis xyz="0 1 0"/><mimic joint="a0"/>',
                                        1), "--without a1"),
     "floating": (urdf(ARMS["ur"]).replace("revolute", "floating", 1), "the base must stand"),
+    "velocity": (urdf(ARMS["ur"]).replace('velocity="1.5"', 'velocity="${fast}"', 1),
+                 "'a0': velocity '.*fast.*' must be a number from 0 on"),
+    "effort": (urdf(ARMS["ur"]).replace('effort="200"', 'effort="inf"', 1), "'a0': effort 'inf' must be"),
+    "upside down": (urdf(ARMS["ur"]).replace('lower="-2.9" upper="2.9"', 'lower="1" upper="-1"', 1),
+                    "'a0': its lower limit 1 is above its upper -1"),
     "mesh": (urdf(ARMS["ur"]).replace('<sphere radius="0.03"/>', '<mesh filename="package://p/a.stl"/>', 1),
              "add --package FOLDER"),
 }  # fmt: skip
@@ -146,62 +111,6 @@ def test_a_broken_file_is_refused_and_nothing_is_written(kind: str, tmp_path: Pa
     assert list(tmp_path.iterdir()) == [file]
 
 
-def test_a_folder_that_is_there_or_cannot_be_made_is_refused(tmp_path: Path) -> None:
-    file = tmp_path / "arm.urdf"
-    file.write_text(urdf(ARMS["ur"]))
-    with pytest.raises(ConfigError, match="is there already"):
-        NewRobot(file).write(tmp_path)
-    with pytest.raises(ConfigError, match="cannot be written"):
-        NewRobot(file).write(tmp_path / "none" / "made")
-
-
-def test_fingers_are_left_out_by_name(tmp_path: Path) -> None:
-    file = tmp_path / "arm.urdf"
-    file.write_text(urdf(ARMS["ur"]))
-    NewRobot(file, without=["a5"]).write(tmp_path / "one")
-    NewRobot(file, actuators=["a0", "a1", "a2", "a3", "a4"]).write(tmp_path / "two")
-    for made in ("one", "two"):
-        robot = load_robot(load_settings(tmp_path / made / "cobot-setting.yaml"))
-        assert robot.limits.names == ("a0", "a1", "a2", "a3", "a4")
-
-
-@pytest.mark.parametrize(
-    ("file", "old", "new", "reason"),
-    [
-        ("model.xml", "<general ", '<general biastype="affine" biasprm="0 -9 0" ', "no <motor>"),
-        ("joint_limits.yaml", "max_position: 2.9", "max_position: 3.0", "set min_position to -2.9"),
-        ("joint_limits.yaml", "max_position: 0.5", "max_position: 500", "looks like millimetres"),
-    ],
-)
-def test_check_names_the_way_out(tmp_path: Path, file: str, old: str, new: str, reason: str) -> None:
-    (tmp_path / "arm.urdf").write_text(urdf(ARMS["gantry"]))
-    made = tmp_path / "made"
-    NewRobot(tmp_path / "arm.urdf").write(made)
-    text = (made / file).read_text()
-    assert old in text
-    (made / file).write_text(text.replace(old, new, 1))
-    assert reason in _found(made)
-
-
-def test_check_refuses_actuators_in_another_order(tmp_path: Path) -> None:
-    (tmp_path / "arm.urdf").write_text(urdf(ARMS["ur"]))
-    made = tmp_path / "made"
-    NewRobot(tmp_path / "arm.urdf").write(made)
-    text = (made / "model.xml").read_text()
-    text = (
-        text.replace('joint="a0"', "HERE").replace('joint="a1"', 'joint="a0"').replace("HERE", 'joint="a1"')
-    )
-    (made / "model.xml").write_text(text)
-    assert "in this order" in _found(made)
-
-
-def _found(made: Path) -> str:
-    settings = load_settings(made / "cobot-setting.yaml")
-    with (made / "out").open("w") as out:
-        items = check(settings, made / "cobot-setting.yaml", out)
-    return " ".join(item.found for item in items if not item.good)
-
-
 def test_what_was_guessed_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "arm.xml"
     file.write_text(
@@ -215,25 +124,6 @@ def test_what_was_guessed_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[
         assert guess in said
     limits = yaml.safe_load((tmp_path / "made" / "joint_limits.yaml").read_text())
     assert limits["joint_limits"]["j"]["max_position"] == pytest.approx(np.pi / 2)
-
-
-class RunOfFolder(Run):
-    """`cobot run --config FOLDER` of a folder that new-robot has made."""
-
-    def __init__(self, made: Path) -> None:
-        self.made = made
-        super().__init__(made.parent)
-
-    def command(self) -> list[str]:
-        return [*super().command()[:-1], str(self.made)]
-
-    def start(self) -> subprocess.Popen[str]:
-        file = self.made / "cobot-setting.yaml"
-        settings = yaml.safe_load(file.read_text())
-        for section, values in yaml.safe_load(self.config.read_text()).items():
-            settings[section] = settings.get(section, {}) | values if isinstance(values, dict) else values
-        file.write_text(yaml.safe_dump(settings))
-        return super().start()
 
 
 def test_cobot_run_moves_the_gantry(tmp_path: Path) -> None:

@@ -9,7 +9,6 @@ import logging
 import multiprocessing
 import os
 import re
-import signal
 import socket
 import subprocess
 import sys
@@ -28,6 +27,8 @@ from cobot.launch.cli import main
 from cobot.launch.process import RUN_MODULE, has_terminal
 from cobot.launch.supervisor import Supervisor
 
+pytestmark = pytest.mark.usefixtures("signals_and_log")
+
 SMALL = "rt: {trajectory_capacity: 1000}\n"
 
 
@@ -36,21 +37,6 @@ def name() -> Iterator[str]:
     robot = unique_name()
     yield robot
     Path(f"/dev/shm/cobot-{robot}").unlink(missing_ok=True)
-
-
-@pytest.fixture(autouse=True)
-def signals_and_log() -> Iterator[None]:
-    """As they were before a supervisor began."""
-    numbers = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGCHLD)
-    before = [signal.getsignal(number) for number in numbers]
-    yield
-    signal.set_wakeup_fd(-1)
-    for number, handler in zip(numbers, before, strict=True):
-        signal.signal(number, handler)
-    log = logging.getLogger("cobot")
-    for handler_of_log in log.handlers:
-        handler_of_log.close()
-    log.handlers.clear()
 
 
 def started(folder: Path, robot: str, text: str, capsys: pytest.CaptureFixture[str]) -> str:

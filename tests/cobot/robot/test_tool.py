@@ -22,10 +22,12 @@ from tools import INERTIA, TCP, TOOL, TURN, loaded
 from cobot.errors import ConfigError, InputError, LimitError
 from cobot.robot.collision import CollisionChecker
 from cobot.robot.description import RobotDescription
+from cobot.robot.feasibility import effort_samples
 from cobot.robot.inverse_kinematics import inverse as solve
 from cobot.robot.model import RobotModel
 from cobot.robot.scene import Scene, SceneObject
 from cobot.robot.tool import BARE, Tool, ToolFile, chained, check_tool, inverse
+from cobot.trajectory import from_hermite
 from cobot.types import Array, Pose
 
 TOLERANCE = 1e-9
@@ -124,6 +126,18 @@ def test_poses_are_chained_and_inverted_as_scipy_does() -> None:
     assert whole[:3] == pytest.approx(np.array(TCP[:3]) + first.apply(other[:3]))
     assert (Rotation.from_quat(whole[3:], scalar_first=True).inv() * first * second).magnitude() < 1e-12
     assert chained(TCP, inverse(TCP)) == pytest.approx((0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0), abs=1e-12)
+
+
+def test_the_efforts_of_a_motion_are_those_with_the_tool_of_now(model: RobotModel) -> None:
+    # They are kept from one look to the next.
+    rows = np.array([np.zeros(7), np.full(7, 0.4)])
+    motion = from_hermite(np.array([0.0, 1.0]), rows, 0.0 * rows, 0.0 * rows)
+    model.carry(BARE)
+    bare = effort_samples(model, motion)[1]
+    model.carry(TOOL)
+    loaded_efforts = effort_samples(model, motion)[1]
+    assert np.abs(loaded_efforts - bare).max() > 1.0
+    assert effort_samples(model, motion)[1] is loaded_efforts
 
 
 def test_the_flange_stays_where_it_is(model: RobotModel, robot: RobotDescription) -> None:

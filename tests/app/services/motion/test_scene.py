@@ -224,6 +224,67 @@ def test_the_rest_of_a_motion_is_what_comes_after_a_time():
     assert rest_of(whole, 0.0) is whole
 
 
+def info(robot):
+    assert robot.rig.memory.info.try_read()
+    return robot.rig.memory.info.data
+
+
+def test_what_is_attached_weighs_in_plans_the_cycle_and_the_simulation(robot):
+    model, x = robot.app.state.services.robot.model, robot.get("/robot/pose").json()["position"]
+    before = model.gravity_torques(np.array(robot.joints()))
+    part = {"shape": "box", "size": [0.1, 0.1, 0.1], "x": 0.5, "y": 0.0, "z": 0.4, "mass": 5.0}
+    assert put(robot, "part", part).status_code == 200
+    assert model.gravity_torques(np.array(robot.joints())) == pytest.approx(before, abs=1e-3)
+    answer = change(robot, attach={"part": ["link6", "link7"]})
+    assert answer.status_code == 200, answer.text
+    assert robot.get("/robot/tool").json()["mass"] == 0.0, x
+    lifted = model.gravity_torques(np.array(robot.joints()))
+    assert np.abs(lifted - before).max() > 5.0
+    rtloop = robot.rig.robot.model
+    assert rtloop.carried.mass == model.carried.mass == 5.0
+    assert info(robot)["tool_version"] == model.carried.version
+    heavy = change(robot, objects={"more": part | {"mass": 50.0}}, attach={"more": ["link6", "link7"]})
+    assert heavy.status_code == 422
+    assert "more of 50 kg" in heavy.json()["detail"]
+    there_and_back = robot.post("/robot/move/joints", there(robot, 0.2)).json()
+    assert there_and_back["success"], there_and_back
+    robot.sleep(0.5)
+    assert robot.joints()[0] == pytest.approx(0.2, abs=2e-3)
+    assert robot.get("/scene").json()["objects"][0]["mass"] == 5.0
+    assert change(robot, detach=["part"]).status_code == 200
+    assert rtloop.carried.mass == model.carried.mass == 0.0
+    assert robot.get("/scene").json()["objects"][0]["mass"] == 5.0
+
+
+def test_what_it_carries_does_not_change_while_the_arm_moves(robot):
+    part = {"shape": "sphere", "radius": 0.02, "x": 0.5, "y": 0.0, "z": 0.4, "mass": 1.0}
+    assert change(robot, objects={"part": part}, attach={"part": ["link6", "link7"]}).status_code == 200
+    begun = robot.begin(robot.asking("POST", "/robot/move/joints", json=there(robot)))
+    robot.sleep(0.3)
+    refused = put(robot, "part", None)
+    assert refused.status_code == 409
+    assert "what it carries changes only while it rests" in refused.json()["detail"]
+    assert robot.end(begun).json()["success"]
+
+
+def test_a_service_killed_between_file_and_command_has_the_cycle_learn_of_it_from_the_next_one(tmp_path):
+    """The file is all that such a service leaves."""
+    service = VirtualService(tmp_path)
+    x, y, z = 0.0, 0.0, 0.1
+    ball = SceneObject("sphere", (0.05,), (x, y, z, 1.0, 0.0, 0.0, 0.0), attached=True, mass=1.5)
+    file_of(service).write(Scene(5, {"ball": ball}, loads=3))
+    assert service.rig.robot.model.carried.mass == 0.0
+    with service.serving():
+        service.until(lambda: int(info(service)["scene_version"]) == 5)
+        assert int(info(service)["tool_version"]) == 3
+        assert service.rig.robot.model.carried.mass == 1.5
+        service.until(lambda: not service.rig.loop.controller.surroundings.busy)
+        assert service.rig.loop.controller.surroundings.version == 5
+        seen = service.rig.loop.controller.commands.command_seen
+        service.sleep(2.0)
+        assert service.rig.loop.controller.commands.command_seen == seen
+
+
 def test_the_scene_is_there_again_after_a_restart(tmp_path):
     service = VirtualService(tmp_path)
     file = file_of(service)

@@ -1,0 +1,125 @@
+"""HTTP requests to the service: what it answers as JSON, what goes wrong as the `CobotError` that it had."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from types import TracebackType
+from typing import Any, Self
+
+import httpx
+
+from cobot import errors
+from cobot.addresses import DEFAULT_URL, address, path_at
+from cobot.client.tls import Verify, tls_context, token_from_environment
+from cobot.errors import CobotError, ExecutionError, InputError, UnavailableError
+
+MOTION_TIMEOUT_S = 90.0
+"""A motion is waited for so long, s: longer than the service's own timeouts as shipped."""
+Json = dict[str, Any]
+
+
+def _family(kind: type[CobotError]) -> Iterable[type[CobotError]]:
+    """Those of `cobot.errors`; what other modules derive from them has no code of its own."""
+    yield kind
+    for child in kind.__subclasses__():
+        if child.__module__ == errors.__name__:
+            yield from _family(child)
+
+
+ERRORS: Mapping[str, type[CobotError]] = {kind.code: kind for kind in _family(errors.CobotError)}
+"""The class of errors that each code of the service stands for."""
+
+
+def _answered(error: CobotError, answer: Json) -> CobotError:
+    error.explain = answer.get("explain")
+    return error
+
+
+class Connection:
+    """HTTP to one robot's service, and its errors as ours; see `Client` for the arguments."""
+
+    def __init__(
+        self,
+        url: str = DEFAULT_URL,
+        *,
+        robot: str | None = None,
+        timeout_s: float = 10.0,
+        motion_timeout_s: float = MOTION_TIMEOUT_S,
+        token: str | None = None,
+        verify: Verify = True,
+        motion_token: str | None = None,
+        transport: httpx.BaseTransport | None = None,
+    ) -> None:
+        if robot is not None:
+            url = address(url, robot)
+        headers = {"X-Motion-Token": motion_token} if motion_token else {}
+        token = token or token_from_environment()
+        if token:
+            headers["Authorization"] = f"Bearer {token}"
+        # What trusts the computer's certificates takes 10 ms to make.
+        trusted = tls_context(verify) if url.startswith("https:") else False
+        try:
+            # trust_env: a robot's motions do not go through the proxy that the environment has for the web.
+            self._http = httpx.Client(
+                base_url=url,
+                timeout=timeout_s,
+                headers=headers,
+                verify=trusted,
+                transport=transport,
+                trust_env=False,
+            )
+        except httpx.InvalidURL as exc:
+            raise InputError(f"url {url!r}: {exc}") from exc
+        self._motion_timeout_s = motion_timeout_s
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._http.close()
+
+    def _arrived(self, path: str, body: Json) -> Json:
+        answer = self._json("POST", path, json=body, timeout=self._motion_timeout_s)
+        if not answer["success"]:
+            raise _answered(ERRORS.get(str(answer.get("code")), ExecutionError)(answer["message"]), answer)
+        return answer
+
+    def _json(self, method: str, path: str, **request: Any) -> Json:
+        answer = self._request(method, path, **request)
+        if not isinstance(answer, dict):
+            raise UnavailableError(f"{method} {self._url(path)}: no answer of cobot's")
+        return answer
+
+    def _url(self, path: str) -> str:
+        if "://" in path:
+            return path
+        base = str(self._http.base_url).rstrip("/")
+        return base + path_at(base, path)
+
+    def _request(self, method: str, path: str, **request: Any) -> Any:
+        url = self._url(path)
+        try:
+            response = self._http.request(method, url, **request)
+        except httpx.HTTPError as exc:
+            raise UnavailableError(f"{method} {url}: {str(exc) or type(exc).__name__}") from exc
+        except (TypeError, ValueError) as exc:  # JSON has no NaN, no infinity and no objects of ours
+            raise InputError(f"{method} {path}: {exc}") from exc
+        try:
+            answer = response.json()
+            if response.is_success:
+                return answer
+            code, detail = str(answer["code"]), str(answer["detail"])
+        except (ValueError, KeyError, TypeError) as exc:
+            raise UnavailableError(
+                f"{method} {url}: status {response.status_code}, and no answer of cobot's"
+            ) from exc
+        raise _answered(ERRORS.get(code, CobotError)(detail), answer)

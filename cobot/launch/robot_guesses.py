@@ -1,0 +1,187 @@
+"""What `cobot new-robot` guesses where a robot's file is silent, each guess as a sentence to be looked at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
+
+import mujoco
+import numpy as np
+import yaml
+
+from cobot.errors import ConfigError
+from cobot.launch.robot_file import compiled, save
+from cobot.robot.collision import CollisionChecker
+from cobot.robot.model import RobotModel
+from cobot.types import Array, JointLimits, vector
+
+SAMPLES = 500
+"""Random positions at which self-collision is looked at."""
+MARGIN_M = 0.005
+TCP_NAMES = ("tcp", "tool0", "attachment_site", "ee_link", "flange")
+VELOCITY = {False: 1.0, True: 0.25}
+"""Guessed for a hinge, rad/s, and a slide, m/s."""
+ACCELERATION_PER_VELOCITY, JERK_PER_ACCELERATION = 4.0, 10.0
+"""Full speed in a quarter of a second, full acceleration in a tenth."""
+MANY_TURNS_RAD = 8.0 * np.pi
+"""Few joints turn so far either way: who has this in a file may have written degrees."""
+EFFORT_RESERVE = 2.5
+"""Guessed effort, of what gravity and the guessed acceleration need at the most of the samples."""
+
+
+def frames(
+    spec: mujoco.MjSpec, joints: list[str], base: str | None, tcp: str | None, guessed: list[str]
+) -> tuple[str, str]:
+    """Base frame and TCP, which becomes a site if it is a body; those that are None are guessed."""
+    if base is None:
+        base = spec.joint(joints[0]).parent.parent.name
+        guessed.append(f"base_frame {base}: what the first joint stands on (--base)")
+    if tcp is None:
+        names = [element.name for element in (*spec.sites, *spec.bodies)]
+        known = [name for name in TCP_NAMES if name in names]
+        last = spec.joint(joints[-1]).parent
+        while len(last.bodies) == 1:
+            last = last.bodies[0]
+        tcp = known[0] if known else last.name
+        guessed.append(f"tcp {tcp}: {'by its name' if known else 'the last link'} (--tcp)")
+    if spec.site(tcp) is None and spec.body(tcp) is not None:
+        spec.body(tcp).add_site(name=tcp)
+    return base, tcp
+
+
+def limits(
+    file: Path, mj: mujoco.MjModel, rates: dict[str, tuple[float, float]], guessed: list[str]
+) -> JointLimits:
+    """By the model's ranges and what the file says of velocity and effort (0 for unknown); an effort that
+    nobody knows stays 0, see `efforts`.
+
+    Raises:
+        ConfigError: a slide has no range.
+    """
+    names = tuple(mj.joint(index).name for index in range(mj.njnt))
+    ranges, velocities, known = np.zeros((len(names), 2)), np.zeros(len(names)), np.zeros(len(names))
+    for index, name in enumerate(names):
+        slides = bool(mj.jnt_type[index] == mujoco.mjtJoint.mjJNT_SLIDE)
+        low, high = ranges[index] = mj.jnt_range[index]
+        if not mj.jnt_limited[index]:
+            if slides:
+                raise ConfigError(f"{file}: the slide {name!r} has no range; give it one, in m")
+            ranges[index] = -2.0 * np.pi, 2.0 * np.pi
+            guessed.append(f"{name}: position ±6.28319 rad, the file has no range")
+        elif not slides and np.abs(ranges[index]).max() > MANY_TURNS_RAD:
+            guessed.append(
+                f"{name}: position {low:g} to {high:g} rad as in the file, these look like degrees"
+            )
+        velocity, effort = rates.get(name, (0.0, 0.0))
+        if velocity <= 0.0:
+            velocity = VELOCITY[slides]
+            guessed.append(f"{name}: velocity {velocity:g} {'m' if slides else 'rad'}/s")
+        if mj.jnt_actfrclimited[index]:
+            bound = float(np.abs(mj.jnt_actfrcrange[index]).min())
+            effort = min(effort, bound) if effort > 0.0 else bound
+        velocities[index], known[index] = velocity, effort
+    guessed.append("acceleration: 4 times the velocity per second; jerk: 10 times the acceleration")
+    accelerations = ACCELERATION_PER_VELOCITY * velocities
+    jerks = JERK_PER_ACCELERATION * accelerations
+    return JointLimits(names, ranges[:, 0], ranges[:, 1], velocities, accelerations, jerks, known)
+
+
+def efforts(robot: RobotModel, guessed: list[str]) -> Array:
+    """Those of the limits, and where they are 0 what the arm needs, and a reserve."""
+    limits, needed = robot.limits, np.zeros(robot.limits.dof)
+    for joints in _samples(limits)[:100]:
+        accelerating = np.abs(robot.mass_matrix(joints)) @ limits.max_acceleration
+        needed = np.maximum(needed, np.abs(robot.gravity_torques(joints)) + accelerating)
+    known = limits.max_effort > 0.0
+    for joint in np.flatnonzero(~known):
+        needed[joint] = max(1.0, np.ceil(EFFORT_RESERVE * needed[joint]))
+        guessed.append(
+            f"{limits.names[joint]}: effort {needed[joint]:g} {limits.effort_unit(int(joint))}, "
+            f"{EFFORT_RESERVE:g} times the need"
+        )
+    return np.where(known, limits.max_effort, needed)
+
+
+def write_limits(limits: JointLimits, file: Path) -> None:
+    """As cobot and MoveIt read them."""
+    entries = {}
+    for index, name in enumerate(limits.names):
+        low, high = float(limits.min_position[index]), float(limits.max_position[index])
+        entry = {"has_position_limits": True, "min_position": low, "max_position": high}
+        for rate in ("velocity", "acceleration", "jerk", "effort"):
+            value = float(getattr(limits, f"max_{rate}")[index])
+            entry |= {f"has_{rate}_limits": True, f"max_{rate}": value}
+        entries[name] = entry
+    file.write_text(yaml.safe_dump({"joint_limits": entries}, sort_keys=False))
+
+
+def pairs_that_touch(robot: RobotModel) -> list[tuple[str, str]]:
+    """The bodies that are within 5 mm of each other at every sample."""
+    checker = CollisionChecker(robot, MARGIN_M)
+    touching = checker.clearance.distances(_samples(robot.limits), MARGIN_M) < MARGIN_M
+    bodies = robot.mj.geom_bodyid
+    found = {
+        tuple(sorted(int(bodies[geom]) for geom in checker.pairs[pair]))
+        for pair in np.flatnonzero(touching.all(axis=0))
+    }
+    return [(robot.mj.body(first).name, robot.mj.body(second).name) for first, second in sorted(found)]
+
+
+def exclude(
+    file: Path, spec: mujoco.MjSpec, folder: Path, pairs: list[tuple[str, str]], guessed: list[str]
+) -> None:
+    """Have the model's file say that these may touch."""
+    for first, second in pairs:
+        spec.add_exclude(bodyname1=first, bodyname2=second)
+        guessed.append(f"{first} and {second} may touch: they do in each of {SAMPLES} positions")
+    compiled(file, spec)
+    save(spec, folder)
+
+
+def shapeless(robot: RobotModel, guessed: list[str]) -> None:
+    """Say which links no collision is ever found of."""
+    mj = robot.mj
+    shapes = {int(mj.geom_bodyid[geom]) for geom in range(mj.ngeom) if mj.geom_contype[geom]}
+    bare = [mj.body(int(body)).name for body in mj.jnt_bodyid if int(body) not in shapes]
+    if bare:
+        guessed.append(f"no collision shape, so nothing keeps them from touching: {', '.join(bare)}")
+
+
+def home(file: Path, robot: RobotModel, guessed: list[str]) -> Array:
+    """The sample nearest to 0 that is free.
+
+    Raises:
+        ConfigError: none is.
+    """
+    limits, samples = robot.limits, _samples(robot.limits)
+    checker = CollisionChecker(robot, MARGIN_M)
+    zero = np.clip(np.zeros(limits.dof), limits.min_position, limits.max_position)
+    order = np.argsort(np.abs(samples - zero).max(axis=1))
+    free = next((joints for joints in (zero, *samples[order]) if checker.is_free(joints)), None)
+    if free is None:
+        raise ConfigError(f"{file}: it touches itself in each of {SAMPLES} positions")
+    guessed.append(f"home: {np.round(free, 3).tolist()}, the free position nearest to 0")
+    return vector(free)
+
+
+def write_srdf(
+    file: Path, group_name: str, names: tuple[str, ...], home: Array, pairs: list[tuple[str, str]]
+) -> None:
+    """A group of these joints with the position `home`, and the pairs that may touch."""
+    root = Element("robot", name=group_name)
+    group = SubElement(root, "group", name=group_name)
+    for name in names:
+        SubElement(group, "joint", name=name)
+    state = SubElement(root, "group_state", name="home", group=group_name)
+    for name, value in zip(names, home, strict=True):
+        SubElement(state, "joint", name=name, value=repr(float(value)))
+    for first, second in pairs:
+        SubElement(root, "disable_collisions", link1=first, link2=second, reason="Always")
+    ElementTree.indent(root)
+    ElementTree.ElementTree(root).write(file, encoding="utf-8", xml_declaration=True)
+
+
+def _samples(limits: JointLimits) -> Array:
+    size = (SAMPLES, limits.dof)
+    return np.random.default_rng(0).uniform(limits.min_position, limits.max_position, size)

@@ -1,0 +1,113 @@
+"""What the arm carries altogether: the tool, and what is attached to it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cobot.errors import LimitError
+from cobot.robot.rotations import matrix_of
+from cobot.robot.scene import Numbers7, Scene, SceneObject, symmetric
+from cobot.robot.tool import Tool, chained, check_tool
+from cobot.types import Array, JointLimits
+
+if TYPE_CHECKING:
+    from cobot.robot.model import RobotModel
+
+
+def carrying(tool: Tool, scene: Scene, tcp_in_flange: Numbers7) -> Tool:
+    """The tool as the drives feel it: with the masses of what is attached.
+
+    Its version is the sum of the tool's and of `Scene.loads`: both only rise, so no two that follow each
+    other have the same.
+    """
+    parts = [(tool.mass, np.array(tool.centre), tool.inertia_matrix)]
+    parts += [_in_flange(each, chained(tcp_in_flange, each.pose)) for each in scene.load.values()]
+    version = tool.version + scene.loads
+    if len(parts) == 1:
+        return replace(tool, version=version)
+    mass = math.fsum(part[0] for part in parts)
+    centre = sum((part[0] * part[1] for part in parts), np.zeros(3)) / mass
+    inertia = sum((part[2] + moved(part[0], part[1] - centre) for part in parts), np.zeros((3, 3)))
+    xx, xy, xz, yy, yz, zz = inertia[np.triu_indices(3)].tolist()
+    x, y, z = centre.tolist()
+    whole = (xx, xy, xz, yy, yz, zz) if np.linalg.eigvalsh(inertia)[0] > 0.0 else None
+    return replace(tool, version=version, mass=mass, centre=(x, y, z), inertia=whole)
+
+
+def check_load(
+    model: RobotModel, limits: JointLimits, tool: Tool, scene: Scene, joints: Array, max_payload_kg: float
+) -> None:
+    """See that the arm may carry this, and that its drives can hold it where it is.
+
+    Raises:
+        InputError, LimitError: see `check_tool`; with the joint, what it would need, and its limit.
+    """
+    whole = carrying(tool, scene, model.tcp_in_flange(tool))
+    held = "".join(f", with {name} of {each.mass:g} kg" for name, each in scene.load.items())
+    if held and not whole.mass <= max_payload_kg:
+        raise LimitError(
+            f"mass: must be at most {max_payload_kg:g} kg (robot.max_payload_kg), got {whole.mass:g} kg: "
+            f"the tool of {tool.mass:g} kg{held}"
+        )
+    check_tool(whole, max_payload_kg, model.file_gravity)
+    before, around = model.tool, model.attached
+    model.carry(tool, scene)
+    try:
+        efforts = np.abs(model.gravity_torques(joints))
+    finally:
+        model.carry(before, around)
+    worst = int((efforts / limits.max_effort).argmax())
+    if efforts[worst] > limits.max_effort[worst]:
+        unit = limits.effort_unit(worst)
+        raise LimitError(
+            f"mass: {limits.names[worst]} would need {efforts[worst]:.4g} {unit} to hold {whole.mass:g} kg"
+            f"{held} where the arm is, its limit is {limits.max_effort[worst]:.4g} {unit}; take the arm "
+            "elsewhere first"
+        )
+
+
+def moved(mass: float, arm: Array) -> Array:
+    """The inertia of a point mass at the end of an arm, shape (3, 3), kg·m²."""
+    return mass * (float(arm @ arm) * np.eye(3) - np.outer(arm, arm))
+
+
+def _in_flange(each: SceneObject, pose: Numbers7) -> tuple[float, Array, Array]:
+    """Mass, centre and inertia about it, along the flange's axes, of an object at a pose."""
+    turn = matrix_of(np.array(pose[3:]) / np.linalg.norm(pose[3:]))
+    middle, inertia = homogeneous(each)
+    if each.centre is not None:
+        middle = np.array(each.centre)
+    if each.inertia is not None:
+        inertia = symmetric(each.inertia)
+    return each.mass, np.array(pose[:3]) + turn @ middle, turn @ inertia @ turn.T
+
+
+def homogeneous(each: SceneObject) -> tuple[Array, Array]:
+    """Centre and inertia about it of a solid of one density, in its own frame: shapes (3,), (3, 3).
+
+    The usual formulas; the round ends of a capsule are two half spheres, whose centre is 3/8 of the radius
+    from their flat side.
+    """
+    return np.zeros(3), each.mass * np.diag(_squares(each))
+
+
+def _squares(each: SceneObject) -> Array:
+    """The principal moments per mass, m²."""
+    if each.shape == "box":
+        x, y, z = np.square(each.size)
+        return np.array([y + z, x + z, x + y]) / 12.0
+    radius = each.size[0]
+    if each.shape == "sphere":
+        return np.full(3, 0.4 * radius**2)
+    length = each.size[1]
+    across, along = radius**2 / 4.0 + length**2 / 12.0, radius**2 / 2.0
+    if each.shape == "capsule":
+        ends = 4.0 * radius / (4.0 * radius + 3.0 * length)  # Their share of the volume.
+        offset = 0.5 * length * (0.5 * length + 0.75 * radius)
+        across = (1.0 - ends) * across + ends * (0.4 * radius**2 + offset)
+        along = (1.0 - ends) * along + ends * 0.4 * radius**2
+    return np.array([across, across, along])

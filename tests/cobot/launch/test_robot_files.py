@@ -1,0 +1,329 @@
+"""What `cobot new-robot` makes of the files that people have. Oracles: pinocchio's kinematics and dynamics of
+the given URDF, and the numbers written into the files.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pinocchio
+import pytest
+import yaml
+from urdf_arms import ARMS, urdf
+
+from cobot.config import load_settings
+from cobot.errors import ConfigError
+from cobot.launch.cli import main
+from cobot.launch.new_robot import NewRobot
+from cobot.planners import MotionRequest, plan
+from cobot.robot.description import RobotDescription, load_robot
+from cobot.types import PlannerName, Pose, Scaling
+from rtloop.backends import JOINT_ROWS, Measured, make_backend
+
+BALL = '<collision><geometry><sphere radius="0.03"/></geometry></collision>'
+FINGER = (
+    '<link name="{0}"><inertial><mass value="0.2"/><inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" '
+    'iyz="0"/></inertial></link><joint name="{0}_joint" type="prismatic"><parent link="link5"/>'
+    '<child link="{0}"/><origin xyz="0 {1} 0.1"/><axis xyz="0 1 0"/>'
+    '<limit lower="0" upper="0.04" velocity="0.2" effort="20"/>{2}</joint>'
+)
+GRIPPER = FINGER.format("left", 0.02, "") + FINGER.format("right", -0.02, '<mimic joint="left_joint"/>')
+FINGERS = ["left_joint", "right_joint"]
+MJCF = """<mujoco><compiler angle="radian"/><worldbody><body name="stand"><geom size="0.02"/>
+<body name="one" pos="0 0 .2"><joint name="j" range="-1.5 1.5"/><geom size=".03" pos=".1 0 0"/>
+<body name="two" pos=".3 0 0"><joint name="k" axis="0 1 0" range="-1.5 1.5"/><geom size=".03"/>
+<site name="tcp" pos=".2 0 0"/>
+<body name="left" pos=".2 .05 0"><joint name="fl" type="slide" axis="0 1 0" range="0 .04"/><geom size=".01"/>
+</body><body name="right" pos=".2 -.05 0"><joint name="fr" type="slide" axis="0 -1 0" range="0 .04"/>
+<geom size=".01"/></body></body></body></body></worldbody>
+<tendon><fixed name="split"><joint joint="fl" coef=".5"/><joint joint="fr" coef=".5"/></fixed></tendon>
+<equality><joint joint1="fl" joint2="fr"/><tendon tendon1="split"/></equality>
+<actuator><position joint="j" kp="100" forcerange="-87 87"/><motor joint="k" ctrlrange="-3 3" gear="20"/>
+<general tendon="split" ctrlrange="0 255"/></actuator>
+<sensor><jointpos joint="fl"/><tendonpos tendon="split"/></sensor>
+<keyframe><key qpos="0 0 0 0"/></keyframe></mujoco>"""
+
+
+def made_of(file: Path, text: str, **options: object) -> RobotDescription:
+    file.write_text(text)
+    NewRobot(file, **options).write(file.with_suffix(""))  # type: ignore[arg-type]
+    return load_robot(load_settings(file.with_suffix("") / "cobot-setting.yaml"))
+
+
+def mounted(rpy: str) -> str:
+    """On a stand that turns it: a wall, a ceiling, anything."""
+    mount = (
+        '<link name="stand"/><link name="base_link"/><joint name="mount" type="fixed"><parent link="stand"/>'
+        f'<child link="base_link"/><origin xyz="0.3 0.1 1.5" rpy="{rpy}"/></joint>'
+    )
+    return urdf(ARMS["ur"]).replace('<link name="base_link"/>', mount)
+
+
+@pytest.mark.parametrize("rpy", ["3.14159265358979 0 0", "0 1.5707963267949 0", "2.1 -0.4 0.7"])
+def test_a_base_that_is_turned_has_its_own_frame_and_the_gravity_of_the_world(
+    tmp_path: Path, rpy: str
+) -> None:
+    of_urdf = made_of(tmp_path / "one.urdf", mounted(rpy), base="base_link")
+    model = pinocchio.buildModelFromXML(mounted(rpy))
+    data, base, tip = model.createData(), model.getFrameId("base_link"), model.getFrameId("tool0")
+    of_mjcf = made_of(
+        tmp_path / "two.xml", (tmp_path / "one" / "model.xml").read_text(), base="base_link", tcp="tool0"
+    )
+    for robot in (of_urdf, of_mjcf):
+        assert robot.base_frame == "base_link"
+        for joints in np.random.default_rng(2).uniform(-2.0, 2.0, (10, 6)):
+            pinocchio.framesForwardKinematics(model, data, joints)
+            wanted = data.oMf[base].actInv(data.oMf[tip])
+            pose = robot.model.forward(joints)
+            np.testing.assert_allclose(pose.position, wanted.translation, atol=1e-12)
+            still = np.zeros(6)
+            np.testing.assert_allclose(
+                robot.model.gravity_torques(joints),
+                pinocchio.rnea(model, data, joints, still, still),
+                atol=1e-9,
+            )
+    _holds_itself(tmp_path / "two")
+    _goes_straight_down_in_its_base(of_urdf, model)
+
+
+def _holds_itself(made: Path) -> None:
+    settings = load_settings(made / "cobot-setting.yaml")
+    backend = make_backend(settings, load_robot(settings).limits)
+    start = np.full(6, 0.2)
+    backend.open(start)
+    command = np.zeros((JOINT_ROWS, 6))[:3]
+    command[0] = start
+    measured = Measured(6)
+    for _ in range(300):
+        backend.write(command)
+        backend.read(measured)
+    np.testing.assert_allclose(measured.position, start, atol=1e-3)
+
+
+def _goes_straight_down_in_its_base(robot: RobotDescription, model: pinocchio.Model) -> None:
+    start = np.array([0.3, 0.4, -0.3, 0.7, 0.4, 0.5])
+    pose = robot.model.forward(start)
+    goal = Pose(pose.position - 0.05 * np.eye(3)[2], pose.quaternion)
+    motion = plan(robot, MotionRequest(start, goal, PlannerName.LIN, Scaling(1.0), None, timeout_s=5.0))
+    assert motion is not None
+    data, base, tip = model.createData(), model.getFrameId("base_link"), model.getFrameId("tool0")
+    places = []
+    for joints in motion.sample(np.linspace(0.0, motion.duration_s, 20)):
+        pinocchio.framesForwardKinematics(model, data, joints)
+        places.append(data.oMf[base].actInv(data.oMf[tip]).translation)
+    way = np.array(places) - pose.position
+    np.testing.assert_allclose(way[:, :2], 0.0, atol=5e-5)
+    assert way[-1, 2] == pytest.approx(-0.05, abs=1e-6)
+
+
+@pytest.mark.parametrize("options", [{"without": FINGERS}, {"actuators": [f"a{i}" for i in range(6)]}])
+def test_fingers_are_left_out_by_name_and_keep_their_weight(
+    tmp_path: Path, options: dict[str, list[str]]
+) -> None:
+    text = urdf(ARMS["ur"], GRIPPER)
+    robot = made_of(tmp_path / "arm.urdf", text, **options)
+    assert robot.limits.names == tuple(f"a{i}" for i in range(6))
+    model = pinocchio.buildModelFromXML(text)
+    model = pinocchio.buildReducedModel(
+        model, [model.getJointId(name) for name in FINGERS], np.zeros(model.nq)
+    )
+    data, still = model.createData(), np.zeros(6)
+    for joints in np.random.default_rng(3).uniform(-2.0, 2.0, (10, 6)):
+        wanted = pinocchio.rnea(model, data, joints, still, still)
+        np.testing.assert_allclose(robot.model.gravity_torques(joints), wanted, atol=1e-9)
+
+
+def test_a_finger_that_does_not_exist_is_named_with_those_that_do(tmp_path: Path) -> None:
+    with pytest.raises(
+        ConfigError, match=r"has no joint 'thumb'; valid are: a0, .*, left_joint, right_joint"
+    ):
+        made_of(tmp_path / "arm.urdf", urdf(ARMS["ur"], GRIPPER), without=[*FINGERS, "thumb"])
+
+
+def test_a_gripper_of_mjcf_goes_with_its_tendon_equality_actuator_and_sensors(tmp_path: Path) -> None:
+    robot = made_of(tmp_path / "arm.xml", MJCF, without=["fl", "fr"])
+    assert robot.limits.names == ("j", "k")
+    assert (robot.model.mj.nu, robot.model.mj.ntendon, robot.model.mj.nsensor, robot.model.mj.neq) == (
+        2,
+        0,
+        0,
+        0,
+    )
+
+
+def test_a_whole_scene_of_mjcf_is_taken_with_its_objects_standing_still(tmp_path: Path) -> None:
+    """As those of others come: with textures that are not there, and a cube that falls."""
+    colour = '<asset><texture type="2d" name="t" file="t.png"/><material name="m" texture="t"/></asset>'
+    cube = '<body name="cube" pos="2 0 1"><freejoint/><geom type="box" size=".1 .1 .1" material="m"/></body>'
+    text = MJCF.replace("<worldbody>", f"{colour}<worldbody>{cube}").replace('<key qpos="0 0 0 0"/>', "")
+    with pytest.raises(ConfigError, match=r"free or ball joint: .*, or name the arm's with --actuators"):
+        made_of(tmp_path / "one.xml", text)
+    robot = made_of(tmp_path / "two.xml", text, actuators=["j", "k"])
+    assert robot.limits.names == ("j", "k")
+    assert robot.model.mj.body("cube").pos.tolist() == [2.0, 0.0, 1.0]
+
+
+def test_efforts_are_those_of_the_actuators_in_mjcf(tmp_path: Path) -> None:
+    robot = made_of(tmp_path / "arm.xml", MJCF, without=["fl", "fr"])
+    assert robot.limits.max_effort.tolist() == [87.0, 60.0]
+
+
+def test_an_effort_that_the_file_gives_is_kept_however_great(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(urdf(ARMS["ur"]).replace('effort="200"', 'effort="100000"', 1))
+    new = NewRobot(tmp_path / "arm.urdf")
+    new.write(tmp_path / "arm")
+    limits = load_robot(load_settings(tmp_path / "arm" / "cobot-setting.yaml")).limits
+    assert limits.max_effort.tolist() == [100000.0, *[200.0] * 5]
+    assert not [sentence for sentence in new.guessed if "effort" in sentence]
+
+
+def test_an_effort_that_the_file_does_not_give_is_guessed_in_the_joints_unit(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(urdf(ARMS["gantry"]).replace('effort="200"', 'effort="0"'))
+    new = NewRobot(tmp_path / "arm.urdf")
+    new.write(tmp_path / "arm")
+    said = [sentence for sentence in new.guessed if "effort" in sentence]
+    assert [sentence.split()[3].rstrip(",") for sentence in said] == ["N", "N", *["N·m"] * 4]
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "advice"),
+    [
+        ("arm.urdf.xacro", '<robot name="a"/>', "xacro arm.urdf.xacro > arm.urdf"),
+        ("arm.urdf", '<robot><xacro:include filename="x"/></robot>', "xacro arm.urdf > arm_expanded.urdf"),
+        ("arm.xacro", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"/>', "xacro arm.xacro > arm.urdf"),
+    ],
+)
+def test_xacro_is_refused_with_the_command_that_expands_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, text: str, advice: str
+) -> None:
+    (tmp_path / name).write_text(text)
+    assert main(["new-robot", str(tmp_path / name), "--output", str(tmp_path / "made")]) == 1
+    assert advice in capsys.readouterr().err
+    assert not (tmp_path / "made").exists()
+
+
+@pytest.mark.parametrize("given", ["", "parts"])
+def test_packages_are_found_in_or_as_the_folders_given(tmp_path: Path, given: str) -> None:
+    stl(tmp_path / "ws" / "parts" / "meshes" / "a.stl")
+    text = urdf(ARMS["ur"]).replace(
+        '<sphere radius="0.03"/>', '<mesh filename="package://parts/meshes/a.stl"/>', 1
+    )
+    robot = made_of(tmp_path / "arm.urdf", text, packages=[tmp_path, tmp_path / "ws" / given])
+    assert robot.model.mj.nmesh == 1
+
+
+def test_a_package_that_is_in_no_folder_given_is_named_with_the_folders(tmp_path: Path) -> None:
+    text = urdf(ARMS["ur"]).replace('<sphere radius="0.03"/>', '<mesh filename="package://parts/a.stl"/>', 1)
+    stl(tmp_path / "others" / "a.stl")
+    with pytest.raises(
+        ConfigError, match=r"package://parts/a\.stl is in none .*others\); .* folder parts or"
+    ):
+        made_of(tmp_path / "arm.urdf", text, packages=[tmp_path / "others"])
+
+
+def test_what_is_only_seen_is_not_needed_and_links_without_a_shape_are_named(tmp_path: Path) -> None:
+    seen = '<visual><geometry><mesh filename="package://none/a.dae"/></geometry></visual>'
+    (tmp_path / "arm.urdf").write_text(urdf(ARMS["ur"]).replace(BALL, seen, 2))
+    new = NewRobot(tmp_path / "arm.urdf")
+    new.write(tmp_path / "arm")
+    assert "no collision shape, so nothing keeps them from touching: link0, link1" in new.guessed
+
+
+def test_a_collision_shape_that_mujoco_cannot_read_is_to_be_converted(tmp_path: Path) -> None:
+    (tmp_path / "a.dae").write_text("<COLLADA/>")
+    text = urdf(ARMS["ur"]).replace('<sphere radius="0.03"/>', '<mesh filename="a.dae"/>', 1)
+    with pytest.raises(ConfigError, match=r"a\.dae, which MuJoCo cannot read; convert it to one of: \.stl"):
+        made_of(tmp_path / "arm.urdf", text)
+
+
+def test_degrees_in_the_file_are_asked_about(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text(urdf(ARMS["ur"]).replace('upper="2.9"', 'upper="170"', 1))
+    new = NewRobot(tmp_path / "arm.urdf")
+    new.write(tmp_path / "arm")
+    assert "a0: position -2.9 to 170 rad as in the file, these look like degrees" in new.guessed
+
+
+def test_millimetres_in_the_file_are_refused_by_its_name(tmp_path: Path) -> None:
+    text = urdf(ARMS["gantry"]).replace('lower="-0.5" upper="0.5"', 'lower="-500" upper="500"', 1)
+    with pytest.raises(
+        ConfigError, match=r"arm\.urdf: .*a0 slides from -500 to 500 m, .*millimetres"
+    ) as said:
+        made_of(tmp_path / "arm.urdf", text)
+    assert ".new-robot-" not in str(said.value)
+
+
+def test_an_output_folder_that_cannot_be_made_is_named_with_the_reason(tmp_path: Path) -> None:
+    file, locked = tmp_path / "arm.urdf", tmp_path / "locked"
+    file.write_text(urdf(ARMS["ur"]))
+    locked.mkdir(mode=0o555)
+    with pytest.raises(ConfigError, match="is there already; choose another --output"):
+        NewRobot(file).write(tmp_path)
+    for folder, reason in (
+        (tmp_path / "none" / "made", "there is no folder .*none; make it"),
+        (file / "made", r"there is no folder .*arm\.urdf; make it"),
+        (tmp_path / ("long" * 100), "File name too long; choose another --output"),
+    ):
+        with pytest.raises(ConfigError, match=f"cannot be written: {reason}"):
+            NewRobot(file).write(folder)
+    with nobody(), pytest.raises(ConfigError, match=r"made: cannot be written: Permission denied; choose"):
+        NewRobot(file).write(locked / "made")
+    assert sorted(tmp_path.iterdir()) == [file, locked]
+    assert not list(locked.iterdir())
+
+
+@contextmanager
+def nobody() -> Iterator[None]:
+    """As a user who may not write everywhere: root may."""
+    if os.geteuid() != 0:
+        yield
+        return
+    os.seteuid(65534)
+    try:
+        yield
+    finally:
+        os.seteuid(0)
+
+
+def test_each_command_takes_the_folder_as_config(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    made_of(tmp_path / "arm.urdf", urdf(ARMS["ur"]))
+    made = tmp_path / "arm"
+    settings = yaml.safe_load((made / "cobot-setting.yaml").read_text())
+    settings["web"]["tokens"] = "tokens.json"
+    settings["logs"] = "logs"
+    (made / "cobot-setting.yaml").write_text(yaml.safe_dump(settings))
+    here = ["--config", str(made)]
+    assert main(["token", "create", "ann", "--role", "observer", *here]) == 0
+    assert main(["token", "list", *here]) == 0
+    assert "ann" in capsys.readouterr().out
+    assert (made / "tokens.json").exists()
+    main(["doctor", "--json", *here])
+    assert {"item": "configuration", "verdict": "ok"}.items() <= json.loads(capsys.readouterr().out)[
+        0
+    ].items()
+    assert main(["stop", *here]) == 1
+    assert "arm" in capsys.readouterr().out
+    assert main(["moveit-config", str(tmp_path / "moveit"), *here]) == 0
+
+
+@pytest.mark.parametrize("words", [["run"], ["check"], ["stop"], ["doctor"], ["token", "list"]])
+def test_a_folder_without_settings_is_refused_with_what_to_give_instead(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str]
+) -> None:
+    with pytest.raises(SystemExit) as left:
+        main([*words, "--config", str(tmp_path)])
+    assert left.value.code == 2
+    assert f"{tmp_path}: has no cobot-setting.yaml; give the file" in capsys.readouterr().err
+
+
+def stl(file: Path) -> None:
+    """A tetrahedron."""
+    corners = np.array([[0, 0, 0], [0.05, 0, 0], [0, 0.05, 0], [0, 0, 0.05]], dtype="<f4")
+    faces = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
+    triangles = b"".join(bytes(12) + corners[list(face)].tobytes() + bytes(2) for face in faces)
+    file.parent.mkdir(parents=True)
+    file.write_bytes(bytes(80) + len(faces).to_bytes(4, "little") + triangles)
