@@ -6,6 +6,8 @@ FastAPI's own `max_body_size` does the same but answers in plain text, past ever
 
 from __future__ import annotations
 
+from collections.abc import Awaitable
+
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -13,17 +15,19 @@ from cobot.errors import PayloadError, UnavailableError
 
 
 class BodyLimit:
-    """ASGI middleware."""
+    """ASGI middleware. What is polled passes without a coroutine of its own."""
 
     def __init__(self, app: ASGIApp, all_bytes: int) -> None:
         self._app = app
         self._all_bytes = all_bytes
         self._held_bytes = 0  # of all requests that are being answered
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         if scope["type"] != "http" or scope["method"] == "GET":  # of a GET nothing is taken in
-            await self._app(scope, receive, send)
-            return
+            return self._app(scope, receive, send)
+        return self._limited(scope, receive, send)
+
+    async def _limited(self, scope: Scope, receive: Receive, send: Send) -> None:
         headers = dict(scope["headers"])
         form = headers.get(b"content-type", b"").lower().startswith(b"multipart/")
         web = scope["app"].state.web

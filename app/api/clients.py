@@ -5,6 +5,7 @@ The names come from the middleware of access, where there is one: `scope["cobot.
 
 from __future__ import annotations
 
+from collections.abc import Awaitable
 from typing import Any
 
 from starlette.types import ASGIApp, Receive, Scope, Send
@@ -19,26 +20,28 @@ _CONTROL, _MOTION = CONTROL_TOKEN.lower().encode(), MOTION_TOKEN.lower().encode(
 
 
 class Clients:
-    """ASGI middleware. A GET is on nobody's behalf: it changes nothing."""
+    """ASGI middleware. A GET is on nobody's behalf: it changes nothing. Requests pass without a coroutine of
+    its own.
+    """
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] == "http":
-            if scope["method"] != "GET":
-                CLIENT.set(client_of(scope))
+    def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
+        if scope["type"] == "websocket":
+            return self._connection(scope, receive, send)
+        if scope["type"] == "http" and scope["method"] != "GET":
+            CLIENT.set(client_of(scope))
+        return self._app(scope, receive, send)
+
+    async def _connection(self, scope: Scope, receive: Receive, send: Send) -> None:
+        client = client_of(scope)
+        CLIENT.set(client)
+        try:
             await self._app(scope, receive, send)
-        elif scope["type"] == "websocket":
-            client = client_of(scope)
-            CLIENT.set(client)
-            try:
-                await self._app(scope, receive, send)
-            finally:
-                for services in scope["app"].state.robots.values():
-                    services.control.disconnected(client)
-        else:
-            await self._app(scope, receive, send)
+        finally:
+            for services in scope["app"].state.robots.values():
+                services.control.disconnected(client)
 
 
 def client_of(scope: Scope) -> Client:

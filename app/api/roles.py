@@ -5,7 +5,7 @@ A GET changes nothing, so that whoever may look may have it, and a link from any
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Awaitable, Iterable, Mapping
 
 from fastapi.routing import APIRoute, APIWebSocketRoute
 from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
@@ -120,12 +120,11 @@ class _Guarded:
         self._role = role
         self._free_on_loopback = free_on_loopback
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         identity: Identity = scope[IDENTITY]
         if identity.role < self._role and not (self._free_on_loopback and is_loopback(identity.address)):
             try:
                 require(identity, self._role)
             except CobotError as exc:
-                await answer_to(exc)(scope, receive, send)
-                return
-        await self._app(scope, receive, send)
+                return answer_to(exc)(scope, receive, send)
+        return self._app(scope, receive, send)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable
 
 from fastapi import FastAPI
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -23,14 +23,17 @@ async def saying_why(app: FastAPI) -> AsyncIterator[None]:
 
 
 class StartFailure:
-    """ASGI middleware, which has the server log the sentence."""
+    """ASGI middleware, which has the server log the sentence. Requests pass without a coroutine of it."""
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
 
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
+        if scope["type"] != "lifespan":
+            return self._app(scope, receive, send)
+
         async def say(message: Message) -> None:
             reason = scope["app"].state.start_failure
             await send({**message, "message": str(reason)} if reason and "message" in message else message)
 
-        await self._app(scope, receive, say if scope["type"] == "lifespan" else send)
+        return self._app(scope, receive, say)
