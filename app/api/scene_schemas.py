@@ -80,7 +80,7 @@ class PutObject(Place):
     triangles: list[Indices] | None = Field(
         None, max_length=20_000, description="Of a mesh: three indices of vertices, from 0 on, each."
     )
-    scale: Annotated[float, Field(gt=0.0, le=1e4, allow_inf_nan=False)] = Field(
+    scale: Annotated[float, Field(ge=1e-6, le=1e6, allow_inf_nan=False)] = Field(
         1.0, description="Of a mesh: all is multiplied by it, as 0.001 for a file in mm."
     )
     tolerance: Length = Field(
@@ -96,8 +96,8 @@ class PutObject(Place):
         None, description="Of a height field: the edge of a cell, m; the first one's corner is the origin."
     )
     floor: Coordinate = Field(0.0, description="Of a height field: where its columns begin, m.")
-    step: Annotated[float, Field(ge=0.0, le=100.0, allow_inf_nan=False)] = Field(
-        0.0, description="Of a height field: heights are rounded up to its multiples, m; 0: exact."
+    step: Length | None = Field(
+        None, description="Of a height field: heights are rounded up to its multiples, m; null: exact."
     )
     points: list[Point] | None = Field(
         None, min_length=1, max_length=200_000, description="Of a point cloud: x, y, z, m."
@@ -105,7 +105,7 @@ class PutObject(Place):
     voxel: Length | None = Field(
         None, description="Of a point cloud: a cube of this edge, m, that has a point in it is solid."
     )
-    mass: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
+    mass: Annotated[float, Field(ge=0.0, le=10_000.0, allow_inf_nan=False)] = Field(
         0.0, description="kg; the arm carries it while the object is attached, together with the tool's."
     )
     centre: list[Coordinate] | None = Field(

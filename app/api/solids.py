@@ -70,7 +70,10 @@ def _made(body: PutObject) -> tuple[Array, list[Array]]:
             vertices, triangles = np.array(body.vertices), np.array(body.triangles)
         else:
             vertices, triangles = read(_decoded(body.file))
-        return parts(body.scale * vertices, triangles, body.tolerance)
+        vertices = body.scale * vertices
+        if not (np.abs(vertices) <= FARTHEST_M).all():
+            raise LimitError(f"vertices: x, y and z must be at most {FARTHEST_M:g} m, with the scale")
+        return parts(vertices, triangles, body.tolerance)
     return np.zeros((0, 6)), []
 
 
@@ -80,7 +83,7 @@ def _columns(body: PutObject) -> Array:
     if len(lengths) != 1 or not lengths[0]:
         raise InputError(f"heights: all rows must be equally long and not empty, got lengths {lengths}")
     heights = np.array([[np.nan if height is None else height for height in row] for row in rows])
-    return columns(heights, body.resolution or 0.0, body.floor, body.step)
+    return columns(heights, body.resolution or 0.0, body.floor, body.step or 0.0)
 
 
 def _decoded(text: str) -> bytes:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
-from cobot.errors import LimitError
+from cobot.errors import InputError, LimitError
 from cobot.robot.rotations import matrix_of
 from cobot.robot.scene import COMPOUND, Numbers7, Scene, SceneObject, symmetric
 from cobot.robot.tool import Tool, chained, check_tool
@@ -115,7 +115,10 @@ def _of_hull(corners: Array) -> tuple[float, Array, Array]:
     mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
     kind = mujoco.mjtGeom.mjGEOM_MESH
     spec.worldbody.add_body().add_geom(type=kind, meshname=mesh.name, density=1.0)
-    mj = spec.compile()
+    try:
+        mj = spec.compile()
+    except ValueError as exc:
+        raise InputError(f"mesh: it has no inertia, give it: {' '.join(str(exc).split())}") from exc
     turn = matrix_of(mj.body_iquat[1])
     return float(mj.body_mass[1]), np.array(mj.body_ipos[1]), turn @ np.diag(mj.body_inertia[1]) @ turn.T
 

@@ -222,7 +222,7 @@ def _met_at_once(
         least, most = along.min(axis=1) - reach, along.max(axis=1) + reach
         near = (least[rows] <= middles) & (middles <= most[rows])
         cells, rows = cells[near], rows[near]
-    return cells
+    return np.asarray(cells)
 
 
 def read(content: bytes) -> tuple[Array, Indices]:

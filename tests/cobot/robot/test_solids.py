@@ -230,6 +230,13 @@ def test_rows_of_heights_are_equally_long():
         solid_of("objects.a", body_of("height_field", heights=[[1.0], [1.0, 2.0]], resolution=0.1))
 
 
+@pytest.mark.parametrize("value", ["1e9", "nan", "1e308"])
+def test_a_file_of_far_places_is_refused(value):
+    file = base64.b64encode(obj().replace(b"v 1.0", f"v {value}".encode())).decode()
+    with pytest.raises(LimitError, match=r"objects.a: vertices: x, y and z must be at most 100 m"):
+        solid_of("objects.a", body_of("mesh", file=file))
+
+
 def everything():
     vertices, triangles = cup()
     return {
