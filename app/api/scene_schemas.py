@@ -21,7 +21,15 @@ FIELDS = {
     "sphere": ("radius",),
     "cylinder": ("radius", "length"),
     "capsule": ("radius", "length"),
+    "mesh": ("vertices", "triangles"),
+    "height_field": ("heights", "resolution"),
+    "point_cloud": ("points", "voxel"),
 }
+"""What each shape needs; a mesh may have `file` instead."""
+OPTIONAL = {"mesh": ("file", "scale", "tolerance"), "height_field": ("floor", "step")}
+SHAPE_FIELDS = list(dict.fromkeys(name for each in (*FIELDS.values(), *OPTIONAL.values()) for name in each))
+Point = Annotated[list[Coordinate], Field(min_length=3, max_length=3)]
+Indices = Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=3, max_length=3)]
 
 
 def _example(body: Any) -> ConfigDict:
@@ -48,11 +56,13 @@ class Place(StrictModel):
 
 
 class PutObject(Place):
-    """A solid, given by its middle."""
+    """A solid, given by its middle; a mesh, a height field and a point cloud by their own origin."""
 
     model_config = _example({"shape": "box", "size": [0.3, 0.4, 0.02], "x": 0.5, "y": -0.6, "z": 0.2})
 
-    shape: Literal["box", "sphere", "cylinder", "capsule"] = Field(description="Of the solid.")
+    shape: Literal["box", "sphere", "cylinder", "capsule", "mesh", "height_field", "point_cloud"] = Field(
+        description="Of the solid."
+    )
     size: list[Length] | None = Field(
         None, min_length=3, max_length=3, description="Of a box: its edges along its x, y and z, m."
     )
@@ -61,7 +71,41 @@ class PutObject(Place):
         None, description="Of a cylinder or capsule, along its z, m; of a capsule without the round ends."
     )
 
-    mass: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = Field(
+    file: str | None = Field(
+        None,
+        max_length=40_000_000,
+        description="Of a mesh: an STL (binary or text) or OBJ file as base64, instead of the next two.",
+    )
+    vertices: list[Point] | None = Field(None, max_length=60_000, description="Of a mesh: x, y, z, m.")
+    triangles: list[Indices] | None = Field(
+        None, max_length=20_000, description="Of a mesh: three indices of vertices, from 0 on, each."
+    )
+    scale: Annotated[float, Field(ge=1e-6, le=1e6, allow_inf_nan=False)] = Field(
+        1.0, description="Of a mesh: all is multiplied by it, as 0.001 for a file in mm."
+    )
+    tolerance: Length = Field(
+        0.02,
+        description="Of a mesh that is not convex: what counts as it is no further from it than this, m.",
+    )
+    heights: list[list[Coordinate | None]] | None = Field(
+        None,
+        max_length=2000,
+        description="Of a height field: rows along y of heights along x, m; null: nothing stands there.",
+    )
+    resolution: Length | None = Field(
+        None, description="Of a height field: the edge of a cell, m; the first one's corner is the origin."
+    )
+    floor: Coordinate = Field(0.0, description="Of a height field: where its columns begin, m.")
+    step: Length | None = Field(
+        None, description="Of a height field: heights are rounded up to its multiples, m; null: exact."
+    )
+    points: list[Point] | None = Field(
+        None, min_length=1, max_length=200_000, description="Of a point cloud: x, y, z, m."
+    )
+    voxel: Length | None = Field(
+        None, description="Of a point cloud: a cube of this edge, m, that has a point in it is solid."
+    )
+    mass: Annotated[float, Field(ge=0.0, le=10_000.0, allow_inf_nan=False)] = Field(
         0.0, description="kg; the arm carries it while the object is attached, together with the tool's."
     )
     centre: list[Coordinate] | None = Field(
@@ -87,11 +131,16 @@ class PutObject(Place):
 
     @model_validator(mode="after")
     def _of_its_shape(self) -> PutObject:
-        wanted = FIELDS[self.shape]
-        for name in ("size", "radius", "length"):
-            if (getattr(self, name) is None) == (name in wanted):
-                problem = "is missing" if name in wanted else "does not belong to it"
-                raise ValueError(f"a {self.shape} has {' and '.join(wanted)}: {name} {problem}")
+        wanted, given = FIELDS[self.shape], self.model_fields_set
+        if self.shape == "mesh" and self.file is not None:
+            wanted = ("file",)
+        allowed = {*wanted, *OPTIONAL.get(self.shape, ())}
+        for name in SHAPE_FIELDS:
+            missing = name in wanted and getattr(self, name) is None
+            if missing or (name in given and name not in allowed and getattr(self, name) is not None):
+                problem = "is missing" if missing else "does not belong to it"
+                also = ", or file" if self.shape == "mesh" and self.file is None else ""
+                raise ValueError(f"a {self.shape} has {' and '.join(wanted)}{also}: {name} {problem}")
         return self
 
     def numbers(self) -> tuple[float, ...]:
@@ -140,8 +189,12 @@ class ObjectAnswer(BaseModel):
     """A solid."""
 
     name: str = Field(description="Of the object.")
-    shape: str = Field(description="box, sphere, cylinder or capsule.")
-    size: list[float] = Field(description="m: a box's edges; a radius; a radius and a length.")
+    shape: str = Field(description="box, sphere, cylinder, capsule, mesh, height_field or point_cloud.")
+    size: list[float] = Field(
+        description="m: a box's edges; a radius; a radius and a length; of others those of the box around."
+    )
+    solids: int = Field(1, description="Convex solids that it is made of for collision checks.")
+    tolerance: float = Field(0.0, description="Of a mesh: how far from it these are at most, m; 0: exact.")
     position: list[float] = Field(
         description="Of its middle: x, y, z, m; in the base frame, attached in the TCP's."
     )
@@ -161,6 +214,8 @@ class ObjectAnswer(BaseModel):
             name=name,
             shape=each.shape,
             size=list(each.size),
+            solids=each.solids,
+            tolerance=each.tolerance,
             position=list(each.pose[:3]),
             quaternion=[*each.pose[4:], each.pose[3]],
             attached=each.attached,

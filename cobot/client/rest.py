@@ -113,8 +113,9 @@ class Client(Connection):
         """Add a solid to the scene, or replace it.
 
         Args:
-            shape: "box", "sphere", "cylinder" or "capsule".
-            solid: `size`, or `radius` and `length`, m; `x`, `y`, `z`, `a`, `b`, `c` and `frame_id`.
+            shape: "box", "sphere", "cylinder", "capsule", "mesh", "height_field" or "point_cloud".
+            solid: what the shape needs, as `size`, or `radius` and `length`, m, or the `file` of a mesh as
+                base64; `x`, `y`, `z`, `a`, `b`, `c` and `frame_id`; `mass`, kg.
         """
         return self.change_scene(objects={name: {"shape": shape, **solid}})
 

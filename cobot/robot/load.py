@@ -6,11 +6,12 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import mujoco
 import numpy as np
 
-from cobot.errors import LimitError
+from cobot.errors import InputError, LimitError
 from cobot.robot.rotations import matrix_of
-from cobot.robot.scene import Numbers7, Scene, SceneObject, symmetric
+from cobot.robot.scene import COMPOUND, Numbers7, Scene, SceneObject, symmetric
 from cobot.robot.tool import Tool, chained, check_tool
 from cobot.types import Array, JointLimits
 
@@ -92,7 +93,35 @@ def homogeneous(each: SceneObject) -> tuple[Array, Array]:
     The usual formulas; the round ends of a capsule are two half spheres, whose centre is 3/8 of the radius
     from their flat side.
     """
-    return np.zeros(3), each.mass * np.diag(_squares(each))
+    if each.shape not in COMPOUND:
+        return np.zeros(3), each.mass * np.diag(_squares(each))
+    parts = [_of_box(np.array(box)) for box in each.boxes] + [_of_hull(np.array(hull)) for hull in each.hulls]
+    volume = math.fsum(part[0] for part in parts)
+    centre = sum((part[0] * part[1] for part in parts), np.zeros(3)) / volume
+    inertia = sum((part[2] + moved(part[0], part[1] - centre) for part in parts), np.zeros((3, 3)))
+    return centre, each.mass / volume * inertia
+
+
+def _of_box(box: Array) -> tuple[float, Array, Array]:
+    """Volume, centre, and inertia about it at the density 1."""
+    volume = float(np.prod(box[3:]))
+    squares = np.square(box[3:])
+    return volume, box[:3], volume / 12.0 * np.diag(squares.sum() - squares)
+
+
+def _of_hull(corners: Array) -> tuple[float, Array, Array]:
+    """The same of a convex solid, as MuJoCo has it."""
+    spec = mujoco.MjSpec()
+    mesh = spec.add_mesh(name="hull", uservert=corners.ravel().tolist())
+    mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+    kind = mujoco.mjtGeom.mjGEOM_MESH
+    spec.worldbody.add_body().add_geom(type=kind, meshname=mesh.name, density=1.0)
+    try:
+        mj = spec.compile()
+    except ValueError as exc:
+        raise InputError(f"mesh: it has no inertia, give it: {' '.join(str(exc).split())}") from exc
+    turn = matrix_of(mj.body_iquat[1])
+    return float(mj.body_mass[1]), np.array(mj.body_ipos[1]), turn @ np.diag(mj.body_inertia[1]) @ turn.T
 
 
 def _squares(each: SceneObject) -> Array:

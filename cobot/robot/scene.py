@@ -19,13 +19,15 @@ from cobot.robot.kept import keep
 from cobot.strict import sentences
 from cobot.types import Array, Pose
 
-Shape = Literal["box", "sphere", "cylinder", "capsule"]
+Shape = Literal["box", "sphere", "cylinder", "capsule", "mesh", "height_field", "point_cloud"]
 Numbers7 = tuple[float, float, float, float, float, float, float]
 """x, y, z (m) and w, x, y, z of a unit quaternion."""
 Numbers3 = tuple[float, float, float]
 Numbers6 = tuple[float, float, float, float, float, float]
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 
+COMPOUND = ("mesh", "height_field", "point_cloud")
+"""Shapes that are made of several solids."""
 _GEOMS = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
     "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
@@ -40,12 +42,17 @@ class SceneObject:
 
     Attributes:
         size: m; of a box its edges along x, y and z; of a sphere its radius; of a cylinder and a capsule,
-            which lie along z, radius and length, that of a capsule without its round ends.
+            which lie along z, radius and length, that of a capsule without its round ends; of all others the
+            edges of the box around it, which is for people.
         pose: of its middle in the base frame; in the TCP's if it is attached.
         touch: the bodies and objects that it may touch while it is attached.
         mass: kg, of which the arm feels nothing unless it is attached.
         centre: of the mass, m, in its own frame; None: that of a solid of one density.
         inertia: about the centre, along its own axes, kg·m²: xx, xy, xz, yy, yz, zz; None: likewise.
+        boxes: what a mesh, a height field or a point cloud is made of: each one's middle and edges, along its
+            own axes, m.
+        hulls: and the convex parts of a mesh that are no boxes: each one's corners.
+        tolerance: of a mesh, m: what counts as it is nowhere further from it. 0: exact.
     """
 
     shape: Shape
@@ -56,6 +63,14 @@ class SceneObject:
     mass: float = 0.0
     centre: Numbers3 | None = None
     inertia: Numbers6 | None = None
+    boxes: tuple[Numbers6, ...] = ()
+    hulls: tuple[tuple[Numbers3, ...], ...] = ()
+    tolerance: float = 0.0
+
+    @property
+    def solids(self) -> int:
+        """How many convex solids it is for who looks for collisions."""
+        return len(self.boxes) + len(self.hulls) if self.shape in COMPOUND else 1
 
 
 @checked(frozen=True, config=_STRICT)
@@ -152,13 +167,26 @@ def compiled(spec: mujoco.MjSpec, scene: Scene, base: str, tcp: str) -> mujoco.M
         if each.attached:  # a site has no children: a body stands where it is
             parent = site.parent.add_body(pos=site.pos, quat=site.quat)
         body = parent.add_body(name=name, pos=list(each.pose[:3]), quat=list(each.pose[3:]))
-        body.add_geom(type=_GEOMS[each.shape], size=_half(each), mass=0.0, contype=1, conaffinity=1)
+        _fill(spec, body, name, each)
     try:
         return spec.compile()
     except ValueError as exc:
         if error := exhausted(exc):
             raise error from exc
         raise InputError(f"MuJoCo refuses the scene: {' '.join(str(exc).split())}") from exc
+
+
+def _fill(spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, each: SceneObject) -> None:
+    """Give the body of an object its geoms."""
+    rule = {"mass": 0.0, "contype": 1, "conaffinity": 1}
+    if each.shape not in COMPOUND:
+        body.add_geom(type=_GEOMS[each.shape], size=_half(each), **rule)
+    for box in each.boxes:
+        body.add_geom(type=_GEOMS["box"], pos=box[:3], size=[0.5 * edge for edge in box[3:]], **rule)
+    for index, corners in enumerate(each.hulls):
+        mesh = spec.add_mesh(name=f"{name} {index}", uservert=np.ravel(corners).tolist())
+        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh.name, **rule)
 
 
 def _half(each: SceneObject) -> list[float]:

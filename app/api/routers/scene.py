@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import cast
+import asyncio
 
 from fastapi import APIRouter, Depends, Request
 
@@ -17,6 +17,7 @@ from app.api.scene_schemas import (
     PutObject,
     SceneAnswer,
 )
+from app.api.solids import solid_of
 from app.services.motion.scene import (
     Changed,
     Edit,
@@ -27,7 +28,7 @@ from app.services.motion.scene import (
     remove_object,
 )
 from cobot.robot.frames import pose_from_abc
-from cobot.robot.scene import Numbers6, Numbers7, SceneObject, numbers
+from cobot.robot.scene import Numbers7, numbers
 
 router = APIRouter(prefix="/scene", tags=["scene"], route_class=CobotRoute)
 
@@ -64,22 +65,15 @@ async def change_scene(body: ChangeScene, request: Request) -> ChangedAnswer:
             remove_frame(name) if place is None else service.put_frame(name, _pose(place), place.frame_id)
         )
     for name, solid in body.objects.items():
-        edits.append(remove_object(name) if solid is None else _put(service, name, solid))
+        edits.append(remove_object(name) if solid is None else await _put(service, name, solid))
     edits += [service.attach(name, touch) for name, touch in body.attach.items()]
     if body.allowed is not None:
         edits.append(service.allow([(first, second) for first, second in body.allowed]))
     return _answer(await service.change(edits, moves_hand=bool(body.attach or body.detach), name=call.name))
 
 
-def _put(service: SceneService, name: str, solid: PutObject) -> Edit:
-    item = SceneObject(
-        shape=solid.shape,
-        size=solid.numbers(),
-        pose=_pose(solid),
-        mass=solid.mass,
-        centre=None if solid.centre is None else (solid.centre[0], solid.centre[1], solid.centre[2]),
-        inertia=None if solid.inertia is None else cast(Numbers6, tuple(solid.inertia)),
-    )
+async def _put(service: SceneService, name: str, solid: PutObject) -> Edit:
+    item = await asyncio.to_thread(solid_of, f"objects.{name}", solid)
     return service.put_object(name, item, solid.frame_id)
 
 

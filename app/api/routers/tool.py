@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, cast
@@ -11,11 +12,12 @@ from fastapi import APIRouter, Depends, Request
 from app.api.dependencies import Call, CobotRoute, json_body
 from app.api.errors import responses
 from app.api.scene_schemas import ObjectAnswer
-from app.api.tool_schemas import ChangeTool, ToolAnswer, ToolShape, ToolTip
+from app.api.solids import solid_of
+from app.api.tool_schemas import ChangeTool, ToolAnswer, ToolTip
 from app.services.motion.tool import Edit
 from cobot.robot.frames import pose_from_abc
 from cobot.robot.model import RobotModel
-from cobot.robot.scene import Numbers7, SceneObject, numbers
+from cobot.robot.scene import Numbers7, numbers
 from cobot.robot.tool import BARE, Tool
 
 router = APIRouter(prefix="/robot/tool", tags=["robot"], route_class=CobotRoute)
@@ -35,7 +37,7 @@ async def change_tool(body: ChangeTool, request: Request) -> ToolAnswer:
     makes up for its weight, and so does the simulation. It is kept over restarts. Only while the arm rests.
     """
     call = Call(request)
-    changed = await call.services.tool.change(_edit(body), call.name)
+    changed = await call.services.tool.change(await asyncio.to_thread(_edit, body), call.name)
     return _answer(call.services.robot.model, [str(each) for each in changed.contacts])
 
 
@@ -50,7 +52,9 @@ def _edit(body: ChangeTool) -> Edit:
     if "tcp" in given:
         changes["tcp"] = None if body.tcp is None else _tip(body.tcp)
     if body.shapes is not None:
-        changes["shapes"] = {name: _solid(each) for name, each in body.shapes.items()}
+        changes["shapes"] = {
+            name: solid_of(f"shapes.{name}", each, each.touch) for name, each in body.shapes.items()
+        }
     if "gravity" in given:
         changes["gravity"] = None if body.gravity is None else tuple(body.gravity)
     return lambda tool: replace(replace(BARE, version=tool.version) if body.clear else tool, **changes)
@@ -61,11 +65,6 @@ def _tip(tip: ToolTip) -> Numbers7:
         return numbers(pose_from_abc(tip.x, tip.y, tip.z, tip.a, tip.b, tip.c))
     x, y, z, w = tip.quaternion
     return (tip.x, tip.y, tip.z, w, x, y, z)
-
-
-def _solid(solid: ToolShape) -> SceneObject:
-    pose = numbers(pose_from_abc(solid.x, solid.y, solid.z, solid.a, solid.b, solid.c))
-    return SceneObject(shape=solid.shape, size=solid.numbers(), pose=pose, touch=tuple(solid.touch))
 
 
 def _answer(model: RobotModel, contacts: list[str]) -> ToolAnswer:

@@ -31,6 +31,7 @@ from cobot.robot.collision import CollisionChecker, Contact
 from cobot.robot.description import RobotDescription
 from cobot.robot.load import carrying, check_load
 from cobot.robot.scene import Numbers7, Scene, SceneFile, SceneObject, numbers, symmetric
+from cobot.robot.solids import MAX_SOLIDS
 from cobot.robot.tool import check_inertia
 from cobot.strict import shown
 from cobot.trajectory import ORDER, Trajectory
@@ -110,7 +111,9 @@ class SceneService:
             if name not in scene.objects and len(scene.objects) >= MAX_OBJECTS:
                 raise LimitError(f"objects: no more than {MAX_OBJECTS} are allowed: remove one first")
             placed = replace(item, pose=self._placed(scene, item.pose, frame))
-            return replace(scene, objects={**scene.objects, name: placed})
+            objects = {**scene.objects, name: placed}
+            _require_room(objects)
+            return replace(scene, objects=objects)
 
         return edit
 
@@ -328,6 +331,17 @@ def rest_of(trajectory: Trajectory, time_s: float) -> Trajectory | None:
             shifted[:, lower] += here[:, power] * math.comb(power, lower) * ahead_s ** (power - lower)
     times = np.concatenate([[0.0], breakpoints[piece + 1 :] - time_s])
     return Trajectory(times, np.concatenate([shifted[None], trajectory.coefficients[piece + 1 :]]))
+
+
+def _require_room(objects: dict[str, SceneObject]) -> None:
+    count = sum(each.solids for each in objects.values())
+    if count > MAX_SOLIDS:
+        largest = sorted(objects, key=lambda name: -objects[name].solids)[:3]
+        held = ", ".join(f"{name} of {objects[name].solids}" for name in largest)
+        raise LimitError(
+            f"objects: they are made of {count} solids, {held} among them; no more than {MAX_SOLIDS} are "
+            "allowed: remove one first, or make one coarser"
+        )
 
 
 def _named(scene: Scene, name: str) -> SceneObject:

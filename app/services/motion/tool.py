@@ -18,6 +18,7 @@ from cobot.errors import CobotError, ConflictError, ExecutionError, InputError, 
 from cobot.robot.collision import CollisionChecker, Contact
 from cobot.robot.description import RobotDescription
 from cobot.robot.load import carrying, check_load
+from cobot.robot.solids import MAX_SOLIDS
 from cobot.robot.tool import Tool, ToolFile, check_tool
 from cobot.strict import shown
 from cobot.types import RESTING, Array
@@ -124,6 +125,9 @@ class ToolService:
         check_tool(tool, self._max_payload_kg, self._robot.model.file_gravity)
         if len(tool.shapes) > MAX_SHAPES:
             raise LimitError(f"shapes: no more than {MAX_SHAPES} are allowed, got {len(tool.shapes)}")
+        solids = sum(each.solids for each in tool.shapes.values())
+        if solids > MAX_SOLIDS:
+            raise LimitError(f"shapes: they are made of {solids} solids, at most {MAX_SOLIDS} are allowed")
         taken = self._robot.model.frame_names | set(self._scene.scene.objects) | {"tool"}
         for name in tool.shapes:
             if name in taken:

@@ -75,18 +75,40 @@ def stream_across(rig: Rig) -> Array:
 def nearest(rig: Rig, scene: Scene, rows: Array) -> float:
     """From the ball to any geom that may collide, m."""
     mj = rig.robot.model.among(scene)
-    data, ball = mujoco.MjData(mj), int(mj.body("ball").geomadr[0])
-    others = [geom for geom in range(mj.ngeom) if geom != ball and mj.geom_contype[geom]]
+    data, ball = mujoco.MjData(mj), mj.body("ball").id
+    theirs = [geom for geom in range(mj.ngeom) if mj.geom_bodyid[geom] == ball]
+    others = [geom for geom in range(mj.ngeom) if geom not in theirs and mj.geom_contype[geom]]
+    pairs = [(geom, other) for geom in theirs for other in others]
     found = np.inf
     for row in rows[::20]:
         data.qpos[:] = row
         mujoco.mj_kinematics(mj, data)
-        found = min(found, *(mujoco.mj_geomDistance(mj, data, ball, geom, 1.0, None) for geom in others))
+        found = min(found, *(mujoco.mj_geomDistance(mj, data, *pair, 1.0, None) for pair in pairs))
     return float(found)
 
 
 def test_a_stream_stops_before_an_object_and_names_it(here: Settings, robot: RobotDescription) -> None:
     rig, scene = Rig(here, robot), ball_ahead(robot)
+    assert hand_over(rig, scene) == ""
+    rows = stream_across(rig)
+    assert rig.mode is LoopMode.HOLD
+    assert "ball" in rig.reason
+    assert 0.0 < nearest(rig, scene, rows) < 0.1
+    rig.close()
+
+
+def others() -> dict[str, dict[str, object]]:
+    """A cube of a mesh, of a cloud and of a height field, of 0.1 m, about the origin."""
+    corners = tuple((x, y, z) for x in (-0.05, 0.05) for y in (-0.05, 0.05) for z in (-0.05, 0.05))
+    boxes = ((-0.025, 0.0, 0.0, 0.05, 0.1, 0.1), (0.025, 0.0, 0.0, 0.05, 0.1, 0.1))
+    return {"mesh": {"hulls": (corners,)}, "point_cloud": {"boxes": boxes}, "height_field": {"boxes": boxes}}
+
+
+@pytest.mark.parametrize("shape", others())
+def test_a_stream_stops_before_other_shapes(here: Settings, robot: RobotDescription, shape: str) -> None:
+    rig, scene = Rig(here, robot), ball_ahead(robot)
+    fields = {"shape": shape, "size": (0.1, 0.1, 0.1), "pose": scene.objects["ball"].pose, **others()[shape]}
+    scene = Scene(version=1, objects={"ball": SceneObject(**fields)})  # type: ignore[arg-type]
     assert hand_over(rig, scene) == ""
     rows = stream_across(rig)
     assert rig.mode is LoopMode.HOLD

@@ -224,6 +224,44 @@ def test_the_rest_of_a_motion_is_what_comes_after_a_time():
     assert rest_of(whole, 0.0) is whole
 
 
+CORNERS = [[x, y, z] for x in (-0.04, 0.04) for y in (-0.04, 0.04) for z in (-0.04, 0.04)]
+SIDES = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6]]
+SIDES += [[0, 6, 4], [1, 5, 7], [1, 7, 3]]
+OTHERS = {
+    "point_cloud": {"points": [[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.0, 0.03, 0.0]], "voxel": 0.05},
+    "height_field": {"heights": [[0.02, 0.05], [0.05, None]], "resolution": 0.04, "floor": -0.02},
+    "mesh": {"vertices": CORNERS, "triangles": SIDES},
+}
+
+
+@pytest.mark.parametrize("shape", OTHERS)
+def test_other_shapes_are_in_the_way_too_and_kept(robot, shape):
+    place = {key: value for key, value in in_the_way(robot).items() if key in "xyz"}
+    assert put(robot, "thing", {"shape": shape, **OTHERS[shape], **place}).status_code == 200
+    (told,) = robot.get("/scene").json()["objects"]
+    assert (told["shape"], told["solids"]) == (shape, {"point_cloud": 1, "height_field": 3, "mesh": 1}[shape])
+    refused = robot.post("/robot/move/joints", there(robot)).json()
+    assert "thing" in refused["message"]
+    around = robot.post("/robot/move/joints", there(robot) | {"planner": "ompl"}).json()
+    assert around["success"], around
+    assert file_of(robot).read() == robot.app.state.services.scene.scene
+
+
+def test_more_solids_than_a_stream_can_watch_are_refused_with_what_would_fit(robot):
+    points = np.random.default_rng(8).uniform(-0.5, 0.5, (600, 3)).tolist()
+    cloud = {"shape": "point_cloud", "points": points, "x": 3.0, "y": 0.0, "z": 0.0}
+    refused = put(robot, "cloud", cloud | {"voxel": 0.001})
+    assert refused.status_code == 422
+    assert "objects.cloud: points: 600 points fill" in refused.json()["detail"]
+    assert "would fit" in refused.json()["detail"]
+    assert put(robot, "cloud", cloud | {"points": points[:300], "voxel": 0.001}).status_code == 200
+    more = put(robot, "more", cloud | {"points": points[300:], "voxel": 0.001})
+    assert more.status_code == 422
+    assert (
+        "made of 600 solids, cloud of 300, more of 300 among them; no more than 500" in more.json()["detail"]
+    )
+
+
 def info(robot):
     assert robot.rig.memory.info.try_read()
     return robot.rig.memory.info.data

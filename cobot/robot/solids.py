@@ -1,0 +1,162 @@
+"""What has no formula, as boxes: point clouds and height fields. Each box is one of whole cells of a grid,
+and cells that are neighbours are joined; so the boxes together are the cells, no more and no less.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from itertools import permutations
+
+import numpy as np
+
+from cobot.errors import InputError, LimitError
+from cobot.types import Array
+
+MAX_SOLIDS = 500
+"""Of one scene: a streaming session looks at all of them within a cycle."""
+LEAST_M = 1e-6
+"""A column that is lower is none."""
+LARGEST_M = 200.0
+"""Coarser than this nothing is tried to find what would fit."""
+TRIES = 4
+"""Between the last that did not fit and the first that did."""
+
+
+def cloud(points: Array, voxel_m: float) -> Array:
+    """The voxels that points are in, joined to boxes.
+
+    Args:
+        points: shape (n, 3), m.
+        voxel_m: their edge; the grid begins at the origin.
+
+    Returns:
+        Middle and edges of each box, shape (k, 6), m.
+
+    Raises:
+        InputError: there are no points, or one is not finite.
+        LimitError: there are more boxes than `MAX_SOLIDS`; with the voxel size that would fit.
+    """
+    points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+    if not len(points) or not np.isfinite(points).all():
+        raise InputError(f"points: needs finite points, got {len(points)}")
+
+    def cells(edge_m: float) -> Array:
+        return np.asarray(np.unique(np.floor(points / edge_m), axis=0))
+
+    what = f"points: {len(points)} points fill {len(cells(voxel_m))} voxels of {voxel_m:g} m, which"
+    return fitting(lambda edge_m: joined(cells(edge_m)), voxel_m, what, "a voxel")
+
+
+def fitting(make: Callable[[float], Array], edge_m: float, what: str, grid: str) -> Array:
+    """The boxes of a grid of this edge, shape (k, 6), m, if these are not too many.
+
+    Raises:
+        LimitError: they are; it names the smallest edge of those tried for which they are not.
+    """
+    boxes = make(edge_m)
+    if len(boxes) > MAX_SOLIDS:
+        raise LimitError(
+            f"{what} make {len(boxes)} boxes, at most {MAX_SOLIDS} are allowed: {grid} of "
+            f"{coarser(lambda tried_m: len(make(tried_m)) <= MAX_SOLIDS, edge_m)}"
+        )
+    low, high = edge_m * boxes[:, :3], edge_m * boxes[:, 3:]
+    return np.hstack([0.5 * (low + high), high - low])
+
+
+def coarser(fits: Callable[[float], bool], edge_m: float) -> str:
+    """The smallest edge of those tried that fits, in words: doubled, and then halved in on."""
+    low_m = high_m = edge_m
+    while not fits(high_m := _rounded_up(2.0 * high_m)):
+        low_m = high_m
+        if high_m > LARGEST_M:
+            return f"{high_m:g} m would not fit either"
+    for _ in range(TRIES):
+        middle_m = _rounded_up(math.sqrt(low_m * high_m))
+        if fits(middle_m):
+            high_m = middle_m
+        else:
+            low_m = middle_m
+    return f"{high_m:g} m would fit"
+
+
+def _rounded_up(value: float) -> float:
+    """To the next larger number of three digits."""
+    digits = 10.0 ** (math.floor(math.log10(value)) - 2.0)
+    return float(f"{math.ceil(value / digits - 1e-9) * digits:.3g}")
+
+
+def joined(cells: Array) -> Array:
+    """Cells of a grid, shape (n, 3), each once, as boxes: low and high corner, shape (k, 6), in cells.
+
+    In the best of the six orders of the axes, not the fewest that are possible.
+    """
+    single = np.hstack([cells, cells + 1])
+    best = single
+    for order in permutations(range(3)):
+        boxes = single
+        for axis in order:
+            boxes = _along(boxes, axis)
+        if len(boxes) < len(best):
+            best = boxes
+    return best
+
+
+def _along(boxes: Array, axis: int) -> Array:
+    """Boxes that continue each other along an axis become one."""
+    others = [column for column in range(6) if column % 3 != axis]
+    boxes = boxes[np.lexsort([boxes[:, axis], *(boxes[:, column] for column in others)])]
+    same = (boxes[1:, others] == boxes[:-1, others]).all(axis=1)
+    first = np.concatenate([[True], ~(same & (boxes[1:, axis] == boxes[:-1, 3 + axis]))])
+    starts = np.flatnonzero(first)
+    ends = np.concatenate([starts[1:] - 1, [len(boxes) - 1]])
+    out = boxes[starts].copy()
+    out[:, 3 + axis] = boxes[ends, 3 + axis]
+    return out
+
+
+def columns(heights: Array, resolution_m: float, floor_m: float, step_m: float) -> Array:
+    """A grid of heights as columns, whose neighbours of the same height are joined.
+
+    Args:
+        heights: shape (rows, columns), m; rows along y, columns along x; NaN: nothing stands there.
+        resolution_m: the edge of a cell; the first one's corner is the origin.
+        floor_m: where all columns begin; one that is not higher is none.
+        step_m: heights are rounded up to its multiples above the floor; 0: they are not.
+
+    Returns:
+        Middle and edges of each box, shape (k, 6), m.
+
+    Raises:
+        InputError: nothing is above the floor.
+        LimitError: there are more boxes than `MAX_SOLIDS`; with the step that would fit, or that none does.
+    """
+    above = np.where(np.isnan(heights), 0.0, heights - floor_m)
+    if not (above > LEAST_M).any():
+        raise InputError(f"heights: none of {heights.size} is above the floor, {floor_m:g} m")
+    boxes = _steps(above, step_m)
+
+    def fits(tried_m: float) -> bool:
+        return len(_steps(above, tried_m)) <= MAX_SOLIDS
+
+    if len(boxes) > MAX_SOLIDS:
+        raise LimitError(
+            f"heights: {heights.shape[0]} x {heights.shape[1]} cells make {len(boxes)} boxes, at most "
+            f"{MAX_SOLIDS} are allowed: a step of {coarser(fits, max(step_m, 1e-3 * float(above.max())))}"
+        )
+    scale = np.array([resolution_m, resolution_m, 1.0])
+    low, high = boxes[:, :3] * scale, boxes[:, 3:] * scale
+    out = np.hstack([0.5 * (low + high), high - low])
+    out[:, 2] += floor_m
+    return out
+
+
+def _steps(above: Array, step_m: float) -> Array:
+    """Low and high corners, x and y in cells, z in m above the floor."""
+    tops = np.ceil(above / step_m - 1e-9) * step_m if step_m > 0.0 else above
+    row, column = np.nonzero(above > LEAST_M)
+    top = tops[row, column]
+    zeros = np.zeros(len(row))
+    single = np.stack([column, row, zeros, column + 1, row + 1, top], axis=1)
+    ways = [_along(_along(single, first), 1 - first) for first in (0, 1)]
+    return min(ways, key=len)
