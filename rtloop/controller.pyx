@@ -521,7 +521,8 @@ cdef class Controller:
         elif self._jump:
             self.safety.count(Intervention.TRACKING)
             self.fault(
-                f"the measured position has jumped by {self._jump:.3f} {self._limits.units} within a cycle, as no arm can"
+                f"the measured position has jumped by {self._jump:.3f} {self._limits.units} within a cycle, "
+                "as no arm can"
             )
 
     cdef bint c_settle(self, const double* velocity, bint fresh) noexcept nogil:
@@ -581,7 +582,8 @@ cdef class Controller:
             here, wanted = self.safety.position[joint], self._desired_rows[0, joint]
             name, unit = self._limits.names[joint], self._limits.unit(joint)
             return (
-                f"the safety layer keeps {name} at {here:.4f} {unit}: the motion wants it at {wanted:.4f} {unit}"
+                f"the safety layer keeps {name} at {here:.4f} {unit}: "
+                f"the motion wants it at {wanted:.4f} {unit}"
             )
         error = np.array([self._error[joint] for joint in range(self._dof)])
         joint = int(np.abs(error).argmax())
