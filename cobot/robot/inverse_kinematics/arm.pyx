@@ -8,7 +8,7 @@ they pass a limit or miss the pose by rounding, made exact by the same steps.
 Longer than other modules: what all kinds of arms share is one class.
 """
 
-from libc.math cimport atan2, fabs, sqrt
+from libc.math cimport atan2, fabs
 from libc.string cimport memcpy
 
 import numpy as np
@@ -164,7 +164,7 @@ cdef class Arm:
         if problem.criterion == NEAREST and self.c_descend(problem, joints, 1, True, distance):
             return True
         count = self.c_closed_form(problem, found)
-        for i in range(count if problem.criterion == NEAREST else min(count, REFINED)):
+        for _ in range(count if problem.criterion == NEAREST else min(count, REFINED)):
             best = cheapest(found, count, True)
             if problem.criterion == NEAREST and (
                 found[best].bound > found[cheapest(found, count, False)].cost
