@@ -38,6 +38,12 @@ TAGS = [
 """The groups in Swagger's order; it shows the first one open."""
 
 
+NAVIGATION = """<nav style="font: 1rem sans-serif; padding: 0.75rem 1.25rem">
+<a href="/docs">REST API</a> · <a href="/docs/vendor">vendor services</a> ·
+<a href="/redoc">REST API to read</a>
+</nav>"""
+"""There before Swagger UI is, which takes a browser most of a second to run."""
+
 _turn = threading.Lock()
 """Of the documents, which are made of the same parts."""
 
@@ -135,9 +141,10 @@ def _page(title: str, schema: str, parameters: dict[str, Any], first: str = "") 
         swagger_favicon_url=f"{STATIC}/favicon.png",
         swagger_ui_parameters=parameters,
     )
-    if not first:
-        return page
-    # Swagger UI can show all groups open or none; FastAPI writes its settings as JSON, without functions.
-    begin = "SwaggerUIBundle({"
-    show = f'onComplete: () => ui.layoutActions.show(["operations-tag", {json.dumps(first)}], true),'
-    return HTMLResponse(bytes(page.body).decode().replace(begin, f"{begin}\n        {show}", 1))
+    text = bytes(page.body).decode().replace("<body>", f"<body>\n{NAVIGATION}", 1)
+    if first:
+        # Swagger UI can show all groups open or none; FastAPI writes its settings as JSON, without functions.
+        begin = "SwaggerUIBundle({"
+        show = f'onComplete: () => ui.layoutActions.show(["operations-tag", {json.dumps(first)}], true),'
+        text = text.replace(begin, f"{begin}\n        {show}", 1)
+    return HTMLResponse(text)

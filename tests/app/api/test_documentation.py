@@ -114,6 +114,7 @@ def test_the_page_of_the_vendor_services_has_those_alone(app: FastAPI) -> None:
     assert all(operation["tags"][0] in CLASSES for _, operation in operations(document))
     page = ask(app, "/docs/vendor").text
     assert "url: '/openapi/vendor.json'" in page
+    assert page.index('<a href="/docs">') < page.index("swagger-ui-bundle.js"), "first painted, then run"
     assert '"docExpansion": "none"' in page
 
 
