@@ -35,6 +35,8 @@ READY = r"health/ready$"
 BY_NAME = r"^/robots/\{robot\}/"
 """The same routes once more, of a robot that is named."""
 STOP_EVERY_S = 0.5
+LIMIT_S = 900
+pytestmark = pytest.mark.timeout(2 * LIMIT_S)
 WAITING = ("Serial", "Socket")
 """Classes whose reads wait for their time to be up."""
 
@@ -57,8 +59,9 @@ def stopped_again_and_again(service: Run) -> Iterator[None]:
     ended = threading.Event()
 
     def stop() -> None:
-        while not ended.wait(STOP_EVERY_S):
-            httpx.post(f"{service.url}/stop", timeout=WAIT_S).raise_for_status()
+        with httpx.Client(base_url=service.url, timeout=WAIT_S) as client:
+            while not ended.wait(STOP_EVERY_S):
+                client.post("/stop").raise_for_status()
 
     stopper = threading.Thread(target=stop)
     stopper.start()
@@ -78,7 +81,7 @@ def fuzzed(service: Run, folder: Path, *options: str, document: str = "/openapi.
     ]
     with stopped_again_and_again(service):
         # The folder is where it leaves what it has found.
-        result = subprocess.run(command, capture_output=True, text=True, timeout=280, check=False, cwd=folder)
+        result = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False, cwd=folder)
     # What it has put there would be in the way of the tests that follow.
     for path in ("/scene", "/robot/tool"):
         httpx.post(f"{service.url}{path}", json={"clear": True}, timeout=WAIT_S)
