@@ -59,9 +59,8 @@ def stopped_again_and_again(service: Run) -> Iterator[None]:
     ended = threading.Event()
 
     def stop() -> None:
-        with httpx.Client(base_url=service.url, timeout=WAIT_S) as client:
-            while not ended.wait(STOP_EVERY_S):
-                client.post("/stop").raise_for_status()
+        while not ended.wait(STOP_EVERY_S):
+            httpx.post(f"{service.url}/stop", timeout=WAIT_S).raise_for_status()
 
     stopper = threading.Thread(target=stop)
     stopper.start()
@@ -81,7 +80,9 @@ def fuzzed(service: Run, folder: Path, *options: str, document: str = "/openapi.
     ]
     with stopped_again_and_again(service):
         # The folder is where it leaves what it has found.
-        result = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False, cwd=folder)
+        result = subprocess.run(
+            command, capture_output=True, text=True, timeout=LIMIT_S, check=False, cwd=folder
+        )
     # What it has put there would be in the way of the tests that follow.
     for path in ("/scene", "/robot/tool"):
         httpx.post(f"{service.url}{path}", json={"clear": True}, timeout=WAIT_S)
