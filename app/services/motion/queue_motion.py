@@ -11,6 +11,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -21,7 +22,7 @@ from app.services.motion.planning import PlanningService
 from app.services.motion.planning_tasks import begun, prolonged
 from app.services.motion.tool_and_limits import RobotSettings
 from app.services.state.link import RobotLink
-from cobot.errors import ExecutionError, PlanningError, UnavailableError
+from cobot.errors import CobotError, UnavailableError
 from cobot.ipc.layout import MotionResult
 from cobot.motions.stretches import Leg, Stretch, alone
 
@@ -29,6 +30,8 @@ PLAN_TIMEOUT_S = 20.0
 IDLE = -1
 LOOK_S = 0.01
 """So often it is looked for moves that have come."""
+AHEAD_S = 8.0
+"""A motion that goes on for longer is not prolonged yet, s: so it does not grow with the queue."""
 LEAST_LEAD_S, FIRST_LEAD_S, MOST_LEAD_S = 0.15, 0.3, 1.0
 """For so long the motion stays as it is while it is prolonged, s; it follows how long that took last."""
 
@@ -122,7 +125,8 @@ class QueueMotion:
         try:
             while not arrival.done():
                 chain = waiting()
-                if chain and chain[-1] is not tried and not claim.speed_override.paused:
+                news = bool(chain) and chain[-1] is not tried and not claim.speed_override.paused
+                if news and self._left_s() < AHEAD_S:
                     tried = chain[-1]
                     if await self._prolong(claim, chain):
                         take(chain)
@@ -133,6 +137,13 @@ class QueueMotion:
         finally:
             arrival.cancel()
             self._running = []
+
+    def _left_s(self) -> float:
+        """How far the motion under way is from its end, in path time."""
+        with contextlib.suppress(UnavailableError):
+            state = self._link.state()
+            return state.path_duration_s - state.path_time_s
+        return math.inf
 
     async def _prolong(self, claim: Claim, chain: Sequence[QueuedMove]) -> bool:
         """Have the motion under way go on through these moves; False: it comes to its end before them."""
@@ -161,7 +172,7 @@ class QueueMotion:
             after = _Running(longer, both[len(both) - len(longer.ends_s) :])
             self._running.append(after)
             await self._motion.replace(claim, longer.trajectory, longer.offset_s, planned_s)
-        except (ExecutionError, PlanningError) as exc:
+        except CobotError as exc:  # the motion goes on as it was, and says by itself if it is to end
             self._running = [running]
             if claim.interruption is None:
                 log.info(
