@@ -17,7 +17,7 @@ class Watch:
 
     def __init__(self, chain: Chain) -> None: ...
     def set(self, values: Array | None) -> None:
-        """Watch over another one: as `Fence.values`, as found in shared memory; None or nothing but NaN: none.
+        """Watch over another one: as `Fence.values` found in shared memory; None or nothing but NaN: none.
 
         Raises:
             ValueError: some of them are NaN.
