@@ -4,6 +4,7 @@ from rtloop.inboxes.commands cimport CommandInbox
 from rtloop.planned.path cimport Path
 from rtloop.planned.path_clock cimport PathClock
 from rtloop.publisher cimport StateScalars
+from rtloop.safety.fence cimport Watch
 from rtloop.safety.limiter cimport Safety
 from rtloop.streaming.session cimport Session
 
@@ -24,6 +25,7 @@ cdef class Controller:
     cdef Path _other  # The one that is being loaded while the arm follows `path`.
     cdef double _offset_s  # Of the path that is being loaded; negative: it is to begin a motion.
     cdef readonly PathClock clock
+    cdef readonly Watch watch
     cdef readonly str reason
     cdef public unsigned long long motion_id
     cdef readonly int slot
@@ -55,6 +57,7 @@ cdef class Controller:
     cdef void _heed_stream(self) except *
     cdef void _surround(self) except *
     cdef void c_follow_path(self) noexcept nogil
+    cdef void _heed_fence(self) except *
     cdef bint c_streams(self) noexcept nogil
     cdef void c_brake(self) noexcept nogil
     cdef bint c_tracks(self, const double* position) noexcept nogil

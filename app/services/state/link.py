@@ -27,6 +27,7 @@ from cobot.errors import (
 from cobot.ipc.layout import LOADED_SEGMENTS, RING, SLOTS, Ack, Command, MotionResult, text
 from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.ipc.tool_record import fill
+from cobot.motions.fence import Fence
 from cobot.robot.tool import Tool
 from cobot.trajectory import Trajectory
 from cobot.types import LoopMode
@@ -277,12 +278,15 @@ class RobotLink:
         self.memory.requests.data["estops"] += 1
         self.memory.requests.publish()
 
-    async def start(self, trajectory: Trajectory, stops: int, tool: int = 0) -> int:
+    async def start(
+        self, trajectory: Trajectory, stops: int, tool: int = 0, fence: Fence | None = None
+    ) -> int:
         """Hand a motion over and have it started.
 
         Args:
             stops: `stops` as it was when the motion was asked for.
             tool: the version of the tool that it was planned with.
+            fence: that the TCP may not leave.
 
         Returns:
             The motion's number.
@@ -297,7 +301,7 @@ class RobotLink:
             self._last_motion = max(self._last_motion, self.state().motion_id) + 1
             motion_id, number = self._last_motion, self._last_motion % SLOTS
             self._slot, self.handed_over = number, (motion_id, trajectory)
-            await self._write(number, motion_id, trajectory)
+            await self._write(number, motion_id, trajectory, fence)
             try:
                 self.require_awake()
                 await self._send(
@@ -314,7 +318,7 @@ class RobotLink:
         return motion_id
 
     async def replace(self, trajectory: Trajectory, offset_s: float, stops: int, tool: int = 0) -> None:
-        """Have the motion under way go on with another trajectory, as the same motion.
+        """Have the motion under way go on with another trajectory, as the same motion, within the same fence.
 
         Args:
             trajectory: the same as the one under way up to where the arm is when rtloop has read it.
@@ -340,12 +344,14 @@ class RobotLink:
             )
             self._slot, self.handed_over = number, (self._last_motion, trajectory)
 
-    async def _write(self, number: int, motion_id: int, trajectory: Trajectory) -> None:
+    async def _write(
+        self, number: int, motion_id: int, trajectory: Trajectory, fence: Fence | None = None
+    ) -> None:
         slot = self.memory.slots[number]
         if trajectory.segments > IN_THREAD_SEGMENTS:
-            await asyncio.to_thread(slot.write, motion_id, trajectory)
+            await asyncio.to_thread(slot.write, motion_id, trajectory, fence)
         else:
-            slot.write(motion_id, trajectory)
+            slot.write(motion_id, trajectory, fence)
 
     async def set_rate(self, rate: float) -> None:
         """Go over to another path time per clock time, 0 (pause) to 1, of the motion that runs.
