@@ -34,6 +34,7 @@ ROLES: dict[str, Role] = {
     "POST /robot/plan/named": Role.OPERATOR,  # moves nothing, but takes the computer's time
     "POST /robot/plan/pose": Role.OPERATOR,
     "POST /robot/plan/joints": Role.OPERATOR,
+    "POST /robot/plan/arc": Role.OPERATOR,
     "POST /robot/plan/path": Role.OPERATOR,
     "POST /robot/plan/sequence": Role.OPERATOR,
     "POST /robot/execute": Role.OPERATOR,

@@ -13,9 +13,11 @@ from app.api.explanations import explained
 from app.api.plan_schemas import (
     Execute,
     PlanAnswer,
+    PlanArc,
     PlanDistance,
     PlanJoints,
     PlanNamed,
+    Planning,
     PlanPath,
     PlanPoint,
     PlanPose,
@@ -23,9 +25,10 @@ from app.api.plan_schemas import (
     PlanUse,
 )
 from app.api.routers.robot import answer, goal_of
-from app.api.schemas import AnyMotion, MoveAnswer
+from app.api.schemas import MoveAnswer
 from app.services.motion.plans import Plan, PlanOptions
 from cobot.errors import CobotError
+from cobot.motions.bodies import AnyMotion
 from cobot.motions.forecast import Closest, Forecast
 
 PLAN: dict[str, Any] = {
@@ -54,6 +57,12 @@ async def plan_pose(body: PlanPose, request: Request) -> PlanAnswer:
     return await _planned([body], [], body, Call(request))
 
 
+@router.post("/plan/arc", **PLAN)
+async def plan_arc(body: PlanArc, request: Request) -> PlanAnswer:
+    """Plan an arc of the TCP by an angle about an axis. Nothing moves."""
+    return await _planned([body], [], body, Call(request))
+
+
 @router.post("/plan/path", **PLAN)
 async def plan_path(body: PlanPath, request: Request) -> PlanAnswer:
     """Plan straight lines of the TCP through poses. Nothing moves."""
@@ -74,10 +83,7 @@ async def execute(body: Execute, request: Request, gone: Gone) -> MoveAnswer:
 
 
 async def _planned(
-    motions: Sequence[AnyMotion],
-    radii: Sequence[float],
-    asked: PlanNamed | PlanJoints | PlanPose | PlanPath | PlanSequence,
-    call: Call,
+    motions: Sequence[AnyMotion], radii: Sequence[float], asked: Planning, call: Call
 ) -> PlanAnswer:
     plans = call.services.plans
     goals = [goal_of(motion, call.services, checked=False) for motion in motions]

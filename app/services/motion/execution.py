@@ -33,8 +33,6 @@ from cobot.ipc.layout import MotionResult
 from cobot.motions.constraints import Constraints
 from cobot.motions.requests import (
     ANY_SPEED,
-    RRT_CONNECT,
-    Algorithm,
     Arc,
     Blended,
     MotionRequest,
@@ -49,7 +47,16 @@ from cobot.robot.description import RobotDescription
 from cobot.robot.frames import pose_from_abc, rotation_matrix
 from cobot.robot.limits import check_positions
 from cobot.trajectory import Trajectory
-from cobot.types import Array, LoopMode, PlannerName, Pose, Scaling, Synchronization
+from cobot.types import (
+    RRT_CONNECT,
+    Algorithm,
+    Array,
+    LoopMode,
+    PlannerName,
+    Pose,
+    Scaling,
+    Synchronization,
+)
 
 Join = Callable[[RobotDescription], Blended]
 TOOL = "tool"
