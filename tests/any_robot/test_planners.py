@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from made_arms import Made, new_robot
 from rig import Rig
+from running import WAIT_S
 from servo_bench import Bench, runner
 from totg import totg
 
@@ -87,14 +88,16 @@ def test_around_a_box_in_the_way(made: Made, planner: PlannerName) -> None:
     between = Judge(made.arm, made.arm.robot).tcp(0.5 * (made.ready + goal))[0]
     x, y, z = between.tolist()
     scene = Scene(1, {"box": SceneObject("box", (0.1, 0.1, 0.1), (x, y, z, 1.0, 0.0, 0.0, 0.0))})
-    request = MotionRequest(made.ready, goal, planner, FULL, seed=1, timeout_s=10.0)
+    request = MotionRequest(made.ready, goal, planner, FULL, seed=1, timeout_s=WAIT_S)
     require_planned(made, str(planner), request, scene=scene)
 
 
 @pytest.mark.parametrize("algorithm", ["RRT", "BKPIECE1"])
 def test_ompls_planners_by_name(made: Made, algorithm: Algorithm) -> None:
     goal = made.moved(0.4, 0.2)
-    request = MotionRequest(made.ready, goal, PlannerName.OMPL, FULL, seed=1, algorithm=algorithm)
+    request = MotionRequest(
+        made.ready, goal, PlannerName.OMPL, FULL, seed=1, timeout_s=WAIT_S, algorithm=algorithm
+    )
     require_planned(made, "ompl", request)
 
 
@@ -107,7 +110,7 @@ def test_a_motion_that_keeps_constraints(made: Made, planner: PlannerName) -> No
         Box(here - 0.2, here + 0.2),
         ((0, float(made.ready[0]) - 1.0, float(made.ready[0]) + 1.0),),
     )
-    request = MotionRequest(made.ready, goal, planner, FULL, seed=1, constraints=held)
+    request = MotionRequest(made.ready, goal, planner, FULL, seed=1, timeout_s=WAIT_S, constraints=held)
     require_planned(made, "constrained", request)
 
 
