@@ -69,13 +69,14 @@ class Listener:
         self._loop = asyncio.get_running_loop()
         self._tick_s = self._loop.time() + self._period_s
         self._timer = self._loop.call_at(self._tick_s, self._tick)
-        events.on_news.add(self._wake.set)
+        events.on_news.add(self._call)
 
     def close(self) -> None:
         """It hears nothing any more: `next` ends."""
         self._closed = True
         self._timer.cancel()
-        self._events.on_news.discard(self._wake.set)
+        self._events.on_news.discard(self._call)
+        self._events.pacing.forget(self._wake)
         self._wake.set()
 
     async def next(self) -> list[Event]:
@@ -91,6 +92,9 @@ class Listener:
                 break
             await self._wake.wait()
         return []
+
+    def _call(self) -> None:
+        self._events.pacing.wake(self._wake)
 
     def _begun(self) -> list[Event]:
         first, self._first = self._first, []
@@ -110,7 +114,7 @@ class Listener:
             wanted = [each for each in batch if each in self._wanted]
             if wanted:
                 yield from wanted
-                self._wake.set()  # there may be more
+                self._call()  # there may be more
                 return
 
     def _ticked(self) -> Iterator[Event]:
@@ -125,7 +129,7 @@ class Listener:
     def _tick(self) -> None:
         """On the grid of the rate, unless the loop was late by more than a period."""
         self._due = True
-        self._wake.set()
+        self._call()
         self._tick_s = max(self._tick_s + self._period_s, self._loop.time())
         self._timer = self._loop.call_at(self._tick_s, self._tick)
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
+from app.services.events.pacing import Pacing
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import InputError
 from cobot.ros.codec import without_nan
@@ -97,6 +98,7 @@ class Events:
         newest: the number of the newest event, 0 before the first.
         on_news: called after each event, and when there will be none any more.
         closed: whether that is so.
+        pacing: by which listeners are woken.
         lost: how many events all who listened together have lost.
     """
 
@@ -105,6 +107,7 @@ class Events:
         self.newest = 0
         self.lost = 0
         self.closed = False
+        self.pacing = Pacing()
         self.on_news: set[Callable[[], None]] = set()
         self._clock = clock
         self._capacity = capacity

@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 
 from app.services.events.listener import Listener, Wanted
+from app.services.events.pacing import AT_ONCE
 from app.services.events.ring import BURST, CAPACITY_BYTES, LOG_BURST, PER_S, Events
 from cobot.errors import InputError
 
@@ -139,6 +140,34 @@ def test_who_comes_back_after_a_restart_is_told_so_and_gets_what_there_is() -> N
         assert json.loads(lost.text)["data"] == {"why": "restarted", "count": None}
         assert numbers(others) == [1, 2, 3]
         listener.close()
+
+    listening(read())
+
+
+def test_a_crowd_is_told_a_few_at_a_time_and_everybody_in_the_end() -> None:
+    """Oracle: what runs in the loop in between, once in each of its iterations."""
+
+    async def read() -> None:
+        bench = Bench()
+        crowd = [Listener(bench.events, Wanted({"mode"})) for _ in range(50)]
+        for each in crowd:
+            await each.next()
+        heard: list[int] = []
+
+        async def hear(listener: Listener) -> None:
+            heard.extend(numbers(await listener.next()))
+
+        hearing = [asyncio.create_task(hear(each)) for each in crowd]
+        await asyncio.sleep(0)
+        bench.events.publish("mode", mode="HOLD")
+        most = before = 0
+        while len(heard) < len(crowd):
+            await asyncio.sleep(0)
+            most, before = max(most, len(heard) - before), len(heard)
+        assert 0 < most <= 2 * AT_ONCE
+        await asyncio.gather(*hearing)
+        for each in crowd:
+            each.close()
 
     listening(read())
 
