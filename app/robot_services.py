@@ -12,6 +12,7 @@ from app.services.devices.equipment import Equipment
 from app.services.events.ring import Events
 from app.services.events.states import StateTexts
 from app.services.events.watch import watching
+from app.services.motion.approvals import Approvals
 from app.services.motion.control import ControlService
 from app.services.motion.execution import LATEST_ANSWER_S, MotionService
 from app.services.motion.ownership import Ownership
@@ -75,6 +76,7 @@ class Services:
     ownership: Ownership
     motion: MotionService
     plans: PlanService
+    approvals: Approvals
     scene: SceneService
     tool: ToolService
     trajectories: TrajectoryService
@@ -151,6 +153,7 @@ def _services(
     scene_file = SceneFile(settings.scene_file)
     scene = SceneService(robot, link, motion, planning, stopping, ownership, max_payload_kg, scene_file)
     stale_s = settings.web.stale_after_s
+    plans = PlanService(robot, link.clock, motion, planning, settings.planning)
     return Services(
         robot=robot,
         link=link,
@@ -158,7 +161,8 @@ def _services(
         motion=motion,
         scene=scene,
         tool=ToolService(robot, link, ownership, planning, scene, max_payload_kg, tool_file),
-        plans=PlanService(robot, link.clock, motion, planning, settings.planning),
+        plans=plans,
+        approvals=Approvals(robot, link.clock, plans, settings.mcp),
         trajectories=TrajectoryService(robot.limits, ownership, motion, settings.planning, link.label),
         sequences=sequences,
         stopping=stopping,
