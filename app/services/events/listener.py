@@ -94,7 +94,7 @@ class Listener:
         return []
 
     def _call(self) -> None:
-        self._events.pacing.wake(self._wake)
+        self._events.pacing.wake(self._wake, self._loop)
 
     def _begun(self) -> list[Event]:
         first, self._first = self._first, []

@@ -18,26 +18,26 @@ class Pacing:
         self._left = AT_ONCE
         self._renewing = False
 
-    def wake(self, listener: asyncio.Event) -> None:
-        """Set it, now or in one of the next iterations."""
+    def wake(self, listener: asyncio.Event, loop: asyncio.AbstractEventLoop) -> None:
+        """Set it, now or in one of the next iterations of its loop."""
         if self._left > 0 and not self._waiting:
-            self._set(listener)
+            self._set(listener, loop)
         else:
             self._waiting[listener] = None
 
     def forget(self, listener: asyncio.Event) -> None:
         self._waiting.pop(listener, None)
 
-    def _set(self, listener: asyncio.Event) -> None:
+    def _set(self, listener: asyncio.Event, loop: asyncio.AbstractEventLoop) -> None:
         self._left -= 1
         if not self._renewing:
             self._renewing = True
-            asyncio.get_running_loop().call_soon(self._next_iteration)
+            loop.call_soon(self._next_iteration, loop)
         listener.set()
 
-    def _next_iteration(self) -> None:
+    def _next_iteration(self, loop: asyncio.AbstractEventLoop) -> None:
         self._left, self._renewing = AT_ONCE, False
         while self._waiting and self._left > 0:
             first = next(iter(self._waiting))
             del self._waiting[first]
-            self._set(first)
+            self._set(first, loop)
