@@ -27,7 +27,7 @@ from app.api.clients import Clients
 from app.api.origins import Origins
 from app.api.roles import guard, roles
 from app.api.routers import audit as audit_router
-from app.api.routers import common, control, operations, plans, scene, sequences, tool, trajectory
+from app.api.routers import common, control, events, operations, plans, scene, sequences, tool, trajectory
 from app.api.routers import robot as robot_router
 from app.api.routers import robots as robots_router
 from app.api.routers import stream as stream_router
@@ -40,6 +40,8 @@ from app.offers.robots_on_graph import serving
 from app.reloading import Reloading
 from app.robot_services import Planner, SharedParts, serving_robot
 from app.rosbridge import router as rosbridge_router
+from app.services.events.log_lines import log_events
+from app.services.events.ring import Events
 from app.services.motion.planning import PlanningService
 from app.services.motion.synchronous import SyncService
 from cobot.access.authentication import Authenticator, authentication_required, rights_of_ros
@@ -101,8 +103,12 @@ def create_app(
             sync=SyncService(),
             several=len(robots) > 1,
             tokens=tokens,
+            events=Events(clock),
         )
         async with saying_why(app), contextlib.AsyncExitStack() as stack:
+            app.state.events = shared.events
+            stack.callback(shared.events.close)
+            stack.enter_context(log_events(shared.events))
             app.state.audit = Audit(settings.audit_file, clock)
             stack.callback(app.state.audit.close)
             app.state.robots = {
@@ -121,6 +127,7 @@ def create_app(
             gc.enable()  # `app.__main__` had it wait
             for each in app.state.robots.values():
                 each.link.watch_for_pauses()
+            shared.events.publish("service", what="started", version=version("cobot"), robots=list(robots))
             yield
             stops = [
                 each.stopping.stop(3.0, "stopped by the end of the service")
@@ -176,6 +183,7 @@ def create_app(
         control.router,
         trajectory.router,
         sequences.router,
+        events.router,
         common.router,
         stream_router.router,
     )

@@ -9,6 +9,9 @@ from pathlib import Path
 
 from app.actions.fjt import FollowJointTrajectory
 from app.services.devices.equipment import Equipment
+from app.services.events.ring import Events
+from app.services.events.states import StateTexts
+from app.services.events.watch import watching
 from app.services.motion.approvals import Approvals
 from app.services.motion.control import ControlService
 from app.services.motion.execution import LATEST_ANSWER_S, MotionService
@@ -26,7 +29,6 @@ from app.services.motion.trajectories import TrajectoryService
 from app.services.programs.programs import ProgramService
 from app.services.programs.sequences import SequenceService
 from app.services.state.health import HealthService
-from app.services.state.interventions import reporting
 from app.services.state.link import RobotLink, loading_s
 from app.services.streaming.force import ForceService
 from app.services.streaming.hung_clients import watching_clients
@@ -51,6 +53,7 @@ class SharedParts:
         sync: moves the robots together.
         several: whether there is more than one, so that log lines and addresses have to say which.
         tokens: that programs are given for as long as they run.
+        events: what happens, for whoever listens.
     """
 
     config: Path | None
@@ -61,6 +64,7 @@ class SharedParts:
     sync: SyncService
     several: bool
     tokens: Authenticator
+    events: Events
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,6 +94,7 @@ class Services:
     queue: MotionQueue
     servo: ServoService
     fjt: FollowJointTrajectory
+    states: StateTexts
 
 
 @contextlib.asynccontextmanager
@@ -102,13 +107,14 @@ async def serving_robot(
         UnavailableError, ConflictError, LayoutError: see `RobotLink`.
     """
     label = f"{robot.name}: " if shared.several else ""
-    link = RobotLink(robot.name, settings.web.stale_after_s, label, shared.clock)
+    link = RobotLink(robot.name, settings.web.stale_after_s, label, shared.clock, shared.events)
     planning = shared.planner(shared.config, settings.planning.workers, robot.name)
     planning.warm_up()
     timeout_s = settings.streaming.client_timeout_s
-    async with link.heartbeat(), reporting(link), watching_clients(link, timeout_s):
+    async with link.heartbeat(), watching_clients(link, timeout_s):
         services = _services(settings, robot, shared, link, planning)
-        async with services.tool.in_force():
+        watch = watching(link, services.ownership, planning, settings.web.stale_after_s)
+        async with watch, services.tool.in_force():
             yield services
         services.servo.close()
         services.force.close()
@@ -174,4 +180,5 @@ def _services(
         fjt=FollowJointTrajectory(
             robot, link, ownership, motion, servo, settings.ros, tolerance_rad, smoothing_rad
         ),
+        states=StateTexts(shared.events, link, robot.limits),
     )

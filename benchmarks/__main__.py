@@ -18,6 +18,7 @@ from benchmarks import (
     crowd,
     cycle,
     dds,
+    events,
     explanations,
     floods,
     hot,
@@ -67,6 +68,7 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "csv": lambda quick: pages.csv_upload(2 if quick else 7),
     "requests": lambda quick: web.requests_per_second(2 if quick else 8, 2.0 if quick else 4.0),
     "stop": lambda quick: web.stop(10 if quick else 100),
+    "events": lambda quick: events.events(*(5, 15.0) if quick else (60, 300.0)),
     "floods": lambda quick: floods.floods(3 if quick else 40),
 }
 

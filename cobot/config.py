@@ -70,6 +70,8 @@ ENDPOINTS = (
     "POST /sequences/start",
     "GET /sequences/status",
     "GET /sequences/logs",
+    "GET /events",
+    "WS /events",
     "POST /stop",
     "GET /health",
     "GET /health/live",

@@ -29,6 +29,8 @@ from cobot.access.roles import ANONYMOUS, Identity, Role, acting
 from cobot.errors import CobotError, MisdirectedError, PermissionDenied
 
 IDENTITY = "cobot.identity"
+STILL_VALID = "cobot.still_valid"
+"""Tells whether the token of a request means the same still: for an answer that takes long."""
 _HEADERS = "cobot.headers"
 HEADERS = ("Authorization", "Content-Type", "X-Motion-Token", "X-Control-Token", "X-Request-Id")
 METHODS = ("GET", "POST", "PUT", "DELETE")
@@ -100,6 +102,8 @@ class Access:
         acting.set(identity)
         if websocket and token is not None and holder is not None:
             return self._while_valid(scope, receive, send, token, holder, by_protocol)
+        if token is not None:
+            scope[STILL_VALID] = lambda: self._tokens.find(token) == holder
         if not websocket and scope["path"].startswith(PAGES):
             send = _unframed(send)
         return self._app(scope, receive, send)

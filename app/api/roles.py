@@ -52,6 +52,8 @@ ROLES: dict[str, Role] = {
     "POST /sequences/start": Role.PROGRAMMER,
     "GET /sequences/status": Role.OBSERVER,
     "GET /sequences/logs": Role.OBSERVER,
+    "GET /events": Role.OBSERVER,
+    "WS /events": Role.OBSERVER,
     STOP: Role.OBSERVER,  # whoever sees that it goes wrong
     "GET /health": Role.OBSERVER,
     "GET /robots": Role.OBSERVER,

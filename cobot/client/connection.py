@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import contextlib
+from collections.abc import Iterable, Iterator, Mapping
 from types import TracebackType
 from typing import Any, Self
 
@@ -113,6 +114,20 @@ class Connection:
             raise UnavailableError(f"{method} {url}: {str(exc) or type(exc).__name__}") from exc
         except (TypeError, ValueError) as exc:  # JSON has no NaN, no infinity and no objects of ours
             raise InputError(f"{method} {path}: {exc}") from exc
+        return self._answer(method, url, response)
+
+    @contextlib.contextmanager
+    def _streamed(self, path: str, **request: Any) -> Iterator[httpx.Response]:
+        """An answer that is read as it comes; raises as `_request` does, and httpx's errors later."""
+        url = self._url(path)
+        with self._http.stream("GET", url, **request) as response:
+            if not response.is_success:
+                response.read()
+                self._answer("GET", url, response)
+            yield response
+
+    @staticmethod
+    def _answer(method: str, url: str, response: httpx.Response) -> Any:
         try:
             answer = response.json()
             if response.is_success:

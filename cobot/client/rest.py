@@ -15,13 +15,14 @@ from pathlib import Path
 from typing import Any
 
 from cobot.addresses import CONTROL_TOKEN
-from cobot.client.connection import Connection, Json
+from cobot.client.connection import Json
+from cobot.client.events import EventConnection
 from cobot.errors import CobotError, UnavailableError
 
 STOP_TRIES, STOP_TIMEOUT_S = 3, 15.0
 
 
-class Client(Connection):
+class Client(EventConnection):
     """One robot's service.
 
     Args:

@@ -210,7 +210,7 @@ class Connection:
                 raise InputError("states come from the service")
 
     def _estop(self) -> None:
-        self._required.estop()
+        self._streams.estop(self._required)
         audit.note("estop", session=self._required.number)
 
     @property

@@ -9,7 +9,7 @@ from collections.abc import Callable, Coroutine, Iterator
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from app.services.motion.lease import CLIENT, Client, ControlLease
+from app.services.motion.lease import CLIENT, Client, ControlLease, Lease
 from app.services.motion.speed_override import MAX_PAUSE_S, SpeedOverride
 from app.services.state.link import RobotLink
 from cobot import logs
@@ -146,7 +146,9 @@ class Ownership:
         self.stops = 0
         self._stopped_s = -math.inf
         self.speed_override = SpeedOverride(link)
-        self.lease = ControlLease(link.clock, lambda: bool(self._claim or self._sequence), self._lease_ended)
+        self.lease = ControlLease(
+            link.clock, lambda: bool(self._claim or self._sequence), self._lease_ended, self._tell_lease
+        )
 
     @property
     def owner(self) -> str | None:
@@ -242,6 +244,19 @@ class Ownership:
 
     def _lease_ended(self) -> None:
         self.speed_override.fraction = self._fraction
+
+    def _tell_lease(self, what: str, lease: Lease) -> None:
+        """By whom: who has taken it; whoever asks when it ends is not always the one who has ended it."""
+        client, by = lease.client, CLIENT.get()
+        more = {"by": str(by)} if what == "taken over" else {}
+        self._link.events.publish(
+            "lease",
+            what=what,
+            holder=client.name,
+            address=client.address,
+            timeout_s=lease.timeout_s,
+            **more,
+        )
 
     @contextlib.contextmanager
     def claim(self, caller: Caller) -> Iterator[Claim]:

@@ -13,7 +13,7 @@ from collections import deque
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from app.services.motion.ownership import Ownership
 from app.services.programs.paths import below
@@ -26,6 +26,7 @@ from cobot.launch.process import RUN_MODULE
 from cobot.logs import printable
 
 LINE_BYTES = 65536
+PROGRESS = ("iteration", "waypoint", "n_waypoints")
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,6 +140,7 @@ class SequenceService:
         )
         actions = f"joints_action {order.joints_action}, pose_action {order.pose_action}"
         self._note(f"sequence {number} started, pid {process.pid}, {actions}")
+        self._tell("started", name=_printable(order.name), iterations=order.n_iterations)
         self._watcher = asyncio.create_task(self._watch(process, progress, number, token))
         if self._ownership.stops != stops:
             await self.stop()
@@ -235,6 +237,7 @@ class SequenceService:
         self.status = replace(
             self.status, status="finished", returncode=returncode, finished_at=datetime.now(UTC)
         )
+        self._tell("ended", returncode=returncode)
         self._release(token)
         self._note(f"sequence {number} finished, return code {returncode}")
 
@@ -258,6 +261,10 @@ class SequenceService:
                     waypoint=event["waypoint"],
                     n_waypoints=event["n_waypoints"],
                 )
+                self._tell("waypoint", **{name: event[name] for name in PROGRESS})
+
+    def _tell(self, what: str, **data: Any) -> None:
+        self._link.events.publish("sequence", what=what, sequence=self.status.sequence_id, **data)
 
     def _release(self, token: str) -> None:
         self._tokens.withdraw(token)

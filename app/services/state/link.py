@@ -10,9 +10,12 @@ import contextlib
 import logging
 import os
 from collections.abc import AsyncIterator, Callable
+from typing import Any
 
 import numpy as np
 
+from app.services.events.ring import Events, RobotEvents
+from app.services.motion.lease import CLIENT
 from app.services.state.robot_state import RobotState, robot_state
 from cobot.addresses import address
 from cobot.clock import SYSTEM, Clock
@@ -38,7 +41,13 @@ ACKNOWLEDGE_S = 3.0
 """rtloop verifies the largest trajectory in about a second."""
 STATE_TRIES = 3
 """So often a state is read that rtloop may be writing just now."""
-ENDS = (MotionResult.ARRIVED, MotionResult.STOPPED, MotionResult.STOPPED_ASIDE, MotionResult.FAILED)
+ENDS = {
+    MotionResult.ARRIVED: "finished",
+    MotionResult.STOPPED: "stopped",
+    MotionResult.STOPPED_ASIDE: "stopped",
+    MotionResult.FAILED: "failed",
+}
+"""What an event says of each."""
 IN_THREAD_SEGMENTS = 2000
 """A longer trajectory is copied in a thread, so that nobody else waits."""
 PAUSE_S = 1.0
@@ -58,6 +67,7 @@ class RobotLink:
         on_outside_stop: called when somebody has stopped the arm through shared memory, as `cobot stop` does.
         ended: how many motions have ended in which way. None is missed: a motion begins only after somebody
             has seen how the one before it ended.
+        events: where what happens to this robot is told.
 
     Raises (constructor):
         UnavailableError: there is no such robot.
@@ -65,7 +75,15 @@ class RobotLink:
         LayoutError: its shared memory is another version's.
     """
 
-    def __init__(self, robot: str, stale_after_s: float, label: str = "", clock: Clock = SYSTEM) -> None:
+    def __init__(
+        self,
+        robot: str,
+        stale_after_s: float,
+        label: str = "",
+        clock: Clock = SYSTEM,
+        events: Events | None = None,
+    ) -> None:
+        self.events = RobotEvents(Events(clock) if events is None else events, robot)
         self.memory = RobotMemory.attach(robot, MemoryRole.SERVICE)
         self.label = label
         self.clock = clock
@@ -78,6 +96,7 @@ class RobotLink:
         self._last_motion = 0
         self._slot = 0
         self.handed_over: tuple[int, Trajectory] | None = None
+        self._beginning: dict[str, Any] = {}  # what there is to tell of a motion that is being started
         self._beaten_s: float | None = None
         self._paused_s, self._resumed_s = 0.0, float("-inf")
 
@@ -163,7 +182,26 @@ class RobotLink:
         if state.motion_id != self._last_ended and state.motion_result in self.ended:
             self._last_ended = state.motion_id
             self.ended[state.motion_result] += 1
+            self._tell_end(state)
         return state
+
+    def _tell_begun(self) -> None:
+        if self._beginning:
+            self.events.publish("motion", what="begun", **self._beginning)
+            self._beginning = {}
+
+    def _tell_end(self, state: RobotState) -> None:
+        if state.motion_id == self._beginning.get("motion"):  # it was short: `start` has not noticed yet
+            self._tell_begun()
+        result = state.motion_result
+        self.events.publish(
+            "motion",
+            what=ENDS[result],
+            motion=state.motion_id,
+            reason="" if result is MotionResult.ARRIVED else state.reason,
+            path_time_s=state.path_time_s,
+            duration_s=state.path_duration_s,
+        )
 
     def record_since(self, publication: int) -> tuple[int, np.ndarray | None]:
         """The newest publication's number, and a copy of all of it if it is newer than this one."""
@@ -277,6 +315,7 @@ class RobotLink:
         """The same, latched until a reset."""
         self.memory.requests.data["estops"] += 1
         self.memory.requests.publish()
+        self.events.publish("estop", what="asked for", by=str(CLIENT.get()))
 
     async def start(
         self, trajectory: Trajectory, stops: int, tool: int = 0, fence: Fence | None = None
@@ -301,6 +340,11 @@ class RobotLink:
             self._last_motion = max(self._last_motion, self.state().motion_id) + 1
             motion_id, number = self._last_motion, self._last_motion % SLOTS
             self._slot, self.handed_over = number, (motion_id, trajectory)
+            self._beginning = {
+                "motion": motion_id,
+                "duration_s": trajectory.duration_s,
+                "by": str(CLIENT.get()),
+            }
             await self._write(number, motion_id, trajectory, fence)
             try:
                 self.require_awake()
@@ -314,7 +358,9 @@ class RobotLink:
                 )
             except CobotError:
                 self.handed_over = None
+                self._beginning = {}
                 raise
+            self._tell_begun()
         return motion_id
 
     async def replace(self, trajectory: Trajectory, offset_s: float, stops: int, tool: int = 0) -> None:
