@@ -30,7 +30,7 @@ A robot arm behind a REST service.
   cobot doctor   whether this computer is fit for it, and what to type where it is not
   cobot install  make it a service of systemd; cobot uninstall takes that back
 
-The first run needs no configuration: open http://localhost:8007/docs and move the arm."""
+The first run needs no configuration: open http://localhost:8007 and move the arm."""
 
 EXIT_OK, EXIT_FAILED, EXIT_USAGE = 0, 1, 2
 

@@ -60,7 +60,8 @@ class Panel:
 
     def until(self, script: str) -> Any:
         return until(
-            lambda: self.page.run(script), lambda: f"{script}: {self.problems()}, {self.text('body')}"
+            lambda: self.page.run(f"!!({script})"),
+            lambda: f"{script}: {self.problems()}, {self.text('body')}",
         )
 
     def text(self, selector: str) -> str:

@@ -11,7 +11,7 @@ export class View {
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     this.camera = new THREE.PerspectiveCamera(40, 1, 0.05, 50);
     this.camera.up.copy(UP);
-    this.camera.position.set(1.9, -1.7, 1.35);
+    this.camera.position.set(1.55, -1.5, 1.15);
     this.scene = new THREE.Scene();
     this.scene.add(new THREE.HemisphereLight(0xffffff, 0x8890a0, 2.2));
     const sun = new THREE.DirectionalLight(0xffffff, 1.8);
