@@ -11,6 +11,7 @@ export class Refused extends Error {
 export class Api {
   constructor() {
     this.robot = null;
+    this.control = ""; // the token of a lease, see lease.js
     this.onToken = () => {};
     this.form = document.getElementById("token-form");
     this.form.addEventListener("submit", (event) => {
@@ -32,6 +33,7 @@ export class Api {
   async ask(method, address, body, headers = {}) {
     const options = { method, headers: { ...headers } };
     if (this.token) options.headers.Authorization = `Bearer ${this.token}`;
+    if (this.control && method !== "GET") options.headers["X-Control-Token"] = this.control;
     if (body !== undefined) {
       options.headers["Content-Type"] = "application/json";
       options.body = JSON.stringify(body);

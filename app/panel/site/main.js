@@ -2,6 +2,7 @@
 import { Api } from "./api.js";
 import { Banner } from "./banner.js";
 import { Jog } from "./jog.js";
+import { Lease } from "./lease.js";
 import { Motions } from "./motions.js";
 import { Readouts } from "./readouts.js";
 import { Status } from "./status.js";
@@ -21,13 +22,18 @@ class Panel {
     this.motions = new Motions(api, (planned) => this.view?.preview(planned));
     this.stream = new Stream(api, {
       state: (state) => this.show(state),
-      answer: (frame) => this.jog.hear(frame),
+      answer: (frame) => {
+        this.jog.hear(frame);
+        this.lease.hear(frame);
+      },
       connected: (connected) => {
         this.status.connected(connected);
+        this.lease.lost();
         if (!connected) this.jog.release();
       },
     });
     this.jog = new Jog(api, this.stream, this.readouts);
+    this.lease = new Lease(api, this.stream);
     this.view = null;
     this.state = null;
     this.tag = null;

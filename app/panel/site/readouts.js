@@ -4,6 +4,7 @@ import { abcOf } from "./kinematics.js";
 
 const AXES = ["X", "Y", "Z", "C, Rx", "B, Ry", "A, Rz"];
 const NEAR = 0.03; // of the range, from a limit
+const fixed = (value) => value.toFixed(1).replace(/^-(0\.0)$/, "$1");
 const degrees = (rad) => (rad * 180) / Math.PI;
 
 function button(sign, kind, index) {
@@ -68,7 +69,7 @@ export class Readouts {
       const { slides, min_position: low, max_position: high } = this.ranges[index];
       const position = state.position[index];
       const share = Math.max(0, Math.min(1, (position - low) / (high - low)));
-      const shown = slides ? (1000 * position).toFixed(1) : degrees(position).toFixed(1);
+      const shown = fixed(slides ? 1000 * position : degrees(position));
       write(each.value, `${shown} ${slides ? "mm" : "°"}`);
       each.meter.setAttribute("aria-valuenow", shown);
       each.fill.style.setProperty("--share", share.toFixed(4));
@@ -76,7 +77,7 @@ export class Readouts {
     });
     const [x, y, z, w, i, j, k] = state.tcp;
     const angles = abcOf([i, j, k, w]).reverse();
-    [x, y, z].forEach((value, index) => write(this.tcp[index].value, `${(1000 * value).toFixed(1)} mm`));
-    angles.forEach((value, index) => write(this.tcp[3 + index].value, `${degrees(value).toFixed(1)} °`));
+    [x, y, z].forEach((value, index) => write(this.tcp[index].value, `${fixed(1000 * value)} mm`));
+    angles.forEach((value, index) => write(this.tcp[3 + index].value, `${fixed(degrees(value))} °`));
   }
 }
