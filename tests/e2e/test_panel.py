@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import jsonschema_rs
 import numpy as np
 import pytest
 from chromium import CHROMIUM, Page, browsing
@@ -328,6 +329,53 @@ def test_who_has_taken_the_control_moves_the_arm_alone(panel: Panel) -> None:
     panel.until("document.querySelector('#take').innerText === 'Take'")
     answer = httpx.post(f"{panel.run.url}/robot/move/named", json=home, timeout=WAIT_S)
     assert answer.json()["success"], answer.text
+
+
+def test_waypoints_are_taught_shown_run_and_saved_as_a_sequence(panel: Panel) -> None:
+    """Oracle: the published schema of sequences, in another implementation of JSON Schema."""
+    places = [[0.2, *HOME[1:]], [0.2, 0.2, *HOME[2:]], [0.0, 0.2, *HOME[2:]]]
+    for place in places:
+        body = {"joints": place, "speed": 1.0}
+        assert httpx.post(f"{panel.run.url}/robot/move/joints", json=body, timeout=WAIT_S).json()["success"]
+        until(panel.rests)
+        near = f"cobotPanel.state.commanded_position.every((v, i) => Math.abs(v - {place}[i]) < 1e-4)"
+        panel.until(near)
+        panel.page.click("#teach")
+    panel.until("document.querySelectorAll('#points li').length === 3")
+    set_to = "(e, v) => (e.value = v, e.dispatchEvent(new Event('change')))"
+    panel.page.run(f"({set_to})(document.querySelector('#points li:nth-child(1) input'), '20')")
+    panel.page.run(f"({set_to})(document.querySelector('#points li:nth-child(2) select'), 'lin')")
+    panel.page.click("#points li:nth-child(3) button:nth-of-type(1)")
+    panel.page.click("#points-show")
+    panel.until("!document.querySelector('#execute').disabled")
+    panel.page.click("#execute")
+    panel.until("document.querySelector('#plan').innerText === 'The arm has arrived.'")
+    position = httpx.get(f"{panel.run.url}/robot/pose", timeout=WAIT_S).json()["position"]
+    sequence = panel.page.run("cobotPanel.waypoints.sequence()")
+    last = sequence["waypoints"][2]
+    assert last["planner"] == "lin", "the second one was moved to the end"
+    np.testing.assert_allclose([position[k] for k in "xyz"], [last[k] for k in "xyz"], atol=5e-3)
+    schema = Path(__file__).parents[2] / "sequences" / "sequence.schema.json"
+    jsonschema_rs.validator_for(json.loads(schema.read_text())).validate(sequence)
+    assert [each["radius"] for each in sequence["waypoints"]] == [0.02, 0.0, 0.0]
+
+    def drop(content: str) -> None:
+        panel.page.run(
+            "(text => { const held = new DataTransfer(); held.items.add(new File([text], 'a.json'));"
+            "document.querySelector('#points').dispatchEvent(new DragEvent('drop',"
+            f"{{dataTransfer: held, bubbles: true, cancelable: true}})) }})({json.dumps(content)})"
+        )
+
+    for _ in range(3):
+        panel.page.click("#points li:nth-child(1) button:nth-of-type(3)")
+    panel.until("document.querySelectorAll('#points li').length === 0")
+    drop(json.dumps(sequence))
+    panel.until("document.querySelectorAll('#points li').length === 3")
+    assert panel.page.run("cobotPanel.waypoints.sequence()") == sequence
+    drop('{"waypoints": [{"named": "work"}]}')
+    panel.until("document.querySelector('#points-why').innerText.includes('POST /sequences/start')")
+    assert panel.page.run("document.querySelectorAll('#points li').length") == 3
+    panel.page.run("localStorage.clear()")
 
 
 NAMELESS = """

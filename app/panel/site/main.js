@@ -8,6 +8,7 @@ import { Readouts } from "./readouts.js";
 import { Status } from "./status.js";
 import { installStop } from "./stop.js";
 import { Stream } from "./stream.js";
+import { Waypoints } from "./waypoints.js";
 import { installLanguages, word } from "./words.js";
 
 const GEOMETRY_EVERY_MS = 3000;
@@ -20,6 +21,7 @@ class Panel {
     this.status = new Status(api);
     this.banner = new Banner(api);
     this.motions = new Motions(api, (planned) => this.view?.preview(planned));
+    this.waypoints = new Waypoints(this.motions, () => this.state);
     this.stream = new Stream(api, {
       state: (state) => this.show(state),
       answer: (frame) => {
@@ -71,6 +73,7 @@ class Panel {
       tab.setAttribute("aria-selected", String(tab.dataset.robot === robot.name));
     }
     this.motions.discard();
+    this.waypoints.load(robot.name);
     this.tag = this.state = null;
     await this.look();
     await this.motions.load();

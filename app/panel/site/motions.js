@@ -10,11 +10,12 @@ export class Motions {
     this.preview = preview;
     this.plan = null;
     this.name = null;
+    this.again = null;
     this.asked = 0;
     this.words = () => word("plan_hint");
     element("execute").addEventListener("click", () => this.execute());
     element("discard").addEventListener("click", () => this.discard());
-    element("motion-speed").addEventListener("change", () => this.name && this.choose(this.name));
+    element("motion-speed").addEventListener("change", () => this.again?.());
     inEachLanguage(() => this.say(this.words));
   }
 
@@ -34,15 +35,29 @@ export class Motions {
     );
   }
 
-  async choose(name) {
+  get speed() {
+    return element("motion-speed").value / 100;
+  }
+
+  choose(name) {
+    return this.ask(name, () => this.api.post("/plan/named", { name, speed: this.speed, samples: SAMPLES }));
+  }
+
+  // Several motions as one: bodies as POST /robot/plan/sequence takes them.
+  through(name, motions, radii) {
+    const body = () => ({ motions: motions(this.speed), radii, samples: SAMPLES });
+    return this.ask(name, () => this.api.post("/plan/sequence", body()));
+  }
+
+  async ask(name, planned) {
     this.discard();
     this.name = name;
+    this.again = () => this.ask(name, planned);
     this.mark();
     const asked = this.asked;
     this.say(() => word("planning", { name }));
     try {
-      const speed = element("motion-speed").value / 100;
-      const plan = await this.api.post("/plan/named", { name, speed, samples: SAMPLES });
+      const plan = await planned();
       if (asked !== this.asked) return;
       this.plan = plan;
       this.preview(plan);
@@ -83,7 +98,7 @@ export class Motions {
 
   discard() {
     this.asked += 1;
-    this.plan = this.name = null;
+    this.plan = this.name = this.again = null;
     this.preview(null);
     this.mark();
     this.say(() => word("plan_hint"));

@@ -95,7 +95,7 @@ def test_each_word_is_there_in_each_language() -> None:
     assert holes["en"] == holes["de"] == holes["zh"], "the same values stand in each"
     asked = used(r'\bword\("(\w+)"') | used(r'data-word(?:-label)?="(\w+)"')
     assert asked <= names["en"], asked - names["en"]
-    spoken = asked | used(r'"(\w+)"') | {name for name in names["en"] if name.startswith("mode_")}
+    spoken = asked | used(r'"(\w+)"') | {name for name in names["en"] if name.startswith(("mode_", "way_"))}
     assert names["en"] <= spoken, names["en"] - spoken
 
 
