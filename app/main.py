@@ -14,7 +14,6 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from fastapi import FastAPI
-from fastapi.responses import RedirectResponse
 from fastapi.routing import APIRoute, APIWebSocketRoute
 from fastapi_offline import FastAPIOffline
 from starlette.routing import BaseRoute, Route
@@ -27,7 +26,18 @@ from app.api.clients import Clients
 from app.api.origins import Origins
 from app.api.roles import guard, roles
 from app.api.routers import audit as audit_router
-from app.api.routers import common, control, events, operations, plans, scene, sequences, tool, trajectory
+from app.api.routers import (
+    common,
+    control,
+    events,
+    geometry,
+    operations,
+    plans,
+    scene,
+    sequences,
+    tool,
+    trajectory,
+)
 from app.api.routers import robot as robot_router
 from app.api.routers import robots as robots_router
 from app.api.routers import stream as stream_router
@@ -37,6 +47,7 @@ from app.aubo import http as vendor_http
 from app.mcp.endpoint import PATH as MCP_PATH
 from app.mcp.endpoint import McpEndpoint
 from app.offers.robots_on_graph import serving
+from app.panel import pages
 from app.reloading import Reloading
 from app.robot_services import Planner, SharedParts, serving_robot
 from app.rosbridge import router as rosbridge_router
@@ -180,6 +191,7 @@ def create_app(
         plans.router,
         scene.router,
         tool.router,
+        geometry.router,
         control.router,
         trajectory.router,
         sequences.router,
@@ -203,10 +215,7 @@ def create_app(
         if isinstance(route, APIRoute):
             route.operation_id = route.name  # what generated clients call their methods
 
-    @app.get("/", include_in_schema=False)
-    async def root() -> RedirectResponse:
-        return RedirectResponse("/docs")
-
+    pages.install(app)
     guard(app.routes, table)
     return app
 

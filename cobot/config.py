@@ -42,6 +42,7 @@ ENDPOINTS = (
     "GET /robot/joint_states",
     "GET /robot/pose",
     "GET /robot/positions",
+    "GET /robot/geometry",
     "GET /robot/control",
     "POST /robot/control",
     "DELETE /robot/control",

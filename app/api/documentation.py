@@ -40,7 +40,7 @@ TAGS = [
 
 
 NAVIGATION = """<nav style="font: 1rem sans-serif; padding: 0.75rem 1.25rem">
-<a href="/docs">REST API</a> · <a href="/docs/vendor">vendor services</a> ·
+<a href="/">Panel</a> · <a href="/docs">REST API</a> · <a href="/docs/vendor">vendor services</a> ·
 <a href="/redoc">REST API to read</a>
 </nav>"""
 """There before Swagger UI is, which takes a browser most of a second to run."""

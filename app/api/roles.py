@@ -27,6 +27,7 @@ ROLES: dict[str, Role] = {
     "GET /robot/joint_states": Role.OBSERVER,
     "GET /robot/pose": Role.OBSERVER,
     "GET /robot/positions": Role.OBSERVER,
+    "GET /robot/geometry": Role.OBSERVER,
     "POST /robot/move/named": Role.OPERATOR,
     "POST /robot/move/pose": Role.OPERATOR,
     "POST /robot/move/joints": Role.OPERATOR,
@@ -69,8 +70,11 @@ ROLES: dict[str, Role] = {
     "WS /rosbridge": Role.OBSERVER,  # each operation needs its own: app.rosbridge.roles
     "POST /{robot}/{Class}/{method}": Role.OBSERVER,  # and each method: app.aubo.roles
 }
+PANEL, THREE = "/panel", "/three.js"
 PUBLIC = (
     "/",
+    PANEL,
+    THREE,
     "/docs",
     "/docs/oauth2-redirect",
     f"{SAMPLES_PATH}/{{name}}",
@@ -80,8 +84,8 @@ PUBLIC = (
     documentation.VENDOR_SCHEMA,
     documentation.STATIC,
 )
-"""The documentation, in which a token can be entered, is open to all: it tells nothing about this robot but
-its joints' limits and its name."""
+"""The panel and the documentation, in which a token can be entered, are open to all: they tell nothing about
+this robot but its joints' limits and its name."""
 
 
 def endpoint_of(route: BaseRoute) -> str:

@@ -36,7 +36,7 @@ A robot arm behind a REST service.
   cobot completion  print what makes bash, zsh or fish complete commands
   cobot install  make it a service of systemd; cobot uninstall takes that back
 
-The first run needs no configuration: open http://localhost:8007/docs and move the arm."""
+The first run needs no configuration: open http://localhost:8007 and move the arm."""
 
 EXIT_OK, EXIT_FAILED, EXIT_USAGE = 0, 1, 2
 

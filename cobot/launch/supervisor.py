@@ -439,7 +439,7 @@ class Supervisor:
 
     def _announce(self, url: str, access: str, memories: dict[str, RobotMemory]) -> None:
         log.info("cobot %s (pid %d)", version("cobot"), os.getpid())
-        log.info("  address    %s", f"{url}/docs" if url else "none: web.enabled is false")
+        log.info("  address    %s", f"{url}/" if url else "none: web.enabled is false")
         log.info("  access     %s", access)
         for name, memory in memories.items():
             rt = self._settings.of(name).rt

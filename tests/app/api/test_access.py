@@ -418,6 +418,8 @@ def role_by_the_docs(endpoint: str) -> Role:
         return Role.NOBODY
     if path in ("/audit", "/admin/reload"):
         return Role.ADMIN
+    if "/plan/" in path:
+        return Role.AGENT
     if method in ("GET", "WS") or path.endswith("/stop") or "{method}" in path:
         return Role.OBSERVER
     return Role.PROGRAMMER if path.endswith(("/sequences/start", "/tool")) else Role.OPERATOR

@@ -190,7 +190,7 @@ def test_help_names_both_commands_and_the_page_to_open(capsys: pytest.CaptureFix
         main(["--help"])
     assert ended.value.code == 0
     output = capsys.readouterr().out
-    for words in ("cobot run", "cobot check", "http://localhost:8007/docs", "--version"):
+    for words in ("cobot run", "cobot check", "open http://localhost:8007 and", "--version"):
         assert words in output
 
 
