@@ -27,7 +27,7 @@ from app.api.clients import Clients
 from app.api.origins import Origins
 from app.api.roles import guard, roles
 from app.api.routers import audit as audit_router
-from app.api.routers import common, control, operations, plans, scene, sequences, tool, trajectory
+from app.api.routers import common, control, jobs, operations, plans, scene, sequences, tool, trajectory
 from app.api.routers import robot as robot_router
 from app.api.routers import robots as robots_router
 from app.api.routers import stream as stream_router
@@ -118,6 +118,8 @@ def create_app(
             for each in app.state.robots.values():
                 each.link.watch_for_pauses()
             yield
+            for each in app.state.robots.values():
+                each.jobs.book.ending = True
             stops = [
                 each.stopping.stop(3.0, "stopped by the end of the service")
                 for each in app.state.robots.values()
@@ -171,6 +173,7 @@ def create_app(
         tool.router,
         control.router,
         trajectory.router,
+        jobs.router,
         sequences.router,
         common.router,
         stream_router.router,

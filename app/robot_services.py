@@ -9,6 +9,8 @@ from pathlib import Path
 
 from app.actions.fjt import FollowJointTrajectory
 from app.services.devices.equipment import Equipment
+from app.services.jobs.book import JobBook
+from app.services.jobs.control import JobService
 from app.services.motion.control import ControlService
 from app.services.motion.execution import LATEST_ANSWER_S, MotionService
 from app.services.motion.ownership import Ownership
@@ -86,6 +88,7 @@ class Services:
     planning: PlanningService
     settings: RobotSettings
     queue: MotionQueue
+    jobs: JobService
     servo: ServoService
     fjt: FollowJointTrajectory
 
@@ -112,6 +115,7 @@ async def serving_robot(
         services.force.close()
         services.equipment.close()
         services.streams.close()
+        services.jobs.book.close()
     planning.close()
     link.close()
 
@@ -130,7 +134,8 @@ def _services(
     latest_s = slowest_s + longest_s + LATEST_ANSWER_S + MAX_PAUSE_S
     url = address(shared.base_url, robot.name) if shared.several else shared.base_url
     tolerance_rad, smoothing_rad = settings.planning.start_tolerance_rad, settings.planning.smoothing_rad
-    ownership = Ownership(link)
+    jobs = JobBook(link, settings.jobs_file)
+    ownership = Ownership(link, jobs)
     motion = MotionService(robot, link, ownership, planning, settings.planning)
     sequences = SequenceService(ownership, link, settings.sequences, url, latest_s, shared.tokens)
     streams = StreamService(link, ownership, motion, settings.streaming.command_timeout_s)
@@ -166,6 +171,7 @@ def _services(
         planning=planning,
         settings=tool_and_limits,
         queue=MotionQueue(link, ownership, motion, planning, tool_and_limits),
+        jobs=JobService(jobs, ownership, stopping),
         servo=servo,
         fjt=FollowJointTrajectory(
             robot, link, ownership, motion, servo, settings.ros, tolerance_rad, smoothing_rad

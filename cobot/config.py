@@ -66,6 +66,13 @@ ENDPOINTS = (
     "POST /sequences/start",
     "GET /sequences/status",
     "GET /sequences/logs",
+    "GET /jobs",
+    "GET /jobs/{job}",
+    "POST /jobs/{job}/cancel",
+    "POST /jobs/{job}/pause",
+    "POST /jobs/{job}/resume",
+    "GET /robot/speed_override",
+    "POST /robot/speed_override",
     "POST /stop",
     "GET /health",
     "GET /health/live",
@@ -331,6 +338,11 @@ class Settings(Section):
     @property
     def audit_file(self) -> Path:
         return self.logs / f"{self.robot.name}.audit.jsonl"
+
+    @property
+    def jobs_file(self) -> Path:
+        """What became of motions; the service writes it."""
+        return (self.kept or self.logs) / f"{self.robot.name}.jobs.jsonl"
 
     @property
     def scene_file(self) -> Path:

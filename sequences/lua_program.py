@@ -181,7 +181,7 @@ class Program:
         return lua(value, self._sandbox.table)
 
 
-def _options(speed: Any, scale: Any) -> dict[str, float]:
+def _options(speed: Any, scale: Any) -> dict[str, Any]:
     """`speed` and `accel_scale`, each if it is given; or a table that holds them."""
     given = {"speed": speed, "accel_scale": scale}
     if lua_type(speed) == "table":

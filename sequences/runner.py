@@ -201,7 +201,8 @@ def _move(client: Client, target: AnyTarget) -> dict[str, object]:
         return client.move_joints(target.joints, speed=target.speed, accel_scale=target.accel_scale)
     if isinstance(target, NamedTarget):
         return client.move_named(target.named, speed=target.speed, accel_scale=target.accel_scale)
-    return client.move_pose(**target.model_dump(exclude={"label", "radius"}))
+    answer: dict[str, object] = client.move_pose(**target.model_dump(exclude={"label", "radius"}))
+    return answer
 
 
 def _move_through(client: Client, chain: list[AnyTarget]) -> dict[str, object]:

@@ -32,6 +32,7 @@ TAGS = [
     {"name": "scene", "description": "What stands around the arm, what it holds, and named frames."},
     {"name": "trajectory", "description": "Timed joint trajectories."},
     {"name": "sequences", "description": "Sequences of motions, and Lua programs."},
+    {"name": "jobs", "description": "Motions as jobs: followed, cancelled, paused; and how fast they go."},
     {"name": "common", "description": "Stop, and health."},
     {"name": "robots", "description": "The same for any of several robots, by its name."},
 ]

@@ -48,6 +48,13 @@ ROLES: dict[str, Role] = {
     "POST /sequences/start": Role.PROGRAMMER,
     "GET /sequences/status": Role.OBSERVER,
     "GET /sequences/logs": Role.OBSERVER,
+    "GET /jobs": Role.OBSERVER,
+    "GET /jobs/{job}": Role.OBSERVER,
+    "POST /jobs/{job}/cancel": Role.OPERATOR,
+    "POST /jobs/{job}/pause": Role.OPERATOR,
+    "POST /jobs/{job}/resume": Role.OPERATOR,
+    "GET /robot/speed_override": Role.OBSERVER,
+    "POST /robot/speed_override": Role.OPERATOR,
     STOP: Role.OBSERVER,  # whoever sees that it goes wrong
     "GET /health": Role.OBSERVER,
     "GET /robots": Role.OBSERVER,

@@ -28,7 +28,7 @@ def primitive(name: str, params: Mapping[str, Any], dof: int) -> Run:
     missing = [key for key in needed if key not in params]
     if missing:
         raise InputError(f"{name}: {missing[0]} is missing")
-    rates = {key: float(params[key]) for key in ("speed", "accel_scale") if key in params}
+    rates: dict[str, Any] = {key: float(params[key]) for key in ("speed", "accel_scale") if key in params}
     if name == "Home":
         return lambda client: client.move_named("home", **rates)
     if name == "MoveNamed":

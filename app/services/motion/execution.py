@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, replace
@@ -363,18 +364,23 @@ class MotionService:
     ) -> Outcome:
         begun_s = self._link.clock.now_s()
         planned_s, note = begun_s, ""
-        with self._ownership.claim(caller) as claim, watching(claim, caller):
+        with self._ownership.claim(caller) as claim, contextlib.ExitStack() as watch:
+            watch.enter_context(watching(claim, caller))
             error: CobotError | None = None
             try:
                 state = await self.ready()
+                claim.accept()
                 trajectory = await planned(claim, state.commanded_position)
                 planned_s = self._link.clock.now_s()
                 if trajectory is not None:
                     note = trajectory.note
                     await self.start(claim, trajectory)
+                    if not caller.waits:
+                        watch.close()
                     await self.arrival(claim)
             except (PlanningError, ExecutionError) as exc:
                 error = exc
+                claim.fail(exc)
             now_s = self._link.clock.now_s()
             planning_s = (planned_s if planned_s > begun_s else now_s) - begun_s
             return Outcome(error, claim.motion_id, now_s - begun_s, planning_s, note)
@@ -393,15 +399,20 @@ class MotionService:
             ConflictError, UnavailableError, InputError: nothing has moved.
         """
         begun_s = self._link.clock.now_s()
-        with self._ownership.claim(caller) as claim, watching(claim, caller):
+        with self._ownership.claim(caller) as claim, contextlib.ExitStack() as watch:
+            watch.enter_context(watching(claim, caller))
             error: CobotError | None = None
             try:
                 require((await self.ready()).commanded_position)
+                claim.accept()
                 if trajectory is not None:
                     await self.start(claim, trajectory)
+                    if not caller.waits:
+                        watch.close()
                     await self.arrival(claim)
             except ExecutionError as exc:
                 error = exc
+                claim.fail(exc)
             note = "" if trajectory is None else trajectory.note
             return Outcome(error, claim.motion_id, self._link.clock.now_s() - begun_s, 0.0, note)
 
@@ -440,6 +451,8 @@ class MotionService:
         tool = self._robot.model.carried.version  # it cannot change while somebody has a claim
         claim.motion_id = await self._link.start(trajectory, claim.stops, tool)
         logs.bind(motion=claim.motion_id)
+        if claim.job is not None:
+            claim.job.started(claim.motion_id, trajectory)
         await claim.speed_override.begun()
 
     async def arrival(self, claim: Claim) -> None:

@@ -15,17 +15,28 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO
 
+from app.services.jobs.job import JobKind
 from app.services.motion.ownership import Ownership
 from app.services.programs.paths import below
 from app.services.state.link import RobotLink
 from cobot.access.authentication import Authenticator
 from cobot.access.roles import acting
 from cobot.config import SequencesSection
-from cobot.errors import ConflictError, InputError, MotionStopped, UnavailableError
+from cobot.errors import (
+    CobotError,
+    ConflictError,
+    ExecutionError,
+    InputError,
+    MotionStopped,
+    UnavailableError,
+)
 from cobot.launch.process import RUN_MODULE
 from cobot.logs import printable
 
 LINE_BYTES = 65536
+ERRORS: dict[int, type[CobotError]] = {2: InputError, 4: UnavailableError}
+"""What the runner's return codes mean; all others are motions that have failed."""
+ERROR_LINE = " error: "
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +99,7 @@ class SequenceService:
         self._tokens = tokens
         self._lines: deque[str] = deque(maxlen=settings.log_lines)
         self._starting = False
+        self._stopped = ""  # why the runner was told to end
         self._process: asyncio.subprocess.Process | None = None
         self._watcher: asyncio.Task[None] | None = None
         self.status = SequenceStatus()
@@ -115,20 +127,23 @@ class SequenceService:
         bag = self._recording(order.bag_path)
         number = (self.status.sequence_id or 0) + 1
         token = secrets.token_urlsafe(32)
-        self._ownership.claim_for_sequence(f"sequence {number}", token)
+        kind = JobKind.PROGRAM if order.name.endswith(".lua") else JobKind.SEQUENCE
+        self._ownership.claim_for_sequence(f"sequence {number}", token, kind)
         starter = acting.get()  # the program may do what that one may, for as long as it runs
         self._tokens.grant(starter.name, starter.role, token)
         self._starting = True
         try:
             process, progress = await self._spawn(order, bag, token)
+        except OSError as exc:
+            error = UnavailableError(f"the sequence runner cannot be started: {exc}")
+            self._release(token, error)
+            raise error from exc
         except BaseException as exc:
-            self._release(token)
-            if isinstance(exc, OSError):
-                raise UnavailableError(f"the sequence runner cannot be started: {exc}") from exc
+            self._release(token, exc)
             raise
         finally:
             self._starting = False
-        self._process = process
+        self._process, self._stopped = process, ""
         self.status = SequenceStatus(
             status="running",
             sequence_id=number,
@@ -137,6 +152,9 @@ class SequenceService:
             started_at=datetime.now(UTC),
             bag_path=str(bag) if bag else None,
         )
+        job = self._ownership.sequence_job
+        if job is not None:
+            job.started()
         actions = f"joints_action {order.joints_action}, pose_action {order.pose_action}"
         self._note(f"sequence {number} started, pid {process.pid}, {actions}")
         self._watcher = asyncio.create_task(self._watch(process, progress, number, token))
@@ -145,14 +163,19 @@ class SequenceService:
             raise MotionStopped(f"a stop was requested while sequence {number} was being started")
         return self.status
 
-    async def stop(self) -> str | None:
-        """End the runner, by force if it does not listen; returns what was ended, or None."""
+    async def stop(self, reason: str = "stopped") -> str | None:
+        """End the runner, by force if it does not listen; returns what was ended, or None.
+
+        Args:
+            reason: what is said of it.
+        """
         if self._starting:  # `start` sees the count of stops, and ends what it has begun
             return "the start of a sequence"
         process, watcher = self._process, self._watcher
         if process is None or watcher is None or watcher.done():
             return None
         described = f"sequence {self.status.sequence_id} (pid {process.pid})"
+        self._stopped = self._stopped or reason
         _signal(process, signal.SIGTERM)
         try:
             await asyncio.wait_for(asyncio.shield(watcher), self._settings.stop_timeout_s)
@@ -235,8 +258,18 @@ class SequenceService:
         self.status = replace(
             self.status, status="finished", returncode=returncode, finished_at=datetime.now(UTC)
         )
-        self._release(token)
+        self._release(token, self._error(returncode))
         self._note(f"sequence {number} finished, return code {returncode}")
+
+    def _error(self, returncode: int) -> CobotError | None:
+        """Why the runner has not come to its end."""
+        if returncode == 0:
+            return None
+        if self._stopped:
+            return MotionStopped(self._stopped)
+        said = next((line for line in reversed(self._lines) if ERROR_LINE in line), "")
+        detail = said.partition(ERROR_LINE)[2] or f"the runner ended with return code {returncode}"
+        return ERRORS.get(returncode, ExecutionError)(detail)
 
     async def _read_log(self, stream: asyncio.StreamReader) -> None:
         while True:
@@ -258,10 +291,17 @@ class SequenceService:
                     waypoint=event["waypoint"],
                     n_waypoints=event["n_waypoints"],
                 )
+                self._tell(event["iteration"], event["waypoint"], event["n_waypoints"])
 
-    def _release(self, token: str) -> None:
+    def _tell(self, iteration: int, waypoint: int, n_waypoints: int) -> None:
+        """How far the sequence is: it goes to this waypoint."""
+        job, rounds = self._ownership.sequence_job, self.status.n_iterations or 1
+        if job is not None and n_waypoints:
+            job.at_waypoint((iteration - 1) * n_waypoints + max(waypoint - 1, 0), rounds * n_waypoints)
+
+    def _release(self, token: str, error: BaseException | None) -> None:
         self._tokens.withdraw(token)
-        self._ownership.release_sequence()
+        self._ownership.release_sequence(error)
 
     def _note(self, text: str) -> None:
         moment = datetime.now().astimezone().isoformat(timespec="milliseconds")
