@@ -291,9 +291,9 @@ class SequenceService:
                     waypoint=event["waypoint"],
                     n_waypoints=event["n_waypoints"],
                 )
-                self._tell(event["iteration"], event["waypoint"], event["n_waypoints"])
+                self._count(event["iteration"], event["waypoint"], event["n_waypoints"])
 
-    def _tell(self, iteration: int, waypoint: int, n_waypoints: int) -> None:
+    def _count(self, iteration: int, waypoint: int, n_waypoints: int) -> None:
         """How far the sequence is: it goes to this waypoint."""
         job, rounds = self._ownership.sequence_job, self.status.n_iterations or 1
         if job is not None and n_waypoints:
