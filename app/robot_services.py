@@ -171,7 +171,7 @@ def _services(
         planning=planning,
         settings=tool_and_limits,
         queue=MotionQueue(link, ownership, motion, planning, tool_and_limits),
-        jobs=JobService(jobs, ownership, stopping),
+        jobs=JobService(jobs, ownership, stopping, sequences),
         servo=servo,
         fjt=FollowJointTrajectory(
             robot, link, ownership, motion, servo, settings.ros, tolerance_rad, smoothing_rad

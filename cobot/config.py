@@ -71,6 +71,7 @@ ENDPOINTS = (
     "POST /jobs/{job}/cancel",
     "POST /jobs/{job}/pause",
     "POST /jobs/{job}/resume",
+    "POST /jobs/{job}/step",
     "GET /robot/speed_override",
     "POST /robot/speed_override",
     "POST /stop",

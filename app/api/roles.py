@@ -53,6 +53,7 @@ ROLES: dict[str, Role] = {
     "POST /jobs/{job}/cancel": Role.OPERATOR,
     "POST /jobs/{job}/pause": Role.OPERATOR,
     "POST /jobs/{job}/resume": Role.OPERATOR,
+    "POST /jobs/{job}/step": Role.OPERATOR,
     "GET /robot/speed_override": Role.OBSERVER,
     "POST /robot/speed_override": Role.OPERATOR,
     STOP: Role.OBSERVER,  # whoever sees that it goes wrong

@@ -26,6 +26,10 @@ ANSWER_S = 1.0
 """Of an endpoint's time, so much is left for the answer, s."""
 
 router = APIRouter(tags=["jobs"], route_class=CobotRoute)
+AtWaypoint = Annotated[
+    int | None, Query(ge=0, description="Of a sequence: pause when this one is reached; 0: the next one.")
+]
+Waypoint = Annotated[int | None, Query(ge=1, description="Of a sequence: where to go on from.")]
 Id = Annotated[str, Path(max_length=100, description="Of a job.")]
 
 
@@ -56,19 +60,30 @@ async def cancel_job(job: Id, request: Request) -> JobAnswer:
 
 
 @router.post("/jobs/{job}/pause", responses=responses(404, 409, 422, 503))
-async def pause_job(job: Id, request: Request) -> JobAnswer:
-    """Bring the arm to rest on its path, where the job waits; answers when it rests."""
+async def pause_job(job: Id, request: Request, at_waypoint: AtWaypoint = None) -> JobAnswer:
+    """Bring the arm to rest on its path, where the job waits; answers when it rests.
+
+    With `at_waypoint` a sequence or program goes on to there first; answers at once.
+    """
     holder = _holder(request, job)
     audit.add_details(job=job)
-    return job_answer(await holder.pause(job))
+    return job_answer(await holder.pause(job, at_waypoint))
 
 
 @router.post("/jobs/{job}/resume", responses=responses(404, 409, 422, 503))
-async def resume_job(job: Id, request: Request) -> JobAnswer:
-    """Go on with a job that was paused."""
+async def resume_job(job: Id, request: Request, waypoint: Waypoint = None) -> JobAnswer:
+    """Go on with a job that was paused; a sequence that waits at a waypoint from any `waypoint`."""
     holder = _holder(request, job)
     audit.add_details(job=job)
-    return job_answer(await holder.resume(job))
+    return job_answer(await holder.resume(job, waypoint))
+
+
+@router.post("/jobs/{job}/step", responses=responses(404, 409, 422, 503))
+async def step_job(job: Id, request: Request) -> JobAnswer:
+    """Go on with a sequence or program that is paused, until it has made one more motion."""
+    holder = _holder(request, job)
+    audit.add_details(job=job)
+    return job_answer(await holder.step(job))
 
 
 @router.get("/robot/speed_override")

@@ -40,6 +40,9 @@ async def start_sequence(
     delay_between_iterations: Annotated[
         float, Form(ge=0.0, le=86400.0, allow_inf_nan=False, description="s, between two of them.")
     ] = 5.0,
+    from_waypoint: Annotated[
+        int | None, Form(ge=1, le=100_000, description="Where the first iteration begins; without it home.")
+    ] = None,
     bag_path: Annotated[
         str, _text("A new folder below the recordings folder, for a recording; empty for none.")
     ] = "",
@@ -61,6 +64,7 @@ async def start_sequence(
         joints_action=joints_action,
         pose_action=pose_action,
         name=config.filename or "",
+        from_waypoint=from_waypoint,
     )
     status = await call.services.sequences.start(order, call.stops)
     assert status.sequence_id is not None

@@ -13,6 +13,8 @@ from app.services.jobs.job import Job, JobRecord, JobState
 from app.services.motion.lease import CLIENT
 from app.services.motion.ownership import Ownership
 from app.services.motion.stopping import StopService
+from app.services.programs.sequences import SequenceService
+from app.services.programs.steps import NEXT, Steps
 from cobot.errors import CobotError, ConflictError, ExecutionError, MotionStopped
 
 log = logging.getLogger("cobot.jobs")
@@ -21,8 +23,11 @@ log = logging.getLogger("cobot.jobs")
 class JobService:
     """The jobs of one robot."""
 
-    def __init__(self, book: JobBook, ownership: Ownership, stopping: StopService) -> None:
+    def __init__(
+        self, book: JobBook, ownership: Ownership, stopping: StopService, sequences: SequenceService
+    ) -> None:
         self.book = book
+        self._sequences = sequences
         self._ownership = ownership
         self._stopping = stopping
         self._tasks: set[asyncio.Task[Any]] = set()
@@ -80,35 +85,68 @@ class JobService:
             await asyncio.wait_for(job.ended.wait(), timeout_s)
         return job.record()
 
-    async def pause(self, number: str) -> JobRecord:
+    async def pause(self, number: str, at_waypoint: int | None = None) -> JobRecord:
         """Bring the arm to rest on its path; the job waits there. Returns when the arm rests.
 
+        Args:
+            at_waypoint: have a sequence wait there instead, once it has reached it; 0 for the next one.
+
         Raises:
-            NotFoundError, ConflictError: there is no such job, or it has ended already.
+            NotFoundError, ConflictError: there is no such job, it has ended already, or is no sequence.
+            InputError: there is no such waypoint.
             ExecutionError, UnavailableError: see `SpeedOverride.pause`.
         """
         job = self._going(number)
-        await self._ownership.speed_override.pause()
+        if at_waypoint is None:
+            await self._ownership.speed_override.pause()
+        else:
+            self._steps(job).hold(at_waypoint)
         return job.record()
 
-    async def resume(self, number: str) -> JobRecord:
+    async def step(self, number: str) -> JobRecord:
+        """Go on with a sequence that is paused, to the next stop; raises as `resume`."""
+        job = self._going(number)
+        steps = self._steps(job)
+        self._require_paused(job)
+        if steps.held:
+            steps.go_on(step=True)
+        else:
+            steps.hold(NEXT)
+        await self._ownership.speed_override.resume()
+        return job.record()
+
+    async def resume(self, number: str, waypoint: int | None = None) -> JobRecord:
         """Go on.
+
+        Args:
+            waypoint: of a sequence that waits at one: the one to go to.
 
         Raises:
             NotFoundError, ConflictError: there is no such job, it has ended already or is not paused, or
-                somebody else has the control.
+                somebody else has the control; or it is no sequence that waits at a waypoint.
+            InputError: there is no such waypoint.
             UnavailableError: see `SpeedOverride.resume`.
         """
-        job, override = self._going(number), self._ownership.speed_override
+        job = self._going(number)
+        self._require_paused(job)
+        if job is self._ownership.sequence_job or waypoint is not None:
+            self._steps(job).go_on(waypoint)
+        await self._ownership.speed_override.resume()
+        return job.record()
+
+    def _steps(self, job: Job) -> Steps:
+        if job is not self._ownership.sequence_job:
+            raise ConflictError(f"job {job.id} ({job.kind}) has no waypoints; a sequence or program has")
+        return self._sequences.steps
+
+    def _require_paused(self, job: Job) -> None:
         self._ownership.require_control()
         if job.state is not JobState.PAUSED:
-            raise ConflictError(f"job {number} is {job.state}: only one that is paused can be resumed")
-        if override.fraction == 0.0:
+            raise ConflictError(f"job {job.id} is {job.state}: only one that is paused can go on")
+        if self._ownership.speed_override.fraction == 0.0:
             raise ConflictError(
-                f"job {number} stands because the speed override is 0: POST /robot/speed_override"
+                f"job {job.id} stands because the speed override is 0: POST /robot/speed_override"
             )
-        await override.resume()
-        return job.record()
 
     def _going(self, number: str) -> Job:
         job = self.book.live(number)

@@ -135,6 +135,7 @@ class Job:
     _started_at: datetime | None = None
     _path_time_s: float = 0.0
     _waypoints: tuple[int, int] | None = None
+    _held: bool = False
     _error: JobError | None = None
 
     def __post_init__(self) -> None:
@@ -147,7 +148,7 @@ class Job:
             return self.end_record.state
         if self._override is None:
             return JobState.QUEUED
-        if self._override.paused:
+        if self._override.paused or self._held:
             return JobState.PAUSED
         return JobState.PLANNING if self._started_at is None else JobState.RUNNING
 
@@ -165,6 +166,11 @@ class Job:
     def at_waypoint(self, done: int, of: int) -> None:
         """A sequence has so many waypoints behind it."""
         self._waypoints = done, of
+
+    def hold(self, held: bool) -> None:
+        """A sequence waits at a waypoint, or does no longer."""
+        self._held = held
+        self.changed(self)
 
     def fail(self, error: BaseException) -> None:
         """Note why it does not arrive; the first cause counts."""

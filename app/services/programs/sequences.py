@@ -18,6 +18,7 @@ from typing import IO
 from app.services.jobs.job import JobKind
 from app.services.motion.ownership import Ownership
 from app.services.programs.paths import below
+from app.services.programs.steps import Steps
 from app.services.state.link import RobotLink
 from cobot.access.authentication import Authenticator
 from cobot.access.roles import acting
@@ -50,6 +51,7 @@ class SequenceOrder:
         joints_action, pose_action: taken for compatibility and written to the log; a REST service has
             no actions to choose from.
         name: of the uploaded file, for messages; what is named *.lua is a Lua program.
+        from_waypoint: where the first iteration begins; None for its beginning, home included.
     """
 
     config: bytes
@@ -60,6 +62,7 @@ class SequenceOrder:
     joints_action: str = ""
     pose_action: str = ""
     name: str = ""
+    from_waypoint: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +102,7 @@ class SequenceService:
         self._tokens = tokens
         self._lines: deque[str] = deque(maxlen=settings.log_lines)
         self._starting = False
+        self._steps: Steps | None = None
         self._stopped = ""  # why the runner was told to end
         self._process: asyncio.subprocess.Process | None = None
         self._watcher: asyncio.Task[None] | None = None
@@ -124,16 +128,19 @@ class SequenceService:
             raise ConflictError(
                 f"sequence {self.status.sequence_id} (pid {self.status.pid}) is running; POST /stop ends it"
             )
+        program = order.name.endswith(".lua")
+        if program and order.from_waypoint is not None:
+            raise InputError(f"from_waypoint: {order.name} is a program, which has no waypoints")
         bag = self._recording(order.bag_path)
         number = (self.status.sequence_id or 0) + 1
         token = secrets.token_urlsafe(32)
-        kind = JobKind.PROGRAM if order.name.endswith(".lua") else JobKind.SEQUENCE
+        kind = JobKind.PROGRAM if program else JobKind.SEQUENCE
         self._ownership.claim_for_sequence(f"sequence {number}", token, kind)
         starter = acting.get()  # the program may do what that one may, for as long as it runs
         self._tokens.grant(starter.name, starter.role, token)
         self._starting = True
         try:
-            process, progress = await self._spawn(order, bag, token)
+            process, progress, answers = await self._spawn(order, bag, token)
         except OSError as exc:
             error = UnavailableError(f"the sequence runner cannot be started: {exc}")
             self._release(token, error)
@@ -144,6 +151,7 @@ class SequenceService:
         finally:
             self._starting = False
         self._process, self._stopped = process, ""
+        self._steps = Steps(answers, order.from_waypoint, self._held)
         self.status = SequenceStatus(
             status="running",
             sequence_id=number,
@@ -196,8 +204,8 @@ class SequenceService:
 
     async def _spawn(
         self, order: SequenceOrder, bag: Path | None, token: str
-    ) -> tuple[asyncio.subprocess.Process, asyncio.StreamReader]:
-        """The runner, and the pipe on which it reports its progress."""
+    ) -> tuple[asyncio.subprocess.Process, asyncio.StreamReader, int]:
+        """The runner, the pipe on which it reports its progress, and that on which it is answered."""
         arguments = ["run", "-", "--url", self._base_url]
         if order.name:
             arguments.append(f"--name={_printable(order.name)}")
@@ -212,6 +220,7 @@ class SequenceService:
             arguments += ["--bag", str(bag), "--topics", order.topics]
         config = await asyncio.to_thread(_unnamed_file, order.config)
         read_end, write_end = os.pipe()
+        answers_end, answering_end = os.pipe()
         try:
             process = await asyncio.create_subprocess_exec(
                 *RUN_MODULE,
@@ -219,25 +228,29 @@ class SequenceService:
                 *arguments,
                 "--progress-fd",
                 str(write_end),
+                "--answers-fd",
+                str(answers_end),
                 stdin=config,
                 stdout=asyncio.subprocess.PIPE,
                 stderr=asyncio.subprocess.STDOUT,
                 env={**os.environ, "COBOT_MOTION_TOKEN": token, "COBOT_TOKEN": token},
-                pass_fds=(write_end,),
+                pass_fds=(write_end, answers_end),
                 start_new_session=True,
                 limit=LINE_BYTES,
             )
         except BaseException:
             os.close(read_end)
+            os.close(answering_end)
             raise
         finally:
             os.close(write_end)
+            os.close(answers_end)
             config.close()
         progress = asyncio.StreamReader(limit=LINE_BYTES)
         await asyncio.get_running_loop().connect_read_pipe(
             lambda: asyncio.StreamReaderProtocol(progress), os.fdopen(read_end, "rb")
         )
-        return process, progress
+        return process, progress, answering_end
 
     async def _watch(
         self, process: asyncio.subprocess.Process, progress: asyncio.StreamReader, number: int, token: str
@@ -258,6 +271,9 @@ class SequenceService:
         self.status = replace(
             self.status, status="finished", returncode=returncode, finished_at=datetime.now(UTC)
         )
+        if self._steps is not None:
+            self._steps.close()
+            self._steps = None
         self._release(token, self._error(returncode))
         self._note(f"sequence {number} finished, return code {returncode}")
 
@@ -292,6 +308,24 @@ class SequenceService:
                     n_waypoints=event["n_waypoints"],
                 )
                 self._count(event["iteration"], event["waypoint"], event["n_waypoints"])
+                if event["asking"] and self._steps is not None:
+                    self._steps.asked(event["behind"], event["n_waypoints"])
+
+    @property
+    def steps(self) -> Steps:
+        """What the runner is told at its waypoints.
+
+        Raises:
+            ConflictError: none runs.
+        """
+        if self._steps is None:
+            raise ConflictError("no sequence is running")
+        return self._steps
+
+    def _held(self, held: bool) -> None:
+        job = self._ownership.sequence_job
+        if job is not None:
+            job.hold(held)
 
     def _count(self, iteration: int, waypoint: int, n_waypoints: int) -> None:
         """How far the sequence is: it goes to this waypoint."""
