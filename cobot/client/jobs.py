@@ -58,16 +58,25 @@ class JobHandle:
         """End it: the arm comes to rest on its path."""
         return self._tell("cancel")
 
-    def pause(self) -> Json:
-        """Bring the arm to rest on its path; the job waits there."""
-        return self._tell("pause")
+    def pause(self, at_waypoint: int | None = None) -> Json:
+        """Bring the arm to rest on its path; the job waits there.
 
-    def resume(self) -> Json:
-        """Go on."""
-        return self._tell("resume")
+        Args:
+            at_waypoint: have a sequence wait there instead, once it has reached it; 0: at the next one.
+        """
+        return self._tell("pause", **{} if at_waypoint is None else {"at_waypoint": at_waypoint})
 
-    def _tell(self, what: str) -> Json:
-        return self._connection._json("POST", f"/jobs/{self.id}/{what}", timeout=15.0)
+    def step(self) -> Json:
+        """Go on with a sequence or program that is paused, to its next stop."""
+        return self._tell("step")
+
+    def resume(self, waypoint: int | None = None) -> Json:
+        """Go on; a sequence that waits at a waypoint from any other one, if it is given."""
+        return self._tell("resume", **{} if waypoint is None else {"waypoint": waypoint})
+
+    def _tell(self, what: str, **query: int) -> Json:
+        path = f"/jobs/{self.id}/{what}"
+        return self._connection._json("POST", path, params=query, timeout=15.0)
 
     def __repr__(self) -> str:
         return f"JobHandle({self.id!r})"

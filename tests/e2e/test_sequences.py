@@ -31,10 +31,10 @@ SHORT = {
 LONG = {"waypoints": [{"joints": [1.5, 0, 0, -1.57, 0, 1.57, 0], "speed": 0.01}] * 50}
 
 
-def start(http: httpx.Client, content: Any, **fields: Any) -> httpx.Response:
+def start(http: httpx.Client, content: Any, path: str = "/sequences/start", **fields: Any) -> httpx.Response:
     raw = content if isinstance(content, bytes) else json.dumps(content).encode()
     data = {"n_iterations": 1, "delay_between_iterations": 0, **fields}
-    return http.post("/sequences/start", files={"config": ("s.json", raw, "application/json")}, data=data)
+    return http.post(path, files={"config": ("s.json", raw, "application/json")}, data=data)
 
 
 def status(http: httpx.Client) -> dict[str, Any]:
@@ -237,8 +237,8 @@ def test_bad_form_fields_are_named(http: httpx.Client, fields: dict[str, Any], w
 
 def test_a_sequence_waits_at_waypoints_steps_and_goes_on_from_any_of_them(http: httpx.Client) -> None:
     points = [{"joints": [0.1 * n, *HOME[1:]], "speed": 1.0} for n in range(1, 6)]
-    assert start(http, {"waypoints": points}, from_waypoint=2).status_code == 200
-    job = next(each for each in http.get("/jobs").json()["jobs"] if each["kind"] == "sequence")
+    job = start(http, {"waypoints": points}, "/sequences/start?wait=false", from_waypoint=2).json()
+    assert job["kind"] == "sequence"
 
     def tell(what: str, **query: int) -> dict[str, Any]:
         return http.post(f"/jobs/{job['id']}/{what}", params=query).raise_for_status().json()
@@ -267,8 +267,7 @@ def test_a_sequence_waits_at_waypoints_steps_and_goes_on_from_any_of_them(http: 
 
 
 def test_a_held_sequence_ends_with_a_stop(http: httpx.Client) -> None:
-    start(http, SHORT)
-    job = next(each for each in http.get("/jobs").json()["jobs"] if each["kind"] == "sequence")
+    job = start(http, SHORT, "/sequences/start?wait=false").json()
     http.post(f"/jobs/{job['id']}/pause", params={"at_waypoint": 0}).raise_for_status()
     until(lambda: http.get(f"/jobs/{job['id']}").json()["state"] == "paused")
     assert http.post("/stop").json()["success"]

@@ -101,3 +101,20 @@ def test_an_interrupted_job_is_an_error_of_its_execution() -> None:
         pytest.raises(ExecutionError, match="gone"),
     ):
         robot.job("7").wait()
+
+
+def test_waypoints_are_named_in_the_query() -> None:
+    asked: list[str] = []
+
+    def answer(request: httpx.Request) -> httpx.Response:
+        asked.append(request.url.raw_path.decode())
+        return httpx.Response(200, json={"state": "paused"})
+
+    with Client("http://robot.test", transport=httpx.MockTransport(answer)) as robot:
+        handle = robot.job("7")
+        for tell in (handle.pause, handle.step, handle.resume):
+            tell()
+        handle.pause(at_waypoint=0)
+        handle.resume(waypoint=3)
+    words = ["pause", "step", "resume", "pause?at_waypoint=0", "resume?waypoint=3"]
+    assert asked == [f"/jobs/7/{word}" for word in words]
