@@ -30,7 +30,7 @@ class Steps:
         self._first = first
         self._changed = changed
         self._hold_at: int | None = None
-        self._n_waypoints = 0
+        self._n_waypoints: int | None = None  # until it has asked
         self.held = False
 
     def asked(self, behind: int, n_waypoints: int) -> None:
@@ -54,10 +54,9 @@ class Steps:
         Raises:
             InputError: there is no such waypoint.
         """
-        if self._n_waypoints:  # it may not have asked yet
-            self._require(waypoint, NEXT)
-        elif waypoint != NEXT:
+        if self._n_waypoints == 0 and waypoint != NEXT:
             raise InputError("at_waypoint: a program has no waypoints; 0 is before its next motion")
+        self._require(waypoint, NEXT)
         if not self.held:
             self._hold_at = waypoint
 
@@ -88,7 +87,7 @@ class Steps:
         self._descriptor = -1
 
     def _require(self, waypoint: int, least: int) -> None:
-        if not least <= waypoint <= self._n_waypoints:
+        if self._n_waypoints is not None and not least <= waypoint <= self._n_waypoints:
             raise InputError(f"waypoint: there are {self._n_waypoints}, from 1 on; got {waypoint}")
 
     def _answer(self, waypoint: int | None) -> None:
