@@ -35,6 +35,8 @@ MANUAL = {
     ("post", "/robot/plan/path"),
     ("post", "/robot/plan/sequence"),
     ("post", "/robot/execute"),
+    ("get", "/robot/plans"),
+    ("post", "/robot/approve"),
     ("post", "/trajectory/send"),
     ("post", "/trajectory/send_csv"),
     ("get", "/trajectory/logs"),

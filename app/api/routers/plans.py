@@ -7,12 +7,15 @@ from typing import Any
 
 from fastapi import APIRouter, Depends, Request, Response
 
+from app.api.access import identity_of
 from app.api.dependencies import Call, CobotRoute, Gone, json_body
 from app.api.errors import responses, tell
 from app.api.explanations import explained
 from app.api.job_schemas import ACCEPTED, Wait
 from app.api.plan_schemas import (
+    Approve,
     Execute,
+    KeptPlan,
     PlanAnswer,
     PlanDistance,
     PlanJoints,
@@ -25,6 +28,7 @@ from app.api.plan_schemas import (
 )
 from app.api.routers.robot import goal_of, moved
 from app.api.schemas import AnyMotion, MoveAnswer
+from app.robot_services import Services
 from app.services.jobs.job import JobKind
 from app.services.motion.plans import Plan, PlanOptions
 from cobot.errors import CobotError
@@ -79,6 +83,35 @@ async def execute(body: Execute, request: Request, gone: Gone, wait: Wait = True
     call = Call(request)
     caller = call.caller(gone, JobKind.EXECUTE, body.plan_id, wait=wait)
     return await moved(call, caller, call.services.plans.execute(body.plan_id, caller))
+
+
+@router.get("/plans", responses=responses(503))
+async def kept_plans(request: Request) -> list[KeptPlan]:
+    """The plans that can be run, the oldest first, and who has approved them for an agent."""
+    services = Call(request).services
+    return [_kept(plan, services) for plan in services.plans.kept()]
+
+
+@router.post("/approve", responses=responses(404, 413, 415, 422, 503), dependencies=[Depends(json_body)])
+async def approve(body: Approve, request: Request) -> KeptPlan:
+    """Let an agent run a plan, once, or take that back: look at the plan first."""
+    services = Call(request).services
+    approvals = services.approvals
+    if body.approved:
+        return _kept(approvals.approve(body.plan_id, identity_of(request).name), services)
+    return _kept(approvals.withdraw(body.plan_id), services)
+
+
+def _kept(plan: Plan, services: Services) -> KeptPlan:
+    trajectory = plan.forecast.trajectory
+    return KeptPlan(
+        plan_id=plan.plan_id,
+        by=plan.by,
+        planners=sorted(plan.planners),
+        duration_s=0.0 if trajectory is None else trajectory.duration_s,
+        expires_in_s=services.plans.expires_in_s(plan),
+        approved_by=services.approvals.approved_by(plan.plan_id),
+    )
 
 
 async def _planned(
