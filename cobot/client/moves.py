@@ -30,7 +30,7 @@ class Moves(Jobs):
         """Go to a named position; returns on arrival, raises when it is not reached.
 
         Args:
-            how: `planner`, `algorithm` and `synchronization`, as in POST /robot/move/named.
+            how: `planner`, `algorithm`, `synchronization` and `constraints`, as in POST /robot/move/named.
         """
         return self._move("named", {"name": name, "speed": speed, "accel_scale": accel_scale, **how}, wait)
 
@@ -58,7 +58,8 @@ class Moves(Jobs):
         """Go to joint angles in rad; returns on arrival, raises when it is not reached.
 
         Args:
-            how: `planner`, `algorithm` and `synchronization`, as in POST /robot/move/joints.
+            how: `planner`, `algorithm`, `synchronization` and `constraints`, as in POST
+                /robot/move/joints.
         """
         body = {"joints": list(joints), "speed": speed, "accel_scale": accel_scale, **how}
         return self._move("joints", body, wait)
@@ -154,8 +155,8 @@ class Moves(Jobs):
         """Turn the TCP by `angle`, rad, about the axis through `centre`, m; returns on arrival.
 
         Args:
-            more: `rise`, `turn_tool`, `frame_id`, `speed`, `accel_scale`, `speed_m_s`, `speed_rad_s`, as in
-                POST /robot/move/arc.
+            more: `rise`, `turn_tool`, `frame_id`, `speed`, `accel_scale`, `speed_m_s`, `speed_rad_s`,
+                `constraints`, as in POST /robot/move/arc.
         """
         return self._move("arc", {"centre": dict(centre), "axis": dict(axis), "angle": angle, **more}, wait)
 
@@ -173,7 +174,7 @@ class Moves(Jobs):
         """Several motions as one; returns on arrival.
 
         Args:
-            motions: bodies of POST /robot/move/named, joints and pose.
+            motions: bodies of POST /robot/move/named, joints, pose and arc.
             radii: for each but the last, m: so far from its end the TCP may leave its path; none: it stops.
         """
         return self._move(

@@ -55,7 +55,7 @@ class Client(Moves):
         """Plan without moving: `plan_id`, `duration_s`, path, utilisation of the limits, distances, torques.
 
         Args:
-            what: "named", "joints" or "pose".
+            what: "named", "joints", "pose", "arc", "path" or "sequence".
             request: the body of POST /robot/plan/{what}: that of the motion, `start` and `samples`.
         """
         return self._json("POST", f"/robot/plan/{what}", json=request, timeout=self._motion_timeout_s)
