@@ -56,7 +56,7 @@ async def move_joint(
         a: rad/s², of the fastest joint; a joint with a lower limit keeps that.
         v: rad/s, of the fastest joint; a joint with a lower limit keeps that.
         blend_radius: m, how far from q the TCP may be while the arm goes on into the next move, if that
-            comes within 0.25 s; 0 stops at q.
+            comes half a second before the arm would slow down for q; 0 stops at q.
         duration: s, up to a day; above 0 it takes exactly so long, and a and v do not count.
     """
     limits = robot.settings.envelope.limits

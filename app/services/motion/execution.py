@@ -21,6 +21,7 @@ from cobot import logs
 from cobot.config import PlanningSection
 from cobot.errors import (
     CobotError,
+    CollisionError,
     ConflictError,
     ExecutionError,
     InputError,
@@ -458,8 +459,7 @@ class MotionService:
         if claim.speed_override.paused:
             await claim.unless_interrupted(claim.speed_override.opened.wait())
         if claim.since_s <= self.scene_changed_s:  # it may have been planned before
-            checker = await asyncio.to_thread(self._robot.collision.among, self._robot.collision.scene)
-            await asyncio.to_thread(checker.check_trajectory, trajectory)
+            await self._require_free(trajectory)
         claim.proceed()
         tool = self._robot.model.carried.version  # it cannot change while somebody has a claim
         claim.motion_id = await self._link.start(trajectory, claim.stops, tool, fence)
@@ -467,6 +467,32 @@ class MotionService:
         if claim.job is not None:
             claim.job.started(claim.motion_id, trajectory)
         await claim.speed_override.begun()
+
+    async def replace(self, claim: Claim, trajectory: Trajectory, offset_s: float, planned_s: float) -> None:
+        """Have the motion under way go on with another trajectory, see `RobotLink.replace`.
+
+        Args:
+            planned_s: when it was planned, on the link's clock.
+
+        Raises:
+            ExecutionError, UnavailableError, InputError: see `RobotLink.replace`.
+            CollisionError: the scene has changed since; the motion goes on as it was.
+        """
+        checked_s = planned_s
+        if planned_s <= self.scene_changed_s:
+            checked_s = self._link.clock.now_s()
+            await self._require_free(trajectory)
+        claim.proceed()
+        await self._link.replace(trajectory, offset_s, claim.stops, self._robot.model.carried.version)
+        if checked_s <= self.scene_changed_s:  # who has changed it may have looked at the one before
+            try:
+                await self._require_free(trajectory)
+            except CollisionError as exc:
+                claim.interrupt(MotionStopped(str(exc)))
+
+    async def _require_free(self, trajectory: Trajectory) -> None:
+        checker = await asyncio.to_thread(self._robot.collision.among, self._robot.collision.scene)
+        await asyncio.to_thread(checker.check_trajectory, trajectory)
 
     async def arrival(self, claim: Claim) -> None:
         """Wait until the motion has ended.

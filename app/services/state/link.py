@@ -76,6 +76,7 @@ class RobotLink:
         self.on_outside_stop: Callable[[], None] | None = None
         self._command_turn = asyncio.Lock()
         self._last_motion = 0
+        self._slot = 0
         self.handed_over: tuple[int, Trajectory] | None = None
         self._beaten_s: float | None = None
         self._paused_s, self._resumed_s = 0.0, float("-inf")
@@ -299,12 +300,8 @@ class RobotLink:
             # The state may be of the cycle before the last acknowledgement.
             self._last_motion = max(self._last_motion, self.state().motion_id) + 1
             motion_id, number = self._last_motion, self._last_motion % SLOTS
-            self.handed_over = motion_id, trajectory
-            slot = self.memory.slots[number]
-            if trajectory.segments > IN_THREAD_SEGMENTS:
-                await asyncio.to_thread(slot.write, motion_id, trajectory, fence)
-            else:
-                slot.write(motion_id, trajectory, fence)
+            self._slot, self.handed_over = number, (motion_id, trajectory)
+            await self._write(number, motion_id, trajectory, fence)
             try:
                 self.require_awake()
                 await self._send(
@@ -319,6 +316,42 @@ class RobotLink:
                 self.handed_over = None
                 raise
         return motion_id
+
+    async def replace(self, trajectory: Trajectory, offset_s: float, stops: int, tool: int = 0) -> None:
+        """Have the motion under way go on with another trajectory, as the same motion, within the same fence.
+
+        Args:
+            trajectory: the same as the one under way up to where the arm is when rtloop has read it.
+            offset_s: the path time of the one under way at which it begins.
+            stops, tool: see `start`.
+
+        Raises:
+            ExecutionError: rtloop refuses it, with its reason; the motion goes on as it was.
+            UnavailableError, InputError: see `start`.
+        """
+        async with self._command_turn:
+            number = (self._slot + 1) % SLOTS
+            await self._write(number, self._last_motion, trajectory)
+            self.require_awake()
+            await self._send(
+                Command.REPLACE,
+                slot=number,
+                motion_id=self._last_motion,
+                stops=stops,
+                value=offset_s,
+                tool=tool,
+                timeout_s=ACKNOWLEDGE_S + loading_s(trajectory.segments, self.memory.period_s),
+            )
+            self._slot, self.handed_over = number, (self._last_motion, trajectory)
+
+    async def _write(
+        self, number: int, motion_id: int, trajectory: Trajectory, fence: Fence | None = None
+    ) -> None:
+        slot = self.memory.slots[number]
+        if trajectory.segments > IN_THREAD_SEGMENTS:
+            await asyncio.to_thread(slot.write, motion_id, trajectory, fence)
+        else:
+            slot.write(motion_id, trajectory, fence)
 
     async def set_rate(self, rate: float) -> None:
         """Go over to another path time per clock time, 0 (pause) to 1, of the motion that runs.
