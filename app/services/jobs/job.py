@@ -163,6 +163,10 @@ class Job:
         self._started_at = self._started_at or self._now()
         self.changed(self)
 
+    def prolonged(self, trajectory: Trajectory) -> None:
+        """Its motion goes on along this one."""
+        self._trajectory, self._path_time_s = trajectory, 0.0
+
     def at_waypoint(self, done: int, of: int) -> None:
         """A sequence has so many waypoints behind it."""
         self._waypoints = done, of

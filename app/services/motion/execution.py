@@ -484,6 +484,8 @@ class MotionService:
             await self._require_free(trajectory)
         claim.proceed()
         await self._link.replace(trajectory, offset_s, claim.stops, self._robot.model.carried.version)
+        if claim.job is not None:
+            claim.job.prolonged(trajectory)
         if checked_s <= self.scene_changed_s:  # who has changed it may have looked at the one before
             try:
                 await self._require_free(trajectory)
