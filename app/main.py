@@ -31,6 +31,7 @@ from app.api.routers import (
     control,
     events,
     geometry,
+    jobs,
     operations,
     plans,
     scene,
@@ -140,6 +141,8 @@ def create_app(
                 each.link.watch_for_pauses()
             shared.events.publish("service", what="started", version=version("cobot"), robots=list(robots))
             yield
+            for each in app.state.robots.values():
+                each.jobs.book.ending = True
             stops = [
                 each.stopping.stop(3.0, "stopped by the end of the service")
                 for each in app.state.robots.values()
@@ -194,6 +197,7 @@ def create_app(
         geometry.router,
         control.router,
         trajectory.router,
+        jobs.router,
         sequences.router,
         events.router,
         common.router,

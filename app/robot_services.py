@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from app.actions.fjt import FollowJointTrajectory
@@ -12,6 +13,9 @@ from app.services.devices.equipment import Equipment
 from app.services.events.ring import Events
 from app.services.events.states import StateTexts
 from app.services.events.watch import watching
+from app.services.jobs.book import JobBook
+from app.services.jobs.control import JobService
+from app.services.jobs.job import JobRecord
 from app.services.motion.approvals import Approvals
 from app.services.motion.control import ControlService
 from app.services.motion.execution import LATEST_ANSWER_S, MotionService
@@ -92,6 +96,7 @@ class Services:
     planning: PlanningService
     settings: RobotSettings
     queue: MotionQueue
+    jobs: JobService
     servo: ServoService
     fjt: FollowJointTrajectory
     states: StateTexts
@@ -120,6 +125,7 @@ async def serving_robot(
         services.force.close()
         services.equipment.close()
         services.streams.close()
+        services.jobs.book.close()
     planning.close()
     link.close()
 
@@ -138,7 +144,9 @@ def _services(
     latest_s = slowest_s + longest_s + LATEST_ANSWER_S + MAX_PAUSE_S
     url = address(shared.base_url, robot.name) if shared.several else shared.base_url
     tolerance_rad, smoothing_rad = settings.planning.start_tolerance_rad, settings.planning.smoothing_rad
-    ownership = Ownership(link)
+    jobs = JobBook(link, settings.jobs_file)
+    jobs.on_change = partial(_tell_job, link)
+    ownership = Ownership(link, jobs)
     motion = MotionService(robot, link, ownership, planning, settings.planning)
     sequences = SequenceService(ownership, link, settings.sequences, url, latest_s, shared.tokens)
     streams = StreamService(link, ownership, motion, settings.streaming.command_timeout_s)
@@ -176,9 +184,24 @@ def _services(
         planning=planning,
         settings=tool_and_limits,
         queue=MotionQueue(link, ownership, motion, planning, tool_and_limits),
+        jobs=JobService(jobs, ownership, stopping, sequences),
         servo=servo,
         fjt=FollowJointTrajectory(
             robot, link, ownership, motion, servo, settings.ros, tolerance_rad, smoothing_rad
         ),
         states=StateTexts(shared.events, link, robot.limits),
+    )
+
+
+def _tell_job(link: RobotLink, record: JobRecord) -> None:
+    """Have an event say that a job has changed its state."""
+    link.events.publish(
+        "job",
+        job=record.id,
+        kind=record.kind.value,
+        state=record.state.value,
+        owner=record.owner,
+        parent=record.parent,
+        motion=record.motion_id,
+        error=None if record.error is None else record.error.detail,
     )

@@ -73,6 +73,14 @@ ENDPOINTS = (
     "GET /sequences/logs",
     "GET /events",
     "WS /events",
+    "GET /jobs",
+    "GET /jobs/{job}",
+    "POST /jobs/{job}/cancel",
+    "POST /jobs/{job}/pause",
+    "POST /jobs/{job}/resume",
+    "POST /jobs/{job}/step",
+    "GET /robot/speed_override",
+    "POST /robot/speed_override",
     "POST /stop",
     "GET /health",
     "GET /health/live",
@@ -365,6 +373,11 @@ class Settings(Section):
     @property
     def audit_file(self) -> Path:
         return self.logs / f"{self.robot.name}.audit.jsonl"
+
+    @property
+    def jobs_file(self) -> Path:
+        """What became of motions; the service writes it."""
+        return (self.kept or self.logs) / f"{self.robot.name}.jobs.jsonl"
 
     @property
     def scene_file(self) -> Path:

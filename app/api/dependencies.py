@@ -21,6 +21,7 @@ from starlette.requests import HTTPConnection
 from app.api.clients import MOTION_TOKEN
 from app.api.errors import status_of
 from app.robot_services import Services
+from app.services.jobs.job import JobKind
 from app.services.motion.ownership import Caller
 from cobot.config import Endpoint
 from cobot.errors import CobotError, InputError, MediaTypeError, NotFoundError
@@ -95,10 +96,17 @@ class Call:
         """Of the sequence on whose behalf the arm shall move, if any."""
         return self.request.headers.get(MOTION_TOKEN)
 
-    def caller(self, gone: asyncio.Event) -> Caller:
-        """Who asks, for a motion."""
+    def caller(self, gone: asyncio.Event, kind: JobKind, about: str, *, wait: bool) -> Caller:
+        """Who asks, for a motion.
+
+        Args:
+            gone: see `Gone`; who does not wait may go.
+            about: what is asked for, for people.
+        """
         name = self.name.replace("{robot}", self.request.path_params.get("robot", ""))
-        return Caller(name, self.token, self.stops, self.timeout_s, gone)
+        job = self.services.ownership.new_job(kind, f"{self.request.scope['path']} {about}")
+        leaving = gone if wait else asyncio.Event()
+        return Caller(name, self.token, self.stops, self.timeout_s, leaving, job, waits=wait)
 
 
 async def gone(request: Request) -> AsyncIterator[asyncio.Event]:

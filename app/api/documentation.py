@@ -33,6 +33,7 @@ TAGS = [
     {"name": "trajectory", "description": "Timed joint trajectories."},
     {"name": "sequences", "description": "Sequences of motions, and Lua programs."},
     {"name": "events", "description": "What happens, as it happens."},
+    {"name": "jobs", "description": "Motions as jobs: followed, cancelled, paused; and how fast they go."},
     {"name": "common", "description": "Stop, and health."},
     {"name": "robots", "description": "The same for any of several robots, by its name."},
 ]

@@ -168,7 +168,7 @@ def get_speed_fraction(robot: Services) -> float:
     """How fast motions go along their paths.
 
     Returns:
-        A share of their planned speed, from 0.01 to 1.
+        A share of their planned speed: 0, or from 0.01 to 1.
     """
     return robot.ownership.speed_fraction
 
@@ -181,7 +181,7 @@ async def set_speed_fraction(robot: Services, fraction: float) -> None:
     program or the holder of a control lease has set ends with the program or the lease.
 
     Args:
-        fraction: of the planned speed, from 0.01 to 1.
+        fraction: of the planned speed: 0, where the arm waits, or from 0.01 to 1.
     """
     await robot.ownership.set_speed_fraction(fraction)
 

@@ -54,6 +54,7 @@ OPERATIONS = {
     ("get", "/metrics"),
     ("post", "/admin/reload"),
 }
+JOBS = {("get", "/jobs"), ("get", "/robot/speed_override"), ("post", "/robot/speed_override")}
 SCENE = {(method, path) for path in ("/scene", "/robot/tool") for method in ("get", "post")}
 
 
@@ -78,7 +79,7 @@ def test_every_endpoint_of_the_manual_is_in_the_schema(http: httpx.Client) -> No
     served = {(method, path) for path, methods in paths.items() if "{" not in path for method in methods}
     more = {("get", "/health"), ("get", "/robots"), ("get", "/events"), ("get", "/robot/geometry")}
     more.add(("post", "/robot/reset"))
-    assert served == MANUAL | more | CONTROL | OPERATIONS | SCENE
+    assert served == MANUAL | more | CONTROL | OPERATIONS | SCENE | JOBS
 
 
 def test_the_documentation_needs_no_internet(http: httpx.Client) -> None:
@@ -466,7 +467,7 @@ def test_every_example_of_the_schema_works_unedited(http: httpx.Client) -> None:
                 until(lambda: motion(http)["mode"] == "HOLD")
                 tried += 1
     http.post("/robot/tool", json={"clear": True}).raise_for_status()
-    assert tried == 2 * 17, "of the default robot, and of a robot by name"
+    assert tried == 2 * 18, "of the default robot, and of a robot by name"
 
 
 def test_a_second_motion_is_refused_with_the_name_of_the_first(http: httpx.Client) -> None:

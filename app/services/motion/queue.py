@@ -17,6 +17,7 @@ from collections.abc import Callable
 from functools import partial
 from itertools import islice
 
+from app.services.jobs.job import JobKind
 from app.services.motion.execution import MotionService
 from app.services.motion.ownership import Caller, Claim, Ownership
 from app.services.motion.planning import PlanningService
@@ -146,7 +147,8 @@ class MotionQueue:
                 assert self._end is not None
                 return await self._accept(self._claim, name, make, self._end, radius_m)
             with contextlib.ExitStack() as stack:
-                caller = Caller(NAME, token, stops, math.inf, asyncio.Event())
+                job = self._ownership.new_job(JobKind.QUEUE, name)
+                caller = Caller(NAME, token, stops, math.inf, asyncio.Event(), job)
                 claim = stack.enter_context(self._ownership.claim(caller))
                 state = await self._motion.ready()
                 number = await self._accept(claim, name, make, state.commanded_position, radius_m)
@@ -186,6 +188,7 @@ class MotionQueue:
         except CobotError as exc:
             self.last_error = str(exc)
             log.warning("%sthe motion queue is emptied: %s", self._link.label, exc)
+            claim.fail(exc)
             claim.interrupt(exc if isinstance(exc, ExecutionError) else ExecutionError(str(exc)))
             async with self._turn:  # a move that is being planned is refused by now
                 self._waiting.clear()

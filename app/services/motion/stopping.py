@@ -85,7 +85,9 @@ class StopService:
         claim = self._ownership.stop(reason)
         motion = str(claim) if claim else None
         problems: list[str] = []
-        sequence, state = await asyncio.gather(self._sequences.stop(), self._rest(timeout_s - 0.5, problems))
+        sequence, state = await asyncio.gather(
+            self._sequences.stop(reason), self._rest(timeout_s - 0.5, problems)
+        )
         stopped = [item for item in (sequence, motion or orphan) if item]
         at_rest = state is not None and _idle(state) and state.settled
         if at_rest and claim is not None:  # who has stopped the arm may want to move it next
