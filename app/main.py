@@ -27,7 +27,7 @@ from app.api.clients import Clients
 from app.api.origins import Origins
 from app.api.roles import guard, roles
 from app.api.routers import audit as audit_router
-from app.api.routers import common, control, operations, plans, scene, sequences, tool, trajectory
+from app.api.routers import common, control, operations, plans, recordings, scene, sequences, tool, trajectory
 from app.api.routers import robot as robot_router
 from app.api.routers import robots as robots_router
 from app.api.routers import stream as stream_router
@@ -92,6 +92,7 @@ def create_app(
         shared = SharedParts(
             config=config,
             base_url=base_url,
+            default_robot=settings.robot.name,
             endpoints=endpoints,
             clock=clock,
             planner=planner,
@@ -171,6 +172,7 @@ def create_app(
         tool.router,
         control.router,
         trajectory.router,
+        recordings.router,
         sequences.router,
         common.router,
         stream_router.router,

@@ -14,7 +14,7 @@ from cobot.addresses import DEFAULT_URL, address
 from cobot.client.tls import CERTIFICATE_VARIABLE, TOKEN_VARIABLE
 from cobot.config import SETTINGS_FILE, Settings, load_settings
 from cobot.errors import CobotError
-from cobot.launch import token
+from cobot.launch import recording_options, token
 from cobot.launch.process import RUN_MODULE, in_words, require_limits
 
 DESCRIPTION = """\
@@ -26,6 +26,7 @@ A robot arm behind a REST service.
   cobot stop     bring the arm to rest, whatever has become of the service
   cobot moveit-config   write a package with which MoveIt 2 plans for the robot, see docs/ros2.md
   cobot lua      run a Lua program at a running service, see docs/lua.md
+  cobot record   write down what the robot did or does; cobot plot draws it, cobot replay repeats it
   cobot token    make, list and revoke the tokens that a service on the network asks for
   cobot doctor   whether this computer is fit for it, and what to type where it is not
   cobot install  make it a service of systemd; cobot uninstall takes that back
@@ -52,6 +53,11 @@ def _run(chosen: argparse.Namespace) -> int:
     try:
         if chosen.command == "token":
             token.run(chosen)
+            return EXIT_OK
+        if chosen.command in recording_options.COMMANDS:
+            from cobot.launch import recordings
+
+            recordings.run(chosen)
             return EXIT_OK
         if chosen.command == "stop":
             return _stop(chosen)
@@ -132,6 +138,7 @@ def _parser() -> argparse.ArgumentParser:
         "--certificate", type=Path, metavar="FILE", help="of a service with https and no public certificate"
     )
     token.add_parser(commands, config)
+    recording_options.add_parsers(commands)
     commands.add_parser(
         "check", parents=[config], help="validate files, folders, model, limits, named positions"
     )

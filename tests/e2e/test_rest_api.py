@@ -51,6 +51,7 @@ OPERATIONS = {
     ("get", "/metrics"),
     ("post", "/admin/reload"),
 }
+RECORDINGS = {(method, "/recordings") for method in ("get", "post")}
 SCENE = {(method, path) for path in ("/scene", "/robot/tool") for method in ("get", "post")}
 
 
@@ -74,7 +75,7 @@ def test_every_endpoint_of_the_manual_is_in_the_schema(http: httpx.Client) -> No
     paths = http.get("/openapi.json").json()["paths"]
     served = {(method, path) for path, methods in paths.items() if "{" not in path for method in methods}
     more = {("get", "/health"), ("get", "/robots"), ("post", "/robot/reset")}
-    assert served == MANUAL | more | CONTROL | OPERATIONS | SCENE
+    assert served == MANUAL | more | CONTROL | OPERATIONS | SCENE | RECORDINGS
 
 
 def test_the_documentation_needs_no_internet(http: httpx.Client) -> None:
@@ -463,7 +464,7 @@ def test_every_example_of_the_schema_works_unedited(http: httpx.Client) -> None:
                 until(lambda: motion(http)["mode"] == "HOLD")
                 tried += 1
     http.post("/robot/tool", json={"clear": True}).raise_for_status()
-    assert tried == 2 * 15, "of the default robot, and of a robot by name"
+    assert tried == 2 * 16, "of the default robot, and of a robot by name"
 
 
 def test_a_second_motion_is_refused_with_the_name_of_the_first(http: httpx.Client) -> None:
