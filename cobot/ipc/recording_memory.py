@@ -63,7 +63,7 @@ class RecordingMemory:
 
     Attributes:
         dof, period_s, robot, joint_names: of the robot.
-        created_ns: CLOCK_REALTIME, when the supervisor made it.
+        created_ns: CLOCK_MONOTONIC, when the supervisor made it.
         status: the recorder's block.
         notes, fresh, history: the rings; the history is None for who has not asked for it.
     """
@@ -103,7 +103,7 @@ class RecordingMemory:
         header["magic"], header["layout"], header["dof"] = MAGIC, RECORDS_LAYOUT, dof
         header["fresh"] = FRESH_BYTES // record.itemsize
         header["history"] = history_places(dof, period_s, ring_s)
-        header["period_s"], header["created_ns"] = period_s, time.time_ns()
+        header["period_s"], header["created_ns"] = period_s, time.monotonic_ns()
         header["robot"] = robot.encode()
         header["joint_names"][:dof] = [encoded(name, 64) for name in joint_names]
         header["checksum"] = _checksum(header.tobytes())

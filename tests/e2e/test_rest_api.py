@@ -6,6 +6,7 @@ service reports after a refusal.
 
 from __future__ import annotations
 
+import io
 import socket
 import threading
 import time
@@ -14,6 +15,7 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 from running import WAIT_S, Run, until
 from scipy.spatial.transform import Rotation
 from totg import trapezoid
@@ -657,3 +659,48 @@ def test_reset_while_the_arm_moves_is_refused_and_the_motion_goes_on(http: httpx
 def test_reset_in_hold_changes_nothing(http: httpx.Client) -> None:
     assert http.post("/robot/reset").json()["success"]
     assert motion(http)["mode"] == "HOLD"
+
+
+def test_a_recording_is_made_fetched_and_removed(http: httpx.Client) -> None:
+    """Oracle: mcap's reader."""
+    until(lambda: http.get("/recordings").json()["recorder"]["alive"])
+    asked = http.post("/recordings", json={"action": "dump", "seconds": 0.5})
+    assert asked.status_code == 200, asked.text
+    (name,) = asked.json()["names"]
+    listed = next(each for each in http.get("/recordings").json()["recordings"] if each["name"] == name)
+    fetched = http.get(f"/recordings/{name}")
+    assert len(fetched.content) == listed["size"]
+    assert fetched.headers["content-disposition"] == f'attachment; filename="{name}"'
+    found = make_reader(io.BytesIO(fetched.content), validate_crcs=True).iter_messages(topics="/joint_states")
+    assert 1 <= len(list(found)) <= 500
+    assert http.delete(f"/recordings/{name}").status_code == 200
+    for gone in (http.get(f"/recordings/{name}"), http.delete(f"/recordings/{name}")):
+        assert (gone.status_code, gone.json()["code"]) == (404, "not_found")
+
+
+@pytest.mark.parametrize(
+    "name", ["x", "..%2f..%2fetc%2fpasswd", "%2e%2e", "iiwa-20260101T000000.000Z-fault.mcap%00", "a" * 201]
+)
+def test_a_name_of_no_recording_is_refused(http: httpx.Client, name: str) -> None:
+    for answer in (http.get(f"/recordings/{name}"), http.delete(f"/recordings/{name}")):
+        assert answer.status_code in (404, 422), answer.text
+        assert set(answer.json()) >= {"detail", "code"}
+
+
+@pytest.mark.parametrize(
+    ("body", "status", "words"),
+    [
+        ({"action": "pause"}, 422, ["action", "'dump'", "'pause'"]),
+        ({"seconds": 0}, 422, ["seconds", "0"]),
+        ({"seconds": 601}, 422, ["seconds", "600", "601"]),
+        ({"second": 1}, 422, ["'second'", "did you mean 'seconds'"]),
+        ({"action": "stop"}, 409, ["is not being recorded"]),
+    ],
+)
+def test_what_cannot_be_recorded_is_said(
+    http: httpx.Client, body: dict[str, Any], status: int, words: list[str]
+) -> None:
+    until(lambda: http.get("/recordings").json()["recorder"]["alive"])
+    answer = http.post("/recordings", json=body)
+    assert answer.status_code == status, answer.text
+    assert all(word in answer.json()["detail"] for word in words), answer.text

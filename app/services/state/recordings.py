@@ -98,12 +98,8 @@ class RecordingService:
             return RecorderStatus(False, 0, "", 0, 0, 0, str(exc))
         except CobotError:
             return None
-        started_s = self._memory.created_ns * 1e-9 if not record["pid"] else None
-        silent_s = (
-            time.time() - started_s
-            if started_s is not None
-            else (time.monotonic_ns() - int(record["monotonic_ns"])) * 1e-9
-        )
+        heard_ns = int(record["monotonic_ns"]) if record["pid"] else self._memory.created_ns
+        silent_s = (time.monotonic_ns() - heard_ns) * 1e-9
         problem = text(record["problem"])
         if silent_s > SILENT_S:
             problem = f"the recorder (pid {record['pid']}) has been silent for {silent_s:.0f} s"

@@ -95,9 +95,7 @@ def test_a_link_is_no_recording(tmp_path: Path) -> None:
         store.path(name(1))
 
 
-@given(
-    sizes=st.lists(st.integers(0, 400), max_size=8), needed=st.integers(0, 1200), kept=st.integers(0, 8)
-)
+@given(sizes=st.lists(st.integers(0, 400), max_size=8), needed=st.integers(0, 1200), kept=st.integers(0, 8))
 def test_room_is_made_by_removing_the_oldest_and_no_more_than_needed(
     tmp_path_factory: pytest.TempPathFactory, sizes: list[int], needed: int, kept: int
 ) -> None:
