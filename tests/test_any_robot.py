@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rig import Rig
+from running import WAIT_S
 from scipy.spatial.transform import Rotation
 from servo_bench import Bench, runner
 from totg import totg
@@ -149,7 +150,7 @@ def test_around_a_box_in_the_way(made: Made, planner: PlannerName) -> None:
     between = Judge(made.arm, made.arm.robot).tcp(0.5 * (made.ready + goal))[0]
     x, y, z = between.tolist()
     scene = Scene(1, {"box": SceneObject("box", (0.1, 0.1, 0.1), (x, y, z, 1.0, 0.0, 0.0, 0.0))})
-    request = MotionRequest(made.ready, goal, planner, FULL, seed=1, timeout_s=10.0)
+    request = MotionRequest(made.ready, goal, planner, FULL, seed=1, timeout_s=WAIT_S)
     require_planned(made, str(planner), request, scene=scene)
 
 

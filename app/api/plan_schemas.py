@@ -68,6 +68,37 @@ PLANNED = {
 }
 
 
+class KeptPlan(BaseModel):
+    """A plan that can be run, for who has to approve it."""
+
+    model_config = _example(
+        {
+            "plan_id": "2f1c9a0b7d3e4855",
+            "by": "agent-7",
+            "planners": ["lin"],
+            "duration_s": 1.1,
+            "expires_in_s": 540.0,
+            "approved_by": None,
+        }
+    )
+
+    plan_id: str
+    by: str = Field(description="Who has had it planned: the name of its token.")
+    planners: list[str]
+    duration_s: float
+    expires_in_s: float
+    approved_by: str | None = Field(description="Who lets an agent run it, once; null: nobody yet.")
+
+
+class Approve(StrictModel):
+    """Which plan an agent may run, once."""
+
+    model_config = _example({"plan_id": "2f1c9a0b7d3e4855"})
+
+    plan_id: Annotated[str, Field(min_length=1, max_length=64, description="As the plan was answered.")]
+    approved: Annotated[bool, Field(description="false takes an approval back.")] = True
+
+
 class PlanNamed(MoveNamed):
     """As for the motion, and from where."""
 

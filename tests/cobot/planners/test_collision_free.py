@@ -11,6 +11,7 @@ from typing import get_args
 import mujoco
 import numpy as np
 import pytest
+from running import WAIT_S
 
 from benchmarks import scenes
 from cobot.errors import CollisionError, PlanningError, PlanningTimeout
@@ -53,7 +54,7 @@ def home(robot: RobotDescription) -> Array:
 def planned(
     robot: RobotDescription, planner: str, start: Array, goal: Array | Pose, **fields: object
 ) -> Trajectory:
-    request = MotionRequest(start, goal, PlannerName(planner), Scaling(1.0))
+    request = MotionRequest(start, goal, PlannerName(planner), Scaling(1.0), timeout_s=WAIT_S)
     motion = plan(robot, replace(request, **fields))  # type: ignore[arg-type]
     assert motion is not None
     assert motion.start == pytest.approx(start, abs=1e-9)

@@ -135,7 +135,7 @@ def test_who_may_plan_and_execute_and_that_another_service_knows_no_plan(
         ):
             refused = asked(Role.OBSERVER, path, body)
             assert refused.status_code == 403
-            assert "operator" in refused.json()["detail"]
+            assert "it needs agent" in refused.json()["detail"]
             made = asked(Role.OPERATOR, path, body)
             assert made.status_code == 200, made.text
         plan = asked(Role.OPERATOR, "/robot/plan/joints", {"joints": THERE, "speed": 1.0}).json()
