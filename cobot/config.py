@@ -53,6 +53,7 @@ ENDPOINTS = (
     "POST /robot/plan/named",
     "POST /robot/plan/pose",
     "POST /robot/plan/joints",
+    "POST /robot/plan/arc",
     "POST /robot/plan/path",
     "POST /robot/plan/sequence",
     "POST /robot/execute",

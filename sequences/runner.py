@@ -20,7 +20,8 @@ from cobot.client import Client
 from cobot.errors import CobotError, InputError, UnavailableError
 from cobot.logs import printable
 from sequences.lua_sandbox import Limits, run_apart
-from sequences.schema import AnyTarget, JointTarget, NamedTarget, Sequence, read_file, read_sequence
+from sequences.moving import go
+from sequences.schema import AnyTarget, Sequence, read_file, read_sequence
 
 if TYPE_CHECKING:  # what only some runs need is imported by them: it takes longer than all the rest
     from sequences.recorder import Recorder
@@ -202,7 +203,7 @@ def _step(
     if recorder is not None:
         recorder.event({"event": "start", **event})
     try:
-        answer = _move(client, target) if len(chain) == 1 else _move_through(client, chain)
+        answer = go(client, chain)
     except CobotError as exc:
         if recorder is not None:
             recorder.event({"event": "failed", "reason": str(exc), **event})
@@ -211,22 +212,6 @@ def _step(
     log(f"{where}: arrived after {answer['duration_s']:.2f} s{note}")
     if recorder is not None:
         recorder.event({"event": "arrived", "motion_id": answer["motion_id"], **event})
-
-
-def _move(client: Client, target: AnyTarget) -> dict[str, object]:
-    if isinstance(target, JointTarget):
-        return client.move_joints(target.joints, speed=target.speed, accel_scale=target.accel_scale)
-    if isinstance(target, NamedTarget):
-        return client.move_named(target.named, speed=target.speed, accel_scale=target.accel_scale)
-    return client.move_pose(**target.model_dump(exclude={"label", "radius"}))
-
-
-def _move_through(client: Client, chain: list[AnyTarget]) -> dict[str, object]:
-    motions = [target.model_dump(exclude={"label", "radius"}) for target in chain]
-    for motion in motions:
-        if "named" in motion:
-            motion["name"] = motion.pop("named")
-    return client.move_sequence(motions, [target.radius for target in chain[:-1]])
 
 
 def _report(progress: int | None, place: dict[str, int]) -> None:

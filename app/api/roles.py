@@ -35,6 +35,7 @@ ROLES: dict[str, Role] = {
     "POST /robot/plan/named": Role.AGENT,  # moves nothing, but takes the computer's time
     "POST /robot/plan/pose": Role.AGENT,
     "POST /robot/plan/joints": Role.AGENT,
+    "POST /robot/plan/arc": Role.AGENT,
     "POST /robot/plan/path": Role.AGENT,
     "POST /robot/plan/sequence": Role.AGENT,
     "POST /robot/execute": Role.OPERATOR,

@@ -34,6 +34,7 @@ MANUAL = {
     ("post", "/robot/plan/named"),
     ("post", "/robot/plan/joints"),
     ("post", "/robot/plan/pose"),
+    ("post", "/robot/plan/arc"),
     ("post", "/robot/plan/path"),
     ("post", "/robot/plan/sequence"),
     ("post", "/robot/execute"),

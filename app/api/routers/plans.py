@@ -16,9 +16,11 @@ from app.api.plan_schemas import (
     Execute,
     KeptPlan,
     PlanAnswer,
+    PlanArc,
     PlanDistance,
     PlanJoints,
     PlanNamed,
+    Planning,
     PlanPath,
     PlanPoint,
     PlanPose,
@@ -26,10 +28,11 @@ from app.api.plan_schemas import (
     PlanUse,
 )
 from app.api.routers.robot import answer, goal_of
-from app.api.schemas import AnyMotion, MoveAnswer
+from app.api.schemas import MoveAnswer
 from app.robot_services import Services
 from app.services.motion.plans import Plan, PlanOptions
 from cobot.errors import CobotError
+from cobot.motions.bodies import AnyMotion
 from cobot.motions.forecast import Closest, Forecast
 
 PLAN: dict[str, Any] = {
@@ -55,6 +58,12 @@ async def plan_joints(body: PlanJoints, request: Request) -> PlanAnswer:
 @router.post("/plan/pose", **PLAN)
 async def plan_pose(body: PlanPose, request: Request) -> PlanAnswer:
     """Plan a motion of the TCP to a pose. Nothing moves."""
+    return await _planned([body], [], body, Call(request))
+
+
+@router.post("/plan/arc", **PLAN)
+async def plan_arc(body: PlanArc, request: Request) -> PlanAnswer:
+    """Plan an arc of the TCP by an angle about an axis. Nothing moves."""
     return await _planned([body], [], body, Call(request))
 
 
@@ -107,10 +116,7 @@ def _kept(plan: Plan, services: Services) -> KeptPlan:
 
 
 async def _planned(
-    motions: Sequence[AnyMotion],
-    radii: Sequence[float],
-    asked: PlanNamed | PlanJoints | PlanPose | PlanPath | PlanSequence,
-    call: Call,
+    motions: Sequence[AnyMotion], radii: Sequence[float], asked: Planning, call: Call
 ) -> PlanAnswer:
     plans = call.services.plans
     goals = [goal_of(motion, call.services, checked=False) for motion in motions]

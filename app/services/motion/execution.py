@@ -34,8 +34,6 @@ from cobot.motions.constraints import Constraints
 from cobot.motions.fence import Fence
 from cobot.motions.requests import (
     ANY_SPEED,
-    RRT_CONNECT,
-    Algorithm,
     Arc,
     Blended,
     MotionRequest,
@@ -50,7 +48,16 @@ from cobot.robot.description import RobotDescription
 from cobot.robot.frames import pose_from_abc, rotation_matrix
 from cobot.robot.limits import check_positions
 from cobot.trajectory import Trajectory
-from cobot.types import Array, LoopMode, PlannerName, Pose, Scaling, Synchronization
+from cobot.types import (
+    RRT_CONNECT,
+    Algorithm,
+    Array,
+    LoopMode,
+    PlannerName,
+    Pose,
+    Scaling,
+    Synchronization,
+)
 
 Join = Callable[[RobotDescription], Blended]
 TOOL = "tool"

@@ -15,13 +15,12 @@ from running import WAIT_S
 
 from benchmarks import scenes
 from cobot.errors import CollisionError, PlanningError, PlanningTimeout
-from cobot.motions.requests import Algorithm
 from cobot.planners import MotionRequest, plan, sampling
 from cobot.planners.escape import leave
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import inverse
 from cobot.trajectory import Trajectory
-from cobot.types import Array, PlannerName, Pose, Scaling
+from cobot.types import Algorithm, Array, PlannerName, Pose, Scaling
 
 SEED = 20261122
 IN_THE_FLOOR = np.array([0.0, 1.9, 0.0, -0.2, 0.0, 0.0, 0.0])
