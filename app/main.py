@@ -34,6 +34,7 @@ from app.api.routers import (
     jobs,
     operations,
     plans,
+    recordings,
     scene,
     sequences,
     tool,
@@ -109,6 +110,7 @@ def create_app(
         shared = SharedParts(
             config=config,
             base_url=base_url,
+            default_robot=settings.robot.name,
             endpoints=endpoints,
             clock=clock,
             planner=planner,
@@ -198,6 +200,7 @@ def create_app(
         control.router,
         trajectory.router,
         jobs.router,
+        recordings.router,
         sequences.router,
         events.router,
         common.router,

@@ -34,6 +34,7 @@ from app.services.programs.programs import ProgramService
 from app.services.programs.sequences import SequenceService
 from app.services.state.health import HealthService
 from app.services.state.link import RobotLink, loading_s
+from app.services.state.recordings import RecordingService
 from app.services.streaming.force import ForceService
 from app.services.streaming.hung_clients import watching_clients
 from app.services.streaming.servo import ServoService
@@ -62,6 +63,7 @@ class SharedParts:
 
     config: Path | None
     base_url: str
+    default_robot: str
     endpoints: dict[str, Endpoint]
     clock: Clock
     planner: Planner
@@ -88,6 +90,7 @@ class Services:
     stopping: StopService
     control: ControlService
     health: HealthService
+    recordings: RecordingService
     streams: StreamService
     equipment: Equipment
     force: ForceService
@@ -161,6 +164,7 @@ def _services(
     scene_file = SceneFile(settings.scene_file)
     scene = SceneService(robot, link, motion, planning, stopping, ownership, max_payload_kg, scene_file)
     stale_s = settings.web.stale_after_s
+    recordings = RecordingService(settings, shared.default_robot)
     plans = PlanService(robot, link.clock, motion, planning, settings.planning)
     return Services(
         robot=robot,
@@ -174,7 +178,10 @@ def _services(
         trajectories=TrajectoryService(robot.limits, ownership, motion, settings.planning, link.label),
         sequences=sequences,
         stopping=stopping,
-        health=HealthService(settings.robot.name, link, ownership, sequences, streams, planning, stale_s),
+        health=HealthService(
+            settings.robot.name, link, ownership, sequences, streams, planning, recordings, stale_s
+        ),
+        recordings=recordings,
         control=ControlService(link, ownership, stopping),
         streams=streams,
         equipment=equipment,

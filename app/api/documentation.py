@@ -31,6 +31,7 @@ TAGS = [
     {"name": "robot", "description": "State, motions, and who controls the arm."},
     {"name": "scene", "description": "What stands around the arm, what it holds, and named frames."},
     {"name": "trajectory", "description": "Timed joint trajectories."},
+    {"name": "recordings", "description": "What the robot did, as MCAP files."},
     {"name": "sequences", "description": "Sequences of motions, and Lua programs."},
     {"name": "events", "description": "What happens, as it happens."},
     {"name": "jobs", "description": "Motions as jobs: followed, cancelled, paused; and how fast they go."},

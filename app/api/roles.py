@@ -50,6 +50,10 @@ ROLES: dict[str, Role] = {
     "POST /trajectory/send": Role.OPERATOR,
     "POST /trajectory/send_csv": Role.OPERATOR,
     "GET /trajectory/logs": Role.OBSERVER,
+    "GET /recordings": Role.OBSERVER,
+    "POST /recordings": Role.OPERATOR,
+    "GET /recordings/{name}": Role.OBSERVER,
+    "DELETE /recordings/{name}": Role.PROGRAMMER,  # it may be what explains a fault
     "POST /sequences/start": Role.PROGRAMMER,
     "GET /sequences/status": Role.OBSERVER,
     "GET /sequences/logs": Role.OBSERVER,

@@ -355,6 +355,9 @@ class RobotHealth(BaseModel):
     )
     sequence: dict[str, Any] = Field(description="The newest sequence, as in /sequences/status.")
     session: dict[str, Any] | None = Field(description="The streaming session: number, client, mode.")
+    recorder: dict[str, Any] | None = Field(
+        description="What is recorded: the process, the continuous recording, lost cycles, files, problem."
+    )
 
 
 class HealthAnswer(RobotHealth):

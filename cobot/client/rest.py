@@ -13,6 +13,7 @@ import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from cobot.addresses import CONTROL_TOKEN
 from cobot.client.connection import Json
@@ -133,6 +134,27 @@ class Client(Moves, EventConnection):
     def trajectory_logs(self, n: int = 50) -> list[str]:
         """What became of trajectories, the newest line last."""
         return list(self._json("GET", "/trajectory/logs", params={"n": n})["lines"])
+
+    def recordings(self) -> Json:
+        """The `recordings` that there are, the newest first, and how the `recorder` stands."""
+        return self._json("GET", "/recordings")
+
+    def record(self, action: str = "dump", seconds: float | None = None) -> list[str]:
+        """Write the last seconds to a file ("dump"), or "start" or "stop" a continuous recording.
+
+        Returns:
+            The names of the files; of one that was started, what they will begin with.
+        """
+        body = {"action": action, "seconds": seconds}
+        return list(self._json("POST", "/recordings", json=body, timeout=self._motion_timeout_s)["names"])
+
+    def fetch_recording(self, name: str, path: str | Path) -> None:
+        """Write a recording to a file here."""
+        self._fetch(f"/recordings/{quote(name, safe='')}", Path(path))
+
+    def remove_recording(self, name: str) -> None:
+        """Remove a recording at the service for good."""
+        self._json("DELETE", f"/recordings/{quote(name, safe='')}")
 
     def start_sequence(self, path: str | Path, **options: str | float) -> Json:
         """Start a sequence file; options as in POST /sequences/start."""

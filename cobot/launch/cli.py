@@ -16,7 +16,7 @@ from cobot.client.tls import CERTIFICATE_VARIABLE, TOKEN_VARIABLE
 from cobot.commands import options
 from cobot.config import SETTINGS_FILE, Settings, load_settings
 from cobot.errors import CobotError
-from cobot.launch import token
+from cobot.launch import recording_options, token
 from cobot.launch.process import RUN_MODULE, in_words, require_limits
 
 DESCRIPTION = """\
@@ -30,6 +30,7 @@ A robot arm behind a REST service.
   cobot stop     bring the arm to rest, whatever has become of the service
   cobot moveit-config   write a package with which MoveIt 2 plans for the robot, see docs/ros2.md
   cobot lua      run a Lua program at a running service, see docs/lua.md
+  cobot record   write down what the robot did or does; cobot plot draws it, cobot replay repeats it
   cobot mcp      let an agent that speaks MCP over stdio use a running service, see docs/mcp.md
   cobot token    make, list and revoke the tokens that a service on the network asks for
   cobot doctor   whether this computer is fit for it, and what to type where it is not
@@ -62,6 +63,11 @@ def _run(chosen: argparse.Namespace) -> int:
     try:
         if chosen.command == "token":
             token.run(chosen)
+            return EXIT_OK
+        if chosen.command in recording_options.COMMANDS:
+            from cobot.launch import recordings
+
+            recordings.run(chosen)
             return EXIT_OK
         if chosen.command == "stop":
             return _stop(chosen)
@@ -148,6 +154,7 @@ def _parser() -> argparse.ArgumentParser:
         "mcp", parents=[service], help="let an agent that speaks MCP over stdio use a running service"
     )
     token.add_parser(commands, config)
+    recording_options.add_parsers(commands)
     commands.add_parser(
         "check", parents=[config], help="validate files, folders, model, limits, named positions"
     )

@@ -32,6 +32,7 @@ from cobot.client.tls import CERTIFICATE_VARIABLE
 from cobot.config import DEFAULT_SETTINGS, Settings, load_endpoints, resolve
 from cobot.errors import TornReadError, UnavailableError, exhausted
 from cobot.ipc.layout import text
+from cobot.ipc.recording_memory import RecordingMemory
 from cobot.ipc.shm import RobotMemory
 from cobot.launch.heartbeat import HeartbeatWatch
 from cobot.launch.process import RUN_MODULE, has_terminal
@@ -210,6 +211,8 @@ class Supervisor:
                 for name in memories:
                     rtloops.append(self._rtloop(name))
                     rtloops[-1].start()
+                service.append(Child("recorder", [*RUN_MODULE, "recorder", *self._config], self._log))
+                service[-1].start()
                 if listener is not None:
                     service.append(self._service(listener))
                     service[-1].start()
@@ -284,6 +287,10 @@ class Supervisor:
         memory = RobotMemory.create(name, dof, settings.rt.period_s, settings.rt.trajectory_capacity, own_url)
         stack.callback(memory.close)
         stack.callback(memory.unlink)
+        recording = RecordingMemory.create(
+            name, dof, settings.rt.period_s, settings.recording.ring_s, robot.limits.names
+        )
+        stack.callback(recording.unlink)
         return memory
 
     def _rtloop(self, robot: str) -> Child:

@@ -451,7 +451,7 @@ def test_swagger_shows_each_service_in_its_class(robot: Robot) -> None:
     )  # works unedited
     robot.done()
     plain = robot.http.get("/openapi.json").json()["tags"]
-    groups = ["robot", "scene", "trajectory", "sequences", "events", "common", "robots"]
+    groups = ["robot", "scene", "trajectory", "recordings", "sequences", "events", "jobs", "common", "robots"]
     assert [tag["name"] for tag in plain] == groups
     described = {tag["name"]: tag["description"] for tag in schema["tags"]}
     assert {path.split("/")[2] for path in schema["paths"] if path.startswith("/{robot}/")} == set(described)
