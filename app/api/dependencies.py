@@ -17,6 +17,7 @@ from fastapi import Depends, HTTPException, Request, Response
 from fastapi.routing import APIRoute, serialize_response
 from pydantic import BaseModel, ValidationError
 from starlette.requests import HTTPConnection
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from app.api.clients import MOTION_TOKEN
 from app.api.errors import status_of
@@ -193,13 +194,18 @@ def without_collection(function: Callable[..., Result], *arguments: Any) -> Resu
 class CobotRoute(APIRoute):
     """Of a request with a body: notes the count of stops before it came in, takes it apart strictly, and lets
     nobody else wait for a large one. Of a state, which is polled: answers without FastAPI's looking for what
-    the endpoint might depend on.
+    the endpoint might depend on, and might want to be told when the answer is given.
     """
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        if self.methods == {"GET"} and self._takes_request_alone():
+            self.app = _answering(self._state_handler())
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         handler = super().get_route_handler()
         if self.methods == {"GET"}:
-            return self._state_handler() if self._takes_request_alone() else handler
+            return handler
 
         async def handle(request: Request) -> Response:
             ownership = services_of(request).ownership
@@ -233,6 +239,16 @@ class CobotRoute(APIRoute):
             return Response(content, status, media_type="application/json")
 
         return handle
+
+
+def _answering(handler: Callable[[Request], Coroutine[Any, Any, Response]]) -> ASGIApp:
+    """The application of a route; what its handler raises the middleware of the whole one answers."""
+
+    async def answer(scope: Scope, receive: Receive, send: Send) -> None:
+        response = await handler(Request(scope, receive, send))
+        await response(scope, receive, send)
+
+    return answer
 
 
 def _require_type(request: Request, expected: str) -> None:
