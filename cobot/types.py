@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum, StrEnum
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -70,6 +70,25 @@ class PlannerName(StrEnum):
     CIRC = "circ"
     POLYLINE = "polyline"
     CHOMP = "chomp"
+
+
+Algorithm = Literal[
+    "RRTConnect",
+    "RRT",
+    "RRTstar",
+    "InformedRRTstar",
+    "SORRTstar",
+    "BITstar",
+    "FMT",
+    "BFMT",
+    "PRM",
+    "PRMstar",
+    "KPIECE1",
+    "BKPIECE1",
+    "LBKPIECE1",
+]
+"""Of planner ompl, by OMPL's names."""
+RRT_CONNECT: Algorithm = "RRTConnect"
 
 
 class Synchronization(StrEnum):

@@ -4,6 +4,7 @@ from rtloop.inboxes.commands cimport CommandInbox
 from rtloop.planned.path cimport Path
 from rtloop.planned.path_clock cimport PathClock
 from rtloop.publisher cimport StateScalars
+from rtloop.safety.fence cimport Watch
 from rtloop.safety.limiter cimport Safety
 from rtloop.streaming.session cimport Session
 
@@ -22,6 +23,7 @@ cdef class Controller:
     cdef readonly Session streaming
     cdef readonly Path path
     cdef readonly PathClock clock
+    cdef readonly Watch watch
     cdef readonly str reason
     cdef public unsigned long long motion_id
     cdef readonly int slot
@@ -53,6 +55,7 @@ cdef class Controller:
     cdef void _heed_stream(self) except *
     cdef void _surround(self) except *
     cdef void c_follow_path(self) noexcept nogil
+    cdef void _heed_fence(self) except *
     cdef bint c_streams(self) noexcept nogil
     cdef void c_brake(self) noexcept nogil
     cdef bint c_tracks(self, const double* position) noexcept nogil

@@ -5,7 +5,7 @@ clock, session, safety) have a module of their own. What happens in every cycle 
 real-time safe; what happens when somebody asks for something is Python.
 """
 
-from libc.math cimport fabs, sqrt
+from libc.math cimport fabs, fmin, sqrt
 from libc.string cimport memcpy, memset
 
 from cobot.arrays cimport MAX_DOF, doubles
@@ -31,6 +31,8 @@ START_TOLERANCE_RAD = 1e-3
 SETTLE_LIMIT_S = 2.0
 # A measured position that moves so many times as far in a cycle as all joints at full speed was misread.
 JUMP_FACTOR = 3.0
+# How far ahead on its path a motion's fence is looked at, s: whatever its speed, it can stop within.
+cdef double FENCE_AHEAD_S = 0.5
 
 MODES = tuple(LoopMode)
 cdef int TRAJECTORY = LoopMode.TRAJECTORY
@@ -70,6 +72,7 @@ cdef class Controller:
         self._unseen = ""  # Why the monitor does not know what stands around the arm.
         self.path = Path(rt.trajectory_capacity, limits.dof)
         self.clock = PathClock(limits, rt.period_s)
+        self.watch = Watch(model.chain)
         self._mode = LoopMode.HOLD
         self.reason = ""
         self.motion_id = 0
@@ -191,6 +194,8 @@ cdef class Controller:
             self._take_command(measured)
         if self._guide == PATH:
             self.c_follow_path()
+            if self.watch.active and self._mode == TRAJECTORY:
+                self._heed_fence()
         elif self.c_streams():
             self.streaming.c_advance(measured.c_values + 4 * self._dof, robot_time_s)
             self._heed_stream()
@@ -365,6 +370,11 @@ cdef class Controller:
         except RefusedError as exc:
             self._finish_loading(Ack.REJECTED, str(exc))
         except StopIteration:
+            try:
+                self.watch.set(self._slots[self.slot].head.data["fence"])
+            except ValueError as exc:
+                self._finish_loading(Ack.REJECTED, str(exc))
+                return
             self._finish_loading(Ack.ACCEPTED)
             self.clock.reset()
             self.motion_id, self._motion_result = self._loading_motion, MotionResult.RUNNING
@@ -486,6 +496,17 @@ cdef class Controller:
         if self.clock.path_time_s >= self.path.duration_s or (stopping and self.clock.c_at_rest()):
             self._guide = NOTHING
             memset(self._desired + self._dof, 0, 2 * self._dof * sizeof(double))
+
+    cdef void _heed_fence(self) except *:
+        """Come to rest before the path leaves the motion's fence: half a second of it is enough to do so."""
+        cdef double rows[3 * MAX_DOF]
+        cdef double place[4]
+        cdef Py_ssize_t index = self.path.index
+        cdef double ahead_s = fmin(self.clock.path_time_s + FENCE_AHEAD_S, self.path.duration_s)
+        self.path.c_evaluate(ahead_s, self.clock.rate, 0.0, rows)
+        self.path.index = index
+        if self.watch.c_beyond(rows, place) or self.watch.c_beyond(self._desired, place):
+            self.stop(self.watch.said([place[0], place[1], place[2], place[3]]))
 
     cdef bint c_tracks(self, const double* position) noexcept nogil:
         """Whether the arm is where it is commanded to be, as far as that is required in this mode."""

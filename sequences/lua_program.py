@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Set
+from functools import partial
 from typing import Any, TypeVar
 
 from lupa.lua53 import lua_type
@@ -13,10 +14,13 @@ from lupa.lua53 import lua_type
 from cobot.addresses import ROBOTS
 from cobot.client import Client
 from cobot.errors import CobotError, ExecutionError, InputError
+from cobot.motions.bodies import JointMotion, TcpMotion
 from cobot.strict import shown
 from sequences.lua_sandbox import Function, Limits, Sandbox, Watch
 from sequences.lua_values import lua, number, numbers, plain, text
+from sequences.moving import go
 from sequences.ros_bind import RosBridge
+from sequences.schema import sequence_of
 
 Result = TypeVar("Result")
 Report = Callable[[dict[str, Any]], None]
@@ -24,6 +28,8 @@ LONGEST_LINE = 10_000
 LONGEST_SLEEP_S = 1e9
 POSE = ("x", "y", "z", "c", "b", "a")
 """[x, y, z, rx, ry, rz] turn about fixed axes, x first, which is KUKA's ABC backwards."""
+TO_JOINTS, TO_POSE = JointMotion.model_fields.keys(), TcpMotion.model_fields.keys()
+"""The options of motions to joint angles, and along a path of the TCP's."""
 
 
 class Program:
@@ -79,6 +85,7 @@ class Program:
             "program_clock": lambda: time.monotonic() - self._begun_s,
             "program_from_json": self._from_json,
             "program_to_json": lambda value=None: json.dumps(plain(value, "the value")).encode(),
+            "program_move": self._move,
             "program_moveJoint": self._move_joint,
             "program_moveLine": self._move_line,
             "program_moveCircle": self._move_circle,
@@ -99,23 +106,31 @@ class Program:
         except (ValueError, RecursionError) as exc:
             raise InputError(f"from_json: not valid JSON: {exc}") from exc
 
+    def _move(self, *targets: object) -> None:
+        """The waypoints of a sequence file; those with a radius are gone through without a stop."""
+        sequence = sequence_of({"waypoints": [plain(target, "the target") for target in targets]})
+        for chain in sequence.chains():
+            motion = [target for _, target in chain]
+            self._motion(f"move to {shown(motion[-1].body())}", partial(go, self._client, motion))
+
     def _move_joint(self, joints: object = None, speed: object = None, scale: object = None) -> None:
-        angles, options = numbers(joints, "q"), _options(speed, scale)
+        angles, options = numbers(joints, "q"), _options(speed, scale, TO_JOINTS)
         self._motion(f"moveJoint to {angles}", lambda: self._client.move_joints(angles, **options))
 
     def _move_named(self, name: object = None, speed: object = None, scale: object = None) -> None:
-        position, options = text(name, "the name"), _options(speed, scale)
+        position, options = text(name, "the name"), _options(speed, scale, TO_JOINTS)
         self._motion(f"move_named to {position}", lambda: self._client.move_named(position, **options))
 
     def _move_line(self, pose: object = None, speed: object = None, scale: object = None) -> None:
-        goal, options = numbers(pose, "pose", 6), _options(speed, scale)
+        goal, options = numbers(pose, "pose", 6), _options(speed, scale, TO_POSE)
         where: dict[str, Any] = {**dict(zip(POSE, goal, strict=True)), **options}
         self._motion(f"moveLine to {goal}", lambda: self._client.move_pose(**where, planner="lin"))
 
     def _move_circle(
         self, via: object = None, pose: object = None, speed: object = None, scale: object = None
     ) -> None:
-        middle, goal, options = numbers(via, "via"), numbers(pose, "pose", 6), _options(speed, scale)
+        middle, goal = numbers(via, "via"), numbers(pose, "pose", 6)
+        options = _options(speed, scale, TO_POSE)
         if len(middle) not in (3, 6):
             raise InputError(f"via must be a table of 3 numbers, or a pose of 6, got {len(middle)}")
         where: dict[str, Any] = {**dict(zip(POSE, goal, strict=True)), **options}
@@ -181,11 +196,18 @@ class Program:
         return lua(value, self._sandbox.table)
 
 
-def _options(speed: Any, scale: Any) -> dict[str, float]:
-    """`speed` and `accel_scale`, each if it is given; or a table that holds them."""
+def _options(speed: Any, scale: Any, valid: Set[str]) -> dict[str, Any]:
+    """`speed` and `accel_scale`, each if it is given; or a table of these and what else is valid, which the
+    service looks at.
+    """
     given = {"speed": speed, "accel_scale": scale}
     if lua_type(speed) == "table":
         given = plain(speed, "the options")
-        if not isinstance(given, dict) or not given.keys() <= {"speed", "accel_scale"}:
-            raise InputError("the options are: speed, accel_scale")
-    return {name: number(value, name, 0.0, 1.0) for name, value in given.items() if value is not None}
+        if given == []:  # an empty table is both
+            given = {}
+        if not isinstance(given, dict) or not given.keys() <= valid:
+            raise InputError(f"the options are: {', '.join(valid)}")
+    for name in ("speed", "accel_scale"):
+        if given.get(name) is not None:
+            given[name] = number(given[name], name, 0.0, 1.0)
+    return {name: value for name, value in given.items() if value is not None}

@@ -48,13 +48,14 @@ class Recorder:
     "%2e%2e" means "..".
 
     Attributes:
+        topics: which are recorded.
         problem: why the robot's state cannot be read or the bag not be written, "" while all is well.
     """
 
     def __init__(self, path: Path, topics: list[str], url: str) -> None:
         self.problem = ""
         self._path = path
-        self._topics = topics
+        self.topics = topics
         self._url = url
         self._types = get_typestore(Stores.ROS2_HUMBLE)
         self._events: SimpleQueue[tuple[int, str]] = SimpleQueue()
@@ -97,8 +98,7 @@ class Recorder:
 
     def _record(self, client: Client, writer: Writer) -> None:
         connections = {
-            topic: writer.add_connection(topic, TOPICS[topic], typestore=self._types)
-            for topic in self._topics
+            topic: writer.add_connection(topic, TOPICS[topic], typestore=self._types) for topic in self.topics
         }
 
         def write(topic: str, time_ns: int, message: Any) -> None:

@@ -14,14 +14,17 @@ from enum import IntEnum
 from functools import partial
 from pathlib import Path
 from types import FrameType
+from typing import TYPE_CHECKING
 
 from cobot.client import Client
 from cobot.errors import CobotError, InputError, UnavailableError
 from cobot.logs import printable
-from sequences.lua_program import Program
 from sequences.lua_sandbox import Limits, run_apart
-from sequences.recorder import Recorder, parse_topics
-from sequences.schema import AnyTarget, JointTarget, NamedTarget, Sequence, read_file, read_sequence
+from sequences.moving import go
+from sequences.schema import AnyTarget, Sequence, read_file, read_sequence
+
+if TYPE_CHECKING:  # what only some runs need is imported by them: it takes longer than all the rest
+    from sequences.recorder import Recorder
 
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
 LONGEST_LINE = 10_000
@@ -76,11 +79,10 @@ def run(order: Run) -> int:
     try:
         source = read_file(order.file) if order.lua else b""
         sequence = None if order.lua else read_sequence(order.file)
-        topics = parse_topics(order.topics)
-        if order.bag is not None:
-            recorder = Recorder(order.bag, topics, order.url)
+        recorder = _recorder(order)
+        if recorder is not None:
             recorder.start()
-            log(f"recording {', '.join(topics)} to {order.bag}")
+            log(f"recording {', '.join(recorder.topics)} to {order.bag}")
         timeout_s, token = order.motion_timeout_s, order.motion_token
         with Client(order.url, motion_timeout_s=timeout_s, motion_token=token) as client:
             if sequence is None:
@@ -107,6 +109,20 @@ def run(order: Run) -> int:
                 log(f"the recording ended with: {recorder.problem}")
     log("done")
     return ReturnCode.DONE
+
+
+def _recorder(order: Run) -> Recorder | None:
+    """The one of the bag; None if there shall be none.
+
+    Raises:
+        InputError: there is no such topic.
+    """
+    if order.bag is None and not order.topics:
+        return None
+    from sequences.recorder import Recorder, parse_topics
+
+    topics = parse_topics(order.topics)
+    return None if order.bag is None else Recorder(order.bag, topics, order.url)
 
 
 def log(text: str) -> None:
@@ -152,6 +168,8 @@ def _iterations(order: Run) -> Iterator[int]:
 
 
 def _iterate_program(order: Run, source: bytes, client: Client, recorder: Recorder | None) -> None:
+    from sequences.lua_program import Program
+
     assert order.lua is not None
     for iteration in _iterations(order):
         place = {"iteration": iteration, "n_iterations": order.iterations, "waypoint": 0, "n_waypoints": 0}
@@ -185,7 +203,7 @@ def _step(
     if recorder is not None:
         recorder.event({"event": "start", **event})
     try:
-        answer = _move(client, target) if len(chain) == 1 else _move_through(client, chain)
+        answer = go(client, chain)
     except CobotError as exc:
         if recorder is not None:
             recorder.event({"event": "failed", "reason": str(exc), **event})
@@ -194,22 +212,6 @@ def _step(
     log(f"{where}: arrived after {answer['duration_s']:.2f} s{note}")
     if recorder is not None:
         recorder.event({"event": "arrived", "motion_id": answer["motion_id"], **event})
-
-
-def _move(client: Client, target: AnyTarget) -> dict[str, object]:
-    if isinstance(target, JointTarget):
-        return client.move_joints(target.joints, speed=target.speed, accel_scale=target.accel_scale)
-    if isinstance(target, NamedTarget):
-        return client.move_named(target.named, speed=target.speed, accel_scale=target.accel_scale)
-    return client.move_pose(**target.model_dump(exclude={"label", "radius"}))
-
-
-def _move_through(client: Client, chain: list[AnyTarget]) -> dict[str, object]:
-    motions = [target.model_dump(exclude={"label", "radius"}) for target in chain]
-    for motion in motions:
-        if "named" in motion:
-            motion["name"] = motion.pop("named")
-    return client.move_sequence(motions, [target.radius for target in chain[:-1]])
 
 
 def _report(progress: int | None, place: dict[str, int]) -> None:

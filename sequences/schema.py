@@ -5,88 +5,81 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag, ValidationError, model_validator
+from pydantic import Discriminator, Field, Tag, ValidationError, model_validator
 
 from cobot.errors import InputError
+from cobot.motions.bodies import (
+    ARC,
+    JOINT,
+    MAX_MOTIONS,
+    MOTION_TAGS,
+    NAMED,
+    POSE,
+    JointMotion,
+    MoveArc,
+    MoveJoints,
+    MovePose,
+    Radius,
+    kind_of,
+)
 from cobot.strict import StrictModel, sentences, without_repetition
 
 SCHEMA_FILE = Path(__file__).with_name("sequence.schema.json")
-TAGS = ("joint target", "named target", "pose target")
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class Target(StrictModel):
-    """What every target may say."""
+    """What every target may say beside its motion, which is a body of POST /robot/move/..."""
 
-    speed: float = Field(0.1, ge=0.01, le=1.0, description="Share of the velocity limits.")
-    accel_scale: float = Field(
-        0.0, ge=0.0, le=1.0, description="Share of the acceleration and jerk limits; 0 takes speed."
-    )
     label: str = Field("", max_length=200, description="For the log.")
-    radius: float = Field(
+    radius: Radius = Field(
         0.0,
-        ge=0.0,
-        le=1.0,
-        allow_inf_nan=False,
         description="How far from here, m, the TCP may leave its path to go on without a stop; 0: it stops.",
     )
 
-
-class JointTarget(Target):
-    """Joint angles, reached by ptp."""
-
-    joints: list[Finite] = Field(min_length=1, max_length=64, description="rad, one for each joint")
+    def body(self) -> dict[str, Any]:
+        """Its motion as it is asked for: what was given."""
+        return self.model_dump(exclude={*Target.model_fields}, exclude_unset=True)
 
 
-class NamedTarget(Target):
-    """A named position, reached by ptp."""
+class JointTarget(Target, MoveJoints):
+    """Joint angles."""
+
+
+class NamedTarget(Target, JointMotion):
+    """A named position."""
 
     named: str = Field(min_length=1, max_length=200, description="One of GET /robot/positions.")
 
-
-class Point(StrictModel):
-    """m"""
-
-    x: Finite
-    y: Finite
-    z: Finite
+    def body(self) -> dict[str, Any]:
+        body = super().body()
+        return {"name": body.pop("named"), **body}
 
 
-class PoseTarget(Target):
+class ArcTarget(Target, MoveArc):
+    """Wherever an angle about an axis leads the TCP: arcs, full circles, helices."""
+
+
+class PoseTarget(Target, MovePose):
     """A pose of the TCP."""
 
-    x: Finite = Field(description="m")
-    y: Finite = Field(description="m")
-    z: Finite = Field(description="m")
-    a: Finite = Field(description="KUKA angle A about z, rad")
-    b: Finite = Field(description="KUKA angle B about the new y, rad")
-    c: Finite = Field(description="KUKA angle C about the newest x, rad")
-    planner: Annotated[
-        Literal["ompl", "ptp", "lin", "circ", "chomp", "auto"],
-        BeforeValidator(lambda value: value.lower() if isinstance(value, str) else value),
-    ] = "ptp"
-    frame_id: str = ""
-    via: Point | None = Field(None, description="A point on the arc, for circ.")
+    through_radius: Radius = Field(
+        0.0, description="What `radius` is of a motion alone: that of the poses of `through`, of polyline."
+    )
 
-
-def _kind(value: Any) -> str:
-    """A target with joints is a joint target, one with a name a named one; everything else is a pose."""
-    keys = value if isinstance(value, dict) else vars(value) if isinstance(value, Target) else ()
-    return TAGS[0] if "joints" in keys else TAGS[1] if "named" in keys else TAGS[2]
+    def body(self) -> dict[str, Any]:
+        body = super().body()
+        return body | ({"radius": body.pop("through_radius")} if "through_radius" in body else {})
 
 
 AnyTarget = Annotated[
-    Annotated[JointTarget, Tag(TAGS[0])]
-    | Annotated[NamedTarget, Tag(TAGS[1])]
-    | Annotated[PoseTarget, Tag(TAGS[2])],
-    Discriminator(_kind),
+    Annotated[JointTarget, Tag(JOINT)]
+    | Annotated[NamedTarget, Tag(NAMED)]
+    | Annotated[ArcTarget, Tag(ARC)]
+    | Annotated[PoseTarget, Tag(POSE)],
+    Discriminator(kind_of),
 ]
-
-
-LONGEST_CHAIN = 50
-"""So many targets are planned as one motion at the most."""
 
 
 class Sequence(StrictModel):
@@ -104,11 +97,11 @@ class Sequence(StrictModel):
                 "leave it out"
             )
         for chain in self.chains():
-            if len(chain) > LONGEST_CHAIN:
+            if len(chain) > MAX_MOTIONS:
                 first, end = chain[0][0], chain[-1][0]
                 raise ValueError(
                     f"waypoints[{max(first - 1, 0)}] to [{end - 1}] are {len(chain)} without a stop, "
-                    f"possible are {LONGEST_CHAIN}; let one between them have no radius"
+                    f"possible are {MAX_MOTIONS}; let one between them have no radius"
                 )
         return self
 
@@ -150,10 +143,19 @@ def read_sequence(path: Path) -> Sequence:
         raise InputError(f"not valid JSON: {exc}") from exc
     except RecursionError as exc:
         raise InputError("not valid JSON: nested too deeply") from exc
+    return sequence_of(content)
+
+
+def sequence_of(content: Any) -> Sequence:
+    """A sequence from what a file or a program says.
+
+    Raises:
+        InputError: naming each place, what stands there and what is valid.
+    """
     try:
         return Sequence.model_validate(content)
     except ValidationError as exc:
-        raise InputError(sentences(exc.errors(), ignored=TAGS)) from exc
+        raise InputError(sentences(exc.errors(), ignored=MOTION_TAGS)) from exc
 
 
 def schema_text() -> str:

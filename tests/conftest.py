@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
+from pathlib import Path
 
 import hypothesis
 import pytest
@@ -15,6 +17,10 @@ from cobot.robot.description import RobotDescription, load_robot
 hypothesis.settings.register_profile("cobot", derandomize=True, deadline=None, database=None)
 hypothesis.settings.load_profile("cobot")
 
+# Each client of httpx reads all certificates that the computer trusts, which takes up to 50 ms. Tests ask
+# often, and trust nobody in the web: there is none in this folder.
+os.environ.pop("SSL_CERT_FILE", None)
+os.environ["SSL_CERT_DIR"] = str(Path(__file__).parent)
 
 LONG = ("test_sanitizers.py", "test_schema.py", "test_supervisor.py", "test_ros2.py")
 """What takes longest begins first, or one process would be busy with it when all others have ended."""

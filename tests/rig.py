@@ -15,6 +15,7 @@ from cobot.access.tokens import TokenFile
 from cobot.config import Settings
 from cobot.ipc.layout import RING, Ack, Command, Interpolation, Intervention, MotionResult, Stream, text
 from cobot.ipc.shm import RobotMemory
+from cobot.motions.fence import Fence
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array, LoopMode
@@ -161,10 +162,10 @@ class Rig:
             self.step()
         raise AssertionError("no answer")
 
-    def start(self, trajectory: Trajectory, slot: int = 0) -> str:
+    def start(self, trajectory: Trajectory, slot: int = 0, fence: Fence | None = None) -> str:
         """Have a motion started; "" or why not."""
         self._motion += 1
-        self.memory.slots[slot].write(self._motion, trajectory)
+        self.memory.slots[slot].write(self._motion, trajectory, fence)
         return self.answer(self.send(Command.START, slot=slot, motion_id=self._motion))
 
     def stream(self, stream: Stream = Stream.JOINT_IMPEDANCE, **fields: object) -> str:

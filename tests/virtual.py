@@ -20,7 +20,7 @@ import httpx
 import numpy as np
 from asgi import Socket, SynchronousTransport, gathered
 from rig import Rig
-from running import WAIT_S, unique_name
+from running import PATIENT_PLANNING, WAIT_S, unique_name
 from virtual_time import VirtualClock, VirtualLoop
 
 from app.main import create_app
@@ -143,7 +143,7 @@ class VirtualService:
         self.config.write_text(
             "logs: logs\nsequences: {recordings: recordings, programs: programs}\nros: {enabled: false}\n"
             + (several if robots > 1 else f"robot: {{name: {self.name}}}\n")
-            + more,
+            + (more if "planning:" in more else f"planning: {{{PATIENT_PLANNING}}}\n{more}"),
             encoding="utf-8",
         )
         settings = load_settings(self.config)

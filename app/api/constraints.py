@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.api.schemas import Direction, KeptBox, KeptOrientation, MotionConstraints, Point
 from cobot.errors import InputError
+from cobot.motions.bodies import Direction, KeptBox, KeptOrientation, MotionConstraints, PathPoint
 from cobot.motions.constraints import Box, Cone, Constraints
 from cobot.strict import shown
 from cobot.types import Array, JointLimits
@@ -53,7 +53,7 @@ def _box(asked: KeptBox) -> Box:
     return Box(_point(asked.min), _point(asked.max))
 
 
-def _point(given: Point) -> Array:
+def _point(given: PathPoint) -> Array:
     return np.array([given.x, given.y, given.z])
 
 

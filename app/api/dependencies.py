@@ -21,11 +21,11 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from app.api.clients import MOTION_TOKEN
 from app.api.errors import status_of
-from app.api.schemas import MOTION_TAGS
 from app.robot_services import Services
 from app.services.motion.ownership import Caller
 from cobot.config import Endpoint
 from cobot.errors import CobotError, InputError, MediaTypeError, NotFoundError
+from cobot.motions.bodies import MOTION_TAGS
 from cobot.strict import sentences, shown, unknown_key, without_repetition
 
 STOPS = "cobot.stops"

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 
 from app.api.explain_schemas import Explain, Works, explain_of, tried_of
-from app.api.schemas import AnyMotion, MoveJoints, MoveNamed, MovePose
 from app.services.motion.execution import Goal
 from cobot.errors import CobotError
 from cobot.findings import Explanation, Remedy
+from cobot.motions.bodies import AnyMotion, MoveArc, MoveJoints, MoveNamed, MovePose
 from cobot.robot.frames import abc_from_quaternion
 from cobot.types import Array, Pose, Scaling
 
-ENDPOINTS: dict[type[Any], str] = {MoveNamed: "named", MoveJoints: "joints", MovePose: "pose"}
+ENDPOINTS: dict[type[Any], str] = {MoveNamed: "named", MoveJoints: "joints", MovePose: "pose", MoveArc: "arc"}
 OF_POSES = set(MovePose.model_fields) - set(MoveJoints.model_fields)
 """What a motion to joint angles does not take of one to a pose."""
 DROPPED = {"via", "centre", "axis", "through", "radius", "speed_m_s", "speed_rad_s"}

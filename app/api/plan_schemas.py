@@ -4,23 +4,21 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, FailFast, Field
+from pydantic import BaseModel, BeforeValidator, FailFast, Field
 
-from app.api.schemas import (
+from cobot.motions.bodies import (
     HOME,
-    AccelScale,
     Finite,
-    FrameId,
-    KeptTo,
-    MetresPerSecond,
+    MoveArc,
     MoveJoints,
     MoveNamed,
     MovePose,
     MoveSequence,
     PathPose,
-    RadPerSecond,
-    Speed,
+    Radius,
+    TcpMotion,
     as_list,
+    example,
 )
 from cobot.strict import StrictModel
 
@@ -39,10 +37,6 @@ ExplainIt = Annotated[
         "false: only say what has failed."
     ),
 ]
-
-
-def _example(body: Any) -> ConfigDict:
-    return ConfigDict(json_schema_extra={"examples": [body]})
 
 
 PLANNED = {
@@ -68,40 +62,80 @@ PLANNED = {
 }
 
 
-class PlanNamed(MoveNamed):
-    """As for the motion, and from where."""
+class KeptPlan(BaseModel):
+    """A plan that can be run, for who has to approve it."""
 
-    model_config = _example({"name": "work", "speed": 0.5, "samples": 3})
+    model_config = example(
+        {
+            "plan_id": "2f1c9a0b7d3e4855",
+            "by": "agent-7",
+            "planners": ["lin"],
+            "duration_s": 1.1,
+            "expires_in_s": 540.0,
+            "approved_by": None,
+        }
+    )
+
+    plan_id: str
+    by: str = Field(description="Who has had it planned: the name of its token.")
+    planners: list[str]
+    duration_s: float
+    expires_in_s: float
+    approved_by: str | None = Field(description="Who lets an agent run it, once; null: nobody yet.")
+
+
+class Approve(StrictModel):
+    """Which plan an agent may run, once."""
+
+    model_config = example({"plan_id": "2f1c9a0b7d3e4855"})
+
+    plan_id: Annotated[str, Field(min_length=1, max_length=64, description="As the plan was answered.")]
+    approved: Annotated[bool, Field(description="false takes an approval back.")] = True
+
+
+class Planning(StrictModel):
+    """What a plan is asked for beside its motion."""
 
     start: Start = None
     samples: Samples = 50
     explain: ExplainIt = True
 
 
-class PlanJoints(MoveJoints):
+class PlanNamed(Planning, MoveNamed):
     """As for the motion, and from where."""
 
-    model_config = _example({"joints": [0.0, 0.5, *HOME[2:]], "speed": 0.25, "samples": 3})
-
-    start: Start = None
-    samples: Samples = 50
-    explain: ExplainIt = True
+    model_config = example({"name": "work", "speed": 0.5, "samples": 3})
 
 
-class PlanPose(MovePose):
+class PlanJoints(Planning, MoveJoints):
     """As for the motion, and from where."""
 
-    model_config = _example({"x": 0.4, "y": 0.0, "z": 0.5, "b": 3.14159, "speed": 0.25, "samples": 3})
-
-    start: Start = None
-    samples: Samples = 50
-    explain: ExplainIt = True
+    model_config = example({"joints": [0.0, 0.5, *HOME[2:]], "speed": 0.25, "samples": 3})
 
 
-class PlanPath(StrictModel):
+class PlanPose(Planning, MovePose):
+    """As for the motion, and from where."""
+
+    model_config = example({"x": 0.4, "y": 0.0, "z": 0.5, "b": 3.14159, "speed": 0.25, "samples": 3})
+
+
+class PlanArc(Planning, MoveArc):
+    """As for the motion, and from where."""
+
+    model_config = example(
+        {
+            "centre": {"x": 0.5, "y": 0.0, "z": 0.5},
+            "axis": {"x": 0.0, "y": 0.0, "z": 1.0},
+            "angle": 0.5,
+            "samples": 3,
+        }
+    )
+
+
+class PlanPath(Planning, TcpMotion):
     """Straight lines of the TCP, and from where."""
 
-    model_config = _example(
+    model_config = example(
         {
             "poses": [
                 {"x": 0.45, "y": 0.1, "z": 0.5, "b": 3.14159},
@@ -116,22 +150,11 @@ class PlanPath(StrictModel):
     poses: Annotated[list[PathPose], FailFast(), BeforeValidator(as_list)] = Field(
         min_length=1, max_length=201, description="Where it goes through; the last is the goal."
     )
-    radius: Finite = Field(
+    radius: Radius = Field(
         0.0,
-        ge=0.0,
-        le=1.0,
         description="How far from each pose but the last, m, the TCP may leave its path to go on without a "
         "stop; 0: it stops.",
     )
-    frame_id: FrameId = ""
-    speed: Speed = 0.1
-    accel_scale: AccelScale = 0.0
-    speed_m_s: MetresPerSecond = None
-    speed_rad_s: RadPerSecond = None
-    constraints: KeptTo = None
-    start: Start = None
-    samples: Samples = 50
-    explain: ExplainIt = True
 
     def polyline(self) -> PlanPose:
         """The same as a motion to a pose through the others; to a single one it is lin."""
@@ -145,10 +168,10 @@ class PlanPath(StrictModel):
         return PlanPose.model_validate({**given, **goal, **path})
 
 
-class PlanSequence(MoveSequence):
+class PlanSequence(Planning, MoveSequence):
     """As for the motion, and from where."""
 
-    model_config = _example(
+    model_config = example(
         {
             "motions": [
                 {"joints": [0.0, 0.5, *HOME[2:]], "speed": 0.25},
@@ -158,10 +181,6 @@ class PlanSequence(MoveSequence):
             "samples": 3,
         }
     )
-
-    start: Start = None
-    samples: Samples = 50
-    explain: ExplainIt = True
 
 
 class PlanPoint(BaseModel):
@@ -191,7 +210,7 @@ class PlanDistance(BaseModel):
 class PlanAnswer(BaseModel):
     """A motion that has been planned, checked and not run."""
 
-    model_config = _example(PLANNED)
+    model_config = example(PLANNED)
 
     plan_id: str = Field(description="For POST /robot/execute.")
     expires_in_s: float = Field(description="After which it is forgotten, s; sooner if there are many.")
@@ -206,6 +225,6 @@ class PlanAnswer(BaseModel):
 class Execute(StrictModel):
     """Which plan to run."""
 
-    model_config = _example({"plan_id": "2f1c9a0b7d3e4855"})
+    model_config = example({"plan_id": "2f1c9a0b7d3e4855"})
 
     plan_id: str = Field(max_length=64, description="Of POST /robot/plan.")

@@ -16,6 +16,7 @@ from app.api.access import IDENTITY
 from app.api.errors import answer_to
 from app.api.routers.robots import twin_name
 from app.api.samples import SAMPLES_PATH
+from app.mcp.endpoint import PATH as MCP_PATH
 from cobot.access.authentication import is_loopback
 from cobot.access.roles import Identity, Role, require
 from cobot.errors import CobotError
@@ -31,12 +32,15 @@ ROLES: dict[str, Role] = {
     "POST /robot/move/joints": Role.OPERATOR,
     "POST /robot/move/arc": Role.OPERATOR,
     "POST /robot/move/sequence": Role.OPERATOR,
-    "POST /robot/plan/named": Role.OPERATOR,  # moves nothing, but takes the computer's time
-    "POST /robot/plan/pose": Role.OPERATOR,
-    "POST /robot/plan/joints": Role.OPERATOR,
-    "POST /robot/plan/path": Role.OPERATOR,
-    "POST /robot/plan/sequence": Role.OPERATOR,
+    "POST /robot/plan/named": Role.AGENT,  # moves nothing, but takes the computer's time
+    "POST /robot/plan/pose": Role.AGENT,
+    "POST /robot/plan/joints": Role.AGENT,
+    "POST /robot/plan/arc": Role.AGENT,
+    "POST /robot/plan/path": Role.AGENT,
+    "POST /robot/plan/sequence": Role.AGENT,
     "POST /robot/execute": Role.OPERATOR,
+    "GET /robot/plans": Role.OBSERVER,
+    "POST /robot/approve": Role.OPERATOR,
     "GET /robot/tool": Role.OBSERVER,
     "POST /robot/tool": Role.PROGRAMMER,  # all later motions are planned with it
     "GET /scene": Role.OBSERVER,
@@ -92,7 +96,8 @@ def endpoint_of(route: BaseRoute) -> str:
 def roles(*, stop_without_token: bool) -> dict[str, Role]:
     """The table as the settings have it, with the endpoints of each robot by its name."""
     table = ROLES | ({STOP: Role.NOBODY} if stop_without_token else {})
-    return table | {twin_name(name): role for name, role in table.items()}
+    twins = {twin_name(name): role for name, role in table.items()}
+    return table | twins | {MCP_PATH: Role.OBSERVER}  # what plans or moves needs an agent: app.mcp.tools
 
 
 def guard(routes: Iterable[BaseRoute], table: Mapping[str, Role]) -> None:

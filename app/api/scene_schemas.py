@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from app.api.schemas import Finite, few
+from cobot.motions.bodies import Finite, few
 from cobot.robot.scene import SceneObject
 from cobot.strict import StrictModel
 

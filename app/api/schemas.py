@@ -1,313 +1,26 @@
 """Requests and answers as JSON: the edge where everything is checked before anything happens.
 
-All on one page, as in the schema that is published of them.
+All on one page, as in the schema that is published of them; but what motions are asked for, which other
+documents hold too, is `cobot.motions.bodies`.
 """
 
 from __future__ import annotations
 
-import math
 from datetime import datetime
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, FailFast, Field, Tag
+from pydantic import BaseModel, BeforeValidator, ConfigDict, FailFast, Field
 
 from app.api.explain_schemas import Explain
 from app.services.motion.lease import TIMEOUT_S, TIMEOUTS_S
-from cobot.motions.requests import RRT_CONNECT, Algorithm
+from cobot.motions.bodies import HOME, Finite, as_list, example
 from cobot.strict import StrictModel
-
-HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
-
-
-def _example(body: Any) -> ConfigDict:
-    """What Swagger fills in: a request that works unedited, or an answer as it looks."""
-    return ConfigDict(json_schema_extra={"examples": [body]})
-
-
-MAX_ARC_RAD = 200.0
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Coordinate = Annotated[float, Field(allow_inf_nan=False, ge=-1000.0, le=1000.0)]
-"""m: further than any arm reaches, so near that nothing that is computed with it overflows."""
-
-
-def _lower(value: Any) -> Any:
-    return value.lower() if isinstance(value, str) else value
-
-
-def few(most: int) -> BeforeValidator:
-    """Of a dictionary: what has more entries is refused before each of them is looked at, and found wrong."""
-
-    def check(value: Any) -> Any:
-        if isinstance(value, dict) and len(value) > most:
-            raise ValueError(f"may have up to {most} entries, got {len(value)}")
-        return value
-
-    return BeforeValidator(check)
-
-
-def as_list(value: Any) -> Any:
-    """MATLAB encodes a list of one object as the object."""
-    return [value] if isinstance(value, dict) else value
-
-
-Speed = Annotated[
-    float,
-    Field(ge=0.01, le=1.0, description="Share of the velocity limits."),
-]
-AccelScale = Annotated[
-    float,
-    Field(
-        ge=0.0,
-        le=1.0,
-        description="Share of the acceleration and jerk limits (of jerk 0.8 at the most); 0 takes `speed`.",
-    ),
-]
-SynchronizationName = Annotated[
-    Literal["time", "phase"],
-    Field(
-        description="Of the joints in ptp. time: they start and end together, in the shortest time, in "
-        "general not straight in joint space; phase: they keep in proportion, straight in joint space."
-    ),
-]
-Planner = Annotated[
-    Literal["ompl", "ptp", "lin", "circ", "polyline", "chomp", "auto"],
-    BeforeValidator(_lower),
-    Field(
-        description="ptp: in joint space, see `synchronization`; lin: the TCP on a straight line; circ: on "
-        "an arc, see `via` and `centre`; polyline: on straight lines through all of `through`; ompl: "
-        "sampling, around obstacles; chomp: optimisation, around obstacles; auto: ptp if that is free, else "
-        "ompl."
-    ),
-]
-JointPlanner = Annotated[
-    Literal["ptp", "ompl", "chomp", "auto"],
-    BeforeValidator(_lower),
-    Field(description="As for a pose."),
-]
-OmplAlgorithm = Annotated[Algorithm, Field(description="Of planner ompl, by OMPL's names.")]
-
-
-class Point(StrictModel):
-    """A point in the frame of the motion, m."""
-
-    x: Coordinate = Field(description="m")
-    y: Coordinate = Field(description="m")
-    z: Coordinate = Field(description="m")
-
-
-class Direction(StrictModel):
-    """A direction, of any length but 0."""
-
-    x: Coordinate = Field(description="Of any unit.")
-    y: Coordinate = Field(description="Of any unit.")
-    z: Coordinate = Field(description="Of any unit.")
-
-
-class KeptOrientation(StrictModel):
-    """An axis of the tool stays near a direction: a glass stays upright."""
-
-    tool_axis: Direction = Field(Direction(x=0.0, y=0.0, z=1.0), description="In the TCP's frame.")
-    direction: Direction | None = Field(
-        None, description="In the base frame; without it where the axis points at the start."
-    )
-    within_rad: Finite = Field(gt=0.0, le=math.pi, description="So near it stays, rad.")
-
-
-class KeptBox(StrictModel):
-    """The TCP stays in a box along the axes of the base frame."""
-
-    min: Point = Field(description="The corner with the least coordinates, m.")
-    max: Point = Field(description="The opposite corner, m.")
-
-
-class MotionConstraints(StrictModel):
-    """What the whole motion keeps to, its start and goal included."""
-
-    orientation: KeptOrientation | None = Field(None, description="Of the tool.")
-    box: KeptBox | None = Field(None, description="For the TCP.")
-    joints: Annotated[dict[str, Annotated[list[Finite], Field(min_length=2, max_length=2)]], few(64)] = Field(
-        {}, max_length=64, description="Joints by their names, each with its least and greatest angle, rad."
-    )
-
-
-KeptTo = Annotated[
-    MotionConstraints | None,
-    Field(
-        description="What the motion keeps to beside the limits. ompl (RRTConnect) plans so; motions of all "
-        "others are refused where they do not."
-    ),
-]
-
-
-class MoveNamed(StrictModel):
-    """Where to, by name."""
-
-    model_config = _example({"name": "home", "speed": 0.25})
-
-    name: str = Field(max_length=200, description="One of GET /robot/positions.")
-    speed: Speed = 0.1
-    accel_scale: AccelScale = 0.0
-    planner: JointPlanner = "ptp"
-    algorithm: OmplAlgorithm = RRT_CONNECT
-    synchronization: SynchronizationName = "time"
-    constraints: KeptTo = None
-
-
-class PathPose(StrictModel):
-    """A pose of the TCP in the frame of the motion."""
-
-    x: Coordinate = Field(description="m")
-    y: Coordinate = Field(description="m")
-    z: Coordinate = Field(description="m")
-    a: Finite = Field(0.0, description="KUKA angle A about z, rad")
-    b: Finite = Field(0.0, description="KUKA angle B about the new y, rad")
-    c: Finite = Field(0.0, description="KUKA angle C about the newest x, rad")
-
-
-MetresPerSecond = Annotated[
-    Finite | None,
-    Field(description="How fast the TCP may be, m/s, in lin, circ and polyline; without `speed` that is 1."),
-]
-RadPerSecond = Annotated[Finite | None, Field(description="How fast the TCP may turn, rad/s, likewise.")]
-FrameId = Annotated[
-    str,
-    Field(
-        max_length=200,
-        description="The frame of all poses and points: empty for the default frame, the base, world, tool "
-        "(the TCP's where the motion begins), or a body or site of the model that no joint moves.",
-    ),
-]
-
-
-class MoveArc(StrictModel):
-    """An arc by an angle about an axis; circles and helices too."""
-
-    model_config = _example(
-        {"centre": {"x": 0.5, "y": 0.0, "z": 0.5}, "axis": {"x": 0.0, "y": 0.0, "z": 1.0}, "angle": 0.5}
-    )
-
-    centre: Point = Field(description="A point on the axis, m.")
-    axis: Point = Field(description="The direction of the axis, of any length; by the right hand.")
-    angle: Finite = Field(
-        ge=-MAX_ARC_RAD, le=MAX_ARC_RAD, description="How far about the axis, rad; several turns too."
-    )
-    rise: Finite = Field(0.0, ge=-10.0, le=10.0, description="How far along the axis meanwhile, m: a helix.")
-    turn_tool: bool = Field(False, description="The hand turns with the arc, or keeps its orientation.")
-    frame_id: FrameId = ""
-    speed: Speed = 0.1
-    accel_scale: AccelScale = 0.0
-    speed_m_s: MetresPerSecond = None
-    speed_rad_s: RadPerSecond = None
-
-
-class MovePose(StrictModel):
-    """Where to with the TCP."""
-
-    model_config = _example(
-        {
-            "x": 0.4,
-            "y": 0.0,
-            "z": 0.5,
-            "a": 0.0,
-            "b": 3.14159,
-            "c": 0.0,
-            "speed": 0.25,
-            "planner": "ptp",
-        }
-    )
-
-    x: Coordinate = Field(description="m")
-    y: Coordinate = Field(description="m")
-    z: Coordinate = Field(description="m")
-    a: Finite = Field(0.0, description="KUKA angle A about z, rad")
-    b: Finite = Field(0.0, description="KUKA angle B about the new y, rad")
-    c: Finite = Field(0.0, description="KUKA angle C about the newest x, rad")
-    speed: Speed = 0.1
-    accel_scale: AccelScale = 0.0
-    planner: Planner = "ptp"
-    synchronization: SynchronizationName = "time"
-    frame_id: FrameId = ""
-    via: Point | None = Field(None, description="Of circ: a point on the arc. It needs this or `centre`.")
-    centre: Point | None = Field(None, description="Of circ: the centre of the arc, m.")
-    axis: Point | None = Field(
-        None, description="With `centre`: the arc turns about it by the right hand; else the short way."
-    )
-    through: Annotated[list[PathPose], FailFast(), BeforeValidator(as_list)] = Field(
-        [], max_length=200, description="Of polyline: poses on the way."
-    )
-    radius: Finite = Field(
-        0.0,
-        ge=0.0,
-        le=1.0,
-        description="Of polyline: how far from each of them, m, the TCP may leave its path to go on without "
-        "a stop; 0: it stops.",
-    )
-    speed_m_s: MetresPerSecond = None
-    speed_rad_s: RadPerSecond = None
-    algorithm: OmplAlgorithm = RRT_CONNECT
-    constraints: KeptTo = None
-
-
-class MoveJoints(StrictModel):
-    """Where to, joint by joint."""
-
-    model_config = _example({"joints": [0.0, 0.5, *HOME[2:]], "speed": 0.25})
-
-    joints: list[Finite] = Field(max_length=64, description="rad, one for each joint")
-    speed: Speed = 0.1
-    accel_scale: AccelScale = 0.0
-    planner: JointPlanner = "ptp"
-    algorithm: OmplAlgorithm = RRT_CONNECT
-    synchronization: SynchronizationName = "time"
-    constraints: KeptTo = None
-
-
-MOTION_TAGS = ("named motion", "joint motion", "pose motion")
-
-
-def _kind(value: Any) -> str:
-    """A motion with a name is a named one, one with joints a joint motion; everything else is to a pose."""
-    keys = value if isinstance(value, dict) else vars(value)
-    return MOTION_TAGS[0] if "name" in keys else MOTION_TAGS[1] if "joints" in keys else MOTION_TAGS[2]
-
-
-AnyMotion = Annotated[
-    Annotated[MoveNamed, Tag(MOTION_TAGS[0])]
-    | Annotated[MoveJoints, Tag(MOTION_TAGS[1])]
-    | Annotated[MovePose, Tag(MOTION_TAGS[2])],
-    Discriminator(_kind),
-]
-
-
-class MoveSequence(StrictModel):
-    """Motions one after the other, round where one goes over into the next."""
-
-    model_config = _example(
-        {
-            "motions": [
-                {"joints": [0.0, 0.5, *HOME[2:]], "speed": 0.25},
-                {"joints": [0.5, 0.5, *HOME[2:]], "speed": 0.25},
-                {"name": "home", "speed": 0.25},
-            ],
-            "radii": [0.05, 0.05],
-        }
-    )
-
-    motions: Annotated[list[AnyMotion], FailFast(), BeforeValidator(as_list)] = Field(
-        min_length=1, max_length=50, description="Bodies of move/named, move/joints and move/pose, mixed."
-    )
-    radii: list[Annotated[Finite, Field(ge=0.0, le=1.0)]] = Field(
-        [],
-        max_length=49,
-        description="For each motion but the last: how far from its end, m, the TCP may leave its path to go "
-        "on without a stop; 0: it stops. Without any it stops at each.",
-    )
 
 
 class MoveAnswer(BaseModel):
     """How a motion ended. It has arrived and settled when `success` is true."""
 
-    model_config = _example(
+    model_config = example(
         {
             "success": True,
             "message": "Motion completed successfully",
@@ -344,7 +57,7 @@ class ResetAnswer(BaseModel):
 class TakeControl(StrictModel):
     """How long, and whether from somebody else."""
 
-    model_config = _example({"timeout_s": 60.0})
+    model_config = example({"timeout_s": 60.0})
 
     timeout_s: float = Field(
         TIMEOUT_S,
@@ -382,7 +95,7 @@ class TakenAnswer(ControlAnswer):
 class JointStates(BaseModel):
     """The measured joints, in the order of `name`."""
 
-    model_config = _example(
+    model_config = example(
         {
             "name": [f"joint{n}" for n in range(1, 8)],
             "position": HOME,
@@ -465,7 +178,7 @@ class TrajectoryPoint(StrictModel):
 class SendTrajectory(StrictModel):
     """A timed joint trajectory."""
 
-    model_config = _example(
+    model_config = example(
         {
             "points": [
                 {"positions": HOME, "time_from_start": 0.0},
@@ -506,7 +219,7 @@ class CsvQuery(StrictModel):
 class SentAnswer(BaseModel):
     """The real-time process has verified the motion and begun it; /trajectory/logs tells its end."""
 
-    model_config = _example(
+    model_config = example(
         {
             "status": "sent",
             "motion_id": 13,
@@ -606,7 +319,7 @@ class AuditAnswer(BaseModel):
 class StopAnswer(BaseModel):
     """What was stopped, where the arm is, how long it took."""
 
-    model_config = _example(
+    model_config = example(
         {
             "success": True,
             "message": "stopped POST /robot/move/joints (for 1.2 s, motion 12); the arm is at rest",

@@ -9,11 +9,11 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, ValidationError
 
-from app.api.schemas import Finite
 from app.services.motion.lease import TIMEOUT_S, TIMEOUTS_S
 from cobot.errors import InputError
 from cobot.ipc.layout import CHUNK_POINTS, Interpolation, Intervention, Stream, chunk_dtype, text
 from cobot.ipc.session_rules import MOVE_S, decimation, nominal_session
+from cobot.motions.bodies import Finite
 from cobot.strict import StrictModel, sentences, shown
 from cobot.types import LoopMode, vector
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from app.api.scene_schemas import Coordinate, Name, ObjectAnswer, PutObject
-from app.api.schemas import Finite, few
+from cobot.motions.bodies import Finite, few
 from cobot.strict import StrictModel
 
 INERTIA = [0.004, 0.0, 0.0, 0.004, 0.0, 0.002]

@@ -14,9 +14,10 @@ class Role(IntEnum):
 
     NOBODY = 0  # has not shown who it is: what is open to everybody
     OBSERVER = 1  # looks: states, logs, health
-    OPERATOR = 2  # moves the arm, resets it, streams to it, runs programs that are there
-    PROGRAMMER = 3  # brings programs along, and changes what later motions do: tool, payload, limits
-    ADMIN = 4  # the rest: the audit, reading the settings anew
+    AGENT = 2  # plans, and runs what an operator or the settings' fence has approved: docs/mcp.md
+    OPERATOR = 3  # moves the arm, resets it, streams to it, runs programs that are there
+    PROGRAMMER = 4  # brings programs along, and changes what later motions do: tool, payload, limits
+    ADMIN = 5  # the rest: the audit, reading the settings anew
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,7 @@ from cobot.strict import StrictModel, sentences, shown
 PREFIX = "cobot_"
 """Begins each token, so that people and scanners of leaked secrets know one when they see it."""
 RESERVED = (ANONYMOUS, ROS, SERVICE.name)
-RoleName = Literal["observer", "operator", "programmer", "admin"]
+RoleName = Literal["observer", "agent", "operator", "programmer", "admin"]
 
 
 Moment = Annotated[AwareDatetime, Field(strict=False)]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from cobot.client.connection import Json
@@ -12,47 +13,86 @@ from cobot.errors import InputError
 from cobot.types import vector
 
 
+@dataclass(frozen=True, slots=True)
+class Primitive:
+    """A motion of the service.
+
+    Attributes:
+        method: of `Client`.
+        needed: the parameters that it must have.
+        fixed: fields of the motion that make it what it is.
+        default: fields that it has where they are not given.
+    """
+
+    method: str
+    needed: tuple[str, ...]
+    fixed: Mapping[str, str] = field(default_factory=dict)
+    default: Mapping[str, str] = field(default_factory=dict)
+
+
+PRIMITIVES: dict[str, Primitive] = {
+    "Home": Primitive("move_named", (), {"name": "home"}),
+    "MoveNamed": Primitive("move_named", ("name",)),
+    "MoveJ": Primitive("move_joints", ("target",)),
+    "MovePTP": Primitive("move_pose", ("target",), {"planner": "ptp"}),
+    "MoveL": Primitive("move_pose", ("target",), {"planner": "lin"}),
+    "MoveC": Primitive("move_pose", ("target",), {"planner": "circ"}),
+    "MovePolyline": Primitive("move_pose", ("target", "through"), {"planner": "polyline"}),
+    "MoveArc": Primitive("move_arc", ("centre", "axis", "angle")),
+    "MoveFree": Primitive("move_pose", ("target",), default={"planner": "auto"}),
+}
+"""`target`: joint angles, rad, of MoveJ; else a pose: x, y, z (m), w, x, y, z. `through`: poses. `via`,
+`centre`, `axis`: x, y, z. All others are the fields of the motion in docs/api.md."""
+
+
 def primitive(name: str, params: Mapping[str, Any], dof: int) -> Run:
-    """The call that executes a primitive.
+    """The call that executes a primitive. The service looks at the fields that are passed on as they are.
 
     Raises:
         InputError: no such primitive, or wrong parameters; with the valid ones.
     """
     if name not in PRIMITIVES:
         raise InputError(f"there is no primitive {name!r}; valid are: {', '.join(PRIMITIVES)}")
-    needed = PRIMITIVES[name]
-    valid = (*needed, "speed", "accel_scale")
-    for key in params:
-        if key not in valid:
-            raise InputError(f"{name}: unknown parameter {key!r}; valid are: {', '.join(valid)}")
-    missing = [key for key in needed if key not in params]
+    made = PRIMITIVES[name]
+    missing = [key for key in made.needed if key not in params]
     if missing:
         raise InputError(f"{name}: {missing[0]} is missing")
-    rates = {key: float(params[key]) for key in ("speed", "accel_scale") if key in params}
-    if name == "Home":
-        return lambda client: client.move_named("home", **rates)
-    if name == "MoveNamed":
-        return lambda client: client.move_named(str(params["name"]), **rates)
-    if name == "MoveJ":
-        joints = vector(params["target"], dof, name="MoveJ: target").tolist()
-        return lambda client: client.move_joints(joints, **rates)
-    x, y, z, *quaternion = vector(params["target"], 7, name=f"{name}: target").tolist()
+    body: Json = dict(made.default)
+    for key, value in params.items():
+        if key in made.fixed:
+            raise InputError(f"{name}: {key} is {made.fixed[key]!r} and cannot be another one")
+        body |= _fields(f"{name}: {key}", key, value, dof if made.method == "move_joints" else None)
+    body |= made.fixed
+    return lambda client: getattr(client, made.method)(**body)
+
+
+def _fields(place: str, key: str, value: Any, dof: int | None) -> Json:
+    """What a parameter is in the body of the motion.
+
+    Args:
+        dof: how many joints a target has; None where it is a pose.
+    """
+    match key:
+        case "target" if dof is not None:
+            return {"joints": vector(value, dof, name=place).tolist()}
+        case "target":
+            return _pose(place, value)
+        case "through":
+            if isinstance(value, str) or not isinstance(value, Sequence):
+                raise InputError(f"{place} must be a list of poses")
+            return {key: [_pose(f"{place}[{index}]", each) for index, each in enumerate(value)]}
+        case "via" | "centre" | "axis":
+            return {key: dict(zip("xyz", vector(value, 3, name=place).tolist(), strict=True))}
+        case "speed" | "accel_scale":
+            return {key: float(value)}
+        case "name":
+            return {key: str(value)}
+    return {key: value}
+
+
+def _pose(place: str, value: Any) -> Json:
+    x, y, z, *quaternion = vector(value, 7, name=place).tolist()
     if not any(quaternion):
-        raise InputError(f"{name}: the quaternion of target must not be zero")
+        raise InputError(f"{place}: the quaternion must not be zero")
     a, b, c = kuka_angles(normalised(quaternion))
-    pose: Json = {"x": x, "y": y, "z": z, "a": a, "b": b, "c": c, "planner": PLANNERS[name], **rates}
-    if name == "MoveC":
-        pose["via"] = dict(zip("xyz", vector(params["via"], 3, name="MoveC: via").tolist(), strict=True))
-    return lambda client: client.move_pose(**pose)
-
-
-PRIMITIVES: dict[str, tuple[str, ...]] = {
-    "Home": (),
-    "MoveNamed": ("name",),
-    "MoveJ": ("target",),
-    "MovePTP": ("target",),
-    "MoveL": ("target",),
-    "MoveC": ("target", "via"),
-}
-"""Each primitive's parameters. `target`: joint angles, rad, of MoveJ; else x, y, z (m), w, x, y, z."""
-PLANNERS = {"MovePTP": "ptp", "MoveL": "lin", "MoveC": "circ"}
+    return {"x": x, "y": y, "z": z, "a": a, "b": b, "c": c}

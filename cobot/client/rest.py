@@ -54,7 +54,7 @@ class Client(Connection):
         """Go to a named position; returns on arrival, raises when it is not reached.
 
         Args:
-            how: `planner`, `algorithm` and `synchronization`, as in POST /robot/move/named.
+            how: `planner`, `algorithm`, `synchronization` and `constraints`, as in POST /robot/move/named.
         """
         return self._move("named", {"name": name, "speed": speed, "accel_scale": accel_scale, **how})
 
@@ -64,7 +64,8 @@ class Client(Connection):
         """Go to joint angles in rad; returns on arrival, raises when it is not reached.
 
         Args:
-            how: `planner`, `algorithm` and `synchronization`, as in POST /robot/move/joints.
+            how: `planner`, `algorithm`, `synchronization` and `constraints`, as in POST
+                /robot/move/joints.
         """
         body = {"joints": list(joints), "speed": speed, "accel_scale": accel_scale, **how}
         return self._move("joints", body)
@@ -73,7 +74,7 @@ class Client(Connection):
         """Plan without moving: `plan_id`, `duration_s`, path, utilisation of the limits, distances, torques.
 
         Args:
-            what: "named", "joints" or "pose".
+            what: "named", "joints", "pose", "arc", "path" or "sequence".
             request: the body of POST /robot/plan/{what}: that of the motion, `start` and `samples`.
         """
         return self._json("POST", f"/robot/plan/{what}", json=request, timeout=self._motion_timeout_s)
@@ -167,8 +168,8 @@ class Client(Connection):
         """Turn the TCP by `angle`, rad, about the axis through `centre`, m; returns on arrival.
 
         Args:
-            more: `rise`, `turn_tool`, `frame_id`, `speed`, `accel_scale`, `speed_m_s`, `speed_rad_s`, as in
-                POST /robot/move/arc.
+            more: `rise`, `turn_tool`, `frame_id`, `speed`, `accel_scale`, `speed_m_s`, `speed_rad_s`,
+                `constraints`, as in POST /robot/move/arc.
         """
         return self._move("arc", {"centre": dict(centre), "axis": dict(axis), "angle": angle, **more})
 
@@ -176,7 +177,7 @@ class Client(Connection):
         """Several motions as one; returns on arrival.
 
         Args:
-            motions: bodies of POST /robot/move/named, joints and pose.
+            motions: bodies of POST /robot/move/named, joints, pose and arc.
             radii: for each but the last, m: so far from its end the TCP may leave its path; none: it stops.
         """
         return self._move("sequence", {"motions": [dict(each) for each in motions], "radii": list(radii)})

@@ -287,7 +287,7 @@ class Robot(SessionSettings):
 
         Args:
             name: one of `cobot.client.primitives.PRIMITIVES`.
-            params: its parameters, and `speed` and `accel_scale`.
+            params: its parameters, and the fields of its motion, as `speed`.
 
         Raises:
             InputError: no such primitive, or wrong parameters; with the valid ones.

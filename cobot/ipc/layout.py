@@ -11,7 +11,7 @@ from enum import IntEnum
 import numpy as np
 
 MAGIC = b"COBOTRT\0"
-LAYOUT_VERSION = 8
+LAYOUT_VERSION = 9
 RING = 32
 SLOTS = 2
 LOADED_SEGMENTS = 96
@@ -227,7 +227,10 @@ TOOL = np.dtype(
     ]
 )
 """As `cobot.robot.tool.Tool`, without name and shapes."""
-SLOT = np.dtype([("motion_id", "u8"), ("segments", "u8"), ("checksum", "u8")], align=True)
+SLOT = np.dtype(
+    [("motion_id", "u8"), ("segments", "u8"), ("checksum", "u8"), ("fence", "f8", (7,))], align=True
+)
+"""fence: as `cobot.motions.fence.Fence`; NaN: none."""
 INFO_TEXT = "S64"
 
 

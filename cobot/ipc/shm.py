@@ -68,6 +68,7 @@ from cobot.ipc.layout import (
     text,
 )
 from cobot.ipc.seqlock import Block, SharedCounter, checksum
+from cobot.motions.fence import Fence
 from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array
 
@@ -110,8 +111,11 @@ class Slot:
     breakpoints_s: Array
     coefficients: Array
 
-    def write(self, motion_id: int, trajectory: Trajectory) -> None:
+    def write(self, motion_id: int, trajectory: Trajectory, fence: Fence | None = None) -> None:
         """Put a trajectory here. The caller sees to it that rtloop is not following this slot.
+
+        Args:
+            fence: that the TCP may not leave.
 
         Raises:
             InputError: more segments than the slot has room for.
@@ -128,6 +132,7 @@ class Slot:
         self.coefficients[:n] = trajectory.coefficients
         self.head.data["motion_id"] = motion_id
         self.head.data["segments"] = n
+        self.head.data["fence"] = np.nan if fence is None else fence.values()
         self.head.data["checksum"] = zlib.crc32(
             trajectory.coefficients.data, zlib.crc32(trajectory.breakpoints_s.data)
         )

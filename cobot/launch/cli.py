@@ -9,6 +9,7 @@ import sys
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
+from typing import NoReturn
 
 from cobot.addresses import DEFAULT_URL, address
 from cobot.client.tls import CERTIFICATE_VARIABLE, TOKEN_VARIABLE
@@ -26,6 +27,7 @@ A robot arm behind a REST service.
   cobot stop     bring the arm to rest, whatever has become of the service
   cobot moveit-config   write a package with which MoveIt 2 plans for the robot, see docs/ros2.md
   cobot lua      run a Lua program at a running service, see docs/lua.md
+  cobot mcp      let an agent that speaks MCP over stdio use a running service, see docs/mcp.md
   cobot token    make, list and revoke the tokens that a service on the network asks for
   cobot doctor   whether this computer is fit for it, and what to type where it is not
   cobot install  make it a service of systemd; cobot uninstall takes that back
@@ -42,8 +44,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if chosen.command is None:
         parser.print_help()
         return EXIT_USAGE
-    if chosen.command == "lua":
-        return _lua(chosen)
+    if chosen.command in ("lua", "mcp"):
+        _become_client(chosen)
     return in_words(lambda: _run(chosen))
 
 
@@ -119,17 +121,21 @@ def _parser() -> argparse.ArgumentParser:
         choices=["realtime", "fast"],
         help="instead of rt.clock; fast simulates motions as fast as the machine can",
     )
-    lua = commands.add_parser("lua", help="run a Lua program at a running service")
-    lua.add_argument("file", type=Path, metavar="FILE", help="- for standard input")
-    lua.add_argument("--url", metavar="URL", default=DEFAULT_URL, help="of the service (%(default)s)")
-    lua.add_argument("--robot", metavar="NAME", help="the robot to move, instead of the default one")
-    lua.add_argument(
+    service = argparse.ArgumentParser(add_help=False)
+    service.add_argument("--url", metavar="URL", default=DEFAULT_URL, help="of the service (%(default)s)")
+    service.add_argument(
         "--token",
         metavar="TOKEN",
         help="for a service that asks for one; COBOT_TOKEN tells it to fewer people",
     )
-    lua.add_argument(
+    service.add_argument(
         "--certificate", type=Path, metavar="FILE", help="of a service with https and no public certificate"
+    )
+    lua = commands.add_parser("lua", parents=[service], help="run a Lua program at a running service")
+    lua.add_argument("file", type=Path, metavar="FILE", help="- for standard input")
+    lua.add_argument("--robot", metavar="NAME", help="the robot to move, instead of the default one")
+    commands.add_parser(
+        "mcp", parents=[service], help="let an agent that speaks MCP over stdio use a running service"
     )
     token.add_parser(commands, config)
     commands.add_parser(
@@ -208,10 +214,13 @@ def _running(robots: Sequence[str]) -> list[Settings]:
     return found
 
 
-def _lua(chosen: argparse.Namespace) -> int:
-    """Become the runner: it is a client like any other, and this library knows nothing of it."""
-    url = address(chosen.url, chosen.robot) if chosen.robot else chosen.url
-    command = [*RUN_MODULE, "sequences", "run", "--lua", "--url", url, "--", str(chosen.file)]
+def _become_client(chosen: argparse.Namespace) -> NoReturn:
+    """Become the runner or the bridge for agents: clients like any other, unknown to this library."""
+    if chosen.command == "lua":
+        url = address(chosen.url, chosen.robot) if chosen.robot else chosen.url
+        command = [*RUN_MODULE, "sequences", "run", "--lua", "--url", url, "--", str(chosen.file)]
+    else:
+        command = [*RUN_MODULE, "app.mcp", "--url", chosen.url]
     given = {TOKEN_VARIABLE: chosen.token, CERTIFICATE_VARIABLE: chosen.certificate}
     os.environ.update({name: str(value) for name, value in given.items() if value is not None})
     os.execv(command[0], command)

@@ -20,6 +20,7 @@ from cobot.config import SETTINGS_FILE, load_settings
 from cobot.errors import ConfigError
 from cobot.launch import robot_file, robot_guesses
 from cobot.robot.description import load_robot
+from cobot.robot.file_limits import VELOCITY_OF, urdf_rates
 from cobot.robot.model import RobotModel
 from cobot.types import JointLimits
 
@@ -76,6 +77,8 @@ class NewRobot:
         for joint in joints:
             motor = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
             motor.set_to_motor()
+            if (velocity := rates.get(joint, (0.0, 0.0))[0]) > 0.0:
+                spec.add_numeric(name=f"{VELOCITY_OF}{joint}", data=[velocity], size=1)
         mj = robot_file.compiled(self.file, spec)
         robot_file.save(spec, folder)
         limits = robot_guesses.limits(self.file, mj, rates, self.guessed)
@@ -113,7 +116,7 @@ class NewRobot:
             or (self.actuators and joint.get("name") not in self.actuators)
         }
         spec = robot_file.read_urdf(self.file, root, still, self.packages)
-        return spec, robot_file.urdf_rates(self.file, root)
+        return spec, urdf_rates(self.file, root)
 
     def _driven(self, spec: mujoco.MjSpec) -> list[str]:
         """The joints that move; nothing else is left of the others."""

@@ -4,8 +4,6 @@ writes.
 
 from __future__ import annotations
 
-import contextlib
-import math
 import shutil
 import tempfile
 from collections.abc import Container, Sequence
@@ -104,35 +102,9 @@ def read_mjcf(file: Path, named: Path | None = None) -> mujoco.MjSpec:
         raise ConfigError(f"{named or file}: MuJoCo cannot read it: {' '.join(str(exc).split())}") from exc
 
 
-def urdf_rates(file: Path, root: Element) -> dict[str, tuple[float, float]]:
-    """Velocity and effort of each joint that has a limit; 0 for unknown.
-
-    Raises:
-        ConfigError: one is no number from 0 on, or a joint's range is upside down.
-    """
-    rates = {}
-    for joint in root.iter("joint"):
-        if (limit := joint.find("limit")) is None:
-            continue
-        name = str(joint.get("name"))
-        low, high = float(limit.get("lower", 0)), float(limit.get("upper", 0))
-        if low > high:
-            raise ConfigError(f"{file}: joint {name!r}: its lower limit {low:g} is above its upper {high:g}")
-        rates[name] = _rate(file, name, limit, "velocity"), _rate(file, name, limit, "effort")
-    return rates
-
-
-def _rate(file: Path, joint: str, limit: Element, what: str) -> float:
-    text = limit.get(what, "0")
-    with contextlib.suppress(ValueError):
-        if 0.0 <= (value := float(text)) < math.inf:
-            return value
-    raise ConfigError(f"{file}: joint {joint!r}: {what} {text!r} must be a number from 0 on; 0 is unknown")
-
-
 def mjcf_rates(spec: mujoco.MjSpec) -> dict[str, tuple[float, float]]:
-    """The same by a MJCF file's actuators, which know no velocity: what the strongest of a joint can do, by
-    its range of forces, or of a motor's commands.
+    """What `urdf_rates` is, by a MJCF file's actuators, which know no velocity: what the strongest of a joint
+    can do, by its range of forces, or of a motor's commands.
     """
     rates: dict[str, tuple[float, float]] = {}
     for actuator in spec.actuators:

@@ -20,6 +20,7 @@ DESCRIPTION = """\
 Who may use the service when it asks for tokens, see docs/security.md.
 
   observer     looks: states, logs, health
+  agent        also plans motions, and runs those that an operator or the settings have approved
   operator     also moves the arm, resets it, streams to it, runs programs that are there
   programmer   also brings programs along, and changes tool, payload, limits
   admin        also reads the audit, and has the settings read anew

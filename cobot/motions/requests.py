@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 from cobot.errors import InputError
 from cobot.motions.constraints import Constraints
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import (
+    RRT_CONNECT,
+    Algorithm,
     Array,
     CartesianLimits,
     JointLimits,
@@ -21,24 +22,6 @@ from cobot.types import (
     Synchronization,
     Waypoint,
 )
-
-Algorithm = Literal[
-    "RRTConnect",
-    "RRT",
-    "RRTstar",
-    "InformedRRTstar",
-    "SORRTstar",
-    "BITstar",
-    "FMT",
-    "BFMT",
-    "PRM",
-    "PRMstar",
-    "KPIECE1",
-    "BKPIECE1",
-    "LBKPIECE1",
-]
-"""Of planner ompl, by OMPL's names."""
-RRT_CONNECT: Algorithm = "RRTConnect"
 
 
 @dataclass(frozen=True, slots=True)

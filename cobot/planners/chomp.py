@@ -18,13 +18,13 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from cobot.errors import CollisionError, PlanningError, PlanningTimeout
-from cobot.motions.requests import RRT_CONNECT, MotionRequest
+from cobot.motions.requests import MotionRequest
 from cobot.planners.spline import smooth_motion
 from cobot.robot.clearance import Clearance
 from cobot.robot.collision import Contact
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
-from cobot.types import Array
+from cobot.types import RRT_CONNECT, Array
 
 POINTS, MAX_POINTS = 40, 100
 ITERATIONS = 120

@@ -16,7 +16,7 @@ import numpy as np
 
 from cobot.errors import CobotError, LimitError, PlanningError
 from cobot.findings import Explanation, Failure, Kind, Remedy
-from cobot.motions.requests import ANY_SPEED, PATH_PLANNERS, RRT_CONNECT, MotionRequest
+from cobot.motions.requests import ANY_SPEED, PATH_PLANNERS, MotionRequest
 from cobot.planners import plan
 from cobot.planners.escape import exits
 from cobot.planners.goals import joint_goals
@@ -25,7 +25,7 @@ from cobot.robot.description import RobotDescription
 from cobot.robot.frames import abc_from_quaternion, pose_from_abc
 from cobot.robot.inverse_kinematics import LEAST_GAP_M, inverse_all, nearest_to, reach_gap
 from cobot.trajectory import Trajectory
-from cobot.types import Array, PlannerName, Pose, Scaling, Synchronization
+from cobot.types import RRT_CONNECT, Array, PlannerName, Pose, Scaling, Synchronization
 
 MOST_BRANCHES, MOST_STARTS, MOST_GOALS = 12, 40, 4
 SLOWER = (0.5, 0.2, 0.1)
@@ -138,7 +138,12 @@ def _faster(request: MotionRequest) -> Iterator[Idea]:
 
 def _is_the_path(request: MotionRequest) -> bool:
     """Whether there is no more to a request than its path, so that another way to its end is no help."""
-    return bool(request.through) or (request.arc is not None and request.arc.angle_rad is not None)
+    return bool(request.through) or _is_by_angle(request)
+
+
+def _is_by_angle(request: MotionRequest) -> bool:
+    """Whether an arc ends where its angle leads, and no goal counts."""
+    return request.arc is not None and request.arc.angle_rad is not None
 
 
 def _other_planners(request: MotionRequest) -> Iterator[Idea]:
@@ -192,7 +197,8 @@ def _other_starts(robot: RobotDescription, request: MotionRequest) -> Iterator[I
         starts = list(found[robot.collision.clearance.are_free(found)][:MOST_STARTS])
     else:
         return
-    if isinstance(request.goal, Pose) and reach_gap(robot.model, request.goal) > LEAST_GAP_M:
+    goal = request.goal
+    if isinstance(goal, Pose) and not _is_by_angle(request) and reach_gap(robot.model, goal) > LEAST_GAP_M:
         return
     for start in starts:
         if np.abs(start - request.start).max() > 1e-3:

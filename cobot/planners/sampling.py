@@ -14,7 +14,7 @@ import numpy as np
 from ompl import base, geometric, util
 
 from cobot.errors import PlanningTimeout
-from cobot.motions.requests import RRT_CONNECT, Algorithm, MotionRequest
+from cobot.motions.requests import MotionRequest
 from cobot.planners.goals import more_goals
 from cobot.planners.rrt_connect import connect
 from cobot.planners.shortcut import shortened
@@ -22,7 +22,7 @@ from cobot.planners.spline import smooth_motion
 from cobot.robot.clearance import Clearance
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
-from cobot.types import Array, Pose
+from cobot.types import RRT_CONNECT, Algorithm, Array, Pose
 
 SPARE_M = 1e-3
 """A polyline keeps so much further away than the margin, where its ends do: room for rounding its corners."""

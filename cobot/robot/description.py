@@ -9,6 +9,7 @@ from cobot.config import Settings, naming
 from cobot.errors import ConfigError
 from cobot.robot.collision import CollisionChecker
 from cobot.robot.drives import check_drives, check_forces, check_ranges
+from cobot.robot.file_limits import check_velocities
 from cobot.robot.limits import check_positions, load_joint_limits
 from cobot.robot.model import RobotModel
 from cobot.robot.srdf import disabled_pairs, load_named_positions
@@ -65,6 +66,7 @@ def load_robot(settings: Settings) -> RobotDescription:
             check_drives(model.mj, limits)
     with naming("web.joint_limits"):
         check_ranges(model.mj, limits)
+        check_velocities(settings.robot.model, model.mj, limits)
         if settings.rt.backend == "mujoco":
             check_forces(model.mj, limits)
     with naming("robot.srdf"):

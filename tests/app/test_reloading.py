@@ -113,7 +113,8 @@ def test_without_a_supervisor_limits_need_a_restart_and_nothing_goes_by_them(
 
 def test_what_needs_a_restart_is_said_with_what_it_was_and_will_be(service: VirtualService) -> None:
     with service.config.open("a", encoding="utf-8") as file:
-        file.write("planning: {workers: 3}\nrt: {cpu: 1}\nsequences: {log_lines: 20}\n")
+        file.write("rt: {cpu: 1}\nsequences: {log_lines: 20}\n")
+    edit(service.config, "planning: {", "planning: {workers: 3, ")
     edit(service.config, "sequences: {recordings: recordings, programs: programs}\n", "")
     answer = service.post("/admin/reload").json()
     assert answer["taken_over"] == []

@@ -19,8 +19,8 @@ import psutil
 import pytest
 from running import WAIT_S, Run, answering, until
 
-SOON_S = 5.0
-"""For an answer that takes milliseconds when nothing is stuck, on a busy computer."""
+SOON_S = 60.0
+"""For an answer that takes milliseconds, on a busy computer: what is stuck is so until the test ends."""
 TEXT = "x" * 2500
 ENOUGH = 60
 """So many of these texts are more than a pipe holds."""
@@ -116,7 +116,7 @@ def test_neither_a_full_pipe_nor_a_stopped_supervisor_stops_the_stop(stuck: Stuc
     begun_s = time.monotonic()
     stuck.process.send_signal(signal.SIGTERM)
     assert stuck.process.wait(WAIT_S) == 0
-    assert time.monotonic() - begun_s < 15.0
+    assert time.monotonic() - begun_s < SOON_S
     mover.join(WAIT_S)
     assert "came to rest" in answers[0]["message"], answers
     until(lambda: not any(each.is_running() and each.status() != psutil.STATUS_ZOMBIE for each in family))

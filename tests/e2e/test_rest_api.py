@@ -32,9 +32,12 @@ MANUAL = {
     ("post", "/robot/plan/named"),
     ("post", "/robot/plan/joints"),
     ("post", "/robot/plan/pose"),
+    ("post", "/robot/plan/arc"),
     ("post", "/robot/plan/path"),
     ("post", "/robot/plan/sequence"),
     ("post", "/robot/execute"),
+    ("get", "/robot/plans"),
+    ("post", "/robot/approve"),
     ("post", "/trajectory/send"),
     ("post", "/trajectory/send_csv"),
     ("get", "/trajectory/logs"),
@@ -463,7 +466,7 @@ def test_every_example_of_the_schema_works_unedited(http: httpx.Client) -> None:
                 until(lambda: motion(http)["mode"] == "HOLD")
                 tried += 1
     http.post("/robot/tool", json={"clear": True}).raise_for_status()
-    assert tried == 2 * 15, "of the default robot, and of a robot by name"
+    assert tried == 2 * 17, "of the default robot, and of a robot by name"
 
 
 def test_a_second_motion_is_refused_with_the_name_of_the_first(http: httpx.Client) -> None:

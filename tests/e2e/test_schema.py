@@ -35,8 +35,22 @@ READY = r"health/ready$"
 BY_NAME = r"^/robots/\{robot\}/"
 """The same routes once more, of a robot that is named."""
 STOP_EVERY_S = 0.5
+LIMIT_S = 900
+pytestmark = pytest.mark.timeout(2 * LIMIT_S)
 WAITING = ("Serial", "Socket")
 """Classes whose reads wait for their time to be up."""
+
+
+IMPATIENT = "timeout_s: 0.2, explain_s: 0.1"
+"""A planner that is still at work when a stop comes has its process replaced, which costs a second of the
+processor each time."""
+
+
+@pytest.fixture(scope="module")
+def restless(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
+    """A service that gives up plans soon: what is found out here is how it answers, not how it plans."""
+    with answering(Run(tmp_path_factory.mktemp("fuzzed"), planning=IMPATIENT)) as started:
+        yield started
 
 
 @contextmanager
@@ -66,7 +80,9 @@ def fuzzed(service: Run, folder: Path, *options: str, document: str = "/openapi.
     ]
     with stopped_again_and_again(service):
         # The folder is where it leaves what it has found.
-        result = subprocess.run(command, capture_output=True, text=True, timeout=280, check=False, cwd=folder)
+        result = subprocess.run(
+            command, capture_output=True, text=True, timeout=LIMIT_S, check=False, cwd=folder
+        )
     # What it has put there would be in the way of the tests that follow.
     for path in ("/scene", "/robot/tool"):
         httpx.post(f"{service.url}{path}", json={"clear": True}, timeout=WAIT_S)
@@ -74,13 +90,13 @@ def fuzzed(service: Run, folder: Path, *options: str, document: str = "/openapi.
     assert re.search(r"\d+ passed", result.stdout)
 
 
-def test_schemathesis_finds_no_server_error_and_no_undocumented_answer(shared: Run, tmp_path: Path) -> None:
+def test_schemathesis_finds_no_server_error_and_no_undocumented_answer(restless: Run, tmp_path: Path) -> None:
     phases = ("--phases", "examples,coverage,fuzzing", "--max-examples", "10", "--workers", "2")
     # Nothing would move with the control taken.
-    fuzzed(shared, tmp_path, *phases, "--exclude-path-regex", f"{CONTROL}|{READY}|{BY_NAME}")
+    fuzzed(restless, tmp_path, *phases, "--exclude-path-regex", f"{CONTROL}|{READY}|{BY_NAME}")
     phases = ("--phases", "fuzzing", "--max-examples", "1")
     fuzzed(
-        shared,
+        restless,
         tmp_path,
         *phases,
         "--include-path-regex",
@@ -90,20 +106,20 @@ def test_schemathesis_finds_no_server_error_and_no_undocumented_answer(shared: R
     )
 
 
-def test_schemathesis_finds_none_in_taking_the_control(shared: Run, tmp_path: Path) -> None:
+def test_schemathesis_finds_none_in_taking_the_control(restless: Run, tmp_path: Path) -> None:
     phases = ("--phases", "examples,coverage,fuzzing", "--max-examples", "10")
     try:
-        fuzzed(shared, tmp_path, *phases, "--include-path-regex", CONTROL)
+        fuzzed(restless, tmp_path, *phases, "--include-path-regex", CONTROL)
     finally:
-        path = f"{shared.url}/robot/control"
+        path = f"{restless.url}/robot/control"
         taken = httpx.post(path, json={"force": True}, timeout=WAIT_S).raise_for_status().json()
         httpx.delete(path, headers={"X-Control-Token": taken["token"]}).raise_for_status()
 
 
-def test_schemathesis_finds_none_in_the_vendor_services_either(run: Run, tmp_path: Path) -> None:
+def test_schemathesis_finds_none_in_the_vendor_services_either(restless: Run, tmp_path: Path) -> None:
     tags = [word for tag in WAITING for word in ("--exclude-tag", tag)]
     phases = ("--phases", "fuzzing", "--max-examples", "2")
-    fuzzed(run, tmp_path, *phases, *tags, document=VENDOR_SERVICES)
+    fuzzed(restless, tmp_path, *phases, *tags, document=VENDOR_SERVICES)
 
 
 @pytest.fixture(scope="module")
@@ -113,7 +129,7 @@ def locked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Run, str]
     token = f"Bearer {TokenFile(folder / 'tokens.json').create('me', Role.OBSERVER)}"
     asking = {"headers": {"Authorization": token}}
     web = ", authentication: required, tokens: tokens.json"
-    with answering(Run(folder, web=web, asking=asking)) as run:
+    with answering(Run(folder, web=web, planning=IMPATIENT, asking=asking)) as run:
         yield run, token
 
 

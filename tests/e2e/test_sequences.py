@@ -17,7 +17,7 @@ import psutil
 import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
-from running import Run, until
+from running import Run, require_quick, until
 
 HOME = [0, 0, 0, -1.57, 0, 1.57, 0]
 SHORT = {
@@ -97,7 +97,10 @@ def test_while_a_sequence_runs_nobody_else_moves_the_arm(http: httpx.Client) -> 
     assert any(f"pid {pid}" in item for item in stop["stopped"])
     end = status(http)
     assert end["status"] == "finished"
-    assert end["returncode"] == 128 + signal.SIGTERM
+    # It has a second to go by itself, which may be too short on a busy computer.
+    lines = http.get("/sequences/logs", params={"n": 5}).json()["lines"]
+    killed = any("does not end on SIGTERM and is killed" in line for line in lines)
+    assert end["returncode"] == (-signal.SIGKILL if killed else 128 + signal.SIGTERM)
     assert not psutil.pid_exists(pid)
     assert at_rest(http)
 
@@ -114,13 +117,17 @@ def test_a_killed_runner_is_reported_and_the_arm_stops(http: httpx.Client) -> No
 
 def test_a_runner_that_hangs_is_ended_by_stop(http: httpx.Client) -> None:
     """SIGSTOP: the process takes no SIGTERM any more. The two seconds are the issue's figure."""
-    pid = start(http, LONG).json()["pid"]
-    until(lambda: moving(http))
-    os.kill(pid, signal.SIGSTOP)
-    stop = http.post("/stop").json()
-    assert stop["success"]
-    assert stop["duration_s"] < 2.0
-    assert status(http)["returncode"] == -signal.SIGKILL
+
+    def stopping_s() -> float:
+        pid = start(http, LONG).json()["pid"]
+        until(lambda: moving(http))
+        os.kill(pid, signal.SIGSTOP)
+        stop = http.post("/stop").json()
+        assert stop["success"]
+        assert status(http)["returncode"] == -signal.SIGKILL
+        return float(stop["duration_s"])
+
+    require_quick(stopping_s, 2.0)
 
 
 @pytest.mark.parametrize(

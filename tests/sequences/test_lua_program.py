@@ -146,6 +146,46 @@ def test_moves_are_those_of_the_http_api(service: Service) -> None:
     assert (arc["planner"], arc["via"]) == ("circ", {"x": 0.4, "y": 0.5, "z": 0.6})
 
 
+def test_options_are_those_of_the_motion(service: Service) -> None:
+    run(
+        """
+        movej({1}, {planner = "auto", constraints = {joints = {joint1 = {-1, 1}}}})
+        move_named("home", {})
+        movel({0.1, 0.2, 0.3, 1, 2, 3}, {speed_m_s = 0.2, frame_id = "tool"})
+        """,
+        service,
+    )
+    joints, named, line = (body for _, body in service.posted)
+    assert (joints["planner"], joints["constraints"]) == ("auto", {"joints": {"joint1": [-1, 1]}})
+    assert named == {"name": "home", "speed": 0.1, "accel_scale": 0.0}
+    assert (line["speed_m_s"], line["frame_id"], line.get("speed")) == (0.2, "tool", None)
+
+
+def test_move_takes_the_waypoints_of_a_sequence_file(service: Service) -> None:
+    run(
+        """
+        local up = {x = 0, y = 0, z = 1}
+        move({named = "home", planner = "auto"})
+        move({centre = up, axis = up, angle = 6.28, rise = 0.1, radius = 0.05},
+             {x = 0.4, y = 0, z = 0.5, planner = "polyline", through = {{x = 0.4, y = 0.1, z = 0.5}},
+              through_radius = 0.02},
+             {joints = {1, 2}})
+        """,
+        service,
+    )
+    assert [path for path, _ in service.posted] == [
+        "/robot/move/named",
+        "/robot/move/sequence",
+        "/robot/move/joints",
+    ]
+    named, several, _ = (body for _, body in service.posted)
+    assert (named["name"], named["planner"]) == ("home", "auto")
+    up = {"x": 0, "y": 0, "z": 1}
+    assert several["radii"] == [0.05]
+    assert several["motions"][0] == {"centre": up, "axis": up, "angle": 6.28, "rise": 0.1}
+    assert several["motions"][1]["radius"] == 0.02
+
+
 def test_the_state_is_read_as_tables(service: Service) -> None:
     source = "textmsg(table.unpack(get_joint_positions())) textmsg(table.unpack(getTcpPose()))"
     assert run(source, service) == ["0.5 1.5", "0.1 0.2 0.3 3.0 2.0 1.0"]
@@ -211,7 +251,12 @@ def test_coroutines_work() -> None:
         ("movej({0/0})", r"q\[1\] is (nan|-nan), allowed are finite numbers"),
         ("movel({1, 2, 3})", r"pose must be a table of 6 numbers"),
         ("movej({1}, 2)", r"speed is 2, allowed are finite numbers from 0 to 1"),
-        ("movej({1}, {fast = 1})", r"the options are: speed, accel_scale"),
+        ("movej({1}, {fast = 1})", r"the options are: speed, accel_scale, planner, algorithm, "),
+        ("movel({1, 2, 3, 4, 5, 6}, {planner = 'ptp'})", r"the options are: speed, accel_scale, speed_m_s, "),
+        ("\nmove({x = 1, y = 2})", r"test\.lua:2: waypoints\[0\]\.z: is missing"),
+        ("move({named = 'home'}, {angle = 1})", r"waypoints\[1\]\.centre: is missing"),
+        ("move()", r"waypoints: list should have at least 1 item"),
+        ("move(1)", r"waypoints\[0\]: input should be a valid dictionary"),
         ("move_named()", r"the name must be a string, got nil"),
         ("sleep(-1)", r"sleep is -1"),
         ("sleep(print)", r"sleep must be a number, got a function"),

@@ -106,9 +106,7 @@ def test_waypoints_with_a_radius_are_one_motion_with_the_next(tmp_path: Path, se
     assert result.returncode == 0
     (first, _, body), (second, _, _) = service.posted
     assert (first, second) == ("/robot/move/sequence", "/robot/move/joints")
-    scaling = {"speed": 0.1, "accel_scale": 0.0}
-    here = {**JOINTS, **scaling}
-    assert body == {"motions": [{"name": "home", **scaling}, here, here], "radii": [0.1, 0.05]}
+    assert body == {"motions": [{"name": "home"}, JOINTS, JOINTS], "radii": [0.1, 0.05]}
     assert "iteration 1/1, waypoint 2/3, through home on without a stop: arrived" in result.stdout
 
 

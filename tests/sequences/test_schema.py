@@ -11,12 +11,25 @@ from typing import Any
 
 import jsonschema_rs
 import pytest
+from pydantic import BaseModel
 
 from cobot.errors import InputError
-from sequences.schema import SCHEMA_FILE, read_sequence, schema_text
+from cobot.motions.bodies import MoveArc, MoveJoints, MoveNamed, MovePose
+from sequences.schema import (
+    SCHEMA_FILE,
+    ArcTarget,
+    JointTarget,
+    NamedTarget,
+    PoseTarget,
+    Target,
+    read_sequence,
+    schema_text,
+)
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "motion_sequence_config.json"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 POSE = {"x": 0.4, "y": 0.0, "z": 0.5, "a": 0.0, "b": 3.14, "c": 0.0}
+UP = {"x": 0, "y": 0, "z": 1}
+ARC = {"centre": {"x": 0.4, "y": 0.1, "z": 0.5}, "axis": UP, "angle": 7.0}
 JOINTS = {"joints": [0, 0, 0, -1.57, 0, 1.57, 0]}
 
 
@@ -35,9 +48,26 @@ def test_the_published_schema_is_the_one_that_the_code_has() -> None:
     assert SCHEMA_FILE.read_text(encoding="utf-8") == schema_text()
 
 
-def test_the_example_is_valid_for_both(validator: Any) -> None:
-    validator.validate(json.loads(EXAMPLE.read_text(encoding="utf-8")))
-    assert len(read_sequence(EXAMPLE).waypoints) > 0
+@pytest.mark.parametrize("name", ["motion_sequence_config.json", "paths.json"])
+def test_the_examples_are_valid_for_both(validator: Any, name: str) -> None:
+    validator.validate(json.loads((EXAMPLES / name).read_text(encoding="utf-8")))
+    assert len(read_sequence(EXAMPLES / name).waypoints) > 0
+
+
+@pytest.mark.parametrize(
+    ("target", "motion", "named"),
+    [
+        (JointTarget, MoveJoints, {}),
+        (NamedTarget, MoveNamed, {"name": "named"}),
+        (ArcTarget, MoveArc, {}),
+        (PoseTarget, MovePose, {"radius": "through_radius"}),
+    ],
+)
+def test_a_target_takes_all_that_its_motion_takes(
+    target: type[Target], motion: type[BaseModel], named: dict[str, str]
+) -> None:
+    of_motion = {named.get(name, name) for name in motion.model_fields}
+    assert target.model_fields.keys() == of_motion | {"label", "radius"}
 
 
 @pytest.mark.parametrize(
@@ -47,6 +77,13 @@ def test_the_example_is_valid_for_both(validator: Any) -> None:
         {"named": "work"},
         POSE,
         {**POSE, "planner": "circ", "via": {"x": 0, "y": 0, "z": 0}, "speed": 1},
+        {**POSE, "planner": "circ", "centre": UP, "axis": UP, "speed_rad_s": 0.5, "frame_id": "tool"},
+        {**POSE, "planner": "polyline", "through": [POSE], "through_radius": 0.1, "speed_m_s": 0.5},
+        {"x": 0.4, "y": 0.0, "z": 0.5, "planner": "auto", "algorithm": "PRM"},
+        {**JOINTS, "planner": "ompl", "constraints": {"orientation": {"within_rad": 0.1}}},
+        {"named": "work", "planner": "chomp", "synchronization": "time"},
+        ARC,
+        {**ARC, "rise": 0.1, "turn_tool": True, "constraints": {"joints": {"joint1": [-1.0, 1.0]}}},
     ],
 )
 def test_every_kind_of_target_is_valid_for_both(
@@ -70,6 +107,15 @@ def test_every_kind_of_target_is_valid_for_both(
         ({"waypoints": [{**JOINTS, "radius": "wide"}, JOINTS]}, "waypoints[0].radius"),
         ({"waypoints": [{"x": 0.4, "y": 0}]}, "waypoints[0].z: is missing"),
         ({"waypoints": [{**POSE, "planner": "stomp"}]}, "waypoints[0].planner"),
+        ({"waypoints": [{**JOINTS, "planner": "lin"}]}, "waypoints[0].planner"),
+        ({"waypoints": [{**POSE, "through_radius": 2}]}, "waypoints[0].through_radius"),
+        ({"waypoints": [{**POSE, "through": [UP, {"x": 1}]}]}, "waypoints[0].through[1].y: is missing"),
+        ({"waypoints": [{"angle": 1.0}]}, "waypoints[0].centre: is missing"),
+        ({"waypoints": [{**ARC, "angle": 1e3}]}, "waypoints[0].angle"),
+        ({"waypoints": [{**ARC, "planner": "circ"}]}, "waypoints[0]: unknown key 'planner'"),
+        ({"waypoints": [{"name": "home"}]}, "unknown key 'name' (did you mean 'named'?)"),
+        ({"waypoints": ["home"]}, "waypoints[0]"),
+        ({"waypoints": [{**POSE, "constraints": {"orientation": {}}}]}, "within_rad: is missing"),
         ({"waypoints": [JOINTS], "hom": None}, "unknown key 'hom'"),
         ([], ""),
     ],

@@ -7,15 +7,20 @@ from typing import Any
 
 from fastapi import APIRouter, Depends, Request
 
+from app.api.access import identity_of
 from app.api.dependencies import Call, CobotRoute, Gone, json_body
 from app.api.errors import responses, tell
 from app.api.explanations import explained
 from app.api.plan_schemas import (
+    Approve,
     Execute,
+    KeptPlan,
     PlanAnswer,
+    PlanArc,
     PlanDistance,
     PlanJoints,
     PlanNamed,
+    Planning,
     PlanPath,
     PlanPoint,
     PlanPose,
@@ -23,9 +28,11 @@ from app.api.plan_schemas import (
     PlanUse,
 )
 from app.api.routers.robot import answer, goal_of
-from app.api.schemas import AnyMotion, MoveAnswer
+from app.api.schemas import MoveAnswer
+from app.robot_services import Services
 from app.services.motion.plans import Plan, PlanOptions
 from cobot.errors import CobotError
+from cobot.motions.bodies import AnyMotion
 from cobot.motions.forecast import Closest, Forecast
 
 PLAN: dict[str, Any] = {
@@ -54,6 +61,12 @@ async def plan_pose(body: PlanPose, request: Request) -> PlanAnswer:
     return await _planned([body], [], body, Call(request))
 
 
+@router.post("/plan/arc", **PLAN)
+async def plan_arc(body: PlanArc, request: Request) -> PlanAnswer:
+    """Plan an arc of the TCP by an angle about an axis. Nothing moves."""
+    return await _planned([body], [], body, Call(request))
+
+
 @router.post("/plan/path", **PLAN)
 async def plan_path(body: PlanPath, request: Request) -> PlanAnswer:
     """Plan straight lines of the TCP through poses. Nothing moves."""
@@ -73,11 +86,37 @@ async def execute(body: Execute, request: Request, gone: Gone) -> MoveAnswer:
     return answer(await call.services.plans.execute(body.plan_id, call.caller(gone)))
 
 
+@router.get("/plans", responses=responses(503))
+async def kept_plans(request: Request) -> list[KeptPlan]:
+    """The plans that can be run, the oldest first, and who has approved them for an agent."""
+    services = Call(request).services
+    return [_kept(plan, services) for plan in services.plans.kept()]
+
+
+@router.post("/approve", responses=responses(404, 413, 415, 422, 503), dependencies=[Depends(json_body)])
+async def approve(body: Approve, request: Request) -> KeptPlan:
+    """Let an agent run a plan, once, or take that back: look at the plan first."""
+    services = Call(request).services
+    approvals = services.approvals
+    if body.approved:
+        return _kept(approvals.approve(body.plan_id, identity_of(request).name), services)
+    return _kept(approvals.withdraw(body.plan_id), services)
+
+
+def _kept(plan: Plan, services: Services) -> KeptPlan:
+    trajectory = plan.forecast.trajectory
+    return KeptPlan(
+        plan_id=plan.plan_id,
+        by=plan.by,
+        planners=sorted(plan.planners),
+        duration_s=0.0 if trajectory is None else trajectory.duration_s,
+        expires_in_s=services.plans.expires_in_s(plan),
+        approved_by=services.approvals.approved_by(plan.plan_id),
+    )
+
+
 async def _planned(
-    motions: Sequence[AnyMotion],
-    radii: Sequence[float],
-    asked: PlanNamed | PlanJoints | PlanPose | PlanPath | PlanSequence,
-    call: Call,
+    motions: Sequence[AnyMotion], radii: Sequence[float], asked: Planning, call: Call
 ) -> PlanAnswer:
     plans = call.services.plans
     goals = [goal_of(motion, call.services, checked=False) for motion in motions]

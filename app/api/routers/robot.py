@@ -15,23 +15,27 @@ from app.api.schemas import (
     Angles,
     JointStates,
     MoveAnswer,
-    MoveArc,
-    MoveJoints,
-    MoveNamed,
-    MovePose,
-    MoveSequence,
     NamedPositionAnswer,
     Orientation,
-    Point,
     PoseAnswer,
     Position,
     Quaternion,
     ResetAnswer,
 )
 from app.robot_services import Services
-from app.services.motion.execution import Goal, Outcome
+from app.services.motion.execution import Goal, MotionService, Outcome
 from cobot import audit
 from cobot.errors import InputError
+from cobot.motions.bodies import (
+    AnyMotion,
+    MoveArc,
+    MoveJoints,
+    MoveNamed,
+    MovePose,
+    MoveSequence,
+    PathPoint,
+    TcpMotion,
+)
 from cobot.motions.requests import Arc, TcpSpeed, check_algorithm
 from cobot.robot.frames import abc_from_quaternion, pose_from_abc
 from cobot.types import Array, PlannerName, Scaling, Synchronization
@@ -114,10 +118,7 @@ async def move_pose(body: MovePose, request: Request, gone: Gone) -> MoveAnswer:
 async def move_arc(body: MoveArc, request: Request, gone: Gone) -> MoveAnswer:
     """Turn the TCP about an axis by an angle; answers when the arm has arrived and settled."""
     call = Call(request)
-    arc = Arc(_vector(body.centre), _vector(body.axis), body.angle, body.rise, body.turn_tool)
-    speed = TcpSpeed(body.speed_m_s, body.speed_rad_s)
-    goal = call.services.motion.arc(arc, body.frame_id, _scaling(body), speed)
-    return answer(await call.services.motion.move(goal, call.caller(gone)))
+    return answer(await call.services.motion.move(goal_of(body, call.services), call.caller(gone)))
 
 
 @router.post("/move/sequence", responses=MOTION_RESPONSES, dependencies=[Depends(json_body)])
@@ -136,7 +137,7 @@ async def reset(request: Request) -> ResetAnswer:
     return ResetAnswer(success=True, message="the robot is ready to move")
 
 
-def _scaling(body: MovePose | MoveArc) -> Scaling:
+def _scaling(body: TcpMotion) -> Scaling:
     """A speed in m/s or rad/s is a limit of its own: without a share of the others they count in full."""
     in_units = body.speed_m_s is not None or body.speed_rad_s is not None
     speed = 1.0 if in_units and "speed" not in body.model_fields_set else body.speed
@@ -151,42 +152,48 @@ def _arc_to(body: MovePose) -> Arc | None:
     return Arc(_vector(body.centre), None if body.axis is None else _vector(body.axis))
 
 
-def _vector(point: Point) -> Array:
+def _vector(point: PathPoint) -> Array:
     return np.array([point.x, point.y, point.z])
 
 
-def goal_of(body: MoveNamed | MoveJoints | MovePose, services: Services, *, checked: bool = True) -> Goal:
+def goal_of(body: AnyMotion, services: Services, *, checked: bool = True) -> Goal:
     """What a request asks for; joint angles are `checked` against the limits, which planning does too.
 
     Raises:
-        InputError, LimitError: see `MotionService.named`, `joints` and `pose`.
+        InputError, LimitError: see `MotionService.named`, `joints`, `pose` and `arc`.
     """
-    motion = services.motion
-    scaling, synchronization = Scaling(body.speed, body.accel_scale), Synchronization(body.synchronization)
-    if isinstance(body, MoveNamed):
-        goal = motion.named(body.name, scaling, synchronization, checked=checked)
-    elif isinstance(body, MoveJoints):
-        goal = motion.joints(body.joints, scaling, synchronization, checked=checked)
-    else:
-        via = None if body.via is None else [body.via.x, body.via.y, body.via.z]
-        place, turn = [body.x, body.y, body.z], [body.a, body.b, body.c]
-        goal = motion.pose(
-            place,
-            turn,
-            body.frame_id,
-            body.planner,
-            _scaling(body),
-            via,
-            synchronization,
-            _arc_to(body),
-            [pose_from_abc(pose.x, pose.y, pose.z, pose.a, pose.b, pose.c) for pose in body.through],
-            body.radius,
-            TcpSpeed(body.speed_m_s, body.speed_rad_s),
-        )
     constraints = constraints_of(body.constraints, services.robot.limits)
-    planner = PlannerName(body.planner)
+    if isinstance(body, MoveArc):
+        return replace(_along_arc(body, services.motion), constraints=constraints)
+    goal, planner = _to_goal(body, services.motion, checked=checked), PlannerName(body.planner)
     check_algorithm(planner, body.algorithm, constraints)
     return replace(goal, planner=planner, algorithm=body.algorithm, constraints=constraints)
+
+
+def _along_arc(body: MoveArc, motion: MotionService) -> Goal:
+    arc = Arc(_vector(body.centre), _vector(body.axis), body.angle, body.rise, body.turn_tool)
+    return motion.arc(arc, body.frame_id, _scaling(body), TcpSpeed(body.speed_m_s, body.speed_rad_s))
+
+
+def _to_goal(body: MoveNamed | MoveJoints | MovePose, motion: MotionService, *, checked: bool) -> Goal:
+    scaling, synchronization = Scaling(body.speed, body.accel_scale), Synchronization(body.synchronization)
+    if isinstance(body, MoveNamed):
+        return motion.named(body.name, scaling, synchronization, checked=checked)
+    if isinstance(body, MoveJoints):
+        return motion.joints(body.joints, scaling, synchronization, checked=checked)
+    return motion.pose(
+        [body.x, body.y, body.z],
+        [body.a, body.b, body.c],
+        body.frame_id,
+        body.planner,
+        _scaling(body),
+        None if body.via is None else [body.via.x, body.via.y, body.via.z],
+        synchronization,
+        _arc_to(body),
+        [pose_from_abc(pose.x, pose.y, pose.z, pose.a, pose.b, pose.c) for pose in body.through],
+        body.radius,
+        TcpSpeed(body.speed_m_s, body.speed_rad_s),
+    )
 
 
 def answer(outcome: Outcome) -> MoveAnswer:

@@ -31,10 +31,9 @@ from cobot.errors import (
 )
 from cobot.ipc.layout import MotionResult
 from cobot.motions.constraints import Constraints
+from cobot.motions.fence import Fence
 from cobot.motions.requests import (
     ANY_SPEED,
-    RRT_CONNECT,
-    Algorithm,
     Arc,
     Blended,
     MotionRequest,
@@ -49,7 +48,16 @@ from cobot.robot.description import RobotDescription
 from cobot.robot.frames import pose_from_abc, rotation_matrix
 from cobot.robot.limits import check_positions
 from cobot.trajectory import Trajectory
-from cobot.types import Array, LoopMode, PlannerName, Pose, Scaling, Synchronization
+from cobot.types import (
+    RRT_CONNECT,
+    Algorithm,
+    Array,
+    LoopMode,
+    PlannerName,
+    Pose,
+    Scaling,
+    Synchronization,
+)
 
 Join = Callable[[RobotDescription], Blended]
 TOOL = "tool"
@@ -380,7 +388,11 @@ class MotionService:
             return Outcome(error, claim.motion_id, now_s - begun_s, planning_s, note)
 
     async def run(
-        self, trajectory: Trajectory | None, require: Callable[[Array], None], caller: Caller
+        self,
+        trajectory: Trajectory | None,
+        require: Callable[[Array], None],
+        caller: Caller,
+        fence: Fence | None = None,
     ) -> Outcome:
         """Run what was planned before, and return when the arm has arrived, or why it has not.
 
@@ -388,6 +400,7 @@ class MotionService:
             trajectory: None if there is nothing to move.
             require: raises if the commanded joints, shape (dof,), rad, are not where the motion begins, or
                 anything else is not as when it was planned. Called by who owns the right to move.
+            fence: that the TCP may not leave.
 
         Raises:
             ConflictError, UnavailableError, InputError: nothing has moved.
@@ -398,7 +411,7 @@ class MotionService:
             try:
                 require((await self.ready()).commanded_position)
                 if trajectory is not None:
-                    await self.start(claim, trajectory)
+                    await self.start(claim, trajectory, fence)
                     await self.arrival(claim)
             except ExecutionError as exc:
                 error = exc
@@ -424,8 +437,8 @@ class MotionService:
         except MotionTimeout as exc:
             raise PlanningTimeout.after(timeout_s, f"not planned within {timeout_s:g} s") from exc
 
-    async def start(self, claim: Claim, trajectory: Trajectory) -> None:
-        """Hand the motion to rtloop.
+    async def start(self, claim: Claim, trajectory: Trajectory, fence: Fence | None = None) -> None:
+        """Hand the motion to rtloop; it sees to it that the TCP does not leave the fence.
 
         Raises:
             ExecutionError, UnavailableError, InputError: see `RobotLink.start`.
@@ -438,7 +451,7 @@ class MotionService:
             await asyncio.to_thread(checker.check_trajectory, trajectory)
         claim.proceed()
         tool = self._robot.model.carried.version  # it cannot change while somebody has a claim
-        claim.motion_id = await self._link.start(trajectory, claim.stops, tool)
+        claim.motion_id = await self._link.start(trajectory, claim.stops, tool, fence)
         logs.bind(motion=claim.motion_id)
         await claim.speed_override.begun()
 

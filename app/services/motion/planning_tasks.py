@@ -84,6 +84,13 @@ def forecast(robot: RobotDescription, request: MotionRequest, samples: int) -> F
     return forecast(robot, request, samples)
 
 
+def pictured(robot: RobotDescription, joints: Array, poses: Array) -> bytes:
+    """See `cobot.planners.picture.picture`."""
+    from cobot.planners.picture import picture
+
+    return picture(robot, joints, poses)
+
+
 def explained(
     robot: RobotDescription, request: MotionRequest, error: CobotError, budget_s: float
 ) -> Explanation:

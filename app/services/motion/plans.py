@@ -17,6 +17,7 @@ from app.services.motion.execution import Goal, MotionService, Outcome, check_ra
 from app.services.motion.ownership import Caller
 from app.services.motion.planning import PlanningService
 from app.services.motion.planning_tasks import described, explained, forecast, planned
+from cobot.access.roles import acting
 from cobot.clock import Clock
 from cobot.config import PlanningSection
 from cobot.errors import (
@@ -27,6 +28,7 @@ from cobot.errors import (
     PlanningError,
     PlanningTimeout,
 )
+from cobot.motions.fence import Fence
 from cobot.motions.forecast import Forecast
 from cobot.motions.requests import MotionRequest
 from cobot.robot.description import RobotDescription
@@ -71,6 +73,8 @@ class Plan:
         made_s: when that was, on the service's clock.
         scene: the version of the scene that it was made for.
         tool: that of the tool.
+        planners: that it was asked of.
+        by: who has asked.
     """
 
     plan_id: str
@@ -80,6 +84,8 @@ class Plan:
     made_s: float
     scene: int = 0
     tool: int = 0
+    planners: frozenset[str] = frozenset()
+    by: str = ""
 
 
 class _Attempt:
@@ -174,7 +180,9 @@ class PlanService:
             raise PlanningTimeout.after(timeout_s, f"not planned within {timeout_s:g} s") from exc
         scene = self._robot.collision.scene.version
         tool = self._robot.model.tool.version
-        plan = Plan(secrets.token_hex(8), begin, found, limits, self._clock.now_s(), scene, tool)
+        planners = frozenset(str(goal.planner) for goal in goals)
+        made_s, by = self._clock.now_s(), acting.get().name
+        plan = Plan(secrets.token_hex(8), begin, found, limits, made_s, scene, tool, planners, by)
         self._plans[plan.plan_id] = plan
         self._forget()
         return plan
@@ -191,13 +199,19 @@ class PlanService:
         trajectory = await self._motion.sequence(goals, radii_m, begin, plan, attempt.compute)
         return await attempt.compute(partial(described, trajectory=trajectory, start=begin, samples=samples))
 
-    async def execute(self, plan_id: str, caller: Caller) -> Outcome:
-        """Run a plan; it is kept, so that it can be run again from where it begins.
+    def kept(self) -> list[Plan]:
+        """Those that can be run, the oldest first."""
+        self._forget()
+        return list(self._plans.values())
+
+    def expires_in_s(self, plan: Plan) -> float:
+        return max(plan.made_s + self.lifetime_s - self._clock.now_s(), 0.0)
+
+    def get(self, plan_id: str) -> Plan:
+        """A plan that can be run.
 
         Raises:
             NotFoundError: there is no such plan, or no more.
-            ConflictError: the arm or a limit is not where it was; with what, by how much and what is allowed.
-            ConflictError, UnavailableError: somebody else moves the arm, or it is not ready.
         """
         self._forget()
         plan = self._plans.get(plan_id)
@@ -206,7 +220,22 @@ class PlanService:
                 f"there is no plan {shown(plan_id)}: the newest {self._kept} are kept, for "
                 f"{self.lifetime_s:g} s and until the service restarts; plan again"
             )
-        return await self._motion.run(plan.forecast.trajectory, partial(self._require_same, plan), caller)
+        return plan
+
+    async def execute(self, plan_id: str, caller: Caller, fence: Fence | None = None) -> Outcome:
+        """Run a plan; it is kept, so that it can be run again from where it begins.
+
+        Args:
+            fence: that the TCP may not leave.
+
+        Raises:
+            NotFoundError: there is no such plan, or no more.
+            ConflictError: the arm or a limit is not where it was; with what, by how much and what is allowed.
+            ConflictError, UnavailableError: somebody else moves the arm, or it is not ready.
+        """
+        plan = self.get(plan_id)
+        require = partial(self._require_same, plan)
+        return await self._motion.run(plan.forecast.trajectory, require, caller, fence)
 
     def _require_same(self, plan: Plan, joints: Array) -> None:
         for quantity in JointLimits.QUANTITIES:

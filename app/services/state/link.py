@@ -27,6 +27,7 @@ from cobot.errors import (
 from cobot.ipc.layout import LOADED_SEGMENTS, RING, SLOTS, Ack, Command, MotionResult, record_of, text
 from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.ipc.tool_record import fill
+from cobot.motions.fence import Fence
 from cobot.robot.tool import Tool
 from cobot.trajectory import Trajectory
 from cobot.types import LoopMode
@@ -275,12 +276,15 @@ class RobotLink:
         self.memory.requests.data["estops"] += 1
         self.memory.requests.publish()
 
-    async def start(self, trajectory: Trajectory, stops: int, tool: int = 0) -> int:
+    async def start(
+        self, trajectory: Trajectory, stops: int, tool: int = 0, fence: Fence | None = None
+    ) -> int:
         """Hand a motion over and have it started.
 
         Args:
             stops: `stops` as it was when the motion was asked for.
             tool: the version of the tool that it was planned with.
+            fence: that the TCP may not leave.
 
         Returns:
             The motion's number.
@@ -297,9 +301,9 @@ class RobotLink:
             self.handed_over = motion_id, trajectory
             slot = self.memory.slots[number]
             if trajectory.segments > IN_THREAD_SEGMENTS:
-                await asyncio.to_thread(slot.write, motion_id, trajectory)
+                await asyncio.to_thread(slot.write, motion_id, trajectory, fence)
             else:
-                slot.write(motion_id, trajectory)
+                slot.write(motion_id, trajectory, fence)
             try:
                 self.require_awake()
                 await self._send(

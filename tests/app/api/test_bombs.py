@@ -19,8 +19,9 @@ from pydantic import BaseModel, ValidationError
 from app.api.dependencies import PIECE_BYTES, CobotRoute, pieces
 from app.api.plan_schemas import PlanPath
 from app.api.scene_schemas import ChangeScene
-from app.api.schemas import MoveJoints, MoveSequence, SendTrajectory
+from app.api.schemas import SendTrajectory
 from app.api.tool_schemas import ChangeTool
+from cobot.motions.bodies import MoveJoints, MoveSequence
 
 MOST_ERRORS = 5000
 """Each costs some 8 µs."""

@@ -40,10 +40,10 @@ def called(name: str, /, **params: Any) -> tuple[str, tuple[Any, ...], dict[str,
 
 
 def test_joints_and_named_positions_are_moved_to() -> None:
-    assert called("Home", speed=1) == ("move_named", ("home",), {"speed": 1.0})
-    assert called("MoveNamed", name="away") == ("move_named", ("away",), {})
-    rates = {"speed": 0.5, "accel_scale": 0.2}
-    assert called("MoveJ", target=JOINTS, **rates) == ("move_joints", (JOINTS,), rates)
+    assert called("Home", speed=1) == ("move_named", (), {"name": "home", "speed": 1.0})
+    assert called("MoveNamed", name="away") == ("move_named", (), {"name": "away"})
+    rates = {"speed": 0.5, "accel_scale": 0.2, "planner": "auto"}
+    assert called("MoveJ", target=JOINTS, **rates) == ("move_joints", (), {"joints": JOINTS, **rates})
 
 
 @pytest.mark.parametrize(("name", "planner"), [("MovePTP", "ptp"), ("MoveL", "lin"), ("MoveC", "circ")])
@@ -56,15 +56,41 @@ def test_a_pose_is_moved_to_by_its_planner_with_kukas_angles(name: str, planner:
     assert fields.get("via") == ({"x": 0.3, "y": 0.2, "z": 0.5} if via else None)
 
 
+def test_paths_take_points_and_poses_as_lists_and_all_else_as_the_service_does() -> None:
+    x, y, z = POSE[:3]
+    _, _, fields = called("MovePolyline", target=POSE, through=[POSE, POSE], radius=0.02, speed_m_s=0.1)
+    assert (fields["planner"], fields["radius"], fields["speed_m_s"]) == ("polyline", 0.02, 0.1)
+    for pose in fields["through"]:
+        assert [pose[key] for key in "xyz"] == [x, y, z]
+        np.testing.assert_allclose([pose[key] for key in "abc"], [0.3, -0.4, 0.5], atol=1e-12)
+    method, _, fields = called("MoveArc", centre=POSE[:3], axis=[0, 0, 1], angle=6.28, rise=0.1)
+    assert method == "move_arc"
+    expected = {
+        "centre": {"x": x, "y": y, "z": z},
+        "axis": {"x": 0, "y": 0, "z": 1},
+        "angle": 6.28,
+        "rise": 0.1,
+    }
+    assert fields == expected
+    assert called("MoveC", target=POSE, centre=POSE[:3])[2]["centre"] == {"x": x, "y": y, "z": z}
+    held = {"orientation": {"within_rad": 0.1}}
+    assert called("MoveFree", target=POSE, constraints=held)[2]["planner"] == "auto"
+    assert called("MoveFree", target=POSE, planner="chomp", frame_id="world")[2]["planner"] == "chomp"
+
+
 @pytest.mark.parametrize(
     ("name", "params", "sentence"),
     [
         ("Fly", {}, f"there is no primitive 'Fly'; valid are: {', '.join(PRIMITIVES)}"),
-        ("Home", {"target": JOINTS}, "Home: unknown parameter 'target'; valid are: speed, accel_scale"),
-        ("MoveC", {"target": POSE}, "MoveC: via is missing"),
+        ("Home", {"name": "away"}, "Home: name is 'home' and cannot be another one"),
+        ("MoveL", {"target": POSE, "planner": "ptp"}, "MoveL: planner is 'lin' and cannot be another one"),
+        ("MovePolyline", {"target": POSE}, "MovePolyline: through is missing"),
+        ("MovePolyline", {"target": POSE, "through": 3}, "MovePolyline: through must be a list of poses"),
+        ("MovePolyline", {"target": POSE, "through": [POSE, [1]]}, "MovePolyline: through[1] must have 7"),
+        ("MoveArc", {"axis": [0, 0, 1], "angle": 1.0}, "MoveArc: centre is missing"),
         ("MoveJ", {"target": JOINTS[:6]}, "MoveJ: target"),
         ("MoveL", {"target": [*POSE[:6], float("nan")]}, "MoveL: target"),
-        ("MoveL", {"target": [*POSE[:3], 0, 0, 0, 0]}, "MoveL: the quaternion of target must not be zero"),
+        ("MoveL", {"target": [*POSE[:3], 0, 0, 0, 0]}, "MoveL: target: the quaternion must not be zero"),
     ],
 )
 def test_what_is_wrong_is_refused_before_anything_is_asked(

@@ -27,6 +27,7 @@ from cobot.robot.description import load_robot
         ("joint_limits.yaml", "max_position: 2.9", "max_position: 3.0", "set min_position to -2.9"),
         ("joint_limits.yaml", "max_position: 0.5", "max_position: 500", "looks like millimetres"),
         ("joint_limits.yaml", "max_velocity: 1.5", "max_velocity: 1500.0", "1500 m/s, which looks like mm/s"),
+        ("joint_limits.yaml", "max_velocity: 1.5", "max_velocity: 1.6", "set max_velocity to 1.5 or less"),
         ("joint_limits.yaml", "max_effort: 200.0", "max_effort: 201.0", "set max_effort to 200 or less"),
         ("robot.srdf", 'name="a2" value="0.0"', 'name="a2" value="3.0"', "of a2 is 3 rad"),
         ("robot.srdf", 'name="a0" value="0.0"', 'name="a0" value="3.0"', "of a0 is 3 m, allowed is -0.5 to"),
@@ -79,6 +80,25 @@ def test_check_and_run_refuse_a_named_position_in_which_the_arm_touches_itself(
     assert re.search(r"link\d touches link\d", _found(made))
     said = _said_by_run(made, capsys)
     assert re.search(r"robot\.srdf: position 'folded' is in collision: .*link\d", said), said
+
+
+@pytest.mark.parametrize(("velocity", "refused"), [(1.5, False), (1.6, True)])
+def test_a_urdf_that_is_the_model_itself_says_how_fast_its_joints_may_be(
+    tmp_path: Path, velocity: float, refused: bool
+) -> None:
+    file, made = tmp_path / "arm.urdf", tmp_path / "made"
+    file.write_text(urdf(ARMS["ur"]))
+    NewRobot(file).write(made)
+    (made / "arm.urdf").write_text(file.read_text())
+    settings = yaml.safe_load((made / "cobot-setting.yaml").read_text())
+    settings["robot"] |= {"model": "arm.urdf"}
+    (made / "cobot-setting.yaml").write_text(yaml.safe_dump(settings))
+    limits = (
+        (made / "joint_limits.yaml").read_text().replace("max_velocity: 1.5", f"max_velocity: {velocity}")
+    )
+    (made / "joint_limits.yaml").write_text(limits)
+    said = "max_velocity of a0 is 1.6 rad/s, arm.urdf allows 1.5 rad/s: set max_velocity to 1.5 or less"
+    assert (said in _found(made)) == refused
 
 
 def _said_by_run(made: Path, capsys: pytest.CaptureFixture[str]) -> str:

@@ -11,16 +11,16 @@ from typing import get_args
 import mujoco
 import numpy as np
 import pytest
+from running import WAIT_S
 
 from benchmarks import scenes
 from cobot.errors import CollisionError, PlanningError, PlanningTimeout
-from cobot.motions.requests import Algorithm
 from cobot.planners import MotionRequest, plan, sampling
 from cobot.planners.escape import leave
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import inverse
 from cobot.trajectory import Trajectory
-from cobot.types import Array, PlannerName, Pose, Scaling
+from cobot.types import Algorithm, Array, PlannerName, Pose, Scaling
 
 SEED = 20261122
 IN_THE_FLOOR = np.array([0.0, 1.9, 0.0, -0.2, 0.0, 0.0, 0.0])
@@ -53,7 +53,7 @@ def home(robot: RobotDescription) -> Array:
 def planned(
     robot: RobotDescription, planner: str, start: Array, goal: Array | Pose, **fields: object
 ) -> Trajectory:
-    request = MotionRequest(start, goal, PlannerName(planner), Scaling(1.0))
+    request = MotionRequest(start, goal, PlannerName(planner), Scaling(1.0), timeout_s=WAIT_S)
     motion = plan(robot, replace(request, **fields))  # type: ignore[arg-type]
     assert motion is not None
     assert motion.start == pytest.approx(start, abs=1e-9)

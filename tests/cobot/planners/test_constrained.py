@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from running import WAIT_S
 from scipy.spatial.transform import Rotation
 from second_opinion import largest_rates, rate_limits, second_robot
 
@@ -26,7 +27,12 @@ Z = np.array([0.0, 0.0, 1.0])
 def asked(
     robot: RobotDescription, goal: Array | Pose, constraints: Constraints, **more: object
 ) -> MotionRequest:
-    named = {"start": np.array(robot.positions["work"].joints), "planner": PlannerName.OMPL, **more}
+    named = {
+        "start": np.array(robot.positions["work"].joints),
+        "planner": PlannerName.OMPL,
+        "timeout_s": WAIT_S,
+    }
+    named |= more
     return MotionRequest(goal=goal, scaling=FULL, constraints=constraints, **named)  # type: ignore[arg-type]
 
 

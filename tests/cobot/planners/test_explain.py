@@ -11,6 +11,7 @@ import pickle
 import mujoco
 import numpy as np
 import pytest
+from running import WAIT_S
 from second_opinion import MJCF
 
 from cobot.errors import CollisionError, LimitError, PlanningError, UnreachableError
@@ -63,7 +64,7 @@ def test_a_goal_beyond_limits_says_each_joint_and_the_nearest_goal_works(robot: 
         ("limit", ("joint1",), 3.5, 2.97, 1.0),
         ("limit", ("joint3",), -3.0, -2.97, 1.0),
     ]
-    works = {each.kind: each for each in explain(robot, asked, error, 5.0).works}
+    works = {each.kind: each for each in explain(robot, asked, error, WAIT_S).works}
     nearest = works["goal"].change["goal"]
     np.testing.assert_allclose(nearest[[0, 2]], [2.97, -2.97])
     np.testing.assert_array_equal(np.delete(nearest, [0, 2]), np.delete(goal, [0, 2]))
@@ -87,14 +88,14 @@ def test_a_collision_says_which_pair_where_and_how_near(robot: RobotDescription)
         least_m = min(mujoco.mj_geomDistance(model, data, *pair, 1.0, None) for pair in geom_pairs(model))
         assert found.value == pytest.approx(least_m, abs=2e-3)
         assert found.limit == robot.collision.margin_m
-    works = {each.kind: each for each in explain(robot, asked, error, 5.0).works}
+    works = {each.kind: each for each in explain(robot, asked, error, WAIT_S).works}
     assert works["planner"].change["planner"] is PlannerName.AUTO
 
 
 def test_what_nothing_can_help_says_what_was_tried(robot: RobotDescription) -> None:
     far = Pose(np.array([3.0, 0.0, 0.5]), np.array([1.0, 0.0, 0.0, 0.0]))
     asked = MotionRequest(home(robot), far, PlannerName.POLYLINE, FULL, through=(far,))
-    found = explain(robot, asked, refused(robot, asked), 5.0)
+    found = explain(robot, asked, refused(robot, asked), WAIT_S)
     assert found.works == ()
 
 
@@ -104,7 +105,7 @@ def test_out_of_reach_says_by_how_much_and_the_nearest_goal_works(robot: RobotDe
     error = refused(robot, asked)
     by = {found.quantity: found.excess for found in error.findings}
     assert 0.3 < by["distance beyond the reach"] < 0.9
-    works = {each.kind: each for each in explain(robot, asked, error, 5.0).works}
+    works = {each.kind: each for each in explain(robot, asked, error, WAIT_S).works}
     nearest = works["goal"].change["goal"]
     assert np.linalg.norm(nearest.position - far.position) >= by["distance beyond the reach"] - 0.02
 
@@ -116,7 +117,7 @@ def test_a_line_that_ends_on_its_way_says_where_and_works_up_to_there(robot: Rob
     error = refused(robot, asked)
     share = error.findings[0].share
     assert share is not None
-    works = {each.kind: each for each in explain(robot, asked, error, 5.0).works}
+    works = {each.kind: each for each in explain(robot, asked, error, WAIT_S).works}
     shorter = works["goal"].change["goal"]
     gone = (shorter.position - here.position)[0] / 0.6
     assert 0.15 * share < gone < share
@@ -168,7 +169,7 @@ def test_an_acceleration_of_all_but_nothing_works_with_more(robot: RobotDescript
     goal = home(robot)
     goal[0] = 0.5
     asked = request(home(robot), goal, scaling=Scaling(0.5, 1e-12))
-    found = explain(robot, asked, refused(robot, asked), 5.0)
+    found = explain(robot, asked, refused(robot, asked), WAIT_S)
     assert [each.kind for each in found.works] == ["faster"]
 
 

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import pinocchio
 import pytest
+from running import WAIT_S
 from second_opinion import MJCF, largest_rates, second_robot
 
 from cobot.motions.forecast import Closest, Forecast
@@ -37,7 +38,9 @@ def forecasts(robot: RobotDescription) -> list[tuple[Forecast, Trajectory]]:
     """Some full-speed motions between random joint angles."""
     random, made = np.random.default_rng(61), []
     while len(made) < 4:
-        request = MotionRequest(free(robot, random), free(robot, random), PlannerName.AUTO, Scaling(1.0))
+        request = MotionRequest(
+            free(robot, random), free(robot, random), PlannerName.AUTO, Scaling(1.0), timeout_s=WAIT_S
+        )
         found = forecast(robot, request, 2)
         assert found.trajectory is not None
         made.append((found, found.trajectory))

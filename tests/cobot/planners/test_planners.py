@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import ruckig
+from running import WAIT_S
 from scipy.spatial.transform import Rotation
 from second_opinion import Contacts, changed_world, largest_rates, rate_limits, robot_in, second_robot
 
@@ -49,7 +50,7 @@ def work(robot: RobotDescription) -> Array:
 def ptp(
     robot: RobotDescription, start: Array, goal: Array | Pose, scaling: Scaling = FULL, planner: str = "ptp"
 ) -> Trajectory:
-    trajectory = plan(robot, MotionRequest(start, goal, PlannerName(planner), scaling))
+    trajectory = plan(robot, MotionRequest(start, goal, PlannerName(planner), scaling, timeout_s=WAIT_S))
     assert trajectory is not None
     return trajectory
 
@@ -144,7 +145,9 @@ def test_ptp_in_phase_is_straight_in_joint_space_and_no_faster_than_in_time(robo
 @pytest.mark.parametrize("planner", ["lin", "circ", "ompl", "chomp"])
 def test_only_ptp_takes_a_synchronization(robot: RobotDescription, planner: str) -> None:
     via = np.array([0.4, 0.1, 0.4]) if planner == "circ" else None
-    request = MotionRequest(home(robot), robot.model.forward(work(robot)), PlannerName(planner), FULL, via)
+    request = MotionRequest(
+        home(robot), robot.model.forward(work(robot)), PlannerName(planner), FULL, via, timeout_s=WAIT_S
+    )
     with pytest.raises(
         InputError, match=f"synchronization: phase is for planner ptp only, not for {planner}"
     ):
@@ -158,7 +161,7 @@ def test_no_planner_exceeds_a_limit_by_more_than_rounding(robot: RobotDescriptio
     via = pose.position + np.array([0.0, 0.1, 0.02]) if planner == "circ" else None
     goal = Pose(pose.position + np.array([0.05, 0.2, 0.1]), pose.quaternion)
     for speed in (1.0, 0.37):
-        request = MotionRequest(start, goal, PlannerName(planner), Scaling(speed), via)
+        request = MotionRequest(start, goal, PlannerName(planner), Scaling(speed), via, timeout_s=WAIT_S)
         motion = plan(robot, request)
         assert motion is not None
         for order, limit in enumerate(rate_limits(request.scaled_limits(robot)), 1):
@@ -197,7 +200,7 @@ def test_where_the_arm_already_is_there_is_nothing_to_do(robot: RobotDescription
     if planner != "lin":
         goals += [here.copy(), here + 5e-7]
     for goal in goals:
-        assert plan(robot, MotionRequest(here, goal, PlannerName(planner), FULL)) is None
+        assert plan(robot, MotionRequest(here, goal, PlannerName(planner), FULL, timeout_s=WAIT_S)) is None
 
 
 def test_half_the_speed_halves_velocity_acceleration_and_jerk(robot: RobotDescription) -> None:
@@ -225,7 +228,7 @@ def test_every_planner_obeys_speed_and_accel_scale(robot: RobotDescription, plan
     via = pose.position + np.array([0.0, 0.1, 0.02]) if planner == "circ" else None
     durations = {}
     for scaling in (Scaling(0.9), Scaling(0.3), Scaling(0.3, 0.05), Scaling(0.1)):
-        request = MotionRequest(start, goal, PlannerName(planner), scaling, via)
+        request = MotionRequest(start, goal, PlannerName(planner), scaling, via, timeout_s=WAIT_S)
         motion = plan(robot, request)
         assert motion is not None
         used = largest_rates(motion) / rate_limits(request.scaled_limits(robot))

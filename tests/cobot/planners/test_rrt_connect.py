@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from running import WAIT_S
 
 from benchmarks import scenes
 from cobot.motions.requests import MotionRequest
@@ -24,7 +25,7 @@ def test_shortening_keeps_the_ends_gets_no_longer_and_stays_free(robot: RobotDes
     for number, problem in enumerate(scenes.problems(robot, "shelf", 3, SEED)):
         clearance = problem.robot.collision.clearance
         bounds = limits.min_position, limits.max_position
-        corners = connect(clearance, problem.start, problem.goal[None], *bounds, number, 10.0, 0.5)
+        corners = connect(clearance, problem.start, problem.goal[None], *bounds, number, WAIT_S, 0.5)
         assert corners is not None
         short = shortened(clearance, corners, number)
         assert np.array_equal(short[[0, -1]], np.array([problem.start, problem.goal]))
@@ -40,24 +41,24 @@ def test_a_path_is_found_to_the_goal_that_can_be_reached(robot: RobotDescription
     inside = IN_THE_FLOOR
     assert not clearance.is_free(inside)
     bounds = limits.min_position, limits.max_position
-    corners = connect(clearance, problem.start, np.array([inside, problem.goal]), *bounds, 1, 10.0, 2.0)
+    corners = connect(clearance, problem.start, np.array([inside, problem.goal]), *bounds, 1, WAIT_S, 2.0)
     assert corners is not None
     assert np.array_equal(corners[-1], problem.goal)
-    assert connect(clearance, problem.start, inside[None], *bounds, 1, 10.0, 2.0, attempts=200) is None
+    assert connect(clearance, problem.start, inside[None], *bounds, 1, WAIT_S, 2.0, attempts=200) is None
 
 
 @pytest.mark.parametrize("kind", scenes.KINDS)
 def test_a_path_makes_no_detour(robot: RobotDescription, kind: str) -> None:
     limits = robot.limits
     for problem in scenes.problems(robot, kind, 2, SEED):
-        request = MotionRequest(problem.start, problem.goal, PlannerName.OMPL, Scaling(1.0))
+        request = MotionRequest(problem.start, problem.goal, PlannerName.OMPL, Scaling(1.0), timeout_s=WAIT_S)
         planned = find_path(problem.robot, request, problem.goal[None])
         ends = np.array([problem.start, problem.goal])
         best = np.inf
         with problem.robot.collision.keeping(room(problem.robot, ends)) as clearance:
             for seed in range(60):
                 bounds = limits.min_position, limits.max_position
-                corners = connect(clearance, ends[0], ends[1:], *bounds, seed, 10.0, 0.5)
+                corners = connect(clearance, ends[0], ends[1:], *bounds, seed, WAIT_S, 0.5)
                 assert corners is not None
                 best = min(best, length(shortened(clearance, corners, seed)))
         assert length(planned) <= 1.3 * best, problem.name

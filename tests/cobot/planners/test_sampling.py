@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from running import WAIT_S
 from second_opinion import Contacts, changed_world, largest_rates, rate_limits, robot_in
 
 from cobot.errors import CollisionError, PlanningError, PlanningTimeout
@@ -34,7 +35,9 @@ def sides(robot: RobotDescription) -> tuple[Array, Array]:
 def planned(
     robot: RobotDescription, planner: str, start: Array, goal: Array | Pose, speed: float = 1.0
 ) -> Trajectory:
-    trajectory = plan(robot, MotionRequest(start, goal, PlannerName(planner), Scaling(speed)))
+    trajectory = plan(
+        robot, MotionRequest(start, goal, PlannerName(planner), Scaling(speed), timeout_s=WAIT_S)
+    )
     assert trajectory is not None
     return trajectory
 
@@ -69,7 +72,7 @@ def test_their_motions_keep_the_limits_and_go_from_rest_to_rest(
 ) -> None:
     there = robot_in(changed_world(tmp_path, post=POSTS["low"]), robot)
     left, right = sides(robot)
-    request = MotionRequest(left, right, PlannerName(planner), Scaling(speed))
+    request = MotionRequest(left, right, PlannerName(planner), Scaling(speed), timeout_s=WAIT_S)
     motion = plan(there, request)
     assert motion is not None
     assert motion.start == pytest.approx(left, abs=1e-9)

@@ -43,12 +43,17 @@ def rtloop(pair: Pair, robot: str) -> psutil.Process | None:
 def http(pair: Pair) -> Iterator[httpx.Client]:
     """Both arms at home."""
     pair.until(pair.healthy)
-    with httpx.Client(base_url=pair.url, timeout=WAIT_S) as client, ThreadPoolExecutor() as threads:
-        client.post("/stop").raise_for_status()
+    with httpx.Client(base_url=pair.url, timeout=WAIT_S) as client:
+        go_home(pair, client)
+        yield client
+
+
+def go_home(pair: Pair, client: httpx.Client) -> None:
+    client.post("/stop").raise_for_status()
+    with ThreadPoolExecutor() as threads:
         both = [pair.left, pair.right]
         for answer in threads.map(lambda name: move(client, name, HOME, speed=1.0), both):
             assert answer.json()["success"], answer.text
-        yield client
 
 
 def move(client: httpx.Client, robot: str, joints: list[float], speed: float = 0.5) -> httpx.Response:
@@ -86,17 +91,23 @@ def joints(client: httpx.Client, robot: str) -> list[float]:
 
 
 def test_a_killed_rtloop_leaves_the_motion_of_the_other_alone(pair: Pair, http: httpx.Client) -> None:
-    left_process, old = rtloop(pair, pair.left), rtloop(pair, pair.right)
+    left_process = rtloop(pair, pair.left)
     assert left_process is not None
-    assert old is not None
-    left = send(http, pair.left, 8.0)
-    send(http, pair.right, 60.0)
-    before = robot_health(http, pair.left)["interventions"]
-    old.kill()
-    pair.until(lambda: (new := rtloop(pair, pair.right)) is not None and new.pid != old.pid)
-    pair.until(pair.healthy)
-    assert moving(http, pair.left), "restarting takes less than the eight seconds of its motion"
-    pair.until(lambda: arrived(http, pair.left, left))
+    for seconds in (8.0, 32.0, 96.0):  # so long that the motion outlasts the restart on this computer
+        old = rtloop(pair, pair.right)
+        assert old is not None
+        left = send(http, pair.left, seconds)
+        send(http, pair.right, 300.0)
+        before = robot_health(http, pair.left)["interventions"]
+        old.kill()
+        pair.until(lambda pid=old.pid: (new := rtloop(pair, pair.right)) is not None and new.pid != pid)
+        pair.until(pair.healthy)
+        outlasts = moving(http, pair.left)
+        pair.until(lambda motion=left: arrived(http, pair.left, motion))
+        if outlasts:
+            break
+        go_home(pair, http)
+    assert outlasts
     assert joints(http, pair.left) == pytest.approx(AWAY, abs=2e-3)
     health = robot_health(http, pair.left)
     kinds = {kind for kind, count in health["interventions"].items() if count != before[kind]}

@@ -30,7 +30,7 @@ from cobot.ipc.layout import state_dtype
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 CONFIG = Path(__file__).parents[3] / "config"
-PATIENCE_S = 2.0
+PATIENCE_S = 20.0
 """For a busy computer."""
 LIMITS = yaml.safe_load((CONFIG / "joint_limits.yaml").read_text(encoding="utf-8"))["joint_limits"]
 

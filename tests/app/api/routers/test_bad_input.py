@@ -93,9 +93,6 @@ BAD: list[tuple[str, dict[str, Any], list[str]]] = [
         {"motions": [{"joints": JOINTS}, {"name": "home"}], "radii": [NAN]},
         ["radii[0]", "got nan"],
     ),
-]
-"""The endpoint after /robot/move/ and /robot/plan/, a body, and what the detail says."""
-MOVES = [
     ("arc", ARC | {"angle": 0.0}, ["angle: is 0 rad", "rise"]),
     ("arc", ARC | {"angle": NAN}, ["angle", "got nan"]),
     ("arc", ARC | {"angle": 300.0}, ["angle", "less than or equal to 200", "got 300.0"]),
@@ -104,7 +101,12 @@ MOVES = [
         ARC | {"axis": {"x": 0.0, "y": 0.0, "z": 0.0}},
         ["axis: has a length of 0, which is no direction"],
     ),
+    ("arc", ARC | {"constraints": {"joints": {"joint9": [0, 1]}}}, ["there is no such joint"]),
+    ("sequence", {"motions": [ARC | {"rise": NAN}]}, ["motions[0].rise", "got nan"]),
+    ("sequence", {"motions": ["home"]}, ["motions[0]", "got 'home'"]),
+    ("sequence", {"motions": [{"named": "home"}]}, ["'named' (did you mean 'name'?)"]),
 ]
+"""The endpoint after /robot/move/ and /robot/plan/, a body, and what the detail says."""
 PLANS = [
     ("path", {"poses": []}, ["poses", "at least 1 item"]),
     ("path", {"poses": [POSE], "radius": -0.1}, ["radius", "greater than or equal to 0", "got -0.1"]),
@@ -114,7 +116,7 @@ PLANS = [
     ("joints", {"joints": JOINTS, "samples": 1001}, ["samples", "less than or equal to 1000", "got 1001"]),
     ("joints", {"joints": JOINTS, "explain": "yes"}, ["explain", "got 'yes'"]),
 ]
-ALL = [(f"/robot/move/{what}", body, said) for what, body, said in BAD + MOVES]
+ALL = [(f"/robot/move/{what}", body, said) for what, body, said in BAD]
 ALL += [(f"/robot/plan/{what}", body, said) for what, body, said in BAD + PLANS]
 POINTS = [{"positions": JOINTS, "time_from_start": 3.0}]
 ALL += [("/trajectory/send", {"points": POINTS, "smoothing_rad": NAN}, ["smoothing_rad", "got nan"])]

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from running import PATIENT_PLANNING
 from virtual import VirtualService, virtual_service
 
 from benchmarks.explanations import examined
@@ -21,7 +22,7 @@ HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
     """One for all tests here. No test waits for the time of an explanation to run out."""
     folder = tmp_path_factory.mktemp("robot")
-    with virtual_service(folder, more="planning: {explain_s: 15.0}\n") as started:
+    with virtual_service(folder, more=f"planning: {{explain_s: 18.0, {PATIENT_PLANNING}}}\n") as started:
         yield started
 
 
@@ -57,7 +58,7 @@ def test_a_refusal_says_all_of_it_as_numbers(service: VirtualService) -> None:
         "share": 1.0,
         "of": ["joint1"],
     }
-    assert explain["budget_s"] == 15.0
+    assert explain["budget_s"] == 18.0
     (works,) = explain["works"]
     assert (works["change"], works["endpoint"]) == ("goal", "/robot/plan/joints")
     assert works["body"] == {"joints": [2.97, *HOME[1:]]}

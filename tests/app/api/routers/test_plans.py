@@ -126,16 +126,18 @@ def test_who_may_plan_and_execute_and_that_another_service_knows_no_plan(
             return other.ask("POST", path, json=body, headers={"Authorization": f"Bearer {tokens[role]}"})
 
         sequence = {"motions": [{"joints": THERE}]}
+        arc = {"centre": {"x": 0.4, "y": 0.1, "z": 0.6}, "axis": {"x": 0, "y": 0, "z": 1}, "angle": 0.5}
         poses = {"poses": [{"x": 0.45, "y": 0.1, "z": 0.5, "b": 3.14159}]}
         for path, body in (
             ("/robot/plan/joints", {"joints": THERE}),
             ("/robot/plan/named", {"name": "home"}),
             ("/robot/plan/sequence", sequence),
+            ("/robot/plan/arc", arc),
             ("/robot/plan/path", poses | {"start": [0.0, 0.5, 0.0, -1.57, 0.0, 1.07, 0.0]}),
         ):
             refused = asked(Role.OBSERVER, path, body)
             assert refused.status_code == 403
-            assert "operator" in refused.json()["detail"]
+            assert "it needs agent" in refused.json()["detail"]
             made = asked(Role.OPERATOR, path, body)
             assert made.status_code == 200, made.text
         plan = asked(Role.OPERATOR, "/robot/plan/joints", {"joints": THERE, "speed": 1.0}).json()

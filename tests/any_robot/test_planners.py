@@ -1,99 +1,36 @@
-"""Planning, streaming and servo on four arms that `cobot new-robot` makes: S-R-S, UR-like, spherical wrist,
-and a gantry with an arm on it (eight joints, two of them prismatic).
+"""Every planner on four arms that `cobot new-robot` makes, see `made_arms`.
 
 Oracles: pinocchio's kinematics and dynamics of the given URDF, MuJoCo's distances, roots by numpy (see
-`benchmarks.judge`); closed forms for what is streamed.
+`benchmarks.judge`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from made_arms import Made, new_robot
 from rig import Rig
-from scipy.spatial.transform import Rotation
+from running import WAIT_S
 from servo_bench import Bench, runner
 from totg import totg
 
-from benchmarks.arms import JOINTS, SLIDE, Arm, loaded, urdf
 from benchmarks.judge import Judge
 from benchmarks.stress import Tally, one
 from benchmarks.stress_cases import CORRIDOR_RAD, Case
-from cobot.config import Settings, load_settings
+from cobot.config import load_settings
 from cobot.errors import LimitError, UnreachableError
-from cobot.ipc.layout import Interpolation, Stream
-from cobot.launch.cli import main
+from cobot.motions.constraints import Box, Cone, Constraints
 from cobot.motions.requests import Arc, MotionRequest, WaypointRequest
 from cobot.planners import plan
 from cobot.robot.description import load_robot
 from cobot.robot.feasibility import check_efforts, check_limits
-from cobot.robot.frames import abc_from_quaternion
 from cobot.robot.scene import Scene, SceneObject
-from cobot.types import Array, LoopMode, PlannerName, Pose, Scaling, Waypoint
+from cobot.types import Algorithm, PlannerName, Pose, Scaling, Synchronization, Waypoint
 
-BENT = [0.3, 0.2, 0.3, 0.4, 0.9, 0.2]
-READY = {
-    "srs": [0.3, 0.5, 0.2, -1.2, 0.1, 0.8, 0.2],
-    "ur": [0.3, -1.3, 1.5, -1.7, -1.4, 0.2],
-    "spherical": BENT,
-    "gantry": [0.1, 0.05, *BENT],
-}
-"""Bent arms, away from singularities and limits."""
 FULL = Scaling(1.0)
-
-
-@dataclass(frozen=True, slots=True)
-class Made:
-    """A robot of a folder, and where its arm is bent."""
-
-    arm: Arm
-    settings: Settings
-    ready: Array
-
-    @property
-    def slides(self) -> Array:
-        return np.array([kind == SLIDE for kind, *_ in JOINTS[self.arm.name]])
-
-    def moved(self, angle_rad: float, way_m: float) -> Array:
-        """Every joint from where it is ready."""
-        return self.ready + np.where(self.slides, way_m, angle_rad)
-
-    def pose(self, x: float, y: float, z: float, turn_rad: float = 0.0) -> Pose:
-        """So far (m) from that of the bent arm, and turned about an oblique axis; by pinocchio."""
-        position, rotation = Judge(self.arm, self.arm.robot).tcp(self.ready)
-        turned = Rotation.from_rotvec(turn_rad * np.array([0.6, 0.0, 0.8])) * Rotation.from_matrix(rotation)
-        return Pose(position + np.array([x, y, z]), turned.as_quat(scalar_first=True))
-
-
-@pytest.fixture(scope="session")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("robots")
-
-
-@pytest.fixture(scope="session", params=sorted(JOINTS))
-def made(request: pytest.FixtureRequest, folder: Path) -> Made:
-    return robot_of(folder, str(request.param))
-
-
-@pytest.fixture(scope="session")
-def gantry(folder: Path) -> Made:
-    return robot_of(folder, "gantry")
-
-
-def robot_of(folder: Path, name: str) -> Made:
-    """Made by the command, once."""
-    if not (folder / name).exists():
-        new_robot(folder / f"{name}.urdf", urdf(name), folder / name)
-    settings = load_settings(folder / name / "cobot-setting.yaml")
-    return Made(loaded(name, folder / name), settings, np.array(READY[name]))
-
-
-def new_robot(file: Path, text: str, folder: Path) -> None:
-    file.write_text(text, encoding="utf-8")
-    assert main(["new-robot", str(file), "--output", str(folder)]) == 0
 
 
 def require_planned(made: Made, kind: str, *requests: MotionRequest, scene: Scene | None = None) -> None:
@@ -109,7 +46,9 @@ def require_planned(made: Made, kind: str, *requests: MotionRequest, scene: Scen
 
 def test_ptp(made: Made) -> None:
     for goal in (made.moved(0.5, 0.2), made.pose(0.1, 0.05, -0.1, 0.3)):
-        require_planned(made, "ptp", MotionRequest(made.ready, goal, PlannerName.PTP, FULL))
+        request = MotionRequest(made.ready, goal, PlannerName.PTP, FULL)
+        require_planned(made, "ptp", request)
+        require_planned(made, "ptp", replace(request, synchronization=Synchronization.PHASE))
 
 
 def test_lin(made: Made) -> None:
@@ -149,8 +88,30 @@ def test_around_a_box_in_the_way(made: Made, planner: PlannerName) -> None:
     between = Judge(made.arm, made.arm.robot).tcp(0.5 * (made.ready + goal))[0]
     x, y, z = between.tolist()
     scene = Scene(1, {"box": SceneObject("box", (0.1, 0.1, 0.1), (x, y, z, 1.0, 0.0, 0.0, 0.0))})
-    request = MotionRequest(made.ready, goal, planner, FULL, seed=1, timeout_s=10.0)
+    request = MotionRequest(made.ready, goal, planner, FULL, seed=1, timeout_s=WAIT_S)
     require_planned(made, str(planner), request, scene=scene)
+
+
+@pytest.mark.parametrize("algorithm", ["RRT", "BKPIECE1"])
+def test_ompls_planners_by_name(made: Made, algorithm: Algorithm) -> None:
+    goal = made.moved(0.4, 0.2)
+    request = MotionRequest(
+        made.ready, goal, PlannerName.OMPL, FULL, seed=1, timeout_s=WAIT_S, algorithm=algorithm
+    )
+    require_planned(made, "ompl", request)
+
+
+@pytest.mark.parametrize("planner", [PlannerName.OMPL, PlannerName.AUTO, PlannerName.LIN])
+def test_a_motion_that_keeps_constraints(made: Made, planner: PlannerName) -> None:
+    goal = made.pose(0.1, -0.08, -0.05)
+    here = made.pose(0.0, 0.0, 0.0).position
+    held = Constraints(
+        Cone(np.array([0.0, 0.0, 1.0]), 0.1),
+        Box(here - 0.2, here + 0.2),
+        ((0, float(made.ready[0]) - 1.0, float(made.ready[0]) + 1.0),),
+    )
+    request = MotionRequest(made.ready, goal, planner, FULL, seed=1, timeout_s=WAIT_S, constraints=held)
+    require_planned(made, "constrained", request)
 
 
 def test_timed_points_of_somebody_else(made: Made) -> None:
@@ -168,95 +129,6 @@ def test_timed_points_of_somebody_else(made: Made) -> None:
     tally = Tally()
     one(made.arm, Case(0, "timed", made.arm.robot, timed=request), tally, share=0.0)
     assert (tally.planned, tally.wrong) == (1, []), tally.refused
-
-
-@pytest.fixture
-def own_rig(made: Made) -> Iterator[Rig]:
-    rig = Rig(made.settings, made.arm.robot, simulated=True, start=made.ready)
-    yield rig
-    rig.close()
-
-
-def require_limits(rig: Rig) -> None:
-    limits = rig.limits
-    for share in rig.rates():
-        assert share.max() <= 1.011
-    rows = np.array(rig.commanded)
-    assert ((rows >= limits.min_position) & (rows <= limits.max_position)).all()
-
-
-def test_a_stream_of_joints_is_followed(made: Made, own_rig: Rig) -> None:
-    rig = own_rig
-    stiffness = 0.5 * rig.simulation.nominal_stiffness
-    assert rig.stream(interpolation=Interpolation.QUINTIC, stiffness=stiffness) == ""
-    size = np.where(made.slides, 0.03, 0.1)
-    for cycle in range(1500):
-        if cycle % 10 == 0:
-            rig.aim(joints=made.ready + size * (1.0 - np.cos(np.pi * cycle / 1500)))
-        rig.step()
-    np.testing.assert_allclose(rig.commanded[-1], made.ready + 2.0 * size, atol=2e-3)
-    require_limits(rig)
-    assert rig.counted() == {}
-    rig.end_stream()
-    rig.run()
-    assert rig.mode is LoopMode.HOLD, rig.reason
-
-
-def test_a_stream_of_poses_is_followed(made: Made, own_rig: Rig) -> None:
-    rig, judge = own_rig, Judge(made.arm, made.arm.robot)
-    soft = {
-        "stiffness": 0.5 * rig.simulation.nominal_stiffness,
-        "cartesian_stiffness": 0.5 * rig.simulation.nominal_cartesian_stiffness,
-    }
-    assert rig.stream(Stream.CARTESIAN, interpolation=Interpolation.QUINTIC, **soft) == ""
-    begin = made.pose(0.0, 0.0, 0.0)
-    for cycle in range(1500):
-        if cycle % 10 == 0:
-            share = 0.5 * (1.0 - np.cos(np.pi * cycle / 1500))
-            place = begin.position + share * np.array([0.04, -0.06, -0.05])
-            rig.aim(pose=np.array([*place, *begin.quaternion]))
-        rig.step()
-    rig.step(200)
-    assert judge.off(rig.commanded[-1], made.pose(0.04, -0.06, -0.05)) < 1e-3
-    require_limits(rig)
-    rig.end_stream()
-    rig.run()
-    assert rig.mode is LoopMode.HOLD, rig.reason
-
-
-def test_servo_points_bring_the_arm_to_the_last_of_them(made: Made, own_rig: Rig) -> None:
-    goal, pose = made.moved(0.1, 0.03), made.pose(0.03, -0.03, -0.03)
-
-    async def test(bench: Bench) -> None:
-        bench.streams.info["stiffness"] = 0.5 * own_rig.simulation.nominal_stiffness
-        bench.set_mode(1, send_period=0.02)
-        await bench.active()
-        for number in range(60):
-            joints = made.ready + (goal - made.ready) * min(1.0, number / 40)
-            bench.point(joints, time=0.02, lookahead_time=0.1, gain=200.0, point_type="joint")
-            await bench.cycles(20)
-        for number in range(60, 0, -1):
-            joints = made.ready + (goal - made.ready) * min(1.0, max(0, number - 20) / 40)
-            bench.point(joints, time=0.02, lookahead_time=0.1, gain=200.0, point_type="joint")
-            await bench.cycles(20)
-        for number in range(60):
-            share = min(1.0, number / 40)
-            here = made.pose(0.03 * share, -0.03 * share, -0.03 * share)
-            rz, ry, rx = abc_from_quaternion(here.quaternion)
-            values = [*here.position, rx, ry, rz]
-            bench.point(values, point_type="cartesian", time=0.02)
-            await bench.cycles(20)
-        await bench.cycles(200)
-        values = bench.servo.feedback()
-        bench.stop()
-        assert (values["points_accepted"], values["points_refused"]) == (180, 0), values
-        await bench.idle()
-
-    runner(own_rig, made.arm.robot, made.settings)(test)
-    assert Judge(made.arm, made.arm.robot).off(own_rig.commanded[-1], pose) < 2e-3
-    furthest = np.abs(np.array(own_rig.commanded) - goal).max(axis=1).min()
-    assert furthest < 3e-3
-    require_limits(own_rig)
 
 
 BEYOND = [

@@ -1,0 +1,99 @@
+"""What agents may run: plans that an operator has approved, and, if the settings say so, those in a fence."""
+
+from __future__ import annotations
+
+import time
+
+from app.services.motion.execution import Outcome
+from app.services.motion.ownership import Caller
+from app.services.motion.plans import Plan, PlanService
+from cobot.clock import Clock
+from cobot.config import McpSection
+from cobot.errors import PermissionDenied
+from cobot.motions.fence import Fence
+from cobot.robot.description import RobotDescription
+
+ASK = "ask an operator to approve it: POST /robot/approve, or the panel"
+
+
+class Approvals:
+    """An approval is for one run of one plan."""
+
+    def __init__(
+        self, robot: RobotDescription, clock: Clock, plans: PlanService, settings: McpSection
+    ) -> None:
+        self._robot = robot
+        self._clock = clock
+        self._plans = plans
+        self._execution = settings.execution
+        self._settings = settings.fence
+        box = settings.fence
+        self._fence = Fence(box.low, box.high, box.speed_m_s)
+        self._by: dict[str, str] = {}
+
+    def approve(self, plan_id: str, by: str) -> Plan:
+        """Let an agent run this plan, once.
+
+        Raises:
+            NotFoundError: there is no such plan, or no more.
+        """
+        plan = self._plans.get(plan_id)
+        known = {each.plan_id for each in self._plans.kept()}
+        self._by = {plan_id: name for plan_id, name in self._by.items() if plan_id in known}
+        self._by[plan_id] = by
+        return plan
+
+    def withdraw(self, plan_id: str) -> Plan:
+        """The opposite; raises as `approve` does."""
+        plan = self._plans.get(plan_id)
+        self._by.pop(plan_id, None)
+        return plan
+
+    def approved_by(self, plan_id: str) -> str | None:
+        """Who has approved a plan that has not run since; None: nobody."""
+        return self._by.get(plan_id)
+
+    async def execute(self, plan_id: str, caller: Caller) -> Outcome:
+        """Run a plan for an agent; see `PlanService.execute`.
+
+        Raises:
+            PermissionDenied: it is neither approved nor within the fence; says why.
+        """
+        fence = self.permit(self._plans.get(plan_id))
+        if fence is None:
+            del self._by[plan_id]  # before anything is waited for: it is good for one run
+        return await self._plans.execute(plan_id, caller, fence)
+
+    def permit(self, plan: Plan) -> Fence | None:
+        """The fence within which an agent may run a plan; None for one that an operator has approved.
+
+        Raises:
+            PermissionDenied: it may not.
+        """
+        if self._execution == "off":
+            raise PermissionDenied("agents may not move this robot: mcp.execution is off in its settings")
+        if plan.plan_id in self._by:
+            return None
+        if self._execution == "approved":
+            raise PermissionDenied(f"plan {plan.plan_id} is not approved; {ASK}")
+        problem = self._beyond(plan)
+        if problem:
+            raise PermissionDenied(f"plan {plan.plan_id} is not approved, and not fenced: {problem}; {ASK}")
+        return self._fence
+
+    def _beyond(self, plan: Plan) -> str:
+        """How a plan is beyond the settings' fence, in words; "" if it is not."""
+        fence = self._settings
+        others = sorted(plan.planners - set(fence.planners))
+        if others:
+            allowed = ", ".join(fence.planners)
+            return f"its planner is {others[0]}, mcp.fence.planners has {allowed}"
+        mass = self._robot.model.carried.mass
+        if mass > fence.payload_kg:
+            return f"the arm carries {mass:g} kg, mcp.fence.payload_kg is {fence.payload_kg:g} kg"
+        now = time.strftime("%H:%M", time.localtime(self._clock.wall_ns() / 1e9))
+        begin, end = fence.hours.split("-")
+        if not (begin <= now <= end if begin <= end else now >= begin or now <= end):
+            return f"it is {now}, mcp.fence.hours is {fence.hours}"
+        trajectory = plan.forecast.trajectory
+        return "" if trajectory is None else self._fence.breach(trajectory, self._robot.model.chain)

@@ -1,0 +1,73 @@
+"""The fence of a motion, watched in every cycle of it; see `cobot.motions.fence`."""
+
+from libc.math cimport sqrt
+
+from cobot.arrays cimport MAX_DOF
+from cobot.robot.chain cimport Chain
+
+import numpy as np
+
+from cobot.motions.fence import Fence
+
+# The service has looked at the motion at intervals; between them it may be a little beyond.
+cdef double TOLERANCE_M = 1e-3
+cdef double TOLERANCE = 0.01
+
+
+cdef class Watch:
+    """Whether the TCP is where the motion's fence permits it to be.
+
+    Attributes:
+        fence: of the motion; None for none.
+    """
+
+    def __init__(self, Chain chain):
+        self._chain = chain
+        self.set(None)
+
+    def set(self, values):
+        """Watch over another fence.
+
+        Args:
+            values: as `Fence.values`, as they were found in shared memory; None, or nothing but NaN: none.
+
+        Raises:
+            ValueError: some of them are NaN.
+        """
+        missing = values is None or np.isnan(values)
+        self.active = not np.all(missing)
+        if not self.active:
+            self.fence = None
+            return
+        if np.any(missing):
+            raise ValueError("the motion's fence is not complete")
+        rows = [float(value) for value in values]
+        self.fence = Fence(tuple(rows[:3]), tuple(rows[3:6]), rows[6])
+        for axis in range(3):
+            self._low[axis], self._high[axis] = rows[axis] - TOLERANCE_M, rows[axis + 3] + TOLERANCE_M
+        self._speed_m_s = rows[6] * (1.0 + TOLERANCE)
+
+    def said(self, row):
+        """What `c_beyond` has found, in words."""
+        return f"the motion would leave its fence: {self.fence.beyond(np.array(row[:3]), row[3])}"
+
+    cdef bint c_beyond(self, const double* rows, double* place4) noexcept nogil:
+        """Whether the TCP is beyond it at these joints' positions and velocities; where it is, and how fast."""
+        cdef double pose[7]
+        cdef double jacobian[6 * MAX_DOF]
+        cdef double velocity
+        cdef double square = 0.0
+        cdef int axis, joint, dof = self._chain.dof
+        cdef bint beyond = False
+        self._chain.c_forward_jacobian(rows, pose, jacobian)
+        for axis in range(3):
+            velocity = 0.0
+            for joint in range(dof):
+                velocity += jacobian[axis * dof + joint] * rows[dof + joint]
+            square += velocity * velocity
+            place4[axis] = pose[axis]
+            # Written so that what is not a number is beyond it.
+            if not self._low[axis] <= pose[axis] <= self._high[axis]:
+                beyond = True
+        place4[3] = sqrt(square)
+        return beyond or not place4[3] <= self._speed_m_s

@@ -1,0 +1,34 @@
+"""The four arms, each made once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from made_arms import Made, robot_of
+from rig import Rig
+
+from benchmarks.arms import JOINTS
+
+
+@pytest.fixture(scope="session")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("robots")
+
+
+@pytest.fixture(scope="session", params=sorted(JOINTS))
+def made(request: pytest.FixtureRequest, folder: Path) -> Made:
+    return robot_of(folder, str(request.param))
+
+
+@pytest.fixture(scope="session")
+def gantry(folder: Path) -> Made:
+    return robot_of(folder, "gantry")
+
+
+@pytest.fixture
+def own_rig(made: Made) -> Iterator[Rig]:
+    rig = Rig(made.settings, made.arm.robot, simulated=True, start=made.ready)
+    yield rig
+    rig.close()

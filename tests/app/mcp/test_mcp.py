@@ -1,0 +1,319 @@
+"""Agents: the official client of the Model Context Protocol at the whole service on virtual time.
+
+Oracles: that client, which knows nothing of us, and where rtloop says the arm is.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import struct
+import zlib
+from collections.abc import Awaitable, Callable, Iterator
+from typing import Any, TypeVar
+
+import httpx2
+import numpy as np
+import pytest
+from mcp.client.client import Client
+from mcp.client.streamable_http import streamable_http_client
+from virtual import URL, VirtualService, virtual_service
+
+from cobot.access.roles import Role
+from cobot.access.tokens import TokenFile
+from cobot.motions.fence import Fence
+
+Result = TypeVar("Result")
+HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
+NEAR, FAR = [0.0, 0.1, 0.0, -1.6, 0.0, 1.5, 0.0], [1.6, 0.1, 0.0, -1.6, 0.0, 1.5, 0.0]
+FENCE = """
+mcp:
+  execution: fenced
+  fence: {low: [0.2, -0.3, 0.2], high: [0.8, 0.3, 0.9], speed_m_s: 0.25, planners: [ptp, lin]}
+"""
+
+
+class Agent:
+    """An agent with a token of its own; each of its calls is a connection."""
+
+    def __init__(self, service: VirtualService, token: str = "", mode: str = "auto") -> None:
+        self._service, self._mode = service, mode
+        self.headers = {"authorization": f"Bearer {token}"} if token else {}
+
+    def does(self, work: Callable[[Client], Awaitable[Result]]) -> Result:
+        async def connected() -> Result:
+            transport = httpx2.ASGITransport(self._service.app, client=("192.0.2.7", 4000))
+            async with httpx2.AsyncClient(transport=transport, headers=self.headers, timeout=None) as http:
+                connection = streamable_http_client(f"{URL}/mcp/mcp", http_client=http)
+                async with Client(connection, mode=self._mode) as client:  # type: ignore[arg-type]
+                    return await work(client)
+
+        return self._service.run(connected())
+
+    def call(self, tool: str, **arguments: Any) -> Any:
+        """What a tool answers; raises AssertionError with its words if it is an error."""
+        answer = self.does(lambda client: client.call_tool(tool, arguments))
+        assert not answer.is_error, answer.content[0].text
+        return decoded(answer)
+
+    def refused(self, tool: str, **arguments: Any) -> str:
+        """In which words a tool refuses."""
+        answer = self.does(lambda client: client.call_tool(tool, arguments))
+        assert answer.is_error, answer
+        return str(answer.content[0].text)
+
+
+def decoded(answer: Any) -> Any:
+    return json.loads(answer.content[0].text)
+
+
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
+    """Nobody may run anything through it."""
+    with virtual_service(tmp_path_factory.mktemp("robot")) as started:
+        yield started
+
+
+@pytest.fixture(scope="module")
+def fenced(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
+    """Tokens are needed, and motions within the fence may be run."""
+    folder = tmp_path_factory.mktemp("fenced")
+    more = f"web: {{authentication: required, tokens: {folder / 'tokens.json'}}}\n{FENCE}"
+    with virtual_service(folder, more=more) as started:
+        yield started
+
+
+@pytest.mark.parametrize("mode", ["auto", "legacy"])
+def test_the_official_client_finds_tools_resources_and_prompts(service: VirtualService, mode: str) -> None:
+    agent = Agent(service, mode=mode)
+    tools = agent.does(lambda client: client.list_tools()).tools
+    assert {"get_state", "plan_to_pose", "preview", "execute", "stop", "why_did_it_stop"} <= {
+        tool.name for tool in tools
+    }
+    assert all(tool.description for tool in tools)
+    limits = agent.does(lambda client: client.read_resource(f"cobot://limits/{service.name}"))
+    assert '"max_velocity"' in limits.contents[0].text
+    prompts = agent.does(lambda client: client.list_prompts()).prompts
+    assert {prompt.name for prompt in prompts} == {"move_safely", "diagnose"}
+
+
+def test_an_agent_sees_where_the_arm_is(service: VirtualService) -> None:
+    state = Agent(service).call("get_state")
+    np.testing.assert_allclose(state["joints"]["position"], service.joints(), atol=1e-3)
+
+
+def test_a_plan_can_be_looked_at(service: VirtualService) -> None:
+    agent = Agent(service)
+    before = service.joints()
+    plan = agent.call("plan_to_joints", joints=NEAR, speed=0.5)
+    answer = agent.does(lambda client: client.call_tool("preview", {"plan_id": plan["plan_id"]}))
+    assert answer.content[0].mime_type == "image/png"
+    pixels = read_png(base64.b64decode(answer.content[0].data))
+    blue = (pixels[:, :, 2] > 200) & (pixels[:, :, 0] < 60)
+    assert blue.sum() > 20, "the way of the TCP is not to be seen"
+    assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 50
+    assert service.joints() == before
+
+
+def test_off_is_off(service: VirtualService) -> None:
+    agent = Agent(service)
+    plan = agent.call("plan_to_joints", joints=NEAR)
+    service.post("/robot/approve", json={"plan_id": plan["plan_id"]})
+    assert "mcp.execution is off" in agent.refused("execute", plan_id=plan["plan_id"])
+
+
+def token(service: VirtualService, role: Role) -> str:
+    """A new one, which the service knows at once."""
+    file = TokenFile(service.config.parent / "tokens.json")
+    made = file.create(f"{role.name.lower()}-{len(file.read())}", role)
+    service.sleep(2.0)
+    return made
+
+
+class Cell:
+    """A robot, an agent, and an operator who watches both."""
+
+    def __init__(self, service: VirtualService) -> None:
+        self.service = service
+        self.agent = Agent(service, token(service, Role.AGENT))
+        self.operator = {"authorization": f"Bearer {token(service, Role.OPERATOR)}"}
+
+    def asks(self, path: str, body: Any) -> Any:
+        """What the operator does."""
+        return self.service.post(path, json=body, headers=self.operator).json()
+
+    def goes_to(self, joints: list[float]) -> None:
+        assert self.asks("/robot/move/joints", {"joints": joints, "speed": 1.0})["success"]
+
+    def joints(self) -> list[float]:
+        answer = self.service.ask("GET", "/robot/joint_states", headers=self.operator).json()
+        found: list[float] = answer["position"]
+        return found
+
+
+@pytest.fixture(scope="module")
+def cell(fenced: VirtualService) -> Cell:
+    return Cell(fenced)
+
+
+def test_an_agent_moves_within_its_fence(cell: Cell) -> None:
+    cell.goes_to(HOME)
+    plan = cell.agent.call("plan_to_joints", joints=NEAR, speed=0.1)
+    assert cell.agent.call("execute", plan_id=plan["plan_id"])["success"]
+    np.testing.assert_allclose(cell.joints(), NEAR, atol=2e-3)
+
+
+def test_what_an_operator_has_approved_runs_once(cell: Cell) -> None:
+    cell.goes_to(HOME)
+    plan = cell.agent.call("plan_to_joints", joints=FAR, speed=0.5)["plan_id"]
+    assert "is not approved, and not fenced" in cell.agent.refused("execute", plan_id=plan)
+    assert cell.asks("/robot/approve", {"plan_id": plan})["approved_by"].startswith("operator")
+    assert cell.agent.call("execute", plan_id=plan)["success"]
+    np.testing.assert_allclose(cell.joints(), FAR, atol=2e-3)
+    cell.goes_to(HOME)
+    assert "is not approved" in cell.agent.refused("execute", plan_id=plan)
+
+
+def test_an_approval_can_be_taken_back(cell: Cell) -> None:
+    cell.goes_to(HOME)
+    plan = cell.agent.call("plan_to_joints", joints=FAR, speed=0.5)["plan_id"]
+    cell.asks("/robot/approve", {"plan_id": plan})
+    assert cell.asks("/robot/approve", {"plan_id": plan, "approved": False})["approved_by"] is None
+    assert "is not approved" in cell.agent.refused("execute", plan_id=plan)
+
+
+def test_an_agent_stops_the_arm_for_everybody(cell: Cell) -> None:
+    cell.goes_to(HOME)
+    service = cell.service
+    moving = service.begin(
+        service.asking(
+            "POST", "/robot/move/joints", json={"joints": FAR, "speed": 0.1}, headers=cell.operator
+        )
+    )
+    service.sleep(0.5)
+    cell.agent.call("stop")
+    answer = service.end(moving).json()
+    assert not answer["success"]
+    assert "stopped by POST /stop" in answer["message"]
+    assert "STOPPED" in cell.agent.call("why_did_it_stop")["last_motion"]
+
+
+OUTSIDE: list[tuple[str, dict[str, Any], str]] = [
+    ("plan_to_joints", {"joints": FAR, "speed": 0.1}, "the TCP would be at"),
+    ("plan_to_joints", {"joints": NEAR, "speed": 1.0}, "m/s, the fence permits 0.25 m/s"),
+    ("plan_to_pose", {"x": 0.5, "y": 0.0, "z": 0.15, "speed": 0.1}, "the TCP would be at z"),
+    (
+        "plan_to_pose",
+        {"x": 0.4, "y": 0.4, "z": 0.5, "planner": "lin"},
+        "the TCP would be at y",
+    ),
+    ("plan_to_pose", {"x": 0.5, "y": 0.1, "z": 0.5, "speed": 0.1, "planner": "ompl"}, "its planner is ompl"),
+    ("plan_to_pose", {"x": 0.5, "y": 0.1, "z": 0.5, "speed": 0.1, "planner": "auto"}, "its planner is auto"),
+]
+
+
+@pytest.mark.parametrize(("tool", "arguments", "why"), OUTSIDE)
+def test_a_plan_beyond_the_fence_is_refused(
+    cell: Cell, tool: str, arguments: dict[str, Any], why: str
+) -> None:
+    cell.goes_to(HOME)
+    plan = cell.agent.call(tool, **arguments)["plan_id"]
+    assert why in cell.agent.refused("execute", plan_id=plan)
+    np.testing.assert_allclose(cell.joints(), HOME, atol=2e-3)
+
+
+def test_rtloop_holds_the_fence_where_the_service_fails_to(
+    cell: Cell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cell.goes_to(HOME)
+    plan = cell.agent.call("plan_to_joints", joints=FAR, speed=0.1)["plan_id"]
+    monkeypatch.setattr(Fence, "breach", lambda *_: "")
+    answer = cell.agent.call("execute", plan_id=plan)
+    assert not answer["success"]
+    assert "the motion would leave its fence: the TCP would be at y = 0.3" in answer["error"]
+    pose = cell.service.ask("GET", "/robot/pose", headers=cell.operator).json()
+    assert 0.1 < pose["position"]["y"] < 0.3
+
+
+REST: list[tuple[str, Any]] = [
+    ("/robot/move/joints", {"joints": NEAR}),
+    ("/robot/move/named", {"name": "home"}),
+    ("/robot/move/pose", {"x": 0.5, "y": 0.0, "z": 0.5, "b": 3.14159}),
+    ("/robot/move/sequence", {"motions": [{"joints": NEAR}]}),
+    ("/robot/execute", {"plan_id": "PLAN"}),
+    ("/robot/approve", {"plan_id": "PLAN"}),
+    ("/robot/tool", {"mass": 1.0}),
+    ("/robot/control", {}),
+    ("/robot/reset", None),
+    ("/scene", {"remove": []}),
+    ("/trajectory/send", {"points": []}),
+    ("/admin/reload", None),
+]
+
+
+@pytest.mark.parametrize(("path", "body"), REST)
+def test_the_token_of_an_agent_opens_no_way_around_the_tools(cell: Cell, path: str, body: Any) -> None:
+    plan = cell.agent.call("plan_to_joints", joints=NEAR, speed=0.1)["plan_id"]
+    if body and "plan_id" in body:
+        body = {"plan_id": plan}
+    answer = cell.service.post(path, json=body, headers=cell.agent.headers)
+    assert answer.status_code == 403, answer.text
+    assert "has the role agent" in answer.json()["detail"]
+
+
+def test_a_plan_is_not_run_in_another_world(cell: Cell) -> None:
+    """Plans that were fenced when they were made, and are not any more."""
+    cell.goes_to(HOME)
+    plan = cell.agent.call("plan_to_joints", joints=NEAR, speed=0.1)["plan_id"]
+    cell.goes_to([0.1, *HOME[1:]])
+    assert "where the plan begins" in cell.agent.refused("execute", plan_id=plan)
+    assert "there is no plan" in cell.agent.refused("execute", plan_id="0123456789abcdef")
+
+
+def test_an_observer_neither_plans_nor_executes_nor_draws(cell: Cell) -> None:
+    cell.goes_to(HOME)
+    plan = cell.agent.call("plan_to_joints", joints=NEAR, speed=0.1)["plan_id"]
+    observer = Agent(cell.service, token(cell.service, Role.OBSERVER))
+    observer.call("get_state")
+    for tool, arguments in (
+        ("plan_to_joints", {"joints": NEAR}),
+        ("preview", {"plan_id": plan}),
+        ("execute", {"plan_id": plan}),
+    ):
+        assert "role observer" in observer.refused(tool, **arguments)
+
+
+def test_without_a_token_there_is_nothing(cell: Cell) -> None:
+    answer = cell.service.post("/mcp/mcp", json={"jsonrpc": "2.0", "id": 1, "method": "tools/list"})
+    assert answer.status_code == 401
+
+
+def test_every_call_is_in_the_audit(cell: Cell) -> None:
+    cell.goes_to(HOME)
+    plan = cell.agent.call("plan_to_joints", joints=FAR, speed=0.1)["plan_id"]
+    cell.agent.refused("execute", plan_id=plan)
+    admin = {"authorization": f"Bearer {token(cell.service, Role.ADMIN)}"}
+    entries = cell.service.ask("GET", "/audit?limit=20", headers=admin).json()["entries"]
+    tried = next(entry for entry in entries if entry["what"] == "MCP execute")
+    assert tried["who"].startswith("agent")
+    assert tried["details"]["plan_id"] == plan
+    assert "is not approved" in tried["outcome"]
+
+
+def read_png(content: bytes) -> np.ndarray:
+    """By the specification, with zlib alone."""
+    file = io.BytesIO(content)
+    assert file.read(8) == b"\x89PNG\r\n\x1a\n"
+    rows, shape = b"", (0, 0)
+    while head := file.read(8):
+        length, kind = struct.unpack(">I4s", head)
+        body, (checksum,) = file.read(length), struct.unpack(">I", file.read(4))
+        assert zlib.crc32(kind + body) == checksum
+        if kind == b"IHDR":
+            shape = struct.unpack(">II", body[:8])[::-1]
+        if kind == b"IDAT":
+            rows += body
+    found = np.frombuffer(zlib.decompress(rows), np.uint8).reshape(shape[0], 1 + 3 * shape[1])
+    assert not found[:, 0].any()
+    return found[:, 1:].reshape(*shape, 3)
