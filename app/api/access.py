@@ -74,6 +74,7 @@ class Access:
         )
         nobody = Role.NOBODY if required else Role.ADMIN
         self._anonymous = lru_cache(256)(lambda address: Identity(ANONYMOUS, nobody, address))
+        self._known = lru_cache(256)(lambda who, address: Identity(who.name, who.role, address))
 
     def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         if scope["type"] == "lifespan":
@@ -97,7 +98,7 @@ class Access:
         elif holder is None:  # whoever shows a wrong one shall learn it, wherever none is needed too
             identity = Identity(ANONYMOUS, Role.NOBODY, address)
         else:
-            identity = Identity(holder.name, holder.role, address)
+            identity = self._known(holder, address)
         scope[IDENTITY] = identity
         acting.set(identity)
         if websocket and token is not None and holder is not None:

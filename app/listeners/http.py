@@ -237,6 +237,8 @@ class HttpProtocol(HttpToolsProtocol):
 
     def on_headers_complete(self) -> None:
         self._require_chunked()
+        if self.parser.should_upgrade() and self._should_upgrade():
+            self._require_handshake()
         self._take_host()
         if self._visit.reserved:
             line = self.parser.get_method() + b" " + self.url + b" "
@@ -261,6 +263,21 @@ class HttpProtocol(HttpToolsProtocol):
         if codings and (codings != [b"chunked"] or self.parser.get_http_version() != "1.1"):
             detail = "Transfer-Encoding: the only one that is understood is chunked, once, in HTTP/1.1"
             self._refuse(501, detail, NotSupportedError.code)
+            raise _Refused
+
+    def _require_handshake(self) -> None:
+        """What asks for a WebSocket has no body, is of HTTP/1.1 (RFC 6455, 4.2.1), and waits for the answers
+        that come before its own: they would stand among its frames.
+        """
+        if self.cycle is not None and not self.cycle.response_complete:
+            self.transport.abort()
+            raise _Refused
+        sized = any(
+            name == b"transfer-encoding" or (name == b"content-length" and value.strip(b"0 "))
+            for name, value in self.headers
+        )
+        if sized or self.parser.get_http_version() != "1.1":
+            self._refuse(400, "a WebSocket is asked for in HTTP/1.1, by a request without a body", "input")
             raise _Refused
 
     def _take_host(self) -> None:

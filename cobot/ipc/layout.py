@@ -345,6 +345,11 @@ SESSION_ACK = np.dtype([("session", "u8"), ("result", "u8"), ("message", TEXT)])
 STREAM_REQUESTS = np.dtype([("estops", "u8")])
 
 
+def record_of(octets: bytes, kind: np.dtype) -> np.ndarray:
+    """A record of its own from the bytes of one; numpy's copy goes field by field, which takes 20 µs."""
+    return np.ndarray((), kind, bytearray(octets))
+
+
 def text(field: np.ndarray) -> str:
     """A text field of a record."""
     return bytes(field.item() if isinstance(field, np.ndarray) else field).decode("utf-8", "replace")

@@ -34,6 +34,8 @@ BETWEEN_CORNERS, AT_AN_END = 0.49, 0.95
 INSIDE = 0.998
 """Of the radius: what may lie between the places that are looked at."""
 SAMPLES = 400
+LEAST_RADIUS_M = 1e-6
+"""Less is none: no arm is as exact, and rounding decides where the corner is."""
 TOLD = 0.9
 """A corner that uses less than this share of its radius is told."""
 UNLIMITED = 1e9
@@ -127,11 +129,10 @@ def corners_of(
     """
     found = []
     for index, (first, second) in enumerate(pairwise(paths), start=1):
-        before = BETWEEN_CORNERS if radii_m[index - 1] > 0.0 else AT_AN_END
-        after = BETWEEN_CORNERS if radii_m[index + 1] > 0.0 else AT_AN_END
+        round_ = [radius >= LEAST_RADIUS_M for radius in radii_m[index - 1 : index + 2]]
+        before, after = (BETWEEN_CORNERS if round_[side] else AT_AN_END for side in (0, 2))
         free = before * first.length, after * second.length
-        radius = radii_m[index]
-        found.append(_corner(robot, first, second, radius, free) if radius > 0.0 else None)
+        found.append(_corner(robot, first, second, radii_m[index], free) if round_[1] else None)
     return found
 
 
@@ -146,6 +147,8 @@ def _corner(
         for path, places in ((first, first.length - along[0]), (second, along[1]))
     ]
     ways = [_within(*each, INSIDE * radius_m) for each in zip(along, away, strict=True)]
+    if min(ways) <= 0.0:  # the two motions' ends are farther apart, by rounding
+        return None
     for share in SHARES:
         before, after = share * ways[0], share * ways[1]
         curve = _curve(first, second, before, after)
@@ -168,11 +171,13 @@ def _away(robot: RobotDescription, middle: Array, rows: Array) -> Array:
 
 
 def _within(places: Array, away: Array, radius_m: float) -> float:
-    """The place up to which the TCP is within the radius."""
+    """The place up to which the TCP is within the radius; 0 if it never is."""
     outside = np.flatnonzero(away > radius_m)
     if not len(outside):
         return float(places[-1])
     index = int(outside[0])
+    if index == 0:
+        return 0.0
     return float(np.interp(radius_m, away[index - 1 : index + 1], places[index - 1 : index + 1]))
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from app.services.events.ring import Events, RobotEvents
 from app.services.motion.lease import CLIENT
-from app.services.state.robot_state import RobotState, robot_state
+from app.services.state.robot_state import RobotState
 from cobot.addresses import address
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import (
@@ -27,7 +27,7 @@ from cobot.errors import (
     TornReadError,
     UnavailableError,
 )
-from cobot.ipc.layout import LOADED_SEGMENTS, RING, SLOTS, Ack, Command, MotionResult, text
+from cobot.ipc.layout import LOADED_SEGMENTS, RING, SLOTS, Ack, Command, MotionResult, record_of, text
 from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.ipc.tool_record import fill
 from cobot.motions.fence import Fence
@@ -178,7 +178,7 @@ class RobotLink:
             raise UnavailableError(str(exc)) from exc
         if self.memory.state.sequence == 0:
             raise UnavailableError("rtloop has not started yet")
-        state = robot_state(record, self.memory.state.buffer.data, self.clock.now_ns())
+        state = RobotState(record, self.clock.now_ns())
         if state.motion_id != self._last_ended and state.motion_result in self.ended:
             self._last_ended = state.motion_id
             self.ended[state.motion_result] += 1
@@ -211,7 +211,7 @@ class RobotLink:
             if newest == publication:
                 break
             if block.try_read() and block.sequence == newest:  # or it is a later one, which would come twice
-                return newest, block.data.copy()
+                return newest, record_of(block.data.tobytes(), block.data.dtype)
         return publication, None
 
     def streamer(self) -> str | None:
@@ -283,8 +283,7 @@ class RobotLink:
 
     async def measured_record(self, timeout_s: float) -> np.ndarray:
         """A copy of all that rtloop publishes, `cobot.ipc.layout.state_dtype`; raises as `measured_state`."""
-        await self.measured_state(timeout_s)
-        return self.memory.state.read().copy()
+        return (await self.measured_state(timeout_s)).record
 
     async def ready_state(self, timeout_s: float) -> RobotState:
         """A fresh state in which motion is permitted.
