@@ -14,7 +14,6 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from fastapi import FastAPI
-from fastapi.responses import RedirectResponse
 from fastapi.routing import APIRoute, APIWebSocketRoute
 from fastapi_offline import FastAPIOffline
 from starlette.routing import BaseRoute, Route
@@ -27,7 +26,20 @@ from app.api.clients import Clients
 from app.api.origins import Origins
 from app.api.roles import guard, roles
 from app.api.routers import audit as audit_router
-from app.api.routers import common, control, operations, plans, scene, sequences, tool, trajectory
+from app.api.routers import (
+    common,
+    control,
+    events,
+    geometry,
+    jobs,
+    operations,
+    plans,
+    recordings,
+    scene,
+    sequences,
+    tool,
+    trajectory,
+)
 from app.api.routers import robot as robot_router
 from app.api.routers import robots as robots_router
 from app.api.routers import stream as stream_router
@@ -37,9 +49,12 @@ from app.aubo import http as vendor_http
 from app.mcp.endpoint import PATH as MCP_PATH
 from app.mcp.endpoint import McpEndpoint
 from app.offers.robots_on_graph import serving
+from app.panel import pages
 from app.reloading import Reloading
 from app.robot_services import Planner, SharedParts, serving_robot
 from app.rosbridge import router as rosbridge_router
+from app.services.events.log_lines import log_events
+from app.services.events.ring import Events
 from app.services.motion.planning import PlanningService
 from app.services.motion.synchronous import SyncService
 from cobot.access.authentication import Authenticator, authentication_required, rights_of_ros
@@ -95,14 +110,19 @@ def create_app(
         shared = SharedParts(
             config=config,
             base_url=base_url,
+            default_robot=settings.robot.name,
             endpoints=endpoints,
             clock=clock,
             planner=planner,
             sync=SyncService(),
             several=len(robots) > 1,
             tokens=tokens,
+            events=Events(clock),
         )
         async with saying_why(app), contextlib.AsyncExitStack() as stack:
+            app.state.events = shared.events
+            stack.callback(shared.events.close)
+            stack.enter_context(log_events(shared.events))
             app.state.audit = Audit(settings.audit_file, clock)
             stack.callback(app.state.audit.close)
             app.state.robots = {
@@ -121,7 +141,10 @@ def create_app(
             gc.enable()  # `app.__main__` had it wait
             for each in app.state.robots.values():
                 each.link.watch_for_pauses()
+            shared.events.publish("service", what="started", version=version("cobot"), robots=list(robots))
             yield
+            for each in app.state.robots.values():
+                each.jobs.book.ending = True
             stops = [
                 each.stopping.stop(3.0, "stopped by the end of the service")
                 for each in app.state.robots.values()
@@ -173,9 +196,13 @@ def create_app(
         plans.router,
         scene.router,
         tool.router,
+        geometry.router,
         control.router,
         trajectory.router,
+        jobs.router,
+        recordings.router,
         sequences.router,
+        events.router,
         common.router,
         stream_router.router,
     )
@@ -195,10 +222,7 @@ def create_app(
         if isinstance(route, APIRoute):
             route.operation_id = route.name  # what generated clients call their methods
 
-    @app.get("/", include_in_schema=False)
-    async def root() -> RedirectResponse:
-        return RedirectResponse("/docs")
-
+    pages.install(app)
     guard(app.routes, table)
     return app
 

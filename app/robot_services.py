@@ -5,10 +5,17 @@ from __future__ import annotations
 import contextlib
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from app.actions.fjt import FollowJointTrajectory
 from app.services.devices.equipment import Equipment
+from app.services.events.ring import Events
+from app.services.events.states import StateTexts
+from app.services.events.watch import watching
+from app.services.jobs.book import JobBook
+from app.services.jobs.control import JobService
+from app.services.jobs.job import JobRecord
 from app.services.motion.approvals import Approvals
 from app.services.motion.control import ControlService
 from app.services.motion.execution import LATEST_ANSWER_S, MotionService
@@ -26,8 +33,8 @@ from app.services.motion.trajectories import TrajectoryService
 from app.services.programs.programs import ProgramService
 from app.services.programs.sequences import SequenceService
 from app.services.state.health import HealthService
-from app.services.state.interventions import reporting
 from app.services.state.link import RobotLink, loading_s
+from app.services.state.recordings import RecordingService
 from app.services.streaming.force import ForceService
 from app.services.streaming.hung_clients import watching_clients
 from app.services.streaming.servo import ServoService
@@ -51,16 +58,19 @@ class SharedParts:
         sync: moves the robots together.
         several: whether there is more than one, so that log lines and addresses have to say which.
         tokens: that programs are given for as long as they run.
+        events: what happens, for whoever listens.
     """
 
     config: Path | None
     base_url: str
+    default_robot: str
     endpoints: dict[str, Endpoint]
     clock: Clock
     planner: Planner
     sync: SyncService
     several: bool
     tokens: Authenticator
+    events: Events
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,6 +90,7 @@ class Services:
     stopping: StopService
     control: ControlService
     health: HealthService
+    recordings: RecordingService
     streams: StreamService
     equipment: Equipment
     force: ForceService
@@ -88,8 +99,10 @@ class Services:
     planning: PlanningService
     settings: RobotSettings
     queue: MotionQueue
+    jobs: JobService
     servo: ServoService
     fjt: FollowJointTrajectory
+    states: StateTexts
 
 
 @contextlib.asynccontextmanager
@@ -102,18 +115,20 @@ async def serving_robot(
         UnavailableError, ConflictError, LayoutError: see `RobotLink`.
     """
     label = f"{robot.name}: " if shared.several else ""
-    link = RobotLink(robot.name, settings.web.stale_after_s, label, shared.clock)
+    link = RobotLink(robot.name, settings.web.stale_after_s, label, shared.clock, shared.events)
     planning = shared.planner(shared.config, settings.planning.workers, robot.name)
     planning.warm_up()
     timeout_s = settings.streaming.client_timeout_s
-    async with link.heartbeat(), reporting(link), watching_clients(link, timeout_s):
+    async with link.heartbeat(), watching_clients(link, timeout_s):
         services = _services(settings, robot, shared, link, planning)
-        async with services.tool.in_force():
+        watch = watching(link, services.ownership, planning, settings.web.stale_after_s)
+        async with watch, services.tool.in_force():
             yield services
         services.servo.close()
         services.force.close()
         services.equipment.close()
         services.streams.close()
+        services.jobs.book.close()
     planning.close()
     link.close()
 
@@ -132,7 +147,9 @@ def _services(
     latest_s = slowest_s + longest_s + LATEST_ANSWER_S + MAX_PAUSE_S
     url = address(shared.base_url, robot.name) if shared.several else shared.base_url
     tolerance_rad, smoothing_rad = settings.planning.start_tolerance_rad, settings.planning.smoothing_rad
-    ownership = Ownership(link)
+    jobs = JobBook(link, settings.jobs_file)
+    jobs.on_change = partial(_tell_job, link)
+    ownership = Ownership(link, jobs)
     motion = MotionService(robot, link, ownership, planning, settings.planning)
     sequences = SequenceService(ownership, link, settings.sequences, url, latest_s, shared.tokens)
     streams = StreamService(link, ownership, motion, settings.streaming.command_timeout_s)
@@ -147,6 +164,7 @@ def _services(
     scene_file = SceneFile(settings.scene_file)
     scene = SceneService(robot, link, motion, planning, stopping, ownership, max_payload_kg, scene_file)
     stale_s = settings.web.stale_after_s
+    recordings = RecordingService(settings, shared.default_robot)
     plans = PlanService(robot, link.clock, motion, planning, settings.planning)
     return Services(
         robot=robot,
@@ -160,7 +178,10 @@ def _services(
         trajectories=TrajectoryService(robot.limits, ownership, motion, settings.planning, link.label),
         sequences=sequences,
         stopping=stopping,
-        health=HealthService(settings.robot.name, link, ownership, sequences, streams, planning, stale_s),
+        health=HealthService(
+            settings.robot.name, link, ownership, sequences, streams, planning, recordings, stale_s
+        ),
+        recordings=recordings,
         control=ControlService(link, ownership, stopping),
         streams=streams,
         equipment=equipment,
@@ -170,8 +191,24 @@ def _services(
         planning=planning,
         settings=tool_and_limits,
         queue=MotionQueue(link, ownership, motion, planning, tool_and_limits),
+        jobs=JobService(jobs, ownership, stopping, sequences),
         servo=servo,
         fjt=FollowJointTrajectory(
             robot, link, ownership, motion, servo, settings.ros, tolerance_rad, smoothing_rad
         ),
+        states=StateTexts(shared.events, link, robot.limits),
+    )
+
+
+def _tell_job(link: RobotLink, record: JobRecord) -> None:
+    """Have an event say that a job has changed its state."""
+    link.events.publish(
+        "job",
+        job=record.id,
+        kind=record.kind.value,
+        state=record.state.value,
+        owner=record.owner,
+        parent=record.parent,
+        motion=record.motion_id,
+        error=None if record.error is None else record.error.detail,
     )

@@ -9,6 +9,7 @@ import os
 import signal
 import socket
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import uvicorn
@@ -41,9 +42,16 @@ log = logging.getLogger("cobot.service")
 class Server(uvicorn.Server):
     """Serves connections that find a place in a crowd."""
 
-    def __init__(self, config: uvicorn.Config, limits: ConnectionLimits) -> None:
+    def __init__(
+        self,
+        config: uvicorn.Config,
+        limits: ConnectionLimits,
+        end_streams: Callable[[], None] = lambda: None,
+    ) -> None:
+        """end_streams: ends answers that would go on for ever."""
         super().__init__(config)
         self._limits = limits
+        self._end_streams = end_streams
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         limits = self._limits
@@ -63,6 +71,10 @@ class Server(uvicorn.Server):
             acceptor = Acceptor(listener, shared.crowd, protocol, self.config.ssl, limits.header_timeout_s)
             self.servers.append(acceptor)  # type: ignore[arg-type]
         self._giving_back = asyncio.create_task(give_back(), name="memory")
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        self._end_streams()
+        await super().shutdown(sockets)
 
 
 def main() -> int:
@@ -118,7 +130,7 @@ def main() -> int:
     # uvicorn raises the signal that ended it once more when all is closed; Python shall end in peace.
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     sys.setswitchinterval(SWITCH_S)
-    server = Server(config, limits)
+    server = Server(config, limits, lambda: app.state.events.close())
     server.run(sockets=[socket.socket(fileno=arguments.fd)])
     return 0 if server.started else 2
 

@@ -18,6 +18,7 @@ from benchmarks import (
     crowd,
     cycle,
     dds,
+    events,
     explanations,
     floods,
     hot,
@@ -28,6 +29,7 @@ from benchmarks import (
     modes,
     pages,
     planning,
+    recording,
     servo,
     smoothness,
     stopping,
@@ -45,6 +47,7 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "modes": lambda quick: modes.modes(1 if quick else 2, 3.0 if quick else 8.0),
     "hot": lambda quick: hot.hot(1 if quick else 5),
     "idle": lambda quick: idle.idle(5.0 if quick else 30.0),
+    "recording": lambda quick: recording.recording(500 if quick else 5000, 5.0 if quick else 30.0),
     "crowd": lambda quick: crowd.crowd(20.0 if quick else 600.0),
     "wake_up": lambda quick: cycle.wake_up(2 if quick else 13, 5.0 if quick else 12.0),
     "latency": lambda quick: latency.commands(400 if quick else 3000, 2 if quick else 10),
@@ -67,6 +70,7 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "csv": lambda quick: pages.csv_upload(2 if quick else 7),
     "requests": lambda quick: web.requests_per_second(2 if quick else 8, 2.0 if quick else 4.0),
     "stop": lambda quick: web.stop(10 if quick else 100),
+    "events": lambda quick: events.events(*(5, 15.0) if quick else (60, 300.0)),
     "floods": lambda quick: floods.floods(3 if quick else 40),
 }
 

@@ -11,10 +11,13 @@ from cobot.config import load_settings
 from cobot.motions.requests import MotionRequest
 from cobot.planners import plan
 from cobot.planners.joined import Leg, joined, leg_of
+from cobot.planners.prolonged import begun, prolonged
 from cobot.robot.description import RobotDescription, load_robot
 from cobot.types import Array, PlannerName, Pose, Scaling
 
 RADIUS_M = 0.05
+LEAD_S = 0.2
+"""For so long nothing may change of the motion under way."""
 START = np.array([0.0, 0.5, 0.0, -1.3, 0.0, 1.34, 0.0])
 LIN, PTP = PlannerName.LIN, PlannerName.PTP
 Step = tuple[PlannerName, Array | Pose, float]
@@ -52,6 +55,27 @@ def corners() -> Iterator[Row]:
                 columns=("duration, s", "least radius used, %"),
                 aim="100 % used",
             )
+            on_the_way_s, rounded = _on_the_way(robot, legs)
+            yield row(
+                f"4 motions, {name}, speed {speed:g}, each joined while the arm moves on the one before",
+                "",
+                (on_the_way_s, rounded),
+                "joined before they begin",
+                (motion.trajectory.duration_s, 100.0 * np.mean(motion.blended)),
+                columns=("duration, s", "corners without a stop, %"),
+            )
+
+
+def _on_the_way(robot: RobotDescription, legs: list[Leg]) -> tuple[float, float]:
+    """How long they take, and how many corners are round, when each comes once the arm goes for the last."""
+    stretch, passed_s, round_corners = begun(robot, legs[:1], [RADIUS_M]), 0.0, 0
+    for number, leg in enumerate(legs[1:], start=2):
+        radius_m = RADIUS_M if number < len(legs) else 0.0
+        now_s = min(stretch.valid_s, stretch.trajectory.duration_s) + 0.01
+        stretch = prolonged(robot, stretch, [leg], [radius_m], now_s, now_s + LEAD_S)
+        passed_s += stretch.offset_s
+        round_corners += stretch.used_m[0] > 0.0
+    return passed_s + stretch.trajectory.duration_s, 100.0 * round_corners / (len(legs) - 1)
 
 
 def _planned(robot: RobotDescription, steps: list[Step]) -> list[Leg]:

@@ -42,6 +42,7 @@ ENDPOINTS = (
     "GET /robot/joint_states",
     "GET /robot/pose",
     "GET /robot/positions",
+    "GET /robot/geometry",
     "GET /robot/control",
     "POST /robot/control",
     "DELETE /robot/control",
@@ -67,9 +68,23 @@ ENDPOINTS = (
     "POST /trajectory/send",
     "POST /trajectory/send_csv",
     "GET /trajectory/logs",
+    "GET /recordings",
+    "POST /recordings",
+    "GET /recordings/{name}",
+    "DELETE /recordings/{name}",
     "POST /sequences/start",
     "GET /sequences/status",
     "GET /sequences/logs",
+    "GET /events",
+    "WS /events",
+    "GET /jobs",
+    "GET /jobs/{job}",
+    "POST /jobs/{job}/cancel",
+    "POST /jobs/{job}/pause",
+    "POST /jobs/{job}/resume",
+    "POST /jobs/{job}/step",
+    "GET /robot/speed_override",
+    "POST /robot/speed_override",
     "POST /stop",
     "GET /health",
     "GET /health/live",
@@ -282,6 +297,14 @@ class SequencesSection(Section):
     stop_timeout_s: Annotated[float, Field(gt=0.0, le=1.5)]
 
 
+class RecordingSection(Section):
+    folder: Location | None
+    ring_s: Annotated[float, Field(ge=5.0, le=600.0)]
+    before_s: Annotated[float, Field(ge=0.0, le=600.0)]
+    after_s: Annotated[float, Field(ge=0.0, le=60.0)]
+    max_mb: Annotated[int, Field(ge=200, le=1_000_000)]
+
+
 class RosSection(Section):
     enabled: bool
     access: Literal["auto", "observe", "move", "all"]
@@ -348,6 +371,7 @@ class Settings(Section):
     planning: PlanningSection
     web: WebSection
     sequences: SequencesSection
+    recording: RecordingSection
     ros: RosSection
     mcp: McpSection
     logs: Location
@@ -362,6 +386,16 @@ class Settings(Section):
     @property
     def audit_file(self) -> Path:
         return self.logs / f"{self.robot.name}.audit.jsonl"
+
+    @property
+    def jobs_file(self) -> Path:
+        """What became of motions; the service writes it."""
+        return (self.kept or self.logs) / f"{self.robot.name}.jobs.jsonl"
+
+    @property
+    def recording_folder(self) -> Path:
+        """Of this robot's recordings; the recorder makes it."""
+        return (self.recording.folder or self.logs / "mcap") / self.robot.name
 
     @property
     def scene_file(self) -> Path:

@@ -33,7 +33,7 @@ CobotError
 from __future__ import annotations
 
 import errno
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, ClassVar, Self
 
 from cobot.findings import Explanation, Finding
@@ -167,6 +167,16 @@ class LayoutError(SharedMemoryError):
 
 class TornReadError(SharedMemoryError):
     code = "torn_read"
+
+
+def _family(kind: type[CobotError]) -> Iterator[type[CobotError]]:
+    yield kind
+    for child in kind.__subclasses__():
+        yield from _family(child)
+
+
+BY_CODE: Mapping[str, type[CobotError]] = {kind.code: kind for kind in _family(CobotError)}
+"""The class of errors that each code stands for; what other modules derive has no code of its own."""
 
 
 EXHAUSTED = {

@@ -22,6 +22,8 @@ cdef class Controller:
     cdef readonly Safety safety
     cdef readonly Session streaming
     cdef readonly Path path
+    cdef Path _other  # The one that is being loaded while the arm follows `path`.
+    cdef double _offset_s  # Of the path that is being loaded; negative: it is to begin a motion.
     cdef readonly PathClock clock
     cdef readonly Watch watch
     cdef readonly str reason
@@ -38,7 +40,7 @@ cdef class Controller:
     cdef readonly object surroundings
     cdef bint _surrounding, _changed
     cdef str _unseen
-    cdef int _loading
+    cdef int _loading, _loading_slot
     cdef unsigned long long _loading_motion
     cdef object _desired_rows
     cdef double* _desired

@@ -71,6 +71,8 @@ cdef class Controller:
         self._surrounding = self._changed = False
         self._unseen = ""  # Why the monitor does not know what stands around the arm.
         self.path = Path(rt.trajectory_capacity, limits.dof)
+        self._other = Path(rt.trajectory_capacity, limits.dof)
+        self._offset_s = -1.0
         self.clock = PathClock(limits, rt.period_s)
         self.watch = Watch(model.chain)
         self._mode = LoopMode.HOLD
@@ -96,8 +98,8 @@ cdef class Controller:
         self._guide = NOTHING
         self._still_cycles = self._unsettled_cycles = 0
         self._loader = None
-        self._loading = 0  # The number of the START command.
-        self._loading_motion = 0
+        self._loading = 0  # The number of the START or REPLACE command.
+        self._loading_motion = self._loading_slot = 0
 
     @property
     def mode(self):
@@ -322,10 +324,12 @@ cdef class Controller:
         if command is None:
             return
         number, kind = int(command["id"]), int(command["kind"])
-        if kind in (Command.START, Command.RESET) and int(command["stops"]) != self.commands.stops:
+        if kind in (Command.START, Command.REPLACE, Command.RESET) and int(command["stops"]) != self.commands.stops:
             refusal = "a stop was requested meanwhile"
         elif kind == Command.START:
             refusal = self._start(number, command)
+        elif kind == Command.REPLACE:
+            refusal = self._replace(number, command)
         elif kind == Command.SET_RATE:
             refusal = self._set_rate(float(command["value"]))
         elif kind == Command.RESET:
@@ -341,25 +345,35 @@ cdef class Controller:
 
     def _start(self, number, command):
         """Begin to load; the acknowledgement follows when the motion is verified."""
-        slot = int(command["slot"])
         if self.mode is not LoopMode.HOLD:
             return f"the arm is in mode {self.mode.name}"
         if self._guide == BRAKE:
             return "the arm is not at rest yet"
+        return self._begin_loading(number, command, self.safety.position)
+
+    def _replace(self, number, command):
+        """Begin to load what the motion under way shall go on with; it goes on as it is meanwhile."""
+        motion, offset_s = int(command["motion_id"]), float(command["value"])
+        if self.mode is not LoopMode.TRAJECTORY or self._guide != PATH:
+            return f"no motion is under way on its path, the arm is in mode {self.mode.name}"
+        if motion != self.motion_id:
+            return f"motion {self.motion_id} is under way, not {motion}"
+        if not 0.0 <= offset_s <= self.clock.path_time_s:
+            return f"it would begin at {offset_s} s of a motion that is at {self.clock.path_time_s:.3f} s"
+        return self._begin_loading(number, command, None, offset_s)
+
+    def _begin_loading(self, number, command, start, offset_s=-1.0):
+        slot = int(command["slot"])
         if slot >= len(self._slots):
             return f"there is no slot {slot}"
         planned, carried = int(command["tool"]), self._model.tool.version
         if planned != carried:
             return f"the motion was planned with version {planned} of the tool, the arm has version {carried}"
-        self.slot = slot
-        self._loading_motion = int(command["motion_id"])
+        self._loading_motion, self._loading_slot = int(command["motion_id"]), slot
+        self._offset_s = offset_s
+        limits = self._limits.including(self.safety.position)
         self._loader = load(
-            self.path,
-            self._slots[slot],
-            self._loading_motion,
-            self.safety.position,
-            START_TOLERANCE_RAD,
-            self._limits.including(self.safety.position),
+            self._other, self._slots[slot], self._loading_motion, start, START_TOLERANCE_RAD, limits
         )
         self._loading = number
         return None
@@ -370,18 +384,43 @@ cdef class Controller:
         except RefusedError as exc:
             self._finish_loading(Ack.REJECTED, str(exc))
         except StopIteration:
-            try:
-                self.watch.set(self._slots[self.slot].head.data["fence"])
-            except ValueError as exc:
-                self._finish_loading(Ack.REJECTED, str(exc))
-                return
-            self._finish_loading(Ack.ACCEPTED)
-            self.clock.reset()
-            self.motion_id, self._motion_result = self._loading_motion, MotionResult.RUNNING
-            self._guide, self._left_path = PATH, False
-            self._still_cycles = self._unsettled_cycles = 0
-            self.settled = False
-            self._enter(LoopMode.TRAJECTORY)
+            if self._offset_s < 0.0:
+                self._begin_motion()
+            else:
+                refusal = self._swap()
+                self._finish_loading(Ack.REJECTED if refusal else Ack.ACCEPTED, refusal)
+
+    def _begin_motion(self):
+        try:
+            self.watch.set(self._slots[self._loading_slot].head.data["fence"])
+        except ValueError as exc:
+            self._finish_loading(Ack.REJECTED, str(exc))
+            return
+        self._finish_loading(Ack.ACCEPTED)
+        self._take_other_path()
+        self.clock.reset()
+        self.motion_id, self._motion_result = self._loading_motion, MotionResult.RUNNING
+        self._guide, self._left_path = PATH, False
+        self._still_cycles = self._unsettled_cycles = 0
+        self.settled = False
+        self._enter(LoopMode.TRAJECTORY)
+
+    def _swap(self):
+        """Go on with what has been loaded if it is the same up to here, and as far as a change of the rate
+        that is under way relies on the path; else why not. What the motion is fenced by stays.
+        """
+        cdef double offset_s = self._offset_s
+        cdef double here_s = self.clock.path_time_s - offset_s
+        if self._guide != PATH:
+            return "the motion has come to its end meanwhile"
+        if not self._other.c_continues(self.path, offset_s, here_s, self.clock.c_committed_s() - offset_s):
+            return f"it differs from the motion under way, which is at {self.clock.path_time_s:.3f} s already"
+        self._take_other_path()
+        self.clock.c_shift(offset_s)
+        return ""
+
+    def _take_other_path(self):
+        self.path, self._other, self.slot = self._other, self.path, self._loading_slot
 
     def carry(self, tool):
         """Have this tool on the flange from the next cycle on: in the model and, if it wants to know, in the

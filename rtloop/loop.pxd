@@ -2,6 +2,7 @@ from rtloop.backends.compiled cimport CompiledBackend, Measured
 from rtloop.clock cimport Clock
 from rtloop.controller cimport Controller
 from rtloop.publisher cimport StatePublisher, StateScalars, Statistics
+from rtloop.recording cimport CycleRecorder
 
 
 cdef class ControlLoop:
@@ -14,6 +15,8 @@ cdef class ControlLoop:
     cdef Clock _clock
     cdef StatePublisher _state
     cdef Statistics _statistics
+    cdef CycleRecorder _recorder
+    cdef bint _is_recorded
     cdef StateScalars _scalars
     cdef double _period_s, _moving_rad_s, _square
     cdef long long _period_ns, _pause_to_stop_ns, _measured_ns
@@ -24,3 +27,6 @@ cdef class ControlLoop:
     cdef void c_write(self) except *
     cdef bint c_moves(self) noexcept nogil
     cdef void c_publish(self, double robot_time_s) noexcept nogil
+    cdef void c_record(
+        self, long long late_ns, long long read_ns, long long update_ns, long long write_ns, bint fresh
+    ) except *

@@ -1,4 +1,5 @@
 from cobot.config import Settings
+from cobot.ipc.recording_memory import RecordingMemory
 from cobot.ipc.shm import RobotMemory
 from cobot.robot.model import RobotModel
 from cobot.robot.tool import Tool
@@ -13,7 +14,13 @@ class ControlLoop:
     @property
     def _measured(self) -> Measured: ...
     def __init__(
-        self, settings: Settings, model: RobotModel, memory: RobotMemory, backend: Backend, clock: Clock
+        self,
+        settings: Settings,
+        model: RobotModel,
+        memory: RobotMemory,
+        backend: Backend,
+        clock: Clock,
+        recording: RecordingMemory | None = None,
     ) -> None: ...
     def open(self, start_position: Array, tool: Tool = ...) -> None: ...
     def step(self, late_ns: int = 0) -> None: ...

@@ -7,6 +7,7 @@ from rtloop.backends.compiled cimport MEASURED_ROWS, CompiledBackend, Measured
 from rtloop.clock cimport Clock, monotonic_ns
 from rtloop.controller cimport Controller
 from rtloop.publisher cimport StatePublisher, Statistics
+from rtloop.recording cimport PHASES, CycleRecorder
 
 import numpy as np
 
@@ -31,7 +32,8 @@ cdef int TOTAL = Phase.TOTAL
 cdef class ControlLoop:
     """Runs one robot, cycle by cycle."""
 
-    def __init__(self, settings, model, memory, backend, Clock clock):
+    def __init__(self, settings, model, memory, backend, Clock clock, recording=None):
+        """recording: where a record of each cycle goes, a `cobot.ipc.recording_memory.RecordingMemory`."""
         self._period_s = settings.rt.period_s
         self._period_ns = round(settings.rt.period_s * 1e9)
         self._overruns_to_stop = settings.rt.overruns_to_stop
@@ -50,6 +52,8 @@ cdef class ControlLoop:
         self.controller = Controller(settings, model, memory, backend)
         self._state = StatePublisher(memory, model)
         self._statistics = Statistics(memory)
+        self._is_recorded = recording is not None
+        self._recorder = CycleRecorder(recording) if self._is_recorded else None
         self._measured = Measured(model.dof)
         self._fresh = Measured(model.dof)
         self._measured_ns = 0
@@ -130,6 +134,8 @@ cdef class ControlLoop:
         self._cycle += 1
         self._state.c_heed(self.controller.safety, self.controller.reason)
         self.c_publish(robot_time_s)
+        if self._is_recorded:
+            self.c_record(late_ns, read_ns - begun_ns, updated_ns - read_ns, written_ns - updated_ns, fresh)
         statistics.c_count(WAKEUP, late_ns)
         statistics.c_count(READ, read_ns - begun_ns)
         statistics.c_count(UPDATE, updated_ns - read_ns)
@@ -201,6 +207,28 @@ cdef class ControlLoop:
         self._scalars.measured_monotonic_ns = self._measured_ns
         self._scalars.monotonic_ns = monotonic_ns()
         self._state.c_publish(&self._scalars, self._measured.c_values, self.controller.safety.c_command)
+
+    cdef void c_record(
+        self, long long late_ns, long long read_ns, long long update_ns, long long write_ns, bint fresh
+    ) except *:
+        """Leave what was published to the recorder, with the times of the cycle's phases."""
+        cdef long long phases_ns[PHASES]
+        phases_ns[0], phases_ns[1], phases_ns[2], phases_ns[3] = late_ns, read_ns, update_ns, write_ns
+        self._recorder.c_heed(
+            self.controller.safety,
+            self.controller.reason,
+            self.controller._mode,
+            self._cycle,
+            self._scalars.monotonic_ns,
+        )
+        self._recorder.c_record(
+            &self._scalars,
+            self._measured.c_values,
+            self.controller.safety.c_command,
+            self._state.tcp,
+            phases_ns,
+            fresh,
+        )
 
 
 def _last_state(memory):

@@ -16,6 +16,7 @@ import numpy as np
 
 from cobot.config import RtSection, Settings, load_settings
 from cobot.errors import CobotError, ConfigError
+from cobot.ipc.recording_memory import RecordingMemory
 from cobot.ipc.shm import MemoryRole, RobotMemory, encoded
 from cobot.launch.process import Niceness, be
 from cobot.logs import start_logging
@@ -83,7 +84,7 @@ def _run(settings: Settings, clock_name: str | None) -> None:
     memory = RobotMemory.attach(settings.robot.name, MemoryRole.RTLOOP)
     backend = make_backend(settings, robot.limits)
     clock = FastClock(rt.period_s) if clock_name == "fast" else RealtimeClock(rt.period_s)
-    loop = ControlLoop(settings, robot.model, memory, backend, clock)
+    loop = ControlLoop(settings, robot.model, memory, backend, clock, _recording(settings.robot.name))
     tool = _carried(settings, robot)
     loop.open(np.array(robot.positions[settings.robot.start_position].joints), tool)
     loop.controller.watch_scene()
@@ -95,6 +96,15 @@ def _run(settings: Settings, clock_name: str | None) -> None:
     finally:
         loop.close()
         memory.close()
+
+
+def _recording(robot: str) -> RecordingMemory | None:
+    """Where the cycles are recorded. A robot that cannot be recorded moves all the same."""
+    try:
+        return RecordingMemory.attach(robot, history=False)
+    except CobotError as exc:
+        log.error("%s", exc)
+        return None
 
 
 def _carried(settings: Settings, robot: RobotDescription) -> Tool:

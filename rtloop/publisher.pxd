@@ -49,7 +49,7 @@ cdef class StatePublisher:
     cdef double* _velocity
     cdef double* _effort
     cdef double* _commanded
-    cdef double* _tcp
+    cdef double* tcp
     cdef double* _tcp_velocity
     cdef double* _effort_rate
     cdef uint64_t* _interventions

@@ -46,7 +46,7 @@ cdef class StatePublisher:
         self._measured = block.c_doubles("position")
         self._velocity, self._effort = block.c_doubles("velocity"), block.c_doubles("effort")
         self._commanded = block.c_doubles("commanded_position")
-        self._tcp, self._tcp_velocity = block.c_doubles("tcp"), block.c_doubles("tcp_velocity")
+        self.tcp, self._tcp_velocity = block.c_doubles("tcp"), block.c_doubles("tcp_velocity")
         self._effort_rate = block.c_doubles("effort_rate")
         self._interventions = block.c_unsigned("interventions")
         self._intervened_ns = block.c_signed("intervened_ns")
@@ -78,7 +78,7 @@ cdef class StatePublisher:
         cdef double jacobian[6 * MAX_DOF]
         cdef double rate
         cdef int row, joint
-        self._chain.c_forward_jacobian(self._measured, self._tcp, jacobian)
+        self._chain.c_forward_jacobian(self._measured, self.tcp, jacobian)
         for row in range(6):
             rate = 0.0
             for joint in range(self._dof):

@@ -14,6 +14,7 @@ from cobot.client.connection import MOTION_TIMEOUT_S
 from cobot.errors import InputError
 from cobot.launch.process import Niceness, be, die_with_parent
 from sequences.lua_sandbox import Limits, require_lua
+from sequences.progress import Progress
 from sequences.runner import ReturnCode, Run, run
 from sequences.schema import read_file, read_sequence, schema_text
 
@@ -50,6 +51,7 @@ def main() -> int:
     runner.add_argument("--bag", type=Path, help="record to this rosbag2, which must not exist")
     runner.add_argument("--topics", default="", help="to record, comma separated; all without it")
     runner.add_argument("--progress-fd", type=int, help=argparse.SUPPRESS)
+    runner.add_argument("--answers-fd", type=int, help=argparse.SUPPRESS)
     runner.add_argument("--name", help=argparse.SUPPRESS)  # of the file that comes as standard input
     checker = commands.add_parser("check", help="validate a sequence file, or the syntax of a Lua program")
     checker.add_argument("file", type=Path)
@@ -99,7 +101,8 @@ def _run(arguments: argparse.Namespace) -> int:
             bag=arguments.bag,
             topics=arguments.topics,
             motion_token=os.environ.get(MOTION_TOKEN_VARIABLE),
-            progress=arguments.progress_fd,
+            from_service=arguments.progress_fd is not None,
+            progress=Progress(arguments.progress_fd, arguments.answers_fd),
         )
     )
     if lua:  # a program that is stuck inside a function of Lua's own still has its thread

@@ -166,7 +166,7 @@ class Program:
         return self._lua(answer["result"])
 
     def _motion(self, what: str, move: Callable[[], dict[str, Any]]) -> None:
-        self._report({"event": "start", "motion": what})
+        self._unless_ended(lambda: self._report({"event": "start", "motion": what}))  # it may have to wait
         try:
             answer = self._unless_ended(move)
         except CobotError as exc:

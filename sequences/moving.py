@@ -19,8 +19,13 @@ def go(client: Client, chain: Sequence[AnyTarget]) -> dict[str, Any]:
     if len(chain) > 1:
         return client.move_sequence(bodies, [target.radius for target in chain[:-1]])
     (target,), (body,) = chain, bodies
+    answer: dict[str, Any]
     if isinstance(target, JointTarget):
-        return client.move_joints(**body)
-    if isinstance(target, NamedTarget):
-        return client.move_named(**body)
-    return client.move_arc(**body) if isinstance(target, ArcTarget) else client.move_pose(**body)
+        answer = client.move_joints(**body)
+    elif isinstance(target, NamedTarget):
+        answer = client.move_named(**body)
+    elif isinstance(target, ArcTarget):
+        answer = client.move_arc(**body)
+    else:
+        answer = client.move_pose(**body)
+    return answer

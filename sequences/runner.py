@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
-import os
 import signal
-import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -21,6 +18,7 @@ from cobot.errors import CobotError, InputError, UnavailableError
 from cobot.logs import printable
 from sequences.lua_sandbox import Limits, run_apart
 from sequences.moving import go
+from sequences.progress import Progress
 from sequences.schema import AnyTarget, Sequence, read_file, read_sequence
 
 if TYPE_CHECKING:  # what only some runs need is imported by them: it takes longer than all the rest
@@ -28,6 +26,7 @@ if TYPE_CHECKING:  # what only some runs need is imported by them: it takes long
 
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
 LONGEST_LINE = 10_000
+Chain = list[tuple[int, AnyTarget]]
 
 
 class ReturnCode(IntEnum):
@@ -55,7 +54,8 @@ class Run:
         name: of the file, for messages.
         lua: None for a sequence file; the limits of a Lua program.
         motion_token: the service's, so that it knows the sequence's own requests; None when started by hand.
-        progress: descriptor to which each step is reported as a line of JSON, None for nowhere.
+        from_service: whether the service has started it.
+        progress: asked before each motion.
     """
 
     file: Path
@@ -68,7 +68,8 @@ class Run:
     bag: Path | None
     topics: str
     motion_token: str | None
-    progress: int | None
+    from_service: bool
+    progress: Progress
 
 
 def run(order: Run) -> int:
@@ -149,14 +150,39 @@ def _ignore_signals() -> None:
 def _iterate(order: Run, sequence: Sequence, client: Client, recorder: Recorder | None) -> None:
     chains = sequence.chains()
     for iteration in _iterations(order):
-        for chain in chains:
-            place = {
-                "iteration": iteration,
-                "n_iterations": order.iterations,
-                "waypoint": chain[-1][0],
-                "n_waypoints": len(sequence.waypoints),
-            }
-            _step(order, client, recorder, place, [target for _, target in chain])
+        left = chains
+        while left:
+            place = _place(order, iteration, left[0], sequence)
+            waypoint = order.progress.ask(place)
+            if waypoint is not None:
+                left = _from(chains, waypoint)
+                place = _place(order, iteration, left[0], sequence)
+                log(f"the sequence goes on from waypoint {waypoint}")
+                order.progress.tell(place)
+            _step(order, client, recorder, place, [target for _, target in left[0]])
+            order.progress.behind = place["waypoint"]
+            left = left[1:]
+
+
+def _place(order: Run, iteration: int, chain: Chain, sequence: Sequence) -> dict[str, int]:
+    return {
+        "iteration": iteration,
+        "n_iterations": order.iterations,
+        "waypoint": chain[-1][0],
+        "n_waypoints": len(sequence.waypoints),
+    }
+
+
+def _from(chains: list[Chain], waypoint: int) -> list[Chain]:
+    """What is left of an iteration that goes on from a waypoint, which may be in the midst of a chain.
+
+    Raises:
+        InputError: there is no such waypoint.
+    """
+    for index, chain in enumerate(chains):
+        if chain[-1][0] >= waypoint:
+            return [[each for each in chain if each[0] >= waypoint], *chains[index + 1 :]]
+    raise InputError(f"there is no waypoint {waypoint}: there are {chains[-1][-1][0]}")
 
 
 def _iterations(order: Run) -> Iterator[int]:
@@ -173,13 +199,15 @@ def _iterate_program(order: Run, source: bytes, client: Client, recorder: Record
     assert order.lua is not None
     for iteration in _iterations(order):
         place = {"iteration": iteration, "n_iterations": order.iterations, "waypoint": 0, "n_waypoints": 0}
-        _report(order.progress, place)
+        order.progress.tell(place)
 
         def moved(event: dict[str, object], place: dict[str, int] = place) -> None:
+            if event["event"] == "start":
+                order.progress.ask(place)
             if recorder is not None:
                 recorder.event({**event, **place})
 
-        program = Program(client, order.url, order.lua, log if order.progress is None else say, moved)
+        program = Program(client, order.url, order.lua, say if order.from_service else log, moved)
         run_apart(partial(program.run, source, order.name), program.watch)
 
 
@@ -195,7 +223,6 @@ def _step(
         where += f", through {f'waypoint {first}' if first else 'home'} on without a stop"
     if target.label:
         where += f" ({target.label})"
-    _report(order.progress, place)
     log(f"{where}: start")
     event = {**place, "target": target.model_dump()}
     if len(chain) > 1:
@@ -212,11 +239,3 @@ def _step(
     log(f"{where}: arrived after {answer['duration_s']:.2f} s{note}")
     if recorder is not None:
         recorder.event({"event": "arrived", "motion_id": answer["motion_id"], **event})
-
-
-def _report(progress: int | None, place: dict[str, int]) -> None:
-    if progress is not None:
-        try:
-            os.write(progress, json.dumps(place).encode() + b"\n")
-        except BrokenPipeError:  # the service is gone, and the next request will say so
-            print("nobody reads the progress any more", file=sys.stderr)

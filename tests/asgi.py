@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
@@ -140,6 +141,99 @@ class Socket:
     def close(self) -> None:
         """As a client that goes."""
         self._inbox.put_nowait({"type": "websocket.disconnect", "code": 1000})
+        self._service.run(gathered({self._task}))
+
+
+class EventStream:
+    """A client's end of a text/event-stream, that knows nothing of ours.
+
+    Args:
+        path: with a query, if it has one.
+
+    Attributes:
+        status: of the answer.
+        last_id: as a browser would send it when it comes back; "" for none.
+    """
+
+    def __init__(self, service: VirtualService, path: str, headers: dict[str, str]) -> None:
+        self._service = service
+        self._inbox: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+        self._outbox: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+        self._inbox.put_nowait({"type": "http.request", "body": b"", "more_body": False})
+        self._text = ""
+        self.last_id = ""
+        self._task = service.begin(self._serve(service.app, path, headers))
+        first = service.run(self._next())
+        self.status: int = first["status"]
+        self.headers = {name.decode(): value.decode() for name, value in first["headers"]}
+
+    def __enter__(self) -> EventStream:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    async def _serve(self, app: FastAPI, path: str, headers: dict[str, str]) -> None:
+        path, _, query = path.partition("?")
+        scope = {
+            "type": "http",
+            "asgi": {"version": "3.0", "spec_version": "2.4"},
+            "http_version": "1.1",
+            "method": "GET",
+            "scheme": "http",
+            "path": path,
+            "raw_path": path.encode(),
+            "query_string": query.encode(),
+            "root_path": "",
+            "headers": [
+                (name.lower().encode(), value.encode())
+                for name, value in {"host": urlsplit(self._service.url).netloc, **headers}.items()
+            ],
+            "client": ("127.0.0.1", 40_000),
+            "server": ("robot.test", 80),
+            "state": {},
+        }
+        try:
+            await app(scope, self._inbox.get, self._outbox.put)
+        finally:
+            self._outbox.put_nowait({"type": "http.response.body", "body": b"", "more_body": False})
+
+    async def _next(self) -> dict[str, Any]:
+        return await asyncio.wait_for(self._outbox.get(), WAIT_S)
+
+    def body(self) -> bytes:
+        """All of an answer that ends."""
+        content = b""
+        while (message := self._service.run(self._next())).get("more_body"):
+            content += message["body"]
+        return content + message["body"]
+
+    def block(self) -> dict[str, str]:
+        """The fields of the next block; time goes on until there is one."""
+        while "\n\n" not in self._text:
+            message = self._service.run(self._next())
+            self._text += message["body"].decode()
+            if not message.get("more_body"):
+                raise Closed("the end of the answer")
+        block, _, self._text = self._text.partition("\n\n")
+        fields = dict(line.split(": ", 1) for line in block.split("\n"))
+        self.last_id = fields.get("id", self.last_id)
+        return fields
+
+    def event(self, *types: str) -> dict[str, Any]:
+        """The next event, or the next one of these types."""
+        while True:
+            fields = self.block()
+            if "data" not in fields:
+                continue
+            found: dict[str, Any] = json.loads(fields["data"])
+            assert found["type"] == fields["event"]
+            if not types or found["type"] in types:
+                return found
+
+    def close(self) -> None:
+        """As a client that goes."""
+        self._inbox.put_nowait({"type": "http.disconnect"})
         self._service.run(gathered({self._task}))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import itertools
 import json
 import re
@@ -66,6 +67,38 @@ class Page:
         self.ask("Page.navigate", url=url)
         address = url.split("/")[2]
         until(lambda: self.run("location.host + document.readyState") == f"{address}complete")
+
+    def place(self, selector: str) -> tuple[float, float]:
+        """The middle of an element, scrolled to."""
+        box = self.run(
+            f"(e => (e.scrollIntoView({{block: 'center', behavior: 'instant'}}), "
+            f"e.getBoundingClientRect().toJSON()))(document.querySelector({json.dumps(selector)}))"
+        )
+        return box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
+
+    def mouse(self, kind: str, place: tuple[float, float]) -> None:
+        """kind: of DevTools: mousePressed, mouseReleased, mouseMoved."""
+        x, y = place
+        buttons = {"mousePressed": 1}.get(kind, 0)
+        self.ask(
+            "Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=buttons, clickCount=1
+        )
+
+    def click(self, selector: str) -> None:
+        """As a person does."""
+        place = self.place(selector)
+        self.mouse("mousePressed", place)
+        self.mouse("mouseReleased", place)
+
+    def key(self, key: str, code: str, text: str = "") -> None:
+        """Down and up."""
+        about = {"key": key, "code": code, "windowsVirtualKeyCode": {"Escape": 27, "Enter": 13}.get(key, 32)}
+        self.ask("Input.dispatchKeyEvent", type="keyDown", text=text, **about)
+        self.ask("Input.dispatchKeyEvent", type="keyUp", **about)
+
+    def picture(self, file: Path) -> None:
+        """What it shows, as PNG."""
+        file.write_bytes(base64.b64decode(self.ask("Page.captureScreenshot")["data"]))
 
     def run(self, script: str) -> Any:
         found = self.ask("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)

@@ -14,6 +14,7 @@ from cobot.access.authentication import Authenticator
 from cobot.access.tokens import TokenFile
 from cobot.config import Settings
 from cobot.ipc.layout import RING, Ack, Command, Interpolation, Intervention, MotionResult, Stream, text
+from cobot.ipc.recording_memory import RecordingMemory
 from cobot.ipc.shm import RobotMemory
 from cobot.motions.fence import Fence
 from cobot.robot.description import RobotDescription
@@ -80,6 +81,7 @@ class Rig:
         simulated: bool = False,
         memory: RobotMemory | None = None,
         start: Array | None = None,
+        recording: RecordingMemory | None = None,
     ) -> None:
         capacity = CAPACITY if memory is None else len(memory.slots[0].coefficients)
         rt = settings.rt.model_copy(update={"trajectory_capacity": capacity})
@@ -90,7 +92,8 @@ class Rig:
         self.loopback = Loopback(robot.limits.dof)
         self.simulation = MujocoBackend(self.settings, robot.limits)
         backend: Backend = self.simulation if simulated else self.loopback
-        self.loop = ControlLoop(self.settings, robot.model, self.memory, backend, FastClock(rt.period_s))
+        clock = FastClock(rt.period_s)
+        self.loop = ControlLoop(self.settings, robot.model, self.memory, backend, clock, recording)
         self.home = np.array(robot.positions["home"].joints)
         self.loop.open(self.home if start is None else start)
         self.commanded: list[Array] = []

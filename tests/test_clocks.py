@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("cobot", "rtloop", "app", "ros2", "sequences")
+PACKAGES = ("cobot", "rtloop", "app", "ros2", "sequences", "recorder")
 WALL = {
     "app/aubo/system_info.py": "what time it is, for who asks",
     "app/services/devices/traces.py": "time stamps of messages",
@@ -27,6 +27,7 @@ WALL = {
     "cobot/logs/lines.py": "time stamps of lines",
     "cobot/logs/process.py": "time stamps of lines",
     "cobot/logs/supervision.py": "time stamps of lines",
+    "recorder/robot.py": "names and time stamps of recordings",
     "ros2/parameters.py": "time stamps of ROS",
     "ros2/rtps/discovery.py": "time stamps of RTPS",
     "ros2/rtps/writer.py": "time stamps of RTPS",

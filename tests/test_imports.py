@@ -13,7 +13,7 @@ SLOW = {"cobot.planners", "httpx", "ompl", "rich", "ruckig", "scipy"}
 PLANNING = (
     "app.services.motion.planning_worker",
     "app.services.motion.planning_tasks",
-    "cobot.planners.blend",
+    "cobot.planners.prolonged",
 )
 
 

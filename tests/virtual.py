@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 
 import httpx
 import numpy as np
-from asgi import Socket, SynchronousTransport, gathered
+from asgi import EventStream, Socket, SynchronousTransport, gathered
 from rig import Rig
 from running import PATIENT_PLANNING, WAIT_S, unique_name
 from virtual_time import VirtualClock, VirtualLoop
@@ -273,6 +273,10 @@ class VirtualService:
     def connect(self, path: str, **headers: str) -> Socket:
         """A WebSocket."""
         return Socket(self, path, headers)
+
+    def listen(self, path: str, **headers: str) -> EventStream:
+        """Server-sent events."""
+        return EventStream(self, path, headers)
 
 
 class _Lines(logging.Handler):

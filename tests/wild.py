@@ -25,10 +25,12 @@ from cobot.config import load_settings
 from cobot.ipc.layout import Command, Interpolation, ServoMode
 from cobot.ipc.seqlock import Block
 from cobot.ipc.shm import RobotMemory
+from cobot.planners.cut import rest_at
 from cobot.robot.description import load_robot
+from cobot.trajectory import Trajectory
 from cobot.types import LoopMode
 
-KINDS = ("hold", "motion", "joint", "cartesian", "torque", *(mode for mode in ServoMode if mode))
+KINDS = ("hold", "motion", "replaced", "joint", "cartesian", "torque", *(mode for mode in ServoMode if mode))
 LASTS = 150
 """Cycles of one thing, before the next."""
 COMES_TO_REST = 3000
@@ -86,6 +88,28 @@ class WildRig(WatchedRig):
         assert self.mode is LoopMode.HOLD, (self.mode, self.reason)
 
 
+class Replaced(Task):
+    """A motion that is told again and again to go on with itself, or with what is left of it."""
+
+    def __init__(self, rig: WildRig, random: np.random.Generator) -> None:
+        super().__init__(rig, "motion")
+        slot = rig.memory.slots[0]
+        count = int(slot.head.data["segments"])
+        self._motion = Trajectory(slot.breakpoints_s[: count + 1].copy(), slot.coefficients[:count].copy())
+        self._random = random
+
+    def step(self, cycles: int = 1) -> None:
+        super().step(cycles)
+        if self._random.integers(10):
+            return
+        controller = self.rig.loop.controller
+        whole = bool(self._random.integers(2))
+        left, offset_s = rest_at(self._motion, 0.0 if whole else controller.clock.path_time_s)
+        slot = int(self._random.integers(2))
+        self.rig.memory.slots[slot].write(controller.motion_id, left)
+        self.rig.send(Command.REPLACE, slot=slot, motion_id=controller.motion_id, value=offset_s)
+
+
 def make_task(rig: WildRig, kind: str | ServoMode, random: np.random.Generator) -> Task | None:
     if kind == "hold":
         return None
@@ -95,6 +119,8 @@ def make_task(rig: WildRig, kind: str | ServoMode, random: np.random.Generator) 
         return Task(rig, "servo", interval, servo_mode=kind, force_axes=force)
     if kind == "motion":
         return Task(rig, kind)
+    if kind == "replaced":
+        return Replaced(rig, random)
     return Task(rig, kind, interval, interpolation=Interpolation(int(random.integers(4))))
 
 

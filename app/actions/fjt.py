@@ -22,6 +22,7 @@ from app.actions.fjt_goal import ErrorCode, FjtGoal, GoalError, GoalViolated, Me
 from app.actions.fjt_progress import Progress, on_path
 from app.actions.fjt_run import ARRIVAL_S, FEEDBACK_S, SEND_PERIOD_S, FjtSettings, Run, ServoExecution
 from app.graph.actions import GoalHandle, GoalStatus, Rejected
+from app.services.jobs.job import JobKind
 from app.services.motion.execution import MotionService
 from app.services.motion.ownership import Caller, Claim, Ownership
 from app.services.state.link import RobotLink
@@ -137,7 +138,10 @@ class FollowJointTrajectory:
         self, run: Run, goal: FjtGoal, settings: FjtSettings, stops: int, handle: GoalHandle
     ) -> str:
         """Plan it and have it executed; returns how the motion differed from the goal, "" if it did not."""
-        caller = Caller(self.name, None, stops, math.inf, asyncio.Event())
+        # What is streamed has no path time: that is a session and no job.
+        planned = settings.mode is ServoMode.NONE
+        job = self._ownership.new_job(JobKind.GOAL, f"{len(goal.points)} points") if planned else None
+        caller = Caller(self.name, None, stops, math.inf, asyncio.Event(), job)
         with self._ownership.claim(caller) as claim:
             run.own(claim)
             state = await self._motion.ready()

@@ -29,6 +29,8 @@ from cobot.access.roles import ANONYMOUS, Identity, Role, acting
 from cobot.errors import CobotError, MisdirectedError, PermissionDenied
 
 IDENTITY = "cobot.identity"
+STILL_VALID = "cobot.still_valid"
+"""Tells whether the token of a request means the same still: for an answer that takes long."""
 _HEADERS = "cobot.headers"
 HEADERS = ("Authorization", "Content-Type", "X-Motion-Token", "X-Control-Token", "X-Request-Id")
 METHODS = ("GET", "POST", "PUT", "DELETE")
@@ -72,6 +74,7 @@ class Access:
         )
         nobody = Role.NOBODY if required else Role.ADMIN
         self._anonymous = lru_cache(256)(lambda address: Identity(ANONYMOUS, nobody, address))
+        self._known = lru_cache(256)(lambda who, address: Identity(who.name, who.role, address))
 
     def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         if scope["type"] == "lifespan":
@@ -95,11 +98,13 @@ class Access:
         elif holder is None:  # whoever shows a wrong one shall learn it, wherever none is needed too
             identity = Identity(ANONYMOUS, Role.NOBODY, address)
         else:
-            identity = Identity(holder.name, holder.role, address)
+            identity = self._known(holder, address)
         scope[IDENTITY] = identity
         acting.set(identity)
         if websocket and token is not None and holder is not None:
             return self._while_valid(scope, receive, send, token, holder, by_protocol)
+        if token is not None:
+            scope[STILL_VALID] = lambda: self._tokens.find(token) == holder
         if not websocket and scope["path"].startswith(PAGES):
             send = _unframed(send)
         return self._app(scope, receive, send)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import gc
 import json
-from collections.abc import AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncGenerator, AsyncIterator, Callable, Coroutine, Iterator
 from inspect import iscoroutinefunction
 from typing import Annotated, Any, TypeVar, cast
 
@@ -17,10 +17,12 @@ from fastapi import Depends, HTTPException, Request, Response
 from fastapi.routing import APIRoute, serialize_response
 from pydantic import BaseModel, ValidationError
 from starlette.requests import HTTPConnection
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from app.api.clients import MOTION_TOKEN
 from app.api.errors import status_of
 from app.robot_services import Services
+from app.services.jobs.job import JobKind
 from app.services.motion.ownership import Caller
 from cobot.config import Endpoint
 from cobot.errors import CobotError, InputError, MediaTypeError, NotFoundError
@@ -31,6 +33,8 @@ STOPS = "cobot.stops"
 BEGUN_S = "cobot.begun_s"
 """When the head of a request came in, of the clock of `cobot.clock.SYSTEM`: its body may take some time."""
 LARGE_BYTES = 65536
+PIECE_BYTES, RETURNS = 1024, 128
+"""See `pieces`: a piece takes some milliseconds at the most."""
 Result = TypeVar("Result")
 
 
@@ -95,10 +99,17 @@ class Call:
         """Of the sequence on whose behalf the arm shall move, if any."""
         return self.request.headers.get(MOTION_TOKEN)
 
-    def caller(self, gone: asyncio.Event) -> Caller:
-        """Who asks, for a motion."""
+    def caller(self, gone: asyncio.Event, kind: JobKind, about: str, *, wait: bool) -> Caller:
+        """Who asks, for a motion.
+
+        Args:
+            gone: see `Gone`; who does not wait may go.
+            about: what is asked for, for people.
+        """
         name = self.name.replace("{robot}", self.request.path_params.get("robot", ""))
-        return Caller(name, self.token, self.stops, self.timeout_s, gone)
+        job = self.services.ownership.new_job(kind, f"{self.request.scope['path']} {about}")
+        leaving = gone if wait else asyncio.Event()
+        return Caller(name, self.token, self.stops, self.timeout_s, leaving, job, waits=wait)
 
 
 async def gone(request: Request) -> AsyncIterator[asyncio.Event]:
@@ -120,7 +131,27 @@ async def gone(request: Request) -> AsyncIterator[asyncio.Event]:
         watcher.cancel()
 
 
+def pieces(chunk: bytes) -> Iterator[bytes]:
+    """What the parser of forms gets at once: of a chunk in which much could be the beginning of a boundary,
+    which it takes apart a hundred times as slowly, little.
+    """
+    size = PIECE_BYTES if chunk.count(b"\r") > RETURNS else max(len(chunk), 1)
+    for start in range(0, len(chunk), size):
+        yield chunk[start : start + size]
+
+
 class _CobotRequest(Request):
+    async def stream(self) -> AsyncGenerator[bytes]:
+        """The body; of a form in pieces, between which others have the event loop."""
+        form = self.headers.get("content-type", "").lower().startswith("multipart/")
+        async for chunk in super().stream():
+            if not form:
+                yield chunk
+                continue
+            for piece in pieces(chunk):
+                yield piece
+                await asyncio.sleep(0)
+
     async def json(self) -> Any:
         body = await self.body()
         (param,) = self.scope["route"].dependant.body_params
@@ -193,13 +224,18 @@ def without_collection(function: Callable[..., Result], *arguments: Any) -> Resu
 class CobotRoute(APIRoute):
     """Of a request with a body: notes the count of stops before it came in, takes it apart strictly, and lets
     nobody else wait for a large one. Of a state, which is polled: answers without FastAPI's looking for what
-    the endpoint might depend on.
+    the endpoint might depend on, and might want to be told when the answer is given.
     """
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        if self.methods == {"GET"} and self._takes_request_alone():
+            self.app = _answering(self._state_handler())
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         handler = super().get_route_handler()
         if self.methods == {"GET"}:
-            return self._state_handler() if self._takes_request_alone() else handler
+            return handler
 
         async def handle(request: Request) -> Response:
             ownership = services_of(request).ownership
@@ -233,6 +269,16 @@ class CobotRoute(APIRoute):
             return Response(content, status, media_type="application/json")
 
         return handle
+
+
+def _answering(handler: Callable[[Request], Coroutine[Any, Any, Response]]) -> ASGIApp:
+    """The application of a route; what its handler raises the middleware of the whole one answers."""
+
+    async def answer(scope: Scope, receive: Receive, send: Send) -> None:
+        response = await handler(Request(scope, receive, send))
+        await response(scope, receive, send)
+
+    return answer
 
 
 def _require_type(request: Request, expected: str) -> None:

@@ -31,7 +31,10 @@ TAGS = [
     {"name": "robot", "description": "State, motions, and who controls the arm."},
     {"name": "scene", "description": "What stands around the arm, what it holds, and named frames."},
     {"name": "trajectory", "description": "Timed joint trajectories."},
+    {"name": "recordings", "description": "What the robot did, as MCAP files."},
     {"name": "sequences", "description": "Sequences of motions, and Lua programs."},
+    {"name": "events", "description": "What happens, as it happens."},
+    {"name": "jobs", "description": "Motions as jobs: followed, cancelled, paused; and how fast they go."},
     {"name": "common", "description": "Stop, and health."},
     {"name": "robots", "description": "The same for any of several robots, by its name."},
 ]
@@ -39,7 +42,7 @@ TAGS = [
 
 
 NAVIGATION = """<nav style="font: 1rem sans-serif; padding: 0.75rem 1.25rem">
-<a href="/docs">REST API</a> · <a href="/docs/vendor">vendor services</a> ·
+<a href="/">Panel</a> · <a href="/docs">REST API</a> · <a href="/docs/vendor">vendor services</a> ·
 <a href="/redoc">REST API to read</a>
 </nav>"""
 """There before Swagger UI is, which takes a browser most of a second to run."""

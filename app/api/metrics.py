@@ -61,6 +61,11 @@ class Metrics(Collector):
         yield from _of_robots(self._state.robots)
         yield self._requests()
         yield self._connections()
+        events = self._state.events
+        listening = len(events.on_news)
+        yield GaugeMetricFamily("cobot_events_listeners", "Clients of /events.", listening)
+        lost = "Events that clients of /events were too slow for."
+        yield CounterMetricFamily("cobot_events_lost", lost, events.lost)
         yield _restarts(self._state.reloading.processes())
 
     def _requests(self) -> Metric:

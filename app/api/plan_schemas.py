@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, Field
+from pydantic import BaseModel, BeforeValidator, FailFast, Field
 
 from cobot.motions.bodies import (
     HOME,
@@ -147,7 +147,7 @@ class PlanPath(Planning, TcpMotion):
         }
     )
 
-    poses: Annotated[list[PathPose], BeforeValidator(as_list)] = Field(
+    poses: Annotated[list[PathPose], FailFast(), BeforeValidator(as_list)] = Field(
         min_length=1, max_length=201, description="Where it goes through; the last is the goal."
     )
     radius: Radius = Field(

@@ -27,6 +27,7 @@ ROLES: dict[str, Role] = {
     "GET /robot/joint_states": Role.OBSERVER,
     "GET /robot/pose": Role.OBSERVER,
     "GET /robot/positions": Role.OBSERVER,
+    "GET /robot/geometry": Role.OBSERVER,
     "POST /robot/move/named": Role.OPERATOR,
     "POST /robot/move/pose": Role.OPERATOR,
     "POST /robot/move/joints": Role.OPERATOR,
@@ -49,9 +50,23 @@ ROLES: dict[str, Role] = {
     "POST /trajectory/send": Role.OPERATOR,
     "POST /trajectory/send_csv": Role.OPERATOR,
     "GET /trajectory/logs": Role.OBSERVER,
+    "GET /recordings": Role.OBSERVER,
+    "POST /recordings": Role.OPERATOR,
+    "GET /recordings/{name}": Role.OBSERVER,
+    "DELETE /recordings/{name}": Role.PROGRAMMER,  # it may be what explains a fault
     "POST /sequences/start": Role.PROGRAMMER,
     "GET /sequences/status": Role.OBSERVER,
     "GET /sequences/logs": Role.OBSERVER,
+    "GET /events": Role.OBSERVER,
+    "WS /events": Role.OBSERVER,
+    "GET /jobs": Role.OBSERVER,
+    "GET /jobs/{job}": Role.OBSERVER,
+    "POST /jobs/{job}/cancel": Role.OPERATOR,
+    "POST /jobs/{job}/pause": Role.OPERATOR,
+    "POST /jobs/{job}/resume": Role.OPERATOR,
+    "POST /jobs/{job}/step": Role.OPERATOR,
+    "GET /robot/speed_override": Role.OBSERVER,
+    "POST /robot/speed_override": Role.OPERATOR,
     STOP: Role.OBSERVER,  # whoever sees that it goes wrong
     "GET /health": Role.OBSERVER,
     "GET /robots": Role.OBSERVER,
@@ -67,8 +82,11 @@ ROLES: dict[str, Role] = {
     "WS /rosbridge": Role.OBSERVER,  # each operation needs its own: app.rosbridge.roles
     "POST /{robot}/{Class}/{method}": Role.OBSERVER,  # and each method: app.aubo.roles
 }
+PANEL, THREE = "/panel", "/three.js"
 PUBLIC = (
     "/",
+    PANEL,
+    THREE,
     "/docs",
     "/docs/oauth2-redirect",
     f"{SAMPLES_PATH}/{{name}}",
@@ -78,8 +96,8 @@ PUBLIC = (
     documentation.VENDOR_SCHEMA,
     documentation.STATIC,
 )
-"""The documentation, in which a token can be entered, is open to all: it tells nothing about this robot but
-its joints' limits and its name."""
+"""The panel and the documentation, in which a token can be entered, are open to all: they tell nothing about
+this robot but its joints' limits and its name."""
 
 
 def endpoint_of(route: BaseRoute) -> str:

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from cobot.motions.bodies import Finite
+from cobot.motions.bodies import Finite, few
 from cobot.robot.scene import SceneObject
 from cobot.strict import StrictModel
 
@@ -29,6 +29,7 @@ FIELDS = {
 OPTIONAL = {"mesh": ("file", "scale", "tolerance"), "height_field": ("floor", "step")}
 SHAPE_FIELDS = list(dict.fromkeys(name for each in (*FIELDS.values(), *OPTIONAL.values()) for name in each))
 Point = Annotated[list[Coordinate], Field(min_length=3, max_length=3)]
+Pair = Annotated[list[str], Field(min_length=2, max_length=2)]
 Indices = Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=3, max_length=3)]
 
 
@@ -76,9 +77,14 @@ class PutObject(Place):
         max_length=40_000_000,
         description="Of a mesh: an STL (binary or text) or OBJ file as base64, instead of the next two.",
     )
-    vertices: list[Point] | None = Field(None, max_length=60_000, description="Of a mesh: x, y, z, m.")
+    vertices: list[Point] | None = Field(
+        None, max_length=60_000, fail_fast=True, description="Of a mesh: x, y, z, m."
+    )
     triangles: list[Indices] | None = Field(
-        None, max_length=20_000, description="Of a mesh: three indices of vertices, from 0 on, each."
+        None,
+        max_length=20_000,
+        fail_fast=True,
+        description="Of a mesh: three indices of vertices, from 0 on, each.",
     )
     scale: Annotated[float, Field(ge=1e-6, le=1e6, allow_inf_nan=False)] = Field(
         1.0, description="Of a mesh: all is multiplied by it, as 0.001 for a file in mm."
@@ -87,8 +93,9 @@ class PutObject(Place):
         0.02,
         description="Of a mesh that is not convex: what counts as it is no further from it than this, m.",
     )
-    heights: list[list[Coordinate | None]] | None = Field(
+    heights: list[Annotated[list[Coordinate | None], Field(fail_fast=True)]] | None = Field(
         None,
+        fail_fast=True,
         max_length=2000,
         description="Of a height field: rows along y of heights along x, m; null: nothing stands there.",
     )
@@ -100,7 +107,7 @@ class PutObject(Place):
         None, description="Of a height field: heights are rounded up to its multiples, m; null: exact."
     )
     points: list[Point] | None = Field(
-        None, min_length=1, max_length=200_000, description="Of a point cloud: x, y, z, m."
+        None, min_length=1, max_length=200_000, fail_fast=True, description="Of a point cloud: x, y, z, m."
     )
     voxel: Length | None = Field(
         None, description="Of a point cloud: a cube of this edge, m, that has a point in it is solid."
@@ -159,21 +166,25 @@ class ChangeScene(StrictModel):
 
     clear: bool = Field(False, description="Remove all objects, frames and allowed pairs first.")
     detach: list[Name] = Field(
-        [], max_length=1000, description="Objects that the hand lets go: they stand where they are now."
+        [],
+        max_length=1000,
+        fail_fast=True,
+        description="Objects that the hand lets go: they stand where they are now.",
     )
-    frames: dict[Name, Place | None] = Field(
+    frames: Annotated[dict[Name, Place | None], few(1000)] = Field(
         {}, max_length=1000, description="Places by name, for `frame_id`; null forgets one."
     )
-    objects: dict[Name, PutObject | None] = Field(
+    objects: Annotated[dict[Name, PutObject | None], few(1000)] = Field(
         {}, max_length=1000, description="Solids by name, added or replaced; null removes one."
     )
-    attach: dict[Name, Annotated[list[str], Field(max_length=100)]] = Field(
+    attach: Annotated[dict[Name, Annotated[list[str], Field(max_length=100)]], few(1000)] = Field(
         {},
         max_length=1000,
         description="Objects that the hand holds from now on, each with what it may touch meanwhile.",
     )
-    allowed: list[Annotated[list[str], Field(min_length=2, max_length=2)]] | None = Field(
+    allowed: list[Pair] | None = Field(
         None,
+        fail_fast=True,
         max_length=1000,
         description="Pairs of bodies and objects that may touch, not those before.",
     )

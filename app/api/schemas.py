@@ -198,6 +198,9 @@ class SendTrajectory(StrictModel):
     smoothing_rad: Finite | None = Field(None, ge=0.0, le=MAX_SMOOTHING_RAD, description=SMOOTHING)
 
 
+WAIT = "false: answer 202 with the job at once, instead of the ordinary answer when that is known."
+
+
 class CsvQuery(StrictModel):
     """How to read a CSV file, and what to check; see SendTrajectory."""
 
@@ -214,6 +217,7 @@ class CsvQuery(StrictModel):
     retime: bool = Field(False, description=RETIME)
     move_to_start: bool = Field(False, description=MOVE_TO_START)
     smoothing_rad: Finite | None = Field(None, ge=0.0, le=MAX_SMOOTHING_RAD, description=SMOOTHING)
+    wait: bool = Field(True, description=WAIT)
 
 
 class SentAnswer(BaseModel):
@@ -351,6 +355,9 @@ class RobotHealth(BaseModel):
     )
     sequence: dict[str, Any] = Field(description="The newest sequence, as in /sequences/status.")
     session: dict[str, Any] | None = Field(description="The streaming session: number, client, mode.")
+    recorder: dict[str, Any] | None = Field(
+        description="What is recorded: the process, the continuous recording, lost cycles, files, problem."
+    )
 
 
 class HealthAnswer(RobotHealth):

@@ -7,9 +7,10 @@ import math
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, model_validator
 
 from app.services.motion.lease import TIMEOUT_S, TIMEOUTS_S
+from app.services.streaming.jog import JogCommand
 from cobot.errors import InputError
 from cobot.ipc.layout import CHUNK_POINTS, Interpolation, Intervention, Stream, chunk_dtype, text
 from cobot.ipc.session_rules import MOVE_S, decimation, nominal_session
@@ -157,6 +158,30 @@ class Release(StrictModel):
     type: Literal["release"]
 
 
+class JogFrame(StrictModel):
+    """Without velocities it lets go."""
+
+    type: Literal["jog"]
+    joints: Numbers | None = None
+    twist: Annotated[list[Finite], Field(min_length=6, max_length=6)] | None = None
+    frame: Literal["base", "tool"] = "base"
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> JogFrame:
+        if self.joints is not None and self.twist is not None:
+            raise ValueError("joints and twist do not go together")
+        if self.twist is None and "frame" in self.model_fields_set:
+            raise ValueError("frame: goes with twist, which is missing")
+        return self
+
+    def command(self) -> JogCommand | None:
+        """What it asks for; None: to let go."""
+        if not any(self.joints or self.twist or ()):
+            return None
+        joints = None if self.joints is None else np.array(self.joints)
+        return JogCommand(joints, None if self.twist is None else np.array(self.twist), self.frame == "tool")
+
+
 TextFrame = (
     Subscribe
     | OpenSession
@@ -170,6 +195,7 @@ TextFrame = (
     | End
     | Control
     | Release
+    | JogFrame
 )
 MODELS: dict[str, type[TextFrame]] = {
     "subscribe": Subscribe,
@@ -181,6 +207,7 @@ MODELS: dict[str, type[TextFrame]] = {
     "end": End,
     "control": Control,
     "release": Release,
+    "jog": JogFrame,
 }
 
 

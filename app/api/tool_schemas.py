@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from app.api.scene_schemas import Coordinate, Name, ObjectAnswer, PutObject
-from cobot.motions.bodies import Finite
+from cobot.motions.bodies import Finite, few
 from cobot.strict import StrictModel
 
 INERTIA = [0.004, 0.0, 0.0, 0.004, 0.0, 0.002]
@@ -80,7 +80,7 @@ class ChangeTool(StrictModel):
         description="About the centre, along the flange's axes: xx, xy, xz, yy, yz, zz, kg·m².",
     )
     tcp: ToolTip | None = Field(None, description="In the flange's frame; null: that of the model's file.")
-    shapes: dict[Name, ToolShape] | None = Field(
+    shapes: Annotated[dict[Name, ToolShape], few(50)] | None = Field(
         None, max_length=50, description="Solids for the collision checks, by name, instead of those before."
     )
     gravity: list[Finite] | None = Field(

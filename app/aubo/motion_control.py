@@ -56,7 +56,7 @@ async def move_joint(
         a: rad/s², of the fastest joint; a joint with a lower limit keeps that.
         v: rad/s, of the fastest joint; a joint with a lower limit keeps that.
         blend_radius: m, how far from q the TCP may be while the arm goes on into the next move, if that
-            comes within 0.25 s; 0 stops at q.
+            comes half a second before the arm would slow down for q; 0 stops at q.
         duration: s, up to a day; above 0 it takes exactly so long, and a and v do not count.
     """
     limits = robot.settings.envelope.limits
@@ -168,7 +168,7 @@ def get_speed_fraction(robot: Services) -> float:
     """How fast motions go along their paths.
 
     Returns:
-        A share of their planned speed, from 0.01 to 1.
+        A share of their planned speed: 0, or from 0.01 to 1.
     """
     return robot.ownership.speed_fraction
 
@@ -181,7 +181,7 @@ async def set_speed_fraction(robot: Services, fraction: float) -> None:
     program or the holder of a control lease has set ends with the program or the lease.
 
     Args:
-        fraction: of the planned speed, from 0.01 to 1.
+        fraction: of the planned speed: 0, where the arm waits, or from 0.01 to 1.
     """
     await robot.ownership.set_speed_fraction(fraction)
 

@@ -12,16 +12,22 @@ from cobot.errors import InputError
 from cobot.robot.frames import abc_from_quaternion, pose_from_abc
 from cobot.types import Array, Pose
 
+FARTHEST_M = 1e6
+"""Farther than any arm reaches, so near that nothing that is computed with it overflows."""
+
 
 def pose_of(values: list[float], name: str = "pose") -> Pose:
     """A pose from its six numbers.
 
     Raises:
-        InputError: it has another number of them.
+        InputError: it has another number of them, or lies beyond `FARTHEST_M`.
     """
     if len(values) != 6:
         raise InputError(f"{name} must be [x, y, z, rx, ry, rz], got {len(values)} numbers")
     x, y, z, rx, ry, rz = values
+    for axis, value in zip("xyz", (x, y, z), strict=True):
+        if abs(value) > FARTHEST_M:
+            raise InputError(f"{name}: {axis} may be up to {FARTHEST_M:g} m, got {value:g} m")
     return pose_from_abc(x, y, z, rz, ry, rx)
 
 

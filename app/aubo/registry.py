@@ -22,6 +22,7 @@ from __future__ import annotations
 import inspect
 import json
 import logging
+import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -113,6 +114,7 @@ class Answer:
 CALCULATIONS = ("Math", "RobotAlgorithm")
 READS = re.compile(r"get|is[A-Z]|has|peek|(axisGroup|frame|modbus|serial|socket)(Get|Read|Convert)")
 """Classes, and beginnings of methods, that change nothing."""
+TOO_LARGE = "the numbers are too large: what comes of them is not finite"
 POINTS = ("servoJoint", "servoCartesian")
 """Of points, the audit has the session that they belong to."""
 
@@ -225,12 +227,22 @@ def camel_case(name: str) -> str:
 
 
 def _result(found: Service, value: Any) -> Any:
+    """As answers have it.
+
+    Raises:
+        InputError: JSON has no word for it: what it was made of was too large.
+    """
     kind = found.result.kind
     if kind == "json":
-        return json.dumps(value, separators=(",", ":"), allow_nan=False)
-    if kind.endswith("[]"):
-        return list(value)
-    return 0 if value is None else value
+        try:
+            return json.dumps(value, separators=(",", ":"), allow_nan=False)
+        except ValueError as exc:
+            raise InputError(TOO_LARGE) from exc
+    result: Any = list(value) if kind.endswith("[]") else 0 if value is None else value
+    numbers = result if kind == "float64[]" else [result] if kind == "float64" else []
+    if not all(map(math.isfinite, numbers)):
+        raise InputError(TOO_LARGE)
+    return result
 
 
 def _described(robot_class: str, method: str, function: Function) -> Service:

@@ -24,7 +24,7 @@ from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol
 from app.api.dependencies import BEGUN_S
 from app.listeners.crowd import Crowd, Doing, Visit
 from app.listeners.turns import Turns
-from app.listeners.websocket import StreamProtocol
+from app.listeners.websocket import StreamProtocol, keep_nothing_unsent
 from cobot.clock import SYSTEM
 from cobot.config import ConnectionLimits
 from cobot.errors import NotSupportedError
@@ -36,6 +36,8 @@ STOP = re.compile(rb"POST " + ROBOT + rb"/stop[ ?]")
 """Takes no turn."""
 HEALTH = re.compile(rb"GET " + ROBOT + rb"/health(?:/\w+)?[ ?]")
 """This and a stop are answered on a place of the reserve."""
+EVENTS = re.compile(ROBOT + rb"/events(?:[?]|$)")
+"""Answered without an end."""
 ABSOLUTE = re.compile(rb"[a-z][a-z0-9+.-]*://([^/?#]*)(.*)", re.IGNORECASE | re.DOTALL)
 """A target with scheme and host; its host and what follows."""
 
@@ -235,12 +237,16 @@ class HttpProtocol(HttpToolsProtocol):
 
     def on_headers_complete(self) -> None:
         self._require_chunked()
+        if self.parser.should_upgrade() and self._should_upgrade():
+            self._require_handshake()
         self._take_host()
         if self._visit.reserved:
             line = self.parser.get_method() + b" " + self.url + b" "
             if not (STOP.match(line) or HEALTH.match(line)):
                 self._refuse_crowded()
                 raise _Refused
+        if EVENTS.match(self.url):
+            keep_nothing_unsent(self.transport)
         self._silent = 0
         self._in_header, self._in_body, self._answered = False, True, False
         self._begun_s = self.loop.time()
@@ -257,6 +263,21 @@ class HttpProtocol(HttpToolsProtocol):
         if codings and (codings != [b"chunked"] or self.parser.get_http_version() != "1.1"):
             detail = "Transfer-Encoding: the only one that is understood is chunked, once, in HTTP/1.1"
             self._refuse(501, detail, NotSupportedError.code)
+            raise _Refused
+
+    def _require_handshake(self) -> None:
+        """What asks for a WebSocket has no body, is of HTTP/1.1 (RFC 6455, 4.2.1), and waits for the answers
+        that come before its own: they would stand among its frames.
+        """
+        if self.cycle is not None and not self.cycle.response_complete:
+            self.transport.abort()
+            raise _Refused
+        sized = any(
+            name == b"transfer-encoding" or (name == b"content-length" and value.strip(b"0 "))
+            for name, value in self.headers
+        )
+        if sized or self.parser.get_http_version() != "1.1":
+            self._refuse(400, "a WebSocket is asked for in HTTP/1.1, by a request without a body", "input")
             raise _Refused
 
     def _take_host(self) -> None:
@@ -292,6 +313,13 @@ class HttpProtocol(HttpToolsProtocol):
         if self._unread and not self.pipeline:
             self._wait()
         self._note()
+
+    def shutdown(self) -> None:
+        """What has no end has been ended; one that reads nothing of it is not waited for."""
+        super().shutdown()
+        waiting = self.cycle is not None and not self.cycle.response_complete and self.flow.write_paused
+        if waiting and EVENTS.match(self.url):
+            self.transport.abort()
 
     def _start_asgi_task(self, cycle: RequestResponseCycle, app: ASGI3Application) -> None:
         """At once for a stop, and for who waits to be asked for a body; else when the body is there: who

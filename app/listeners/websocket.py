@@ -24,6 +24,14 @@ MAX_FRAGMENTS = 1024
 TOO_BIG = 1009
 
 
+def keep_nothing_unsent(transport: Transport) -> None:
+    """From now on, what a client does not read is not made: it gets what is new then."""
+    # Not 0: with TLS even an empty buffer would be too full.
+    transport.set_write_buffer_limits(high=1, low=0)
+    connection = transport.get_extra_info("socket")
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT_BYTES)
+
+
 class StreamProtocol(WebSocketsSansIOProtocol):
     """A connection that was HTTP before. What is sent shall be new, what comes waits for its turn."""
 
@@ -41,10 +49,7 @@ class StreamProtocol(WebSocketsSansIOProtocol):
 
     def connection_made(self, transport: BaseTransport) -> None:
         super().connection_made(transport)
-        # Not 0: with TLS even an empty buffer would be too full.
-        cast(Transport, transport).set_write_buffer_limits(high=1, low=0)
-        connection = transport.get_extra_info("socket")
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT_BYTES)
+        keep_nothing_unsent(cast(Transport, transport))
 
     def connection_lost(self, exc: Exception | None) -> None:
         super().connection_lost(exc)

@@ -17,6 +17,7 @@ from app.api.access import IDENTITY
 from app.api.clients import client_of
 from app.api.dependencies import BEGUN_S
 from app.mcp.own_rest import OwnRest
+from app.services.jobs.job import JobKind
 from app.services.motion.lease import CLIENT
 from app.services.motion.ownership import Caller
 from app.services.motion.planning_tasks import pictured
@@ -112,9 +113,10 @@ async def execute(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> dict[str, Any
     endpoints: dict[str, Endpoint] = scope["app"].state.endpoints
     gone = asyncio.Event()
     stops = rest.services.ownership.stops_before(scope.get(BEGUN_S))
-    caller = Caller("MCP execute", None, stops, endpoints[EXECUTE].timeout_s, gone)
     acting.set(identity)
     CLIENT.set(client_of(scope))
+    job = rest.services.ownership.new_job(JobKind.EXECUTE, f"MCP execute {plan_id}")
+    caller = Caller("MCP execute", None, stops, endpoints[EXECUTE].timeout_s, gone, job)
     try:
         require(identity, Role.AGENT)
         # Were it cancelled in here, nobody would bring the arm to rest.

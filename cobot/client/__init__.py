@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from cobot.client.controls import CartesianMotionForceControl, JointImpedanceControl, JointTorqueControl
+    from cobot.client.jobs import JobHandle
     from cobot.client.modes import SWITCHES, CoordType, Mode
     from cobot.client.rest import Client
     from cobot.client.robot import Robot
@@ -17,6 +18,7 @@ _HOMES = {
     "CartesianState": "states",
     "Client": "rest",
     "CoordType": "modes",
+    "JobHandle": "jobs",
     "JointImpedanceControl": "controls",
     "JointState": "states",
     "JointTorqueControl": "controls",
@@ -32,6 +34,7 @@ __all__ = [
     "CartesianState",
     "Client",
     "CoordType",
+    "JobHandle",
     "JointImpedanceControl",
     "JointState",
     "JointTorqueControl",

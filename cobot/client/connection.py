@@ -2,31 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 import httpx
 
-from cobot import errors
 from cobot.addresses import DEFAULT_URL, address, path_at
 from cobot.client.tls import Verify, tls_context, token_from_environment
-from cobot.errors import CobotError, ExecutionError, InputError, UnavailableError
+from cobot.errors import BY_CODE, CobotError, ExecutionError, InputError, UnavailableError
 
 MOTION_TIMEOUT_S = 90.0
 """A motion is waited for so long, s: longer than the service's own timeouts as shipped."""
 Json = dict[str, Any]
 
 
-def _family(kind: type[CobotError]) -> Iterable[type[CobotError]]:
-    """Those of `cobot.errors`; what other modules derive from them has no code of its own."""
-    yield kind
-    for child in kind.__subclasses__():
-        if child.__module__ == errors.__name__:
-            yield from _family(child)
-
-
-ERRORS: Mapping[str, type[CobotError]] = {kind.code: kind for kind in _family(errors.CobotError)}
+ERRORS = BY_CODE
 """The class of errors that each code of the service stands for."""
 
 
@@ -105,6 +98,24 @@ class Connection:
         base = str(self._http.base_url).rstrip("/")
         return base + path_at(base, path)
 
+    def _fetch(self, path: str, file: Path) -> None:
+        """Write what is answered to a file, which is there when it is whole.
+
+        Raises:
+            InputError: the file cannot be written.
+        """
+        url, part = self._url(path), file.with_name(f"{file.name}.part")
+        try:
+            with self._streamed(path) as response, part.open("wb") as out:
+                for piece in response.iter_bytes():
+                    out.write(piece)
+            part.replace(file)
+        except httpx.HTTPError as exc:
+            part.unlink(missing_ok=True)
+            raise UnavailableError(f"GET {url}: {str(exc) or type(exc).__name__}") from exc
+        except OSError as exc:
+            raise InputError(f"{file}: cannot be written: {exc.strerror}") from exc
+
     def _request(self, method: str, path: str, **request: Any) -> Any:
         url = self._url(path)
         try:
@@ -113,6 +124,19 @@ class Connection:
             raise UnavailableError(f"{method} {url}: {str(exc) or type(exc).__name__}") from exc
         except (TypeError, ValueError) as exc:  # JSON has no NaN, no infinity and no objects of ours
             raise InputError(f"{method} {path}: {exc}") from exc
+        return self._decoded(method, url, response)
+
+    @contextlib.contextmanager
+    def _streamed(self, path: str, **request: Any) -> Iterator[httpx.Response]:
+        """An answer that is read as it comes; raises as `_request` does, and httpx's errors later."""
+        url = self._url(path)
+        with self._http.stream("GET", url, **request) as response:
+            if not response.is_success:
+                response.read()
+                self._decoded("GET", url, response)
+            yield response
+
+    def _decoded(self, method: str, url: str, response: httpx.Response) -> Any:
         try:
             answer = response.json()
             if response.is_success:

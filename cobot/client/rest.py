@@ -13,15 +13,18 @@ import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 from cobot.addresses import CONTROL_TOKEN
-from cobot.client.connection import Connection, Json
+from cobot.client.connection import Json
+from cobot.client.events import EventConnection
+from cobot.client.moves import Moves
 from cobot.errors import CobotError, UnavailableError
 
 STOP_TRIES, STOP_TIMEOUT_S = 3, 15.0
 
 
-class Client(Connection):
+class Client(Moves, EventConnection):
     """One robot's service.
 
     Args:
@@ -50,26 +53,6 @@ class Client(Connection):
         """The named positions."""
         return list(self._request("GET", "/robot/positions"))
 
-    def move_named(self, name: str, *, speed: float = 0.1, accel_scale: float = 0.0, **how: Any) -> Json:
-        """Go to a named position; returns on arrival, raises when it is not reached.
-
-        Args:
-            how: `planner`, `algorithm`, `synchronization` and `constraints`, as in POST /robot/move/named.
-        """
-        return self._move("named", {"name": name, "speed": speed, "accel_scale": accel_scale, **how})
-
-    def move_joints(
-        self, joints: Sequence[float], *, speed: float = 0.1, accel_scale: float = 0.0, **how: Any
-    ) -> Json:
-        """Go to joint angles in rad; returns on arrival, raises when it is not reached.
-
-        Args:
-            how: `planner`, `algorithm`, `synchronization` and `constraints`, as in POST
-                /robot/move/joints.
-        """
-        body = {"joints": list(joints), "speed": speed, "accel_scale": accel_scale, **how}
-        return self._move("joints", body)
-
     def plan(self, what: str, **request: Any) -> Json:
         """Plan without moving: `plan_id`, `duration_s`, path, utilisation of the limits, distances, torques.
 
@@ -78,10 +61,6 @@ class Client(Connection):
             request: the body of POST /robot/plan/{what}: that of the motion, `start` and `samples`.
         """
         return self._json("POST", f"/robot/plan/{what}", json=request, timeout=self._motion_timeout_s)
-
-    def execute(self, plan_id: str) -> Json:
-        """Run a plan; returns on arrival, raises when it cannot be run any more or is not reached."""
-        return self._arrived("/robot/execute", {"plan_id": plan_id})
 
     def tool(self) -> Json:
         """What is on the flange: `version`, `name`, `mass`, `centre`, `inertia`, `position` and `quaternion`
@@ -132,56 +111,6 @@ class Client(Connection):
         """Have the hand let go: it stands where it is."""
         return self.change_scene(detach=[name])
 
-    def move_pose(
-        self,
-        *,
-        x: float,
-        y: float,
-        z: float,
-        a: float = 0.0,
-        b: float = 0.0,
-        c: float = 0.0,
-        speed: float | None = None,
-        accel_scale: float = 0.0,
-        planner: str = "ptp",
-        frame_id: str = "",
-        via: Mapping[str, float] | None = None,
-        **more: Any,
-    ) -> Json:
-        """Bring the TCP to a pose (m, KUKA angles in rad); returns on arrival, raises when not reached.
-
-        Args:
-            speed: a share; without it 0.1, or 1 where `speed_m_s` or `speed_rad_s` is given.
-            more: `centre`, `axis`, `through`, `radius`, `speed_m_s`, `speed_rad_s`, `algorithm`,
-                `synchronization`, `constraints`, as in POST /robot/move/pose.
-        """
-        body: Json = {"x": x, "y": y, "z": z, "a": a, "b": b, "c": c}
-        body |= {"accel_scale": accel_scale, "planner": planner, "frame_id": frame_id}
-        if speed is not None or not more.keys() & {"speed_m_s", "speed_rad_s"}:
-            body["speed"] = 0.1 if speed is None else speed
-        body["via"] = dict(via) if via else None
-        return self._move("pose", body | more)
-
-    def move_arc(
-        self, *, centre: Mapping[str, float], axis: Mapping[str, float], angle: float, **more: Any
-    ) -> Json:
-        """Turn the TCP by `angle`, rad, about the axis through `centre`, m; returns on arrival.
-
-        Args:
-            more: `rise`, `turn_tool`, `frame_id`, `speed`, `accel_scale`, `speed_m_s`, `speed_rad_s`,
-                `constraints`, as in POST /robot/move/arc.
-        """
-        return self._move("arc", {"centre": dict(centre), "axis": dict(axis), "angle": angle, **more})
-
-    def move_sequence(self, motions: Sequence[Mapping[str, Any]], radii: Sequence[float] = ()) -> Json:
-        """Several motions as one; returns on arrival.
-
-        Args:
-            motions: bodies of POST /robot/move/named, joints, pose and arc.
-            radii: for each but the last, m: so far from its end the TCP may leave its path; none: it stops.
-        """
-        return self._move("sequence", {"motions": [dict(each) for each in motions], "radii": list(radii)})
-
     def send_trajectory(self, points: Sequence[Mapping[str, Any]], **options: bool) -> Json:
         """Run timed points; returns when the motion has begun. Options as in POST /trajectory/send."""
         body = {"points": [dict(point) for point in points], **options}
@@ -205,6 +134,27 @@ class Client(Connection):
     def trajectory_logs(self, n: int = 50) -> list[str]:
         """What became of trajectories, the newest line last."""
         return list(self._json("GET", "/trajectory/logs", params={"n": n})["lines"])
+
+    def recordings(self) -> Json:
+        """The `recordings` that there are, the newest first, and how the `recorder` stands."""
+        return self._json("GET", "/recordings")
+
+    def record(self, action: str = "dump", seconds: float | None = None) -> list[str]:
+        """Write the last seconds to a file ("dump"), or "start" or "stop" a continuous recording.
+
+        Returns:
+            The names of the files; of one that was started, what they will begin with.
+        """
+        body = {"action": action, "seconds": seconds}
+        return list(self._json("POST", "/recordings", json=body, timeout=self._motion_timeout_s)["names"])
+
+    def fetch_recording(self, name: str, path: str | Path) -> None:
+        """Write a recording to a file here."""
+        self._fetch(f"/recordings/{quote(name, safe='')}", Path(path))
+
+    def remove_recording(self, name: str) -> None:
+        """Remove a recording at the service for good."""
+        self._json("DELETE", f"/recordings/{quote(name, safe='')}")
 
     def start_sequence(self, path: str | Path, **options: str | float) -> Json:
         """Start a sequence file; options as in POST /sequences/start."""
@@ -272,6 +222,3 @@ class Client(Connection):
     def health(self) -> Json:
         """Processes, cycle times, versions."""
         return self._json("GET", "/health")
-
-    def _move(self, what: str, body: Json) -> Json:
-        return self._arrived(f"/robot/move/{what}", body)

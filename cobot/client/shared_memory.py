@@ -8,6 +8,7 @@ import numpy as np
 
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import ConflictError, ExecutionError, TornReadError, UnavailableError
+from cobot.ipc.layout import record_of
 from cobot.ipc.shm import FOLDER, MemoryRole, RobotMemory
 from cobot.ipc.stream_writer import StreamWriter
 from cobot.types import LoopMode
@@ -38,7 +39,7 @@ class SharedMemoryTransport:
         block = self._memory.state
         with self._turn:
             try:
-                record = block.read().copy()
+                record = record_of(block.read().tobytes(), block.data.dtype)
             except TornReadError as exc:
                 raise UnavailableError(f"robot {self.robot!r}: {exc}") from exc
         age_s = (self.clock.now_ns() - int(record["monotonic_ns"])) * 1e-9

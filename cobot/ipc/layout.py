@@ -11,7 +11,7 @@ from enum import IntEnum
 import numpy as np
 
 MAGIC = b"COBOTRT\0"
-LAYOUT_VERSION = 9
+LAYOUT_VERSION = 10
 RING = 32
 SLOTS = 2
 LOADED_SEGMENTS = 96
@@ -29,6 +29,7 @@ class Command(IntEnum):
     RESET = 3  # leave ESTOP or FAULT
     TOOL = 4  # carry the tool that stands in its block
     SCENE = 5  # read the scene's file anew, for streams
+    REPLACE = 6  # go on with the trajectory in a slot, which begins as what is left of the one under way
 
 
 class Ack(IntEnum):
@@ -213,8 +214,11 @@ COMMAND = np.dtype(
     ],
     align=True,
 )
-"""stops: the count of stop requests that the sender knew of; a START that a stop has overtaken is refused.
-tool: the version that a START was planned with, another one is refused; of a TOOL that in the block.
+"""stops: the count of stop requests that the sender knew of; a START or REPLACE that a stop has overtaken is
+refused.
+value: the rate of a SET_RATE; of a REPLACE the path time, s, of the motion under way at which its own begins.
+tool: the version that a START or REPLACE was planned with, another one is refused; of a TOOL that in the
+block.
 scene: of a SCENE or a TOOL, the version of the scene whose file is to be read."""
 TOOL = np.dtype(
     [
@@ -339,6 +343,11 @@ POINT_HEAD = np.dtype([("session", "u8"), ("number", "u8")])
 """The block that holds the newest point's number."""
 SESSION_ACK = np.dtype([("session", "u8"), ("result", "u8"), ("message", TEXT)])
 STREAM_REQUESTS = np.dtype([("estops", "u8")])
+
+
+def record_of(octets: bytes, kind: np.dtype) -> np.ndarray:
+    """A record of its own from the bytes of one; numpy's copy goes field by field, which takes 20 µs."""
+    return np.ndarray((), kind, bytearray(octets))
 
 
 def text(field: np.ndarray) -> str:

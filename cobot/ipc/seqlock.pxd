@@ -12,6 +12,7 @@ cdef struct Mapped:
 cdef uint64_t sequence_of(const Mapped* record) noexcept nogil
 cdef bint try_read(const Mapped* record) noexcept nogil
 cdef void publish(const Mapped* record) noexcept nogil
+cdef uint64_t xxh64(const char* at, size_t size) noexcept nogil
 
 
 cdef class Block:

@@ -189,11 +189,11 @@ cdef bint try_read(const Mapped* record) noexcept nogil:
     fence(ACQUIRE)  # the copy is complete before the counter is looked at again
     if atomic_load(record.counter, RELAXED) != before:
         return False
-    return before == 0 or found == _xxh64(record.copy, record.size)
+    return before == 0 or found == xxh64(record.copy, record.size)
 
 
 cdef void publish(const Mapped* record) noexcept nogil:
-    cdef uint64_t found = _xxh64(record.copy, record.size)
+    cdef uint64_t found = xxh64(record.copy, record.size)
     cdef uint64_t begun = atomic_load(record.counter, RELAXED) | 1
     atomic_store(record.counter, begun, RELAXED)
     fence(RELEASE)  # the counter is odd before anything is written
@@ -205,10 +205,10 @@ cdef void publish(const Mapped* record) noexcept nogil:
 def checksum(record):
     """The checksum of a writable buffer."""
     cdef Py_ssize_t size = memoryview(record).nbytes
-    return _xxh64(bytes_of(record, size), size) if size else _xxh64(NULL, 0)
+    return xxh64(bytes_of(record, size), size) if size else xxh64(NULL, 0)
 
 
-cdef uint64_t _xxh64(const char* at, size_t size) noexcept nogil:
+cdef uint64_t xxh64(const char* at, size_t size) noexcept nogil:
     cdef const char* end = at + size
     cdef uint64_t digest = P5
     if size >= 32:

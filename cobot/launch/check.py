@@ -56,6 +56,7 @@ def check(settings: Settings, config: Path | None, out: TextIO) -> list[Checked]
     for name, each in settings.each.items():
         if settings.robots:
             report.about = f"{name}: "
+        report.item("recording", partial(_folder, each.recording_folder))
         _check_robot(report, each, config)
     return report.items
 

@@ -13,26 +13,31 @@ from typing import NoReturn
 
 from cobot.addresses import DEFAULT_URL, address
 from cobot.client.tls import CERTIFICATE_VARIABLE, TOKEN_VARIABLE
+from cobot.commands import options
 from cobot.config import SETTINGS_FILE, Settings, load_settings
 from cobot.errors import CobotError
-from cobot.launch import token
+from cobot.launch import recording_options, token
 from cobot.launch.process import RUN_MODULE, in_words, require_limits
 
 DESCRIPTION = """\
 A robot arm behind a REST service.
 
   cobot run      start the simulated (or real) robot and the service, and watch over both
+  cobot run FILE    run a sequence (.json) or program (.lua) at the service that runs, see docs/cli.md
+  cobot state, move, send, jobs, watch   use a service that runs
   cobot check    validate the whole configuration, without starting anything
   cobot new-robot   make the configuration of another arm from its URDF or MJCF, see docs/your-robot.md
   cobot stop     bring the arm to rest, whatever has become of the service
   cobot moveit-config   write a package with which MoveIt 2 plans for the robot, see docs/ros2.md
   cobot lua      run a Lua program at a running service, see docs/lua.md
+  cobot record   write down what the robot did or does; cobot plot draws it, cobot replay repeats it
   cobot mcp      let an agent that speaks MCP over stdio use a running service, see docs/mcp.md
   cobot token    make, list and revoke the tokens that a service on the network asks for
   cobot doctor   whether this computer is fit for it, and what to type where it is not
+  cobot completion  print what makes bash, zsh or fish complete commands
   cobot install  make it a service of systemd; cobot uninstall takes that back
 
-The first run needs no configuration: open http://localhost:8007/docs and move the arm."""
+The first run needs no configuration: open http://localhost:8007 and move the arm."""
 
 EXIT_OK, EXIT_FAILED, EXIT_USAGE = 0, 1, 2
 
@@ -46,6 +51,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return EXIT_USAGE
     if chosen.command in ("lua", "mcp"):
         _become_client(chosen)
+    if options.for_service(chosen, parser):
+        from cobot.commands import actions
+
+        return in_words(lambda: actions.run(chosen, parser))
     return in_words(lambda: _run(chosen))
 
 
@@ -54,6 +63,11 @@ def _run(chosen: argparse.Namespace) -> int:
     try:
         if chosen.command == "token":
             token.run(chosen)
+            return EXIT_OK
+        if chosen.command in recording_options.COMMANDS:
+            from cobot.launch import recordings
+
+            recordings.run(chosen)
             return EXIT_OK
         if chosen.command == "stop":
             return _stop(chosen)
@@ -121,6 +135,8 @@ def _parser() -> argparse.ArgumentParser:
         choices=["realtime", "fast"],
         help="instead of rt.clock; fast simulates motions as fast as the machine can",
     )
+    options.add_sequence_options(run)
+    options.add_parsers(commands)
     service = argparse.ArgumentParser(add_help=False)
     service.add_argument("--url", metavar="URL", default=DEFAULT_URL, help="of the service (%(default)s)")
     service.add_argument(
@@ -138,6 +154,7 @@ def _parser() -> argparse.ArgumentParser:
         "mcp", parents=[service], help="let an agent that speaks MCP over stdio use a running service"
     )
     token.add_parser(commands, config)
+    recording_options.add_parsers(commands)
     commands.add_parser(
         "check", parents=[config], help="validate files, folders, model, limits, named positions"
     )
@@ -148,6 +165,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     stop.add_argument("--robot", metavar="NAME", help="only this one; with --config: only those of the file")
     stop.add_argument("--estop", action="store_true", help="latched: nothing moves until POST /robot/reset")
+    options.add_service_options(stop.add_argument_group("through the service of --url"), robot=False)
     examine = commands.add_parser("doctor", parents=[config], help="examine this computer")
     examine.add_argument("--json", action="store_true", help="as a list of objects, for programs")
     for name, text in (

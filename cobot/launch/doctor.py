@@ -25,6 +25,7 @@ from typing import TextIO
 
 from cobot.config import Settings, load_settings
 from cobot.errors import CobotError
+from cobot.ipc.recording_memory import ring_bytes
 from cobot.ipc.shm import FOLDER, MemoryRole, memory_bytes, user_of
 from cobot.launch.check import check
 from cobot.launch.process import RUN_MODULE
@@ -254,10 +255,15 @@ def _limits_remedy(machine: Machine) -> str:
     )
 
 
+def _memory_bytes(settings: Settings) -> int:
+    dof, rt = load_joint_limits(settings.web.joint_limits).dof, settings.rt
+    return memory_bytes(dof, rt.trajectory_capacity) + ring_bytes(dof, rt.period_s, settings.recording.ring_s)
+
+
 def shared_memory(settings: Settings, folder: Path, machine: Machine) -> Diagnosis:
     """Whether the robots' memory fits."""
     need = sum(
-        memory_bytes(load_joint_limits(each.web.joint_limits).dof, each.rt.trajectory_capacity)
+        _memory_bytes(each)
         for name, each in settings.each.items()
         if not user_of(name, MemoryRole.SUPERVISOR) and each.web.joint_limits.is_file()
     )
@@ -271,9 +277,8 @@ def shared_memory(settings: Settings, folder: Path, machine: Machine) -> Diagnos
         if machine.in_container
         else f"sudo mount -o remount,size={size} {folder}"
     )
-    return Diagnosis(
-        "shared memory", Verdict.PROBLEM, f"{found}; or a smaller rt.trajectory_capacity", remedy
-    )
+    found += "; or a smaller rt.trajectory_capacity or recording.ring_s"
+    return Diagnosis("shared memory", Verdict.PROBLEM, found, remedy)
 
 
 def log_disk(folder: Path) -> Diagnosis:

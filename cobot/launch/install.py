@@ -190,6 +190,8 @@ logs: {LOGS}
 sequences:
   recordings: {STATE}/recordings
   programs: {STATE}/programs
+recording:
+  folder: {STATE}/mcap
 """
 
 _UDEV = f"""\

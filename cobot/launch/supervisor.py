@@ -32,6 +32,7 @@ from cobot.client.tls import CERTIFICATE_VARIABLE
 from cobot.config import DEFAULT_SETTINGS, Settings, load_endpoints, resolve
 from cobot.errors import TornReadError, UnavailableError, exhausted
 from cobot.ipc.layout import text
+from cobot.ipc.recording_memory import RecordingMemory
 from cobot.ipc.shm import RobotMemory
 from cobot.launch.heartbeat import HeartbeatWatch
 from cobot.launch.process import RUN_MODULE, has_terminal
@@ -210,6 +211,8 @@ class Supervisor:
                 for name in memories:
                     rtloops.append(self._rtloop(name))
                     rtloops[-1].start()
+                service.append(Child("recorder", [*RUN_MODULE, "recorder", *self._config], self._log))
+                service[-1].start()
                 if listener is not None:
                     service.append(self._service(listener))
                     service[-1].start()
@@ -284,6 +287,10 @@ class Supervisor:
         memory = RobotMemory.create(name, dof, settings.rt.period_s, settings.rt.trajectory_capacity, own_url)
         stack.callback(memory.close)
         stack.callback(memory.unlink)
+        recording = RecordingMemory.create(
+            name, dof, settings.rt.period_s, settings.recording.ring_s, robot.limits.names
+        )
+        stack.callback(recording.unlink)
         return memory
 
     def _rtloop(self, robot: str) -> Child:
@@ -439,7 +446,7 @@ class Supervisor:
 
     def _announce(self, url: str, access: str, memories: dict[str, RobotMemory]) -> None:
         log.info("cobot %s (pid %d)", version("cobot"), os.getpid())
-        log.info("  address    %s", f"{url}/docs" if url else "none: web.enabled is false")
+        log.info("  address    %s", f"{url}/" if url else "none: web.enabled is false")
         log.info("  access     %s", access)
         for name, memory in memories.items():
             rt = self._settings.of(name).rt

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, FailFast, Field, Tag
 
 from cobot.strict import StrictModel
 from cobot.types import RRT_CONNECT, Algorithm
@@ -30,6 +30,17 @@ Coordinate = Annotated[float, Field(allow_inf_nan=False, ge=-1000.0, le=1000.0)]
 
 def _lower(value: Any) -> Any:
     return value.lower() if isinstance(value, str) else value
+
+
+def few(most: int) -> BeforeValidator:
+    """Of a dictionary: what has more entries is refused before each of them is looked at, and found wrong."""
+
+    def check(value: Any) -> Any:
+        if isinstance(value, dict) and len(value) > most:
+            raise ValueError(f"may have up to {most} entries, got {len(value)}")
+        return value
+
+    return BeforeValidator(check)
 
 
 def as_list(value: Any) -> Any:
@@ -112,7 +123,7 @@ class MotionConstraints(StrictModel):
 
     orientation: KeptOrientation | None = Field(None, description="Of the tool.")
     box: KeptBox | None = Field(None, description="For the TCP.")
-    joints: dict[str, Annotated[list[Finite], Field(min_length=2, max_length=2)]] = Field(
+    joints: Annotated[dict[str, Annotated[list[Finite], Field(min_length=2, max_length=2)]], few(64)] = Field(
         {}, max_length=64, description="Joints by their names, each with its least and greatest angle, rad."
     )
 
@@ -233,7 +244,7 @@ class MovePose(TcpMotion, PathPose):
     axis: PathPoint | None = Field(
         None, description="With `centre`: the arc turns about it by the right hand; else the short way."
     )
-    through: Annotated[list[PathPose], BeforeValidator(as_list)] = Field(
+    through: Annotated[list[PathPose], FailFast(), BeforeValidator(as_list)] = Field(
         [], max_length=200, description="Of polyline: poses on the way."
     )
     radius: Radius = Field(
@@ -278,7 +289,7 @@ class MoveSequence(StrictModel):
         }
     )
 
-    motions: Annotated[list[AnyMotion], BeforeValidator(as_list)] = Field(
+    motions: Annotated[list[AnyMotion], FailFast(), BeforeValidator(as_list)] = Field(
         min_length=1,
         max_length=MAX_MOTIONS,
         description="Bodies of move/named, move/joints, move/pose and move/arc, mixed.",

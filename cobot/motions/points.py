@@ -11,6 +11,10 @@ from cobot.robot.limits import check_positions
 from cobot.types import Array, JointLimits, Waypoint
 
 REST_TOLERANCE = 1e-6
+SHORTEST_S, LONGEST_S = 1e-9, 1e6
+"""Between two points, and to the last one: far beyond what an arm does, so near that nothing overflows."""
+LARGEST = 1e6
+"""Of an angle, a velocity or an acceleration of a point, likewise."""
 GO_THERE = "go there first, or send move_to_start=true"
 
 
@@ -52,15 +56,42 @@ def labels_of(points: Sequence[Waypoint], dof: int) -> list[str]:
     return labels
 
 
+def require_size(points: Sequence[Waypoint], labels: list[str]) -> None:
+    """Nothing that is given exceeds `LARGEST`, whether limits are checked or not.
+
+    Raises:
+        InputError: naming the first that does.
+    """
+    for name in ("positions", "velocities", "accelerations"):
+        given = [(label, getattr(point, name)) for label, point in zip(labels, points, strict=True)]
+        given = [(label, values) for label, values in given if values is not None]
+        if not given:
+            continue
+        sizes = np.abs(np.array([values for _, values in given], dtype=np.float64)).max(axis=1)
+        for index in np.flatnonzero(sizes > LARGEST)[:1]:
+            raise InputError(f"{given[index][0]}: {name} may be up to {LARGEST:g}, got {sizes[index]:g}")
+
+
 def require_order(times: Array, labels: list[str]) -> None:
+    """Times from 0 to `LONGEST_S` that increase, each by `SHORTEST_S` at the least.
+
+    Raises:
+        InputError: naming the first one that does not.
+    """
     if times[0] < 0.0:
         raise InputError(f"{labels[0]}: time_from_start is {times[0]} s, must not be negative")
-    late = np.flatnonzero(np.diff(times) <= 0.0)
+    if 0.0 < times[0] < SHORTEST_S:
+        raise InputError(
+            f"{labels[0]}: time_from_start is {times[0]} s, must be 0 or at least {SHORTEST_S:g} s"
+        )
+    for index in np.flatnonzero(times > LONGEST_S)[:1]:
+        raise InputError(f"{labels[index]}: time_from_start is {times[index]} s, may be {LONGEST_S:g} s")
+    late = np.flatnonzero(np.diff(times) < SHORTEST_S / 2.0)  # which of times near the longest is rounding
     if len(late):
         index = int(late[0]) + 1
         raise InputError(
             f"{labels[index]}: time_from_start is {times[index]} s, must be later than the "
-            f"{times[index - 1]} s of {labels[index - 1]}"
+            f"{times[index - 1]} s of {labels[index - 1]}, by at least {SHORTEST_S:g} s"
         )
 
 

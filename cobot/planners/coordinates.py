@@ -55,12 +55,9 @@ class Coordinates:
         path: Path,
         limits: JointLimits,
         tcp_limits: CartesianLimits | None = None,
-        least_slowness: float = 0.0,
         zones: Zones | None = None,
     ) -> None:
-        """least_slowness: how long a unit of the path's parameter takes at the least, s."""
         self._model, self.path, self.limits = model, path, limits
-        self._least_slowness = least_slowness
         self._zones = zones or Zones(np.array([path.length]), np.ones((3, 1, path.dof + len(PARTS))))
         self._tcp: list[_Tcp] = []
         if tcp_limits is not None:
@@ -95,7 +92,7 @@ class Coordinates:
         joints = self.path.derivatives(places)
         velocity = self._zones.at(places)[0]
         fastest = self.limits.max_velocity * velocity[:, : self.path.dof]
-        slowness = (np.abs(joints[1]) / fastest).max(axis=1, initial=self._least_slowness)
+        slowness = (np.abs(joints[1]) / fastest).max(axis=1, initial=0.0)
         rows = [joints[1:]]
         if self._tcp:
             twists = _twists(self._model, self.path, places)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cobot.errors import InputError
-from cobot.motions.points import labels_of, require_order, require_rest, require_start
+from cobot.motions.points import labels_of, require_order, require_rest, require_size, require_start
 from cobot.trajectory import UNCHANGED, Changes, Trajectory, from_hermite
 from cobot.types import Array, JointLimits, Waypoint
 
@@ -73,6 +73,7 @@ def course_of(
     times = np.array([point.time_from_start_s for point in points])
     positions = np.array([point.positions for point in points], dtype=np.float64)
     require_order(times, labels)
+    require_size(points, labels)
     require_rest(points, labels, first=times[0] == 0.0)
     if times[-1] == 0.0:
         raise InputError(f"{labels[0]}: a motion needs a point with a time_from_start above 0")

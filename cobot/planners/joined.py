@@ -16,10 +16,11 @@ import numpy as np
 
 from cobot.errors import CobotError, InputError, LimitError, PlanningError
 from cobot.motions.requests import PATH_PLANNERS, Blended, MotionRequest
-from cobot.planners.blend import cut
+from cobot.motions.stretches import Corner, Leg
 from cobot.planners.cartesian import tcp_limits
 from cobot.planners.checks import validate
 from cobot.planners.coordinates import PARTS, Zones
+from cobot.planners.cut import cut
 from cobot.planners.path import Path
 from cobot.planners.time_law import time_optimal, with_room
 from cobot.robot.description import RobotDescription
@@ -33,6 +34,8 @@ BETWEEN_CORNERS, AT_AN_END = 0.49, 0.95
 INSIDE = 0.998
 """Of the radius: what may lie between the places that are looked at."""
 SAMPLES = 400
+LEAST_RADIUS_M = 1e-6
+"""Less is none: no arm is as exact, and rounding decides where the corner is."""
 TOLD = 0.9
 """A corner that uses less than this share of its radius is told."""
 UNLIMITED = 1e9
@@ -40,22 +43,18 @@ RATES = ("max_velocity", "max_acceleration", "max_jerk")
 
 
 @dataclass(frozen=True, slots=True)
-class Leg:
-    """A motion from rest to rest, and the limits that it has been planned with; None for no TCP's."""
+class Part:
+    """Motions as one between two stops.
 
-    motion: Trajectory
-    limits: JointLimits
-    tcp: CartesianLimits | None
+    Attributes:
+        blended: what came of them.
+        path, progress: where it leads, and the path's parameter over its time; None where the motions stop
+            at each corner after all.
+    """
 
-
-@dataclass(frozen=True, slots=True)
-class _Corner:
-    """A round corner: a curve between the last `before` of one path and the first `after` of the next."""
-
-    curve: Trajectory
-    before: float
-    after: float
-    used_m: float
+    blended: Blended
+    path: Path | None = None
+    progress: Trajectory | None = None
 
 
 def leg_of(robot: RobotDescription, request: MotionRequest, motion: Trajectory) -> Leg:
@@ -76,16 +75,9 @@ def joined(robot: RobotDescription, legs: Sequence[Leg], radii_m: Sequence[float
         InputError: another number of radii, or one that is negative.
         PlanningError: see `time_optimal`.
     """
-    _check(legs, radii_m)
+    check_radii(legs, radii_m)
     paths = [Path.of_trajectory(leg.motion) for leg in legs]
-    round_ = [radius > 0.0 for radius in radii_m]
-    corners: list[_Corner | None] = []
-    for index, radius in enumerate(radii_m):
-        before = BETWEEN_CORNERS if index > 0 and round_[index - 1] else AT_AN_END
-        after = BETWEEN_CORNERS if index + 1 < len(round_) and round_[index + 1] else AT_AN_END
-        first, second = paths[index], paths[index + 1]
-        free = before * first.length, after * second.length
-        corners.append(_corner(robot, first, second, radius, free) if radius > 0.0 else None)
+    corners = corners_of(robot, paths, [0.0, *radii_m, 0.0])
     stops = [index + 1 for index, corner in enumerate(corners) if corner is None]
     whole: Trajectory | None = None
     ends: list[float] = []
@@ -93,7 +85,7 @@ def joined(robot: RobotDescription, legs: Sequence[Leg], radii_m: Sequence[float
     used: list[float] = []
     for begin, end in pairwise([0, *stops, len(legs)]):
         inner = [corner for corner in corners[begin : end - 1] if corner is not None]
-        part = _part(robot, legs[begin:end], paths[begin:end], inner)
+        part = part_of(robot, legs[begin:end], paths[begin:end], inner).blended
         since = 0.0 if whole is None else whole.duration_s
         if whole is not None:
             blended.append(False)
@@ -103,12 +95,12 @@ def joined(robot: RobotDescription, legs: Sequence[Leg], radii_m: Sequence[float
         used += part.used_m
         whole = part.trajectory if whole is None else whole.followed_by(part.trajectory)
     assert whole is not None
-    notes = [whole.note, *_told(radii_m, used)]
+    notes = [whole.note, *told(radii_m, used)]
     whole = replace(whole, note="; ".join(filter(None, notes)))
     return Blended(whole, tuple(ends), tuple(blended), tuple(used))
 
 
-def _check(legs: Sequence[Leg], radii_m: Sequence[float]) -> None:
+def check_radii(legs: Sequence[Leg], radii_m: Sequence[float]) -> None:
     if len(radii_m) != len(legs) - 1:
         raise InputError(f"radii: {len(legs)} motions have {len(legs) - 1} corners, got {len(radii_m)} radii")
     for index, radius in enumerate(radii_m):
@@ -116,7 +108,8 @@ def _check(legs: Sequence[Leg], radii_m: Sequence[float]) -> None:
             raise InputError(f"radii[{index}]: is {radius:g} m, possible is 0 and above")
 
 
-def _told(radii_m: Sequence[float], used_m: Sequence[float]) -> list[str]:
+def told(radii_m: Sequence[float], used_m: Sequence[float]) -> list[str]:
+    """What to say of corners that do not use their radius."""
     return [
         f"motion {number}: of its radius of {1e3 * radius:.4g} mm {1e3 * used:.3g} mm are used"
         if used > 0.0
@@ -126,9 +119,26 @@ def _told(radii_m: Sequence[float], used_m: Sequence[float]) -> list[str]:
     ]
 
 
+def corners_of(
+    robot: RobotDescription, paths: Sequence[Path], radii_m: Sequence[float]
+) -> list[Corner | None]:
+    """The round corners between paths; None where there has to be a stop.
+
+    Args:
+        radii_m: of the corner before the first path, of those between them, and of the one after the last.
+    """
+    found = []
+    for index, (first, second) in enumerate(pairwise(paths), start=1):
+        round_ = [radius >= LEAST_RADIUS_M for radius in radii_m[index - 1 : index + 2]]
+        before, after = (BETWEEN_CORNERS if round_[side] else AT_AN_END for side in (0, 2))
+        free = before * first.length, after * second.length
+        found.append(_corner(robot, first, second, radii_m[index], free) if round_[1] else None)
+    return found
+
+
 def _corner(
     robot: RobotDescription, first: Path, second: Path, radius_m: float, free: tuple[float, float]
-) -> _Corner | None:
+) -> Corner | None:
     """The largest of `SHARES` that stays within the radius and the limits and touches nothing."""
     middle = robot.model.forward(second.at(np.zeros(1))[0]).position
     along = [np.linspace(0.0, most, SAMPLES + 1) for most in free]
@@ -137,6 +147,8 @@ def _corner(
         for path, places in ((first, first.length - along[0]), (second, along[1]))
     ]
     ways = [_within(*each, INSIDE * radius_m) for each in zip(along, away, strict=True)]
+    if min(ways) <= 0.0:  # the two motions' ends are farther apart, by rounding
+        return None
     for share in SHARES:
         before, after = share * ways[0], share * ways[1]
         curve = _curve(first, second, before, after)
@@ -150,7 +162,7 @@ def _corner(
             robot.collision.check_trajectory(curve)
         except CobotError:
             continue
-        return _Corner(curve, before, after, used_m)
+        return Corner(curve, before, after, used_m)
     return None
 
 
@@ -159,11 +171,13 @@ def _away(robot: RobotDescription, middle: Array, rows: Array) -> Array:
 
 
 def _within(places: Array, away: Array, radius_m: float) -> float:
-    """The place up to which the TCP is within the radius."""
+    """The place up to which the TCP is within the radius; 0 if it never is."""
     outside = np.flatnonzero(away > radius_m)
     if not len(outside):
         return float(places[-1])
     index = int(outside[0])
+    if index == 0:
+        return 0.0
     return float(np.interp(radius_m, away[index - 1 : index + 1], places[index - 1 : index + 1]))
 
 
@@ -174,36 +188,52 @@ def _curve(first: Path, second: Path, before: float, after: float) -> Trajectory
     return from_hermite(np.array([0.0, before + after]), position, velocity, acceleration)
 
 
-def _part(
-    robot: RobotDescription, legs: Sequence[Leg], paths: Sequence[Path], corners: Sequence[_Corner]
-) -> Blended:
-    """Motions with all corners round; with stops if that is not slower."""
-    stopping = legs[0].motion
-    ends = [stopping.duration_s]
-    for leg in legs[1:]:
-        stopping = stopping.followed_by(leg.motion)
-        ends.append(stopping.duration_s)
-    if not corners:
-        return Blended(stopping, tuple(ends), (), ())
-    path, zones, middles = _path(legs, paths, corners, robot)
-    limits, of_tcp = _largest(robot, legs)
+def part_of(
+    robot: RobotDescription,
+    legs: Sequence[Leg],
+    paths: Sequence[Path],
+    corners: Sequence[Corner],
+    *,
+    one_law: bool = False,
+) -> Part:
+    """Motions with all corners round; with stops if that is not slower.
+
+    Args:
+        one_law: give also a single motion the time law of those that have corners.
+    """
+    stopping = with_stops(legs)
+    if not corners and not one_law:
+        return Part(stopping)
+    path, zones, middles = path_of(robot, legs, paths, corners)
+    limits, of_tcp = largest(robot, legs)
     timed = time_optimal(robot, path, limits, of_tcp, zones)
-    if timed.trajectory.duration_s >= stopping.duration_s:
-        return Blended(stopping, tuple(ends), (False,) * len(corners), (0.0,) * len(corners))
+    if timed.trajectory.duration_s >= stopping.trajectory.duration_s and corners:
+        return Part(stopping)
     try:
         validate(robot, timed.trajectory, limits)
     except LimitError as exc:
         raise PlanningError(f"round corners: {exc}") from exc
     progress = timed.progress
     reached = np.interp(middles, progress.sample(progress.breakpoints_s)[:, 0], progress.breakpoints_s)
-    trajectory = replace(timed.trajectory, note=stopping.note)
+    trajectory = replace(timed.trajectory, note=stopping.trajectory.note)
     used = tuple(corner.used_m for corner in corners)
     times = (*reached.tolist(), trajectory.duration_s)
-    return Blended(trajectory, times, (True,) * len(corners), used)
+    return Part(Blended(trajectory, times, (True,) * len(corners), used), path, progress)
 
 
-def _path(
-    legs: Sequence[Leg], paths: Sequence[Path], corners: Sequence[_Corner], robot: RobotDescription
+def with_stops(legs: Sequence[Leg]) -> Blended:
+    """One motion after the other."""
+    whole = legs[0].motion
+    ends = [whole.duration_s]
+    for leg in legs[1:]:
+        whole = whole.followed_by(leg.motion)
+        ends.append(whole.duration_s)
+    corners = len(legs) - 1
+    return Blended(whole, tuple(ends), (False,) * corners, (0.0,) * corners)
+
+
+def path_of(
+    robot: RobotDescription, legs: Sequence[Leg], paths: Sequence[Path], corners: Sequence[Corner]
 ) -> tuple[Path, Zones, Array]:
     """The path with its round corners, its zones, and where the corners' middles are."""
     parts: list[Trajectory] = []
@@ -217,8 +247,8 @@ def _path(
     for part in parts[1:]:
         whole = whole.followed_by(part)
     middles = ends[1::2] - 0.5 * np.array([corner.curve.duration_s for corner in corners])
-    largest = _largest_rates(robot, legs)
-    shares = np.stack([_rates(robot, leg) / largest for leg in legs], axis=1)
+    greatest = _largest_rates(robot, legs)
+    shares = np.stack([_rates(robot, leg) / greatest for leg in legs], axis=1)
     zones = Zones(np.append(middles, ends[-1]), shares)
     return Path(whole.breakpoints_s, whole.coefficients), zones, middles
 
@@ -243,11 +273,11 @@ def _largest_rates(robot: RobotDescription, legs: Sequence[Leg]) -> Array:
     return np.asarray(largest)
 
 
-def _largest(robot: RobotDescription, legs: Sequence[Leg]) -> tuple[JointLimits, CartesianLimits | None]:
+def largest(robot: RobotDescription, legs: Sequence[Leg]) -> tuple[JointLimits, CartesianLimits | None]:
     """The limits of which the zones have shares."""
-    largest = _largest_rates(robot, legs)
+    greatest = _largest_rates(robot, legs)
     dof = robot.limits.dof
-    limits = replace(legs[0].limits, **dict(zip(RATES, largest[:, :dof], strict=True)))
+    limits = replace(legs[0].limits, **dict(zip(RATES, greatest[:, :dof], strict=True)))
     if not any(leg.tcp for leg in legs):
         return limits, None
-    return limits, CartesianLimits(*largest[:, dof:].T.ravel().tolist())
+    return limits, CartesianLimits(*greatest[:, dof:].T.ravel().tolist())

@@ -11,18 +11,22 @@ import numpy as np
 
 from cobot.errors import InputError, LimitError
 from cobot.motions.requests import Envelope, MotionRequest, RatedMove
+from cobot.motions.stretches import Leg
 from cobot.planners import plan
+from cobot.planners.joined import leg_of
 from cobot.robot.description import RobotDescription
-from cobot.trajectory import Trajectory
 from cobot.types import CartesianLimits, JointLimits, PlannerName, Scaling
 
 MAX_DURATION_S = 86_400.0
+SLOWEST, PLACES = 1e-4, 200
 ROUNDING = 1e-6
 """A duration may fall short of the shortest possible time by this share of it: rounding."""
 
 
-def plan_rated(robot: RobotDescription, move: RatedMove) -> Trajectory | None:
-    """The validated motion, or None when the arm is already there.
+def plan_rated(robot: RobotDescription, move: RatedMove) -> Leg | None:
+    """The validated motion with its limits, or None when the arm is already there.
+
+    One with a duration has such limits that it takes about as long also between others, at an even speed.
 
     Raises:
         InputError: a velocity or an acceleration that is not above 0, a duration that is too short, with the
@@ -45,15 +49,30 @@ def plan_rated(robot: RobotDescription, move: RatedMove) -> Trajectory | None:
         limits=slowed_joints(move.envelope.limits, *joint_rates),
         cartesian_limits=slowed_tcp(move.envelope.cartesian, *tcp_rates),
     )
-    trajectory = plan(slower, MotionRequest(move.start, move.goal, move.planner, Scaling(1.0), move.via))
-    if trajectory is None or not timed:
-        return trajectory
+    request = MotionRequest(move.start, move.goal, move.planner, Scaling(1.0), move.via)
+    trajectory = plan(slower, request)
+    if trajectory is None:
+        return None
+    leg = leg_of(slower, request, trajectory)
+    if not timed:
+        return leg
     factor = move.duration_s / trajectory.duration_s
     if factor < 1.0 - ROUNDING:
         raise InputError(
             f"duration is {move.duration_s:g} s, the shortest possible is {trajectory.duration_s:.4g} s"
         )
-    return trajectory.stretched(max(factor, 1.0))
+    stretched = trajectory.stretched(max(factor, 1.0))
+    if leg.tcp is None:
+        way = np.abs(stretched.end - stretched.start) / stretched.duration_s
+        share = float(np.clip((way / leg.limits.max_velocity).max(), SLOWEST, 1.0))
+        return Leg(stretched, leg.limits.scaled(share, 1.0, 1.0), None)
+    places = robot.model.poses(stretched.sample(np.linspace(0.0, stretched.duration_s, PLACES)))
+    length_m = float(np.linalg.norm(np.diff(places[:, :3], axis=0), axis=1).sum())
+    turns = np.abs((places[1:, 3:] * places[:-1, 3:]).sum(axis=1))
+    angle_rad = float(2.0 * np.arccos(np.minimum(turns, 1.0)).sum())
+    shares = length_m / leg.tcp.max_linear_velocity, angle_rad / leg.tcp.max_angular_velocity
+    share = float(np.clip(max(shares) / stretched.duration_s, SLOWEST, 1.0))
+    return Leg(stretched, leg.limits, leg.tcp.scaled(share, 1.0, 1.0))
 
 
 def with_envelope(robot: RobotDescription, envelope: Envelope) -> RobotDescription:

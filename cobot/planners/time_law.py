@@ -24,8 +24,8 @@ from cobot.planners.path import Path
 from cobot.planners.reference import reference_motion
 from cobot.polynomials import greatest_rates
 from cobot.robot.description import RobotDescription
-from cobot.robot.feasibility import effort_samples, stretch_to_limits
-from cobot.trajectory import Trajectory, from_hermite
+from cobot.robot.feasibility import effort_samples
+from cobot.trajectory import Trajectory
 from cobot.types import PLANNED_ACCELERATION, Array, CartesianLimits, JointLimits
 
 LEAST_CELLS, MOST_CELLS = 64, 1000
@@ -49,9 +49,6 @@ EFFORT_SHARE = 0.999
 """Of the efforts: what may lie between the places that are looked at."""
 UNBOUNDED = 1e9
 MIDDLE = 0.5
-RETIMED_STEPS_S = (0.012, 0.003)
-"""The cells of a motion that is slowed down, s; the latter where it changes too fast for the former."""
-MOST_RETIMED_CELLS = 10_000
 ENDING_CELLS = 2
 """At either end the jerk is looked at in the middle of so many cells too: from rest it changes most."""
 
@@ -105,30 +102,6 @@ def with_room(robot: RobotDescription, limits: JointLimits) -> JointLimits:
     """The limits with no more than `PLANNED_ACCELERATION` of the robot's accelerations."""
     room = PLANNED_ACCELERATION * robot.limits.max_acceleration
     return replace(limits, max_acceleration=np.minimum(limits.max_acceleration, room))
-
-
-def retimed(robot: RobotDescription, trajectory: Trajectory, limits: JointLimits) -> Timed:
-    """The same motion from rest to rest, slowed down where the joints' limits or the drives' efforts need it
-    and only there; nowhere faster. `progress` is the time of the given motion.
-
-    Raises:
-        PlanningError: see `time_optimal`.
-    """
-    _, efforts = effort_samples(robot.model, trajectory)
-    if stretch_to_limits(trajectory, limits) is trajectory and (np.abs(efforts) <= limits.max_effort).all():
-        times = trajectory.breakpoints_s[:, None]
-        same = from_hermite(times[:, 0], times, np.ones_like(times), np.zeros_like(times))
-        return Timed(trajectory, lambda: same)
-    path = Path(trajectory.breakpoints_s, trajectory.coefficients)
-    coordinates = Coordinates(robot.model, path, limits, least_slowness=1.0)
-    laws = (_even_law(path.length, step_s) for step_s in RETIMED_STEPS_S)
-    return _solved(robot, coordinates, laws)
-
-
-def _even_law(duration_s: float, step_s: float) -> Array:
-    """The control points of s = t."""
-    cells = int(np.clip(np.ceil(duration_s / step_s), LEAST_CELLS, MOST_RETIMED_CELLS))
-    return np.asarray(duration_s / cells * (np.arange(cells + 3) - 1.0))
 
 
 def _first_law(coordinates: Coordinates, per_build_up: int, most_cells: int) -> Array:

@@ -141,6 +141,8 @@ class _Fitting:
         most = max(INNER - float((curve.noise / self._corridor).max()), LEAST_INNER)
         belongs_s, share, work = grid_s, most, 0
         for _ in range(ROUNDS):
+            if LEAST_TURNS * float(slowness.mean()) * curve.duration_s > WORK * self._step_s:
+                return  # else who asks for a lot too much takes all memory
             times_s, step_s = self._clock(grid_s, slowness)
             turns = int(np.clip(WORK / (USUAL_ROUNDS * len(times_s)), LEAST_TURNS, TURNS))
             work += turns * len(times_s)

@@ -126,6 +126,11 @@ class CollisionChecker:
         return roots[0] == roots[1] != 0 and stands.isdisjoint(self.names(pair))
 
     @property
+    def mj(self) -> mujoco.MjModel:
+        """MuJoCo's model with the scene's objects and the tool's shapes."""
+        return self._mj
+
+    @property
     def body_names(self) -> list[str]:
         """Of the model, its tool and what stands in the world, without the scene's objects."""
         geoms = range(self._model.mj.ngeom)

@@ -27,14 +27,14 @@ class RefusedError(Exception):
 
 
 def load(
-    path: Path, slot: Slot, motion_id: int, start: Array, tolerance_rad: float, limits: JointLimits
+    path: Path, slot: Slot, motion_id: int, start: Array | None, tolerance_rad: float, limits: JointLimits
 ) -> Iterator[None]:
     """Copy a slot into a path and verify it: a generator that does a piece at each step. Real-time safe.
 
     Velocities and accelerations beyond the limits can be caught on the way; a joint stop ahead can not.
 
     Args:
-        start: where the motion has to begin, shape (dof,), rad.
+        start: where the motion has to begin, at rest, shape (dof,), rad; None: the caller sees to that.
         limits: whose positions no motion may leave.
 
     Raises:
@@ -65,6 +65,7 @@ def load(
         raise RefusedError("the trajectory's checksum is wrong")
     path.begin(segments)
     _check_ends(path, start, tolerance_rad)
+    path.begin(segments)
 
 
 def _read_head(path: Path, slot: Slot, motion_id: int) -> int:
@@ -96,14 +97,17 @@ def _refuse_positions(piece: Array, times_s: Array, limits: JointLimits) -> None
     )
 
 
-def _check_ends(path: Path, start: Array, tolerance_rad: float) -> None:
-    """Both ends at rest, the start where the arm is; leaves the path at its start."""
-    found = np.zeros((3, len(start)))
-    for where, path_time_s in (("end", path.duration_s), ("start", 0.0)):
+def _check_ends(path: Path, start: Array | None, tolerance_rad: float) -> None:
+    """Both ends at rest, the start where the arm is."""
+    found = np.zeros((3, path.coefficients.shape[1]))
+    ends = {"end": path.duration_s} if start is None else {"end": path.duration_s, "start": 0.0}
+    for where, path_time_s in ends.items():
         path.begin(path.segments)
         path.evaluate(path_time_s, 1.0, 0.0, found)
         if not np.abs(found[1:]).max() <= REST_TOLERANCE:
             raise RefusedError(f"the trajectory is not at rest at its {where}")
+    if start is None:
+        return
     off = np.abs(found[0] - start)
     joint = int(off.argmax())
     if not off[joint] <= tolerance_rad:

@@ -15,6 +15,7 @@ cdef class Path:
 
     cdef void c_evaluate(self, double path_time_s, double rate, double slope, double* out) noexcept nogil
     cdef void c_sample(self, double path_time_s, double* out) noexcept nogil
+    cdef bint c_continues(self, Path old, double offset_s, double from_s, double until_s) noexcept nogil
     cdef int c_breakpoints(self, double from_s, double to_s, double* out) noexcept nogil
     cdef Py_ssize_t _breakpoints_before(self, double path_time_s, bint including) noexcept nogil
     cdef int _require(self, Py_ssize_t begin, Py_ssize_t end) except -1

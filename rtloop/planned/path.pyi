@@ -42,6 +42,13 @@ class Path:
         """First to third derivative at path times, shape (3, n, dof); at rest past the end."""
     def breakpoints(self, from_s: float, to_s: float) -> Array:
         """The path's breakpoints between two path times, some of them where they are many."""
+    def continues(self, old: Path, offset_s: float, from_s: float, until_s: float) -> bool:
+        """Whether this path goes on as another one: from one of its path times until another it has the same
+        polynomials, bit for bit, as `old` at times that are later by an offset.
+
+        Raises:
+            ValueError: a path of another number of joints.
+        """
     def increases(self, begin: int, end: int) -> bool:
         """Whether these breakpoints are finite, later than the one before, and the first is 0."""
     def is_finite(self, begin: int, end: int) -> bool:

@@ -1,6 +1,7 @@
 """The planned path that is being followed: piecewise quintics P(s) of the path time s."""
 
 from libc.math cimport fabs, fmin, isfinite
+from libc.string cimport memcmp
 
 import numpy as np
 
@@ -36,6 +37,11 @@ cdef class Path:
         cdef double found[MAX_BREAKPOINTS]
         cdef int i, count = self.c_breakpoints(from_s, to_s, found)
         return np.array([found[i] for i in range(count)])
+
+    def continues(self, Path old not None, double offset_s, double from_s, double until_s):
+        if old.dof != self.dof:
+            raise ValueError(f"a path of {old.dof} joints for one of {self.dof}")
+        return self.c_continues(old, offset_s, from_s, until_s)
 
     def increases(self, Py_ssize_t begin, Py_ssize_t end):
         cdef Py_ssize_t i
@@ -101,6 +107,29 @@ cdef class Path:
             out[joint] = _first(c, u)
             out[self.dof + joint] = _second(c, u)
             out[2 * self.dof + joint] = _third(c, u) if path_time_s < self.duration_s else 0.0
+
+    cdef bint c_continues(self, Path old, double offset_s, double from_s, double until_s) noexcept nogil:
+        """Whether from one of its path times until another it is what `old` is so much later, bit for bit."""
+        cdef Py_ssize_t here = max(self._breakpoints_before(from_s, True) - 1, 0), there
+        cdef size_t piece = self.dof * ORDER
+        cdef double* mine = self.c_breakpoints_s
+        cdef double* olds = old.c_breakpoints_s
+        if here >= self.segments:
+            return False
+        there = max(old._breakpoints_before(mine[here] + offset_s, False) - 1, 0)
+        while there < old.segments and olds[there] - offset_s < mine[here]:  # the sum above was rounded
+            there += 1
+        while there < old.segments and olds[there] - offset_s == mine[here]:
+            if memcmp(
+                self.c_coefficients + here * piece, old.c_coefficients + there * piece, piece * sizeof(double)
+            ):
+                return False
+            here, there = here + 1, there + 1
+            if mine[here] >= until_s and olds[there] - offset_s >= until_s:
+                return True
+            if here == self.segments:
+                return False
+        return False
 
     cdef int c_breakpoints(self, double from_s, double to_s, double* out) noexcept nogil:
         """The path's breakpoints between two path times, at the most `MAX_BREAKPOINTS` of them; how many."""

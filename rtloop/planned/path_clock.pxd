@@ -19,6 +19,8 @@ cdef class PathClock:
     cdef bint c_at_rest(self) noexcept nogil
     cdef bint c_slowing(self) noexcept nogil
     cdef bint c_stuck(self) noexcept nogil
+    cdef double c_committed_s(self) noexcept nogil
+    cdef void c_shift(self, double offset_s) noexcept nogil
     cdef void c_request(self, double rate) noexcept nogil
     cdef void c_advance(self, Path path) noexcept nogil
     cdef void _try_rung(self, Path path) noexcept nogil

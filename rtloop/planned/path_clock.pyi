@@ -27,6 +27,11 @@ class PathClock:
         """
     def reset(self) -> None:
         """Back to the beginning of a path, at full rate."""
+    def shift(self, offset_s: float) -> None:
+        """Be at the same place on a path that has begun so much later."""
+    @property
+    def committed_s(self) -> float:
+        """Up to which path time a profile that is under way relies on the path; where there is none, now."""
     @property
     def at_rest(self) -> bool:
         """Whether path time stands still, and nothing is about to change that."""

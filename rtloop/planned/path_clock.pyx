@@ -63,6 +63,13 @@ cdef class PathClock:
             raise ValueError(f"a path of {path.dof} joints for an arm of {self.dof}")
         self.c_advance(path)
 
+    def shift(self, double offset_s):
+        self.c_shift(offset_s)
+
+    @property
+    def committed_s(self):
+        return self.c_committed_s()
+
     @property
     def at_rest(self):
         return self.c_at_rest()
@@ -96,6 +103,18 @@ cdef class PathClock:
         have taken to come to rest. Only a path beyond the limits should do that.
         """
         return self.pending and self.waited_s > self.patience_s
+
+    cdef double c_committed_s(self) noexcept nogil:
+        """Up to which path time a profile that is under way relies on the path; where there is none, now."""
+        return fmax(self.path_time_s, self.profile.end_position) if self.profile_s >= 0.0 else self.path_time_s
+
+    cdef void c_shift(self, double offset_s) noexcept nogil:
+        """The same place on a path that has begun so much later."""
+        cdef int phase
+        self.path_time_s -= offset_s
+        for phase in range(self.profile.count):
+            self.profile.position[phase] -= offset_s
+        self.profile.end_position -= offset_s
 
     cdef void c_request(self, double rate) noexcept nogil:
         """Go over to another rate, as soon and as fast as the joints permit."""

@@ -162,6 +162,22 @@ def test_the_button_of_the_documentation_shows_the_token(locked: Locked, tmp_pat
         assert status() == "200"
 
 
+def test_the_panel_asks_for_the_token_and_keeps_it(locked: Locked, tmp_path: Path) -> None:
+    if CHROMIUM is None:
+        pytest.skip("chromium is not installed")
+    with browsing(tmp_path, "--ignore-certificate-errors", "--enable-unsafe-swiftshader") as tools:
+        page = Page(tools)
+        page.visit(f"{locked.run.url}/")
+        until(lambda: page.run("document.querySelector('#token-form').checkVisibility()"))
+        page.run("document.querySelector('#token').focus()")
+        page.ask("Input.insertText", text=locked.tokens[Role.OBSERVER])
+        page.run("document.querySelector('#token-form').requestSubmit()")
+        until(lambda: page.run("!!window.cobotPanel?.state && !!document.querySelector('[data-jog=joint]')"))
+        assert not page.run("document.querySelector('#token-form').checkVisibility()")
+        page.click('[data-jog="joint"]')
+        until(lambda: "needs operator" in page.run("document.querySelector('#jog-why').innerText"))
+
+
 def lua(locked: Locked, folder: Path, token: str | None) -> subprocess.CompletedProcess[str]:
     program = folder / "careful.lua"
     program.write_text(CAREFUL, encoding="utf-8")

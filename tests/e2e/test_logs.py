@@ -48,7 +48,7 @@ class StuckRun(Run):
     @property
     def url(self) -> str:
         (found,) = [line for line in self.lines if "http://" in line]
-        return str(json.loads(found)["message"]).split()[-1].removesuffix("/docs")
+        return str(json.loads(found)["message"]).split()[-1].removesuffix("/")
 
 
 @pytest.fixture

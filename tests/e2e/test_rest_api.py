@@ -6,6 +6,7 @@ service reports after a refusal.
 
 from __future__ import annotations
 
+import io
 import socket
 import threading
 import time
@@ -14,6 +15,7 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 from running import WAIT_S, Run, until
 from scipy.spatial.transform import Rotation
 from totg import trapezoid
@@ -54,6 +56,8 @@ OPERATIONS = {
     ("get", "/metrics"),
     ("post", "/admin/reload"),
 }
+JOBS = {("get", "/jobs"), ("get", "/robot/speed_override"), ("post", "/robot/speed_override")}
+RECORDINGS = {(method, "/recordings") for method in ("get", "post")}
 SCENE = {(method, path) for path in ("/scene", "/robot/tool") for method in ("get", "post")}
 
 
@@ -76,12 +80,12 @@ def slow_trajectory(http: httpx.Client) -> int:
 def test_every_endpoint_of_the_manual_is_in_the_schema(http: httpx.Client) -> None:
     paths = http.get("/openapi.json").json()["paths"]
     served = {(method, path) for path, methods in paths.items() if "{" not in path for method in methods}
-    more = {("get", "/health"), ("get", "/robots"), ("post", "/robot/reset")}
-    assert served == MANUAL | more | CONTROL | OPERATIONS | SCENE
+    more = {("get", "/health"), ("get", "/robots"), ("get", "/events"), ("get", "/robot/geometry")}
+    more.add(("post", "/robot/reset"))
+    assert served == MANUAL | more | CONTROL | OPERATIONS | SCENE | JOBS | RECORDINGS
 
 
 def test_the_documentation_needs_no_internet(http: httpx.Client) -> None:
-    assert http.get("/").headers["location"] == "/docs"
     for page in ("/docs", "/redoc"):
         html = http.get(page).text
         assert "//" not in html.replace("http://www.w3.org", "").split("<body>")[0].replace("<!--", "")
@@ -466,7 +470,7 @@ def test_every_example_of_the_schema_works_unedited(http: httpx.Client) -> None:
                 until(lambda: motion(http)["mode"] == "HOLD")
                 tried += 1
     http.post("/robot/tool", json={"clear": True}).raise_for_status()
-    assert tried == 2 * 17, "of the default robot, and of a robot by name"
+    assert tried == 2 * 19, "of the default robot, and of a robot by name"
 
 
 def test_a_second_motion_is_refused_with_the_name_of_the_first(http: httpx.Client) -> None:
@@ -659,3 +663,48 @@ def test_reset_while_the_arm_moves_is_refused_and_the_motion_goes_on(http: httpx
 def test_reset_in_hold_changes_nothing(http: httpx.Client) -> None:
     assert http.post("/robot/reset").json()["success"]
     assert motion(http)["mode"] == "HOLD"
+
+
+def test_a_recording_is_made_fetched_and_removed(http: httpx.Client) -> None:
+    """Oracle: mcap's reader."""
+    until(lambda: http.get("/recordings").json()["recorder"]["alive"])
+    asked = http.post("/recordings", json={"action": "dump", "seconds": 0.5})
+    assert asked.status_code == 200, asked.text
+    (name,) = asked.json()["names"]
+    listed = next(each for each in http.get("/recordings").json()["recordings"] if each["name"] == name)
+    fetched = http.get(f"/recordings/{name}")
+    assert len(fetched.content) == listed["size"]
+    assert fetched.headers["content-disposition"] == f'attachment; filename="{name}"'
+    found = make_reader(io.BytesIO(fetched.content), validate_crcs=True).iter_messages(topics="/joint_states")
+    assert 1 <= len(list(found)) <= 500
+    assert http.delete(f"/recordings/{name}").status_code == 200
+    for gone in (http.get(f"/recordings/{name}"), http.delete(f"/recordings/{name}")):
+        assert (gone.status_code, gone.json()["code"]) == (404, "not_found")
+
+
+@pytest.mark.parametrize(
+    "name", ["x", "..%2f..%2fetc%2fpasswd", "%2e%2e", "iiwa-20260101T000000.000Z-fault.mcap%00", "a" * 201]
+)
+def test_a_name_of_no_recording_is_refused(http: httpx.Client, name: str) -> None:
+    for answer in (http.get(f"/recordings/{name}"), http.delete(f"/recordings/{name}")):
+        assert answer.status_code in (404, 422), answer.text
+        assert set(answer.json()) >= {"detail", "code"}
+
+
+@pytest.mark.parametrize(
+    ("body", "status", "words"),
+    [
+        ({"action": "pause"}, 422, ["action", "'dump'", "'pause'"]),
+        ({"seconds": 0}, 422, ["seconds", "0"]),
+        ({"seconds": 601}, 422, ["seconds", "600", "601"]),
+        ({"second": 1}, 422, ["'second'", "did you mean 'seconds'"]),
+        ({"action": "stop"}, 409, ["is not being recorded"]),
+    ],
+)
+def test_what_cannot_be_recorded_is_said(
+    http: httpx.Client, body: dict[str, Any], status: int, words: list[str]
+) -> None:
+    until(lambda: http.get("/recordings").json()["recorder"]["alive"])
+    answer = http.post("/recordings", json=body)
+    assert answer.status_code == status, answer.text
+    assert all(word in answer.json()["detail"] for word in words), answer.text

@@ -31,10 +31,10 @@ SHORT = {
 LONG = {"waypoints": [{"joints": [1.5, 0, 0, -1.57, 0, 1.57, 0], "speed": 0.01}] * 50}
 
 
-def start(http: httpx.Client, content: Any, **fields: Any) -> httpx.Response:
+def start(http: httpx.Client, content: Any, path: str = "/sequences/start", **fields: Any) -> httpx.Response:
     raw = content if isinstance(content, bytes) else json.dumps(content).encode()
     data = {"n_iterations": 1, "delay_between_iterations": 0, **fields}
-    return http.post("/sequences/start", files={"config": ("s.json", raw, "application/json")}, data=data)
+    return http.post(path, files={"config": ("s.json", raw, "application/json")}, data=data)
 
 
 def status(http: httpx.Client) -> dict[str, Any]:
@@ -233,3 +233,43 @@ def test_bad_form_fields_are_named(http: httpx.Client, fields: dict[str, Any], w
     assert word in answer.json()["detail"]
     missing = http.post("/sequences/start", data={"n_iterations": 1}, files={})
     assert missing.status_code == 415
+
+
+def test_a_sequence_waits_at_waypoints_steps_and_goes_on_from_any_of_them(http: httpx.Client) -> None:
+    points = [{"joints": [0.1 * n, *HOME[1:]], "speed": 1.0} for n in range(1, 6)]
+    job = start(http, {"waypoints": points}, "/sequences/start?wait=false", from_waypoint=2).json()
+    assert job["kind"] == "sequence"
+
+    def tell(what: str, **query: int) -> dict[str, Any]:
+        return http.post(f"/jobs/{job['id']}/{what}", params=query).raise_for_status().json()
+
+    def held_at(waypoint: int) -> None:
+        until(lambda: http.get(f"/jobs/{job['id']}").json()["state"] == "paused")
+        until(lambda: at_waypoint(waypoint))
+
+    def at_waypoint(waypoint: int) -> bool:
+        return abs(http.get("/robot/joint_states").json()["position"][0] - 0.1 * waypoint) < 1e-3
+
+    tell("pause", at_waypoint=3)
+    held_at(3)
+    tell("step")
+    held_at(4)
+    assert http.post(f"/jobs/{job['id']}/resume", params={"waypoint": 6}).status_code == 422
+    tell("resume", waypoint=1)
+    end = finished(http)
+    lines = http.get("/sequences/logs", params={"n": 50}).json()["lines"]
+    assert end["returncode"] == 0, lines
+    visited = [line.split("waypoint ")[1][0] for line in lines if "waypoint" in line and "arrived" in line]
+    assert visited[-8:] == list("23412345")
+    jobs = http.get("/jobs", params={"n": 20}).json()["jobs"]
+    assert len([each for each in jobs if each["parent"] == job["id"]]) == 8
+    assert http.get(f"/jobs/{job['id']}").json()["state"] == "finished"
+
+
+def test_a_held_sequence_ends_with_a_stop(http: httpx.Client) -> None:
+    job = start(http, SHORT, "/sequences/start?wait=false").json()
+    http.post(f"/jobs/{job['id']}/pause", params={"at_waypoint": 0}).raise_for_status()
+    until(lambda: http.get(f"/jobs/{job['id']}").json()["state"] == "paused")
+    assert http.post("/stop").json()["success"]
+    ended = http.get(f"/jobs/{job['id']}").json()
+    assert (ended["state"], ended["error"]["code"]) == ("cancelled", "stopped")

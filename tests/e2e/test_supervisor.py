@@ -5,6 +5,7 @@ The oracles are the operating system's: exit statuses, /dev/shm, the process tab
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import subprocess
@@ -14,8 +15,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import httpx
+import numpy as np
 import psutil
 import pytest
+from mcap.reader import make_reader
 from running import WAIT_S, Run, answering
 
 IDLE = -1
@@ -269,3 +272,43 @@ def test_check_passes_the_shipped_configuration_and_names_what_is_wrong_in_anoth
     assert bad.returncode == 1
     assert "FAILED  position folded: " in bad.stdout
     assert "ok      position home: " in bad.stdout
+
+
+def test_a_recording_goes_on_without_a_missing_cycle_when_recorder_and_rtloop_are_killed(
+    sturdy: Run, tmp_path: Path
+) -> None:
+    """Oracle: mcap's reader. The record of the cycle in which rtloop was killed may be missing."""
+    run = sturdy
+
+    def recorder() -> dict[str, object]:
+        found = (run.health() or {"recorder": None})["recorder"]
+        return found if isinstance(found, dict) else {}
+
+    def asked(action: str) -> list[str]:
+        answer = httpx.post(f"{run.url}/recordings", json={"action": action}, timeout=WAIT_S)
+        assert answer.status_code == 200, answer.text
+        names: list[str] = answer.json()["names"]
+        return names
+
+    run.until(lambda: recorder().get("alive"))
+    (started,) = asked("start")
+    for module in ("recorder", "rtloop", "recorder"):
+        old = run.child(module)
+        assert old is not None
+        cycle = recorder()
+        assert cycle["recording"] == started
+        old.kill()
+        run.until(lambda module=module, old=old: run.restarted(module, old.pid) and run.healthy())
+        run.until(lambda old=old: recorder().get("alive") and recorder().get("pid") != old.pid)
+    names = asked("stop")
+    numbers = []
+    for name in names:
+        content = httpx.get(f"{run.url}/recordings/{name}", timeout=WAIT_S).content
+        with io.BytesIO(content) as file:
+            found = make_reader(file, validate_crcs=True).iter_messages(topics="/cycle")
+            numbers += [message.sequence for _, _, message in found]
+        assert httpx.delete(f"{run.url}/recordings/{name}", timeout=WAIT_S).status_code == 200
+    steps = np.diff(numbers)
+    assert len(numbers) > 100
+    assert set(steps.tolist()) <= {1, 2}
+    assert (steps == 2).sum() <= 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import zipfile
 from pathlib import Path
@@ -50,6 +51,8 @@ def test_a_wheel_runs_outside_the_checkout(
     installed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert stems(installed, "*.so") == stems(ROOT, "*.pyx")
+    site = Path("app", "panel", "site")
+    assert sorted(os.listdir(installed / site)) == sorted(os.listdir(ROOT / site))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(installed))
     with answering(Run(tmp_path)) as run:

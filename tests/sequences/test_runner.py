@@ -167,7 +167,31 @@ def test_progress_is_reported_on_the_pipe(tmp_path: Path, service: Service) -> N
         events = [json.loads(line) for line in pipe]
     assert result.returncode == 0
     assert [event["waypoint"] for event in events] == [1, 2]
-    assert events[0] == {"iteration": 1, "n_iterations": 1, "waypoint": 1, "n_waypoints": 2}
+    place = {"iteration": 1, "n_iterations": 1, "waypoint": 1, "n_waypoints": 2}
+    assert events == [
+        {**place, "behind": 0, "asking": False},
+        {**place, "waypoint": 2, "behind": 1, "asking": False},
+    ]
+
+
+def test_a_runner_asks_before_each_motion_and_goes_where_it_is_told(tmp_path: Path, service: Service) -> None:
+    read_end, write_end = os.pipe()
+    answers_end, answering_end = os.pipe()
+    chain = [{"joints": [n], "radius": 0.1 * (n == 2)} for n in range(1, 5)]
+    for answer in (None, 3, 2, None):  # in the midst of the chain of 2 and 3 too; then nobody answers
+        os.write(answering_end, json.dumps({"waypoint": answer}).encode() + b"\n")
+    os.close(answering_end)
+    pipes = ("--progress-fd", str(write_end), "--answers-fd", str(answers_end))
+    with os.fdopen(read_end) as pipe:
+        result = run(tmp_path, service.url, {"waypoints": chain}, *pipes, pass_fds=(write_end, answers_end))
+        os.close(write_end)
+        os.close(answers_end)
+        events = [json.loads(line) for line in pipe]
+    assert result.returncode == 0, result.stdout
+    moves = [[m["joints"] for m in body.get("motions", [body])] for _, _, body in service.posted]
+    assert moves == [[[1]], [[3]], [[2], [3]], [[4]]]
+    asked = [(event["waypoint"], event["behind"]) for event in events if event["asking"]]
+    assert asked == [(1, 0), (3, 1), (4, 3), (4, 3)]
 
 
 def test_a_failed_motion_is_in_the_recording_with_its_reason(tmp_path: Path, service: Service) -> None:

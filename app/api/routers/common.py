@@ -61,6 +61,10 @@ async def health(request: Request) -> HealthAnswer:
     for each in robots.values():
         each["service"] |= written
         each["problems"] += problems
+    for name, services in addressed(request).items():
+        if services.jobs.book.problem:
+            robots[name]["problems"].append(services.jobs.book.problem)
+    for each in robots.values():
         each["status"] = "degraded" if each["problems"] else "ok"
     first = next(iter(robots.values()))
     return HealthAnswer.model_validate({**first, "robots": robots})

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from fastapi import APIRouter, Depends, Request
+from fastapi import APIRouter, Depends, Request, Response
 
 from app.api.access import identity_of
 from app.api.dependencies import Call, CobotRoute, Gone, json_body
 from app.api.errors import responses, tell
 from app.api.explanations import explained
+from app.api.job_schemas import ACCEPTED, Wait
 from app.api.plan_schemas import (
     Approve,
     Execute,
@@ -27,9 +28,10 @@ from app.api.plan_schemas import (
     PlanSequence,
     PlanUse,
 )
-from app.api.routers.robot import answer, goal_of
+from app.api.routers.robot import goal_of, moved
 from app.api.schemas import MoveAnswer
 from app.robot_services import Services
+from app.services.jobs.job import JobKind
 from app.services.motion.plans import Plan, PlanOptions
 from cobot.errors import CobotError
 from cobot.motions.bodies import AnyMotion
@@ -79,11 +81,17 @@ async def plan_sequence(body: PlanSequence, request: Request) -> PlanAnswer:
     return await _planned(body.motions, body.radii, body, Call(request))
 
 
-@router.post("/execute", responses=responses(404, 409, 413, 415, 422, 503), dependencies=[Depends(json_body)])
-async def execute(body: Execute, request: Request, gone: Gone) -> MoveAnswer:
+@router.post(
+    "/execute",
+    response_model=MoveAnswer,
+    responses=responses(404, 409, 413, 415, 422, 503) | ACCEPTED,
+    dependencies=[Depends(json_body)],
+)
+async def execute(body: Execute, request: Request, gone: Gone, wait: Wait = True) -> MoveAnswer | Response:
     """Run a plan, if all is as it was when it was made; answers when the arm has arrived and settled."""
     call = Call(request)
-    return answer(await call.services.plans.execute(body.plan_id, call.caller(gone)))
+    caller = call.caller(gone, JobKind.EXECUTE, body.plan_id, wait=wait)
+    return await moved(call, caller, call.services.plans.execute(body.plan_id, caller))
 
 
 @router.get("/plans", responses=responses(503))

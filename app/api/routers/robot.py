@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Coroutine
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from fastapi import APIRouter, Depends, Request
+from fastapi import APIRouter, Depends, Request, Response
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel
 
 from app.api.constraints import constraints_of
 from app.api.dependencies import Call, CobotRoute, Gone, json_body
 from app.api.errors import responses
 from app.api.explain_schemas import explain_of
+from app.api.job_schemas import ACCEPTED, Wait, accepted
 from app.api.schemas import (
     Angles,
     JointStates,
@@ -23,7 +28,9 @@ from app.api.schemas import (
     ResetAnswer,
 )
 from app.robot_services import Services
+from app.services.jobs.job import JobKind
 from app.services.motion.execution import Goal, MotionService, Outcome
+from app.services.motion.ownership import Caller
 from cobot import audit
 from cobot.errors import InputError
 from cobot.motions.bodies import (
@@ -41,8 +48,11 @@ from cobot.robot.frames import abc_from_quaternion, pose_from_abc
 from cobot.types import Array, PlannerName, Scaling, Synchronization
 
 COMPLETED = "Motion completed successfully"
-MOTION_RESPONSES = responses(409, 413, 415, 422, 503)
-
+MOTION: dict[str, Any] = {
+    "response_model": MoveAnswer,
+    "responses": responses(409, 413, 415, 422, 503) | ACCEPTED,
+    "dependencies": [Depends(json_body)],
+}
 
 router = APIRouter(prefix="/robot", tags=["robot"], route_class=CobotRoute)
 
@@ -93,40 +103,54 @@ async def positions(request: Request) -> list[NamedPositionAnswer]:
     ]
 
 
-@router.post("/move/named", responses=MOTION_RESPONSES, dependencies=[Depends(json_body)])
-async def move_named(body: MoveNamed, request: Request, gone: Gone) -> MoveAnswer:
+@router.post("/move/named", **MOTION)
+async def move_named(
+    body: MoveNamed, request: Request, gone: Gone, wait: Wait = True
+) -> MoveAnswer | Response:
     """Go to a named position; answers when the arm has arrived and settled."""
     call = Call(request)
-    return answer(await call.services.motion.move(goal_of(body, call.services), call.caller(gone)))
+    goal = goal_of(body, call.services)
+    caller = call.caller(gone, JobKind.MOVE, _said(body), wait=wait)
+    return await moved(call, caller, call.services.motion.move(goal, caller))
 
 
-@router.post("/move/joints", responses=MOTION_RESPONSES, dependencies=[Depends(json_body)])
-async def move_joints(body: MoveJoints, request: Request, gone: Gone) -> MoveAnswer:
+@router.post("/move/joints", **MOTION)
+async def move_joints(
+    body: MoveJoints, request: Request, gone: Gone, wait: Wait = True
+) -> MoveAnswer | Response:
     """Go to joint angles; answers when the arm has arrived and settled."""
     call = Call(request)
-    return answer(await call.services.motion.move(goal_of(body, call.services), call.caller(gone)))
+    goal = goal_of(body, call.services)
+    caller = call.caller(gone, JobKind.MOVE, _said(body), wait=wait)
+    return await moved(call, caller, call.services.motion.move(goal, caller))
 
 
-@router.post("/move/pose", responses=MOTION_RESPONSES, dependencies=[Depends(json_body)])
-async def move_pose(body: MovePose, request: Request, gone: Gone) -> MoveAnswer:
+@router.post("/move/pose", **MOTION)
+async def move_pose(body: MovePose, request: Request, gone: Gone, wait: Wait = True) -> MoveAnswer | Response:
     """Bring the TCP to a pose; answers when the arm has arrived and settled."""
     call = Call(request)
-    return answer(await call.services.motion.move(goal_of(body, call.services), call.caller(gone)))
+    goal = goal_of(body, call.services)
+    caller = call.caller(gone, JobKind.MOVE, _said(body), wait=wait)
+    return await moved(call, caller, call.services.motion.move(goal, caller))
 
 
-@router.post("/move/arc", responses=MOTION_RESPONSES, dependencies=[Depends(json_body)])
-async def move_arc(body: MoveArc, request: Request, gone: Gone) -> MoveAnswer:
+@router.post("/move/arc", **MOTION)
+async def move_arc(body: MoveArc, request: Request, gone: Gone, wait: Wait = True) -> MoveAnswer | Response:
     """Turn the TCP about an axis by an angle; answers when the arm has arrived and settled."""
     call = Call(request)
-    return answer(await call.services.motion.move(goal_of(body, call.services), call.caller(gone)))
+    caller = call.caller(gone, JobKind.MOVE, _said(body), wait=wait)
+    return await moved(call, caller, call.services.motion.move(goal_of(body, call.services), caller))
 
 
-@router.post("/move/sequence", responses=MOTION_RESPONSES, dependencies=[Depends(json_body)])
-async def move_sequence(body: MoveSequence, request: Request, gone: Gone) -> MoveAnswer:
+@router.post("/move/sequence", **MOTION)
+async def move_sequence(
+    body: MoveSequence, request: Request, gone: Gone, wait: Wait = True
+) -> MoveAnswer | Response:
     """Several motions as one, with round corners; answers when the arm has arrived and settled."""
     call = Call(request)
     goals = [goal_of(motion, call.services) for motion in body.motions]
-    return answer(await call.services.motion.move_sequence(goals, body.radii, call.caller(gone)))
+    caller = call.caller(gone, JobKind.MOVE, _said(body), wait=wait)
+    return await moved(call, caller, call.services.motion.move_sequence(goals, body.radii, caller))
 
 
 @router.post("/reset", responses=responses(409, 503))
@@ -194,6 +218,20 @@ def _to_goal(body: MoveNamed | MoveJoints | MovePose, motion: MotionService, *, 
         body.radius,
         TcpSpeed(body.speed_m_s, body.speed_rad_s),
     )
+
+
+def _said(body: BaseModel) -> str:
+    return body.model_dump_json(exclude_unset=True)
+
+
+async def moved(
+    call: Call, caller: Caller, motion: Coroutine[Any, Any, Outcome]
+) -> MoveAnswer | JSONResponse:
+    """The answer to a request for a motion: how it ended, or the job if nobody waits for that."""
+    if caller.waits:
+        return answer(await motion)
+    assert caller.job is not None
+    return accepted(call, await call.services.jobs.begin(caller.job, motion))
 
 
 def answer(outcome: Outcome) -> MoveAnswer:

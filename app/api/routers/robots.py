@@ -54,6 +54,7 @@ def twins(routes: Iterable[BaseRoute], robots: list[str]) -> list[BaseRoute]:
         made.add_api_route(
             path_below(route.path),
             route.endpoint,
+            response_model=route.response_model,
             methods=sorted(route.methods or ()),
             name=f"{route.name}_of",
             responses=route.responses,

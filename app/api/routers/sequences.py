@@ -6,10 +6,11 @@ import hashlib
 from dataclasses import asdict
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Depends, File, Form, Query, Request, UploadFile
+from fastapi import APIRouter, Depends, File, Form, Query, Request, Response, UploadFile
 
 from app.api.dependencies import Call, CobotRoute, form_body
 from app.api.errors import responses
+from app.api.job_schemas import ACCEPTED, Wait, accepted
 from app.api.samples import link
 from app.api.schemas import LogAnswer, LogQuery, SequenceStatusAnswer, StartedAnswer
 from app.services.programs.sequences import SequenceOrder
@@ -26,7 +27,12 @@ def _text(description: str) -> Any:
 ACTION = "Not used; taken for compatibility and written to the log."
 
 
-@router.post("/start", responses=responses(409, 413, 415, 422, 503), dependencies=[Depends(form_body)])
+@router.post(
+    "/start",
+    response_model=StartedAnswer,
+    responses=responses(409, 413, 415, 422, 503) | ACCEPTED,
+    dependencies=[Depends(form_body)],
+)
 async def start_sequence(
     request: Request,
     config: Annotated[
@@ -40,13 +46,17 @@ async def start_sequence(
     delay_between_iterations: Annotated[
         float, Form(ge=0.0, le=86400.0, allow_inf_nan=False, description="s, between two of them.")
     ] = 5.0,
+    from_waypoint: Annotated[
+        int | None, Form(ge=1, le=100_000, description="Where the first iteration begins; without it home.")
+    ] = None,
     bag_path: Annotated[
         str, _text("A new folder below the recordings folder, for a recording; empty for none.")
     ] = "",
     topics: Annotated[str, _text("What is recorded, comma separated; empty for all.")] = "",
     joints_action: Annotated[str, _text(ACTION)] = "cobot/move_to_joints",
     pose_action: Annotated[str, _text(ACTION)] = "cobot/move_to_pose",
-) -> StartedAnswer:
+    wait: Wait = True,
+) -> StartedAnswer | Response:
     """Start a sequence or a Lua program; answers when its process runs. Only one at a time."""
     call = Call(request)
     content = await config.read()
@@ -61,11 +71,15 @@ async def start_sequence(
         joints_action=joints_action,
         pose_action=pose_action,
         name=config.filename or "",
+        from_waypoint=from_waypoint,
     )
     status = await call.services.sequences.start(order, call.stops)
     assert status.sequence_id is not None
     assert status.pid is not None
     audit.add_details(sequence=status.sequence_id)
+    job = call.services.ownership.sequence_job
+    if not wait and job is not None:
+        return accepted(call, job.record())
     return StartedAnswer(sequence_id=status.sequence_id, pid=status.pid)
 
 

@@ -20,6 +20,7 @@ from app.api.stream_frames import (
     End,
     Estop,
     Frame,
+    JogFrame,
     OpenSession,
     Release,
     Subscribe,
@@ -30,6 +31,7 @@ from app.api.stream_frames import (
 )
 from app.robot_services import Services
 from app.services.motion.lease import CLIENT
+from app.services.streaming.jog import Jog
 from app.services.streaming.sessions import Session
 from cobot import audit
 from cobot.access.roles import Role
@@ -67,6 +69,7 @@ class Connection:
         self._control = services.control
         self._timeout_s = timeout_s
         self._session: Session | None = None
+        self._jog = Jog(services.robot, services.link, services.streams, self._jog_ended)
         self._answers: deque[str] = deque(maxlen=MAX_ANSWERS)
         self._wake = asyncio.Event()
         self._ticker: Ticks | None = None
@@ -96,6 +99,7 @@ class Connection:
         finally:
             if self._ticker is not None:
                 self._ticker.close()
+            self._jog.close()
             if self._session is not None:
                 streams.lose(self._session)
 
@@ -183,6 +187,8 @@ class Connection:
                 self._control.release()
                 audit.note("control released")
                 self._answer("control_released")
+            case JogFrame():
+                await self._take_jog(frame)
             case Chunk():
                 record = frame.record(len(self._streams.info["joint_names"]))
                 self._required.take_chunk(frame.sequence, record)
@@ -210,7 +216,7 @@ class Connection:
                 raise InputError("states come from the service")
 
     def _estop(self) -> None:
-        self._required.estop()
+        self._streams.estop(self._required)
         audit.note("estop", session=self._required.number)
 
     @property
@@ -228,11 +234,27 @@ class Connection:
         self._binary = frame.format == "binary"
         self._ticker = self._streams.clock.ticker(frame.rate_hz, self._tick)
 
+    async def _take_jog(self, frame: JogFrame) -> None:
+        command = frame.command()
+        if command is None:
+            self._jog.release()
+            return
+        self._require_operator("jog")
+        answer = await self._jog.take(command, self._name, self._timeout_s)
+        self._answer("jog", share=answer.share, limited_by=answer.limited_by)
+
+    def _jog_ended(self, reason: str) -> None:
+        self._answer("jog_ended", reason=reason)
+
+    @property
+    def _name(self) -> str:
+        """Of the client, for people."""
+        client = self._socket.client
+        return f"WS {self._socket.url.path}" + (f" from {client.host}:{client.port}" if client else "")
+
     async def _open(self, request: np.ndarray) -> None:
         self._require_operator("session")
-        client = self._socket.client
-        name = f"WS {self._socket.url.path}" + (f" from {client.host}:{client.port}" if client else "")
-        session = self._session = await self._streams.open(request, name, self._timeout_s)
+        session = self._session = await self._streams.open(request, self._name, self._timeout_s)
         self._answer("session", number=session.number)
         session.ended.add_done_callback(
             lambda ended: self._answer("session_ended", number=session.number, reason=ended.result())

@@ -4,27 +4,35 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from functools import partial
 from typing import Annotated, Any, cast
 
-from fastapi import APIRouter, Depends, File, Query, Request, UploadFile
+from fastapi import APIRouter, Depends, File, Query, Request, Response, UploadFile
 
 from app.api.dependencies import Call, CobotRoute, Gone, form_body, json_body
 from app.api.errors import responses
+from app.api.job_schemas import ACCEPTED, Wait, accepted
 from app.api.samples import link
 from app.api.schemas import CsvQuery, LogAnswer, LogQuery, SendTrajectory, SentAnswer
+from app.services.jobs.job import JobKind
 from app.services.motion.csv_points import read_points
+from app.services.motion.ownership import Caller
 from app.services.motion.trajectories import Options, StartedTrajectory
 from cobot import audit
 from cobot.types import Waypoint
 
 router = APIRouter(prefix="/trajectory", tags=["trajectory"], route_class=CobotRoute)
-SEND_RESPONSES = responses(409, 413, 415, 422, 503)
+SEND: dict[str, Any] = {
+    "response_model": SentAnswer,
+    "responses": responses(409, 413, 415, 422, 503) | ACCEPTED,
+}
 
 
-@router.post("/send", responses=SEND_RESPONSES, dependencies=[Depends(json_body)])
-async def send_trajectory(body: SendTrajectory, request: Request, gone: Gone) -> SentAnswer:
+@router.post("/send", **SEND, dependencies=[Depends(json_body)])
+async def send_trajectory(
+    body: SendTrajectory, request: Request, gone: Gone, wait: Wait = True
+) -> SentAnswer | Response:
     """Run a trajectory through timed points; answers when it has begun."""
     call = Call(request)
     options = Options(body.validate_limits, body.retime, body.move_to_start, body.smoothing_rad)
@@ -37,10 +45,11 @@ async def send_trajectory(body: SendTrajectory, request: Request, gone: Gone) ->
         check(points[0])
         return points
 
-    return _answer(await call.services.trajectories.send(read, options, call.caller(gone)))
+    caller = call.caller(gone, JobKind.TRAJECTORY, f"{len(body.points)} points", wait=wait)
+    return await _sent(call, caller, call.services.trajectories.send(read, options, caller))
 
 
-@router.post("/send_csv", responses=SEND_RESPONSES, dependencies=[Depends(form_body)])
+@router.post("/send_csv", **SEND, dependencies=[Depends(form_body)])
 async def send_csv(
     file: Annotated[
         UploadFile,
@@ -49,7 +58,7 @@ async def send_csv(
     query: Annotated[CsvQuery, Query()],
     request: Request,
     gone: Gone,
-) -> SentAnswer:
+) -> SentAnswer | Response:
     """Run a trajectory from a CSV file; answers when it has begun."""
     call = Call(request)
     dof = call.services.robot.limits.dof
@@ -58,7 +67,8 @@ async def send_csv(
     await file.seek(0)
     audit.add_details(file=file.filename or "", bytes=file.size, sha256=digest.hexdigest())
     read = partial(read_points, file.file, query.separator, dof)
-    return _answer(await call.services.trajectories.send(read, options, call.caller(gone)))
+    caller = call.caller(gone, JobKind.TRAJECTORY, file.filename or "", wait=query.wait)
+    return await _sent(call, caller, call.services.trajectories.send(read, options, caller))
 
 
 @router.get("/logs", responses=responses(422))
@@ -66,6 +76,15 @@ async def trajectory_logs(query: Annotated[LogQuery, Query()], request: Request)
     """What became of trajectories: accepted, arrived, stopped, refused, and why."""
     call = Call(request)
     return LogAnswer(lines=call.services.trajectories.lines(query.n))
+
+
+async def _sent(
+    call: Call, caller: Caller, sending: Coroutine[Any, Any, StartedTrajectory]
+) -> SentAnswer | Response:
+    if caller.waits:
+        return _answer(await sending)
+    assert caller.job is not None
+    return accepted(call, await call.services.jobs.begin(caller.job, sending))
 
 
 def _answer(sent: StartedTrajectory) -> SentAnswer:

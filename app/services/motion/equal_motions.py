@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from app.services.jobs.job import JobKind
 from app.services.motion.ownership import Caller, Claim
 from app.services.motion.speed_override import SpeedOverride
 from cobot.errors import CobotError, MotionStopped
@@ -78,6 +79,9 @@ class EqualMotions:
             starts = [self._robots[name].motion.start(claims[name], way) for name, way in ways.items()]
             stack.enter_context(_in_step([claim.speed_override for claim in moving.values()]))
             begun = await asyncio.gather(*starts, return_exceptions=True)
+            for claim, each in zip(moving.values(), begun, strict=True):
+                if isinstance(each, BaseException):
+                    claim.fail(each)
             failed = next((each for each in begun if isinstance(each, BaseException)), None)
             if failed is not None:
                 _stop(moving, failed)
@@ -107,7 +111,9 @@ class EqualMotions:
         return {name: way.stretched(longest_s / takes_s[name]) for name, way in ways.items()}
 
     def _caller(self, name: str) -> Caller:
-        return Caller(NAME, None, self._robots[name].ownership.stops, math.inf, asyncio.Event())
+        ownership = self._robots[name].ownership
+        job = ownership.new_job(JobKind.SYNCHRONOUS, NAME)
+        return Caller(NAME, None, ownership.stops, math.inf, asyncio.Event(), job)
 
     async def _plan(self, name: str, target: Target, claim: Claim) -> Trajectory | None:
         services = self._robots[name]
@@ -130,6 +136,7 @@ class EqualMotions:
                 if claim.motion_id is not None:
                     await self._robots[name].motion.arrival(claim)
             except CobotError as exc:
+                claim.fail(exc)
                 log.warning("%s: %s", name, exc)
                 _stop({other: each for other, each in claims.items() if other != name}, exc)
 

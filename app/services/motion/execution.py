@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, replace
@@ -20,6 +21,7 @@ from cobot import logs
 from cobot.config import PlanningSection
 from cobot.errors import (
     CobotError,
+    CollisionError,
     ConflictError,
     ExecutionError,
     InputError,
@@ -371,18 +373,23 @@ class MotionService:
     ) -> Outcome:
         begun_s = self._link.clock.now_s()
         planned_s, note = begun_s, ""
-        with self._ownership.claim(caller) as claim, watching(claim, caller):
+        with self._ownership.claim(caller) as claim, contextlib.ExitStack() as watch:
+            watch.enter_context(watching(claim, caller))
             error: CobotError | None = None
             try:
                 state = await self.ready()
+                claim.accept()
                 trajectory = await planned(claim, state.commanded_position)
                 planned_s = self._link.clock.now_s()
                 if trajectory is not None:
                     note = trajectory.note
                     await self.start(claim, trajectory)
+                    if not caller.waits:
+                        watch.close()
                     await self.arrival(claim)
             except (PlanningError, ExecutionError) as exc:
                 error = exc
+                claim.fail(exc)
             now_s = self._link.clock.now_s()
             planning_s = (planned_s if planned_s > begun_s else now_s) - begun_s
             return Outcome(error, claim.motion_id, now_s - begun_s, planning_s, note)
@@ -406,15 +413,20 @@ class MotionService:
             ConflictError, UnavailableError, InputError: nothing has moved.
         """
         begun_s = self._link.clock.now_s()
-        with self._ownership.claim(caller) as claim, watching(claim, caller):
+        with self._ownership.claim(caller) as claim, contextlib.ExitStack() as watch:
+            watch.enter_context(watching(claim, caller))
             error: CobotError | None = None
             try:
                 require((await self.ready()).commanded_position)
+                claim.accept()
                 if trajectory is not None:
                     await self.start(claim, trajectory, fence)
+                    if not caller.waits:
+                        watch.close()
                     await self.arrival(claim)
             except ExecutionError as exc:
                 error = exc
+                claim.fail(exc)
             note = "" if trajectory is None else trajectory.note
             return Outcome(error, claim.motion_id, self._link.clock.now_s() - begun_s, 0.0, note)
 
@@ -447,13 +459,42 @@ class MotionService:
         if claim.speed_override.paused:
             await claim.unless_interrupted(claim.speed_override.opened.wait())
         if claim.since_s <= self.scene_changed_s:  # it may have been planned before
-            checker = await asyncio.to_thread(self._robot.collision.among, self._robot.collision.scene)
-            await asyncio.to_thread(checker.check_trajectory, trajectory)
+            await self._require_free(trajectory)
         claim.proceed()
         tool = self._robot.model.carried.version  # it cannot change while somebody has a claim
         claim.motion_id = await self._link.start(trajectory, claim.stops, tool, fence)
         logs.bind(motion=claim.motion_id)
+        if claim.job is not None:
+            claim.job.started(claim.motion_id, trajectory)
         await claim.speed_override.begun()
+
+    async def replace(self, claim: Claim, trajectory: Trajectory, offset_s: float, planned_s: float) -> None:
+        """Have the motion under way go on with another trajectory, see `RobotLink.replace`.
+
+        Args:
+            planned_s: when it was planned, on the link's clock.
+
+        Raises:
+            ExecutionError, UnavailableError, InputError: see `RobotLink.replace`.
+            CollisionError: the scene has changed since; the motion goes on as it was.
+        """
+        checked_s = planned_s
+        if planned_s <= self.scene_changed_s:
+            checked_s = self._link.clock.now_s()
+            await self._require_free(trajectory)
+        claim.proceed()
+        await self._link.replace(trajectory, offset_s, claim.stops, self._robot.model.carried.version)
+        if claim.job is not None:
+            claim.job.prolonged(trajectory)
+        if checked_s <= self.scene_changed_s:  # who has changed it may have looked at the one before
+            try:
+                await self._require_free(trajectory)
+            except CollisionError as exc:
+                claim.interrupt(MotionStopped(str(exc)))
+
+    async def _require_free(self, trajectory: Trajectory) -> None:
+        checker = await asyncio.to_thread(self._robot.collision.among, self._robot.collision.scene)
+        await asyncio.to_thread(checker.check_trajectory, trajectory)
 
     async def arrival(self, claim: Claim) -> None:
         """Wait until the motion has ended.

@@ -76,12 +76,21 @@ class ControlLease:
     Args:
         moving: whether a motion or a sequence is under way, during which none expires.
         ended: called when a lease has ended.
+        tell: called with what has happened to a lease: "taken", "released", "expired", "taken over" or
+            "disconnected", and with the lease.
     """
 
-    def __init__(self, clock: Clock, moving: Callable[[], bool], ended: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        clock: Clock,
+        moving: Callable[[], bool],
+        ended: Callable[[], None],
+        tell: Callable[[str, Lease], None] = lambda what, lease: None,
+    ) -> None:
         self._clock = clock
         self._moving = moving
         self._ended = ended
+        self._tell = tell
         self._lease: Lease | None = None
         self._ends: dict[str, str] = {}  # why each token holds no longer
 
@@ -90,7 +99,8 @@ class ControlLease:
         """The lease that is held, or None."""
         lease = self._lease
         if lease is not None and not self._moving() and self._clock.now_s() >= lease.until_s:
-            self._end(f"has expired: nothing has moved for {lease.timeout_s:g} s; take control anew")
+            how = f"has expired: nothing has moved for {lease.timeout_s:g} s; take control anew"
+            self._end("expired", how)
         return self._lease
 
     def holds(self, client: Client) -> bool:
@@ -132,8 +142,9 @@ class ControlLease:
             self._lease.timeout_s, self._lease.until_s = timeout_s, now_s + timeout_s
             return self._lease
         if self._lease is not None:
-            self._end(f"was taken over by {client}")
+            self._end("taken over", f"was taken over by {client}")
         self._lease = Lease(client, secrets.token_hex(16), now_s, now_s + timeout_s, timeout_s)
+        self._tell("taken", self._lease)
         return self._lease
 
     def renew(self) -> None:
@@ -149,15 +160,16 @@ class ControlLease:
         """
         self.require(client)
         if self.current is not None:
-            self._end("was released")
+            self._end("released", "was released")
 
     def disconnected(self, client: Client) -> None:
         """A WebSocket is gone, and with it what it has taken."""
         if self._lease is not None and self._lease.client is client:
-            self._end("ended when its client disconnected")
+            self._end("disconnected", "ended when its client disconnected")
 
-    def _end(self, how: str) -> None:
+    def _end(self, what: str, how: str) -> None:
         assert self._lease is not None
+        self._tell(what, self._lease)
         self._ends[self._lease.token] = f"the control that {self._lease.client} had {how}"
         if len(self._ends) > KEPT_ENDS:
             del self._ends[next(iter(self._ends))]

@@ -9,7 +9,9 @@ from collections.abc import Callable, Coroutine, Iterator
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from app.services.motion.lease import CLIENT, Client, ControlLease
+from app.services.jobs.book import JobBook
+from app.services.jobs.job import Job, JobKind, JobState
+from app.services.motion.lease import CLIENT, Client, ControlLease, Lease
 from app.services.motion.speed_override import MAX_PAUSE_S, SpeedOverride
 from app.services.state.link import RobotLink
 from cobot import logs
@@ -33,6 +35,8 @@ class Caller:
         stops: `Ownership.stops` when the request came in: a later stop is for its motion too.
         timeout_s: after which the motion is to end.
         gone: set when the client goes away: the arm then stops.
+        job: that the motion is; None for what owns the arm and is no motion.
+        waits: whether somebody waits for its end: else `timeout_s` is for its beginning alone.
     """
 
     name: str
@@ -40,6 +44,8 @@ class Caller:
     stops: int
     timeout_s: float
     gone: asyncio.Event
+    job: Job | None = None
+    waits: bool = True
 
 
 @dataclass
@@ -52,6 +58,7 @@ class Claim:
         speed_override: of its motion.
         since_s: when it was made, on `clock`.
         client: on whose behalf.
+        job: see `Caller`.
         timeout_s, left_s: its time, and how much of it is left, s.
         motion_id: once it runs.
         interruption: why it has to end early, once it has to; then `interrupted` is set.
@@ -64,6 +71,7 @@ class Claim:
     clock: Clock
     since_s: float
     client: Client
+    job: Job | None = None
     timeout_s: float = math.inf
     left_s: Callable[[], float] = field(default=lambda: math.inf)
     motion_id: int | None = None
@@ -76,6 +84,16 @@ class Claim:
         if self.interruption is None:
             self.interruption = cause
             self.interrupted.set()
+
+    def accept(self) -> None:
+        """Nothing is left to be refused that is known before planning."""
+        if self.job is not None:
+            self.job.accepted.set()
+
+    def fail(self, error: BaseException) -> None:
+        """Note why its motion does not arrive, where that is not raised through `Ownership.claim`."""
+        if self.job is not None:
+            self.job.fail(error)
 
     def run_out(self) -> None:
         """Its time is up."""
@@ -117,6 +135,7 @@ class SequenceClaim:
         token: of its requests.
         since_s: when it was made, on the service's clock.
         fraction: of the speed override, to which it returns.
+        job: that it is.
     """
 
     name: str
@@ -124,6 +143,7 @@ class SequenceClaim:
     client: Client
     since_s: float
     fraction: float
+    job: Job
 
 
 class Ownership:
@@ -136,17 +156,21 @@ class Ownership:
         stops: how often POST /stop was called.
         speed_override: of all motions.
         lease: who alone may ask for motions.
+        jobs: all motions, for who follows them.
     """
 
-    def __init__(self, link: RobotLink) -> None:
+    def __init__(self, link: RobotLink, jobs: JobBook | None = None) -> None:
         self._link = link
+        self.jobs = jobs or JobBook(link)
         self._claim: Claim | None = None
         self._sequence: SequenceClaim | None = None
         self._fraction = 1.0  # without a lease or a sequence
         self.stops = 0
         self._stopped_s = -math.inf
-        self.speed_override = SpeedOverride(link)
-        self.lease = ControlLease(link.clock, lambda: bool(self._claim or self._sequence), self._lease_ended)
+        self.speed_override = SpeedOverride(link, self.jobs.moved)
+        self.lease = ControlLease(
+            link.clock, lambda: bool(self._claim or self._sequence), self._lease_ended, self._tell_lease
+        )
 
     @property
     def owner(self) -> str | None:
@@ -171,8 +195,22 @@ class Ownership:
         _ = self.lease.current  # with one that has expired, its fraction has
         return self.speed_override.fraction
 
-    def claim_for_sequence(self, name: str, token: str) -> None:
+    @property
+    def sequence_job(self) -> Job | None:
+        """The job of the sequence that has the right to move."""
+        return None if self._sequence is None else self._sequence.job
+
+    def new_job(self, kind: JobKind, request: str = "") -> Job:
+        """A job for a `Caller`; one of a sequence's own requests belongs to that."""
+        sequence = self._sequence
+        own = sequence is not None and sequence.token == CLIENT.get().sequence
+        return self.jobs.new(kind, request, sequence.job.id if sequence is not None and own else None)
+
+    def claim_for_sequence(self, name: str, token: str, kind: JobKind = JobKind.SEQUENCE) -> None:
         """Reserve the motion for requests with a token.
+
+        Args:
+            name: for people.
 
         Raises:
             ConflictError: somebody else owns it, or may alone.
@@ -185,12 +223,20 @@ class Ownership:
         self.lease.require(client)
         self._link.require_awake()
         now_s, fraction = self._link.clock.now_s(), self.speed_override.fraction
-        self._sequence = SequenceClaim(name, token, client, now_s, fraction)
+        job = self.jobs.new(kind, name)
+        self._sequence = SequenceClaim(name, token, client, now_s, fraction, job)
+        job.begin(self.speed_override)
 
-    def release_sequence(self) -> None:
-        if self._sequence is not None:
-            self.speed_override.fraction = self._sequence.fraction
-        self._sequence = None
+    def release_sequence(self, error: BaseException | None = None) -> None:
+        """It has ended.
+
+        Args:
+            error: why it has not come to its end; `MotionStopped` if it was stopped.
+        """
+        sequence, self._sequence = self._sequence, None
+        if sequence is not None:
+            self._end(sequence.job, error, stopped=isinstance(error, MotionStopped))
+            self.speed_override.restore(sequence.fraction)
         self.speed_override.reset()
         self.lease.renew()
 
@@ -241,7 +287,30 @@ class Ownership:
             self._fraction = fraction
 
     def _lease_ended(self) -> None:
-        self.speed_override.fraction = self._fraction
+        self.speed_override.restore(self._fraction)
+
+    def _end(self, job: Job, error: BaseException | None, *, stopped: bool) -> None:
+        if error is not None:
+            job.fail(error)
+        if not job.failed:
+            job.end(JobState.FINISHED)
+        elif self.jobs.ending or isinstance(error, asyncio.CancelledError):
+            job.end(JobState.INTERRUPTED)
+        else:
+            job.end(JobState.CANCELLED if stopped else JobState.FAILED)
+
+    def _tell_lease(self, what: str, lease: Lease) -> None:
+        """By whom: who has taken it; whoever asks when it ends is not always the one who has ended it."""
+        client, by = lease.client, CLIENT.get()
+        more = {"by": str(by)} if what == "taken over" else {}
+        self._link.events.publish(
+            "lease",
+            what=what,
+            holder=client.name,
+            address=client.address,
+            timeout_s=lease.timeout_s,
+            **more,
+        )
 
     @contextlib.contextmanager
     def claim(self, caller: Caller) -> Iterator[Claim]:
@@ -253,16 +322,24 @@ class Ownership:
         """
         self.require_free(caller.token)
         self._link.require_awake()
-        clock = self._link.clock
-        claim = Claim(caller.name, self._link.stops, self.speed_override, clock, clock.now_s(), CLIENT.get())
+        clock, override, job = self._link.clock, self.speed_override, caller.job
+        claim = Claim(caller.name, self._link.stops, override, clock, clock.now_s(), CLIENT.get(), job)
         if self.stops != caller.stops:
             claim.interrupt(MotionStopped("a stop was requested while the request was being read"))
         self._claim = claim
         self.lease.renew()
+        error: BaseException | None = None
         try:
+            if job is not None:
+                job.begin(override)
             yield claim
+        except BaseException as exc:
+            error = exc
+            raise
         finally:
             self._claim = None
+            if job is not None:
+                self._end(job, error, stopped=isinstance(claim.interruption, MotionStopped))
             self.lease.renew()
             claim.ended.set()
             logs.bind(motion=None)

@@ -12,6 +12,7 @@ from cobot.errors import CobotError
 from cobot.findings import Explanation
 from cobot.motions.forecast import Forecast
 from cobot.motions.requests import Blended, Envelope, MotionRequest, RatedMove, WaypointRequest
+from cobot.motions.stretches import Leg, Stretch
 from cobot.robot.description import RobotDescription
 from cobot.robot.scene import Scene
 from cobot.robot.tool import Tool
@@ -25,13 +26,13 @@ PlanRequest = MotionRequest | WaypointRequest | RatedMove
 def planned(robot: RobotDescription, request: PlanRequest) -> Trajectory | None:
     """See `cobot.planners.plan`, `plan_waypoints` and `plan_rated`."""
     from cobot.planners import plan, plan_waypoints
-    from cobot.planners.rated import plan_rated
 
     if isinstance(request, MotionRequest):
         return plan(robot, request)
     if isinstance(request, WaypointRequest):
         return plan_waypoints(robot, request)
-    return plan_rated(robot, request)
+    leg = rated(robot, request)
+    return None if leg is None else leg.motion
 
 
 def in_scene(
@@ -48,13 +49,36 @@ def in_scene(
     return work(robot)
 
 
-def blended(
-    robot: RobotDescription, motions: Sequence[Trajectory], radii_m: Sequence[float], envelope: Envelope
-) -> Blended:
-    """See `cobot.planners.blend.blend`."""
-    from cobot.planners.blend import blend
+def rated(robot: RobotDescription, move: RatedMove) -> Leg | None:
+    """See `cobot.planners.rated.plan_rated`."""
+    from cobot.planners.rated import plan_rated
 
-    return blend(robot, motions, radii_m, envelope)
+    return plan_rated(robot, move)
+
+
+def begun(
+    robot: RobotDescription, legs: Sequence[Leg], radii_m: Sequence[float], envelope: Envelope
+) -> Stretch:
+    """See `cobot.planners.prolonged.begun`."""
+    from cobot.planners.prolonged import begun
+    from cobot.planners.rated import with_envelope
+
+    return begun(with_envelope(robot, envelope), legs, radii_m)
+
+
+def prolonged(
+    robot: RobotDescription,
+    under_way: Stretch,
+    legs: Sequence[Leg],
+    radii_m: Sequence[float],
+    times_s: tuple[float, float],
+    envelope: Envelope,
+) -> Stretch:
+    """See `cobot.planners.prolonged.prolonged`; times_s: now, and before which nothing may change."""
+    from cobot.planners.prolonged import prolonged
+    from cobot.planners.rated import with_envelope
+
+    return prolonged(with_envelope(robot, envelope), under_way, legs, radii_m, *times_s)
 
 
 def joined(

@@ -1,8 +1,9 @@
 """Motions one after the other, in the background: accepted at once, executed in their turn.
 
-The queue owns the right to move from the first move that it accepts until it has nothing left. Moves with a
-blend radius go on into the next one without a stop. For that the next one has to be there when the motion
-begins: a move with a radius is held back for `BLEND_WAIT_S`, and each further one renews that.
+The queue owns the right to move from the first move that it accepts until it has nothing left. What waits is
+executed as one motion, which is prolonged while the arm moves, see `queue_motion`. A move with a blend radius
+that takes no more than `SHORT_S` is held back for `BLEND_WAIT_S`, and each further one renews that: the next
+one could not be planned in time.
 """
 
 from __future__ import annotations
@@ -13,13 +14,15 @@ import logging
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 
+from app.services.jobs.job import JobKind
 from app.services.motion.execution import MotionService
 from app.services.motion.ownership import Caller, Claim, Ownership
 from app.services.motion.planning import PlanningService
-from app.services.motion.planning_tasks import blended
+from app.services.motion.planning_tasks import rated
+from app.services.motion.queue_motion import IDLE, QueuedMove, QueueMotion
 from app.services.motion.tool_and_limits import RobotSettings
 from app.services.state.link import POLL_S, RobotLink
 from cobot.errors import (
@@ -28,33 +31,22 @@ from cobot.errors import (
     ExecutionError,
     InputError,
     MotionStopped,
-    UnavailableError,
 )
-from cobot.motions.requests import Blended, RatedMove
-from cobot.trajectory import Trajectory
+from cobot.motions.requests import RatedMove
 from cobot.types import Array
 
 BLEND_WAIT_S = 0.25
+SHORT_S = 1.0
+AT_ONCE = 8
+"""So many moves are joined at the most in one task of a planning process."""
 SHOWN_S = 0.2
 """An accepted move is shown as under way for so long at least: clients poll, and some moves are none."""
 CAPACITY = 500
 PLAN_TIMEOUT_S = 20.0
-IDLE = -1
 LARGEST_NUMBER = 2**31 - 1
 NAME = "the motion queue"
 
 log = logging.getLogger("cobot.queue")
-
-
-@dataclass(frozen=True, slots=True)
-class QueuedMove:
-    """A planned move; its trajectory is None when the arm is there already."""
-
-    number: int
-    name: str
-    trajectory: Trajectory | None
-    radius_m: float
-    since_s: float
 
 
 class MotionQueue:
@@ -76,13 +68,12 @@ class MotionQueue:
         self._ownership = ownership
         self._motion = motion
         self._planning = planning
-        self._settings = settings
         self._turn = asyncio.Lock()
         self._claim: Claim | None = None
         self._token: str | None = None
         self._runner: asyncio.Task[None] | None = None
         self._waiting: deque[QueuedMove] = deque()
-        self._running: list[tuple[QueuedMove, float]] = []  # with the path time at which each ends
+        self._running = QueueMotion(link, motion, planning, settings)
         self._last: QueuedMove | None = None
         self._end: Array | None = None
         self.last_error = ""
@@ -95,13 +86,13 @@ class MotionQueue:
     @property
     def size(self) -> int:
         """How many moves have been accepted and have not ended."""
-        return len(self._waiting) + len(self._running)
+        return len(self._waiting) + len(self._running.left)
 
     @property
     def current(self) -> int:
         """The number of the move that is under way or next, `IDLE` for none."""
-        if self._running:
-            return self._executed()
+        if left := self._running.left:
+            return left[0].number
         if self._waiting:
             return self._waiting[0].number
         last = self._last
@@ -110,19 +101,11 @@ class MotionQueue:
         shown = self._link.clock.now_s() <= last.since_s + SHOWN_S
         return IDLE if self.idle and (self.last_error or not shown) else last.number
 
-    def _executed(self) -> int:
-        with contextlib.suppress(UnavailableError):
-            now_s = self._link.state().path_time_s
-            return next(
-                (m.number for m, end_s in self._running if now_s < end_s), self._running[-1][0].number
-            )
-        return self._running[0][0].number
-
     def duration_s(self, number: int) -> float | None:
         """How long a move that has not ended takes at full speed; None if there is no such move."""
-        for move in (*(move for move, _ in self._running), *self._waiting):
+        for move in (*self._running.left, *self._waiting):
             if move.number == number:
-                return 0.0 if move.trajectory is None else move.trajectory.duration_s
+                return 0.0 if move.leg is None else move.leg.motion.duration_s
         return None
 
     async def add(
@@ -164,7 +147,8 @@ class MotionQueue:
                 assert self._end is not None
                 return await self._accept(self._claim, name, make, self._end, radius_m)
             with contextlib.ExitStack() as stack:
-                caller = Caller(NAME, token, stops, math.inf, asyncio.Event())
+                job = self._ownership.new_job(JobKind.QUEUE, name)
+                caller = Caller(NAME, token, stops, math.inf, asyncio.Event(), job)
                 claim = stack.enter_context(self._ownership.claim(caller))
                 state = await self._motion.ready()
                 number = await self._accept(claim, name, make, state.commanded_position, radius_m)
@@ -184,10 +168,11 @@ class MotionQueue:
     async def _accept(
         self, claim: Claim, name: str, make: Callable[[Array], RatedMove], start: Array, radius_m: float
     ) -> int:
-        trajectory = await self._motion.plan(claim, make(start), PLAN_TIMEOUT_S)
+        work = partial(rated, move=make(start))
+        leg = await claim.unless_interrupted(self._planning.compute(work, PLAN_TIMEOUT_S))
         number = 1 if self._last is None else self._last.number % LARGEST_NUMBER + 1
-        self._last = QueuedMove(number, name, trajectory, radius_m, self._link.clock.now_s())
-        self._end = start if trajectory is None else trajectory.end
+        self._last = QueuedMove(number, name, leg, radius_m, self._link.clock.now_s())
+        self._end = start if leg is None else leg.motion.end
         self._waiting.append(self._last)
         self.last_error = ""
         return number
@@ -203,6 +188,7 @@ class MotionQueue:
         except CobotError as exc:
             self.last_error = str(exc)
             log.warning("%sthe motion queue is emptied: %s", self._link.label, exc)
+            claim.fail(exc)
             claim.interrupt(exc if isinstance(exc, ExecutionError) else ExecutionError(str(exc)))
             async with self._turn:  # a move that is being planned is refused by now
                 self._waiting.clear()
@@ -212,52 +198,27 @@ class MotionQueue:
             belongings.close()
 
     async def _next(self, claim: Claim) -> list[QueuedMove]:
-        """The moves that are executed as one, first of those that wait; none if none waits."""
+        """The moves that a motion begins with, first of those that wait; none if none waits."""
         while self._waiting:
             claim.proceed()
-            chain = self._chain()
+            chain = list(islice(self._waiting, AT_ONCE))
             last = chain[-1]
+            takes_s = sum(move.leg.motion.duration_s for move in chain if move.leg is not None)
             waited = self._link.clock.now_s() > last.since_s + BLEND_WAIT_S and not self._turn.locked()
-            if (last.radius_m == 0.0 or waited) and not claim.speed_override.paused:
+            may_begin = last.radius_m == 0.0 or takes_s > SHORT_S or waited or len(chain) == AT_ONCE
+            if may_begin and not claim.speed_override.paused:
                 return chain
             await asyncio.sleep(POLL_S)
         return []
 
-    def _chain(self) -> list[QueuedMove]:
-        """The first of those that wait, and all that it may go on into without a stop."""
-        chain: list[QueuedMove] = []
-        for move in self._waiting:
-            chain.append(move)
-            if move.radius_m == 0.0:
-                break
-        return chain
-
     async def _execute(self, claim: Claim, chain: list[QueuedMove]) -> None:
-        moves = [move for move in chain if move.trajectory is not None]
-        if moves:
-            joined = await self._joined(claim, moves)
-            await self._motion.start(claim, joined.trajectory)
-            self._running = list(zip(moves, joined.ends_s, strict=True))
+        """A motion that begins with these moves, and goes on with those that come while it is under way."""
+        begins = await self._running.begin(claim, chain)
+        self._take(chain)
+        if begins:
+            await self._running.follow(claim, lambda: list(islice(self._waiting, AT_ONCE)), self._take)
+
+    def _take(self, chain: list[QueuedMove]) -> None:
+        """These moves wait no more."""
         for _ in chain:
             self._waiting.popleft()
-        if not moves:
-            return
-        try:
-            await self._motion.arrival(claim)
-        finally:
-            self._running = []
-        names = ", ".join(move.name for move in moves)
-        log.info("%smotion %s: arrived and settled (%s)", self._link.label, claim.motion_id, names)
-
-    async def _joined(self, claim: Claim, moves: list[QueuedMove]) -> Blended:
-        motions = [move.trajectory for move in moves if move.trajectory is not None]
-        if len(motions) == 1:
-            return Blended(motions[0], (motions[0].duration_s,), ())
-        radii_m = [move.radius_m for move in moves[:-1]]
-        work = partial(blended, motions=motions, radii_m=radii_m, envelope=self._settings.envelope)
-        joined = await claim.unless_interrupted(self._planning.compute(work, PLAN_TIMEOUT_S))
-        for move, rounded in zip(moves, joined.blended, strict=False):
-            if not rounded:
-                where = f"{self._link.label}move {move.number} ({move.name})"
-                log.info("%s: no blend is possible within the limits, the arm stops at its end", where)
-        return joined

@@ -218,6 +218,7 @@ class SceneService:
         self._robot.collision.take_over(ours)
         self._planning.scene = scene
         self._motion.scene_changed_s = self._link.clock.now_s()
+        self._link.events.publish("scene", version=scene.version, objects=sorted(scene.objects))
         log.info("the scene has version %d: %d objects", scene.version, len(scene.objects))
         stopped = await self._stop_if_invalid(checker)
         return Changed(scene, stopped, checker.contacts(self._link.state().position))

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+from collections.abc import Callable
 
 from app.services.state.link import POLL_S, RobotLink
-from cobot.errors import ConflictError, ExecutionError, LimitError
+from cobot.errors import ConflictError, ExecutionError, LimitError, UnavailableError
 from cobot.types import RESTING
 
 REST_TIMEOUT_S = 3.0
@@ -13,30 +15,41 @@ REST_TIMEOUT_S = 3.0
 MAX_PAUSE_S = 3600.0
 """The timeout of a motion does not go on during its pauses, up to this in all, s."""
 FRACTIONS = (0.01, 1.0)
-"""The smallest and the largest fraction of full speed that may be set."""
+"""The smallest and the largest fraction of full speed that may be set, beside 0."""
 
 
 class SpeedOverride:
     """The speed override of one robot's motions; streams have none.
 
+    Args:
+        changed: called when a pause has begun or ended.
+
     Attributes:
         opened: set while motions may begin.
-        fraction: of full speed.
         others: the overrides of the robots that move together with this one, which pause and go on with it.
     """
 
-    def __init__(self, link: RobotLink) -> None:
+    def __init__(self, link: RobotLink, changed: Callable[[], None] = lambda: None) -> None:
         self._link = link
+        self._changed = changed
+        self._asked = False
+        self._fraction = 1.0
         self._paused_s = 0.0
         self._since_s = 0.0
+        self._restoring: asyncio.Task[None] | None = None
         self.opened = asyncio.Event()
         self.opened.set()
-        self.fraction = 1.0
         self.others: tuple[SpeedOverride, ...] = ()
 
     @property
     def paused(self) -> bool:
+        """Whether a pause was asked for, or the fraction is 0."""
         return not self.opened.is_set()
+
+    @property
+    def fraction(self) -> float:
+        """Of full speed."""
+        return self._fraction
 
     @property
     def paused_s(self) -> float:
@@ -54,10 +67,22 @@ class SpeedOverride:
         if self.others:
             raise ConflictError("a synchronous motion keeps the speed that it has begun with")
         least, most = FRACTIONS
-        if not least <= fraction <= most:
-            raise LimitError(f"the fraction of the speed is from {least} to {most:g}, got {fraction:g}")
-        self.fraction = fraction
+        if fraction != 0.0 and not least <= fraction <= most:
+            raise LimitError(f"the fraction of the speed is 0, or from {least} to {most:g}, got {fraction:g}")
+        self._fraction = fraction
+        self._settle()
         await self._apply()
+
+    def restore(self, fraction: float) -> None:
+        """Who had set it has no say any more. Motions begin so fast now; one held at 0 goes on."""
+        held, self._fraction = self._fraction == 0.0, fraction
+        self._settle()
+        if held and not self.paused:
+            self._restoring = asyncio.get_running_loop().create_task(self._restored())
+
+    async def _restored(self) -> None:
+        with contextlib.suppress(UnavailableError):  # a new rtloop has no motion that could be held
+            await self._apply()
 
     async def pause(self) -> None:
         """Bring the arm to rest on its path, and those that move with it, and let nothing begin.
@@ -74,9 +99,8 @@ class SpeedOverride:
     async def _pause(self) -> None:
         if self._link.state().session:
             raise ConflictError("a stream has no path to pause on; end it, or POST /stop")
-        if not self.paused:
-            self._since_s = self._link.clock.now_s()
-            self.opened.clear()
+        self._asked = True
+        self._settle()
         await self._apply()
         deadline_s = self._link.clock.now_s() + REST_TIMEOUT_S
         while not self._rests():
@@ -97,9 +121,21 @@ class SpeedOverride:
 
     def reset(self) -> None:
         """There is nothing left that was paused."""
-        if self.paused:
+        self._asked = False
+        self._settle()
+
+    def _settle(self) -> None:
+        """Open or close the way for motions, as what was asked for has it."""
+        held = self._asked or self._fraction == 0.0
+        if held == self.paused:
+            return
+        if held:
+            self._since_s = self._link.clock.now_s()
+            self.opened.clear()
+        else:
             self._paused_s = self.paused_s
             self.opened.set()
+        self._changed()
 
     async def begun(self) -> None:
         """A motion has just begun, as every motion at its full rate."""

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 from dataclasses import dataclass
 
+from app.services.motion.lease import CLIENT
 from app.services.motion.ownership import BY_COMMAND, BY_STOP, Ownership
 from app.services.programs.sequences import SequenceService
 from app.services.state.link import POLL_S, RobotLink
@@ -79,11 +80,14 @@ class StopService:
         """
         begun_s = self._link.clock.now_s()
         self._link.request_stop()
+        self._link.events.publish("stop", by=str(CLIENT.get()), reason=reason)
         orphan = self._orphan()
         claim = self._ownership.stop(reason)
         motion = str(claim) if claim else None
         problems: list[str] = []
-        sequence, state = await asyncio.gather(self._sequences.stop(), self._rest(timeout_s - 0.5, problems))
+        sequence, state = await asyncio.gather(
+            self._sequences.stop(reason), self._rest(timeout_s - 0.5, problems)
+        )
         stopped = [item for item in (sequence, motion or orphan) if item]
         at_rest = state is not None and _idle(state) and state.settled
         if at_rest and claim is not None:  # who has stopped the arm may want to move it next
@@ -116,6 +120,7 @@ class StopService:
         if claim is None and self._orphan() is None:
             return
         self._link.request_stop()
+        self._link.events.publish("stop", by=str(CLIENT.get()), reason=reason)
         problems: list[str] = []
         await self._rest(timeout_s, problems)
         if problems:
@@ -134,6 +139,7 @@ class StopService:
         if self._link.state().mode in LATCHED:
             await self._sequences.stop()
         await self._link.reset(timeout_s)
+        self._link.events.publish("reset", by=str(CLIENT.get()))
 
     def _orphan(self) -> str | None:
         """What moves the arm without a claim: a local client, or the motion of a service that has died."""

@@ -162,6 +162,7 @@ class ToolService:
         self._take_over(tool, ours)
         for tell in self.on_change:
             tell()
+        self._link.events.publish("tool", version=tool.version, name=tool.name, mass=tool.mass)
         log.info("%sthe tool has version %d: %s", self._link.label, tool.version, described(tool))
         return ToolChanged(tool, checker.contacts(self._link.state().position))
 

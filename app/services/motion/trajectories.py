@@ -125,6 +125,7 @@ class TrajectoryService:
             check_first(point, start, self._limits, tolerance_rad, within_limits=options.validate_limits)
 
         points = await claim.unless_interrupted(asyncio.to_thread(read, check))
+        claim.accept()
         state = await self._motion.ready()
         request = WaypointRequest(
             state.commanded_position,
@@ -149,8 +150,10 @@ class TrajectoryService:
                 await self._motion.arrival(claim)
                 self._note(f"motion {claim.motion_id}: arrived and settled")
             except ExecutionError as exc:
+                claim.fail(exc)
                 self._note(f"motion {claim.motion_id}: {exc}")
             except CobotError as exc:
+                claim.fail(exc)
                 self._note(f"motion {claim.motion_id}: lost sight of it: {exc}")
 
     def _note(self, text: str) -> None:

@@ -13,19 +13,32 @@ from collections import deque
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
+from app.services.jobs.job import JobKind
 from app.services.motion.ownership import Ownership
 from app.services.programs.paths import below
+from app.services.programs.steps import Steps
 from app.services.state.link import RobotLink
 from cobot.access.authentication import Authenticator
 from cobot.access.roles import acting
 from cobot.config import SequencesSection
-from cobot.errors import ConflictError, InputError, MotionStopped, UnavailableError
+from cobot.errors import (
+    CobotError,
+    ConflictError,
+    ExecutionError,
+    InputError,
+    MotionStopped,
+    UnavailableError,
+)
 from cobot.launch.process import RUN_MODULE
 from cobot.logs import printable
 
 LINE_BYTES = 65536
+PROGRESS = ("iteration", "waypoint", "n_waypoints")
+ERRORS: dict[int, type[CobotError]] = {2: InputError, 4: UnavailableError}
+"""What the runner's return codes mean; all others are motions that have failed."""
+ERROR_LINE = " error: "
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +52,7 @@ class SequenceOrder:
         joints_action, pose_action: taken for compatibility and written to the log; a REST service has
             no actions to choose from.
         name: of the uploaded file, for messages; what is named *.lua is a Lua program.
+        from_waypoint: where the first iteration begins; None for its beginning, home included.
     """
 
     config: bytes
@@ -49,6 +63,7 @@ class SequenceOrder:
     joints_action: str = ""
     pose_action: str = ""
     name: str = ""
+    from_waypoint: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +103,8 @@ class SequenceService:
         self._tokens = tokens
         self._lines: deque[str] = deque(maxlen=settings.log_lines)
         self._starting = False
+        self._steps: Steps | None = None
+        self._stopped = ""  # why the runner was told to end
         self._process: asyncio.subprocess.Process | None = None
         self._watcher: asyncio.Task[None] | None = None
         self.status = SequenceStatus()
@@ -112,23 +129,30 @@ class SequenceService:
             raise ConflictError(
                 f"sequence {self.status.sequence_id} (pid {self.status.pid}) is running; POST /stop ends it"
             )
+        program = order.name.endswith(".lua")
+        if program and order.from_waypoint is not None:
+            raise InputError(f"from_waypoint: {order.name} is a program, which has no waypoints")
         bag = self._recording(order.bag_path)
         number = (self.status.sequence_id or 0) + 1
         token = secrets.token_urlsafe(32)
-        self._ownership.claim_for_sequence(f"sequence {number}", token)
+        kind = JobKind.PROGRAM if program else JobKind.SEQUENCE
+        self._ownership.claim_for_sequence(f"sequence {number}", token, kind)
         starter = acting.get()  # the program may do what that one may, for as long as it runs
         self._tokens.grant(starter.name, starter.role, token)
         self._starting = True
         try:
-            process, progress = await self._spawn(order, bag, token)
+            process, progress, answers = await self._spawn(order, bag, token)
+        except OSError as exc:
+            error = UnavailableError(f"the sequence runner cannot be started: {exc}")
+            self._release(token, error)
+            raise error from exc
         except BaseException as exc:
-            self._release(token)
-            if isinstance(exc, OSError):
-                raise UnavailableError(f"the sequence runner cannot be started: {exc}") from exc
+            self._release(token, exc)
             raise
         finally:
             self._starting = False
-        self._process = process
+        self._process, self._stopped = process, ""
+        self._steps = Steps(answers, order.from_waypoint, self._held)
         self.status = SequenceStatus(
             status="running",
             sequence_id=number,
@@ -137,22 +161,31 @@ class SequenceService:
             started_at=datetime.now(UTC),
             bag_path=str(bag) if bag else None,
         )
+        job = self._ownership.sequence_job
+        if job is not None:
+            job.started()
         actions = f"joints_action {order.joints_action}, pose_action {order.pose_action}"
         self._note(f"sequence {number} started, pid {process.pid}, {actions}")
+        self._tell("started", name=_printable(order.name), iterations=order.n_iterations)
         self._watcher = asyncio.create_task(self._watch(process, progress, number, token))
         if self._ownership.stops != stops:
             await self.stop()
             raise MotionStopped(f"a stop was requested while sequence {number} was being started")
         return self.status
 
-    async def stop(self) -> str | None:
-        """End the runner, by force if it does not listen; returns what was ended, or None."""
+    async def stop(self, reason: str = "stopped") -> str | None:
+        """End the runner, by force if it does not listen; returns what was ended, or None.
+
+        Args:
+            reason: what is said of it.
+        """
         if self._starting:  # `start` sees the count of stops, and ends what it has begun
             return "the start of a sequence"
         process, watcher = self._process, self._watcher
         if process is None or watcher is None or watcher.done():
             return None
         described = f"sequence {self.status.sequence_id} (pid {process.pid})"
+        self._stopped = self._stopped or reason
         _signal(process, signal.SIGTERM)
         try:
             await asyncio.wait_for(asyncio.shield(watcher), self._settings.stop_timeout_s)
@@ -173,8 +206,8 @@ class SequenceService:
 
     async def _spawn(
         self, order: SequenceOrder, bag: Path | None, token: str
-    ) -> tuple[asyncio.subprocess.Process, asyncio.StreamReader]:
-        """The runner, and the pipe on which it reports its progress."""
+    ) -> tuple[asyncio.subprocess.Process, asyncio.StreamReader, int]:
+        """The runner, the pipe on which it reports its progress, and that on which it is answered."""
         arguments = ["run", "-", "--url", self._base_url]
         if order.name:
             arguments.append(f"--name={_printable(order.name)}")
@@ -189,6 +222,7 @@ class SequenceService:
             arguments += ["--bag", str(bag), "--topics", order.topics]
         config = await asyncio.to_thread(_unnamed_file, order.config)
         read_end, write_end = os.pipe()
+        answers_end, answering_end = os.pipe()
         try:
             process = await asyncio.create_subprocess_exec(
                 *RUN_MODULE,
@@ -196,25 +230,29 @@ class SequenceService:
                 *arguments,
                 "--progress-fd",
                 str(write_end),
+                "--answers-fd",
+                str(answers_end),
                 stdin=config,
                 stdout=asyncio.subprocess.PIPE,
                 stderr=asyncio.subprocess.STDOUT,
                 env={**os.environ, "COBOT_MOTION_TOKEN": token, "COBOT_TOKEN": token},
-                pass_fds=(write_end,),
+                pass_fds=(write_end, answers_end),
                 start_new_session=True,
                 limit=LINE_BYTES,
             )
         except BaseException:
             os.close(read_end)
+            os.close(answering_end)
             raise
         finally:
             os.close(write_end)
+            os.close(answers_end)
             config.close()
         progress = asyncio.StreamReader(limit=LINE_BYTES)
         await asyncio.get_running_loop().connect_read_pipe(
             lambda: asyncio.StreamReaderProtocol(progress), os.fdopen(read_end, "rb")
         )
-        return process, progress
+        return process, progress, answering_end
 
     async def _watch(
         self, process: asyncio.subprocess.Process, progress: asyncio.StreamReader, number: int, token: str
@@ -235,8 +273,22 @@ class SequenceService:
         self.status = replace(
             self.status, status="finished", returncode=returncode, finished_at=datetime.now(UTC)
         )
-        self._release(token)
+        self._tell("ended", returncode=returncode)
+        if self._steps is not None:
+            self._steps.close()
+            self._steps = None
+        self._release(token, self._error(returncode))
         self._note(f"sequence {number} finished, return code {returncode}")
+
+    def _error(self, returncode: int) -> CobotError | None:
+        """Why the runner has not come to its end."""
+        if returncode == 0:
+            return None
+        if self._stopped:
+            return MotionStopped(self._stopped)
+        said = next((line for line in reversed(self._lines) if ERROR_LINE in line), "")
+        detail = said.partition(ERROR_LINE)[2] or f"the runner ended with return code {returncode}"
+        return ERRORS.get(returncode, ExecutionError)(detail)
 
     async def _read_log(self, stream: asyncio.StreamReader) -> None:
         while True:
@@ -258,10 +310,39 @@ class SequenceService:
                     waypoint=event["waypoint"],
                     n_waypoints=event["n_waypoints"],
                 )
+                self._tell("waypoint", **{name: event[name] for name in PROGRESS})
+                self._count(event["iteration"], event["waypoint"], event["n_waypoints"])
+                if event["asking"] and self._steps is not None:
+                    self._steps.asked(event["behind"], event["n_waypoints"])
 
-    def _release(self, token: str) -> None:
+    def _tell(self, what: str, **data: Any) -> None:
+        self._link.events.publish("sequence", what=what, sequence=self.status.sequence_id, **data)
+
+    @property
+    def steps(self) -> Steps:
+        """What the runner is told at its waypoints.
+
+        Raises:
+            ConflictError: none runs.
+        """
+        if self._steps is None:
+            raise ConflictError("no sequence is running")
+        return self._steps
+
+    def _held(self, held: bool) -> None:
+        job = self._ownership.sequence_job
+        if job is not None:
+            job.hold(held)
+
+    def _count(self, iteration: int, waypoint: int, n_waypoints: int) -> None:
+        """How far the sequence is: it goes to this waypoint."""
+        job, rounds = self._ownership.sequence_job, self.status.n_iterations or 1
+        if job is not None and n_waypoints:
+            job.at_waypoint((iteration - 1) * n_waypoints + max(waypoint - 1, 0), rounds * n_waypoints)
+
+    def _release(self, token: str, error: BaseException | None) -> None:
         self._tokens.withdraw(token)
-        self._ownership.release_sequence()
+        self._ownership.release_sequence(error)
 
     def _note(self, text: str) -> None:
         moment = datetime.now().astimezone().isoformat(timespec="milliseconds")

@@ -13,6 +13,7 @@ from app.services.motion.ownership import Ownership
 from app.services.motion.planning import PlanningService
 from app.services.programs.sequences import SequenceService
 from app.services.state.link import RobotLink
+from app.services.state.recordings import RecordingService
 from app.services.state.robot_state import RobotState
 from app.services.streaming.sessions import StreamService
 from cobot.errors import UnavailableError
@@ -40,6 +41,7 @@ class Health:
     planning: dict[str, object]
     sequence: dict[str, object]
     session: dict[str, object] | None
+    recorder: dict[str, object] | None
     cycle_us: dict[str, dict[str, float]]
     interventions: dict[str, int]
     last_interventions_s: dict[str, float | None]
@@ -57,6 +59,7 @@ class HealthService:
         sequences: SequenceService,
         streams: StreamService,
         planning: PlanningService,
+        recordings: RecordingService,
         stale_s: float,
     ) -> None:
         self._robot = robot
@@ -65,6 +68,7 @@ class HealthService:
         self._sequences = sequences
         self._streams = streams
         self._planning = planning
+        self._recordings = recordings
         self._stale_s = stale_s
         self._started_s = link.clock.now_s()
 
@@ -104,6 +108,9 @@ class HealthService:
         planning = self._planning.status
         if planning.problem:
             problems.append(planning.problem)
+        recorder = self._recordings.status()
+        if recorder is not None and recorder.problem:
+            problems.append(recorder.problem)
         return Health(
             status="degraded" if problems else "ok",
             problems=problems,
@@ -117,6 +124,7 @@ class HealthService:
             planning=asdict(planning),
             sequence={"status": self._sequences.status.status, "pid": self._sequences.status.pid},
             session=session,
+            recorder=None if recorder is None else asdict(recorder),
             cycle_us=cycle_us,
             interventions=interventions,
             last_interventions_s=last_interventions_s,

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
 import logging
-from collections.abc import AsyncIterator
 from datetime import UTC, datetime
 
-from app.services.state.link import RobotLink
 from app.services.state.robot_state import RobotState
 from cobot.clock import SYSTEM, Clock
-from cobot.errors import UnavailableError
 from cobot.ipc.layout import Intervention
 
-PERIOD_S = 0.05
 EPISODE_S = 1.0
 """What happens again within this time belongs to what happened before."""
 
@@ -44,21 +38,3 @@ class InterventionLog:
                 log.warning("%sintervention %s at %s, %d so far", self._label, name, when, count)
             self._last_ns[kind] = moment_ns
         self._counts = state.interventions
-
-
-@contextlib.asynccontextmanager
-async def reporting(link: RobotLink) -> AsyncIterator[None]:
-    """Log while the context lasts."""
-    task = asyncio.create_task(_report(link), name="interventions")
-    try:
-        yield
-    finally:
-        task.cancel()
-
-
-async def _report(link: RobotLink) -> None:
-    seen = InterventionLog(link.label, link.clock)
-    while True:
-        with contextlib.suppress(UnavailableError):
-            seen.look(link.state())
-        await asyncio.sleep(PERIOD_S)

@@ -10,10 +10,13 @@ import contextlib
 import logging
 import os
 from collections.abc import AsyncIterator, Callable
+from typing import Any
 
 import numpy as np
 
-from app.services.state.robot_state import RobotState, robot_state
+from app.services.events.ring import Events, RobotEvents
+from app.services.motion.lease import CLIENT
+from app.services.state.robot_state import RobotState
 from cobot.addresses import address
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import (
@@ -24,7 +27,7 @@ from cobot.errors import (
     TornReadError,
     UnavailableError,
 )
-from cobot.ipc.layout import LOADED_SEGMENTS, RING, SLOTS, Ack, Command, MotionResult, text
+from cobot.ipc.layout import LOADED_SEGMENTS, RING, SLOTS, Ack, Command, MotionResult, record_of, text
 from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.ipc.tool_record import fill
 from cobot.motions.fence import Fence
@@ -38,7 +41,13 @@ ACKNOWLEDGE_S = 3.0
 """rtloop verifies the largest trajectory in about a second."""
 STATE_TRIES = 3
 """So often a state is read that rtloop may be writing just now."""
-ENDS = (MotionResult.ARRIVED, MotionResult.STOPPED, MotionResult.STOPPED_ASIDE, MotionResult.FAILED)
+ENDS = {
+    MotionResult.ARRIVED: "finished",
+    MotionResult.STOPPED: "stopped",
+    MotionResult.STOPPED_ASIDE: "stopped",
+    MotionResult.FAILED: "failed",
+}
+"""What an event says of each."""
 IN_THREAD_SEGMENTS = 2000
 """A longer trajectory is copied in a thread, so that nobody else waits."""
 PAUSE_S = 1.0
@@ -58,6 +67,7 @@ class RobotLink:
         on_outside_stop: called when somebody has stopped the arm through shared memory, as `cobot stop` does.
         ended: how many motions have ended in which way. None is missed: a motion begins only after somebody
             has seen how the one before it ended.
+        events: where what happens to this robot is told.
 
     Raises (constructor):
         UnavailableError: there is no such robot.
@@ -65,7 +75,15 @@ class RobotLink:
         LayoutError: its shared memory is another version's.
     """
 
-    def __init__(self, robot: str, stale_after_s: float, label: str = "", clock: Clock = SYSTEM) -> None:
+    def __init__(
+        self,
+        robot: str,
+        stale_after_s: float,
+        label: str = "",
+        clock: Clock = SYSTEM,
+        events: Events | None = None,
+    ) -> None:
+        self.events = RobotEvents(Events(clock) if events is None else events, robot)
         self.memory = RobotMemory.attach(robot, MemoryRole.SERVICE)
         self.label = label
         self.clock = clock
@@ -76,7 +94,9 @@ class RobotLink:
         self.on_outside_stop: Callable[[], None] | None = None
         self._command_turn = asyncio.Lock()
         self._last_motion = 0
+        self._slot = 0
         self.handed_over: tuple[int, Trajectory] | None = None
+        self._beginning: dict[str, Any] = {}  # what there is to tell of a motion that is being started
         self._beaten_s: float | None = None
         self._paused_s, self._resumed_s = 0.0, float("-inf")
 
@@ -158,11 +178,30 @@ class RobotLink:
             raise UnavailableError(str(exc)) from exc
         if self.memory.state.sequence == 0:
             raise UnavailableError("rtloop has not started yet")
-        state = robot_state(record, self.memory.state.buffer.data, self.clock.now_ns())
+        state = RobotState(record, self.clock.now_ns())
         if state.motion_id != self._last_ended and state.motion_result in self.ended:
             self._last_ended = state.motion_id
             self.ended[state.motion_result] += 1
+            self._tell_end(state)
         return state
+
+    def _tell_begun(self) -> None:
+        if self._beginning:
+            self.events.publish("motion", what="begun", **self._beginning)
+            self._beginning = {}
+
+    def _tell_end(self, state: RobotState) -> None:
+        if state.motion_id == self._beginning.get("motion"):  # it was short: `start` has not noticed yet
+            self._tell_begun()
+        result = state.motion_result
+        self.events.publish(
+            "motion",
+            what=ENDS[result],
+            motion=state.motion_id,
+            reason="" if result is MotionResult.ARRIVED else state.reason,
+            path_time_s=state.path_time_s,
+            duration_s=state.path_duration_s,
+        )
 
     def record_since(self, publication: int) -> tuple[int, np.ndarray | None]:
         """The newest publication's number, and a copy of all of it if it is newer than this one."""
@@ -172,7 +211,7 @@ class RobotLink:
             if newest == publication:
                 break
             if block.try_read() and block.sequence == newest:  # or it is a later one, which would come twice
-                return newest, block.data.copy()
+                return newest, record_of(block.data.tobytes(), block.data.dtype)
         return publication, None
 
     def streamer(self) -> str | None:
@@ -244,8 +283,7 @@ class RobotLink:
 
     async def measured_record(self, timeout_s: float) -> np.ndarray:
         """A copy of all that rtloop publishes, `cobot.ipc.layout.state_dtype`; raises as `measured_state`."""
-        await self.measured_state(timeout_s)
-        return self.memory.state.read().copy()
+        return (await self.measured_state(timeout_s)).record
 
     async def ready_state(self, timeout_s: float) -> RobotState:
         """A fresh state in which motion is permitted.
@@ -276,6 +314,7 @@ class RobotLink:
         """The same, latched until a reset."""
         self.memory.requests.data["estops"] += 1
         self.memory.requests.publish()
+        self.events.publish("estop", what="asked for", by=str(CLIENT.get()))
 
     async def start(
         self, trajectory: Trajectory, stops: int, tool: int = 0, fence: Fence | None = None
@@ -299,12 +338,13 @@ class RobotLink:
             # The state may be of the cycle before the last acknowledgement.
             self._last_motion = max(self._last_motion, self.state().motion_id) + 1
             motion_id, number = self._last_motion, self._last_motion % SLOTS
-            self.handed_over = motion_id, trajectory
-            slot = self.memory.slots[number]
-            if trajectory.segments > IN_THREAD_SEGMENTS:
-                await asyncio.to_thread(slot.write, motion_id, trajectory, fence)
-            else:
-                slot.write(motion_id, trajectory, fence)
+            self._slot, self.handed_over = number, (motion_id, trajectory)
+            self._beginning = {
+                "motion": motion_id,
+                "duration_s": trajectory.duration_s,
+                "by": str(CLIENT.get()),
+            }
+            await self._write(number, motion_id, trajectory, fence)
             try:
                 self.require_awake()
                 await self._send(
@@ -317,8 +357,46 @@ class RobotLink:
                 )
             except CobotError:
                 self.handed_over = None
+                self._beginning = {}
                 raise
+            self._tell_begun()
         return motion_id
+
+    async def replace(self, trajectory: Trajectory, offset_s: float, stops: int, tool: int = 0) -> None:
+        """Have the motion under way go on with another trajectory, as the same motion, within the same fence.
+
+        Args:
+            trajectory: the same as the one under way up to where the arm is when rtloop has read it.
+            offset_s: the path time of the one under way at which it begins.
+            stops, tool: see `start`.
+
+        Raises:
+            ExecutionError: rtloop refuses it, with its reason; the motion goes on as it was.
+            UnavailableError, InputError: see `start`.
+        """
+        async with self._command_turn:
+            number = (self._slot + 1) % SLOTS
+            await self._write(number, self._last_motion, trajectory)
+            self.require_awake()
+            await self._send(
+                Command.REPLACE,
+                slot=number,
+                motion_id=self._last_motion,
+                stops=stops,
+                value=offset_s,
+                tool=tool,
+                timeout_s=ACKNOWLEDGE_S + loading_s(trajectory.segments, self.memory.period_s),
+            )
+            self._slot, self.handed_over = number, (self._last_motion, trajectory)
+
+    async def _write(
+        self, number: int, motion_id: int, trajectory: Trajectory, fence: Fence | None = None
+    ) -> None:
+        slot = self.memory.slots[number]
+        if trajectory.segments > IN_THREAD_SEGMENTS:
+            await asyncio.to_thread(slot.write, motion_id, trajectory, fence)
+        else:
+            slot.write(motion_id, trajectory, fence)
 
     async def set_rate(self, rate: float) -> None:
         """Go over to another path time per clock time, 0 (pause) to 1, of the motion that runs.

@@ -1,18 +1,47 @@
-"""What the service knows of a robot at one moment: everything of it, so that nobody looks behind it."""
+"""What the service knows of a robot at one moment: everything of it, so that nobody looks behind it.
+
+States are polled, and who polls wants little of them: the record is copied whole, and only what is asked for
+is converted.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 
-from cobot.ipc.layout import STATE_SCALARS, STATE_STRUCT, MotionResult, text
+from cobot.ipc.layout import STATE_SCALARS, STATE_STRUCT, MotionResult, record_of, text
 from cobot.types import Array, LoopMode
 
-SCALARS = [name for name, _ in STATE_SCALARS]
+PLACES = {name: place for place, (name, _) in enumerate(STATE_SCALARS)}
+MODE, SETTLED, MOTION_RESULT = PLACES["mode"], PLACES["settled"], PLACES["motion_result"]
+PUBLISHED_NS, MEASURED_NS = PLACES["monotonic_ns"], PLACES["measured_monotonic_ns"]
+
+Number = TypeVar("Number", int, float)
 
 
-@dataclass(slots=True)
+class _Scalar(Generic[Number]):
+    """A number, as it is called in the record."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._place = PLACES[name]
+
+    def __get__(self, state: RobotState, owner: type) -> Number:
+        number: Number = state.scalars[self._place]
+        return number
+
+
+class _Vector:
+    """An array, as it is called in the record."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, state: RobotState, owner: type) -> Array:
+        array: Array = state.record[self._name]
+        return array
+
+
 class RobotState:
     """A copy of rtloop's state block: rad, rad/s, N·m, shape (dof,) each.
 
@@ -33,70 +62,61 @@ class RobotState:
         reason: why the mode is ESTOP or FAULT, or why the last motion ended.
     """
 
-    mode: LoopMode
-    settled: bool
-    position: Array
-    velocity: Array
-    effort: Array
-    commanded_position: Array
-    tcp: Array
-    wrench: Array
-    motion_id: int
-    motion_result: MotionResult
-    path_time_s: float
-    path_duration_s: float
-    path_rate: float
-    stops_seen: int
-    session: int
-    points_taken: int
-    points_dropped: int
-    points_buffered: int
-    underruns: int
-    interventions: list[int]
-    intervened_ns: list[int]
-    overruns: int
-    torn_reads: int
-    published_s: float
-    age_s: float
-    measured_age_s: float
-    reason: str
+    __slots__ = ("_now_ns", "record", "scalars")
 
+    position, velocity, effort, commanded_position = _Vector(), _Vector(), _Vector(), _Vector()
+    tcp, wrench = _Vector(), _Vector()
+    motion_id, session, stops_seen = _Scalar[int](), _Scalar[int](), _Scalar[int]()
+    path_time_s, path_duration_s, path_rate = _Scalar[float](), _Scalar[float](), _Scalar[float]()
+    points_taken, points_dropped, points_buffered = _Scalar[int](), _Scalar[int](), _Scalar[int]()
+    underruns, overruns, torn_reads = _Scalar[int](), _Scalar[int](), _Scalar[int]()
 
-def robot_state(record: np.ndarray, octets: memoryview, now_ns: int) -> RobotState:
-    """A copy of what has just been read.
+    def __init__(self, record: np.ndarray, now_ns: int) -> None:
+        """Copies what has just been read.
 
-    Args:
-        record: of `cobot.ipc.layout.state_dtype`.
-        octets: the same; a struct reads the scalars many times as fast as numpy does.
-        now_ns: CLOCK_MONOTONIC, which its ages are counted up to.
-    """
-    scalars = dict(zip(SCALARS, STATE_STRUCT.unpack_from(octets), strict=True))
-    return RobotState(
-        mode=LoopMode(scalars["mode"]),
-        settled=bool(scalars["settled"]),
-        position=record["position"].copy(),
-        velocity=record["velocity"].copy(),
-        effort=record["effort"].copy(),
-        commanded_position=record["commanded_position"].copy(),
-        tcp=record["tcp"].copy(),
-        wrench=record["wrench"].copy(),
-        motion_id=scalars["motion_id"],
-        motion_result=MotionResult(scalars["motion_result"]),
-        path_time_s=scalars["path_time_s"],
-        path_duration_s=scalars["path_duration_s"],
-        path_rate=scalars["path_rate"],
-        stops_seen=scalars["stops_seen"],
-        session=scalars["session"],
-        points_taken=scalars["points_taken"],
-        points_dropped=scalars["points_dropped"],
-        points_buffered=scalars["points_buffered"],
-        underruns=scalars["underruns"],
-        interventions=record["interventions"].tolist(),
-        intervened_ns=record["intervened_ns"].tolist(),
-        overruns=scalars["overruns"],
-        torn_reads=scalars["torn_reads"],
-        published_s=scalars["monotonic_ns"] * 1e-9,
-        age_s=(now_ns - scalars["monotonic_ns"]) * 1e-9,
-        measured_age_s=(now_ns - scalars["measured_monotonic_ns"]) * 1e-9,
-        reason=text(record["reason"]),
-    )
+        Args:
+            record: of `cobot.ipc.layout.state_dtype`.
+            now_ns: CLOCK_MONOTONIC, which its ages are counted up to.
+        """
+        octets = record.tobytes()
+        self.record = record_of(octets, record.dtype)
+        self.scalars = STATE_STRUCT.unpack_from(octets)  # many times as fast as numpy
+        self._now_ns = now_ns
+
+    @property
+    def mode(self) -> LoopMode:
+        return LoopMode(self.scalars[MODE])
+
+    @property
+    def settled(self) -> bool:
+        return bool(self.scalars[SETTLED])
+
+    @property
+    def motion_result(self) -> MotionResult:
+        return MotionResult(self.scalars[MOTION_RESULT])
+
+    @property
+    def interventions(self) -> list[int]:
+        counts: list[int] = self.record["interventions"].tolist()
+        return counts
+
+    @property
+    def intervened_ns(self) -> list[int]:
+        moments: list[int] = self.record["intervened_ns"].tolist()
+        return moments
+
+    @property
+    def published_s(self) -> float:
+        return float(self.scalars[PUBLISHED_NS] * 1e-9)
+
+    @property
+    def age_s(self) -> float:
+        return float((self._now_ns - self.scalars[PUBLISHED_NS]) * 1e-9)
+
+    @property
+    def measured_age_s(self) -> float:
+        return float((self._now_ns - self.scalars[MEASURED_NS]) * 1e-9)
+
+    @property
+    def reason(self) -> str:
+        return text(self.record["reason"])

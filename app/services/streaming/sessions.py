@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from app.services.motion.execution import STATE_TIMEOUT_S, MotionService
+from app.services.motion.lease import CLIENT
 from app.services.motion.ownership import BY_STOP, Caller, Claim, Ownership
 from app.services.state.link import POLL_S, RobotLink
 from cobot import audit, logs
@@ -213,6 +214,11 @@ class StreamService:
             log.info("%ssession %d: %s", self._link.label, number, name)
         audit.note("session opened", session=number, mode=session.stream.name, client=name)
         return session
+
+    def estop(self, session: Session) -> None:
+        """Have the arm come to rest, latched, on behalf of who streams."""
+        session.estop()
+        self._link.events.publish("estop", what="asked for", by=str(CLIENT.get()), session=session.number)
 
     def lose(self, session: Session) -> None:
         """Its client's connection is gone: as after its last target, the arm is given its time."""

@@ -387,6 +387,25 @@ def test_a_websocket_whose_token_is_revoked_is_closed_and_its_arm_comes_to_rest(
     assert guarded.ask("GET", "/health", token).status_code == 401
 
 
+def test_events_end_when_their_token_is_revoked(guarded: Guarded) -> None:
+    run = guarded.run
+    token = guarded.file.create("leaving", Role.OBSERVER)
+    run.sleep(1.0)
+    with (
+        run.listen("/events?state_hz=10", authorization=f"Bearer {token}") as events,
+        run.listen("/events", authorization=f"Bearer {guarded.tokens[Role.OBSERVER]}") as others,
+    ):
+        assert events.event("state")["robot"] == run.name
+        guarded.file.revoke("leaving")
+        with pytest.raises(Closed):
+            events.event("nothing")
+        run.post("/stop")
+        assert others.event("stop")["robot"] == run.name
+    assert guarded.ask("GET", "/events", token).status_code == 401
+    with run.listen("/events") as nobody:
+        assert nobody.status == 401
+
+
 # Roles: each route, each vendor method, each operation of rosbridge
 
 
@@ -399,6 +418,8 @@ def role_by_the_docs(endpoint: str) -> Role:
         return Role.NOBODY
     if path in ("/audit", "/admin/reload"):
         return Role.ADMIN
+    if "/plan/" in path:
+        return Role.AGENT
     if method in ("GET", "WS") or path.endswith("/stop") or "{method}" in path:
         return Role.OBSERVER
     return Role.PROGRAMMER if path.endswith(("/sequences/start", "/tool")) else Role.OPERATOR
@@ -417,6 +438,7 @@ def test_each_route_asks_for_its_role(guarded: Guarded) -> None:
             continue
         method, _, path = name.partition(" ")
         path = path.replace("{robot}", guarded.run.name)
+        path += "?types=none" if path.endswith("/events") else ""  # or its answer would have no end
         needed = role_by_the_docs(name)
         asked.add(name)
         if not path.endswith("/stop"):
@@ -427,7 +449,7 @@ def test_each_route_asks_for_its_role(guarded: Guarded) -> None:
             assert status != 401
     once = {"GET /robots", "GET /audit", "GET /metrics", "GET /health/live", "POST /admin/reload"}
     assert once < asked
-    assert len(asked) == 2 * (len(ENDPOINTS) - 3) - len(once)  # each twice, but for those of the service
+    assert len(asked) == 2 * (len(ENDPOINTS) - 4) - len(once)  # each twice, but for those of the service
 
 
 def test_a_route_without_a_role_is_not_served() -> None:
@@ -551,7 +573,8 @@ def test_an_observer_watches_a_stream_and_opens_none(guarded: Guarded) -> None:
 
 def test_each_websocket_has_a_role(guarded: Guarded) -> None:
     paths = [endpoint_of(each) for each in guarded.run.app.routes if isinstance(each, APIWebSocketRoute)]
-    assert sorted(paths) == ["WS /robot/stream", "WS /robots/{robot}/stream", "WS /rosbridge"]
+    below = [f"WS /robots/{{robot}}/{each}" for each in ("events", "stream")]
+    assert sorted(paths) == ["WS /events", "WS /robot/stream", *below, "WS /rosbridge"]
     with pytest.raises(Refused) as refused:
         guarded.run.connect(f"/robots/{guarded.run.name}/stream")
     assert refused.value.status == 401

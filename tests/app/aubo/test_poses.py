@@ -36,3 +36,5 @@ def test_seven_numbers_are_a_states_pose_and_five_are_none() -> None:
     assert [type(each) for each in as_list(np.arange(2.0))] == [float, float]
     with pytest.raises(InputError, match=r"via_pose must be \[x, y, z, rx, ry, rz\], got 5 numbers"):
         pose_of([0.0] * 5, "via_pose")
+    with pytest.raises(InputError, match=r"via_pose: y may be up to 1e\+06 m, got -1.3e\+308 m"):
+        pose_of([0.0, -1.3e308, 0.0, 0.0, 0.0, 0.0], "via_pose")

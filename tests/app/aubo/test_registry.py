@@ -286,6 +286,52 @@ def test_a_function_that_cannot_be_a_service_is_refused_where_it_is_written(
         service("Test")(function)
 
 
+def _square(robot: Any, x: float) -> float:
+    """Square.
+
+    Args:
+        x: any.
+
+    Returns:
+        x².
+    """
+    return x * x
+
+
+def _squares(robot: Any, x: float) -> list[float]:
+    """Square.
+
+    Args:
+        x: any.
+
+    Returns:
+        0 and x².
+    """
+    return [0.0, x * x]
+
+
+def _said(robot: Any, x: float) -> Json:
+    """Square.
+
+    Args:
+        x: any.
+
+    Returns:
+        JSON: x².
+    """
+    return {"square": x * x}
+
+
+@pytest.mark.parametrize("function", [_square, _squares, _said])
+@pytest.mark.usefixtures("empty")
+def test_a_result_that_json_has_no_word_for_is_an_answer_all_the_same(function: Callable[..., Any]) -> None:
+    service("Test", name="square")(function)
+    assert asked("square", x=2.0).code == Code.OK
+    answer = asked("square", x=1.3e308)
+    assert (answer.code, answer.message) == (Code.INPUT, registry.TOO_LARGE)
+    assert answer.result == registry.REGISTRY["Test", "square"].result.empty
+
+
 def test_no_service_is_registered_twice() -> None:
     found = REGISTRY["RobotConfig", "getDof"]
     with pytest.raises(TypeError, match="registered twice"):

@@ -453,6 +453,34 @@ def upgraded(service: Service) -> socket.socket:
     return connection
 
 
+@pytest.mark.parametrize(
+    ("find", "put"),
+    [
+        ("\r\n\r\n", "\r\nContent-Length: 2\r\n\r\n{}"),
+        ("\r\n\r\n", "\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n\r\n"),
+        ("HTTP/1.1", "HTTP/1.0"),
+    ],
+    ids=["length", "chunks", "old"],
+)
+def test_a_websocket_is_not_asked_for_with_a_body_or_in_an_old_http(
+    service: Service, find: str, put: str
+) -> None:
+    """With a body it got no answer, and its connection stayed for ever. Oracle: RFC 6455, 4.2.1."""
+    with service.connect() as connection:
+        connection.sendall(UPGRADE.format("/").replace(find, put).encode())
+        assert refusal(answer(connection)) == (400, "input")
+        assert closed(connection)
+
+
+def test_a_websocket_does_not_overtake_the_answer_before_it(own: Service) -> None:
+    """The answer would stand among its frames. Oracle: RFC 9112, 9.3.2: answers come in order."""
+    with own.connect() as connection:
+        connection.sendall(b"GET /wait HTTP/1.1\r\nHost: h\r\n\r\n" + UPGRADE.format("/").encode())
+        assert closed(connection)
+    own.application.go_on.set()
+    assert own.ask(STOP) == (200, b"0")
+
+
 def test_frames_in_one_packet_all_arrive_in_their_order(service: Service) -> None:
     with upgraded(service) as connection:
         connection.sendall(frame(TEXT, b"{}") * 2000)

@@ -143,6 +143,16 @@ def test_a_corner_without_a_radius_is_a_stop(robot: RobotDescription) -> None:
     np.testing.assert_allclose(motion.trajectory.sample(np.array([corner_s]), 1), 0.0, atol=1e-9)
 
 
+@pytest.mark.parametrize("radius_m", [5e-324, 1e-308, 1e-17, 1e-12, 1e-6])
+def test_a_radius_is_as_good_as_none_where_it_is_smaller_than_rounding(
+    robot: RobotDescription, radius_m: float
+) -> None:
+    motions = square(robot)[:2]
+    motion = joined(robot, motions, [radius_m])
+    assert motion.used_m[0] <= radius_m
+    assert motion.trajectory.duration_s == pytest.approx(stopping_s(motions), rel=1e-3)
+
+
 def test_neighbours_share_what_lies_between_them(robot: RobotDescription) -> None:
     motions = square(robot)
     motion = joined(robot, motions, [0.5, 0.5])

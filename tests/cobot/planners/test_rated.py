@@ -1,31 +1,25 @@
-"""Motions at rates in units, and blends of them.
+"""Motions at rates in units.
 
-Oracle: pinocchio for where the TCP is; differences of samples for velocities, accelerations and jerks;
-MuJoCo's own contact list for collisions.
+Oracle: pinocchio for where the TCP is; differences of samples for velocities, accelerations and jerks.
 """
 
 from __future__ import annotations
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from second_opinion import (
     MJCF,
-    Contacts,
-    changed_world,
     largest_rates,
     rate_limits,
-    robot_in,
     second_robot,
 )
 
 from cobot.errors import InputError, LimitError
-from cobot.motions.requests import Blended, Envelope, RatedMove
-from cobot.planners.blend import blend
+from cobot.motions.requests import Envelope, RatedMove
 from cobot.planners.rated import plan_rated
 from cobot.robot.description import RobotDescription
 from cobot.robot.model import RobotModel
@@ -47,9 +41,9 @@ def home(robot: RobotDescription) -> Array:
 
 
 def planned(robot: RobotDescription, move: RatedMove) -> Trajectory:
-    trajectory = plan_rated(robot, move)
-    assert trajectory is not None
-    return trajectory
+    leg = plan_rated(robot, move)
+    assert leg is not None
+    return leg.motion
 
 
 def ptp(
@@ -161,89 +155,3 @@ def test_a_tool_goes_along_the_line_and_not_the_tcp(
     np.testing.assert_allclose(tips[-1], pose.position, atol=1e-6)
     assert ((turns[-1] * tilt).inv() * goal).magnitude() < 1e-6
     assert np.abs(places[:, 2] - place[2]).max() > 1e-3  # the model's TCP does not go straight
-
-
-def test_a_blend_saves_time_keeps_the_limits_and_stays_near_the_corner(
-    robot: RobotDescription, envelope: Envelope, home: Array
-) -> None:
-    first = line(robot, envelope, home, [0.0, 0.15, 0.0])
-    second = line(robot, envelope, first.end, [0.0, 0.0, -0.15])
-    third = line(robot, envelope, second.end, [0.0, -0.15, 0.0])
-    motions, radius = [first, second, third], 0.03
-    joined = blend(robot, motions, [radius, radius], envelope)
-    assert joined.blended == (True, True)
-    assert joined.trajectory.duration_s < sum(m.duration_s for m in motions) - 0.3
-    np.testing.assert_allclose(joined.trajectory.start, first.start, atol=1e-9)
-    np.testing.assert_allclose(joined.trajectory.end, third.end, atol=1e-9)
-    assert (largest_rates(joined.trajectory) <= rate_limits(robot.limits) * ROUNDING).all()
-    places, polyline = at(joined.trajectory), np.vstack([at(m) for m in motions])
-    apart = np.linalg.norm(places[:, None] - polyline[None], axis=2).min(axis=1)
-    assert apart.max() < radius
-    for corner in (at(first)[-1], at(second)[-1]):
-        assert 1e-3 < np.linalg.norm(places - corner, axis=1).min() < radius
-    speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) * 399 / joined.trajectory.duration_s
-    assert speeds[30:-30].min() > 0.08  # it does not stop on the way
-
-
-def test_outside_its_radius_a_blend_is_on_the_paths(
-    robot: RobotDescription, envelope: Envelope, home: Array
-) -> None:
-    first = line(robot, envelope, home, [0.0, 0.15, 0.0])
-    second = line(robot, envelope, first.end, [0.0, 0.0, -0.15])
-    joined = blend(robot, [first, second], [0.02], envelope).trajectory
-    corner, paths = at(first)[-1], np.vstack([at(first, 4000), at(second, 4000)])
-    places = at(joined, 200)
-    outside = places[np.linalg.norm(places - corner, axis=1) > 0.02]
-    assert np.linalg.norm(outside[:, None] - paths[None], axis=2).min(axis=1).max() < 2e-4
-
-
-@pytest.mark.parametrize("seed", range(12))
-def test_random_chains_of_joint_moves_keep_all_limits(
-    robot: RobotDescription, envelope: Envelope, home: Array, seed: int
-) -> None:
-    random = np.random.default_rng(seed)
-    motions, here = [], home
-    for _ in range(4):
-        goal = home + random.uniform(-0.5, 0.5, 7)
-        motions.append(ptp(robot, envelope, here, goal, random.uniform(0.2, 3.0), random.uniform(0.5, 12.0)))
-        here = goal
-    joined = blend(robot, motions, random.uniform(0.0, 0.2, 3).tolist(), envelope)
-    assert (largest_rates(joined.trajectory) <= rate_limits(robot.limits) * ROUNDING).all()
-    assert joined.trajectory.duration_s <= sum(m.duration_s for m in motions) + 1e-9
-    assert list(joined.ends_s) == sorted(joined.ends_s)
-    assert joined.ends_s[-1] == joined.trajectory.duration_s
-    np.testing.assert_allclose(joined.trajectory.end, here, atol=1e-9)
-
-
-def test_without_a_radius_it_stops_at_the_corner(
-    robot: RobotDescription, envelope: Envelope, home: Array
-) -> None:
-    first, second = ptp(robot, envelope, home, home + 0.2), ptp(robot, envelope, home + 0.2, home)
-    joined = blend(robot, [first, second], [0.0], envelope)
-    assert joined == Blended(
-        joined.trajectory, (first.duration_s, first.duration_s + second.duration_s), (False,)
-    )
-    assert np.abs(joined.trajectory.sample([first.duration_s], 1)).max() < 1e-9
-
-
-def test_a_corner_whose_inside_is_not_free_is_not_cut(
-    robot: RobotDescription, home: Array, tmp_path: Path
-) -> None:
-    envelope = Envelope(robot.limits, robot.cartesian_limits)
-    first = line(robot, envelope, home, [0.0, 0.3, 0.0])
-    second = line(robot, envelope, first.end, [0.0, 0.0, -0.3])
-    free = blend(robot, [first, second], [0.29], envelope).trajectory
-    # A small box inside the corner: below the first line, beside the second one, in the way of the blend.
-    x, y, z = at(first)[-1]
-    world = changed_world(tmp_path, post=(x, y - 0.12, z - 0.07, 0.005, 0.005, 0.015))
-    contacts = Contacts(0.0, world)
-
-    def touched(motion: Trajectory) -> bool:
-        return any(map(contacts.bodies, motion.sample(np.linspace(0.0, motion.duration_s, 300))))
-
-    assert touched(free)
-    assert not touched(first)
-    assert not touched(second)
-    careful = blend(robot_in(world, robot), [first, second], [0.29], envelope).trajectory
-    assert not touched(careful)
-    assert careful.duration_s > free.duration_s

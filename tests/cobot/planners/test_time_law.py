@@ -20,17 +20,12 @@ from toppra.constraint import JointAccelerationConstraint, JointVelocityConstrai
 
 from benchmarks.jerk_price import Optimiser
 from cobot.errors import PlanningError
-from cobot.motions.requests import Envelope, RatedMove
 from cobot.planners import MotionRequest, plan
-from cobot.planners.blend import blend
 from cobot.planners.coordinates import Coordinates
 from cobot.planners.path import Path
-from cobot.planners.rated import plan_rated
 from cobot.planners.spline import control_spline, resampled
-from cobot.planners.time_law import Timed, retimed, time_optimal, with_room
-from cobot.planners.waypoints import through
+from cobot.planners.time_law import Timed, time_optimal, with_room
 from cobot.robot.description import RobotDescription
-from cobot.robot.feasibility import stretch_to_limits
 from cobot.robot.model import RobotModel
 from cobot.trajectory import Trajectory
 from cobot.types import (
@@ -42,7 +37,6 @@ from cobot.types import (
     Pose,
     Scaling,
     Synchronization,
-    Waypoint,
 )
 
 SEED = 20261122
@@ -323,58 +317,3 @@ def test_what_the_drives_cannot_even_hold_is_refused_with_the_joint_and_the_plac
     message = r"joint\d needs \d+\.?\d* N·m to hold the arm at \d+ % of the path, its limit is \d+ N·m"
     with pytest.raises(PlanningError, match=message):
         time_optimal(carrying(robot, 40.0), path, planned_limits(robot))
-
-
-def too_fast_in_the_middle(robot: RobotDescription) -> Trajectory:
-    """Through points near home, the third one reached far too early."""
-    home = np.array(robot.positions["home"].joints)
-    steps = np.random.default_rng(SEED).uniform(-0.15, 0.15, (6, robot.limits.dof))
-    steps[0] = 0.0
-    steps[3] = 0.3
-    rows, times = (home + np.cumsum(steps, axis=0)).tolist(), (0.0, 1.5, 3.0, 3.2, 5.0, 6.5)
-    points = [Waypoint(row, time_s) for row, time_s in zip(rows, times, strict=True)]
-    return through(points, home, robot.limits, 0.0)[0]
-
-
-def test_a_motion_beyond_the_limits_is_slowed_down_where_it_is_and_only_there(
-    robot: RobotDescription,
-) -> None:
-    limits, given = robot.limits, too_fast_in_the_middle(robot)
-    evenly = stretch_to_limits(given, limits).duration_s
-    assert evenly > 1.15 * given.duration_s
-    timed = retimed(robot, given, limits)
-    require_limits(timed.trajectory, limits)
-    assert given.duration_s < timed.trajectory.duration_s < 1.1 * given.duration_s
-    times = np.linspace(0.0, timed.trajectory.duration_s, 2000)
-    progress, rate = timed.progress.sample(times)[:, 0], timed.progress.sample(times, 1)[:, 0]
-    np.testing.assert_allclose(timed.trajectory.sample(times), given.sample(progress), atol=1e-5)
-    assert 0.0 <= rate.min() < rate.max() <= 1.0 + 1e-4
-    assert rate[progress < 1.0].min() > 0.99, "long before, nothing is slower"
-
-
-def test_a_motion_within_the_limits_is_not_retimed(robot: RobotDescription) -> None:
-    given = too_fast_in_the_middle(robot).stretched(4.0)
-    timed = retimed(robot, given, robot.limits)
-    assert timed.trajectory is given
-    assert timed.progress.sample([1.7])[0, 0] == pytest.approx(1.7, abs=1e-12)
-
-
-def test_fast_lines_with_corners_slow_down_there_instead_of_stopping(robot: RobotDescription) -> None:
-    envelope = Envelope(robot.limits, robot.cartesian_limits)
-    joints, motions = np.array(robot.positions["work"].joints), []
-    place = robot.model.forward(joints)
-    for across in ((0.0, 0.2, 0.0), (0.15, 0.0, 0.0), (0.0, -0.2, 0.0)):
-        place = Pose(place.position + np.array(across), place.quaternion)
-        motion = plan_rated(robot, RatedMove(joints, place, PlannerName.LIN, 1.0, 4.0, envelope))
-        assert motion is not None
-        motions.append(motion)
-        joints = motion.end
-    blended = blend(robot, motions, [0.03, 0.03], envelope)
-    assert blended.blended == (True, True)
-    require_limits(blended.trajectory, robot.limits)
-    assert blended.trajectory.duration_s < 0.92 * sum(motion.duration_s for motion in motions)
-    for corner_s, motion in zip(blended.ends_s[:-1], motions, strict=False):
-        places = robot.model.poses(blended.trajectory.sample(np.linspace(corner_s - 0.2, corner_s + 0.2, 81)))
-        corner = robot.model.forward(motion.end).position
-        assert np.linalg.norm(places[:, :3] - corner, axis=1).min() < 0.03
-        assert np.abs(blended.trajectory.sample([corner_s], 1)).max() > 0.01

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import re
+import tracemalloc
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +15,7 @@ from scipy.interpolate import BPoly, CubicSpline
 from second_opinion import LIMITS as LIMITS_FILE
 from second_opinion import Contacts, largest_rates, rate_limits
 
-from cobot.errors import CollisionError, InputError, LimitError
+from cobot.errors import CobotError, CollisionError, InputError, LimitError
 from cobot.planners import WaypointRequest, plan_waypoints
 from cobot.planners.waypoints import through
 from cobot.robot.description import RobotDescription
@@ -161,6 +164,10 @@ def test_an_approach_from_where_the_motion_begins_adds_nothing(robot: RobotDescr
         ),
         ([0.0, 0.0, 1.0, 2.0], "point 2: time_from_start is 0.0 s, must be later than the 0.0 s of point 1"),
         ([-1.0, 0.0, 1.0, 2.0], "point 1: time_from_start is -1.0 s, must not be negative"),
+        ([0.0, 1.0, 2.0, 1.3e308], "point 4: time_from_start is 1.3e+308 s, may be 1e+06 s"),
+        ([0.0, 1.0, 1.0 + 2e-10, 2.0], "must be later than the 1.0 s of point 2, by at least 1e-09 s"),
+        ([0.0, 5e-324, 1.0, 2.0], "point 2: time_from_start is 5e-324 s, must be later than the 0.0 s"),
+        ([5e-324, 1.0, 2.0, 3.0], "point 1: time_from_start is 5e-324 s, must be 0 or at least 1e-09 s"),
     ],
 )
 def test_times_that_do_not_increase_are_refused_with_both_points(
@@ -169,6 +176,35 @@ def test_times_that_do_not_increase_are_refused_with_both_points(
     course = points_at(times, near_home(robot, 0.0, 0.1, 0.2, 0.3))
     with pytest.raises(InputError, match=re.escape(message)):
         plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01))
+
+
+@pytest.mark.parametrize("name", ["positions", "velocities", "accelerations"])
+@pytest.mark.parametrize("check_limits", [False, True])
+def test_what_no_arm_does_is_refused_before_anything_is_computed_with_it(
+    robot: RobotDescription, name: str, check_limits: bool
+) -> None:
+    course = points_at([0.0, 1.0, 2.0], near_home(robot, 0.0, 0.1, 0.0))
+    rates: dict[str, Any] = {name: [*STILL[1:], -1.3e308]}
+    course[1] = replace(course[1], **rates)
+    asked = WaypointRequest(home(robot), course, 0.01, check_limits=check_limits, retime=True)
+    kind: type[CobotError] = InputError
+    beyond = f"point 2: {name} may be up to 1e+06, got 1.3e+308"
+    if name == "positions" and check_limits:
+        kind, beyond = LimitError, "point 2: angle of joint7 is -1.3e+308"
+    with pytest.raises(kind, match=re.escape(beyond)):
+        plan_waypoints(robot, asked)
+
+
+def test_who_asks_for_far_too_much_gets_no_memory_for_it(robot: RobotDescription) -> None:
+    """0.1 rad within a nanosecond: in steps of milliseconds the retimed motion would have milliards."""
+    course = points_at([0.0, 1e-9, 2.0], near_home(robot, 0.0, 0.1, 0.0))
+    tracemalloc.start()
+    try:
+        with pytest.raises(LimitError):  # the spline swings beyond the joints' ranges
+            plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01, retime=True, corridor_rad=0.001))
+        assert tracemalloc.get_traced_memory()[1] < 2**28
+    finally:
+        tracemalloc.stop()
 
 
 def test_no_points_are_refused(robot: RobotDescription) -> None:

@@ -18,7 +18,8 @@ from typing import Any
 import httpx
 import psutil
 import pytest
-from running import WAIT_S, Pair, unique_name
+from chromium import CHROMIUM, Page, browsing
+from running import WAIT_S, Pair, unique_name, until
 
 from cobot import Robot
 from cobot.client import Client
@@ -206,3 +207,26 @@ def test_a_start_of_two_robots_is_refused_while_one_of_them_runs(pair: Pair, tmp
     assert f"pid {pair.process.pid} runs as its supervisor" in second.stderr
     assert not (Path("/dev/shm") / f"cobot-{free}").exists()
     assert pair.healthy()
+
+
+def test_the_panel_has_a_tab_for_each_robot(pair: Pair, http: httpx.Client, tmp_path: Path) -> None:
+    if CHROMIUM is None:
+        pytest.skip("chromium is not installed")
+    with browsing(tmp_path, "--enable-unsafe-swiftshader") as tools:
+        page = Page(tools)
+        page.visit(f"{pair.url}/")
+
+        def shown() -> Any:
+            """Joint 1 as the panel has it."""
+            return page.run("window.cobotPanel?.state?.position?.[0] ?? null")
+
+        until(lambda: page.run("document.querySelectorAll('#robots [role=tab]').length") == 2)
+        until(lambda: shown() is not None)
+        assert move(http, pair.right, AWAY, speed=1.0).json()["success"]
+        assert shown() == pytest.approx(HOME[0], abs=0.01)
+        page.click(f'[data-robot="{pair.right}"]')
+        until(lambda: shown() == pytest.approx(AWAY[0], abs=0.01))
+        selected = "document.querySelector('#robots [aria-selected=true]').innerText"
+        assert page.run(selected) == pair.right
+        page.click(f'[data-robot="{pair.left}"]')
+        until(lambda: shown() == pytest.approx(HOME[0], abs=0.01))

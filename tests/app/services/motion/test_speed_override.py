@@ -186,7 +186,7 @@ def test_a_fraction_of_the_speed_counts_for_motions_that_begin_later(bench: Benc
             assert rig.path_times[-1] - before == pytest.approx(0.025, rel=1e-6)
             await bench.during(override.set_fraction(1.0))
             await bench.during(bench.motion.arrival(claim))
-        for fraction in (0.0, 1.1):
+        for fraction in (0.005, -0.5, 1.1):
             with pytest.raises(LimitError, match=r"from 0\.01 to 1"):
                 await override.set_fraction(fraction)
 

@@ -8,6 +8,7 @@ from typing import Any, cast
 
 import pytest
 
+from app.services.events.ring import Events
 from app.services.motion.stopping import StopService
 from cobot.types import LoopMode
 
@@ -18,6 +19,7 @@ class Called:
     def __init__(self, mode: LoopMode) -> None:
         self.mode = mode
         self.done: list[str] = []
+        self.events = Events().of("left")
 
     def state(self) -> SimpleNamespace:
         return SimpleNamespace(mode=self.mode)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from app.services.state.robot_state import robot_state
+from app.services.state.robot_state import RobotState
 from cobot.ipc.layout import MotionResult, state_dtype
 from cobot.types import LoopMode
 
@@ -27,7 +27,7 @@ def test_every_field_is_the_records_and_a_copy() -> None:
     record["interventions"] = random.integers(0, 9, record["interventions"].shape)
     record["mode"], record["motion_result"], record["reason"] = 2, 1, "because é".encode()
     record["monotonic_ns"], record["measured_monotonic_ns"] = 5_000_000_000, 4_000_000_000
-    state = robot_state(record, memoryview(record.tobytes()), 7_500_000_000)
+    state = RobotState(record, 7_500_000_000)
     for name in SCALARS:
         assert getattr(state, name) == record[name], name
     expected = record.copy()

@@ -1,0 +1,118 @@
+"""Jobs as JSON."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from datetime import datetime
+from typing import Annotated, Any
+
+from fastapi import Query
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, ConfigDict, Field
+
+from app.api.dependencies import Call
+from app.api.errors import RefusedAnswer
+from app.api.explain_schemas import explain_of
+from app.api.schemas import WAIT
+from app.services.jobs.book import KEPT
+from app.services.jobs.job import JobKind, JobRecord, JobState
+from cobot import audit
+from cobot.errors import CobotError
+from cobot.strict import StrictModel
+
+MAX_WAIT_S = 60.0
+
+
+class JobAnswer(BaseModel):
+    """A motion, from when it was asked for to its end."""
+
+    id: str = Field(description="Of this job.")
+    robot: str = Field(description="Which robot moves.")
+    kind: JobKind = Field(description="What has asked for the motion.")
+    state: JobState = Field(
+        description="queued, planning, running, paused; or its end: finished, failed, cancelled (it was "
+        "stopped), interrupted (by the end of the service)."
+    )
+    request: str = Field(description="What was asked for, shortened.")
+    owner: str = Field(description="Who asked.")
+    parent: str | None = Field(description="The job of the sequence that it belongs to.")
+    motion_id: int | None = Field(description="Of its newest motion; null while nothing has moved.")
+    progress: float = Field(
+        description="Share of the motion's path time that is done, 0 to 1; of a sequence, of its waypoints."
+    )
+    planned_duration_s: float | None = Field(description="Of the motion, at the speed it was planned with.")
+    remaining_s: float | None = Field(
+        description="Of that, at the present speed override; null while nobody can say."
+    )
+    note: str = Field(description="How the motion differs from what was asked for; empty if it does not.")
+    error: RefusedAnswer | None = Field(description="Why it has not arrived, as its own endpoint says it.")
+    created_at: datetime = Field(description="When it was asked for.")
+    started_at: datetime | None = Field(description="When its first motion began.")
+    ended_at: datetime | None = Field(description="When it ended; null for an interrupted one.")
+
+
+class JobsAnswer(BaseModel):
+    """Jobs."""
+
+    jobs: list[JobAnswer] = Field(description="The newest first; of several robots, one robot after another.")
+
+
+class JobsQuery(StrictModel):
+    """Which jobs."""
+
+    model_config = ConfigDict(strict=False)
+
+    n: int = Field(50, ge=1, le=KEPT, description="How many of each robot at the most.")
+    state: list[JobState] = Field([], description="Only those in one of these states.")
+
+
+class JobQuery(StrictModel):
+    """How long a job is waited for."""
+
+    model_config = ConfigDict(strict=False)
+
+    wait_s: float = Field(
+        0.0, ge=0.0, le=MAX_WAIT_S, description="Answer when it has ended, or after so long, s."
+    )
+
+
+class SpeedOverrideBody(StrictModel):
+    """How fast motions go."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [{"fraction": 1.0}]})
+
+    fraction: float = Field(
+        ge=0.0, le=1.0, allow_inf_nan=False, description="Of the planned speed: 0 (the arm waits), 0.01 to 1."
+    )
+
+
+class SpeedOverrideAnswer(BaseModel):
+    """How fast motions go."""
+
+    fraction: float = Field(description="Of the planned speed.")
+
+
+Wait = Annotated[bool, Query(description=WAIT)]
+ACCEPTED: dict[int | str, dict[str, Any]] = {
+    202: {"model": JobAnswer, "description": "With wait=false: the job. `Location` leads to it."}
+}
+
+
+def job_answer(record: JobRecord) -> JobAnswer:
+    """A job as JSON."""
+    error = None
+    if record.error is not None:
+        found = CobotError(findings=record.error.findings)
+        error = RefusedAnswer(detail=record.error.detail, code=record.error.code, explain=explain_of(found))
+    return JobAnswer.model_validate(asdict(record) | {"error": error})
+
+
+def accepted(call: Call, record: JobRecord) -> JSONResponse:
+    """The answer 202 to a request that does not wait."""
+    audit.add_details(job=record.id)
+    path = call.request.scope["path"]
+    robot = call.request.path_params.get("robot")
+    below = path[: path.index(robot) + len(robot)] if robot else ""
+    return JSONResponse(
+        job_answer(record).model_dump(mode="json"), 202, {"Location": f"{below}/jobs/{record.id}"}
+    )

@@ -1,0 +1,169 @@
+"""What the robot looks like, for who draws it."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import zlib
+
+from fastapi import APIRouter, Request, Response
+from pydantic import BaseModel, Field
+
+from app.api.dependencies import Call, CobotRoute
+from app.services.state.geometry import Body, Geometry, Joint, Shape, geometry_of, geometry_version
+from cobot.robot.scene import Numbers7
+from cobot.types import JointLimits
+
+PROCESS = secrets.token_hex(4)
+"""After a restart everything may look different, whatever the versions are."""
+
+router = APIRouter(prefix="/robot", tags=["robot"], route_class=CobotRoute)
+
+
+class PoseIn(BaseModel):
+    """A pose in another frame."""
+
+    position: list[float] = Field(description="x, y, z, m")
+    quaternion: list[float] = Field(description="x, y, z, w")
+
+
+class JointShown(BaseModel):
+    """What moves a body."""
+
+    index: int = Field(description="Among the robot's joints.")
+    slides: bool = Field(description="Along its axis; else it turns about it.")
+    axis: list[float] = Field(description="In the body's frame.")
+    anchor: list[float] = Field(description="A point of the axis in the body's frame, m.")
+    reference: float = Field(description="Its position where the body stands as its pose says, rad or m.")
+
+
+class ShapeShown(PoseIn):
+    """A solid, in the frame of its body."""
+
+    shape: str = Field(description="box, sphere, cylinder, capsule, ellipsoid, plane or mesh.")
+    size: list[float] = Field(
+        description="m: a box's edges; a radius; radius and length; three radii; a plane's edges, 0: endless."
+    )
+    rgba: list[float] = Field(description="From 0 to 1.")
+    mesh: int | None = Field(description="Which of the meshes.")
+
+
+class BodyShown(PoseIn):
+    """What moves as one, in the frame of what it hangs on, with its joints at their references."""
+
+    name: str = Field(description="As messages about collisions have it; may be empty.")
+    parent: int = Field(description="Index of the body that it hangs on; the first one is the world.")
+    part: str = Field(description="robot, tool or scene.")
+    joints: list[JointShown] = Field(description="In the order in which they move it.")
+    shapes: list[ShapeShown] = Field(description="What it is made of.")
+
+
+class MeshShown(BaseModel):
+    """Triangles."""
+
+    vertices: list[float] = Field(description="x, y, z after one another, m.")
+    triangles: list[int] = Field(description="Three vertices after one another.")
+
+
+class JointRange(BaseModel):
+    """How far and how fast a joint may go."""
+
+    name: str = Field(description="Of the joint.")
+    slides: bool = Field(description="Then it is m, not rad.")
+    min_position: float = Field(description="rad or m")
+    max_position: float = Field(description="rad or m")
+    max_velocity: float = Field(description="rad/s or m/s")
+    max_effort: float = Field(description="N·m or N")
+
+
+class TcpShown(PoseIn):
+    """Where the TCP is, in the frame of the body that carries it."""
+
+    body: int = Field(description="Index of that body.")
+
+
+class GeometryAnswer(BaseModel):
+    """Bodies in a tree, each with its joints and shapes, those of the tool and the scene among them."""
+
+    bodies: list[BodyShown] = Field(description="Each after the one that it hangs on.")
+    base: int = Field(description="Index of the body in whose frame all poses are.")
+    tcp: TcpShown = Field(description="The tool's tip.")
+    joints: list[JointRange] = Field(description="In the robot's order.")
+    meshes: list[MeshShown] = Field(description="Of the shapes that are meshes.")
+
+
+@router.get("/geometry", response_model=GeometryAnswer)
+async def geometry(request: Request) -> Response:
+    """Shapes and joints of the arm, its tool and its scene, as the collision checks see them.
+
+    It has an `ETag`, which changes when scene, tool or limits do: with `If-None-Match` the answer is 304.
+    """
+    robot = Call(request).services.robot
+    tag = f'"{PROCESS}-{zlib.crc32(repr(geometry_version(robot)).encode()):08x}"'
+    headers = {"ETag": tag, "Cache-Control": "no-cache"}
+    if request.headers.get("if-none-match") == tag:
+        return Response(status_code=304, headers=headers)
+    text = await asyncio.to_thread(rendered, geometry_of(robot), robot.limits)
+    return Response(text, media_type="application/json", headers=headers)
+
+
+def rendered(found: Geometry, limits: JointLimits) -> str:
+    """A `GeometryAnswer` as JSON."""
+    body, pose = found.tcp
+    return GeometryAnswer(
+        bodies=[_body(each) for each in found.bodies],
+        base=found.base,
+        tcp=TcpShown(body=body, position=list(pose[:3]), quaternion=_xyzw(pose)),
+        joints=[
+            JointRange(
+                name=name,
+                slides=bool(limits.slides) and limits.slides[index],
+                min_position=limits.min_position[index],
+                max_position=limits.max_position[index],
+                max_velocity=limits.max_velocity[index],
+                max_effort=limits.max_effort[index],
+            )
+            for index, name in enumerate(limits.names)
+        ],
+        meshes=[
+            MeshShown(vertices=vertices.ravel().round(6).tolist(), triangles=triangles.ravel().tolist())
+            for vertices, triangles in found.meshes
+        ],
+    ).model_dump_json()
+
+
+def _body(body: Body) -> BodyShown:
+    return BodyShown(
+        name=body.name,
+        parent=body.parent,
+        part=body.part,
+        position=list(body.pose[:3]),
+        quaternion=_xyzw(body.pose),
+        joints=[_joint(each) for each in body.joints],
+        shapes=[_shape(each) for each in body.shapes],
+    )
+
+
+def _joint(joint: Joint) -> JointShown:
+    return JointShown(
+        index=joint.index,
+        slides=joint.slides,
+        axis=joint.axis,
+        anchor=joint.anchor,
+        reference=joint.reference,
+    )
+
+
+def _shape(shape: Shape) -> ShapeShown:
+    return ShapeShown(
+        shape=shape.kind,
+        size=shape.size,
+        position=list(shape.pose[:3]),
+        quaternion=_xyzw(shape.pose),
+        rgba=shape.rgba,
+        mesh=shape.mesh,
+    )
+
+
+def _xyzw(pose: Numbers7) -> list[float]:
+    return [*pose[4:], pose[3]]

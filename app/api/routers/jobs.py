@@ -1,0 +1,120 @@
+"""Motions as jobs: followed, cancelled, paused; and how fast they go."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Path, Query, Request
+
+from app.api.dependencies import Call, CobotRoute, addressed, json_body
+from app.api.errors import responses
+from app.api.job_schemas import (
+    JobAnswer,
+    JobQuery,
+    JobsAnswer,
+    JobsQuery,
+    SpeedOverrideAnswer,
+    SpeedOverrideBody,
+    job_answer,
+)
+from app.services.jobs.book import unknown
+from app.services.jobs.control import JobService
+from app.services.jobs.job import JobState
+from cobot import audit
+
+ANSWER_S = 1.0
+"""Of an endpoint's time, so much is left for the answer, s."""
+
+router = APIRouter(tags=["jobs"], route_class=CobotRoute)
+AtWaypoint = Annotated[
+    int | None, Query(ge=0, description="Of a sequence: pause when this one is reached; 0: the next one.")
+]
+Waypoint = Annotated[int | None, Query(ge=1, description="Of a sequence: where to go on from.")]
+Id = Annotated[str, Path(max_length=100, description="Of a job.")]
+
+
+@router.get("/jobs", responses=responses(422))
+async def jobs(query: Annotated[JobsQuery, Query()], request: Request) -> JobsAnswer:
+    """The jobs that go on, and the newest of those that have ended.
+
+    Without the name of a robot, those of all robots.
+    """
+    states = frozenset(query.state or JobState)
+    found = [each.jobs.book.records(query.n, states) for each in addressed(request).values()]
+    return JobsAnswer(jobs=[job_answer(record) for records in found for record in records])
+
+
+@router.get("/jobs/{job}", responses=responses(404, 422))
+async def job(job: Id, query: Annotated[JobQuery, Query()], request: Request) -> JobAnswer:
+    """A job; with `wait_s` once it has ended, or after that time."""
+    wait_s = min(query.wait_s, Call(request).timeout_s)
+    return job_answer(await _holder(request, job).wait(job, wait_s))
+
+
+@router.post("/jobs/{job}/cancel", responses=responses(404, 409, 422, 503))
+async def cancel_job(job: Id, request: Request) -> JobAnswer:
+    """End a job, whosever it is: the arm comes to rest on its path; answers when it rests."""
+    holder, timeout_s = _holder(request, job), Call(request).timeout_s
+    audit.add_details(job=job)
+    return job_answer(await holder.cancel(job, max(timeout_s - ANSWER_S, ANSWER_S)))
+
+
+@router.post("/jobs/{job}/pause", responses=responses(404, 409, 422, 503))
+async def pause_job(job: Id, request: Request, at_waypoint: AtWaypoint = None) -> JobAnswer:
+    """Bring the arm to rest on its path, where the job waits; answers when it rests.
+
+    With `at_waypoint` a sequence or program goes on to there first; answers at once.
+    """
+    holder = _holder(request, job)
+    audit.add_details(job=job)
+    return job_answer(await holder.pause(job, at_waypoint))
+
+
+@router.post("/jobs/{job}/resume", responses=responses(404, 409, 422, 503))
+async def resume_job(job: Id, request: Request, waypoint: Waypoint = None) -> JobAnswer:
+    """Go on with a job that was paused; a sequence that waits at a waypoint from any `waypoint`."""
+    holder = _holder(request, job)
+    audit.add_details(job=job)
+    return job_answer(await holder.resume(job, waypoint))
+
+
+@router.post("/jobs/{job}/step", responses=responses(404, 409, 422, 503))
+async def step_job(job: Id, request: Request) -> JobAnswer:
+    """Go on with a sequence or program that is paused, until it has made one more motion."""
+    holder = _holder(request, job)
+    audit.add_details(job=job)
+    return job_answer(await holder.step(job))
+
+
+@router.get("/robot/speed_override")
+async def speed_override(request: Request) -> SpeedOverrideAnswer:
+    """How fast motions go along their paths."""
+    return SpeedOverrideAnswer(fraction=Call(request).services.ownership.speed_fraction)
+
+
+@router.post(
+    "/robot/speed_override",
+    responses=responses(409, 413, 415, 422, 503),
+    dependencies=[Depends(json_body)],
+)
+async def set_speed_override(body: SpeedOverrideBody, request: Request) -> SpeedOverrideAnswer:
+    """Go faster or slower along the paths: the motion that runs, and all that follow. Jerk-limited.
+
+    Refused while somebody else moves the arm or has the control of it, and while it follows a stream. What a
+    program or the holder of a lease has set ends with the program or the lease.
+    """
+    ownership = Call(request).services.ownership
+    await ownership.set_speed_fraction(body.fraction)
+    return SpeedOverrideAnswer(fraction=ownership.speed_fraction)
+
+
+def _holder(request: Request, number: str) -> JobService:
+    """The jobs of the robot that has this one.
+
+    Raises:
+        NotFoundError: none has.
+    """
+    for services in addressed(request).values():
+        if services.jobs.book.find(number) is not None:
+            return services.jobs
+    raise unknown(number)

@@ -1,0 +1,127 @@
+// Puts the panel together: which robot is shown, and who is told of its state.
+import { Api } from "./api.js";
+import { Banner } from "./banner.js";
+import { Jog } from "./jog.js";
+import { Lease } from "./lease.js";
+import { Motions } from "./motions.js";
+import { Readouts } from "./readouts.js";
+import { Status } from "./status.js";
+import { installStop } from "./stop.js";
+import { Stream } from "./stream.js";
+import { Waypoints } from "./waypoints.js";
+import { installLanguages, word } from "./words.js";
+
+const GEOMETRY_EVERY_MS = 3000;
+const element = (id) => document.getElementById(id);
+
+class Panel {
+  constructor(api) {
+    this.api = api;
+    this.readouts = new Readouts(element("joints"), element("tcp"));
+    this.status = new Status(api);
+    this.banner = new Banner(api);
+    this.motions = new Motions(api, (planned) => this.view?.preview(planned));
+    this.waypoints = new Waypoints(this.motions, () => this.state);
+    this.stream = new Stream(api, {
+      state: (state) => this.show(state),
+      answer: (frame) => {
+        this.jog.hear(frame);
+        this.lease.hear(frame);
+      },
+      connected: (connected) => {
+        this.status.connected(connected);
+        this.lease.lost();
+        if (!connected) this.jog.release();
+      },
+    });
+    this.jog = new Jog(api, this.stream, this.readouts);
+    this.lease = new Lease(api, this.stream);
+    this.view = null;
+    this.state = null;
+    this.tag = null;
+  }
+
+  async begin() {
+    installStop(this.api, () => this.jog.release());
+    const robots = await this.api.robots();
+    this.tabs(robots);
+    await this.choose(robots.find((robot) => robot.default));
+    setInterval(() => this.look(), GEOMETRY_EVERY_MS);
+    await this.draw();
+  }
+
+  tabs(robots) {
+    const list = element("robots");
+    list.hidden = robots.length < 2;
+    list.replaceChildren(
+      ...robots.map((robot) => {
+        const tab = document.createElement("button");
+        tab.type = "button";
+        tab.textContent = robot.name;
+        tab.dataset.robot = robot.name;
+        tab.setAttribute("role", "tab");
+        tab.addEventListener("click", () => this.choose(robot));
+        return tab;
+      }),
+    );
+  }
+
+  async choose(robot) {
+    this.jog.release();
+    this.api.robot = robot;
+    for (const tab of element("robots").children) {
+      tab.setAttribute("aria-selected", String(tab.dataset.robot === robot.name));
+    }
+    this.motions.discard();
+    this.waypoints.load(robot.name);
+    this.tag = this.state = null;
+    await this.look();
+    await this.motions.load();
+    this.stream.open();
+    this.status.look();
+  }
+
+  // What stands around the arm, its tool and its limits may change at any time.
+  async look() {
+    const found = await this.api.geometry(this.tag).catch(() => null);
+    if (!found) return;
+    this.tag = found.tag;
+    this.geometry = found.geometry;
+    this.readouts.describe(found.geometry.joints);
+    this.view?.describe(found.geometry);
+    if (this.state) this.show(this.state);
+  }
+
+  async draw() {
+    const why = element("view-why");
+    try {
+      const { View } = await import("./view.js");
+      this.view = new View(element("view"));
+      if (this.geometry) this.view.describe(this.geometry);
+      if (this.state) this.view.show(this.state);
+      why.hidden = true;
+    } catch (error) {
+      why.dataset.word = "view_none";
+      why.textContent = `${word("view_none")} ${error.message}`;
+    }
+  }
+
+  show(state) {
+    this.state = state;
+    this.readouts.show(state);
+    this.status.show(state);
+    this.banner.show(state);
+    this.view?.show(state);
+  }
+}
+
+await installLanguages();
+const api = new Api();
+const panel = new Panel(api);
+window.cobotPanel = panel; // for the browser's console and the tests
+api.onToken = () => location.reload();
+try {
+  await panel.begin();
+} catch (error) {
+  element("view-why").textContent = error.message;
+}

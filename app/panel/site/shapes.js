@@ -1,0 +1,89 @@
+// Bodies, joints and shapes of GET /robot/geometry as objects of three.js.
+import { THREE } from "/three.js";
+import { localPose } from "./kinematics.js";
+
+const ROUND = 28; // sides of what is round
+
+function solid({ shape, size, mesh }, meshes) {
+  switch (shape) {
+    case "box": return new THREE.BoxGeometry(...size);
+    case "sphere": return new THREE.SphereGeometry(size[0], ROUND, ROUND / 2);
+    case "ellipsoid": return new THREE.SphereGeometry(1, ROUND, ROUND / 2).scale(...size);
+    case "cylinder": return new THREE.CylinderGeometry(size[0], size[0], size[1], ROUND).rotateX(Math.PI / 2);
+    case "capsule": return new THREE.CapsuleGeometry(size[0], size[1], 8, ROUND).rotateX(Math.PI / 2);
+    case "mesh": {
+      const made = new THREE.BufferGeometry();
+      made.setAttribute("position", new THREE.Float32BufferAttribute(meshes[mesh].vertices, 3));
+      made.setIndex(meshes[mesh].triangles);
+      const flat = made.toNonIndexed();
+      flat.computeVertexNormals();
+      return flat;
+    }
+    default: return null; // a plane is drawn as the grid
+  }
+}
+
+function material([red, green, blue, alpha], ghost) {
+  if (ghost) {
+    return new THREE.MeshLambertMaterial({ color: 0x12a150, transparent: true, opacity: 0.35, depthWrite: false });
+  }
+  const color = new THREE.Color().setRGB(red, green, blue, THREE.SRGBColorSpace);
+  return new THREE.MeshLambertMaterial({ color, transparent: alpha < 1, opacity: alpha });
+}
+
+const COLOURS = { tool: [0.1, 0.55, 0.6, 1], scene: [0.45, 0.5, 0.62, 1] };
+
+export class Drawn {
+  // A ghost is the arm and what moves with it, in one colour.
+  constructor(geometry, ghost = false) {
+    this.bodies = geometry.bodies;
+    this.root = new THREE.Group();
+    this.groups = geometry.bodies.map(() => new THREE.Group());
+    const moves = [];
+    geometry.bodies.forEach((body, index) => {
+      const parent = index ? this.groups[body.parent] : this.root;
+      parent.add(this.groups[index]);
+      moves[index] = index > 0 && (moves[body.parent] || body.joints.length > 0);
+      if (ghost && !moves[index]) return;
+      for (const shape of body.shapes) {
+        const made = solid(shape, geometry.meshes);
+        if (!made) continue;
+        const mesh = new THREE.Mesh(made, material(COLOURS[body.part] ?? shape.rgba, ghost));
+        mesh.position.set(...shape.position);
+        mesh.quaternion.set(...shape.quaternion);
+        this.groups[index].add(mesh);
+      }
+    });
+    this.tcp = new THREE.Group();
+    this.tcp.position.set(...geometry.tcp.position);
+    this.tcp.quaternion.set(...geometry.tcp.quaternion);
+    if (!ghost) this.tcp.add(new THREE.AxesHelper(0.15));
+    this.groups[geometry.tcp.body].add(this.tcp);
+    this.place(new Array(geometry.joints.length).fill(0));
+    // The base frame, in which all poses are, is where the page has its origin.
+    this.root.updateMatrixWorld(true);
+    this.root.applyMatrix4(this.groups[geometry.base].matrixWorld.clone().invert());
+  }
+
+  place(joints) {
+    this.bodies.forEach((body, index) => {
+      const { position, quaternion } = localPose(body, joints);
+      this.groups[index].position.set(...position);
+      this.groups[index].quaternion.set(...quaternion);
+    });
+  }
+
+  // The TCP in the base frame: x, y, z, m.
+  tcpPosition() {
+    this.root.updateMatrixWorld(true);
+    return this.tcp.getWorldPosition(new THREE.Vector3()).toArray();
+  }
+
+  dispose() {
+    this.root.traverse((each) => {
+      each.geometry?.dispose();
+      each.material?.dispose();
+    });
+    this.root.removeFromParent();
+  }
+}

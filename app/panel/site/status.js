@@ -1,0 +1,57 @@
+// Mode, who has the control, speed override, how the cycle is, and whether anybody answers.
+import { inEachLanguage, word } from "./words.js";
+
+const EVERY_MS = 1000;
+const LEVELS = { HOLD: "good", ESTOP: "bad", FAULT: "bad", STOPPING: "warn" };
+const element = (id) => document.getElementById(id);
+
+function say(id, text, level = "") {
+  const shown = element(id);
+  if (shown.textContent !== text) shown.textContent = text;
+  shown.dataset.level = level;
+}
+
+export class Status {
+  constructor(api) {
+    this.api = api;
+    this.mode = null;
+    this.line = null;
+    inEachLanguage(() => {
+      if (this.mode) this.write();
+      if (this.line !== null) this.connected(this.line);
+    });
+    setInterval(() => this.look(), EVERY_MS);
+  }
+
+  show(state) {
+    if (state.mode === this.mode) return;
+    this.mode = state.mode;
+    this.write();
+  }
+
+  write() {
+    const shown = element("mode");
+    shown.dataset.mode = this.mode;
+    say("mode", word(`mode_${this.mode}`), LEVELS[this.mode] ?? "");
+  }
+
+  connected(connected) {
+    this.line = connected;
+    say("connection", word(connected ? "connected" : "lost"), connected ? "good" : "bad");
+  }
+
+  async look() {
+    if (!this.api.robot || document.hidden) return;
+    try {
+      const [control, health] = await Promise.all([this.api.get("/control"), this.api.get("/health")]);
+      const holder = control.holder ? `${control.holder} (${control.address})` : control.what;
+      say("control", control.held ? `${holder ?? ""}${control.what ? `: ${control.what}` : ""}` : word("nobody"));
+      say("override", `${Math.round(100 * control.speed_fraction)} %`);
+      const cycle = health.cycle_us.total;
+      const level = health.rtloop.alive ? "good" : "bad";
+      if (cycle) say("cycle", word("cycle_times", { p99: cycle.p99_us, late: health.rtloop.overruns }), level);
+    } catch (error) {
+      say("control", "?");
+    }
+  }
+}

@@ -1,0 +1,106 @@
+// The arm in 3D. It is drawn when something has changed, not otherwise.
+import { OrbitControls, THREE } from "/three.js";
+import { Drawn } from "./shapes.js";
+
+const UP = new THREE.Vector3(0, 0, 1);
+
+export class View {
+  constructor(place) {
+    this.place = place;
+    this.renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true });
+    this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
+    this.camera = new THREE.PerspectiveCamera(40, 1, 0.05, 50);
+    this.camera.up.copy(UP);
+    this.camera.position.set(1.55, -1.5, 1.15);
+    this.scene = new THREE.Scene();
+    this.scene.add(new THREE.HemisphereLight(0xffffff, 0x8890a0, 2.2));
+    const sun = new THREE.DirectionalLight(0xffffff, 1.8);
+    sun.position.set(2, -3, 4);
+    this.scene.add(sun, this.grid());
+    place.prepend(this.renderer.domElement);
+    this.controls = new OrbitControls(this.camera, this.renderer.domElement);
+    this.controls.target.set(0, 0, 0.5);
+    this.controls.addEventListener("change", () => this.draw());
+    this.controls.update();
+    this.arm = this.ghost = this.path = this.plan = this.joints = null;
+    this.frames = 0;
+    this.asked = false;
+    new ResizeObserver(() => this.resize()).observe(place);
+    this.resize();
+  }
+
+  grid() {
+    const grid = new THREE.GridHelper(4, 40, 0x8090a0, 0x8090a0);
+    grid.rotation.x = Math.PI / 2;
+    grid.material.transparent = true;
+    grid.material.opacity = 0.35;
+    return grid;
+  }
+
+  resize() {
+    const { clientWidth: width, clientHeight: height } = this.place;
+    if (!width || !height) return;
+    this.renderer.setSize(width, height, false);
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+    this.draw();
+  }
+
+  describe(geometry) {
+    const plan = this.plan;
+    this.preview(null);
+    this.arm?.dispose();
+    this.geometry = geometry;
+    this.arm = new Drawn(geometry);
+    this.scene.add(this.arm.root);
+    if (this.joints?.length === geometry.joints.length) this.arm.place(this.joints);
+    if (plan) this.preview(plan);
+    this.draw();
+  }
+
+  show(state) {
+    if (!this.arm || state.position.length !== this.geometry.joints.length) return;
+    if (this.joints?.every((value, index) => Math.abs(value - state.position[index]) < 1e-5)) return;
+    this.joints = state.position;
+    this.arm.place(state.position);
+    this.draw();
+  }
+
+  // The planned path, and a ghost that goes along it again and again; null for none.
+  preview(plan) {
+    this.ghost?.dispose();
+    this.path?.removeFromParent();
+    this.path?.geometry.dispose();
+    this.ghost = this.path = this.plan = null;
+    if (plan?.duration_s && this.geometry) {
+      this.plan = plan;
+      this.ghost = new Drawn(this.geometry, true);
+      const points = plan.path.map((point) => new THREE.Vector3(...point.position));
+      const line = new THREE.BufferGeometry().setFromPoints(points);
+      this.path = new THREE.Line(line, new THREE.LineBasicMaterial({ color: 0x12a150 }));
+      this.scene.add(this.ghost.root, this.path);
+    }
+    this.draw();
+  }
+
+  haunt() {
+    const { path, duration_s: duration } = this.plan;
+    const share = (performance.now() / 1000 / (duration + 0.5)) % 1;
+    const exact = Math.min(1, share * (1 + 0.5 / duration)) * (path.length - 1);
+    const index = Math.min(Math.floor(exact), path.length - 2);
+    const [before, after] = [path[index].joints, path[index + 1].joints];
+    this.ghost.place(before.map((value, joint) => value + (exact - index) * (after[joint] - value)));
+  }
+
+  draw() {
+    if (this.asked) return;
+    this.asked = true;
+    requestAnimationFrame(() => {
+      this.asked = false;
+      if (this.plan) this.haunt();
+      this.renderer.render(this.scene, this.camera);
+      this.frames += 1;
+      if (this.plan) this.draw();
+    });
+  }
+}

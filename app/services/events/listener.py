@@ -1,0 +1,138 @@
+"""Somebody who listens: its place in the ring, what it wants, and the newest state at its own rate."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+
+from app.services.events.ring import Event, Events
+from app.services.events.states import StateTexts
+
+KEEP_ALIVE_S = 5.0
+"""When nothing has happened for so long, that is said: who hears nothing has lost the connection."""
+BATCH = 64
+"""So many events are sent in one go; then others have their turn."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What somebody wants to hear.
+
+    Attributes:
+        types: of events; None for all.
+        robots: whose; None for all.
+    """
+
+    types: Collection[str] | None = None
+    robots: Collection[str] | None = None
+
+    def __contains__(self, event: Event) -> bool:
+        if self.types is not None and event.type not in self.types:
+            return False
+        return self.robots is None or not event.robot or event.robot in self.robots
+
+
+class Listener:
+    """One client. What it is told is taken from the ring when it can be sent; nothing waits for it.
+
+    Args:
+        after: see `Events.place`.
+        states: of which robots the state shall come, at `state_hz`; the newest, whatever was missed.
+
+    Attributes:
+        epoch: of the events that it hears.
+
+    Raises:
+        InputError: see `Events.place`.
+    """
+
+    def __init__(
+        self,
+        events: Events,
+        wanted: Wanted,
+        after: str | None = None,
+        states: Sequence[StateTexts] = (),
+        state_hz: float = 1.0,
+    ) -> None:
+        self._events = events
+        self.epoch = events.epoch
+        self._wanted = wanted
+        self._place, restarted = events.place(after)
+        self._first = [self._event("hello", {"oldest": events.oldest, "newest": events.newest})]
+        if restarted:
+            self._first.append(self._event("lost", {"why": "restarted", "count": None}))
+        self._states = states
+        self._period_s = 1.0 / state_hz if states else KEEP_ALIVE_S
+        self._wake = asyncio.Event()
+        self._due = self._closed = False
+        self._loop = asyncio.get_running_loop()
+        self._tick_s = self._loop.time() + self._period_s
+        self._timer = self._loop.call_at(self._tick_s, self._tick)
+        events.on_news.add(self._call)
+
+    def close(self) -> None:
+        """It hears nothing any more: `next` ends."""
+        self._closed = True
+        self._timer.cancel()
+        self._events.on_news.discard(self._call)
+        self._events.pacing.forget(self._wake)
+        self._wake.set()
+
+    async def next(self) -> list[Event]:
+        """What there is to tell, as soon as there is something; empty when there will be nothing any
+        more.
+        """
+        while not self._closed:
+            self._wake.clear()
+            found = [*self._begun(), *self._happened(), *self._ticked()]
+            if found:
+                return found
+            if self._events.closed:
+                break
+            await self._wake.wait()
+        return []
+
+    def _call(self) -> None:
+        self._events.pacing.wake(self._wake, self._loop)
+
+    def _begun(self) -> list[Event]:
+        first, self._first = self._first, []
+        return first
+
+    def _happened(self) -> Iterator[Event]:
+        events = self._events
+        while self._place < events.newest:
+            if (forgotten := events.oldest - 1 - self._place) > 0:
+                first, self._place = self._place + 1, events.oldest - 1
+                events.lost += forgotten
+                yield self._event(
+                    "lost", {"why": "slow", "count": forgotten, "first": first, "last": self._place}
+                )
+            batch = events.since(self._place, BATCH)
+            self._place += len(batch)
+            wanted = [each for each in batch if each in self._wanted]
+            if wanted:
+                yield from wanted
+                self._call()  # there may be more
+                return
+
+    def _ticked(self) -> Iterator[Event]:
+        if not self._due:
+            return
+        self._due = False
+        for state in self._states:
+            yield Event(None, "state", state.robot, state.text())
+        if not self._states:
+            yield self._event("alive", {})
+
+    def _tick(self) -> None:
+        """On the grid of the rate, unless the loop was late by more than a period."""
+        self._due = True
+        self._call()
+        self._tick_s = max(self._tick_s + self._period_s, self._loop.time())
+        self._timer = self._loop.call_at(self._tick_s, self._tick)
+
+    def _event(self, kind: str, data: dict[str, object]) -> Event:
+        """About the listener's place, which is its number."""
+        return Event(self._place, kind, "", self._events.rendered(kind, "", data, self._place))

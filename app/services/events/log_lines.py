@@ -1,0 +1,45 @@
+"""Lines of the service's own log as events."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Iterator
+
+from app.services.events.ring import Events
+from cobot.logs.lines import Line
+
+
+class _LogEvents(logging.Handler):
+    """From whatever thread; the ring bounds how many there are."""
+
+    def __init__(self, events: Events) -> None:
+        super().__init__(logging.WARNING)
+        self._events = events
+        self._loop = asyncio.get_running_loop()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        line = Line.of(record, "")
+        with contextlib.suppress(RuntimeError):  # the loop is closed
+            self._loop.call_soon_threadsafe(self._publish, line)
+
+    def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802
+        """Nothing is said about it: that would be a line too."""
+
+    def _publish(self, line: Line) -> None:
+        self._events.publish(
+            "log", level=line.level.lower(), logger=line.logger, message=line.message, **line.ids
+        )
+
+
+@contextlib.contextmanager
+def log_events(events: Events) -> Iterator[None]:
+    """While the context lasts, lines of the level warning and above are events."""
+    handler = _LogEvents(events)
+    root = logging.getLogger()
+    root.addHandler(handler)
+    try:
+        yield
+    finally:
+        root.removeHandler(handler)

@@ -1,0 +1,214 @@
+"""What has happened, numbered: one ring for the whole service, in memory.
+
+Each event is rendered once, when it happens. Who listens has a place in the ring and nothing else: a slow one
+costs no memory and delays nobody. What the ring has forgotten before it was read is told as `lost`.
+
+Belongs to the event loop: nothing in here is for threads.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import secrets
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+from app.services.events.pacing import Pacing
+from cobot.clock import SYSTEM, Clock
+from cobot.errors import InputError
+from cobot.ros.codec import without_nan
+from cobot.strict import shown
+
+TYPES = {
+    "service": "the service has started, or ends",
+    "rtloop": "the real-time process was restarted, is silent, or is back",
+    "mode": "the mode of a robot has changed",
+    "fault": "the mode is FAULT: nothing moves until a reset",
+    "estop": "an e-stop was asked for, or is latched",
+    "stop": "somebody has stopped the arm",
+    "reset": "somebody has left an e-stop or a fault",
+    "intervention": "the safety layer has caught something",
+    "lease": "the control was taken, or has ended",
+    "motion": "a motion has begun or ended",
+    "session": "a streaming session has begun or ended",
+    "sequence": "a sequence or program has started, goes for its next waypoint, or has ended",
+    "job": "a job has changed its state",
+    "scene": "the scene has changed",
+    "tool": "the tool has changed",
+    "planning": "a planning process was replaced",
+    "log": "a line of the service's log of the level warning or above",
+}
+"""All types of events, and what each says."""
+CAPACITY = 2000
+"""So many events are kept, and no more than so many bytes of them:"""
+CAPACITY_BYTES = 4 * 2**20
+BURST, PER_S = 400, 40.0
+"""Of one type and robot so many events pass at once, and so many a second: who calls /stop in a loop shall
+not have others lose what matters to them. The next event that passes says how many were held back."""
+LOG_BURST, LOG_PER_S = 20, 2.0
+PLACE = re.compile(r"(?:([0-9a-f]{8})-)?([0-9]{1,20})")
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """An event as it is sent.
+
+    Attributes:
+        number: counts up from 1 with each start of the service; None of what stands outside of the ring.
+        robot: "" for what is about all of them.
+        text: all of it as JSON.
+    """
+
+    number: int | None
+    type: str
+    robot: str
+    text: str
+
+
+class Throttle:
+    """Lets a burst pass, and so many a second after it."""
+
+    def __init__(self, burst: int, per_s: float, now_s: Callable[[], float]) -> None:
+        self._burst, self._per_s, self._now_s = burst, per_s, now_s
+        self._left, self._seen_s = float(burst), now_s()
+        self._held_back = 0
+
+    def passes(self) -> int | None:
+        """None if this one may not pass; else how many before it could not."""
+        now_s = self._now_s()
+        self._left = min(self._burst, self._left + (now_s - self._seen_s) * self._per_s)
+        self._seen_s = now_s
+        if self._left < 1.0:
+            self._held_back += 1
+            return None
+        self._left -= 1.0
+        held_back, self._held_back = self._held_back, 0
+        return held_back
+
+
+class Events:
+    """The ring.
+
+    Attributes:
+        epoch: another one for each start of the service; with it, a number means one event for ever.
+        newest: the number of the newest event, 0 before the first.
+        on_news: called after each event, and when there will be none any more.
+        closed: whether that is so.
+        pacing: by which listeners are woken.
+        lost: how many events all who listened together have lost.
+    """
+
+    def __init__(self, clock: Clock = SYSTEM, capacity: int = CAPACITY) -> None:
+        self.epoch = secrets.token_hex(4)
+        self.newest = 0
+        self.lost = 0
+        self.closed = False
+        self.pacing = Pacing()
+        self.on_news: set[Callable[[], None]] = set()
+        self._clock = clock
+        self._capacity = capacity
+        self._kept: deque[Event] = deque()
+        self._bytes = 0
+        self._throttles: dict[tuple[str, str], Throttle] = {}
+
+    @property
+    def oldest(self) -> int:
+        """The number of the oldest event that is kept; that of the next one if none is."""
+        return self.newest + 1 - len(self._kept)
+
+    def publish(self, kind: str, robot: str = "", /, **data: Any) -> None:
+        """Have an event happen.
+
+        Args:
+            kind: of `TYPES`.
+            robot: its name, "" for what is about all of them.
+            data: whatever JSON can say; numbers that are none become null.
+        """
+        if kind not in TYPES:
+            raise KeyError(kind)
+        held_back = self._throttle(kind, robot).passes()
+        if held_back is None:
+            return
+        if held_back:
+            data["held_back"] = held_back
+        self.newest += 1
+        text = self.rendered(kind, robot, data, self.newest)
+        self._kept.append(Event(self.newest, kind, robot, text))
+        self._bytes += len(text)
+        while len(self._kept) > self._capacity or (self._bytes > CAPACITY_BYTES and len(self._kept) > 1):
+            self._bytes -= len(self._kept.popleft().text)
+        for tell in self.on_news:
+            tell()
+
+    def rendered(self, kind: str, robot: str, data: Mapping[str, Any], number: int | None = None) -> str:
+        """The JSON of an event that happens now."""
+        moment = datetime.fromtimestamp(self._clock.wall_ns() * 1e-9, UTC).isoformat(timespec="microseconds")
+        content: dict[str, Any] = {} if number is None else {"id": number, "epoch": self.epoch}
+        content |= {"time": moment, "robot": robot or None, "type": kind, "data": data}
+        try:
+            return json.dumps(content, allow_nan=False)
+        except ValueError:
+            return json.dumps(without_nan(content))
+
+    def close(self) -> None:
+        """The service ends: so does listening to it."""
+        if not self.closed:
+            self.publish("service", what="ends")
+            self.closed = True
+            for tell in self.on_news:
+                tell()
+
+    def since(self, number: int, most: int) -> list[Event]:
+        """The events after this number that are still kept, the oldest of them first."""
+        first = max(number + 1, self.oldest)
+        offset = first - self.oldest
+        return [self._kept[index] for index in range(offset, min(offset + most, len(self._kept)))]
+
+    def place(self, after: str | None) -> tuple[int, bool]:
+        """The number after which somebody wants to go on, and whether that was of an earlier start.
+
+        Args:
+            after: "EPOCH-NUMBER" as events have it, or a number of this start; None for what happens from now
+                on.
+
+        Raises:
+            InputError: it is neither, or there is no such event yet.
+        """
+        if after is None:
+            return self.newest, False
+        found = PLACE.fullmatch(after)
+        if found is None:
+            raise InputError(f"after: {shown(after)} is neither EPOCH-NUMBER nor a number")
+        epoch, digits = found.groups()
+        if epoch and epoch != self.epoch:
+            return 0, True
+        if int(digits) > self.newest:
+            raise InputError(f"after: {digits} has not happened yet, the newest event is {self.newest}")
+        return int(digits), False
+
+    def of(self, robot: str) -> RobotEvents:
+        """Those of one robot."""
+        return RobotEvents(self, robot)
+
+    def _throttle(self, kind: str, robot: str) -> Throttle:
+        found = self._throttles.get((kind, robot))
+        if found is None:
+            bounds = (LOG_BURST, LOG_PER_S) if kind == "log" else (BURST, PER_S)
+            found = self._throttles[kind, robot] = Throttle(*bounds, self._clock.now_s)
+        return found
+
+
+@dataclass(frozen=True, slots=True)
+class RobotEvents:
+    """The events of one robot."""
+
+    ring: Events
+    robot: str
+
+    def publish(self, kind: str, /, **data: Any) -> None:
+        """See `Events.publish`."""
+        self.ring.publish(kind, self.robot, **data)

@@ -1,0 +1,147 @@
+"""What changes in rtloop's state, told as events: seen by one task for each robot.
+
+It looks often while somebody listens or the arm moves, else as seldom as it costs next to nothing; what is
+counted in the state (interventions, motions) is missed in neither case.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+from collections.abc import AsyncIterator, Callable
+
+from app.services.events.ring import RobotEvents
+from app.services.motion.ownership import Ownership
+from app.services.motion.planning import PlanningService
+from app.services.state.interventions import InterventionLog
+from app.services.state.link import RobotLink
+from app.services.state.robot_state import RobotState
+from cobot.errors import UnavailableError
+from cobot.ipc.layout import Intervention
+from cobot.types import RESTING, LoopMode
+
+PERIOD_S, IDLE_PERIOD_S = 0.01, 0.05
+EPISODE_S = 1.0
+"""Of one kind of intervention there is an event at once, and then one in so much time."""
+
+
+class StateWatch:
+    """Compares what it sees with what it saw; what was there at the first look is no news.
+
+    Args:
+        stale_s: a state older than this means that rtloop is silent.
+        streamer: who streams, for people.
+        replaced: how many planning processes have been replaced.
+    """
+
+    def __init__(
+        self,
+        events: RobotEvents,
+        stale_s: float,
+        streamer: Callable[[], str | None],
+        replaced: Callable[[], int],
+    ) -> None:
+        self._events = events
+        self._stale_s = stale_s
+        self._streamer = streamer
+        self._replaced = replaced
+        self._seen: RobotState | None = None
+        self._silent = False
+        self._cycle = 0
+        self._session = 0
+        self._workers = replaced()
+        self._told: dict[Intervention, tuple[int, float]] = {}
+
+    def look(self, state: RobotState | None, cycle: int, now_s: float) -> None:
+        """Tell what is new.
+
+        Args:
+            state: None if it cannot be read.
+            cycle: of rtloop, since its start.
+            now_s: on the link's clock.
+        """
+        if (replaced := self._replaced()) > self._workers:
+            self._workers = replaced
+            self._events.publish("planning", what="replaced", replaced=replaced)
+        self._look_at_process(state, cycle)
+        if state is None:
+            return
+        before, self._seen = self._seen, state
+        if before is None:
+            self._session = state.session
+            self._told = {kind: (state.interventions[kind], -math.inf) for kind in Intervention}
+            return
+        self._look_at_mode(before, state)
+        self._look_at_session(state)
+        self._look_at_interventions(state, now_s)
+
+    def _look_at_process(self, state: RobotState | None, cycle: int) -> None:
+        silent = state is None or state.age_s > self._stale_s
+        restarted = state is not None and cycle < self._cycle
+        if silent and not self._silent and self._seen is not None:
+            self._events.publish("rtloop", what="silent")
+        elif restarted:
+            self._events.publish("rtloop", what="restarted")
+        elif self._silent and not silent and self._seen is not None:
+            self._events.publish("rtloop", what="back")
+        self._silent = silent
+        if state is not None:
+            self._cycle = cycle
+
+    def _look_at_mode(self, before: RobotState, state: RobotState) -> None:
+        if state.mode is before.mode:
+            return
+        latched = state.mode in (LoopMode.ESTOP, LoopMode.FAULT)
+        reason = state.reason if latched or state.mode is LoopMode.STOPPING else ""
+        self._events.publish("mode", mode=state.mode.name, before=before.mode.name, reason=reason)
+        if state.mode is LoopMode.FAULT:
+            self._events.publish("fault", reason=state.reason)
+        elif state.mode is LoopMode.ESTOP:
+            self._events.publish("estop", what="latched", reason=state.reason)
+
+    def _look_at_session(self, state: RobotState) -> None:
+        if state.session == self._session:
+            return
+        if self._session:
+            self._events.publish("session", what="ended", session=self._session, reason=state.reason)
+        if state.session:
+            self._events.publish("session", what="begun", session=state.session, client=self._streamer())
+        self._session = state.session
+
+    def _look_at_interventions(self, state: RobotState, now_s: float) -> None:
+        for kind, (told, told_s) in self._told.items():
+            count = state.interventions[kind]
+            if count < told:  # of another rtloop
+                self._told[kind] = count, now_s - EPISODE_S
+            elif count > told and now_s - told_s >= EPISODE_S:
+                self._told[kind] = count, now_s
+                self._events.publish("intervention", kind=kind.name.lower(), new=count - told, count=count)
+
+
+@contextlib.asynccontextmanager
+async def watching(
+    link: RobotLink, ownership: Ownership, planning: PlanningService, stale_s: float
+) -> AsyncIterator[None]:
+    """While the context lasts."""
+    task = asyncio.create_task(_watch(link, ownership, planning, stale_s), name="events")
+    try:
+        yield
+    finally:
+        task.cancel()
+
+
+async def _watch(link: RobotLink, ownership: Ownership, planning: PlanningService, stale_s: float) -> None:
+    log = InterventionLog(link.label, link.clock)
+    seen = StateWatch(link.events, stale_s, link.streamer, lambda: planning.status.replaced)
+    while True:
+        state: RobotState | None = None
+        cycle = 0
+        with contextlib.suppress(UnavailableError):
+            state = link.state()
+            cycle = int(link.memory.state.data["cycle"])
+            log.look(state)
+        _ = ownership.lease.current  # one whose time is up ends now
+        seen.look(state, cycle, link.clock.now_s())
+        awake = link.events.ring.on_news or (state is not None and state.mode not in RESTING)
+        await asyncio.sleep(PERIOD_S if awake else IDLE_PERIOD_S)

@@ -1,0 +1,170 @@
+"""All jobs of one robot: those that go on, and the newest of those that have ended.
+
+What has ended stays in a file of JSON lines, bounded in size, and so survives a restart of the service: as a
+record, never as a motion. A job is written when it begins and when it ends; one whose end is missing there
+was interrupted by the end of the service.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from pydantic import TypeAdapter, ValidationError
+
+from app.services.jobs.job import ENDS, Job, JobError, JobKind, JobRecord, JobState
+from app.services.motion.lease import CLIENT
+from app.services.state.link import RobotLink
+from cobot.errors import NotFoundError
+from cobot.logs.files import RotatingFile, aside
+from cobot.logs.lines import printable
+from cobot.logs.outlet import Outlet
+from cobot.strict import shown
+
+KEPT = 1000
+"""So many jobs that have ended are remembered."""
+MAX_BYTES = 4_000_000
+OLDER_FILES = 1
+AGAIN_AFTER = 500
+"""After so many lines those that go on are written once more, before the oldest lines are dropped."""
+END_S = 1.0
+MAX_REQUEST = 500
+LOST = JobError("the service ended while it was under way", "interrupted")
+
+log = logging.getLogger("cobot.jobs")
+_RECORD = TypeAdapter(JobRecord)
+
+
+class JobBook:
+    """See the module.
+
+    Args:
+        file: of the records; None for none.
+
+    Attributes:
+        on_change: called with the record of each job that has changed its state.
+        ending: whether the service ends: what ends now was interrupted.
+    """
+
+    def __init__(self, link: RobotLink, file: Path | None = None) -> None:
+        self._link = link
+        self._live: dict[str, Job] = {}
+        self._past: OrderedDict[str, JobRecord] = OrderedDict()
+        self._lines: OrderedDict[str, bytes] = OrderedDict()
+        self._written = 0
+        self._told = False
+        self.on_change: Callable[[JobRecord], None] = lambda record: None
+        self.ending = False
+        self._path = file
+        self._file: RotatingFile | None = None
+        self._outlet: Outlet[bytes] | None = None
+        if file is not None:
+            self._file = RotatingFile(file, MAX_BYTES, OLDER_FILES, private=True)
+            # What the disk has not taken is in memory: once there is room, all of that is written anew.
+            self._outlet = Outlet(self._file.append, self._everything, settle=self._file.sync)
+            self._read(file)
+
+    @property
+    def problem(self) -> str:
+        """Why jobs cannot be recorded at present; "" while they can."""
+        if self._outlet is None or not self._outlet.error:
+            return ""
+        reason = os.strerror(self._outlet.error) if self._outlet.error > 0 else "its log has the details"
+        return f"jobs cannot be recorded: {self._path}: {reason}"
+
+    def new(self, kind: JobKind, request: str = "", parent: str | None = None) -> Job:
+        """A job of the client on whose behalf the present task runs; it is in the book once it begins."""
+        request, owner = printable(request, MAX_REQUEST), printable(str(CLIENT.get()), MAX_REQUEST)
+        return Job(self._link, kind, request, owner, self._changed, parent)
+
+    def records(self, count: int, states: frozenset[JobState] = frozenset(JobState)) -> list[JobRecord]:
+        """The newest jobs in one of these states, the newest first."""
+        found = [job.record() for job in reversed(self._live.values()) if job.state in states]
+        for record in reversed(self._past.values()):
+            if len(found) >= count:
+                break
+            if record.state in states:
+                found.append(record)
+        return found[:count]
+
+    def live(self, number: str) -> Job | None:
+        """A job that has not ended, or None."""
+        return self._live.get(number)
+
+    def find(self, number: str) -> JobRecord | None:
+        """A job as it is now; None if there is none, or no more."""
+        job = self._live.get(number)
+        return self._past.get(number) if job is None else job.record()
+
+    def moved(self) -> None:
+        """The speed override has begun or ended a pause: of all that it is for."""
+        for job in list(self._live.values()):
+            if job.state is not JobState.QUEUED:
+                self.on_change(job.record())
+
+    def close(self) -> None:
+        """Write what there is, as far as the disk takes it."""
+        if self._outlet is not None and self._file is not None and self._outlet.close(END_S):
+            self._file.close()
+
+    def _changed(self, job: Job) -> None:
+        record = job.record()
+        if record.state in ENDS:
+            self._live.pop(job.id, None)
+            self._keep(record)
+        else:
+            self._live[job.id] = job
+        self._write(record)
+        self.on_change(record)
+
+    def _keep(self, record: JobRecord) -> None:
+        self._past[record.id] = record
+        while len(self._past) > KEPT:
+            oldest, _ = self._past.popitem(last=False)
+            self._lines.pop(oldest, None)
+
+    def _write(self, record: JobRecord) -> None:
+        if self._outlet is None:
+            return
+        line = self._lines[record.id] = _RECORD.dump_json(record, exclude_defaults=True) + b"\n"
+        self._lines.move_to_end(record.id)
+        self._outlet.put(line)
+        self._written += 1
+        if self._written % AGAIN_AFTER == 0 and self._live:
+            self._outlet.put(b"".join(self._lines[number] for number in self._live if number in self._lines))
+        if self.problem and not self._told:
+            log.error("%s%s", self._link.label, self.problem)
+        self._told = bool(self.problem)
+
+    def _everything(self, lost: int) -> bytes:
+        """All that there is to know, where some lines were lost. Called by the thread that writes."""
+        del lost
+        return b"".join(list(self._lines.values()))
+
+    def _read(self, file: Path) -> None:
+        found: OrderedDict[str, JobRecord] = OrderedDict()
+        for path in reversed(aside(file, OLDER_FILES)):
+            with contextlib.suppress(OSError), path.open("rb") as lines:
+                for line in lines:
+                    with contextlib.suppress(ValidationError):  # torn, or somebody else's
+                        record = _RECORD.validate_json(line)
+                        found[record.id] = record
+                        found.move_to_end(record.id)
+        for record in list(found.values())[-KEPT:]:
+            if record.state not in ENDS:
+                record = replace(record, state=JobState.INTERRUPTED, remaining_s=None, error=LOST)
+                log.warning("%sjob %s (%s) was interrupted", self._link.label, record.id, record.kind)
+                self._write(record)
+            self._keep(record)
+
+
+def unknown(number: str) -> NotFoundError:
+    """There is no such job."""
+    return NotFoundError(
+        f"there is no job {shown(number)}: the newest {KEPT} that have ended are kept; GET /jobs lists them"
+    )

@@ -1,0 +1,167 @@
+"""What can be done to jobs: begun without waiting, waited for, cancelled, paused, resumed."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Coroutine
+from typing import Any
+
+from app.services.jobs.book import JobBook, unknown
+from app.services.jobs.job import Job, JobRecord, JobState
+from app.services.motion.lease import CLIENT
+from app.services.motion.ownership import Ownership
+from app.services.motion.stopping import StopService
+from app.services.programs.sequences import SequenceService
+from app.services.programs.steps import NEXT, Steps
+from cobot.errors import CobotError, ConflictError, ExecutionError, MotionStopped
+
+log = logging.getLogger("cobot.jobs")
+
+
+class JobService:
+    """The jobs of one robot."""
+
+    def __init__(
+        self, book: JobBook, ownership: Ownership, stopping: StopService, sequences: SequenceService
+    ) -> None:
+        self.book = book
+        self._sequences = sequences
+        self._ownership = ownership
+        self._stopping = stopping
+        self._tasks: set[asyncio.Task[Any]] = set()
+
+    async def begin(self, job: Job, work: Coroutine[Any, Any, Any]) -> JobRecord:
+        """Have a job done in the background.
+
+        Args:
+            work: what a blocking endpoint awaits.
+
+        Raises:
+            CobotError: it is refused, for what is known before planning.
+        """
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._done)
+        accepted = asyncio.create_task(job.accepted.wait())
+        try:
+            await asyncio.wait({task, accepted}, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            accepted.cancel()
+        if not job.accepted.is_set():
+            await task  # raises
+        return job.record()
+
+    async def wait(self, number: str, timeout_s: float) -> JobRecord:
+        """A job once it has ended, or as it is when the time is up.
+
+        Raises:
+            NotFoundError: there is no such job, or no more.
+        """
+        job = self.book.live(number)
+        if job is not None and timeout_s > 0.0:
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(job.ended.wait(), timeout_s)
+            return job.record()
+        return self._found(number)
+
+    async def cancel(self, number: str, timeout_s: float) -> JobRecord:
+        """End a job, whosever it is; the arm comes to rest on its path.
+
+        Raises:
+            NotFoundError, ConflictError: there is no such job, or it has ended already.
+            ExecutionError: the arm is not known to be at rest, with why.
+        """
+        job = self._going(number)
+        reason = f"job {number} was cancelled by {CLIENT.get()}"
+        if job is self._ownership.sequence_job:
+            stopped = await self._stopping.stop(timeout_s, reason)
+            if not stopped.success:
+                raise ExecutionError(stopped.message)
+        else:
+            self._ownership.interrupt(MotionStopped(reason))
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(job.ended.wait(), timeout_s)
+        return job.record()
+
+    async def pause(self, number: str, at_waypoint: int | None = None) -> JobRecord:
+        """Bring the arm to rest on its path; the job waits there. Returns when the arm rests.
+
+        Args:
+            at_waypoint: have a sequence wait there instead, once it has reached it; 0 for the next one.
+
+        Raises:
+            NotFoundError, ConflictError: there is no such job, it has ended already, or is no sequence.
+            InputError: there is no such waypoint.
+            ExecutionError, UnavailableError: see `SpeedOverride.pause`.
+        """
+        job = self._going(number)
+        if at_waypoint is None:
+            await self._ownership.speed_override.pause()
+        else:
+            self._steps(job).hold(at_waypoint)
+        return job.record()
+
+    async def step(self, number: str) -> JobRecord:
+        """Go on with a sequence that is paused, to the next stop; raises as `resume`."""
+        job = self._going(number)
+        steps = self._steps(job)
+        self._require_paused(job)
+        if steps.held:
+            steps.go_on(step=True)
+        else:
+            steps.hold(NEXT)
+        await self._ownership.speed_override.resume()
+        return job.record()
+
+    async def resume(self, number: str, waypoint: int | None = None) -> JobRecord:
+        """Go on.
+
+        Args:
+            waypoint: of a sequence that waits at one: the one to go to.
+
+        Raises:
+            NotFoundError, ConflictError: there is no such job, it has ended already or is not paused, or
+                somebody else has the control; or it is no sequence that waits at a waypoint.
+            InputError: there is no such waypoint.
+            UnavailableError: see `SpeedOverride.resume`.
+        """
+        job = self._going(number)
+        self._require_paused(job)
+        if job is self._ownership.sequence_job or waypoint is not None:
+            self._steps(job).go_on(waypoint)
+        await self._ownership.speed_override.resume()
+        return job.record()
+
+    def _steps(self, job: Job) -> Steps:
+        if job is not self._ownership.sequence_job:
+            raise ConflictError(f"job {job.id} ({job.kind}) has no waypoints; a sequence or program has")
+        return self._sequences.steps
+
+    def _require_paused(self, job: Job) -> None:
+        self._ownership.require_control()
+        if job.state is not JobState.PAUSED:
+            raise ConflictError(f"job {job.id} is {job.state}: only one that is paused can go on")
+        if self._ownership.speed_override.fraction == 0.0:
+            raise ConflictError(
+                f"job {job.id} stands because the speed override is 0: POST /robot/speed_override"
+            )
+
+    def _going(self, number: str) -> Job:
+        job = self.book.live(number)
+        if job is None:
+            raise ConflictError(f"job {number} has ended already: {self._found(number).state}")
+        return job
+
+    def _found(self, number: str) -> JobRecord:
+        record = self.book.find(number)
+        if record is None:
+            raise unknown(number)
+        return record
+
+    def _done(self, task: asyncio.Task[Any]) -> None:
+        self._tasks.discard(task)
+        error = None if task.cancelled() else task.exception()
+        if error is not None and not isinstance(error, CobotError):
+            log.error("a job failed", exc_info=error)

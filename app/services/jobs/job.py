@@ -1,0 +1,239 @@
+"""A job: one motion from when it is asked for to its end, as people and programs follow it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import secrets
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from app.services.state.link import RobotLink
+from cobot.errors import CobotError, UnavailableError
+from cobot.findings import Finding
+from cobot.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from app.services.motion.speed_override import SpeedOverride
+
+
+class JobKind(StrEnum):
+    """What asks for a motion."""
+
+    MOVE = "move"
+    EXECUTE = "execute"
+    TRAJECTORY = "trajectory"
+    SEQUENCE = "sequence"
+    PROGRAM = "program"
+    GOAL = "follow_joint_trajectory"
+    QUEUE = "queue"
+    SYNCHRONOUS = "synchronous"
+
+
+class JobState(StrEnum):
+    """How a job stands. The last four are ends: nothing follows them."""
+
+    QUEUED = "queued"
+    PLANNING = "planning"
+    RUNNING = "running"
+    PAUSED = "paused"
+    FINISHED = "finished"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+    INTERRUPTED = "interrupted"
+
+
+ENDS = frozenset({JobState.FINISHED, JobState.FAILED, JobState.CANCELLED, JobState.INTERRUPTED})
+
+
+@dataclass(frozen=True, slots=True)
+class JobError:
+    """Why a job has not arrived: what the answer of its endpoint would say.
+
+    Attributes:
+        detail: the sentence.
+        code, findings: of the error, see `CobotError`.
+    """
+
+    detail: str
+    code: str
+    findings: tuple[Finding, ...] = ()
+
+    @classmethod
+    def of(cls, error: BaseException) -> JobError:
+        if isinstance(error, CobotError):
+            return cls(str(error), error.code, error.findings)
+        if isinstance(error, asyncio.CancelledError):
+            return cls("the service gave it up", "interrupted")
+        return cls("an error in cobot itself; its log has the details", CobotError.code)
+
+
+@dataclass(frozen=True, slots=True)
+class JobRecord:
+    """A job at one moment; what is kept of it when it has ended.
+
+    Attributes:
+        request: what was asked for, shortened, for people.
+        owner: who asked.
+        parent: the job of the sequence that it belongs to.
+        motion_id: of its newest motion, once there is one.
+        progress: share of that motion's path time, 0 to 1; of a sequence, of its waypoints.
+        planned_duration_s: of the motion, at the speed that it was planned with.
+        remaining_s: at the present speed override; None while nobody can say.
+        note: see `Trajectory`.
+        started_at: when its first motion began.
+    """
+
+    # A finding may be infinite, which JSON has no number for.
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"ser_json_inf_nan": "constants"}
+
+    id: str
+    robot: str
+    kind: JobKind
+    state: JobState
+    request: str
+    owner: str
+    created_at: datetime
+    parent: str | None = None
+    motion_id: int | None = None
+    progress: float = 0.0
+    planned_duration_s: float | None = None
+    remaining_s: float | None = None
+    note: str = ""
+    error: JobError | None = None
+    started_at: datetime | None = None
+    ended_at: datetime | None = None
+
+
+@dataclass(eq=False)
+class Job:
+    """A job that has not ended. What it is at present is derived from the motion; `record` says it.
+
+    Attributes:
+        changed: told of each change of the state.
+        accepted: set when nothing can be refused any more that is known before planning.
+        ended: set at the end; then `end_record` is what was made of it.
+    """
+
+    link: RobotLink
+    kind: JobKind
+    request: str
+    owner: str
+    changed: Callable[[Job], None]
+    parent: str | None = None
+    id: str = field(default_factory=lambda: secrets.token_hex(8))
+    accepted: asyncio.Event = field(default_factory=asyncio.Event)
+    ended: asyncio.Event = field(default_factory=asyncio.Event)
+    end_record: JobRecord | None = None
+    _created_at: datetime = field(init=False)
+    _override: SpeedOverride | None = None
+    _motion_id: int | None = None
+    _trajectory: Trajectory | None = None
+    _started_at: datetime | None = None
+    _path_time_s: float = 0.0
+    _waypoints: tuple[int, int] | None = None
+    _held: bool = False
+    _error: JobError | None = None
+
+    def __post_init__(self) -> None:
+        self._created_at = self._now()
+
+    @property
+    def state(self) -> JobState:
+        """How it stands now."""
+        if self.end_record is not None:
+            return self.end_record.state
+        if self._override is None:
+            return JobState.QUEUED
+        if self._override.paused or self._held:
+            return JobState.PAUSED
+        return JobState.PLANNING if self._started_at is None else JobState.RUNNING
+
+    def begin(self, override: SpeedOverride) -> None:
+        """It has the right to move, with this speed override."""
+        self._override = override
+        self.changed(self)
+
+    def started(self, motion_id: int | None = None, trajectory: Trajectory | None = None) -> None:
+        """A motion of it has begun; without one, it is a sequence."""
+        self._motion_id, self._trajectory, self._path_time_s = motion_id, trajectory, 0.0
+        self._started_at = self._started_at or self._now()
+        self.changed(self)
+
+    def prolonged(self, trajectory: Trajectory) -> None:
+        """Its motion goes on along this one."""
+        self._trajectory, self._path_time_s = trajectory, 0.0
+
+    def at_waypoint(self, done: int, of: int) -> None:
+        """A sequence has so many waypoints behind it."""
+        self._waypoints = done, of
+
+    def hold(self, held: bool) -> None:
+        """A sequence waits at a waypoint, or does no longer."""
+        self._held = held
+        self.changed(self)
+
+    def fail(self, error: BaseException) -> None:
+        """Note why it does not arrive; the first cause counts."""
+        self._error = self._error or JobError.of(error)
+
+    def end(self, state: JobState) -> None:
+        """It has ended so, or with FAILED if it was noted why and `state` says FINISHED."""
+        if state is JobState.FINISHED and self._error is not None:
+            state = JobState.FAILED
+        self.end_record = self._recorded(state)
+        self.ended.set()
+        self.changed(self)
+
+    @property
+    def failed(self) -> bool:
+        """Whether it was noted why it does not arrive."""
+        return self._error is not None
+
+    def record(self) -> JobRecord:
+        """As it is now."""
+        return self.end_record or self._recorded(self.state)
+
+    def _recorded(self, state: JobState) -> JobRecord:
+        ended, finished = state in ENDS, state is JobState.FINISHED
+        progress, remaining_s = self._progress()
+        return JobRecord(
+            id=self.id,
+            robot=self.link.memory.robot,
+            kind=self.kind,
+            state=state,
+            request=self.request,
+            owner=self.owner,
+            created_at=self._created_at,
+            parent=self.parent,
+            motion_id=self._motion_id,
+            progress=1.0 if finished else progress,
+            planned_duration_s=None if self._trajectory is None else self._trajectory.duration_s,
+            remaining_s=(0.0 if finished else None) if ended else remaining_s,
+            note="" if self._trajectory is None else self._trajectory.note,
+            error=self._error if ended else None,
+            started_at=self._started_at,
+            ended_at=self._now() if ended else None,
+        )
+
+    def _progress(self) -> tuple[float, float | None]:
+        """The share of the path time that is done, and how long the rest takes, s."""
+        if self._waypoints is not None:
+            done, of = self._waypoints
+            return (min(done / of, 1.0) if of else 0.0), None
+        if self._trajectory is None or self._override is None:
+            return 0.0, None
+        with contextlib.suppress(UnavailableError):
+            state = self.link.state()
+            if state.motion_id == self._motion_id:
+                self._path_time_s = state.path_time_s
+        whole_s, fraction = self._trajectory.duration_s, self._override.fraction
+        left_s = max(whole_s - self._path_time_s, 0.0)
+        share = min(self._path_time_s / whole_s, 1.0) if whole_s > 0.0 else 1.0
+        return share, left_s / fraction if fraction > 0.0 else None
+
+    def _now(self) -> datetime:
+        return datetime.fromtimestamp(self.link.clock.wall_ns() * 1e-9, UTC)

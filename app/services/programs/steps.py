@@ -1,0 +1,95 @@
+"""Between two waypoints: whether a sequence goes on, and where to.
+
+The runner asks before each of its motions, and waits for the answer: a line of JSON in a pipe.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+from collections.abc import Callable
+
+from cobot.errors import ConflictError, InputError
+
+NEXT = 0
+"""In the place of a waypoint: the next one that is reached."""
+
+
+class Steps:
+    """What one runner is told.
+
+    Args:
+        descriptor: of the pipe that it reads; it is closed by `close`.
+        first: the waypoint to begin with, None for the beginning.
+        changed: called with whether the runner is held.
+    """
+
+    def __init__(self, descriptor: int, first: int | None, changed: Callable[[bool], None]) -> None:
+        self._descriptor = descriptor
+        self._first = first
+        self._changed = changed
+        self._hold_at: int | None = None
+        self._n_waypoints: int | None = None  # until it has asked
+        self.held = False
+
+    def asked(self, behind: int, n_waypoints: int) -> None:
+        """The runner stands and asks whether to go on.
+
+        Args:
+            behind: the waypoint that it has reached last, 0 for none.
+            n_waypoints: how many there are, 0 for a program.
+        """
+        self._n_waypoints = n_waypoints
+        first, self._first = self._first, None
+        if first is None and self._hold_at is not None and behind >= self._hold_at:
+            self._hold_at, self.held = None, True
+            self._changed(True)
+        else:
+            self._answer(first)
+
+    def hold(self, waypoint: int) -> None:
+        """Have it wait once it has reached this waypoint, or has passed it without a stop.
+
+        Raises:
+            InputError: there is no such waypoint.
+        """
+        if self._n_waypoints == 0 and waypoint != NEXT:
+            raise InputError("at_waypoint: a program has no waypoints; 0 is before its next motion")
+        self._require(waypoint, NEXT)
+        if not self.held:
+            self._hold_at = waypoint
+
+    def go_on(self, waypoint: int | None = None, *, step: bool = False) -> None:
+        """Go on, if it waits; what it was to wait for is forgotten.
+
+        Args:
+            waypoint: to go to; None for the next one.
+            step: it waits again at the next one.
+
+        Raises:
+            ConflictError: it does not wait at a waypoint, and so cannot go to another one.
+            InputError: there is no such waypoint.
+        """
+        if waypoint is not None:
+            if not self.held:
+                raise ConflictError("it is not at a waypoint: pause with at_waypoint, and wait until it is")
+            self._require(waypoint, 1)
+        self._hold_at = NEXT if step else None
+        if self.held:
+            self.held = False
+            self._changed(False)
+            self._answer(waypoint)
+
+    def close(self) -> None:
+        """The runner has ended."""
+        os.close(self._descriptor)
+        self._descriptor = -1
+
+    def _require(self, waypoint: int, least: int) -> None:
+        if self._n_waypoints is not None and not least <= waypoint <= self._n_waypoints:
+            raise InputError(f"waypoint: there are {self._n_waypoints}, from 1 on; got {waypoint}")
+
+    def _answer(self, waypoint: int | None) -> None:
+        with contextlib.suppress(OSError):  # it has ended
+            os.write(self._descriptor, json.dumps({"waypoint": waypoint}).encode() + b"\n")

@@ -1,0 +1,189 @@
+"""What a robot looks like: its bodies, joints and shapes, with those of its tool and of its scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from cobot.robot.description import RobotDescription
+from cobot.robot.scene import Numbers7
+from cobot.robot.tool import chained, inverse
+from cobot.types import Array
+
+SHAPES = {
+    int(mujoco.mjtGeom.mjGEOM_PLANE): "plane",
+    int(mujoco.mjtGeom.mjGEOM_SPHERE): "sphere",
+    int(mujoco.mjtGeom.mjGEOM_CAPSULE): "capsule",
+    int(mujoco.mjtGeom.mjGEOM_ELLIPSOID): "ellipsoid",
+    int(mujoco.mjtGeom.mjGEOM_CYLINDER): "cylinder",
+    int(mujoco.mjtGeom.mjGEOM_BOX): "box",
+    int(mujoco.mjtGeom.mjGEOM_MESH): "mesh",
+}
+SLIDE = mujoco.mjtJoint.mjJNT_SLIDE
+NO_COLOUR = [0.5, 0.5, 0.5, 1.0]
+"""What MuJoCo gives to who has none: a material counts then."""
+Version = tuple[int, int, bytes]
+Mesh = tuple[Array, npt.NDArray[np.int32]]
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """Moves its body, and whatever hangs on it.
+
+    Attributes:
+        index: among the robot's joints.
+        slides: it moves along its axis; else it turns about it.
+        axis, anchor: in the body's frame.
+        reference: its position where the body stands as its pose says, rad or m.
+    """
+
+    index: int
+    slides: bool
+    axis: list[float]
+    anchor: list[float]
+    reference: float
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """One solid of a body.
+
+    Attributes:
+        kind: one of `SHAPES`.
+        size: m; of a box its edges, of a sphere its radius, of a cylinder and a capsule radius and length, of
+            an ellipsoid its three radii, of a plane its edges (0: endless), of a mesh nothing.
+        pose: in the body's frame.
+        rgba: from 0 to 1.
+        mesh: index among the meshes.
+    """
+
+    kind: str
+    size: list[float]
+    pose: Numbers7
+    rgba: list[float]
+    mesh: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """What moves as one.
+
+    Attributes:
+        parent: index of the body that it hangs on, which comes before it; the first is the world and its own.
+        part: "robot", "tool" or "scene".
+        pose: in the parent's frame, with all its joints at their references.
+        joints: in the order in which they move it.
+    """
+
+    name: str
+    parent: int
+    part: str
+    pose: Numbers7
+    joints: list[Joint]
+    shapes: list[Shape]
+
+
+@dataclass(frozen=True, slots=True)
+class Geometry:
+    """Of one robot.
+
+    Attributes:
+        base: index of the body whose frame all poses of the API are in.
+        tcp: index of the body that carries it, and its pose in that one's frame.
+        meshes: vertices, shape (n, 3), m, and triangles, shape (k, 3), of each.
+    """
+
+    bodies: list[Body]
+    base: int
+    tcp: tuple[int, Numbers7]
+    meshes: list[Mesh]
+
+
+def geometry_version(robot: RobotDescription) -> Version:
+    """Another one when `geometry_of` would say something else: of scene, tool and position limits."""
+    limits = robot.limits
+    ranges = limits.min_position.tobytes() + limits.max_position.tobytes()
+    return robot.collision.scene.version, robot.collision.tool.version, ranges
+
+
+def geometry_of(robot: RobotDescription) -> Geometry:
+    """As the collision checks see it, with what is only drawn."""
+    mj = robot.collision.mj
+    site = mj.site(robot.model.mj.site(robot.model.tcp_site).name)
+    tip = chained(inverse(robot.model.file_tcp_in_flange), robot.model.tcp_in_flange())
+    return Geometry(
+        bodies=[_body(robot, mj, index) for index in range(mj.nbody)],
+        base=mj.body(robot.base_frame).id,
+        tcp=(int(mj.site_bodyid[site.id]), chained(_pose(site.pos, site.quat), tip)),
+        meshes=[_mesh(mj, index) for index in range(mj.nmesh)],
+    )
+
+
+def _body(robot: RobotDescription, mj: mujoco.MjModel, index: int) -> Body:
+    name = str(mj.body(index).name)
+    first, first_joint = int(mj.body_geomadr[index]), int(mj.body_jntadr[index])
+    part = "scene" if name in robot.collision.scene.objects else "robot"
+    return Body(
+        name=name,
+        parent=int(mj.body_parentid[index]),
+        part="tool" if name in robot.collision.tool.shapes else part,
+        pose=_pose(mj.body_pos[index], mj.body_quat[index]),
+        joints=[_joint(mj, first_joint + offset) for offset in range(mj.body_jntnum[index])],
+        shapes=[
+            _shape(mj, geom)
+            for geom in range(first, first + mj.body_geomnum[index])
+            if int(mj.geom_type[geom]) in SHAPES
+        ],
+    )
+
+
+def _joint(mj: mujoco.MjModel, index: int) -> Joint:
+    return Joint(
+        index=index,
+        slides=bool(mj.jnt_type[index] == SLIDE),
+        axis=mj.jnt_axis[index].tolist(),
+        anchor=mj.jnt_pos[index].tolist(),
+        reference=float(mj.qpos0[mj.jnt_qposadr[index]]),
+    )
+
+
+def _shape(mj: mujoco.MjModel, geom: int) -> Shape:
+    kind = SHAPES[int(mj.geom_type[geom])]
+    material = int(mj.geom_matid[geom])
+    own = mj.geom_rgba[geom].tolist() != NO_COLOUR
+    rgba = mj.geom_rgba[geom] if own or material < 0 else mj.mat_rgba[material]
+    return Shape(
+        kind=kind,
+        size=_size(kind, mj.geom_size[geom].tolist()),
+        pose=_pose(mj.geom_pos[geom], mj.geom_quat[geom]),
+        rgba=rgba.astype(float).round(4).tolist(),
+        mesh=int(mj.geom_dataid[geom]) if kind == "mesh" else None,
+    )
+
+
+def _size(kind: str, size: list[float]) -> list[float]:
+    """Of MuJoCo's, which has halves."""
+    if kind == "mesh":
+        return []
+    if kind in ("sphere", "ellipsoid"):
+        return size[: 1 if kind == "sphere" else 3]
+    if kind in ("cylinder", "capsule"):
+        return [size[0], 2.0 * size[1]]
+    return [2.0 * half for half in size[: 2 if kind == "plane" else 3]]
+
+
+def _mesh(mj: mujoco.MjModel, index: int) -> Mesh:
+    vertex, face = int(mj.mesh_vertadr[index]), int(mj.mesh_faceadr[index])
+    return (
+        mj.mesh_vert[vertex : vertex + mj.mesh_vertnum[index]],
+        mj.mesh_face[face : face + mj.mesh_facenum[index]],
+    )
+
+
+def _pose(position: Array, quaternion: Array) -> Numbers7:
+    x, y, z = position.tolist()
+    w, i, j, k = quaternion.tolist()
+    return x, y, z, w, i, j, k

@@ -1,0 +1,114 @@
+"""Recordings for clients: the files that are there, and what the recorder is asked for."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cobot.config import Settings
+from cobot.errors import CobotError, TornReadError
+from cobot.ipc.layout import text
+from cobot.ipc.recording_memory import RecordingMemory
+from cobot.recording.control import ask, socket_path
+from cobot.recording.store import Recording, RecordingStore
+
+SILENT_S = 30.0
+"""A recorder that is not heard of for so long is a problem; one that has died is there again much sooner."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecorderStatus:
+    """How the recorder of a robot stands.
+
+    Attributes:
+        alive: whether it has shown a sign of life in the last seconds.
+        recording: the continuous recording that runs, "" for none.
+        lost: cycles that are in no recording, because the recorder came too late for them.
+        files, bytes: of all recordings.
+        problem: why nothing can be recorded; "" while all is well.
+    """
+
+    alive: bool
+    pid: int
+    recording: str
+    lost: int
+    files: int
+    bytes: int
+    problem: str
+
+
+class RecordingService:
+    """One robot's recordings.
+
+    Args:
+        settings: of the robot.
+        default_robot: that the recorder's socket is named after.
+    """
+
+    def __init__(self, settings: Settings, default_robot: str) -> None:
+        self._robot = settings.robot.name
+        self._store = RecordingStore(settings.recording_folder, settings.recording.max_mb * 1_000_000)
+        self._socket = socket_path(default_robot)
+        self._memory: RecordingMemory | None = None
+
+    @property
+    def max_bytes(self) -> int:
+        """Of all recordings together."""
+        return self._store.max_bytes
+
+    def all(self) -> list[Recording]:
+        """The newest first."""
+        return self._store.all()
+
+    def path(self, name: str) -> Path:
+        """Of a finished recording.
+
+        Raises:
+            InputError: no possible name.
+            NotFoundError: there is none of that name.
+        """
+        return self._store.path(name)
+
+    def remove(self, name: str) -> None:
+        """Raises as `path` does."""
+        self._store.remove(name)
+
+    async def ask(self, action: str, seconds: float | None, timeout_s: float) -> list[str]:
+        """Have the recorder `dump` the last seconds, `start` or `stop` a continuous recording.
+
+        Returns:
+            The names of the files; of one that has been started, what they will begin with.
+
+        Raises:
+            UnavailableError: it does not run, or the disk refuses.
+            ConflictError: there is a continuous recording already, or none to stop.
+        """
+        request: dict[str, Any] = {"robot": self._robot, "action": action, "seconds": seconds}
+        return list((await ask(self._socket, request, timeout_s))["names"])
+
+    def status(self) -> RecorderStatus | None:
+        """None where nothing is recorded."""
+        try:
+            if self._memory is None or not self._memory.path.exists():
+                self._memory = RecordingMemory.attach(self._robot, history=False)
+            record = self._memory.status.read()
+        except TornReadError as exc:
+            return RecorderStatus(False, 0, "", 0, 0, 0, str(exc))
+        except CobotError:
+            return None
+        heard_ns = int(record["monotonic_ns"]) if record["pid"] else self._memory.created_ns
+        silent_s = (time.monotonic_ns() - heard_ns) * 1e-9
+        problem = text(record["problem"])
+        if silent_s > SILENT_S:
+            problem = f"the recorder (pid {record['pid']}) has been silent for {silent_s:.0f} s"
+        return RecorderStatus(
+            alive=bool(record["pid"]) and silent_s < 2.0,
+            pid=int(record["pid"]),
+            recording=text(record["name"]) if record["recording"] else "",
+            lost=int(record["lost"]),
+            files=int(record["files"]),
+            bytes=int(record["bytes"]),
+            problem=problem,
+        )

@@ -1,0 +1,194 @@
+"""Jogging: the arm moves as long as somebody says so, several times a second, and no further than is safe.
+
+Each frame asks for velocities, of the joints or of the TCP. They become joint targets of a streaming session,
+so that all that keeps a stream within limits keeps a jog too. Before that, here, the velocity is made smaller
+the nearer a joint is to its limit, or the arm to something: with what is left of the way, exponentially, so
+that neither is reached. All joints are slowed down alike, which keeps the direction.
+
+The session ends, and the arm with it, when it is let go, when the client is silent for `SILENCE_S`, and when
+the session is ended by others. Whoever has not let go himself has to let go before he can begin again: a
+button that is still held must not restart what a stop has ended.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.services.state.link import RobotLink
+from app.services.streaming.jog_limits import JogLimits
+from app.services.streaming.sessions import Session, StreamService
+from cobot.errors import CobotError
+from cobot.ipc.layout import Interpolation, Stream
+from cobot.ipc.session_rules import decimation, nominal_session
+from cobot.robot.description import RobotDescription
+from cobot.types import Array
+
+SILENCE_S = 0.2
+"""A client that says nothing for so long has let go."""
+PERIOD_S = 0.02
+"""Between two targets."""
+MAX_STEP_S = 0.05
+"""When the service itself was late, the way of no more than this is caught up with."""
+SMOOTHING_S = 0.15
+"""Time constant with which the velocity follows what is asked for."""
+MAX_LEAD_RAD = 0.1
+"""So far the targets may be ahead of the arm, rad or m; then they wait for it."""
+LET_GO = "the client has let go"
+SILENT = f"no jog frame for {SILENCE_S:g} s: let go, then press again"
+
+
+@dataclass(frozen=True, slots=True)
+class JogCommand:
+    """What is asked for: velocities of the joints, or of the TCP.
+
+    Attributes:
+        joints: shape (dof,), rad/s or m/s; None: it is the TCP that shall move.
+        twist: shape (6,), m/s and rad/s; used if there are no joints.
+        in_tool: the twist's axes are the TCP's, not those of the base frame.
+    """
+
+    joints: Array | None
+    twist: Array | None = None
+    in_tool: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class JogAnswer:
+    """How it goes.
+
+    Attributes:
+        share: of the velocity that was asked for, as the arm is asked to move.
+        limited_by: why that is not all of it; "" if it is.
+    """
+
+    share: float
+    limited_by: str
+
+
+class Jog:
+    """The jogging of one client."""
+
+    def __init__(
+        self,
+        robot: RobotDescription,
+        link: RobotLink,
+        streams: StreamService,
+        ended: Callable[[str], None],
+    ) -> None:
+        """ended: told why, when a jog has ended and the arm rests."""
+        self._link = link
+        self._streams = streams
+        self._ended = ended
+        self._limits = JogLimits(robot)
+        self._session: Session | None = None
+        self._task: asyncio.Task[None] | None = None
+        self._command: JogCommand | None = None
+        self._heard_s = 0.0
+        self._spent = ""  # why the last one has ended, until the client lets go
+        self._answer = JogAnswer(1.0, "")
+        self._position = self._velocity = np.zeros(robot.limits.dof)
+        self._let_go = False
+
+    async def take(self, command: JogCommand, name: str, timeout_s: float) -> JogAnswer:
+        """Go on with this velocity for `SILENCE_S`; the first one begins a session.
+
+        Args:
+            name: of the client, for people.
+            timeout_s: for rtloop's answer.
+
+        Raises:
+            InputError: not as many joints as the robot has.
+            ConflictError, NotReadyError, ExecutionError, UnavailableError: see `StreamService.open`.
+        """
+        self._limits.check(command.joints)
+        self._heard_s = self._link.clock.now_s()
+        if self._spent:
+            return JogAnswer(0.0, self._spent)
+        if self._task is not None:
+            if self._session is not None and self._session.over:
+                return JogAnswer(0.0, "the arm comes to rest first")
+            self._command = command
+            return self._answer
+        request = nominal_session(self._streams.info)
+        request["stream"], request["interpolation"] = Stream.JOINT_IMPEDANCE, Interpolation.RUCKIG
+        request["decimation"] = decimation(1.0 / PERIOD_S, self._streams.period_s)
+        try:
+            session = await self._streams.open(request, name, timeout_s)
+        except CobotError as exc:
+            self._spent = str(exc)
+            raise
+        self._let_go = False
+        self._command, self._session, self._answer = command, session, JogAnswer(1.0, "")
+        self._heard_s = self._link.clock.now_s()
+        self._position = self._link.state().commanded_position.copy()
+        self._velocity = np.zeros_like(self._position)
+        self._task = asyncio.create_task(self._run(session), name="jog")
+        return self._answer
+
+    def release(self) -> None:
+        """The client has let go: the arm comes to rest."""
+        self._spent = ""
+        self._let_go = True
+        if self._session is not None:
+            self._session.end(LET_GO)
+
+    def close(self) -> None:
+        """The client has gone."""
+        if self._session is not None:
+            self._session.end("the connection to the client was lost")
+
+    async def _run(self, session: Session) -> None:
+        """Sends targets until the session is over, then waits until the arm rests."""
+        try:
+            sequence, before_s = 0, self._link.clock.now_s()
+            while True:
+                await asyncio.sleep(PERIOD_S)
+                now_s = self._link.clock.now_s()
+                if now_s - self._heard_s > SILENCE_S:
+                    session.end(SILENT)
+                if session.over:
+                    break
+                sequence += 1
+                self._step(session, sequence, min(now_s - before_s, MAX_STEP_S))
+                before_s = now_s
+        except CobotError as exc:
+            session.end(str(exc))
+        finally:
+            session.end(
+                "the jog has failed"
+            )  # it is over already, unless something nobody thought of was raised
+        reason = await asyncio.shield(session.ended)
+        self._task = self._session = None
+        if not self._let_go:
+            self._spent = reason
+        self._ended("" if reason == LET_GO else reason)
+
+    def _step(self, session: Session, sequence: int, step_s: float) -> None:
+        """The next target."""
+        assert self._command is not None
+        wanted = self._limits.wanted(self._command.joints, self._command.twist, self._position, self._in_tool)
+        gain = step_s / (SMOOTHING_S + step_s)
+        self._velocity += gain * (wanted.velocity - self._velocity)
+        share, reason = self._limits.share(self._position, self._velocity)
+        lead = np.abs(self._position - self._link.state().commanded_position).max()
+        if lead > MAX_LEAD_RAD:
+            share, reason = 0.0, reason or "the arm does not follow: something slows it down or holds it"
+        velocity = share * self._velocity
+        self._position = self._position + step_s * velocity
+        setpoint = session.setpoint.copy()
+        setpoint["joints"], setpoint["joint_velocity"], setpoint["feed_forward"] = (
+            self._position,
+            velocity,
+            True,
+        )
+        setpoint["number"] = sequence
+        session.take_setpoint(sequence, setpoint)
+        self._answer = JogAnswer(share * wanted.share, reason or wanted.reason)
+
+    @property
+    def _in_tool(self) -> bool:
+        return self._command is not None and self._command.in_tool

@@ -1,0 +1,148 @@
+"""How fast a jog may be where the arm is: the joints' limits, the TCP's speed, singularities, obstacles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cobot.errors import InputError
+from cobot.robot.description import RobotDescription
+from cobot.types import Array, vector
+
+TCP_M_S = 0.25
+"""The fastest that the TCP may be while somebody jogs: reduced speed of ISO 10218-1."""
+JOINT_SHARE = 0.5
+"""And a joint, of its own limit."""
+RATE_PER_S = 3.0
+"""A velocity towards a limit is at the most so many times the way that is left: an exponential approach, the
+velocity damper of Faverjon & Tournassoud, ICRA 1987."""
+JOINT_ROOM = 0.01
+"""From a joint's limit, rad or m, this much stays free, so that a planned motion may begin there."""
+OBSTACLE_ROOM_M = 0.003
+"""Likewise, beyond the margin of planned motions."""
+FAR_M = 0.3
+"""What is further is no obstacle at the velocities of a jog."""
+LOOK_S = 0.01
+"""How far ahead it is looked to see what comes nearer, and how fast."""
+APPROACH_M_S = 1e-3
+"""What comes nearer more slowly does not come nearer."""
+SINGULAR = 0.06
+"""Below it a singular value of the Jacobian is damped, m/rad or 1."""
+SLOWED = 0.98
+"""What is less than this share is worth a reason."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """Joint velocities within all speed limits.
+
+    Attributes:
+        velocity: shape (dof,), rad/s or m/s.
+        share: of what was asked for.
+        reason: why it is not all of it, "" if it is.
+    """
+
+    velocity: Array
+    share: float
+    reason: str
+
+
+class JogLimits:
+    """Of one robot. Works in the model's scratch memory, as all of the service's own kinematics."""
+
+    def __init__(self, robot: RobotDescription) -> None:
+        self._robot = robot
+
+    def check(self, joints: Array | None) -> None:
+        """Refuse velocities of another number of joints.
+
+        Raises:
+            InputError: with how many there are.
+        """
+        if joints is not None:
+            vector(joints, self._robot.limits.dof, name="joints")
+
+    def wanted(self, joints: Array | None, twist: Array | None, position: Array, in_tool: bool) -> Wanted:
+        """What is asked for as joint velocities, slowed down to the speed limits where it is too fast.
+
+        Args:
+            joints, twist, in_tool: see `JogCommand`.
+            position: of the joints, shape (dof,).
+
+        Raises:
+            InputError: neither joints nor a twist.
+        """
+        _, rotation, jacobian = self._robot.model.forward_and_jacobian(position)
+        share, reason = 1.0, ""
+        if joints is not None:
+            velocity = np.array(joints)
+        elif twist is not None:
+            asked = np.array(twist)
+            if in_tool:
+                asked = np.concatenate([rotation @ asked[:3], rotation @ asked[3:]])
+            velocity = damped(jacobian, asked)
+            done = jacobian @ velocity
+            size = max(float(np.dot(asked, asked)), 1e-300)
+            share = float(np.clip(np.dot(done, asked) / size, 0.0, 1.0))
+            if share < SLOWED:
+                reason = "the arm is near a singularity, where it cannot move like that"
+        else:
+            raise InputError("a jog frame has joints or a twist")
+        fast = self._too_fast(velocity, jacobian)
+        return Wanted(velocity * fast, share * fast, reason)
+
+    def _too_fast(self, velocity: Array, jacobian: Array) -> float:
+        """The share of it that is within the speed limits."""
+        limits = self._robot.limits
+        of_joints = (np.abs(velocity) / (JOINT_SHARE * limits.max_velocity)).max()
+        of_tcp = np.linalg.norm(jacobian[:3] @ velocity) / TCP_M_S
+        return float(1.0 / np.max([1.0, of_joints, of_tcp]))
+
+    def share(self, position: Array, velocity: Array) -> tuple[float, str]:
+        """How much of a velocity is safe here, 0 to 1, and why it is not all of it, "" if it is."""
+        share, reason = self._of_limits(position, velocity)
+        near, why = self._of_obstacles(position, velocity)
+        if near < share:
+            share, reason = near, why
+        return (share, reason) if share < SLOWED else (1.0, "")
+
+    def _of_limits(self, position: Array, velocity: Array) -> tuple[float, str]:
+        limits = self._robot.limits
+        room = np.where(velocity > 0.0, limits.max_position - position, position - limits.min_position)
+        allowed = RATE_PER_S * np.maximum(room - JOINT_ROOM, 0.0)
+        speed = np.abs(velocity)
+        shares = np.where(speed > allowed, allowed / np.maximum(speed, 1e-9), 1.0)
+        joint = int(shares.argmin())
+        ends = limits.max_position if velocity[joint] > 0.0 else limits.min_position
+        unit, name = limits.unit(joint), limits.names[joint]
+        why = f"{name} is at {position[joint]:.2f} {unit}, near its limit of {ends[joint]:.2f} {unit}"
+        return float(shares[joint]), why
+
+    def _of_obstacles(self, position: Array, velocity: Array) -> tuple[float, str]:
+        checker = self._robot.collision
+        rows = np.stack([position, position + LOOK_S * velocity])
+        here, there = checker.clearance.distances(rows, FAR_M)
+        closing = (here - there) / LOOK_S
+        room = here - checker.margin_m - OBSTACLE_ROOM_M
+        allowed = RATE_PER_S * np.maximum(room, 0.0)
+        counts = (closing > APPROACH_M_S) & (closing > allowed)
+        if not counts.any():
+            return 1.0, ""
+        shares = np.where(counts, allowed / np.maximum(closing, 1e-9), 1.0)
+        pair = int(shares.argmin())
+        first, second = checker.names(pair)
+        return float(shares[pair]), f"{first} and {second} are {1e3 * here[pair]:.0f} mm from each other"
+
+
+def damped(jacobian: Array, twist: Array) -> Array:
+    """The least joint velocities for a twist, shape (dof,); near a singularity less than that, instead of
+    ever more.
+
+    Args:
+        jacobian: shape (6, dof).
+        twist: shape (6,).
+    """
+    left, sizes, right = np.linalg.svd(jacobian, full_matrices=False)
+    lacking = np.maximum(0.0, 1.0 - (sizes / SINGULAR) ** 2) * SINGULAR**2
+    return np.asarray(right.T @ ((sizes / (sizes**2 + lacking)) * (left.T @ twist)))

@@ -1,0 +1,124 @@
+"""What happens at the service, read as server-sent events; see docs/events.md."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+import httpx
+
+from cobot.client.connection import Connection, Json
+from cobot.errors import UnavailableError
+
+SILENT_S = 20.0
+"""The service says something every 5 s: who hears nothing for so long has lost the connection."""
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.2, 2.0
+UNTOLD = ("hello", "alive")
+
+
+def blocks(lines: Iterator[str]) -> Iterator[dict[str, str]]:
+    """The blocks of a text/event-stream: what fields they have, `data` in one piece."""
+    fields: dict[str, str] = {}
+    for line in lines:
+        name, _, value = line.partition(":")
+        value = value.removeprefix(" ")
+        if not line:
+            if fields:
+                yield fields
+            fields = {}
+        elif name == "data" and "data" in fields:
+            fields["data"] += f"\n{value}"
+        elif name:
+            fields[name] = value
+
+
+class EventReader:
+    """Reads one stream after the other, each from where the last one has ended.
+
+    Args:
+        stream: opens one, with these headers; raises the service's error where it refuses it.
+        patience_s: so long nobody may answer.
+    """
+
+    def __init__(
+        self,
+        stream: Callable[[Mapping[str, str]], Any],
+        patience_s: float,
+        now_s: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self._stream = stream
+        self._patience_s = patience_s
+        self._now_s, self._sleep = now_s, sleep
+        self._last_id = ""
+        self._heard_s: float | None = None
+
+    def events(self) -> Iterator[Json]:
+        """Without an end.
+
+        Raises:
+            UnavailableError: nobody answers, or nobody does any more for `patience_s`.
+            CobotError: what the service says to what was asked for.
+        """
+        pause_s = FIRST_PAUSE_S
+        while True:
+            before_s = self._heard_s
+            try:
+                yield from self._one_stream()
+                problem = "the stream has ended"
+            except (UnavailableError, httpx.HTTPError) as exc:
+                problem = str(exc) or type(exc).__name__
+            if self._heard_s != before_s:
+                pause_s = FIRST_PAUSE_S
+            if self._heard_s is None:
+                raise UnavailableError(problem)
+            if self._now_s() - self._heard_s > self._patience_s:
+                raise UnavailableError(f"no event for {self._patience_s:g} s: {problem}")
+            self._sleep(pause_s)
+            pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
+
+    def _one_stream(self) -> Iterator[Json]:
+        headers = {"Last-Event-ID": self._last_id} if self._last_id else {}
+        with self._stream(headers) as response:
+            for fields in blocks(response.iter_lines()):
+                self._heard_s = self._now_s()
+                if "data" in fields and fields.get("event") not in UNTOLD:
+                    yield json.loads(fields["data"])
+                # Only now: who stops in the middle of it has not had it.
+                self._last_id = fields.get("id", self._last_id)
+
+
+class EventConnection(Connection):
+    """A connection that can listen."""
+
+    def events(
+        self,
+        types: Sequence[str] = (),
+        *,
+        robot: str | None = None,
+        state_hz: float | None = None,
+        after: str | None = None,
+        patience_s: float = 60.0,
+    ) -> Iterator[Json]:
+        """What happens, as it happens: dicts with `id`, `epoch`, `time`, `robot`, `type`, `data`. Without an
+        end; a connection that is lost is made again, and goes on after the last event.
+
+        Args:
+            types: of events; all without any. States come whatever the types are, if `state_hz` is given.
+            robot: the events of this robot alone; for a client of all of them.
+            state_hz: so often a second the newest state comes, 0.1 to 100.
+            after: "EPOCH-ID" of an event of before, "0" for all that are kept; else new ones.
+            patience_s: a connection that was lost is tried for so long; then it raises UnavailableError.
+        """
+        asked: Json = {"robot": robot, "state_hz": state_hz, "after": after}
+        if types:
+            asked["types"] = ",".join(types)
+        params = {name: value for name, value in asked.items() if value is not None}
+        timeout = httpx.Timeout(self._http.timeout.connect, read=SILENT_S)
+
+        def stream(headers: Mapping[str, str]) -> Any:
+            return self._streamed("/events", params=params, headers=headers, timeout=timeout)
+
+        return EventReader(stream, patience_s).events()

@@ -1,0 +1,185 @@
+"""The motions of the REST client: each returns on arrival, or at once with the job that it is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, overload
+
+from cobot.client.connection import Json
+from cobot.client.jobs import JobHandle, Jobs
+
+
+class Moves(Jobs):
+    """Motions. With `wait=False` they return a `JobHandle` as soon as the service has accepted them."""
+
+    @overload
+    def move_named(
+        self,
+        name: str,
+        *,
+        speed: float = ...,
+        accel_scale: float = ...,
+        wait: Literal[True] = ...,
+        **how: Any,
+    ) -> Json: ...
+    @overload
+    def move_named(self, name: str, *, wait: Literal[False], **how: Any) -> JobHandle: ...
+    def move_named(
+        self, name: str, *, speed: float = 0.1, accel_scale: float = 0.0, wait: bool = True, **how: Any
+    ) -> Json | JobHandle:
+        """Go to a named position; returns on arrival, raises when it is not reached.
+
+        Args:
+            how: `planner`, `algorithm`, `synchronization` and `constraints`, as in POST /robot/move/named.
+        """
+        return self._move("named", {"name": name, "speed": speed, "accel_scale": accel_scale, **how}, wait)
+
+    @overload
+    def move_joints(
+        self,
+        joints: Sequence[float],
+        *,
+        speed: float = ...,
+        accel_scale: float = ...,
+        wait: Literal[True] = ...,
+        **how: Any,
+    ) -> Json: ...
+    @overload
+    def move_joints(self, joints: Sequence[float], *, wait: Literal[False], **how: Any) -> JobHandle: ...
+    def move_joints(
+        self,
+        joints: Sequence[float],
+        *,
+        speed: float = 0.1,
+        accel_scale: float = 0.0,
+        wait: bool = True,
+        **how: Any,
+    ) -> Json | JobHandle:
+        """Go to joint angles in rad; returns on arrival, raises when it is not reached.
+
+        Args:
+            how: `planner`, `algorithm`, `synchronization` and `constraints`, as in POST
+                /robot/move/joints.
+        """
+        body = {"joints": list(joints), "speed": speed, "accel_scale": accel_scale, **how}
+        return self._move("joints", body, wait)
+
+    @overload
+    def execute(self, plan_id: str, *, wait: Literal[True] = ...) -> Json: ...
+    @overload
+    def execute(self, plan_id: str, *, wait: Literal[False]) -> JobHandle: ...
+    def execute(self, plan_id: str, *, wait: bool = True) -> Json | JobHandle:
+        """Run a plan; returns on arrival, raises when it cannot be run any more or is not reached."""
+        return self._motion("/robot/execute", {"plan_id": plan_id}, wait)
+
+    @overload
+    def move_pose(
+        self,
+        *,
+        x: float,
+        y: float,
+        z: float,
+        a: float = ...,
+        b: float = ...,
+        c: float = ...,
+        speed: float | None = ...,
+        accel_scale: float = ...,
+        planner: str = ...,
+        frame_id: str = ...,
+        via: Mapping[str, float] | None = ...,
+        wait: Literal[True] = ...,
+        **more: Any,
+    ) -> Json: ...
+    @overload
+    def move_pose(self, *, x: float, y: float, z: float, wait: Literal[False], **how: Any) -> JobHandle: ...
+    def move_pose(
+        self,
+        *,
+        x: float,
+        y: float,
+        z: float,
+        a: float = 0.0,
+        b: float = 0.0,
+        c: float = 0.0,
+        speed: float | None = None,
+        accel_scale: float = 0.0,
+        planner: str = "ptp",
+        frame_id: str = "",
+        via: Mapping[str, float] | None = None,
+        wait: bool = True,
+        **more: Any,
+    ) -> Json | JobHandle:
+        """Bring the TCP to a pose (m, KUKA angles in rad); returns on arrival, raises when not reached.
+
+        Args:
+            speed: a share; without it 0.1, or 1 where `speed_m_s` or `speed_rad_s` is given.
+            more: `centre`, `axis`, `through`, `radius`, `speed_m_s`, `speed_rad_s`, `algorithm`,
+                `synchronization`, `constraints`, as in POST /robot/move/pose.
+        """
+        body: Json = {"x": x, "y": y, "z": z, "a": a, "b": b, "c": c}
+        body |= {"accel_scale": accel_scale, "planner": planner, "frame_id": frame_id}
+        if speed is not None or not more.keys() & {"speed_m_s", "speed_rad_s"}:
+            body["speed"] = 0.1 if speed is None else speed
+        body["via"] = dict(via) if via else None
+        return self._move("pose", body | more, wait)
+
+    @overload
+    def move_arc(
+        self,
+        *,
+        centre: Mapping[str, float],
+        axis: Mapping[str, float],
+        angle: float,
+        wait: Literal[True] = ...,
+        **more: Any,
+    ) -> Json: ...
+    @overload
+    def move_arc(
+        self,
+        *,
+        centre: Mapping[str, float],
+        axis: Mapping[str, float],
+        angle: float,
+        wait: Literal[False],
+        **more: Any,
+    ) -> JobHandle: ...
+    def move_arc(
+        self,
+        *,
+        centre: Mapping[str, float],
+        axis: Mapping[str, float],
+        angle: float,
+        wait: bool = True,
+        **more: Any,
+    ) -> Json | JobHandle:
+        """Turn the TCP by `angle`, rad, about the axis through `centre`, m; returns on arrival.
+
+        Args:
+            more: `rise`, `turn_tool`, `frame_id`, `speed`, `accel_scale`, `speed_m_s`, `speed_rad_s`,
+                `constraints`, as in POST /robot/move/arc.
+        """
+        return self._move("arc", {"centre": dict(centre), "axis": dict(axis), "angle": angle, **more}, wait)
+
+    @overload
+    def move_sequence(
+        self, motions: Sequence[Mapping[str, Any]], radii: Sequence[float] = ..., *, wait: Literal[True] = ...
+    ) -> Json: ...
+    @overload
+    def move_sequence(
+        self, motions: Sequence[Mapping[str, Any]], radii: Sequence[float] = ..., *, wait: Literal[False]
+    ) -> JobHandle: ...
+    def move_sequence(
+        self, motions: Sequence[Mapping[str, Any]], radii: Sequence[float] = (), *, wait: bool = True
+    ) -> Json | JobHandle:
+        """Several motions as one; returns on arrival.
+
+        Args:
+            motions: bodies of POST /robot/move/named, joints, pose and arc.
+            radii: for each but the last, m: so far from its end the TCP may leave its path; none: it stops.
+        """
+        return self._move(
+            "sequence", {"motions": [dict(each) for each in motions], "radii": list(radii)}, wait
+        )
+
+    def _move(self, what: str, body: Json, wait: bool) -> Json | JobHandle:
+        return self._motion(f"/robot/move/{what}", body, wait)

@@ -1,0 +1,241 @@
+"""What each command does. Errors are the service's, in its words."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from functools import partial
+from pathlib import Path
+from urllib.parse import quote
+
+from cobot.client import Client
+from cobot.client.connection import Json
+from cobot.commands.completion import completion
+from cobot.commands.options import url_of
+from cobot.commands.screen import Bar, during, event_line, said, show_state, show_table
+from cobot.errors import CobotError, ExecutionError, InputError, UnavailableError
+
+EXIT_OK, EXIT_FAILED, EXIT_UNAVAILABLE, EXIT_INTERRUPTED = 0, 1, 3, 130
+POLL_S = 0.1
+JOBS = {
+    "id": "job",
+    "robot": "robot",
+    "state": "state",
+    "progress": "progress",
+    "remaining_s": "remaining, s",
+    "request": "request",
+    "owner": "owner",
+}
+
+
+def run(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> int:
+    """Carry out a command; the exit status."""
+    try:
+        if chosen.command == "completion":
+            print(completion(chosen.shell, parser), flush=True)
+            return EXIT_OK
+        with _client(chosen) as client:
+            return ACTIONS[chosen.command](client, chosen)
+    except KeyboardInterrupt:
+        print("cobot: interrupted", file=sys.stderr)
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:  # as of `cobot watch | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_OK
+    except CobotError as exc:
+        if getattr(chosen, "json", False):
+            said({"success": False, "code": exc.code, "message": str(exc)})
+        print(f"cobot: {exc}", file=sys.stderr)
+        return EXIT_UNAVAILABLE if isinstance(exc, UnavailableError) else EXIT_FAILED
+
+
+def _client(chosen: argparse.Namespace) -> Client:
+    verify = True if chosen.certificate is None else chosen.certificate
+    return Client(
+        url_of(chosen), robot=chosen.robot, token=chosen.token, verify=verify, motion_timeout_s=86_400.0
+    )
+
+
+def _state(client: Client, chosen: argparse.Namespace) -> int:
+    health, control = client.health(), client.who_controls()
+    joints, pose = client.joint_states(), client.pose()
+    if chosen.json:
+        said({"robot": health["robot"], "joints": joints, "pose": pose, "control": control})
+    else:
+        show_state(health, joints, pose, control)
+    return EXIT_OK
+
+
+def _move(client: Client, chosen: argparse.Namespace) -> int:
+    goal: list[str] = chosen.goal
+    how: Json = {"speed": chosen.speed} | ({} if chosen.planner is None else {"planner": chosen.planner})
+    if goal[0] == "pose":
+        numbers = _numbers(goal[1:])
+        if len(numbers) not in (3, 6):
+            raise InputError(f"pose: X Y Z, or X Y Z A B C; got {len(numbers)} numbers")
+        how |= dict(zip("xyzabc", numbers, strict=False))
+        move = partial(client.move_pose, **how)
+    elif len(goal) == 1 and not _is_number(goal[0]):
+        move = partial(client.move_named, goal[0], **how)
+    else:
+        move = partial(client.move_joints, _numbers(goal), **how)
+    with Bar(not chosen.json).showing("moving") as bar:
+        answer = during(client, move, bar)
+    _done(chosen, answer, f"arrived after {answer['duration_s']:.2f} s")
+    return EXIT_OK
+
+
+def _send(client: Client, chosen: argparse.Namespace) -> int:
+    path: Path = chosen.file
+    content = _read(path)
+
+    def send() -> Json:
+        options: Json = {"move_to_start": True} if chosen.move_to_start else {}
+        if path.suffix.lower() != ".json":
+            sent = client.send_csv(path, **options)
+        else:
+            body = _trajectory(path, content)
+            sent = client.send_trajectory(body.pop("points"), **body | options)
+        return sent if chosen.no_wait else sent | _arrival(client, int(sent["motion_id"]))
+
+    with Bar(not chosen.json).showing(path.name) as bar:
+        answer = during(client, send, bar)
+    begun = f"motion {answer['motion_id']} has begun and takes {answer['duration_s']:.2f} s"
+    _done(chosen, answer, begun if chosen.no_wait else f"motion {answer['motion_id']} has arrived")
+    return EXIT_OK
+
+
+def _arrival(client: Client, motion: int) -> Json:
+    """Wait until a motion has ended.
+
+    Raises:
+        ExecutionError: it has not arrived.
+    """
+    while True:
+        robot = client.health()["robot"]
+        result = str(robot["motion_result"])
+        if robot["motion_id"] != motion or result == "ARRIVED":  # the next one began after it had arrived
+            return {"result": "ARRIVED"}
+        if result != "RUNNING":
+            raise ExecutionError(f"motion {motion} has not arrived: {result.lower()}, {robot['reason']}")
+        time.sleep(POLL_S)
+
+
+def _sequence(client: Client, chosen: argparse.Namespace) -> int:
+    path: Path = chosen.sequence
+    _read(path)
+    bar = Bar(not chosen.json)
+
+    def sequence() -> Json:
+        client.start_sequence(path, n_iterations=chosen.iterations, delay_between_iterations=chosen.delay)
+        while (status := client.sequence_status())["status"] == "running":
+            if status["n_waypoints"]:
+                place = f"{path.name} {status['iteration']}/{status['n_iterations']}"
+                bar.update(status["waypoint"], status["n_waypoints"], place)
+            time.sleep(POLL_S)
+        return status
+
+    with bar.showing(path.name):
+        status = during(client, sequence, Bar(shown=False))
+    if status["returncode"] != 0:
+        lines = "; ".join(client.sequence_logs(3))
+        raise ExecutionError(f"{path.name} ended with return code {status['returncode']}: {lines}")
+    _done(chosen, status, f"{path.name} is done")
+    return EXIT_OK
+
+
+def _stop(client: Client, chosen: argparse.Namespace) -> int:
+    answer = client.stop()
+    _done(chosen, answer, str(answer["message"]))
+    return EXIT_OK if answer["success"] else EXIT_FAILED
+
+
+def _jobs(client: Client, chosen: argparse.Namespace) -> int:
+    change = next((what for what in ("cancel", "pause", "resume") if getattr(chosen, what)), None)
+    if chosen.id is None:
+        if change is not None:
+            raise InputError(f"--{change}: which job? Give its ID")
+        jobs = list(client._json("GET", "/jobs")["jobs"])
+    elif change is not None:
+        jobs = [client._json("POST", f"/jobs/{quote(chosen.id, safe='')}/{change}", timeout=15.0)]
+    else:
+        jobs = [client._json("GET", f"/jobs/{quote(chosen.id, safe='')}")]
+    if chosen.json:
+        said(jobs if chosen.id is None else jobs[0])
+        return EXIT_OK
+    show_table(jobs, JOBS)
+    for job in jobs if chosen.id is not None else ():
+        if job.get("error"):
+            print(job["error"]["detail"])
+    return EXIT_OK
+
+
+def _watch(client: Client, chosen: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    console = Console(highlight=False, soft_wrap=True)
+    types = chosen.types.split(",") if chosen.types else ()
+    for count, event in enumerate(client.events(types, state_hz=chosen.state_hz, after=chosen.after), 1):
+        if chosen.json:
+            said(event)
+        else:
+            console.print(event_line(event))
+        if count == chosen.count:
+            break
+    return EXIT_OK
+
+
+def _done(chosen: argparse.Namespace, answer: Json, sentence: str) -> None:
+    if chosen.json:
+        said(answer)
+    else:
+        note = answer.get("note")
+        print(f"{sentence}: {note}" if note else sentence)
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as exc:
+        raise InputError(f"{path}: {exc.strerror}") from exc
+
+
+def _trajectory(path: Path, content: bytes) -> Json:
+    try:
+        body = json.loads(content)
+    except ValueError as exc:
+        raise InputError(f"{path}: is not valid JSON: {exc}") from exc
+    if isinstance(body, list):
+        return {"points": body}
+    if not isinstance(body, dict) or "points" not in body:
+        raise InputError(f"{path}: is neither a list of points nor an object with `points`")
+    return body
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _numbers(texts: list[str]) -> list[float]:
+    for text in texts:
+        if not _is_number(text):
+            raise InputError(f"goal: {text!r} is no number")
+    return [float(text) for text in texts]
+
+
+ACTIONS = {
+    "state": _state,
+    "move": _move,
+    "send": _send,
+    "run": _sequence,
+    "stop": _stop,
+    "jobs": _jobs,
+    "watch": _watch,
+}

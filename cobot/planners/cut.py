@@ -1,0 +1,48 @@
+"""Parts of a trajectory."""
+
+from __future__ import annotations
+
+from math import comb
+
+import numpy as np
+
+from cobot.trajectory import ORDER, Trajectory
+from cobot.types import Array
+
+SAME_S = 1e-9
+"""Breakpoints that are nearer to each other, s, are taken for one."""
+_CHOOSE = np.array([[comb(p, j) if p >= j else 0 for p in range(ORDER)] for j in range(ORDER)], dtype=float)
+
+
+def cut(trajectory: Trajectory, begin_s: float, end_s: float) -> Trajectory:
+    """The part between two times."""
+    inner = trajectory.breakpoints_s[
+        (trajectory.breakpoints_s > begin_s + SAME_S) & (trajectory.breakpoints_s < end_s - SAME_S)
+    ]
+    times = np.concatenate([[begin_s], inner, [end_s]])
+    middles = 0.5 * (times[:-1] + times[1:])
+    return Trajectory(times - begin_s, _expanded(trajectory, times[:-1], middles))
+
+
+def rest_at(trajectory: Trajectory, time_s: float) -> tuple[Trajectory, float]:
+    """What of a motion is left at a time, from the last breakpoint before it on, and when that is, s.
+
+    The polynomials are the same, bit for bit, and so are the times, less the one of that breakpoint.
+    """
+    breakpoints = trajectory.breakpoints_s
+    index = int(np.searchsorted(breakpoints, time_s, side="right")) - 1
+    index = min(max(index, 0), trajectory.segments - 1)
+    offset_s = float(breakpoints[index])
+    left = Trajectory(
+        breakpoints[index:] - offset_s, trajectory.coefficients[index:], trajectory.note, trajectory.changes
+    )
+    return left, offset_s
+
+
+def _expanded(trajectory: Trajectory, origins_s: Array, inside_s: Array) -> Array:
+    """Coefficients of the segments that contain `inside_s`, (n, dof, 6), in the time since `origins_s`."""
+    index = np.searchsorted(trajectory.breakpoints_s, inside_s, side="right") - 1
+    since = origins_s - trajectory.breakpoints_s[index]
+    power = np.maximum(np.arange(ORDER)[None, :] - np.arange(ORDER)[:, None], 0)
+    shift = _CHOOSE * since[:, None, None] ** power
+    return np.asarray(np.einsum("ndp,njp->ndj", trajectory.coefficients[index], shift))

@@ -1,0 +1,182 @@
+"""From the times of one motion to those of another on the same path, with no jump in the acceleration."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import comb
+
+import numpy as np
+
+from cobot.motions.stretches import Corner, Leg
+from cobot.planners.cells import chained
+from cobot.planners.coordinates import Coordinates
+from cobot.planners.joined import largest, path_of
+from cobot.planners.path import Path
+from cobot.polynomials import greatest_rates
+from cobot.robot.description import RobotDescription
+from cobot.robot.feasibility import effort_samples
+from cobot.trajectory import Trajectory, from_hermite
+from cobot.types import Array, JointLimits
+
+WIDTHS_S = (0.2, 0.3, 0.15, 0.45)
+"""How long going over takes; tried in this order."""
+BEGINS = 6
+"""So many windows of each width are tried, from the earliest possible on."""
+KNOT_S, LOOK_S = 0.01, 0.004
+"""Between the ends of two quintics of a window, and between the times at which its limits are looked at."""
+JERK = 1.15
+"""Of the limit of jerk, what a window may use: less than the arm may, of which plans use 0.8."""
+TOLERANCE = 1e-9
+STEP = np.polynomial.Polynomial([0.0, 0.0, 0.0, 10.0, -15.0, 6.0])
+"""From 0 to 1, with no velocity and no acceleration at either end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """A trajectory, and the parameter of its path as a motion of its own, from `since_s` of it on."""
+
+    trajectory: Trajectory
+    progress: Trajectory
+    since_s: float = 0.0
+
+    def places(self, times_s: Array, derivative: int = 0) -> Array:
+        """The parameter at times of the trajectory, shape (n,)."""
+        return np.asarray(self.progress.sample(times_s - self.since_s, derivative)[:, 0])
+
+    def time_of(self, place: float) -> float:
+        """When the parameter has a value."""
+        knots = self.progress.breakpoints_s
+        time_s = float(np.interp(place, self.progress.sample(knots)[:, 0], knots))
+        off = float(place - self.progress.sample([time_s])[0, 0])
+        rate = float(self.progress.sample([time_s], 1)[0, 0])
+        return self.since_s + time_s + (off / rate if rate > 0.0 else 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class LimitedPath:
+    """A path with its limits."""
+
+    path: Path
+    coordinates: Coordinates
+    limits: JointLimits
+
+    @classmethod
+    def of(
+        cls, robot: RobotDescription, legs: Sequence[Leg], paths: Sequence[Path], corners: Sequence[Corner]
+    ) -> LimitedPath:
+        """Of motions that have round corners."""
+        path, zones, _ = path_of(robot, legs, paths, corners)
+        limits, of_tcp = largest(robot, legs)
+        return cls(path, Coordinates(robot.model, path, limits, of_tcp, zones=zones), limits)
+
+    def holds(self, robot: RobotDescription, law: Array, window: Trajectory) -> bool:
+        """Whether a motion along the path keeps the limits.
+
+        Args:
+            law: the path's parameter and its three derivatives by time, shape (4, n).
+            window: the motion.
+        """
+        if law[1].min() <= 0.0:
+            return False
+        shares = self.coordinates.shares(law[0])
+        dof = self.path.dof
+        limits = np.array(
+            [self.limits.max_velocity, self.limits.max_acceleration, JERK * self.limits.max_jerk]
+        )
+        peaks = greatest_rates(window.coefficients, np.diff(window.breakpoints_s)).max(axis=1)
+        if (peaks > limits * shares[:, :, :dof].min(axis=1) * (1.0 + TOLERANCE)).any():
+            return False
+        _, derivatives, slowness = self.coordinates.at(law[0])
+        _, acceleration, jerk = np.abs(chained(derivatives, law))
+        within = (
+            (slowness * law[1] <= 1.0 + TOLERANCE).all()
+            and (acceleration <= self.coordinates.max_acceleration * shares[1]).all()
+            and (jerk <= JERK * self.coordinates.max_jerk * shares[2]).all()
+        )
+        if not within:
+            return False
+        _, efforts = effort_samples(robot.model, window)
+        return bool((np.abs(efforts) <= self.limits.max_effort).all())
+
+
+def gone_over(
+    robot: RobotDescription, course: LimitedPath, old: Timing, new: Timing, until: float, from_s: float
+) -> tuple[Trajectory, float, float] | None:
+    """A trajectory that begins as the one and ends as the other, bit for bit.
+
+    Args:
+        until: the parameter up to which their paths are the same.
+        from_s: from this time of the old one on it may change.
+
+    Returns:
+        The whole, the time in it at which the new one would have begun, and from when on it is the new one;
+        None if no window keeps the limits.
+    """
+    until_s = old.time_of(until)
+    for width_s in WIDTHS_S:
+        for begin_s in np.linspace(from_s, until_s - width_s, BEGINS) if until_s - width_s > from_s else ():
+            found = _through(robot, course, old, new, until, (float(begin_s), width_s))
+            if found is not None:
+                return found
+    return None
+
+
+def _through(
+    robot: RobotDescription,
+    course: LimitedPath,
+    old: Timing,
+    new: Timing,
+    until: float,
+    window: tuple[float, float],
+) -> tuple[Trajectory, float, float] | None:
+    """`gone_over` by a window that begins about at a time and is about so wide."""
+    first = int(np.searchsorted(old.trajectory.breakpoints_s, window[0]))
+    begin_s = float(old.trajectory.breakpoints_s[first])
+    middle_s = begin_s + 0.5 * window[1]
+    ahead_s = new.time_of(float(old.places(np.array([middle_s]))[0])) - middle_s
+    knots = new.trajectory.breakpoints_s
+    last = int(np.searchsorted(knots, middle_s + ahead_s + 0.5 * window[1]))
+    if last >= new.trajectory.segments or new.places(knots[last : last + 1])[0] > until:
+        return None
+    width_s = float(knots[last]) - ahead_s - begin_s
+    times_s = np.linspace(0.0, width_s, int(np.ceil(width_s / KNOT_S)) + 1)
+    law = _law(old, new, begin_s, ahead_s, width_s, times_s)
+    positions, direction, bend, _ = course.path.derivatives(law[0])
+    rows = [
+        positions,
+        direction * law[1][:, None],
+        bend * law[1][:, None] ** 2 + direction * law[2][:, None],
+    ]
+    for order, row in enumerate(rows):
+        row[0] = old.trajectory.sample([begin_s], order)[0]
+        row[-1] = new.trajectory.sample(knots[last : last + 1], order)[0]
+    between = from_hermite(times_s, *rows)
+    looked_at = np.linspace(0.0, width_s, int(np.ceil(width_s / LOOK_S)) + 1)
+    if not course.holds(robot, _law(old, new, begin_s, ahead_s, width_s, looked_at), between):
+        return None
+    end_s = begin_s + between.duration_s
+    since_s = end_s - float(knots[last])
+    times = [
+        old.trajectory.breakpoints_s[: first + 1],
+        begin_s + between.breakpoints_s[1:],
+        since_s + knots[last + 1 :],
+    ]
+    pieces = [
+        old.trajectory.coefficients[:first],
+        between.coefficients,
+        new.trajectory.coefficients[last:],
+    ]
+    whole = Trajectory(np.concatenate(times), np.concatenate(pieces), old.trajectory.note)
+    return whole, since_s, end_s
+
+
+def _law(old: Timing, new: Timing, begin_s: float, ahead_s: float, width_s: float, times_s: Array) -> Array:
+    """The parameter and its three derivatives at times of a window, shape (4, n): the old motion's, then more
+    and more those of the new one at times that are so far ahead."""
+    mine = [old.places(begin_s + times_s, k) for k in range(4)]
+    apart = [new.places(begin_s + ahead_s + times_s, k) - mine[k] for k in range(4)]
+    share = [STEP.deriv(k)(times_s / width_s) / width_s**k for k in range(4)]
+    return np.array(
+        [mine[k] + sum(comb(k, i) * share[i] * apart[k - i] for i in range(k + 1)) for k in range(4)]
+    )

@@ -1,0 +1,198 @@
+"""Motions that follow one which is under way, without a stop: what is handed over already stays as it is.
+
+The motions since the last stop are joined anew with those that follow, see `joined`. Both have the same path
+up to the corner where the first ended, and nearly the same times as long as it did not slow down for its end.
+So on a window before that corner, the times go over from those of the one to those of the other: what is
+before the window is the motion under way, bit for bit, what is after it the new one. Where no window keeps
+the limits, since the arm is too near to its end, it stops there, and goes on at once.
+
+A motion that may be prolonged so keeps a little reserve for the window.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+from cobot.errors import PlanningError
+from cobot.motions.stretches import Corner, Leg, Stretch
+from cobot.planners.cut import rest_at
+from cobot.planners.going_over import LimitedPath, Timing, gone_over
+from cobot.planners.joined import Part, check_radii, corners_of, part_of, with_stops
+from cobot.planners.path import Path
+from cobot.planners.time_law import with_room
+from cobot.robot.description import RobotDescription
+from cobot.trajectory import Trajectory
+
+RESERVE = (0.998, 0.98, 0.92)
+"""Of the limits of velocity, acceleration and jerk: what a motion that may be prolonged uses at the most."""
+KEPT_S = 3.0
+"""Motions that have ended so long before are not joined anew: what comes now does not depend on them."""
+
+
+def begun(robot: RobotDescription, legs: Sequence[Leg], radii_m: Sequence[float]) -> Stretch:
+    """Motions from rest as one, which stops where there is no radius or the corner cannot be round.
+
+    Args:
+        legs: each begins where the one before ends.
+        radii_m: how far from the end of each the TCP may leave its path to go on; of the last one too.
+
+    Raises:
+        InputError: see `joined`.
+    """
+    check_radii(legs, radii_m[:-1])
+    return _following(robot, None, legs, radii_m)
+
+
+def prolonged(
+    robot: RobotDescription,
+    under_way: Stretch,
+    legs: Sequence[Leg],
+    radii_m: Sequence[float],
+    now_s: float,
+    from_s: float,
+) -> Stretch:
+    """The same up to a path time at the least, and then further motions; see `begun`.
+
+    Args:
+        now_s: a path time that is passed already: what is before it is left out.
+        from_s: before this path time nothing changes.
+    """
+    check_radii(legs, radii_m[:-1])
+    found = None
+    if under_way.radii_m[-1] > 0.0 and under_way.progress is not None:
+        found = _rounded(robot, under_way, legs, radii_m, max(from_s, under_way.valid_s))
+    if found is None:
+        found = _following(robot, under_way, legs, radii_m)
+    left, offset_s = rest_at(found.trajectory, now_s)
+    ends = [end_s - offset_s for end_s in found.ends_s]
+    over = min(sum(end_s <= 0.0 for end_s in ends), len(ends) - len(found.legs))
+    return replace(
+        found,
+        trajectory=left,
+        ends_s=tuple(ends[over:]),
+        since_s=found.since_s - offset_s,
+        valid_s=found.valid_s - offset_s,
+        offset_s=offset_s,
+    )
+
+
+def _following(
+    robot: RobotDescription, before: Stretch | None, legs: Sequence[Leg], radii_m: Sequence[float]
+) -> Stretch:
+    """Motions after a stop: at the end of what is under way, if anything is."""
+    paths = [Path.of_trajectory(leg.motion) for leg in legs]
+    corners = corners_of(robot, paths, [0.0, *radii_m])
+    stops = [index for index, corner in enumerate(corners, start=1) if corner is None]
+    used: list[float] = []
+    for begin, end in pairwise([0, *stops, len(legs)]):
+        inner = [corner for corner in corners[begin : end - 1] if corner is not None]
+        more = radii_m[end - 1] > 0.0
+        part = _part(robot, legs[begin:end], paths[begin:end], inner, reserve=more, one_law=more)
+        used += [0.0, *part.blended.used_m]
+        since_s = 0.0 if before is None else before.trajectory.duration_s
+        whole = part.blended.trajectory
+        before = Stretch(
+            whole if before is None else before.trajectory.followed_by(whole),
+            (*(before.ends_s if before else ()), *(since_s + end_s for end_s in part.blended.ends_s)),
+            tuple(used),
+            tuple(legs[begin:end]),
+            tuple(radii_m[begin:end]),
+            tuple(inner),
+            part.progress,
+            since_s,
+            since_s,
+        )
+    assert before is not None
+    return before
+
+
+def _part(
+    robot: RobotDescription,
+    legs: Sequence[Leg],
+    paths: Sequence[Path],
+    corners: Sequence[Corner],
+    *,
+    reserve: bool,
+    one_law: bool,
+) -> Part:
+    """Without a stop where that is possible."""
+    slower = [_reserved(robot, leg) for leg in legs] if reserve else legs
+    try:
+        return part_of(robot, slower, paths, corners, one_law=one_law)
+    except PlanningError:
+        return Part(with_stops(legs))
+
+
+def _reserved(robot: RobotDescription, leg: Leg) -> Leg:
+    of_tcp = None if leg.tcp is None else leg.tcp.scaled(*RESERVE)
+    return Leg(leg.motion, with_room(robot, leg.limits).scaled(*RESERVE), of_tcp)
+
+
+def _rounded(
+    robot: RobotDescription, under_way: Stretch, legs: Sequence[Leg], radii_m: Sequence[float], from_s: float
+) -> Stretch | None:
+    """Without a stop at the end of what is under way; None if that is impossible."""
+    left_out = _left_out(under_way, from_s)
+    all_legs = [*under_way.legs[left_out:], *legs]
+    radii = [*under_way.radii_m[left_out:], *radii_m]
+    paths = [Path.of_trajectory(leg.motion) for leg in all_legs]
+    old = len(all_legs) - len(legs)
+    radius_before = under_way.radii_m[-2] if len(under_way.radii_m) > 1 else 0.0
+    ahead = corners_of(robot, paths[old - 1 :], [radius_before, *radii[old - 1 :]])
+    count = ahead.index(None) if None in ahead else len(ahead)
+    corners = [*under_way.corners[left_out:], *(corner for corner in ahead[:count] if corner is not None)]
+    end = old + count
+    part = _part(robot, all_legs[:end], paths[:end], corners, reserve=True, one_law=True)
+    if count == 0 or part.progress is None:
+        return None
+    until = sum(path.length for path in paths[:old]) - corners[len(corners) - count].before
+    course = LimitedPath.of(robot, all_legs[:end], paths[:end], corners)
+    timing = Timing(part.blended.trajectory, part.progress)
+    found = gone_over(robot, course, _timing(under_way, left_out), timing, until, from_s)
+    if found is None:
+        return None
+    whole, since_s, valid_s = found
+    over = len(under_way.ends_s) - old
+    before: list[float] = [end_s for end_s in under_way.ends_s[over:] if end_s < from_s]
+    after = [since_s + end_s for end_s in part.blended.ends_s[len(before) :]]
+    stretch = Stretch(
+        trajectory=whole,
+        ends_s=(*under_way.ends_s[:over], *before, *after),
+        used_m=part.blended.used_m[-count:],
+        legs=tuple(all_legs[:end]),
+        radii_m=tuple(radii[:end]),
+        corners=tuple(corners),
+        progress=part.progress,
+        since_s=since_s,
+        valid_s=valid_s,
+    )
+    if end == len(all_legs):
+        return stretch
+    following = _following(robot, stretch, all_legs[end:], radii[end:])
+    return replace(following, used_m=(*stretch.used_m, *following.used_m))
+
+
+def _timing(under_way: Stretch, left_out: int) -> Timing:
+    """Of the motion under way, with the parameter of the path without its first motions."""
+    progress = under_way.progress
+    assert progress is not None
+    coefficients = progress.coefficients.copy()
+    coefficients[:, :, 0] -= sum(Path.of_trajectory(leg.motion).length for leg in under_way.legs[:left_out])
+    shorter = Trajectory(progress.breakpoints_s, coefficients)
+    return Timing(under_way.trajectory, shorter, under_way.since_s)
+
+
+def _left_out(under_way: Stretch, from_s: float) -> int:
+    """How many of the motions since the last stop need not be joined anew."""
+    assert under_way.progress is not None
+    place = float(under_way.progress.sample([from_s - under_way.since_s])[0, 0])
+    ends = under_way.ends_s[len(under_way.ends_s) - len(under_way.legs) :]
+    begins, count = 0.0, 0
+    for leg, end_s, corner in zip(under_way.legs, ends, under_way.corners, strict=False):
+        begins += Path.of_trajectory(leg.motion).length
+        if end_s > from_s - KEPT_S or place <= begins + corner.after:
+            break
+        count += 1
+    return count

@@ -1,0 +1,125 @@
+"""A recording as arrays, for what plots and replays it."""
+
+from __future__ import annotations
+
+import json
+import struct
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from zstandard import ZstdError
+
+from cobot.errors import InputError
+from cobot.recording.messages import CYCLE, DEFINITIONS, EVENT, JOINT_STATE
+from cobot.types import Array
+
+UNREADABLE = (McapError, ZstdError, struct.error, ValueError, KeyError, TypeError, IndexError, AssertionError)
+"""What the reader raises for what is no recording of cobot's, or a damaged one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Marked:
+    """An event of a recording; `time_s` as the cycles' times."""
+
+    time_s: float
+    kind: str
+    mode: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Cycles:
+    """The cycles of a recording, n of them.
+
+    Attributes:
+        robot, joint_names, period_s, reason: of what the file is about.
+        times_s: on the robot's clock, from 0 on, shape (n,).
+        position, velocity, effort: measured, rad, rad/s, N·m, shape (n, dof).
+        commanded, commanded_effort: rad, N·m, shape (n, dof).
+        modes: of `cobot.types.LoopMode`, shape (n,).
+        missing: so many cycles between the first and the last one are not there.
+    """
+
+    robot: str
+    joint_names: list[str]
+    period_s: float
+    reason: str
+    times_s: Array
+    position: Array
+    velocity: Array
+    effort: Array
+    commanded: Array
+    commanded_effort: Array
+    modes: np.ndarray
+    missing: int
+    events: list[Marked] = field(default_factory=list)
+
+
+def read_recording(path: Path) -> Cycles:
+    """All cycles of a file.
+
+    Raises:
+        InputError: it cannot be read, or is no recording of a robot, with why.
+    """
+    try:
+        return _read(path)
+    except OSError as exc:
+        raise InputError(f"{path}: {exc.strerror or exc}") from exc
+    except UNREADABLE as exc:
+        raise InputError(f"{path}: is no whole recording of cobot: {exc}") from exc
+
+
+def _read(path: Path) -> Cycles:
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    for name, definition in DEFINITIONS.items():
+        store.register(get_types_from_msg(definition, name))
+    rows: dict[str, list[list[Array]]] = {"/joint_states": [], "/commanded": []}
+    numbers: list[int] = []
+    modes: list[int] = []
+    events: list[tuple[int, Marked]] = []
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        about = {each.name: each.metadata for each in reader.iter_metadata()}["cobot"]
+        period_s = float(about["period_s"])
+        for _, channel, message in reader.iter_messages(log_time_order=False):
+            if channel.topic in rows:
+                state: Any = store.deserialize_cdr(message.data, JOINT_STATE)
+                rows[channel.topic].append(
+                    [getattr(state, name) for name in ("position", "velocity", "effort")]
+                )
+            elif channel.topic == "/cycle":
+                cycle: Any = store.deserialize_cdr(message.data, CYCLE)
+                numbers.append(int(cycle.cycle))
+                modes.append(int(cycle.mode))
+            elif channel.topic == "/events":
+                event: Any = store.deserialize_cdr(message.data, EVENT)
+                kind, mode, text = (str(getattr(event, name)) for name in ("kind", "mode", "text"))
+                events.append((int(event.cycle), Marked(0.0, kind, mode, text)))
+    if not numbers:
+        raise ValueError("there is no cycle in it")
+    measured, commanded = np.array(rows["/joint_states"]), np.array(rows["/commanded"])
+    if not len(measured) == len(commanded) == len(numbers):
+        raise ValueError("its topics are of different lengths")
+    first = numbers[0]
+    return Cycles(
+        robot=about["robot"],
+        joint_names=list(json.loads(about["joint_names"])),
+        period_s=period_s,
+        reason=about.get("reason", ""),
+        times_s=(np.array(numbers) - first) * period_s,
+        position=measured[:, 0],
+        velocity=measured[:, 1],
+        effort=measured[:, 2],
+        commanded=commanded[:, 0],
+        commanded_effort=commanded[:, 2],
+        modes=np.array(modes),
+        missing=numbers[-1] - first + 1 - len(numbers),
+        events=[
+            Marked((number - first) * period_s, each.kind, each.mode, each.text) for number, each in events
+        ],
+    )

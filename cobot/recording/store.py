@@ -1,0 +1,136 @@
+"""The folder of a robot's recordings: names, what is there, and room for more."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from collections.abc import Container
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from cobot.errors import InputError, NotFoundError
+from cobot.strict import shown
+
+SUFFIX = ".mcap"
+UNFINISHED = ".part"
+REASONS = ("fault", "estop", "request", "continuous")
+_NAME = re.compile(
+    rf"(?P<run>[A-Za-z0-9_-]{{1,48}}-(?P<time>\d{{8}}T\d{{6}}\.\d{{3}})Z-(?P<reason>{'|'.join(REASONS)}))"
+    rf"(-(?P<part>[1-9]\d{{0,5}}))?{re.escape(SUFFIX)}"
+)
+_TIME = "%Y%m%dT%H%M%S.%f"
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """A finished file.
+
+    Attributes:
+        time: when what it is about happened, or it was begun, ISO 8601 in UTC.
+        reason: one of `REASONS`.
+        size: bytes.
+    """
+
+    name: str
+    time: str
+    reason: str
+    size: int
+
+
+def run_name(robot: str, wall_ns: int, reason: str) -> str:
+    """What the files of a recording are called, without part and suffix."""
+    moment = datetime.fromtimestamp(wall_ns * 1e-9, UTC)
+    return f"{robot}-{moment.strftime(_TIME)[:-3]}Z-{reason}"
+
+
+def part_name(run: str, part: int) -> str:
+    """Of a file; the parts of a continuous recording are counted from 1."""
+    return f"{run}-{part}{SUFFIX}" if part else f"{run}{SUFFIX}"
+
+
+class RecordingStore:
+    """One robot's recordings. Another process may write and remove files at any time.
+
+    Args:
+        folder: of this robot alone; made when it is needed.
+        max_bytes: of all files together.
+    """
+
+    def __init__(self, folder: Path, max_bytes: int) -> None:
+        self.folder = folder
+        self.max_bytes = max_bytes
+
+    def all(self) -> list[Recording]:
+        """The finished ones, the newest first."""
+        found = [(match, file) for file in self._files() if (match := _NAME.fullmatch(file.name))]
+        recordings = []
+        for match, file in found:
+            with contextlib.suppress(OSError, ValueError):  # it has just been removed; a month of 13
+                moment = datetime.strptime(match["time"], _TIME).replace(tzinfo=UTC)
+                time = moment.isoformat(timespec="milliseconds")
+                recordings.append(Recording(file.name, time, match["reason"], file.stat().st_size))
+        return sorted(recordings, key=_order, reverse=True)
+
+    def path(self, name: str) -> Path:
+        """Of a finished recording.
+
+        Raises:
+            InputError: no possible name of one, as one that leads elsewhere.
+            NotFoundError: there is none of that name.
+        """
+        if not _NAME.fullmatch(name):
+            raise InputError(
+                f"name: {shown(name)} is no name of a recording, as {run_name('iiwa', 0, 'fault')}{SUFFIX}"
+            )
+        file = self.folder / name
+        if file.is_symlink() or not file.is_file():
+            raise NotFoundError(f"there is no recording {shown(name)}; GET /recordings lists them")
+        return file
+
+    def remove(self, name: str) -> None:
+        """Raises as `path` does."""
+        self.path(name).unlink(missing_ok=True)
+
+    def unfinished(self) -> dict[str, Path]:
+        """What is being written, or was when somebody died, by the name it would have."""
+        return {
+            file.name.removesuffix(UNFINISHED): file
+            for file in self._files()
+            if file.name.endswith(UNFINISHED) and _NAME.fullmatch(file.name.removesuffix(UNFINISHED))
+        }
+
+    def make_room(self, needed: int, kept: Container[str] = ()) -> int:
+        """Remove the oldest recordings until so many bytes more stay within the bound.
+
+        Args:
+            needed: bytes, beside all that is there.
+            kept: names that stay.
+
+        Returns:
+            How many bytes all files have now.
+        """
+        recordings = self.all()
+        total = sum(each.size for each in recordings)
+        for file in self.unfinished().values():
+            with contextlib.suppress(OSError):
+                total += file.stat().st_size
+        while recordings and total + needed > self.max_bytes:
+            oldest = recordings.pop()
+            if oldest.name not in kept:
+                with contextlib.suppress(OSError):
+                    (self.folder / oldest.name).unlink(missing_ok=True)
+                    total -= oldest.size
+        return total
+
+    def _files(self) -> list[Path]:
+        try:
+            return [file for file in self.folder.iterdir() if file.is_file() and not file.is_symlink()]
+        except OSError:
+            return []
+
+
+def _order(recording: Recording) -> tuple[str, int]:
+    match = _NAME.fullmatch(recording.name)
+    assert match is not None
+    return match["time"], int(match["part"] or 0)

@@ -1,0 +1,20 @@
+"""`python -m recorder`: keeps and writes recordings, as `cobot run` starts it."""
+
+from __future__ import annotations
+
+import signal
+import sys
+
+from cobot.launch.process import Niceness, be, die_with_parent, in_words
+
+
+def start() -> int:
+    from recorder.process import main  # takes half a second, in which the supervisor might die unnoticed
+
+    return main()
+
+
+if __name__ == "__main__":
+    die_with_parent(signal.SIGTERM)
+    be(Niceness.BACKGROUND)
+    sys.exit(in_words(start))

@@ -1,0 +1,150 @@
+"""One recording that is being written: an MCAP file which gets its name when it is whole."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import struct
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from mcap.exceptions import McapError
+from mcap.records import Channel, Message
+from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, Writer
+from zstandard import ZstdError
+
+from cobot.ipc.recording_memory import RecordingMemory
+from cobot.recording.events import Event
+from cobot.recording.messages import TOPICS, RecordMessages
+from cobot.recording.store import UNFINISHED
+
+CHUNK_BYTES = 1 << 20
+"""Uncompressed; so much a recorder that is killed has not yet handed over to the system."""
+
+
+class RecordingFile:
+    """Written as NAME.mcap.part; `finish` makes it NAME.mcap.
+
+    Attributes:
+        size: bytes that are in the file so far.
+        cycles: so many are in it.
+
+    Raises (also its methods):
+        OSError: the disk is full, or refuses.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        memory: RecordingMemory,
+        messages: RecordMessages,
+        ahead_ns: int,
+        about: dict[str, str],
+    ) -> None:
+        """
+        Args:
+            path: of the finished file.
+            ahead_ns: by how much the clock of the wall is ahead of CLOCK_MONOTONIC.
+            about: what the file says of itself, beside the robot.
+        """
+        self.path = path
+        self.cycles = 0
+        self._messages, self._ahead_ns = messages, ahead_ns
+        self._part = path.with_name(path.name + UNFINISHED)
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        self._file = self._part.open("wb")
+        try:
+            self._writer = Writer(self._file, CHUNK_BYTES, CompressionType.ZSTD)
+            self._writer.start("ros2", f"cobot {version('cobot')}")
+            self._channels = self._described(memory, about)
+        except OSError:
+            self.abandon()
+            raise
+
+    def _described(self, memory: RecordingMemory, about: dict[str, str]) -> dict[str, int]:
+        """Write what the file is about; the channels by topic."""
+        writer = self._writer
+        schemas = {
+            type_: writer.register_schema(type_, "ros2msg", self._messages.definition(type_).encode())
+            for type_ in dict.fromkeys(TOPICS.values())
+        }
+        robot = {
+            "robot": memory.robot,
+            "joint_names": json.dumps(memory.joint_names),
+            "period_s": repr(memory.period_s),
+            "monotonic_to_wall_ns": str(self._ahead_ns),
+        }
+        writer.add_metadata("cobot", robot | about)
+        return {
+            topic: writer.register_channel(topic, "cdr", schemas[type_], {"offered_qos_profiles": ""})
+            for topic, type_ in TOPICS.items()
+        }
+
+    @property
+    def size(self) -> int:
+        return self._file.tell()
+
+    def write(self, records: np.ndarray, events: Sequence[Event]) -> None:
+        """Add cycles, and the events within them."""
+        times = (records["monotonic_ns"] + self._ahead_ns).tolist()
+        numbers = (records["number"] & 0xFFFFFFFF).tolist()
+        add = self._writer.add_message
+        topics = [
+            (self._channels[topic], *content)
+            for topic, content in self._messages.of(records, self._ahead_ns).items()
+        ]
+        for index, (time_ns, number) in enumerate(zip(times, numbers, strict=True)):
+            for channel, content, size in topics:
+                add(channel, time_ns, content[index * size : (index + 1) * size], time_ns, number)
+        for event in events:
+            time_ns = event.monotonic_ns + self._ahead_ns
+            content = self._messages.event(event, self._ahead_ns)
+            add(self._channels["/events"], time_ns, content, time_ns, event.cycle & 0xFFFFFFFF)
+        self._file.flush()
+        self.cycles += len(records)
+
+    def take_over(self, part: Path) -> int:
+        """Add what a recorder that was killed has left in a file.
+
+        Returns:
+            The number of the last cycle in it, 0 if there is none.
+        """
+        last, topics = 0, {}
+        try:
+            with part.open("rb") as file:
+                for record in StreamReader(file, validate_crcs=True, record_size_limit=1 << 26).records:
+                    if isinstance(record, Channel) and record.topic in self._channels:
+                        topics[record.id] = record.topic
+                    elif isinstance(record, Message) and record.channel_id in topics:
+                        topic = topics[record.channel_id]
+                        moment_ns = record.log_time
+                        self._writer.add_message(
+                            self._channels[topic], moment_ns, record.data, moment_ns, record.sequence
+                        )
+                        if topic == "/cycle":
+                            last, self.cycles = self._messages.cycle_of(record.data), self.cycles + 1
+        except FileNotFoundError:
+            return 0
+        except (McapError, ValueError, struct.error, ZstdError):  # here it was killed
+            return last
+        return last
+
+    def finish(self) -> None:
+        """Give the file its name: whoever sees it sees it whole, also after a power cut."""
+        cast(Any, self._writer).finish()
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        self._file.close()
+        os.replace(self._part, self.path)
+
+    def abandon(self) -> None:
+        """Leave nothing behind."""
+        with contextlib.suppress(OSError):
+            self._file.close()
+        with contextlib.suppress(OSError):
+            self._part.unlink(missing_ok=True)

@@ -1,0 +1,114 @@
+"""Bodies that are made to keep the event loop: what they cost is counted, in errors and pieces, not in time.
+
+Oracle: the bound of errors that a sentence of ten needs not exceed, and the bytes themselves.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Annotated, Any
+
+import httpx
+import pytest
+from fastapi import APIRouter, FastAPI, File, UploadFile
+from pydantic import BaseModel, ValidationError
+
+from app.api.dependencies import PIECE_BYTES, CobotRoute, pieces
+from app.api.plan_schemas import PlanPath
+from app.api.scene_schemas import ChangeScene
+from app.api.schemas import SendTrajectory
+from app.api.tool_schemas import ChangeTool
+from cobot.motions.bodies import MoveJoints, MoveSequence
+
+MOST_ERRORS = 5000
+"""Each costs some 8 µs."""
+
+
+def _through(count: int) -> dict[str, Any]:
+    return {"motions": [{"through": [{}] * count}] * 50}
+
+
+BOMBS: list[tuple[type[BaseModel], Callable[[], Any]]] = [
+    (MoveSequence, lambda: _through(200)),
+    (MoveSequence, lambda: {"motions": [{}] * 50_000}),
+    (PlanPath, lambda: {"poses": [{}] * 50_000}),
+    (SendTrajectory, lambda: {"points": [{}] * 50_000}),
+    (
+        MoveJoints,
+        lambda: {"joints": [0] * 7, "constraints": {"joints": {f"j{n}": [] for n in range(50_000)}}},
+    ),
+    *(
+        (ChangeScene, lambda name=name: {name: {f"a{n}": {} for n in range(50_000)}})
+        for name in ("objects", "frames", "attach")
+    ),
+    *(
+        (ChangeScene, lambda name=name: {"objects": {"a": {"shape": "mesh", name: [[]] * 50_000}}})
+        for name in ("vertices", "triangles", "points")
+    ),
+    (ChangeScene, lambda: {"objects": {"a": {"shape": "height_field", "heights": [[""] * 50_000]}}}),
+    (ChangeScene, lambda: {"allowed": [[]] * 50_000}),
+    (ChangeScene, lambda: {"detach": [0] * 50_000}),
+    (ChangeTool, lambda: {"shapes": {f"a{n}": {} for n in range(50_000)}}),
+]
+
+
+@pytest.mark.parametrize(("model", "body"), BOMBS)
+def test_a_body_full_of_mistakes_is_not_looked_through_to_its_end(
+    model: type[BaseModel], body: Callable[[], Any]
+) -> None:
+    with pytest.raises(ValidationError) as refused:
+        model.model_validate(body())
+    assert refused.value.error_count() <= MOST_ERRORS
+
+
+@pytest.mark.parametrize("content", [b"\r\n--B-" * 9000, b"\r" * 65536, b"\r\n0.1" * 300])
+def test_what_looks_like_boundaries_is_taken_in_small_pieces(content: bytes) -> None:
+    found = list(pieces(content))
+    assert b"".join(found) == content
+    assert max(map(len, found)) <= PIECE_BYTES
+
+
+@pytest.mark.parametrize("content", [bytes(65536), b"0.1,0.2\n" * 8000, b""])
+def test_all_else_is_taken_at_once(content: bytes) -> None:
+    assert b"".join(pieces(content)) == content
+    assert len(list(pieces(content))) <= 1
+
+
+def test_an_upload_of_what_looks_like_boundaries_lets_others_have_the_loop() -> None:
+    """A chunk of 64 KiB kept everybody, a stop too, for a quarter of a second."""
+    router = APIRouter(route_class=CobotRoute)
+    content = b"\r\n--B-" * 40_000
+
+    @router.post("/upload")
+    async def upload(file: Annotated[UploadFile, File()]) -> int:
+        return len(await file.read())
+
+    app = FastAPI()
+    app.state.services = SimpleNamespace(ownership=SimpleNamespace(stops_before=lambda begun_s: 0))
+    app.include_router(router)
+    turns = 0
+
+    async def others() -> None:
+        nonlocal turns
+        while True:
+            turns += 1
+            await asyncio.sleep(0)
+
+    async def ask() -> httpx.Response:
+        task = asyncio.create_task(others())
+        head = b'--B\r\nContent-Disposition: form-data; name="file"; filename="a"\r\n\r\n'
+        async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://h") as client:
+            answer = await client.post(
+                "/upload",
+                content=head + content + b"\r\n--B--\r\n",
+                headers={"Content-Type": "multipart/form-data; boundary=B"},
+            )
+        task.cancel()
+        return answer
+
+    answer = asyncio.run(ask())
+    assert json.loads(answer.content) == len(content)
+    assert turns > len(content) / PIECE_BYTES

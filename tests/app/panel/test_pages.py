@@ -1,0 +1,105 @@
+"""What is served for the panel, without a browser; tests/e2e/test_panel.py has one."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+from importlib.util import find_spec
+from pathlib import Path
+
+import httpx
+import pytest
+from fastapi import FastAPI
+
+from app.main import create_app
+from app.panel import pages
+from cobot.config import Settings
+
+SCRIPTS = sorted(pages.SITE.glob("*.js"))
+LANGUAGES = ("en", "de", "zh")
+
+
+@pytest.fixture(scope="module")
+def app(settings: Settings) -> FastAPI:
+    return create_app(settings, None, "http://robot.test")
+
+
+def ask(app: FastAPI, path: str) -> httpx.Response:
+    async def asking() -> httpx.Response:
+        transport = httpx.ASGITransport(app)
+        async with httpx.AsyncClient(transport=transport, base_url="http://robot.test") as client:
+            return await client.get(path)
+
+    return asyncio.run(asking())
+
+
+def used(pattern: str) -> set[str]:
+    """What the page and its scripts name."""
+    texts = [file.read_text(encoding="utf-8") for file in [*SCRIPTS, pages.SITE / "index.html"]]
+    return {found for text in texts for found in re.findall(pattern, text)}
+
+
+def test_the_page_and_all_that_it_names_come_from_here_with_a_strict_policy(app: FastAPI) -> None:
+    page = ask(app, "/")
+    assert page.headers["content-type"].startswith("text/html")
+    addresses = {"/", *re.findall(r'(?:src|href)="([^"]+)"', page.text)} - {"/docs"}
+    addresses |= {f"/panel/{file.name}" for file in pages.SITE.iterdir()}
+    for address in addresses:
+        answer = ask(app, address)
+        assert answer.status_code == 200, address
+        policy = answer.headers["content-security-policy"]
+        assert "default-src 'none'" in policy
+        assert "script-src 'self';" in policy
+        assert "unsafe" not in policy
+        assert answer.headers["x-frame-options"] == "DENY"
+        assert "//" not in re.sub(r"(?m)^\s*//.*$|http://www\.w3\.org", "", answer.text).replace(" // ", "")
+    assert not re.findall(r"<script(?![^>]*src)|<style|\bon\w+=|style=", page.text), "nothing is inline"
+
+
+def test_three_js_comes_from_nicegui_as_it_is(app: FastAPI) -> None:
+    spec = find_spec("nicegui")
+    assert spec is not None
+    assert spec.submodule_search_locations is not None
+    file = Path(spec.submodule_search_locations[0]) / "elements/scene/dist/index.js"
+    answer = ask(app, "/three.js")
+    assert answer.content == file.read_bytes()
+    assert answer.headers["content-type"].startswith("text/javascript")
+    exported = answer.text.rsplit("export{", 1)[1]
+    for name in used(r"import \{ ([\w, ]+) \} from \"/three\.js\""):
+        for each in name.split(", "):
+            assert re.search(rf"\b{each}\b", exported), each
+
+
+def test_without_nicegui_it_says_what_is_missing(app: FastAPI, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pages, "find_spec", lambda name: None)
+    answer = ask(app, "/three.js")
+    assert answer.status_code == 404
+    assert "nicegui" in answer.json()["detail"]
+
+
+def test_nothing_else_is_served(app: FastAPI) -> None:
+    for path in ("/panel/../pages.py", "/panel/%2e%2e/pages.py", "/panel/none.js", "/panel/"):
+        assert ask(app, path).status_code == 404, path
+
+
+def test_each_word_is_there_in_each_language() -> None:
+    catalogue = json.loads((pages.SITE / "words.json").read_text(encoding="utf-8"))
+    assert set(catalogue) == set(LANGUAGES)
+    names = {language: set(words) for language, words in catalogue.items()}
+    assert names["en"] == names["de"] == names["zh"]
+    holes = {
+        language: {name: sorted(re.findall(r"\{(\w+)\}", text)) for name, text in words.items()}
+        for language, words in catalogue.items()
+    }
+    assert holes["en"] == holes["de"] == holes["zh"], "the same values stand in each"
+    asked = used(r'\bword\("(\w+)"') | used(r'data-word(?:-label)?="(\w+)"')
+    assert asked <= names["en"], asked - names["en"]
+    spoken = asked | used(r'"(\w+)"') | {name for name in names["en"] if name.startswith(("mode_", "way_"))}
+    assert names["en"] <= spoken, names["en"] - spoken
+
+
+def test_modules_stay_small() -> None:
+    assert SCRIPTS
+    for file in SCRIPTS:
+        assert len(file.read_text(encoding="utf-8").splitlines()) < 300, file.name

@@ -1,0 +1,241 @@
+"""Jobs and their records by themselves, beside a link of the test's.
+
+Oracle: the table of states in docs/jobs.md, written out by hand.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import itertools
+import json
+import math
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from running import until
+
+from app.services.jobs import book as books
+from app.services.jobs.book import KEPT, JobBook
+from app.services.jobs.job import ENDS, Job, JobKind, JobRecord
+from app.services.motion.ownership import Caller, Ownership
+from cobot.errors import CollisionError, ExecutionError, MotionStopped, UnavailableError
+from cobot.findings import Finding
+
+NEXT = {
+    "planning": {"running", "paused", "finished", "failed", "cancelled", "interrupted"},
+    "running": {"running", "paused", "finished", "failed", "cancelled", "interrupted"},
+    "paused": {"planning", "running", "paused", "finished", "failed", "cancelled", "interrupted"},
+}
+"""Which states may follow; what is not here is an end."""
+STOPPED = MotionStopped("stopped by POST /stop")
+TRAJECTORY: Any = SimpleNamespace(duration_s=10.0, note="")
+
+
+class Link:
+    """As much of a `RobotLink` as jobs and ownership need."""
+
+    def __init__(self) -> None:
+        self.label, self.stops = "", 0
+        self.memory = SimpleNamespace(robot="arm")
+        self.clock = SimpleNamespace(now_s=lambda: 1.0, wall_ns=lambda: 10**18)
+        self.motion = 0
+        self.path_time_s = 0.0
+
+    def streamer(self) -> None:
+        return None
+
+    def require_awake(self) -> None: ...
+
+    def state(self) -> Any:
+        return SimpleNamespace(motion_id=self.motion, path_time_s=self.path_time_s, session=0)
+
+
+class Bench:
+    """Ownership and its jobs."""
+
+    def __init__(self, file: Path | None = None) -> None:
+        self.link: Any = Link()
+        self.book = JobBook(self.link, file)
+        self.heard: list[JobRecord] = []
+        self.book.on_change = self.heard.append
+        self.ownership = Ownership(self.link, self.book)
+
+    @contextlib.contextmanager
+    def motion(self) -> Iterator[Any]:
+        job = self.ownership.new_job(JobKind.MOVE, "somewhere")
+        with self.ownership.claim(Caller("a test", None, 0, math.inf, asyncio.Event(), job)) as claim:
+            yield claim
+
+    def done(self) -> Job:
+        with self.motion() as claim:
+            assert claim.job is not None
+        return claim.job
+
+
+def states(records: list[JobRecord]) -> list[str]:
+    return [str(record.state) for record in records]
+
+
+STEPS = ("start", "pause", "go on", "slow to 0", "fast", "cancel", "time up", "fail", "sequence")
+
+
+@given(st.lists(st.lists(st.sampled_from(STEPS), max_size=8), max_size=6), st.booleans())
+def test_no_job_goes_from_one_state_to_another_that_cannot_follow(
+    motions: list[list[str]], ending: bool
+) -> None:
+    bench = Bench()
+    override = bench.ownership.speed_override
+    for steps in motions:
+        with contextlib.suppress(UnavailableError), bench.motion() as claim:
+            for number, step in enumerate(steps, start=1):
+                match step:
+                    case "start":
+                        claim.job.started(number, TRAJECTORY)
+                    case "pause":
+                        override._asked = True
+                        override._settle()
+                    case "go on":
+                        override.reset()
+                    case "slow to 0" | "fast":
+                        override._fraction = float(step == "fast")
+                        override._settle()
+                    case "cancel":
+                        bench.ownership.interrupt(STOPPED)
+                    case "time up":
+                        claim.run_out()
+                    case "fail":
+                        raise UnavailableError("rtloop is gone")
+            bench.book.ending = ending
+            with contextlib.suppress(ExecutionError):
+                if claim.interruption is not None:
+                    claim.fail(claim.interruption)
+        override._fraction = 1.0
+        override.reset()
+        bench.book.ending = False
+    for _, group in itertools.groupby(bench.heard, lambda record: record.id):
+        found = list(group)
+        for one, other in itertools.pairwise(states(found)):
+            assert other in NEXT[one], states(found)
+        assert found[-1].state in ENDS
+        assert sum(record.state in ENDS for record in found) == 1
+        assert (found[-1].error is None) == (found[-1].state == "finished")
+    assert len({record.id for record in bench.heard}) == len(motions)
+    assert not [record for record in bench.book.records(1000) if record.state not in ENDS]
+
+
+@pytest.mark.parametrize(
+    ("error", "state"), [(None, "finished"), (STOPPED, "cancelled"), (ExecutionError("no"), "failed")]
+)
+def test_a_sequence_is_a_job_and_its_motions_belong_to_it(error: Any, state: str) -> None:
+    bench = Bench()
+    bench.ownership.claim_for_sequence("sequence 1", "token")
+    job = bench.ownership.sequence_job
+    assert job is not None
+    job.started()
+    job.at_waypoint(3, 4)
+    assert job.record().progress == 0.75
+    bench.ownership.release_sequence(error)
+    assert states(bench.book.records(9)) == [state]
+    assert bench.ownership.sequence_job is None
+
+
+def test_records_survive_and_what_was_under_way_was_interrupted(tmp_path: Path) -> None:
+    file = tmp_path / "arm.jobs.jsonl"
+    bench = Bench(file)
+    done = bench.done()
+    infinite = CollisionError("too near", findings=[Finding("collision", "distance", -math.inf, 0.0, "m")])
+    with contextlib.suppress(CollisionError), bench.motion():
+        raise infinite
+    with bench.motion() as claim:
+        claim.job.started(7, TRAJECTORY)
+        bench.book.close()  # as a service that is killed: the end of this one is never written
+        after = Bench(file).book
+    found = {record.id: record for record in after.records(9)}
+    assert len(found) == 3
+    assert found[done.id] == done.end_record
+    assert states(list(found.values())) == ["interrupted", "failed", "finished"]
+    interrupted = found[claim.job.id]
+    assert interrupted.error is not None
+    assert (interrupted.error.code, interrupted.motion_id) == ("interrupted", 7)
+    (failed,) = (record for record in found.values() if record.state == "failed")
+    assert failed.error is not None
+    assert failed.error.findings == infinite.findings
+    after.close()
+    assert states(Bench(file).book.records(9)) == ["interrupted", "failed", "finished"]
+
+
+def test_what_is_no_record_in_the_file_is_passed_over(tmp_path: Path) -> None:
+    file = tmp_path / "arm.jobs.jsonl"
+    bench = Bench(file)
+    bench.done()
+    bench.book.close()
+    good = file.read_bytes()
+    torn = good[: len(good) // 3] + b"\n"
+    odd = json.dumps({**json.loads(good.splitlines()[-1]), "state": "flying"}).encode() + b"\n"
+    file.write_bytes(b"\xff\x00\n" + torn + b"{}\n[1]\n" + odd + good + torn)
+    assert states(Bench(file).book.records(9)) == ["finished"]
+
+
+def test_ten_thousand_jobs_are_bounded_in_memory_and_on_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(books, "MAX_BYTES", 200_000)
+    file = tmp_path / "arm.jobs.jsonl"
+    bench = Bench(file)
+    with bench.motion() as outer:  # goes on while all the others come and go
+        bench.ownership._claim = None
+        newest = [bench.done().id for _ in range(10_000)][-1]
+        until(lambda: not bench.book._outlet._waiting)  # type: ignore[union-attr]
+        assert len(bench.book.records(100_000)) == KEPT + 1
+        assert bench.book.find(newest) is not None
+        assert bench.book.find(outer.job.id) is not None
+        sizes = [path.stat().st_size for path in tmp_path.iterdir()]
+        assert len(sizes) == 2
+        assert max(sizes) <= 200_000
+        bench.book.close()
+        after = {record.id: str(record.state) for record in Bench(file).book.records(100_000)}
+    assert after[outer.job.id] == "interrupted"
+    assert after[newest] == "finished"
+
+
+def test_a_full_disk_costs_no_motion_and_the_records_are_there_once_there_is_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "arm.jobs.jsonl"
+    bench = Bench(file)
+    bench.done()
+    until(lambda: not bench.book._outlet._waiting)  # type: ignore[union-attr]
+    write = os.write
+
+    def full(descriptor: int, piece: bytes) -> int:
+        if os.readlink(f"/proc/self/fd/{descriptor}") == str(file):
+            raise OSError(28, "No space left on device")
+        return write(descriptor, piece)
+
+    monkeypatch.setattr(os, "write", full)
+    lost = [bench.done().id for _ in range(5)]
+    until(lambda: bench.book.problem)
+    assert "jobs cannot be recorded" in bench.book.problem
+    assert "No space left" in bench.book.problem
+    assert states(bench.book.records(9)) == ["finished"] * 6
+    monkeypatch.undo()
+    until(lambda: not bench.book.problem)
+    bench.book.close()
+    found = {record.id for record in Bench(file).book.records(9)}
+    assert found >= set(lost)
+    assert len(found) == 6
+
+
+def test_a_book_that_cannot_be_read_is_begun_anew(tmp_path: Path) -> None:
+    (tmp_path / "arm.jobs.jsonl").mkdir()
+    bench = Bench(tmp_path / "arm.jobs.jsonl")
+    bench.done()
+    assert states(bench.book.records(9)) == ["finished"]
+    until(lambda: bench.book.problem)

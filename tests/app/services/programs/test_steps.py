@@ -1,0 +1,112 @@
+"""What a runner is told between two waypoints. Oracle: docs/jobs.md, written out by hand."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+
+import pytest
+
+from app.services.programs.steps import NEXT, Steps
+from cobot.errors import ConflictError, InputError
+
+
+class Bench:
+    """A runner's end of the pipe."""
+
+    def __init__(self, first: int | None = None) -> None:
+        self._read_end, write_end = os.pipe()
+        os.set_blocking(self._read_end, False)
+        self.held: list[bool] = []
+        self.steps = Steps(write_end, first, self.held.append)
+
+    def answers(self) -> list[int | None]:
+        try:
+            lines = os.read(self._read_end, 65536).splitlines()
+        except BlockingIOError:
+            return []
+        return [json.loads(line)["waypoint"] for line in lines]
+
+    def ask(self, behind: int, of: int = 4) -> list[int | None]:
+        self.steps.asked(behind, of)
+        return self.answers()
+
+    def close(self) -> None:
+        self.steps.close()
+        os.close(self._read_end)
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    made = Bench()
+    yield made
+    made.close()
+
+
+def test_a_runner_goes_on_unless_it_is_to_wait(bench: Bench) -> None:
+    assert [bench.ask(behind) for behind in range(4)] == [[None]] * 4
+    assert bench.held == []
+
+
+def test_it_waits_where_it_is_told_to_and_steps_from_there(bench: Bench) -> None:
+    bench.steps.hold(2)  # before it has said how many there are
+    assert bench.ask(0) == [None]
+    with pytest.raises(InputError, match="there are 4, from 1 on; got 5"):
+        bench.steps.hold(5)
+    assert bench.ask(1) == [None]
+    assert bench.ask(2) == []
+    assert bench.steps.held
+    bench.steps.go_on(step=True)
+    assert bench.answers() == [None]
+    assert bench.ask(3) == []
+    bench.steps.go_on()
+    assert bench.answers() == [None]
+    assert bench.ask(4) == [None]
+    assert bench.held == [True, False, True, False]
+
+
+def test_a_waypoint_that_is_passed_without_a_stop_holds_at_the_next_stop(bench: Bench) -> None:
+    bench.ask(0)
+    bench.steps.hold(2)
+    assert bench.ask(3) == []
+
+
+def test_it_goes_on_from_any_waypoint(bench: Bench) -> None:
+    bench.ask(0)
+    bench.steps.hold(NEXT)
+    assert bench.ask(1) == []
+    for wrong in (0, 5):
+        with pytest.raises(InputError, match=f"there are 4, from 1 on; got {wrong}"):
+            bench.steps.go_on(wrong)
+    bench.steps.go_on(4)
+    assert bench.answers() == [4]
+    with pytest.raises(ConflictError, match="it is not at a waypoint"):
+        bench.steps.go_on(1)
+
+
+def test_it_begins_where_it_is_told_to() -> None:
+    bench = Bench(first=3)
+    bench.steps.hold(NEXT)
+    assert bench.ask(0) == [3]
+    assert bench.ask(3) == []
+    bench.close()
+
+
+def test_a_program_waits_before_its_next_motion_only(bench: Bench) -> None:
+    assert bench.ask(0, 0) == [None]
+    with pytest.raises(InputError, match="a program has no waypoints"):
+        bench.steps.hold(1)
+    bench.steps.hold(NEXT)
+    assert bench.ask(0, 0) == []
+    with pytest.raises(InputError, match="there are 0"):
+        bench.steps.go_on(1)
+    bench.steps.go_on()
+    assert bench.answers() == [None]
+
+
+def test_a_runner_that_has_ended_is_no_error(bench: Bench) -> None:
+    os.close(bench._read_end)
+    bench.steps.asked(0, 4)
+    bench._read_end, other = os.pipe()
+    os.close(other)
