@@ -19,7 +19,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 PARALLEL := --numprocesses 2 --dist loadfile --no-loadscope-reorder
 
-.PHONY: run setup setup-dev client-wheel test lint bench lock clean help FORCE
+.PHONY: run setup setup-dev client-wheel test lint bench docs lock clean help FORCE
 
 run: setup ## start the service and the simulated robot on http://localhost:8007
 	$(BIN)/cobot run
@@ -45,16 +45,22 @@ lint: setup-dev
 bench: setup-dev ## print the benchmark table
 	$(BIN)/python -m benchmarks
 
+docs: $(VENV)/.docs-stamp ## build the documents as a site in build/site, which needs no network and no web server
+	$(BIN)/python docs/make_site.py
+	$(BIN)/zensical build --strict
+	$(BIN)/python docs/make_site.py check
+
 COMPILE_LOCK = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate $(UPGRADE)
 
 lock: setup-dev ## resolve versions and hashes anew; UPGRADE=--upgrade for the newest within the ranges
 	$(COMPILE_LOCK) pyproject.toml -o requirements.lock
 	$(BIN)/python setup.py requirements | $(COMPILE_LOCK) -c requirements.lock - -o requirements-build.lock
 	$(COMPILE_LOCK) --extra dev -c requirements.lock -c requirements-build.lock pyproject.toml -o requirements-dev.lock
+	$(COMPILE_LOCK) --extra docs -c requirements-dev.lock pyproject.toml -o requirements-docs.lock
 	$(COMPILE_LOCK) --group ros -o requirements-ros.lock
 
 clean:
-	rm -rf $(VENV) build dist *.egg-info cobot-client/build cobot-client/*.egg-info
+	rm -rf $(VENV) .cache build dist *.egg-info cobot-client/build cobot-client/*.egg-info
 	find $(PACKAGES) -name '*.so' -delete
 
 help:
@@ -81,6 +87,11 @@ $(VENV)/.install-stamp: $(VENV)/.run-stamp | $(VENV)/.build-stamp
 $(VENV)/.dev-stamp: $(VENV)/.run-stamp requirements-dev.lock
 	@echo "cobot: installing what the tests and benchmarks need"
 	@$(PIP) install --require-hashes --requirement requirements-dev.lock
+	@touch $@
+
+$(VENV)/.docs-stamp: $(VENV)/.run-stamp requirements-docs.lock
+	@echo "cobot: installing what the site of the documents is built with"
+	@$(PIP) install --require-hashes --requirement requirements-docs.lock
 	@touch $@
 
 # Where its wheels do not fit (another Python or system), the tests that need it are skipped and say so.

@@ -5,6 +5,7 @@ Oracles: the files of the repository; the tables that the code itself goes by.
 
 from __future__ import annotations
 
+import importlib.util
 import re
 import tomllib
 from collections.abc import Iterator
@@ -117,3 +118,21 @@ def test_the_roles_are_those_of_the_code_in_their_order() -> None:
     section = (DOCS / "security.md").read_text(encoding="utf-8").split("## Tokens and roles")[1]
     rows = re.findall(r"^\| ([a-z]+) \|", section.split("\n- ")[0], re.M)
     assert rows[: len(Role) - 1] == [role.name.lower() for role in Role if role is not Role.NOBODY]
+
+
+def test_on_the_site_each_link_leads_somewhere_and_each_page_is_in_the_navigation(tmp_path: Path) -> None:
+    spec = importlib.util.spec_from_file_location("make_site", DOCS / "make_site.py")
+    assert spec is not None
+    assert spec.loader is not None
+    make_site = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(make_site)
+    make_site.stage(tmp_path)
+    pages = sorted(tmp_path.glob("*.md"))
+    assert [(page.name, link) for page in pages for link in links(page) if dead(page, link)] == []
+    navigation = tomllib.loads((ROOT / "zensical.toml").read_text(encoding="utf-8"))["project"]["nav"]
+    listed = [name for part in navigation for names in part.values() for name in names]
+    assert sorted(listed) == [page.name for page in pages]
+    (tmp_path / "index.html").write_text(
+        '<a href="gone.html">x</a><a href="#a">y</a><img src="https://a/b.png">'
+    )
+    assert len(list(make_site.problems(tmp_path))) == 3

@@ -1,0 +1,113 @@
+"""The documents as a site, for `make docs`.
+
+    python docs/make_site.py            lays out all pages in one folder, with what else they link to
+    python docs/make_site.py check      looks whether the site that was built of it is whole
+
+On a site there is nothing beside it: a link out of `docs/` leads to a copy. Nothing is fetched from
+elsewhere.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import sys
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+ROOT = Path(__file__).resolve().parents[1]
+STAGE = ROOT / "build" / "site-source"
+SITE = ROOT / "build" / "site"
+LINK = re.compile(r"(?<=\]\()(?![a-z]+:|#)([^)\s#]+)")
+
+
+def stage(folder: Path) -> None:
+    """Fill a folder anew."""
+    shutil.rmtree(folder, ignore_errors=True)
+    for source in sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "docs").glob("*.png")]):
+        target = folder / staged(source)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if source.suffix == ".md":
+            target.write_text(_with_links(source, folder), encoding="utf-8")
+        else:
+            shutil.copyfile(source, target)
+
+
+def staged(source: Path) -> str:
+    """Where a file of the repository is on the site."""
+    path = source.relative_to(ROOT)
+    if path.name == "README.md":  # a site's first page, which is docs/index.md
+        return "about.md"
+    page = len(path.parts) == 1 and path.suffix == ".md"
+    return path.name.lower() if page or path.parts[0] == "docs" else f"files/{path}"
+
+
+def _with_links(page: Path, folder: Path) -> str:
+    def link(found: re.Match[str]) -> str:
+        target = (page.parent / found[1]).resolve()
+        name = staged(target)
+        if name.startswith("files/"):
+            copy = folder / name
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(target, copy)
+        return name
+
+    return LINK.sub(link, page.read_text(encoding="utf-8"))
+
+
+class _Page(HTMLParser):
+    """What a page has and wants.
+
+    Attributes:
+        places: that a link can lead to.
+        links: for who reads.
+        loads: what a browser gets by itself.
+    """
+
+    def __init__(self, file: Path) -> None:
+        super().__init__()
+        self.places: set[str] = set()
+        self.links: list[str] = []
+        self.loads: list[str] = []
+        self.feed(file.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        for name, value in attrs:
+            if name == "id" and value:
+                self.places.add(value)
+            elif name in ("href", "src", "srcset") and value:
+                (self.links if tag == "a" else self.loads).append(value)
+
+
+def problems(site: Path) -> Iterator[str]:
+    """Links of a site that lead nowhere, and whatever its pages would fetch from elsewhere."""
+    pages = {file.name: _Page(file) for file in sorted(site.glob("*.html")) if file.name != "404.html"}
+    for name, page in pages.items():
+        for link in page.links:
+            url = urlsplit(link)
+            target, place = unquote(url.path) or name, unquote(url.fragment)
+            if url.scheme:
+                continue
+            if not (site / target).exists() or (
+                place and target in pages and place not in pages[target].places
+            ):
+                yield f"{name}: {link} leads nowhere"
+        for load in page.loads:
+            if urlsplit(load).scheme or load.startswith("//"):
+                yield f"{name}: {load} would be fetched from elsewhere"
+
+
+def main() -> int:
+    """The exit status."""
+    if sys.argv[1:] != ["check"]:
+        stage(STAGE)
+        return 0
+    found = list(problems(SITE))
+    print("\n".join(found) or f"cobot: open {(SITE / 'index.html').relative_to(ROOT)}")
+    return 1 if found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
