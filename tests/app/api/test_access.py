@@ -422,7 +422,11 @@ def role_by_the_docs(endpoint: str) -> Role:
         return Role.AGENT
     if method in ("GET", "WS") or path.endswith("/stop") or "{method}" in path:
         return Role.OBSERVER
-    return Role.PROGRAMMER if path.endswith(("/sequences/start", "/tool")) else Role.OPERATOR
+    if path.endswith(("/sequences/start", "/tool")) or (
+        method == "DELETE" and path.endswith("/recordings/{name}")
+    ):
+        return Role.PROGRAMMER
+    return Role.OPERATOR
 
 
 def test_the_table_has_each_endpoint_and_no_other() -> None:
