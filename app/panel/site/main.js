@@ -1,6 +1,8 @@
 // Puts the panel together: which robot is shown, and who is told of its state.
 import { Api } from "./api.js";
 import { Banner } from "./banner.js";
+import { Events } from "./events.js";
+import { Job } from "./job.js";
 import { Jog } from "./jog.js";
 import { Lease } from "./lease.js";
 import { Motions } from "./motions.js";
@@ -34,6 +36,8 @@ class Panel {
         if (!connected) this.jog.release();
       },
     });
+    this.job = new Job(api);
+    this.events = new Events(api, (event) => this.hear(event));
     this.jog = new Jog(api, this.stream, this.readouts);
     this.lease = new Lease(api, this.stream);
     this.view = null;
@@ -78,6 +82,7 @@ class Panel {
     await this.look();
     await this.motions.load();
     this.stream.open();
+    this.events.open();
     this.status.look();
   }
 
@@ -104,6 +109,10 @@ class Panel {
       why.dataset.word = "view_none";
       why.textContent = `${word("view_none")} ${error.message}`;
     }
+  }
+
+  hear(event) {
+    this.job.hear(event);
   }
 
   show(state) {
