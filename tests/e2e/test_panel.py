@@ -298,6 +298,29 @@ def test_motions_are_slowed_paused_and_followed(panel: Panel) -> None:
         until(lambda: speed(panel) == 1.0)
 
 
+def test_plans_of_others_are_approved_and_taken_back(panel: Panel) -> None:
+    planned(panel, "work")
+    panel.page.click("#discard")
+    body = {"joints": [0.3, *HOME[1:]], "speed": 0.5}
+    answer = httpx.post(f"{panel.run.url}/robot/plan/joints", json=body, timeout=WAIT_S).json()
+    row = f'[data-plan="{answer["plan_id"]}"]'
+    panel.until(f"document.querySelector('{row}')")
+    assert f"{answer['duration_s']:.1f} s" in panel.text(row)
+    own = panel.page.run("cobotPanel.motions.made.at(-1)")
+    assert not panel.page.run(f"!!document.querySelector('[data-plan=\"{own}\"]')")
+
+    def approved_by() -> str | None:
+        plans = httpx.get(f"{panel.run.url}/robot/plans", timeout=WAIT_S).json()
+        return {each["plan_id"]: each["approved_by"] for each in plans}[answer["plan_id"]]
+
+    panel.page.click(f"{row} button")
+    panel.until(f"document.querySelector('{row} button').innerText === 'Take back'")
+    assert approved_by() == "anonymous"
+    panel.page.click(f"{row} button")
+    panel.until(f"document.querySelector('{row} button').innerText === 'Approve'")
+    assert approved_by() is None
+
+
 @pytest.mark.parametrize("way", ["button", "space", "escape", "space on a button"])
 def test_stop_is_everywhere(panel: Panel, way: str) -> None:
     slowly(panel)

@@ -1,5 +1,6 @@
 // Puts the panel together: which robot is shown, and who is told of its state.
 import { Api } from "./api.js";
+import { Approvals } from "./approvals.js";
 import { Banner } from "./banner.js";
 import { Events } from "./events.js";
 import { Job } from "./job.js";
@@ -23,6 +24,7 @@ class Panel {
     this.status = new Status(api);
     this.banner = new Banner(api);
     this.motions = new Motions(api, (planned) => this.view?.preview(planned));
+    this.approvals = new Approvals(api, this.motions);
     this.waypoints = new Waypoints(this.motions, () => this.state);
     this.stream = new Stream(api, {
       state: (state) => this.show(state),
@@ -84,6 +86,7 @@ class Panel {
     this.stream.open();
     this.events.open();
     this.status.look();
+    this.approvals.look();
   }
 
   // What stands around the arm, its tool and its limits may change at any time.
