@@ -16,6 +16,7 @@ from typing import Any
 from running import WAIT_S, until
 from websockets.sync.client import ClientConnection, connect
 
+CODES = {"Escape": 27, "Enter": 13, "PageDown": 34}
 CHROMIUM = shutil.which("chromium")
 
 
@@ -92,7 +93,7 @@ class Page:
 
     def key(self, key: str, code: str, text: str = "") -> None:
         """Down and up."""
-        about = {"key": key, "code": code, "windowsVirtualKeyCode": {"Escape": 27, "Enter": 13}.get(key, 32)}
+        about = {"key": key, "code": code, "windowsVirtualKeyCode": CODES.get(key, 32)}
         self.ask("Input.dispatchKeyEvent", type="keyDown", text=text, **about)
         self.ask("Input.dispatchKeyEvent", type="keyUp", **about)
 

@@ -253,6 +253,74 @@ def slowly(panel: Panel) -> None:
     until(lambda: panel.mode() == "TRAJECTORY")
 
 
+SET = "(e, v) => (e.value = v, e.dispatchEvent(new Event('input')), e.dispatchEvent(new Event('change')))"
+
+
+def set_to(panel: Panel, selector: str, value: str) -> None:
+    """What a control has after a person has chosen a value."""
+    panel.page.run(f"({SET})(document.querySelector({json.dumps(selector)}), {json.dumps(value)})")
+
+
+def speed(panel: Panel) -> float:
+    return float(httpx.get(f"{panel.run.url}/robot/speed_override", timeout=WAIT_S).json()["fraction"])
+
+
+def test_motions_are_slowed_paused_and_followed(panel: Panel) -> None:
+    """The arm and the jobs as REST tells of them."""
+    try:
+        panel.page.run("document.querySelector('#override-set').focus()")
+        panel.page.key("PageDown", "PageDown")
+        until(lambda: speed(panel) == 0.9)
+        set_to(panel, "#override-set", "50")
+        until(lambda: speed(panel) == 0.5)
+        assert panel.text("#override-shown") == "50 %"
+        slowly(panel)
+        panel.until("document.querySelector('#progress').value > 0.001")
+        panel.until("/^[0-9]+ s left[.]$/.test(document.querySelector('#job-left').innerText)")
+        assert panel.text("#job").startswith("Runs, for anonymous")
+        panel.page.run("document.querySelector('#pause').focus()")
+        panel.page.key("Enter", "Enter", "\r")
+        panel.until("document.querySelector('#pause').innerText === 'Resume'")
+        newest = httpx.get(f"{panel.run.url}/jobs?n=1", timeout=WAIT_S).json()["jobs"][0]
+        assert newest["state"] == "paused"
+        panel.page.click("#pause")
+        panel.until("document.querySelector('#pause').innerText === 'Pause'")
+        before = panel.run.joints()[0]
+        until(lambda: panel.run.joints()[0] > before + 1e-3)
+        panel.page.click("#stop")
+        panel.until("document.querySelector('#job').innerText.startsWith('Was stopped')")
+        assert panel.page.run("document.querySelector('#pause').disabled")
+        httpx.post(f"{panel.run.url}/robot/speed_override", json={"fraction": 0.0}, timeout=WAIT_S)
+        panel.page.run("cobotPanel.job.look()")
+        panel.until("document.querySelector('#override-shown').innerText === '0 %'")
+    finally:
+        set_to(panel, "#override-set", "100")
+        until(lambda: speed(panel) == 1.0)
+
+
+def test_plans_of_others_are_approved_and_taken_back(panel: Panel) -> None:
+    planned(panel, "work")
+    panel.page.click("#discard")
+    body = {"joints": [0.3, *HOME[1:]], "speed": 0.5}
+    answer = httpx.post(f"{panel.run.url}/robot/plan/joints", json=body, timeout=WAIT_S).json()
+    row = f'[data-plan="{answer["plan_id"]}"]'
+    panel.until(f"document.querySelector('{row}')")
+    assert f"{answer['duration_s']:.1f} s" in panel.text(row)
+    own = panel.page.run("cobotPanel.motions.made.at(-1)")
+    assert not panel.page.run(f"!!document.querySelector('[data-plan=\"{own}\"]')")
+
+    def approved_by() -> str | None:
+        plans = httpx.get(f"{panel.run.url}/robot/plans", timeout=WAIT_S).json()
+        return {each["plan_id"]: each["approved_by"] for each in plans}[answer["plan_id"]]
+
+    panel.page.click(f"{row} button")
+    panel.until(f"document.querySelector('{row} button').innerText === 'Take back'")
+    assert approved_by() == "anonymous"
+    panel.page.click(f"{row} button")
+    panel.until(f"document.querySelector('{row} button').innerText === 'Approve'")
+    assert approved_by() is None
+
+
 @pytest.mark.parametrize("way", ["button", "space", "escape", "space on a button"])
 def test_stop_is_everywhere(panel: Panel, way: str) -> None:
     slowly(panel)
@@ -379,7 +447,7 @@ def test_waypoints_are_taught_shown_run_and_saved_as_a_sequence(panel: Panel) ->
 
 
 NAMELESS = """
-[...document.querySelectorAll("button, input, select, a, [role=meter]")].filter((each) => {
+[...document.querySelectorAll("button, input, select, progress, a, [role=meter]")].filter((each) => {
     const named = each.getAttribute("aria-label") || each.innerText?.trim() || each.labels?.length;
     return !named;
 }).map((each) => each.outerHTML)

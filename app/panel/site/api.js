@@ -25,6 +25,11 @@ export class Api {
     return sessionStorage.getItem(STORED) || "";
   }
 
+  // Of a WebSocket, which has no other place for a token.
+  get protocols() {
+    return this.token ? ["cobot", `cobot.token.${this.token}`] : [];
+  }
+
   // Of a robot's endpoint, as "/plan/named"; one of the service begins with its whole path.
   address(path) {
     return this.robot ? `${this.robot.path}${path}` : path;

@@ -1,6 +1,9 @@
 // Puts the panel together: which robot is shown, and who is told of its state.
 import { Api } from "./api.js";
+import { Approvals } from "./approvals.js";
 import { Banner } from "./banner.js";
+import { Events } from "./events.js";
+import { Job } from "./job.js";
 import { Jog } from "./jog.js";
 import { Lease } from "./lease.js";
 import { Motions } from "./motions.js";
@@ -21,6 +24,7 @@ class Panel {
     this.status = new Status(api);
     this.banner = new Banner(api);
     this.motions = new Motions(api, (planned) => this.view?.preview(planned));
+    this.approvals = new Approvals(api, this.motions);
     this.waypoints = new Waypoints(this.motions, () => this.state);
     this.stream = new Stream(api, {
       state: (state) => this.show(state),
@@ -34,6 +38,8 @@ class Panel {
         if (!connected) this.jog.release();
       },
     });
+    this.job = new Job(api);
+    this.events = new Events(api, (event) => this.hear(event));
     this.jog = new Jog(api, this.stream, this.readouts);
     this.lease = new Lease(api, this.stream);
     this.view = null;
@@ -78,7 +84,9 @@ class Panel {
     await this.look();
     await this.motions.load();
     this.stream.open();
+    this.events.open();
     this.status.look();
+    this.approvals.look();
   }
 
   // What stands around the arm, its tool and its limits may change at any time.
@@ -104,6 +112,10 @@ class Panel {
       why.dataset.word = "view_none";
       why.textContent = `${word("view_none")} ${error.message}`;
     }
+  }
+
+  hear(event) {
+    this.job.hear(event);
   }
 
   show(state) {

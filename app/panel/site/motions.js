@@ -2,6 +2,7 @@
 import { inEachLanguage, word } from "./words.js";
 
 const SAMPLES = 100;
+const MADE = "cobot.plans"; // the plans of this tab, also after it was loaded again
 const element = (id) => document.getElementById(id);
 
 export class Motions {
@@ -12,11 +13,16 @@ export class Motions {
     this.name = null;
     this.again = null;
     this.asked = 0;
+    this.made = JSON.parse(sessionStorage.getItem(MADE) ?? "[]");
     this.words = () => word("plan_hint");
     element("execute").addEventListener("click", () => this.execute());
     element("discard").addEventListener("click", () => this.discard());
     element("motion-speed").addEventListener("change", () => this.again?.());
     inEachLanguage(() => this.say(this.words));
+  }
+
+  own(id) {
+    return this.made.includes(id);
   }
 
   async load() {
@@ -58,6 +64,8 @@ export class Motions {
     this.say(() => word("planning", { name }));
     try {
       const plan = await planned();
+      this.made = [...this.made, plan.plan_id].slice(-1000);
+      sessionStorage.setItem(MADE, JSON.stringify(this.made));
       if (asked !== this.asked) return;
       this.plan = plan;
       this.preview(plan);

@@ -22,8 +22,7 @@ export class Stream {
     before?.close();
     const address = new URL(this.api.address("/stream"), location.href);
     address.protocol = address.protocol.replace("http", "ws");
-    const token = this.api.token;
-    const socket = new WebSocket(address, token ? ["cobot", `cobot.token.${token}`] : []);
+    const socket = new WebSocket(address, this.api.protocols);
     this.socket = socket;
     socket.addEventListener("open", () => {
       socket.send(JSON.stringify({ type: "subscribe", rate_hz: STATES_HZ }));

@@ -1,0 +1,83 @@
+// Plans that somebody else has made, as agents do, and who lets an agent run them.
+import { oneAtATime } from "./once.js";
+import { inEachLanguage, word } from "./words.js";
+
+const EVERY_MS = 2000; // a plan that is made is no event
+const element = (id) => document.getElementById(id);
+
+export class Approvals {
+  constructor(api, motions) {
+    this.api = api;
+    this.motions = motions;
+    this.rows = new Map();
+    this.look = oneAtATime(() => this.ask());
+    inEachLanguage(() => {
+      element("plans-none").textContent = word("plans_none");
+      for (const row of this.rows.values()) this.write(row);
+    });
+    setInterval(() => {
+      if (!document.hidden && this.api.robot) this.look();
+    }, EVERY_MS);
+  }
+
+  async ask() {
+    const robot = this.api.robot;
+    try {
+      const plans = await this.api.get("/plans");
+      if (robot === this.api.robot) this.show(plans.filter((plan) => !this.motions.own(plan.plan_id)));
+    } catch (error) {
+      element("plans-why").textContent = error.message;
+    }
+  }
+
+  // Rows stay as long as their plans do: a focus is not lost.
+  show(plans) {
+    const there = new Set(plans.map((plan) => plan.plan_id));
+    for (const [id, row] of this.rows) {
+      if (there.has(id)) continue;
+      row.made.remove();
+      this.rows.delete(id);
+    }
+    for (const plan of plans) {
+      const row = this.rows.get(plan.plan_id) ?? this.row(plan.plan_id);
+      row.plan = plan;
+      this.write(row);
+    }
+    element("plans-none").hidden = this.rows.size > 0;
+  }
+
+  row(id) {
+    const row = { made: document.createElement("li"), text: document.createElement("span"), button: document.createElement("button") };
+    row.button.type = "button";
+    row.button.addEventListener("click", () => this.toggle(row));
+    row.made.append(row.text, row.button);
+    row.made.dataset.plan = id;
+    element("plans").prepend(row.made);
+    this.rows.set(id, row);
+    return row;
+  }
+
+  write({ made, text, button, plan }) {
+    const { plan_id: id, by, planners, duration_s: duration, expires_in_s: left, approved_by: approved } = plan;
+    const about = { id: id.slice(0, 8), by, planners: planners.join(", "), seconds: duration.toFixed(1) };
+    const who = approved ? word("plan_approved", { by: approved }) : word("plan_left", { minutes: Math.ceil(left / 60) });
+    const said = `${word("plan_of", about)} ${who}`;
+    if (text.textContent !== said) text.textContent = said;
+    const act = word(approved ? "plan_withdraw" : "plan_approve");
+    if (button.textContent !== act) button.textContent = act;
+    button.setAttribute("aria-label", `${act}: ${about.id}`);
+    made.toggleAttribute("data-approved", Boolean(approved));
+  }
+
+  async toggle(row) {
+    const { plan_id, approved_by } = row.plan;
+    try {
+      row.plan = await this.api.post("/approve", { plan_id, approved: !approved_by });
+      this.write(row);
+      element("plans-why").textContent = "";
+    } catch (error) {
+      element("plans-why").textContent = error.message;
+    }
+    this.look();
+  }
+}

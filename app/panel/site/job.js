@@ -1,0 +1,101 @@
+// How fast all motions go, and the motion that runs: how far it is, its pause and how it has ended.
+import { oneAtATime } from "./once.js";
+import { inEachLanguage, word } from "./words.js";
+
+const EVERY_MS = 500; // while it runs: progress is no event
+const STATES = {
+  planning: "job_planning", running: "job_running", paused: "job_paused", finished: "job_finished",
+  failed: "job_failed", cancelled: "job_cancelled", interrupted: "job_interrupted",
+};
+const GOING = ["planning", "running"];
+const element = (id) => document.getElementById(id);
+
+function write(id, text) {
+  if (element(id).textContent !== text) element(id).textContent = text;
+}
+
+export class Job {
+  constructor(api) {
+    this.api = api;
+    this.job = null;
+    this.timer = 0;
+    this.held = this.sending = false; // somebody has a hand on the slider; its value is on its way
+    this.look = oneAtATime(() => this.ask());
+    this.sendSpeed = oneAtATime(() => this.setSpeed());
+    const slider = element("override-set");
+    slider.addEventListener("input", () => this.writeSpeed());
+    slider.addEventListener("change", () => this.sendSpeed());
+    slider.addEventListener("pointerdown", () => (this.held = true));
+    for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) {
+      slider.addEventListener(end, () => (this.held = false));
+    }
+    element("pause").addEventListener("click", () => this.toggle());
+    inEachLanguage(() => this.write());
+  }
+
+  hear(event) {
+    if (event.type === "job" || event.type === "hello") this.look();
+  }
+
+  async ask() {
+    clearTimeout(this.timer);
+    try {
+      const [{ jobs }, { fraction }] = await Promise.all([this.api.get("/jobs?n=10"), this.api.get("/speed_override")]);
+      this.job = jobs.find((job) => job.parent === null) ?? null;
+      this.show(fraction);
+      this.write();
+    } catch (error) {
+      write("job-why", error.message);
+    }
+    if (this.job?.state === "running") this.timer = setTimeout(() => this.look(), EVERY_MS);
+  }
+
+  show(fraction) {
+    if (this.held || this.sending) return;
+    element("override-set").value = Math.round(100 * fraction);
+    this.writeSpeed();
+  }
+
+  writeSpeed() {
+    const text = `${element("override-set").value} %`;
+    write("override-shown", text);
+    element("override-set").setAttribute("aria-valuetext", text);
+  }
+
+  async setSpeed() {
+    this.sending = true;
+    const fraction = element("override-set").value / 100;
+    try {
+      await this.api.post("/speed_override", { fraction });
+      write("job-why", "");
+    } catch (error) {
+      write("job-why", error.message);
+    }
+    this.sending = false;
+    this.look();
+  }
+
+  // A sequence is paused with the motion that it is in.
+  async toggle() {
+    const what = this.job.state === "paused" ? "resume" : "pause";
+    try {
+      await this.api.post(`/jobs/${this.job.id}/${what}`);
+      write("job-why", "");
+    } catch (error) {
+      write("job-why", error.message);
+    }
+    this.look();
+  }
+
+  write() {
+    const { state, owner, progress = 0, remaining_s: left, error } = this.job ?? {};
+    const paused = state === "paused";
+    const going = paused || GOING.includes(state);
+    write("pause", word(paused ? "resume" : "pause"));
+    element("pause").disabled = !going;
+    element("progress").value = going || state === "finished" ? progress : 0;
+    write("job", this.job ? word("job_of", { state: word(STATES[state]), owner }) : word("job_none"));
+    write("job-error", error?.detail ?? "");
+    write("job-left", going && typeof left === "number" ? word("job_left", { seconds: left.toFixed(0) }) : "");
+  }
+}
