@@ -5,7 +5,9 @@ Oracles: the files of the repository; the tables that the code itself goes by.
 
 from __future__ import annotations
 
+import ast
 import importlib.util
+import json
 import re
 import tomllib
 from collections.abc import Iterator
@@ -13,6 +15,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+import yaml
 
 from cobot.access.roles import Role
 from cobot.config import ENDPOINTS, Settings
@@ -136,3 +139,45 @@ def test_on_the_site_each_link_leads_somewhere_and_each_page_is_in_the_navigatio
         '<a href="gone.html">x</a><a href="#a">y</a><img src="https://a/b.png">'
     )
     assert len(list(make_site.problems(tmp_path))) == 3
+
+
+def code(language: str) -> list[tuple[str, str]]:
+    """(page, text) of each block in a language."""
+    block = re.compile(rf"^```{language}\n(.*?)\n```$", re.M | re.S)
+    return [(page.name, text) for page in PAGES for text in block.findall(page.read_text(encoding="utf-8"))]
+
+
+def test_each_block_of_code_can_be_read() -> None:
+    assert min(len(code(language)) for language in ("python", "yaml", "json")) > 5
+    for read, language in ((ast.parse, "python"), (yaml.safe_load, "yaml")):
+        for page, text in code(language):
+            try:
+                read(text)
+            except (SyntaxError, yaml.YAMLError) as exc:
+                pytest.fail(f"{page}: {exc}\n{text}")
+    for page, text in code("json"):
+        if "..." not in text:
+            place, read_json = 0, json.JSONDecoder().raw_decode
+            while place < len(text):
+                try:
+                    _, place = read_json(text, place)
+                except ValueError as exc:
+                    pytest.fail(f"{page}: {exc}\n{text}")
+                place += len(text[place:]) - len(text[place:].lstrip())
+
+
+def test_each_address_that_people_are_told_to_ask_is_one() -> None:
+    known = {name.split(" ")[1] for name in ENDPOINTS} | {"/mcp/mcp", "/docs", "/docs/samples/{name}", "/"}
+    known |= {re.sub("^/robot(?=/)", "", path) for path in known}
+    known = {re.escape(path).replace(r"\{Class\}", "[A-Z]\\w+") for path in known}
+    patterns = [re.compile(re.sub(r"\\{\w+\\}", "[^/]+", path) + "$") for path in known]
+    asked, wrong = 0, []
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        for path in re.findall(r"(?:COBOT_URL\"?|localhost:8007)(/[\w/-]*)", text):
+            asked += 1
+            plain = re.sub(r"^/robots/\w+(?=/)", "", path)
+            if not any(pattern.match(plain) for pattern in patterns):
+                wrong.append((page.name, path))
+    assert asked > 30
+    assert wrong == []
