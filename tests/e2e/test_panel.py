@@ -18,6 +18,7 @@ import pytest
 from chromium import CHROMIUM, Page, browsing
 from running import WAIT_S, Run, until
 from streaming_client import StreamClient
+from websockets.sync.client import connect
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 MOVED_RAD = 0.02
@@ -319,6 +320,36 @@ def test_plans_of_others_are_approved_and_taken_back(panel: Panel) -> None:
     panel.page.click(f"{row} button")
     panel.until(f"document.querySelector('{row} button').innerText === 'Approve'")
     assert approved_by() is None
+
+
+def happened(panel: Panel) -> list[dict[str, Any]]:
+    """All events that are kept."""
+    address = f"ws{panel.run.url.removeprefix('http')}/events?after=0"
+    with connect(address) as socket:
+        newest = json.loads(socket.recv(WAIT_S))["data"]["newest"]
+        events = [json.loads(socket.recv(WAIT_S))]
+        while events[-1]["id"] < newest:
+            events.append(json.loads(socket.recv(WAIT_S)))
+    return events
+
+
+def test_what_has_happened_is_listed_and_nothing_is_missed(panel: Panel) -> None:
+    """The events as another connection hears them; after a break the list goes on where it was."""
+    listed = "[...document.querySelectorAll('#log li')].map((e) => [e.dataset.type, e.children[0].dateTime])"
+
+    def all_listed() -> bool:
+        newest = happened(panel)[:-101:-1]
+        return bool(panel.page.run(listed) == [[each["type"], each["time"]] for each in newest])
+
+    until(all_listed)
+    panel.page.run("cobotPanel.events.socket.close()")
+    assert httpx.post(f"{panel.run.url}/stop", timeout=WAIT_S).status_code == 200
+    until(all_listed)
+    assert panel.page.run("document.querySelector('#log [data-type=stop] b').dataset.level") == "warn"
+    panel.page.click("#log-problems")
+    shown = "[...document.querySelectorAll('#log li')].filter((each) => each.checkVisibility())"
+    assert panel.page.run(f"{shown}.length > 0 && {shown}.every((each) => 'problem' in each.dataset)")
+    panel.page.click("#log-problems")
 
 
 @pytest.mark.parametrize("way", ["button", "space", "escape", "space on a button"])
