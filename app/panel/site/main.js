@@ -2,6 +2,7 @@
 import { Api } from "./api.js";
 import { Approvals } from "./approvals.js";
 import { Banner } from "./banner.js";
+import { Csv } from "./csv.js";
 import { Events } from "./events.js";
 import { Job } from "./job.js";
 import { Jog } from "./jog.js";
@@ -42,6 +43,7 @@ class Panel {
       },
     });
     this.job = new Job(api);
+    this.csv = new Csv(api, () => this.state, () => this.readouts.ranges);
     this.log = new Log();
     this.events = new Events(api, (event) => this.hear(event));
     this.jog = new Jog(api, this.stream, this.readouts);
@@ -85,6 +87,7 @@ class Panel {
     }
     this.motions.discard();
     this.waypoints.load(robot.name);
+    this.csv.forget();
     this.tag = this.state = null;
     await this.look();
     await this.motions.load();
