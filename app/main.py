@@ -46,7 +46,6 @@ from app.api.routers import stream as stream_router
 from app.api.start_failure import StartFailure, saying_why
 from app.api.timing import RequestTimes, Timing
 from app.aubo import http as vendor_http
-from app.mcp.endpoint import PATH as MCP_PATH
 from app.mcp.endpoint import McpEndpoint
 from app.offers.robots_on_graph import serving
 from app.panel import pages
@@ -60,6 +59,7 @@ from app.services.motion.synchronous import SyncService
 from cobot.access.authentication import Authenticator, authentication_required, rights_of_ros
 from cobot.access.roles import ROS
 from cobot.access.tokens import TokenFile
+from cobot.addresses import MCP
 from cobot.audit import Audit
 from cobot.clock import SYSTEM, Clock
 from cobot.config import Endpoint, Settings, load_endpoints
@@ -216,7 +216,7 @@ def create_app(
     )
     named = [route for router in more for route in router.routes if _enabled(route, endpoints)]
     if settings.mcp.enabled:
-        named.append(Route(MCP_PATH, agents))
+        named.append(Route(MCP, agents))
     app.router.routes[:0] = [*plain, *robots_router.twins(plain, list(robots)), *named]
     for route in app.routes:
         if isinstance(route, APIRoute):

@@ -15,6 +15,8 @@ DEFAULT_URL = "http://localhost:8007"
 CONTROL_TOKEN = "X-Control-Token"
 """The header that shows the token of a lease: its holder's motions carry it."""
 ROBOTS = "/robots"
+MCP = "/mcp/mcp"
+"""Where agents reach the service."""
 _PLAIN = "/robot"
 
 

@@ -324,7 +324,8 @@ cdef class Controller:
         if command is None:
             return
         number, kind = int(command["id"]), int(command["kind"])
-        if kind in (Command.START, Command.REPLACE, Command.RESET) and int(command["stops"]) != self.commands.stops:
+        stops = int(command["stops"])
+        if kind in (Command.START, Command.REPLACE, Command.RESET) and stops != self.commands.stops:
             refusal = "a stop was requested meanwhile"
         elif kind == Command.START:
             refusal = self._start(number, command)

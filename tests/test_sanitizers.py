@@ -28,6 +28,7 @@ COPIED = (
     "app",
     "ros2",
     "sequences",
+    "recorder",
     "config",
     "tests",
     "pyproject.toml",

@@ -76,11 +76,11 @@ class KeptPlan(BaseModel):
         }
     )
 
-    plan_id: str
+    plan_id: str = Field(description="What approves it and runs it names.")
     by: str = Field(description="Who has had it planned: the name of its token.")
-    planners: list[str]
-    duration_s: float
-    expires_in_s: float
+    planners: list[str] = Field(description="That it was asked of.")
+    duration_s: float = Field(description="How long it moves, at full speed.")
+    expires_in_s: float = Field(description="How long it is kept yet.")
     approved_by: str | None = Field(description="Who lets an agent run it, once; null: nobody yet.")
 
 

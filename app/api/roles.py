@@ -16,9 +16,9 @@ from app.api.access import IDENTITY
 from app.api.errors import answer_to
 from app.api.routers.robots import twin_name
 from app.api.samples import SAMPLES_PATH
-from app.mcp.endpoint import PATH as MCP_PATH
 from cobot.access.authentication import is_loopback
 from cobot.access.roles import Identity, Role, require
+from cobot.addresses import MCP
 from cobot.errors import CobotError
 
 STOP = "POST /stop"
@@ -115,7 +115,7 @@ def roles(*, stop_without_token: bool) -> dict[str, Role]:
     """The table as the settings have it, with the endpoints of each robot by its name."""
     table = ROLES | ({STOP: Role.NOBODY} if stop_without_token else {})
     twins = {twin_name(name): role for name, role in table.items()}
-    return table | twins | {MCP_PATH: Role.OBSERVER}  # what plans or moves needs an agent: app.mcp.tools
+    return table | twins | {MCP: Role.OBSERVER}  # what plans or moves needs an agent: app.mcp.tools
 
 
 def guard(routes: Iterable[BaseRoute], table: Mapping[str, Role]) -> None:

@@ -15,7 +15,7 @@ from mcp.server.stdio import stdio_server
 from mcp.shared._stream_protocols import ReadStream, WriteStream
 from mcp.shared.message import SessionMessage
 
-from app.mcp.endpoint import PATH
+from cobot.addresses import MCP
 from cobot.client.tls import tls_context, token_from_environment
 
 
@@ -23,7 +23,7 @@ def main() -> int:
     """Until the input ends; the exit status."""
     parser = argparse.ArgumentParser(prog="cobot mcp", description=__doc__)
     parser.add_argument("--url", required=True, help="of the service")
-    anyio.run(_bridge, parser.parse_args().url.rstrip("/") + PATH)
+    anyio.run(_bridge, parser.parse_args().url.rstrip("/") + MCP)
     return 0
 
 

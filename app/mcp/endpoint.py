@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from fastapi import FastAPI
     from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
 
-PATH = "/mcp/mcp"
-
 
 class McpEndpoint:
     """An ASGI application; `close` ends whatever it has begun."""

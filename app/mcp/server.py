@@ -11,7 +11,7 @@ from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
 from mcp.server.transport_security import TransportSecuritySettings
 
 from app.mcp import tools
-from app.mcp.endpoint import PATH
+from cobot.addresses import MCP
 
 if TYPE_CHECKING:
     from fastapi import FastAPI
@@ -36,7 +36,7 @@ arm has to be where the plan begins; limits, scene and tool have to be as they w
 
 
 def session_manager(app: FastAPI) -> StreamableHTTPSessionManager:
-    """What answers requests for `PATH`, each by itself: there are no sessions to be lost or stolen.
+    """What answers requests for `MCP`, each by itself: there are no sessions to be lost or stolen.
 
     Who may ask from where is settled before (`app.api.access`), so the library's own check of hosts is off.
     """
@@ -45,7 +45,7 @@ def session_manager(app: FastAPI) -> StreamableHTTPSessionManager:
     _offer_resources(server, app)
     _offer_prompts(server)
     server.streamable_http_app(
-        streamable_http_path=PATH,
+        streamable_http_path=MCP,
         json_response=True,
         stateless_http=True,
         max_request_body_size=app.state.web.max_json_bytes,

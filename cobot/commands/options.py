@@ -10,6 +10,7 @@ from typing import Any
 from cobot.addresses import DEFAULT_URL
 
 URL_VARIABLE = "COBOT_URL"
+URL_HELP = f"of the service; {URL_VARIABLE}, or {DEFAULT_URL}, without it"
 COMMANDS = ("state", "move", "send", "jobs", "watch", "completion")
 SHELLS = ("bash", "zsh", "fish")
 EPILOG = "exit status: 0 done, 1 the service says why not, 2 wrong usage, 3 nobody answers, 130 interrupted"
@@ -30,7 +31,7 @@ def add_service_options(group: argparse._ArgumentGroup, *, robot: bool = True) -
     Args:
         robot: whether `--robot` is missing there.
     """
-    group.add_argument("--url", metavar="URL", help=f"{URL_VARIABLE}, or {DEFAULT_URL}, without it")
+    group.add_argument("--url", metavar="URL", help=URL_HELP)
     group.add_argument("--token", metavar="TOKEN", help="COBOT_TOKEN tells it to fewer people")
     group.add_argument("--certificate", type=Path, metavar="FILE", help="of a service with its own https")
     if robot:
@@ -40,7 +41,12 @@ def add_service_options(group: argparse._ArgumentGroup, *, robot: bool = True) -
 
 def url_of(chosen: argparse.Namespace) -> str:
     """The service that is meant."""
-    return str(chosen.url or os.environ.get(URL_VARIABLE) or DEFAULT_URL)
+    return str(chosen.url or default_url())
+
+
+def default_url() -> str:
+    """The service of who names none."""
+    return os.environ.get(URL_VARIABLE) or DEFAULT_URL
 
 
 def for_service(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> bool:

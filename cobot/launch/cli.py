@@ -11,7 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import NoReturn
 
-from cobot.addresses import DEFAULT_URL, address
+from cobot.addresses import address
 from cobot.client.tls import CERTIFICATE_VARIABLE, TOKEN_VARIABLE
 from cobot.commands import options
 from cobot.config import SETTINGS_FILE, Settings, load_settings
@@ -24,13 +24,13 @@ A robot arm behind a REST service.
 
   cobot run      start the simulated (or real) robot and the service, and watch over both
   cobot run FILE    run a sequence (.json) or program (.lua) at the service that runs, see docs/cli.md
-  cobot state, move, send, jobs, watch   use a service that runs
+  cobot state, move, send, jobs, watch   use a service that runs, see docs/cli.md
   cobot check    validate the whole configuration, without starting anything
   cobot new-robot   make the configuration of another arm from its URDF or MJCF, see docs/your-robot.md
-  cobot stop     bring the arm to rest, whatever has become of the service
+  cobot stop     bring every arm of this computer to rest, whatever has become of the service
   cobot moveit-config   write a package with which MoveIt 2 plans for the robot, see docs/ros2.md
   cobot lua      run a Lua program at a running service, see docs/lua.md
-  cobot record   write down what the robot did or does; cobot plot draws it, cobot replay repeats it
+  cobot record   write down what the robot did or does; cobot plot draws it, cobot replay moves the arm again
   cobot mcp      let an agent that speaks MCP over stdio use a running service, see docs/mcp.md
   cobot token    make, list and revoke the tokens that a service on the network asks for
   cobot doctor   whether this computer is fit for it, and what to type where it is not
@@ -138,7 +138,7 @@ def _parser() -> argparse.ArgumentParser:
     options.add_sequence_options(run)
     options.add_parsers(commands)
     service = argparse.ArgumentParser(add_help=False)
-    service.add_argument("--url", metavar="URL", default=DEFAULT_URL, help="of the service (%(default)s)")
+    service.add_argument("--url", metavar="URL", default=options.default_url(), help=options.URL_HELP)
     service.add_argument(
         "--token",
         metavar="TOKEN",

@@ -187,6 +187,7 @@ _SETTINGS = f"""\
 # `cobot check --config {SETTINGS}` validates them; `systemctl reload cobot` takes over named positions, joint
 # limits and web settings while nothing moves; everything else needs `systemctl restart cobot`.
 logs: {LOGS}
+kept: {STATE}/kept
 sequences:
   recordings: {STATE}/recordings
   programs: {STATE}/programs

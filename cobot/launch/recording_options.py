@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from cobot.addresses import DEFAULT_URL
+from cobot.commands.options import URL_HELP, default_url
 
 COMMANDS = ("record", "plot", "replay")
 
@@ -14,7 +14,7 @@ COMMANDS = ("record", "plot", "replay")
 def add_parsers(commands: Any) -> None:
     """Add the commands."""
     service = argparse.ArgumentParser(add_help=False)
-    service.add_argument("--url", metavar="URL", default=DEFAULT_URL, help="of the service (%(default)s)")
+    service.add_argument("--url", metavar="URL", default=default_url(), help=URL_HELP)
     service.add_argument("--robot", metavar="NAME", help="instead of the default one")
     service.add_argument("--token", metavar="TOKEN", help="for a service that asks for one; else COBOT_TOKEN")
     service.add_argument("--certificate", type=Path, metavar="FILE", help="of a service with https")

@@ -106,7 +106,9 @@ cdef class PathClock:
 
     cdef double c_committed_s(self) noexcept nogil:
         """Up to which path time a profile that is under way relies on the path; where there is none, now."""
-        return fmax(self.path_time_s, self.profile.end_position) if self.profile_s >= 0.0 else self.path_time_s
+        if self.profile_s < 0.0:
+            return self.path_time_s
+        return fmax(self.path_time_s, self.profile.end_position)
 
     cdef void c_shift(self, double offset_s) noexcept nogil:
         """The same place on a path that has begun so much later."""

@@ -52,7 +52,7 @@ cdef class Watch:
         return f"the motion would leave its fence: {self.fence.beyond(np.array(row[:3]), row[3])}"
 
     cdef bint c_beyond(self, const double* rows, double* place4) noexcept nogil:
-        """Whether the TCP is beyond it at these joints' positions and velocities; where it is, and how fast."""
+        """Whether the TCP is beyond it at these joint positions and velocities; its place and speed."""
         cdef double pose[7]
         cdef double jacobian[6 * MAX_DOF]
         cdef double velocity

@@ -53,7 +53,10 @@ class EventsQuery(StrictModel):
     PATH,
     response_class=Response,
     responses={
-        200: {"description": "Events, without an end.", "content": {"text/event-stream": {}}},
+        200: {
+            "description": "Events, without an end.",
+            "content": {"text/event-stream": {"schema": {"type": "string"}}},
+        },
         **responses(422, 503),
     },
 )

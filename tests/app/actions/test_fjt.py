@@ -590,7 +590,7 @@ def test_an_arm_that_is_not_in_time_is_stopped(stand: Stand) -> None:
     """The motion goes on at a hundredth of its speed, so that it cannot be in time."""
 
     async def live() -> None:
-        stand.ownership.speed_override.fraction = 0.01
+        await stand.ownership.speed_override.set_fraction(0.01)
         result = await stand.send(stand.to(0.4, 1.5, goal_time_tolerance=duration(0.1)), Handle())
         assert result["error_code"] == ErrorCode.GOAL_TOLERANCE_VIOLATED
         assert "goal_time_tolerance (0.1 s)" in result["error_string"]

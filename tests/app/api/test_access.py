@@ -410,9 +410,9 @@ def test_events_end_when_their_token_is_revoked(guarded: Guarded) -> None:
 
 
 def role_by_the_docs(endpoint: str) -> Role:
-    """docs/security.md: who looks reads; who stops need not be more; who brings a program along programs; who
-    reads what the others do, and has the settings read anew, is an admin; who restarts what does not answer
-    is nobody."""
+    """docs/security.md: who looks reads; who stops need not be more; who brings a program along, or removes a
+    recording, programs; who reads what the others do, and has the settings read anew, is an admin; who
+    restarts what does not answer is nobody."""
     method, path = endpoint.split(" ")
     if path.startswith("/health/") or (path.startswith("/robots/") and path.endswith("/health/ready")):
         return Role.NOBODY
@@ -422,6 +422,8 @@ def role_by_the_docs(endpoint: str) -> Role:
         return Role.AGENT
     if method in ("GET", "WS") or path.endswith("/stop") or "{method}" in path:
         return Role.OBSERVER
+    if method == "DELETE" and "/recordings/" in path:
+        return Role.PROGRAMMER
     return Role.PROGRAMMER if path.endswith(("/sequences/start", "/tool")) else Role.OPERATOR
 
 

@@ -96,6 +96,7 @@ def test_the_settings_that_it_writes_are_valid(tmp_path: Path) -> None:
     settings = load_settings(tmp_path / SETTINGS)
     assert settings.logs == Path("/var/log/cobot")
     assert settings.sequences.recordings == Path("/var/lib/cobot/recordings")
+    assert settings.tool_file.parent == Path("/var/lib/cobot/kept")
     assert not settings.robots
 
 

@@ -183,13 +183,12 @@ def test_an_intervention_is_logged_once_in_an_episode(
 ) -> None:
     seen = InterventionLog()
     state = link.state()
-    state.interventions[Intervention.JUMP] = 5  # before this service began
+    state.record["interventions"][Intervention.JUMP] = 5  # before this service began
     seen.look(state)
 
     def jump(count: int, moment_s: float) -> None:
-        state.interventions = [*state.interventions]
-        state.interventions[Intervention.JUMP] = count
-        state.intervened_ns[Intervention.JUMP] = int(moment_s * 1e9)
+        state.record["interventions"][Intervention.JUMP] = count
+        state.record["intervened_ns"][Intervention.JUMP] = int(moment_s * 1e9)
         seen.look(state)
 
     with caplog.at_level(logging.WARNING, "cobot.interventions"):

@@ -1,0 +1,119 @@
+"""The documents against what they are about: links lead somewhere, and each list of theirs is whole.
+
+Oracles: the files of the repository; the tables that the code itself goes by.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from cobot.access.roles import Role
+from cobot.config import ENDPOINTS, Settings
+from cobot.ipc.layout import Intervention
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+PAGES = sorted([*ROOT.glob("*.md"), *DOCS.glob("*.md"), *(ROOT / "tests").rglob("*.md")])
+FENCE = re.compile(r"^(```|~~~).*?^\1[^\S\n]*$", re.M | re.S)
+
+
+def prose(page: Path) -> str:
+    """A page without its code, where nothing is a link."""
+    return re.sub(r"`[^`\n]*`", "", FENCE.sub("", page.read_text(encoding="utf-8")))
+
+
+@cache
+def anchors(page: Path) -> frozenset[str]:
+    """Of its headings, as the sites that show Markdown make them."""
+    found: list[str] = []
+    for heading in re.findall(r"^#{1,6} +(.+?) *#*$", FENCE.sub("", page.read_text(encoding="utf-8")), re.M):
+        words = re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", heading).strip().lower()
+        name = re.sub(r"[^\w\- ]", "", words).replace(" ", "-")
+        again = found.count(name)
+        found.append(name)
+        if again:
+            found.append(f"{name}-{again}")
+    return frozenset(found)
+
+
+def links(page: Path) -> Iterator[str]:
+    """Those that lead to something in this repository."""
+    for link in re.findall(r"\]\(([^)\s]+)(?: \"[^\"]*\")?\)", prose(page)):
+        if not re.match(r"[a-z]+:", link):
+            yield link
+
+
+def dead(page: Path, link: str) -> bool:
+    path, _, anchor = link.partition("#")
+    target = (page.parent / path).resolve() if path else page
+    return not target.exists() or (anchor != "" and anchor not in anchors(target))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_each_link_of_a_page_leads_somewhere(page: Path) -> None:
+    assert [link for link in links(page) if dead(page, link)] == []
+
+
+def test_the_check_of_links_finds_what_is_missing(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("# A `b`, c\n[x](page.md#a-b-c) [y](page.md#d) [z](gone.md) `[w](gone.md)`\n")
+    assert [link for link in links(page) if dead(page, link)] == ["page.md#d", "gone.md"]
+
+
+def test_each_page_can_be_reached_from_the_readme() -> None:
+    found, open_pages = {ROOT / "README.md"}, [ROOT / "README.md"]
+    while open_pages:
+        page = open_pages.pop()
+        for link in links(page):
+            target = (page.parent / link.partition("#")[0]).resolve()
+            if target.suffix == ".md" and target not in found:
+                found.add(target)
+                open_pages.append(target)
+    assert [page.name for page in DOCS.glob("*.md") if page not in found] == []
+
+
+def endpoints_of_the_table() -> set[str]:
+    """As `ENDPOINTS` has them, of the table in docs/api.md: METHODS | [PATH, LAST, LAST](...)."""
+    section = (DOCS / "api.md").read_text(encoding="utf-8").split("## 2. Endpoints")[1].split("###")[0]
+    found = set()
+    for methods, cell in re.findall(r"^\| ((?:[A-Z]+(?:, )?)+) \| ([^|]+) \|", section, re.M):
+        first, *others = re.sub(r"\]\([^)]*\)|\[", "", cell).split(", ")
+        folder = first.rpartition("/")[0]
+        paths = [first, *(each if each.startswith("/") else f"{folder}/{each}" for each in others)]
+        found |= {f"{method} {path}" for method in methods.split(", ") for path in paths}
+    return found
+
+
+def test_the_table_of_endpoints_is_whole() -> None:
+    assert {name for name in endpoints_of_the_table() if "/mcp" not in name} == set(ENDPOINTS)
+
+
+def test_each_section_and_kind_is_explained_where_people_look() -> None:
+    shipped = (ROOT / "config" / "cobot-setting.yaml").read_text(encoding="utf-8")
+    assert [name for name in Settings.model_fields if f"\n{name}:" not in shipped and name != "robots"] == []
+    api = (DOCS / "api.md").read_text(encoding="utf-8")
+    assert [kind.name for kind in Intervention if f"| `{kind.name.lower()}` |" not in api] == []
+
+
+def test_each_dependency_is_argued_for() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    groups = [project["project"]["dependencies"], *project["project"]["optional-dependencies"].values()]
+    text = (DOCS / "dependencies.md").read_text(encoding="utf-8")
+    table = set(re.findall(r"[\w-]+", " ".join(re.findall(r"^\| ([^|]+) \|", text, re.M))))
+    words = set(re.findall(r"[\w-]+", text))
+    names = [[re.split(r"[^\w-]", each)[0] for each in group] for group in groups]
+    assert [name for name in names[0] if name not in table] == []
+    said = {"pytest-timeout": "+timeout", "pytest-xdist": "+xdist", "tree-sitter-matlab": "MATLAB"}
+    assert [n for group in names[1:] for n in group if n not in words and said.get(n, "?") not in text] == []
+
+
+def test_the_roles_are_those_of_the_code_in_their_order() -> None:
+    section = (DOCS / "security.md").read_text(encoding="utf-8").split("## Tokens and roles")[1]
+    rows = re.findall(r"^\| ([a-z]+) \|", section.split("\n- ")[0], re.M)
+    assert rows[: len(Role) - 1] == [role.name.lower() for role in Role if role is not Role.NOBODY]
