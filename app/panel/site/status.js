@@ -53,6 +53,7 @@ export class Status {
       const [control, health] = await Promise.all([this.api.get("/control"), this.api.get("/health")]);
       const holder = control.holder ? `${control.holder} (${control.address})` : control.what;
       say("control", control.held ? `${holder ?? ""}${control.what ? `: ${control.what}` : ""}` : word("nobody"));
+      element("control").title = element("control").textContent;
       say("override", `${Math.round(100 * control.speed_fraction)} %`);
       const cycle = health.cycle_us.total;
       const level = health.rtloop.alive ? "good" : "bad";
