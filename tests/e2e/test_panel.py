@@ -17,7 +17,9 @@ import numpy as np
 import pytest
 from chromium import CHROMIUM, Page, browsing
 from running import WAIT_S, Run, until
+from scipy.interpolate import CubicSpline
 from streaming_client import StreamClient
+from websockets.sync.client import connect
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 MOVED_RAD = 0.02
@@ -321,6 +323,92 @@ def test_plans_of_others_are_approved_and_taken_back(panel: Panel) -> None:
     assert approved_by() is None
 
 
+def happened(panel: Panel) -> list[dict[str, Any]]:
+    """All events that are kept."""
+    address = f"ws{panel.run.url.removeprefix('http')}/events?after=0"
+    with connect(address) as socket:
+        newest = json.loads(socket.recv(WAIT_S))["data"]["newest"]
+        events = [json.loads(socket.recv(WAIT_S))]
+        while events[-1]["id"] < newest:
+            events.append(json.loads(socket.recv(WAIT_S)))
+    return events
+
+
+def test_what_has_happened_is_listed_and_nothing_is_missed(panel: Panel) -> None:
+    """The events as another connection hears them; after a break the list goes on where it was."""
+    listed = "[...document.querySelectorAll('#log li')].map((e) => [e.dataset.type, e.children[0].dateTime])"
+
+    def all_listed() -> bool:
+        newest = happened(panel)[:-101:-1]
+        return bool(panel.page.run(listed) == [[each["type"], each["time"]] for each in newest])
+
+    until(all_listed)
+    panel.page.run("cobotPanel.events.socket.close()")
+    assert httpx.post(f"{panel.run.url}/stop", timeout=WAIT_S).status_code == 200
+    until(all_listed)
+    assert panel.page.run("document.querySelector('#log [data-type=stop] b').dataset.level") == "warn"
+    panel.page.click("#log-problems")
+    shown = "[...document.querySelectorAll('#log li')].filter((each) => each.checkVisibility())"
+    assert panel.page.run(f"{shown}.length > 0 && {shown}.every((each) => 'problem' in each.dataset)")
+    panel.page.click("#log-problems")
+
+
+def drop(panel: Panel, selector: str, name: str, content: str) -> None:
+    """A file, as a hand does."""
+    panel.page.run(
+        "((text, name, place) => { const held = new DataTransfer(); held.items.add(new File([text], name));"
+        "document.querySelector(place).dispatchEvent(new DragEvent('drop',"
+        "{dataTransfer: held, bubbles: true, cancelable: true})) })"
+        f"({json.dumps(content)}, {json.dumps(name)}, {json.dumps(selector)})"
+    )
+
+
+def rows_of(times: list[float], first: list[float]) -> str:
+    """A trajectory that moves joint 1 alone."""
+    header = ";".join([*(f"joint{n}" for n in range(1, 8)), "t"])
+    rows = [
+        ";".join(str(value) for value in [angle, *HOME[1:], time])
+        for time, angle in zip(times, first, strict=True)
+    ]
+    return "\n".join([header, *rows]).replace(".", ",") + "\n"
+
+
+def test_a_csv_file_is_looked_at_before_it_is_sent(panel: Panel) -> None:
+    """Oracle: of velocities SciPy's clamped cubic spline."""
+    times, angles = [0.0, 1.5, 3.0, 5.0], [0.0, 0.2, 0.25, 0.1]
+    drop(panel, "#csv-why", "wave.csv", rows_of(times, angles))
+    panel.until("document.querySelectorAll('#csv-plots svg').length === 14")
+    assert "4 points, 5.00 s" in panel.text("#csv-why")
+    shown = np.array(panel.page.run("cobotPanel.csv.shown[0].velocities"))
+    exact = CubicSpline(times, angles, bc_type="clamped").derivative()
+    np.testing.assert_allclose(shown[:, 1], exact(shown[:, 0]), atol=1e-12)
+    dense = np.abs(exact(np.linspace(0.0, 5.0, 5001))).max()
+    assert np.abs(shown[:, 1]).max() == pytest.approx(dense, rel=1e-4)
+    np.testing.assert_allclose(panel.run.joints(), HOME, atol=5e-3)
+    panel.page.click("#csv-send")
+    panel.until("document.querySelector('#csv-why').innerText.startsWith('Moves for 5.0 s')")
+    until(lambda: panel.rests() and abs(panel.run.joints()[0] - 0.1) < 5e-3)
+
+    drop(panel, "#csv-why", "fast.csv", rows_of([0.0, 0.05], [0.1, 4.0]))
+    panel.until("document.querySelector('#csv-why').innerText.includes('joint1 reaches')")
+    assert "joint1 leaves its range" in panel.text("#csv-why")
+    assert panel.page.run("document.querySelectorAll('#csv-plots .beyond').length") == 2
+    panel.page.click("#csv-send")
+    panel.until("document.querySelector('#csv-why').innerText.includes('angle of joint1 is 4 rad')")
+
+    drop(panel, "#csv-why", "away.csv", rows_of([0.0, 2.0], [0.3, 0.4]))
+    panel.until("document.querySelector('#csv-why').innerText.includes('away.csv')")
+    panel.page.click("#csv-start")
+    panel.page.click("#csv-send")
+    until(lambda: panel.rests() and abs(panel.run.joints()[0] - 0.4) < 5e-3)
+    panel.page.click("#csv-start")
+    assert panel.page.run("document.querySelector('#csv-start').ariaPressed") == "false"
+
+    drop(panel, "#csv-why", "other.csv", "a,b\n1,2\n")
+    panel.until("document.querySelector('#csv-why').innerText.startsWith('other.csv is no trajectory')")
+    assert panel.page.run("document.querySelector('#csv-send').disabled")
+
+
 @pytest.mark.parametrize("way", ["button", "space", "escape", "space on a button"])
 def test_stop_is_everywhere(panel: Panel, way: str) -> None:
     slowly(panel)
@@ -421,26 +509,19 @@ def test_waypoints_are_taught_shown_run_and_saved_as_a_sequence(panel: Panel) ->
     position = httpx.get(f"{panel.run.url}/robot/pose", timeout=WAIT_S).json()["position"]
     sequence = panel.page.run("cobotPanel.waypoints.sequence()")
     last = sequence["waypoints"][2]
-    assert last["planner"] == "lin", "the second one was moved to the end"
+    assert last.get("planner") == "lin", f"the second one was moved to the end: {sequence}"
     np.testing.assert_allclose([position[k] for k in "xyz"], [last[k] for k in "xyz"], atol=5e-3)
     schema = Path(__file__).parents[2] / "sequences" / "sequence.schema.json"
     jsonschema_rs.validator_for(json.loads(schema.read_text())).validate(sequence)
     assert [each["radius"] for each in sequence["waypoints"]] == [0.02, 0.0, 0.0]
 
-    def drop(content: str) -> None:
-        panel.page.run(
-            "(text => { const held = new DataTransfer(); held.items.add(new File([text], 'a.json'));"
-            "document.querySelector('#points').dispatchEvent(new DragEvent('drop',"
-            f"{{dataTransfer: held, bubbles: true, cancelable: true}})) }})({json.dumps(content)})"
-        )
-
     for _ in range(3):
         panel.page.click("#points li:nth-child(1) button:nth-of-type(3)")
     panel.until("document.querySelectorAll('#points li').length === 0")
-    drop(json.dumps(sequence))
+    drop(panel, "#points", "a.json", json.dumps(sequence))
     panel.until("document.querySelectorAll('#points li').length === 3")
     assert panel.page.run("cobotPanel.waypoints.sequence()") == sequence
-    drop('{"waypoints": [{"named": "work"}]}')
+    drop(panel, "#points", "a.json", '{"waypoints": [{"named": "work"}]}')
     panel.until("document.querySelector('#points-why').innerText.includes('POST /sequences/start')")
     assert panel.page.run("document.querySelectorAll('#points li').length") == 3
     panel.page.run("localStorage.clear()")

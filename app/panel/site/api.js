@@ -39,7 +39,8 @@ export class Api {
     const options = { method, headers: { ...headers } };
     if (this.token) options.headers.Authorization = `Bearer ${this.token}`;
     if (this.control && method !== "GET") options.headers["X-Control-Token"] = this.control;
-    if (body !== undefined) {
+    if (body instanceof FormData) options.body = body;
+    else if (body !== undefined) {
       options.headers["Content-Type"] = "application/json";
       options.body = JSON.stringify(body);
     }

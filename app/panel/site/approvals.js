@@ -30,11 +30,14 @@ export class Approvals {
     }
   }
 
-  // Rows stay as long as their plans do: a focus is not lost.
+  // Rows stay where they are, so that no other plan comes under a finger: new ones go to the end, and who is
+  // about to press sees one that is gone until then.
   show(plans) {
     const there = new Set(plans.map((plan) => plan.plan_id));
     for (const [id, row] of this.rows) {
       if (there.has(id)) continue;
+      row.button.disabled = true;
+      if (element("plans").matches(":hover, :focus-within")) continue;
       row.made.remove();
       this.rows.delete(id);
     }
@@ -52,7 +55,7 @@ export class Approvals {
     row.button.addEventListener("click", () => this.toggle(row));
     row.made.append(row.text, row.button);
     row.made.dataset.plan = id;
-    element("plans").prepend(row.made);
+    element("plans").append(row.made);
     this.rows.set(id, row);
     return row;
   }

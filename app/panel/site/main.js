@@ -2,11 +2,14 @@
 import { Api } from "./api.js";
 import { Approvals } from "./approvals.js";
 import { Banner } from "./banner.js";
+import { Csv } from "./csv.js";
 import { Events } from "./events.js";
 import { Job } from "./job.js";
 import { Jog } from "./jog.js";
 import { Lease } from "./lease.js";
+import { Log } from "./log.js";
 import { Motions } from "./motions.js";
+import { oneAtATime } from "./once.js";
 import { Readouts } from "./readouts.js";
 import { Status } from "./status.js";
 import { installStop } from "./stop.js";
@@ -14,7 +17,8 @@ import { Stream } from "./stream.js";
 import { Waypoints } from "./waypoints.js";
 import { installLanguages, word } from "./words.js";
 
-const GEOMETRY_EVERY_MS = 3000;
+const GEOMETRY_EVERY_MS = 30_000; // the limits are no event
+const LOOKED_AT = ["hello", "scene", "tool", "service"];
 const element = (id) => document.getElementById(id);
 
 class Panel {
@@ -39,12 +43,15 @@ class Panel {
       },
     });
     this.job = new Job(api);
+    this.csv = new Csv(api, () => this.state, () => this.readouts.ranges);
+    this.log = new Log();
     this.events = new Events(api, (event) => this.hear(event));
     this.jog = new Jog(api, this.stream, this.readouts);
     this.lease = new Lease(api, this.stream);
     this.view = null;
     this.state = null;
     this.tag = null;
+    this.lookAgain = oneAtATime(() => this.look());
   }
 
   async begin() {
@@ -52,7 +59,7 @@ class Panel {
     const robots = await this.api.robots();
     this.tabs(robots);
     await this.choose(robots.find((robot) => robot.default));
-    setInterval(() => this.look(), GEOMETRY_EVERY_MS);
+    setInterval(() => this.lookAgain(), GEOMETRY_EVERY_MS);
     await this.draw();
   }
 
@@ -80,12 +87,13 @@ class Panel {
     }
     this.motions.discard();
     this.waypoints.load(robot.name);
+    this.csv.forget();
     this.tag = this.state = null;
     await this.look();
     await this.motions.load();
     this.stream.open();
+    this.log.clear();
     this.events.open();
-    this.status.look();
     this.approvals.look();
   }
 
@@ -116,6 +124,9 @@ class Panel {
 
   hear(event) {
     this.job.hear(event);
+    this.log.hear(event);
+    this.status.hear(event);
+    if (LOOKED_AT.includes(event.type)) this.lookAgain();
   }
 
   show(state) {

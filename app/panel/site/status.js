@@ -1,7 +1,9 @@
 // Mode, who has the control, speed override, how the cycle is, and whether anybody answers.
+import { oneAtATime } from "./once.js";
 import { inEachLanguage, word } from "./words.js";
 
-const EVERY_MS = 1000;
+const EVERY_MS = 5000; // how the cycle is, and the speed override, are no events
+const CHANGES = ["hello", "lease", "motion", "session", "sequence", "job", "rtloop"];
 const LEVELS = { HOLD: "good", ESTOP: "bad", FAULT: "bad", STOPPING: "warn" };
 const element = (id) => document.getElementById(id);
 
@@ -16,6 +18,7 @@ export class Status {
     this.api = api;
     this.mode = null;
     this.line = null;
+    this.look = oneAtATime(() => this.ask());
     inEachLanguage(() => {
       if (this.mode) this.write();
       if (this.line !== null) this.connected(this.line);
@@ -40,12 +43,17 @@ export class Status {
     say("connection", word(connected ? "connected" : "lost"), connected ? "good" : "bad");
   }
 
-  async look() {
+  hear(event) {
+    if (CHANGES.includes(event.type)) this.look();
+  }
+
+  async ask() {
     if (!this.api.robot || document.hidden) return;
     try {
       const [control, health] = await Promise.all([this.api.get("/control"), this.api.get("/health")]);
       const holder = control.holder ? `${control.holder} (${control.address})` : control.what;
       say("control", control.held ? `${holder ?? ""}${control.what ? `: ${control.what}` : ""}` : word("nobody"));
+      element("control").title = element("control").textContent;
       say("override", `${Math.round(100 * control.speed_fraction)} %`);
       const cycle = health.cycle_us.total;
       const level = health.rtloop.alive ? "good" : "bad";

@@ -1,0 +1,121 @@
+// A trajectory out of a CSV file: looked at first, joint by joint against the limits, and then sent.
+import { curve } from "./lines.js";
+import { fromRest, read, velocityCurve } from "./points.js";
+import { inEachLanguage, word } from "./words.js";
+
+const OPTIONS = { move_to_start: "csv-start", retime: "csv-retime" };
+const TOLERANCE = 1e-9; // of a limit
+const element = (id) => document.getElementById(id);
+
+export class Csv {
+  constructor(api, state, ranges) {
+    this.api = api;
+    this.state = state;
+    this.ranges = ranges;
+    this.file = this.shown = null;
+    this.words = () => word("csv_hint");
+    element("csv-choose").addEventListener("click", () => element("csv-file").click());
+    element("csv-file").addEventListener("change", () => this.open(element("csv-file").files[0]));
+    element("csv-send").addEventListener("click", () => this.send());
+    for (const id of Object.values(OPTIONS)) {
+      element(id).addEventListener("click", () => {
+        element(id).setAttribute("aria-pressed", String(element(id).getAttribute("aria-pressed") !== "true"));
+      });
+    }
+    this.accept(element("csv-send").closest(".card"));
+    inEachLanguage(() => this.write());
+  }
+
+  accept(card) {
+    card.addEventListener("dragover", (event) => {
+      event.preventDefault();
+      card.toggleAttribute("data-over", true);
+    });
+    card.addEventListener("dragleave", () => card.removeAttribute("data-over"));
+    card.addEventListener("drop", (event) => {
+      event.preventDefault();
+      card.removeAttribute("data-over");
+      this.open(event.dataTransfer.files[0]);
+    });
+  }
+
+  forget() {
+    this.file = this.shown = null;
+    this.say(() => word("csv_hint"));
+  }
+
+  async open(file) {
+    if (!file) return;
+    element("csv-file").value = ""; // the same file may be chosen again
+    const [ranges, state] = [this.ranges(), this.state()];
+    const found = state && read(await file.text(), ranges.length);
+    if (!found) {
+      this.file = this.shown = null;
+      this.say(() => word("csv_none", { name: file.name, count: ranges.length }));
+      return;
+    }
+    const { times, positions, velocities } = fromRest(found, state.commanded_position);
+    this.file = file;
+    this.shown = ranges.map((range, joint) => ({
+      range,
+      positions: times.map((time, index) => [time, positions[joint][index]]),
+      velocities: velocityCurve(times, positions[joint], velocities?.[joint]),
+    }));
+    const count = found.times.length;
+    this.say(() => [word("csv_read", { name: file.name, count, seconds: times.at(-1).toFixed(2) }), ...this.beyond()].join(" "));
+  }
+
+  // What is beyond a limit, in words; the service says it more exactly.
+  beyond() {
+    return this.shown.flatMap(({ range, positions, velocities }) => {
+      const most = velocities.reduce((one, [, value]) => Math.max(one, Math.abs(value)), 0);
+      const [unit, scale] = range.slides ? ["mm", 1000] : ["°", 180 / Math.PI];
+      const said = [];
+      if (positions.some(([, value]) => value < range.min_position - TOLERANCE || value > range.max_position + TOLERANCE)) {
+        said.push(word("csv_position", { name: range.name }));
+      }
+      if (most > range.max_velocity + TOLERANCE) {
+        const values = { name: range.name, unit, value: (scale * most).toFixed(1), limit: (scale * range.max_velocity).toFixed(1) };
+        said.push(word("csv_velocity", values));
+      }
+      return said;
+    });
+  }
+
+  async send() {
+    const body = new FormData();
+    body.append("file", this.file);
+    const chosen = Object.entries(OPTIONS).filter(([, id]) => element(id).getAttribute("aria-pressed") === "true");
+    const query = new URLSearchParams(chosen.map(([name]) => [name, "true"]));
+    element("csv-send").disabled = true;
+    this.say(() => word("csv_sending"));
+    try {
+      const sent = await this.api.post(`/trajectory/send_csv?${query}`, body);
+      this.say(() => word("csv_sent", { seconds: sent.duration_s.toFixed(1), note: sent.note }));
+    } catch (error) {
+      this.say(() => error.message);
+    }
+  }
+
+  say(words) {
+    this.words = words;
+    this.write();
+  }
+
+  write() {
+    element("csv-why").textContent = this.words();
+    element("csv-send").disabled = !this.file;
+    element("csv-plots").replaceChildren(...(this.shown ?? []).flatMap((each) => this.row(each)));
+  }
+
+  row({ range, positions, velocities }) {
+    const { name, min_position: low, max_position: high, max_velocity: most } = range;
+    const label = document.createElement("b");
+    label.textContent = name;
+    return [
+      label,
+      curve(positions, [low, high], word("plot_position", { name })),
+      curve(velocities, [-most, most], word("plot_velocity", { name })),
+    ];
+  }
+}
