@@ -409,6 +409,27 @@ def test_a_csv_file_is_looked_at_before_it_is_sent(panel: Panel) -> None:
     assert panel.page.run("document.querySelector('#csv-send').disabled")
 
 
+def test_the_last_seconds_of_each_joint_are_drawn(panel: Panel) -> None:
+    """The values as REST has them; a curve is where the canvas has colour."""
+    panel.page.run("document.querySelector('#live').scrollIntoView()")
+    for quantity, field in (("effort", "effort"), ("velocity", "velocity"), ("position", "position")):
+        set_to(panel, "#live-what", quantity)
+        values = httpx.get(f"{panel.run.url}/robot/joint_states", timeout=WAIT_S).json()[field]
+        shown = float(values[3]) * (1.0 if quantity == "effort" else 180.0 / np.pi)
+        near = "Math.abs(parseFloat(document.querySelectorAll('#live b')[3].innerText)"
+        panel.until(f"{near} - ({shown})) < 0.5")
+        named = "document.querySelectorAll('#live canvas')[3].getAttribute('aria-label')"
+        assert "joint4" in panel.page.run(named)
+    coloured = (
+        "[...document.querySelectorAll('#live canvas')].every((each) => each.getContext('2d')"
+        ".getImageData(0, 0, each.width, each.height).data.some((value) => value))"
+    )
+    panel.until(coloured)
+    span = "cobotPanel.live.states.at(-1).time - cobotPanel.live.states[0].time"
+    assert panel.page.run(f"{span} < 20.1 && {span} > 0")
+    assert panel.page.run("cobotPanel.live.lanes.length") == 7
+
+
 @pytest.mark.parametrize("way", ["button", "space", "escape", "space on a button"])
 def test_stop_is_everywhere(panel: Panel, way: str) -> None:
     slowly(panel)

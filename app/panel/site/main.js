@@ -7,6 +7,7 @@ import { Events } from "./events.js";
 import { Job } from "./job.js";
 import { Jog } from "./jog.js";
 import { Lease } from "./lease.js";
+import { Live } from "./live.js";
 import { Log } from "./log.js";
 import { Motions } from "./motions.js";
 import { oneAtATime } from "./once.js";
@@ -44,6 +45,7 @@ class Panel {
     });
     this.job = new Job(api);
     this.csv = new Csv(api, () => this.state, () => this.readouts.ranges);
+    this.live = new Live();
     this.log = new Log();
     this.events = new Events(api, (event) => this.hear(event));
     this.jog = new Jog(api, this.stream, this.readouts);
@@ -93,6 +95,7 @@ class Panel {
     await this.motions.load();
     this.stream.open();
     this.log.clear();
+    this.live.clear();
     this.events.open();
     this.approvals.look();
   }
@@ -104,6 +107,7 @@ class Panel {
     this.tag = found.tag;
     this.geometry = found.geometry;
     this.readouts.describe(found.geometry.joints);
+    this.live.describe(found.geometry.joints);
     this.view?.describe(found.geometry);
     if (this.state) this.show(this.state);
   }
@@ -132,6 +136,7 @@ class Panel {
   show(state) {
     this.state = state;
     this.readouts.show(state);
+    this.live.show(state);
     this.status.show(state);
     this.banner.show(state);
     this.view?.show(state);
