@@ -40,8 +40,8 @@ cdef class Controller:
     cdef readonly object surroundings
     cdef bint _surrounding, _changed
     cdef str _unseen
-    cdef int _loading, _loading_slot
-    cdef unsigned long long _loading_motion
+    cdef int _loading_slot
+    cdef unsigned long long _loading, _loading_motion
     cdef object _desired_rows
     cdef double* _desired
     cdef double _error[MAX_DOF]

@@ -31,6 +31,8 @@ CHECKS = (
 ALL_CHECKS = ",".join(CHECKS)
 VENDOR_SERVICES = "/openapi/vendor.json"
 CONTROL = r"control$"
+SPEED = r"speed_override$"
+"""With an override of 0 no motion would ever end."""
 READY = r"health/ready$"
 """Its 503 is what it is there for: a planning process that a stop has ended is replaced."""
 EVENTS = r"events$"
@@ -110,23 +112,26 @@ def fuzzed(service: Run, folder: Path, *options: str, document: str = "/openapi.
 def test_schemathesis_finds_no_server_error_and_no_undocumented_answer(restless: Run, tmp_path: Path) -> None:
     phases = ("--phases", "examples,coverage,fuzzing", "--max-examples", "4")
     # Nothing would move with the control taken.
-    fuzzed(restless, tmp_path, *phases, "--exclude-path-regex", f"{CONTROL}|{READY}|{EVENTS}|{BY_NAME}")
+    fuzzed(
+        restless, tmp_path, *phases, "--exclude-path-regex", f"{CONTROL}|{SPEED}|{READY}|{EVENTS}|{BY_NAME}"
+    )
 
 
 def test_schemathesis_finds_none_with_the_robot_named(restless: Run, tmp_path: Path) -> None:
     phases = ("--phases", "fuzzing", "--max-examples", "1")
-    paths = ("--include-path-regex", BY_NAME, "--exclude-path-regex", f"{CONTROL}|{READY}|{EVENTS}")
+    paths = ("--include-path-regex", BY_NAME, "--exclude-path-regex", f"{CONTROL}|{SPEED}|{READY}|{EVENTS}")
     fuzzed(restless, tmp_path, *phases, *paths)
 
 
-def test_schemathesis_finds_none_in_taking_the_control(restless: Run, tmp_path: Path) -> None:
+def test_schemathesis_finds_none_in_taking_the_control_or_the_speed(restless: Run, tmp_path: Path) -> None:
     phases = ("--phases", "examples,coverage,fuzzing", "--max-examples", "10")
     try:
-        fuzzed(restless, tmp_path, *phases, "--include-path-regex", CONTROL)
+        fuzzed(restless, tmp_path, *phases, "--include-path-regex", f"{CONTROL}|{SPEED}")
     finally:
         path = f"{restless.url}/robot/control"
         taken = httpx.post(path, json={"force": True}, timeout=WAIT_S).raise_for_status().json()
         httpx.delete(path, headers={"X-Control-Token": taken["token"]}).raise_for_status()
+        httpx.post(f"{restless.url}/robot/speed_override", json={"fraction": 1.0}).raise_for_status()
 
 
 def test_schemathesis_finds_none_in_the_vendor_services_either(restless: Run, tmp_path: Path) -> None:

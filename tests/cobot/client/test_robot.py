@@ -175,7 +175,6 @@ def test_a_plan_that_is_unknown_or_out_of_place_is_refused(robot: Robot) -> None
         ("Dance", {}, "no primitive 'Dance'; valid are: Home"),
         ("MoveJ", {}, "MoveJ: target is missing"),
         ("MoveJ", {"target": HOME[:6]}, "target must have 7 numbers"),
-        ("MoveJ", {"target": HOME, "velocity": 1}, "unknown parameter 'velocity'; valid are: target, speed"),
         ("MoveL", {"target": HOME[:6]}, "target must have 7 numbers"),
     ],
 )

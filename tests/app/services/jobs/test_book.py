@@ -19,7 +19,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from running import until
+from running import WAIT_S, until
 
 from app.services.jobs import book as books
 from app.services.jobs.book import KEPT, JobBook
@@ -187,6 +187,7 @@ def test_ten_thousand_jobs_are_bounded_in_memory_and_on_the_disk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(books, "MAX_BYTES", 200_000)
+    monkeypatch.setattr(books, "END_S", WAIT_S)
     file = tmp_path / "arm.jobs.jsonl"
     bench = Bench(file)
     with bench.motion() as outer:  # goes on while all the others come and go
