@@ -82,6 +82,7 @@ class WildRig(WatchedRig):
             self.step()
             if not self.loop.controller.moving:
                 break
+        self._command = self.loop.controller.commands.command_seen  # it has known of one more
         if self.mode in (LoopMode.ESTOP, LoopMode.FAULT):
             assert self.answer(self.send(Command.RESET)) == ""
         self.step()
