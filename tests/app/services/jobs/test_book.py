@@ -192,8 +192,8 @@ def test_ten_thousand_jobs_are_bounded_in_memory_and_on_the_disk(
     bench = Bench(file)
     with bench.motion() as outer:  # goes on while all the others come and go
         bench.ownership._claim = None
-        for _ in range(20):  # no faster than the disk takes them
-            newest = [bench.done().id for _ in range(500)][-1]
+        for _ in range(50):  # no faster than the disk takes them
+            newest = [bench.done().id for _ in range(200)][-1]
             until(lambda: not bench.book._outlet._waiting)  # type: ignore[union-attr]
         assert len(bench.book.records(100_000)) == KEPT + 1
         assert bench.book.find(newest) is not None
