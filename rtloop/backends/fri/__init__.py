@@ -1,0 +1,5 @@
+"""KUKA's Fast Robot Interface: the wire, the backend, and a simulated controller."""
+
+from rtloop.backends.fri.backend import FriBackend
+
+__all__ = ["FriBackend"]

@@ -1,0 +1,119 @@
+"""What is answered to each of the controller's packets."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cobot.types import Array
+from rtloop.backends import BackendError
+from rtloop.backends.fri.beat import Entry
+from rtloop.backends.fri.encoding import encode_command
+from rtloop.backends.fri.messages import (
+    COMMAND_ID,
+    Command,
+    Header,
+    IoDirection,
+    IoType,
+    IoValue,
+    Monitoring,
+    SessionState,
+)
+from rtloop.backends.fri.options import FriOptions
+from rtloop.backends.fri.session import interpolator
+
+_COUNTER = 1 << 32
+
+
+class Answers:
+    """Attributes:
+    torque, wrench: laid over the position, shapes (dof,) and (6,), N·m and N.
+    """
+
+    def __init__(self, options: FriOptions, names: tuple[str, ...], period_s: float) -> None:
+        self._options, self._names = options, names
+        self._entry = Entry(len(names), period_s)
+        self.torque, self.wrench = np.zeros(len(names)), np.zeros(6)
+        self._outputs: dict[str, IoValue] = {}
+        self._sequence = self._unanswered = 0
+
+    @property
+    def are_begun(self) -> bool:
+        """Whether commands have been sent in this motion of the controller."""
+        return self._entry.sent is not None
+
+    def forget(self) -> None:
+        """The controller has ended its motion: the next one begins where it is then."""
+        self._entry.forget()
+
+    def held(self, message: Monitoring) -> tuple[float, ...]:
+        """Where the arm is to stay: what was commanded last in a running motion, else the interpolator."""
+        sent = self._entry.sent
+        if sent is None or message.state != SessionState.COMMANDING_ACTIVE:
+            return interpolator(message)
+        return tuple(sent.tolist())
+
+    def begin(self, message: Monitoring, command: Array) -> str:
+        """Commands go on from where the controller has the arm; or why they may not, "" if they do."""
+        here = np.array(self.held(message))
+        off = np.abs(here - command)
+        joint = int(off.argmax())
+        if not off[joint] <= self._options.entry_rad:
+            return (
+                f"{self._names[joint]} is commanded {off[joint]:.4f} rad beside the controller's "
+                f"interpolator, {self._options.entry_rad} rad are allowed (robot.backend.entry_rad)"
+            )
+        self._entry.begin(here, command)
+        return ""
+
+    def encode(self, message: Monitoring, command: Array | None) -> bytes:
+        """The answer to a packet; b"" if it wants none.
+
+        Args:
+            command: shape (dof,), rad; None: the arm is held where the controller has it.
+        """
+        position = self.held(message)
+        if command is not None:
+            position = tuple(self._entry.follow(command).tolist())
+            self._entry.pass_period()
+        self._unanswered += 1
+        if message.state == SessionState.IDLE or self._unanswered < message.receive_multiplier:
+            return b""
+        self._unanswered = 0
+        self._sequence = (self._sequence + 1) % _COUNTER
+        outputs = list(self._outputs.values())
+        self._outputs.clear()
+        return encode_command(
+            Command(
+                Header(COMMAND_ID, self._sequence, message.header.sequence),
+                position=position,
+                torque=self._overlaid("torque", self.torque, message, command),
+                wrench=self._overlaid("wrench", self.wrench, message, command),
+                io=outputs,
+            )
+        )
+
+    def set_output(self, known: list[IoValue], name: str, value: float) -> None:
+        """With the next answer.
+
+        Args:
+            known: the inputs and outputs that the controller tells of.
+
+        Raises:
+            BackendError: there is no such output among them.
+        """
+        outputs = {each.name: each for each in known if each.direction == IoDirection.OUTPUT}
+        output = outputs.get(name)
+        if output is None:
+            raise BackendError(
+                f"{name!r} is no output that the controller's program has registered: {sorted(outputs)}"
+            )
+        self._outputs[name] = replace(output, value=value if output.type == IoType.ANALOG else int(value))
+
+    def _overlaid(
+        self, overlay: str, values: Array, message: Monitoring, command: Array | None
+    ) -> tuple[float, ...]:
+        if self._options.overlay != overlay or message.state < SessionState.COMMANDING_WAIT:
+            return ()
+        return tuple(values.tolist()) if command is not None else (0.0,) * len(values)

@@ -1,0 +1,286 @@
+"""KUKA's LBR iiwa and LBR Med over the Fast Robot Interface."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cobot.config import Settings
+from cobot.types import Array, JointLimits
+from rtloop.backends import BackendError, Capabilities, DeviceStatus, Measured
+from rtloop.backends.fri.answers import Answers
+from rtloop.backends.fri.beat import Beat
+from rtloop.backends.fri.channel import Channel, UdpChannel
+from rtloop.backends.fri.codec import decode_monitoring
+from rtloop.backends.fri.messages import Monitoring, SafetyState, SessionState
+from rtloop.backends.fri.options import FriOptions
+from rtloop.backends.fri.session import (
+    STOPPED,
+    drives_in_words,
+    entry_fault,
+    misfit,
+    obstacle,
+    wrong_overlay,
+)
+
+if TYPE_CHECKING:
+    from rtloop.contract import ContractRig
+
+
+class FriBackend:
+    """A `Backend` that the robot controller gives its beat, `Paced`, `Reporting` and `Stepwise`.
+
+    It answers each packet as the session's state asks for it: with nothing while it is monitored, with the
+    interpolator's position while a motion waits, with commands while it runs and the connection is good.
+    """
+
+    Options = FriOptions
+    capabilities = Capabilities(
+        periods_s=(0.001, 0.002, 0.004, 0.005, 0.01),
+        torque=True,
+        wrench=True,
+        io=True,
+        stops={2: False},  # the drives are the cabinet's
+        hardware=True,
+    )
+
+    def __init__(
+        self,
+        settings: Settings,
+        limits: JointLimits,
+        *,
+        channel: Channel | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """channel, clock: for tests: what stands for the network and for its time."""
+        options = settings.backend_options(FriOptions)
+        self._options = options = options if options is not None else FriOptions()
+        self._limits, self._period_s = limits, settings.rt.period_s
+        self.capabilities = replace(
+            type(self).capabilities, torque=options.overlay == "torque", wrench=options.overlay == "wrench"
+        )
+        self._channel, self._clock = channel, clock
+        self._beat = Beat(limits.dof, self._period_s)
+        self._answers = Answers(options, limits.names, self._period_s)
+        self._heard_s = self._asked_s = 0.0
+        self._join_until_s = 0.0  # so long after it was enabled the session may begin anew without a fault
+        self._enabled = self._asking = self._unread = self._joins = False
+        self._answered = True  # the newest packet, which has one answer
+        self._starts = True
+        self._refused = ""
+        self._malformed = 0
+
+    def open(self, initial_position: Array) -> None:
+        options = self._options
+        if self._channel is None:
+            self._channel = UdpChannel(options.listen, options.port, options.address)
+        self._asked_s = self._clock()
+        while not self.wait(options.silence_s):
+            if self._clock() - self._asked_s > options.connect_s:
+                raise BackendError(self._nobody())
+        self._channel.keep_to_sender()
+        problem = misfit(self._newest, options, self._period_s)
+        if problem:
+            raise BackendError(problem)
+
+    def wait(self, timeout_s: float) -> bool:
+        """The controller's next packet, or the next cycle of one that was lost."""
+        if self._beat.is_made_up:
+            self._beat.go_on()
+            return True
+        deadline_s = self._clock() + timeout_s
+        while True:
+            for packet in self._open_channel.receive(deadline_s - self._clock()):
+                self._take(packet)
+            if self._unread:
+                self._unread = False
+                return True
+            if self._clock() >= deadline_s:
+                return False
+
+    def read(self, measured: Measured) -> None:
+        message = self._beat.newest
+        silence_s = self._clock() - self._heard_s
+        if message is None or silence_s > self._options.silence_s:
+            raise BackendError(
+                f"no packet from the robot controller for {silence_s:.2f} s: its session is closed, its "
+                "program has ended, or the network is down"
+            )
+        measured.position, measured.velocity = self._beat.position, self._beat.velocity
+        for name, values in (
+            ("effort", message.measured_torque),
+            ("desired_effort", message.commanded_torque),
+            ("external_effort", message.external_torque),
+        ):
+            if values:
+                setattr(measured, name, values)
+
+    def write(self, command: Array) -> None:
+        message = self._beat.newest
+        if message is None or self._beat.is_made_up or self._answered:
+            return
+        self._answered = True
+        reason = obstacle(message) or wrong_overlay(message, self._options)
+        if self._enabled and not reason and (self._joins or not self._answers.are_begun):
+            reason = self._answers.begin(message, command[0])
+            self._joins = False
+        answer = self._answers.encode(message, command[0] if self._enabled and not reason else None)
+        if answer:
+            self._open_channel.send(answer)
+        if reason and self._enabled and (command[1].any() or not self._may_begin_anew(message)):
+            raise BackendError(f"the robot takes no commands: {reason}")
+
+    def enable(self) -> None:
+        """Whoever starts first waits for the other: at the start it is the first command that says why the
+        robot takes none, and a reset that tries again.
+        """
+        starts, self._starts = self._starts, False
+        self.recover_step()
+        nothing = np.zeros((3, self._limits.dof))
+        try:
+            while True:
+                self.write(nothing)  # the packet in hand: no cycle does it
+                if self.enable_step():
+                    return
+                self.wait(self._options.silence_s)
+        except BackendError:
+            if not starts:
+                raise
+            self._enabled = self._joins = True
+
+    def enable_step(self) -> bool:
+        if self._enabled:
+            return True
+        message = self._newest
+        now_s = self._clock()
+        if not self._asking:
+            self._asking, self._asked_s = True, now_s
+        problem = misfit(message, self._options, self._period_s)
+        problem = problem or wrong_overlay(message, self._options)
+        if not problem and message.safety != SafetyState.NORMAL_OPERATION:
+            problem = STOPPED[message.safety]
+        waiting = obstacle(message)
+        if not problem and not waiting:
+            problem = entry_fault(message, self._options, self._limits.names, self._answers.held(message))
+        if not problem and waiting and now_s - self._asked_s > self._options.enable_s:
+            problem = f"{waiting}, for {self._options.enable_s:g} s"
+        if problem:
+            self._asking = False
+            raise BackendError(problem)
+        if waiting:
+            return False
+        self._asking, self._enabled, self._joins = False, True, True
+        self._join_until_s = now_s + self._options.enable_s
+        return True
+
+    def recover_step(self) -> bool:
+        """The controller's own program recovers it; from here on it is only echoed until it has."""
+        self._enabled = False
+        return True
+
+    def disable(self) -> None:
+        """Answer no more commands: the controller's program decides what becomes of its motion."""
+        self._enabled = False
+        self._answers.forget()
+
+    def close(self) -> None:
+        if self._channel is not None:
+            self._channel.close()
+
+    def status(self) -> DeviceStatus:
+        message = self._beat.newest
+        if message is None:
+            return DeviceStatus(connection="no packet yet", text=self._nobody())
+        drives, brakes = drives_in_words(message.drives)
+        silence_s = self._clock() - self._heard_s
+        silent = silence_s > self._options.silence_s
+        text = f"no packet for {silence_s:.1f} s" if silent else obstacle(message)
+        return DeviceStatus(
+            connection="SILENT" if silent else message.state.name,
+            quality=message.quality.name,
+            operation_mode=message.operation_mode.name if message.operation_mode is not None else "",
+            safety_stop=STOPPED.get(message.safety, ""),
+            drives=drives,
+            brakes=brakes,
+            packets_lost=self._beat.lost,
+            device_time_s=message.time_s,
+            text=text or f"FRI {message.version}".strip(),
+        )
+
+    def write_torque(self, torque: Array) -> None:
+        self._answers.torque[:] = torque
+
+    def write_wrench(self, wrench: Array) -> None:
+        """To be added at the TCP from the next `write` on, shape (6,), N and N·m. Real-time safe."""
+        self._answers.wrench[:] = wrench
+
+    @property
+    def io(self) -> dict[str, float]:
+        """The inputs and outputs that the controller's program has registered, by name."""
+        message = self._beat.newest
+        return {value.name: value.value for value in message.io} if message is not None else {}
+
+    def write_io(self, name: str, value: float) -> None:
+        """Set an output with the next answer.
+
+        Raises:
+            BackendError: the controller's program has registered none of this name.
+        """
+        self._answers.set_output(self._newest.io, name, value)
+
+    @staticmethod
+    def contract_rig(settings: Settings, limits: JointLimits) -> ContractRig:
+        """The backend and a simulated cabinet in one process."""
+        from rtloop.backends.fri.simulator.lockstep import FriRig
+
+        return FriRig(settings, limits)
+
+    def _may_begin_anew(self, message: Monitoring) -> bool:
+        """Just after it was enabled a session may be lost and come back: this computer was busy meanwhile.
+        Not when the arm is to move.
+        """
+        soon = self._joins and self._clock() < self._join_until_s
+        return soon and message.safety == SafetyState.NORMAL_OPERATION
+
+    @property
+    def _newest(self) -> Monitoring:
+        if self._beat.newest is None:
+            raise BackendError(self._nobody())
+        return self._beat.newest
+
+    @property
+    def _open_channel(self) -> Channel:
+        if self._channel is None:
+            raise BackendError("the connection is not open")
+        return self._channel
+
+    def _nobody(self) -> str:
+        options = self._options
+        whom = f"from {options.address} " if options.address else ""
+        sentence = (
+            f"no packet {whom}on UDP port {options.port}: is the controller's program running, and does "
+        )
+        sentence += "it send to this computer?"
+        return f"{sentence} What has come is {self._refused}" if self._refused else sentence
+
+    def _take(self, packet: bytes) -> None:
+        message = decode_monitoring(packet)
+        if isinstance(message, Monitoring) and len(message.measured_position) != self._limits.dof:
+            message = (
+                f"a robot with {len(message.measured_position)} joints, the model has {self._limits.dof}"
+            )
+        if isinstance(message, str):
+            self._malformed += 1
+            self._refused = message
+            return
+        before = self._beat.newest
+        if not self._beat.take(message):
+            return
+        self._unread, self._answered, self._heard_s = True, False, self._clock()
+        active = SessionState.COMMANDING_ACTIVE
+        if before is not None and before.state == active and message.state != active:
+            self._answers.forget()

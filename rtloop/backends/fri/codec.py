@@ -1,0 +1,255 @@
+"""FRI's messages from and to bytes, for both sides of the wire.
+
+Field numbers are those that the vendor's client publishes with its generated sources. FRI 1.11 to 1.17 and
+2.x share the identifiers and all that is read here; 1.x alone has a commanded joint position (field 3 of the
+monitor data), 2.x alone a measured pose (field 9). Fields that are not known are passed over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import IntEnum
+from typing import TypeVar
+
+from rtloop.backends.fri import wire
+from rtloop.backends.fri.messages import (
+    COMMAND_ID,
+    MAX_IO,
+    MAX_JOINTS,
+    MAX_NAME,
+    MONITORING_ID,
+    Command,
+    CommandMode,
+    ControlMode,
+    DriveState,
+    Header,
+    IoDirection,
+    IoType,
+    IoValue,
+    Monitoring,
+    OperationMode,
+    OverlayType,
+    Quality,
+    SafetyState,
+    SessionState,
+)
+from rtloop.backends.fri.wire import WireError, fields, need_length, read_doubles, varint_of
+
+MAX_BYTES = 4096
+"""Of a message; the vendor's client has 1500 for either."""
+
+_Enum = TypeVar("_Enum", bound=IntEnum)
+_Message = TypeVar("_Message", Monitoring, Command)
+_POSE = 7
+
+
+def decode_monitoring(packet: bytes) -> Monitoring | str:
+    """The message, or in words why it is none. Nothing is raised, whatever the bytes are."""
+    return _decoded(packet, MONITORING_ID, "monitoring", _monitoring)
+
+
+def decode_command(packet: bytes) -> Command | str:
+    """Likewise, of the other direction."""
+    return _decoded(packet, COMMAND_ID, "command", _command)
+
+
+def _decoded(
+    packet: bytes, wanted: int, name: str, read: Callable[[bytes, Header], _Message]
+) -> _Message | str:
+    try:
+        if len(packet) > MAX_BYTES:
+            return f"a packet of {len(packet)} bytes, a {name} message has at most {MAX_BYTES}"
+        header = _header(packet)
+        if header.identifier != wanted:
+            return (
+                f"a message {header.identifier:#x} instead of {wanted:#x}: neither FRI 1.11 to 1.17 nor 2.x "
+                f"sends that as a {name} message"
+            )
+        return read(packet, header)
+    except WireError as exc:
+        return f"no {name} message of FRI: {exc}"
+
+
+def _header(packet: bytes) -> Header:
+    values = [-1, -1, -1]
+    for number, kind, at, end in fields(packet, 0, len(packet)):
+        if number != 1:
+            continue
+        need_length(number, kind)
+        for inner, inner_kind, value, _ in fields(packet, at, end):
+            if inner <= 3:
+                values[inner - 1] = varint_of(inner, inner_kind, value) & 0xFFFF_FFFF
+    if -1 in values:
+        raise WireError("its header is not whole")
+    return Header(*values)
+
+
+def _enum(of: type[_Enum], what: str, number: int, kind: int, value: int) -> _Enum:
+    try:
+        return of(varint_of(number, kind, value))
+    except ValueError as exc:
+        raise WireError(f"{what} {value}, known are {[int(each) for each in of]}") from exc
+
+
+def _monitoring(packet: bytes, header: Header) -> Monitoring:
+    message = Monitoring(header)
+    for number, kind, at, end in fields(packet, 0, len(packet)):
+        if number == 2:
+            need_length(number, kind)
+            _read_robot(message, packet, at, end)
+        elif number == 3:
+            need_length(number, kind)
+            _read_monitor(message, packet, at, end)
+        elif number == 4:
+            need_length(number, kind)
+            _read_connection(message, packet, at, end)
+        elif number == 5:
+            need_length(number, kind)
+            _read_interpolator(message, packet, at, end)
+    _check_joints(message)
+    return message
+
+
+def _check_joints(message: Monitoring) -> None:
+    """All rows are of the same arm."""
+    count = message.joints or len(message.measured_position)
+    if not 0 <= count <= MAX_JOINTS:
+        raise WireError(f"{count} joints, at most {MAX_JOINTS} are possible")
+    for values in (
+        message.measured_position,
+        message.commanded_position,
+        message.ipo_position,
+        message.measured_torque,
+        message.commanded_torque,
+        message.external_torque,
+    ):
+        if values and len(values) != count:
+            raise WireError(f"values of {len(values)} joints, the robot has {count}")
+    message.joints = count
+
+
+def _read_robot(message: Monitoring, data: bytes, begin: int, stop: int) -> None:
+    drives: list[DriveState] = []
+    for number, kind, at, end in fields(data, begin, stop):
+        if number == 1:
+            message.joints = varint_of(number, kind, at) & 0x7FFF_FFFF
+        elif number == 2:
+            message.safety = _enum(SafetyState, "safety state", number, kind, at)
+        elif number == 5 and kind == wire.LENGTH:
+            while at < end:
+                value, at = wire.read_varint(data, at, end)
+                drives.append(_enum(DriveState, "drive state", number, wire.VARINT, value))
+        elif number == 5:
+            drives.append(_enum(DriveState, "drive state", number, kind, at))
+        elif number == 6:
+            message.operation_mode = _enum(OperationMode, "operation mode", number, kind, at)
+        elif number == 7:
+            message.control_mode = _enum(ControlMode, "control mode", number, kind, at)
+    message.drives = tuple(drives)
+
+
+_ROWS = {
+    1: "measured_position",
+    2: "measured_torque",
+    3: "commanded_position",
+    4: "commanded_torque",
+    5: "external_torque",
+}
+
+
+def _read_monitor(message: Monitoring, data: bytes, begin: int, stop: int) -> None:
+    for number, kind, at, end in fields(data, begin, stop):
+        row = _ROWS.get(number)
+        if row is not None:
+            need_length(number, kind)
+            setattr(message, row, read_doubles(data, at, end, 1, MAX_JOINTS))
+        elif number == 8:
+            need_length(number, kind)
+            _add_io(message.io, data, at, end)
+        elif number == 9:
+            need_length(number, kind)
+            message.measured_pose = _pose(data, at, end)
+        elif number == 15:
+            need_length(number, kind)
+            message.time_s = _time(data, at, end)
+
+
+def _pose(data: bytes, at: int, end: int) -> tuple[float, ...]:
+    """Of a named transformation: seven values in field 2."""
+    return read_doubles(data, at, end, 2, _POSE)
+
+
+def _time(data: bytes, begin: int, stop: int) -> float:
+    seconds = nanoseconds = 0
+    for number, kind, value, _ in fields(data, begin, stop):
+        if number == 1:
+            seconds = varint_of(number, kind, value) & 0xFFFF_FFFF
+        elif number == 2:
+            nanoseconds = varint_of(number, kind, value) & 0xFFFF_FFFF
+    return seconds + nanoseconds * 1e-9
+
+
+def _read_connection(message: Monitoring, data: bytes, begin: int, stop: int) -> None:
+    for number, kind, value, _ in fields(data, begin, stop):
+        if number == 1:
+            message.state = _enum(SessionState, "session state", number, kind, value)
+        elif number == 2:
+            message.quality = _enum(Quality, "connection quality", number, kind, value)
+        elif number == 3:
+            message.send_period_ms = varint_of(number, kind, value) & 0xFFFF_FFFF
+        elif number == 4:
+            message.receive_multiplier = varint_of(number, kind, value) & 0xFFFF_FFFF
+
+
+def _read_interpolator(message: Monitoring, data: bytes, begin: int, stop: int) -> None:
+    for number, kind, at, end in fields(data, begin, stop):
+        if number == 1:
+            need_length(number, kind)
+            message.ipo_position = read_doubles(data, at, end, 1, MAX_JOINTS)
+        elif number == 10:
+            message.command_mode = _enum(CommandMode, "command mode", number, kind, at)
+        elif number == 11:
+            message.overlay = _enum(OverlayType, "overlay", number, kind, at)
+        elif number == 12:
+            message.tracking_performance = wire.double_of(data, number, kind, at)
+
+
+def _add_io(found: list[IoValue], data: bytes, begin: int, stop: int) -> None:
+    if len(found) == MAX_IO:
+        raise WireError(f"more than {MAX_IO} inputs and outputs")
+    value = IoValue("", IoType.BOOLEAN, IoDirection.INPUT)
+    for number, kind, at, end in fields(data, begin, stop):
+        if number == 1:
+            need_length(number, kind)
+            if end - at > MAX_NAME:
+                raise WireError(f"the name of an input or output of {end - at} bytes, at most {MAX_NAME}")
+            value.name = data[at:end].decode("utf-8", "replace")
+        elif number == 2:
+            value.type = _enum(IoType, "type of an input or output", number, kind, at)
+        elif number == 3:
+            value.direction = _enum(IoDirection, "direction of an input or output", number, kind, at)
+        elif number == 4:
+            value.value = varint_of(number, kind, at)
+        elif number == 5:
+            value.value = wire.double_of(data, number, kind, at)
+    found.append(value)
+
+
+def _command(packet: bytes, header: Header) -> Command:
+    message = Command(header)
+    for number, kind, begin, stop in fields(packet, 0, len(packet)):
+        if number != 2:
+            continue
+        need_length(number, kind)
+        for inner, inner_kind, at, end in fields(packet, begin, stop):
+            if inner in (1, 2, 3, 5):
+                need_length(inner, inner_kind)
+            if inner == 1:
+                message.position = read_doubles(packet, at, end, 1, MAX_JOINTS)
+            elif inner == 2:
+                message.wrench = read_doubles(packet, at, end, 1, 6)
+            elif inner == 3:
+                message.torque = read_doubles(packet, at, end, 1, MAX_JOINTS)
+            elif inner == 5:
+                _add_io(message.io, packet, at, end)
+    return message

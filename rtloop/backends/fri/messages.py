@@ -1,0 +1,179 @@
+"""What goes over the wire of KUKA's Fast Robot Interface: monitoring messages and commands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+MONITORING_ID = 0x245142
+COMMAND_ID = 0x34001
+MAX_JOINTS = 16
+"""More than any arm of KUKA's has, and what the compiled core has room for."""
+MAX_IO = 10
+MAX_NAME = 63
+"""Bytes of the name of an input or output."""
+
+_COUNTER = 1 << 32
+
+
+def ahead(counter: int, of: int) -> int:
+    """By how much a sequence counter is ahead of another, -2**31 to 2**31 - 1."""
+    return (counter - of + _COUNTER // 2) % _COUNTER - _COUNTER // 2
+
+
+class SessionState(IntEnum):
+    IDLE = 0
+    MONITORING_WAIT = 1
+    MONITORING_READY = 2
+    COMMANDING_WAIT = 3
+    COMMANDING_ACTIVE = 4
+
+
+class Quality(IntEnum):
+    """Of the connection, as the controller sees it; it takes commands from GOOD on."""
+
+    POOR = 0
+    FAIR = 1
+    GOOD = 2
+    EXCELLENT = 3
+
+
+class SafetyState(IntEnum):
+    NORMAL_OPERATION = 0
+    SAFETY_STOP_LEVEL_0 = 1
+    SAFETY_STOP_LEVEL_1 = 2
+    SAFETY_STOP_LEVEL_2 = 3
+
+
+class OperationMode(IntEnum):
+    T1 = 0
+    T2 = 1
+    AUT = 2
+
+
+class DriveState(IntEnum):
+    OFF = 0
+    TRANSITIONING = 1
+    ACTIVE = 2
+
+
+class ControlMode(IntEnum):
+    POSITION = 0
+    CARTESIAN_IMPEDANCE = 1
+    JOINT_IMPEDANCE = 2
+    NONE = 3
+
+
+class CommandMode(IntEnum):
+    """What the running motion's overlay takes from the client."""
+
+    NONE = 0
+    POSITION = 1
+    WRENCH = 2
+    TORQUE = 3
+    CARTESIAN_POSE = 4
+
+
+class OverlayType(IntEnum):
+    NONE = 0
+    JOINT = 1
+    CARTESIAN = 2
+
+
+class IoType(IntEnum):
+    BOOLEAN = 0
+    DIGITAL = 1
+    ANALOG = 2
+
+
+class IoDirection(IntEnum):
+    """As the controller sees it: the client writes what is an OUTPUT."""
+
+    INPUT = 0
+    OUTPUT = 1
+
+
+@dataclass(slots=True)
+class Header:
+    """Attributes:
+    sequence: of the sender's messages, counted modulo 2**32.
+    reflected: the other side's newest `sequence` that the sender has seen.
+    """
+
+    identifier: int
+    sequence: int
+    reflected: int
+
+
+@dataclass(slots=True)
+class IoValue:
+    """An input or output, by the name that the cabinet's program has registered."""
+
+    name: str
+    type: IoType
+    direction: IoDirection
+    value: float = 0.0
+
+
+@dataclass(slots=True)
+class Monitoring:
+    """FRIMonitoringMessage. Joint values are of as many joints as the arm has, or () where not told.
+
+    Attributes:
+        send_period_ms: between two monitoring messages.
+        receive_multiplier: after so many of them the controller expects an answer.
+        measured_position, commanded_position, ipo_position: rad.
+        measured_torque, commanded_torque, external_torque: N·m.
+        ipo_position: where the controller's own interpolator is, on which the overlay is laid.
+        tracking_performance: 0 to 1, how well the arm follows; None where not told.
+        time_s: the controller's clock, None where not told.
+        measured_pose: x, y, z in mm and a quaternion, of FRI 2.x alone.
+        version: "1.x" or "2.x", "" where the message has nothing that only one of them has.
+    """
+
+    header: Header
+    state: SessionState = SessionState.IDLE
+    quality: Quality = Quality.POOR
+    send_period_ms: int = 0
+    receive_multiplier: int = 1
+    joints: int = 0
+    safety: SafetyState = SafetyState.NORMAL_OPERATION
+    drives: tuple[DriveState, ...] = ()
+    operation_mode: OperationMode | None = None
+    control_mode: ControlMode = ControlMode.NONE
+    command_mode: CommandMode = CommandMode.NONE
+    overlay: OverlayType = OverlayType.NONE
+    measured_position: tuple[float, ...] = ()
+    commanded_position: tuple[float, ...] = ()
+    ipo_position: tuple[float, ...] = ()
+    measured_torque: tuple[float, ...] = ()
+    commanded_torque: tuple[float, ...] = ()
+    external_torque: tuple[float, ...] = ()
+    measured_pose: tuple[float, ...] = ()
+    tracking_performance: float | None = None
+    time_s: float | None = None
+    io: list[IoValue] = field(default_factory=list)
+
+    @property
+    def version(self) -> str:
+        if self.commanded_position:
+            return "1.x"
+        return "2.x" if self.measured_pose else ""
+
+
+@dataclass(slots=True)
+class Command:
+    """FRICommandMessage; what is empty is not sent.
+
+    Attributes:
+        position: of the joints, rad.
+        torque: laid over the joints' own, N·m.
+        wrench: laid over the controller's own, shape (6,), N and N·m.
+        io: outputs to be set.
+    """
+
+    header: Header
+    position: tuple[float, ...] = ()
+    torque: tuple[float, ...] = ()
+    wrench: tuple[float, ...] = ()
+    io: list[IoValue] = field(default_factory=list)

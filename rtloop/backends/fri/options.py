@@ -1,0 +1,56 @@
+"""What may stand beside `type: fri` in `robot.backend`."""
+
+from __future__ import annotations
+
+from ipaddress import IPv4Address
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from rtloop.backends.fri.messages import CommandMode
+
+DEFAULT_PORT = 30200
+COMMAND_MODES = {
+    "position": CommandMode.POSITION,
+    "torque": CommandMode.TORQUE,
+    "wrench": CommandMode.WRENCH,
+}
+
+
+def _an_ipv4_address(value: str) -> str:
+    try:
+        IPv4Address(value)
+    except ValueError as exc:
+        raise ValueError(f"{value[:80]!r} is no IPv4 address, such as 172.31.1.147") from exc
+    return value
+
+
+Address = Annotated[str, AfterValidator(_an_ipv4_address)]
+
+
+class FriOptions(BaseModel):
+    """Attributes:
+    address: of the robot controller; null takes the first one that sends FRI.
+    listen: address of this computer that the controller sends to; 0.0.0.0 for any.
+    port: UDP port of this computer that the controller sends to, in its program `setPortOnRemote`.
+    version: of FRI; auto takes either.
+    overlay: what the cabinet's program has its motion take.
+    connect_s: how long the first packet may take.
+    enable_s: how long the controller may take until it takes commands.
+    silence_s: without a packet for so long the robot is not there any more: a fault.
+    entry_rad: how far the arm may be beside the controller's interpolator when commands begin.
+    min_tracking: least tracking performance then, 0 to 1.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    address: Address | None = None
+    listen: Address = "0.0.0.0"
+    port: Annotated[int, Field(ge=1, le=65_535)] = DEFAULT_PORT
+    version: Literal["auto", "1", "2"] = "auto"
+    overlay: Literal["position", "torque", "wrench"] = "position"
+    connect_s: Annotated[float, Field(ge=0.1, le=15.0)] = 10.0
+    enable_s: Annotated[float, Field(ge=0.1, le=15.0)] = 3.0
+    silence_s: Annotated[float, Field(ge=0.01, le=60.0)] = 0.1
+    entry_rad: Annotated[float, Field(gt=0.0, le=0.2)] = 0.05
+    min_tracking: Annotated[float, Field(ge=0.0, le=1.0)] = 0.3

@@ -1,0 +1,110 @@
+"""What the controller's packets mean, in words: why it takes no commands, what does not fit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cobot.types import Array
+from rtloop.backends.fri.messages import (
+    DriveState,
+    Monitoring,
+    Quality,
+    SafetyState,
+    SessionState,
+)
+from rtloop.backends.fri.options import COMMAND_MODES, FriOptions
+
+STOPPED = {
+    SafetyState.SAFETY_STOP_LEVEL_0: "safety stop 0: the drives are off and the brakes applied",
+    SafetyState.SAFETY_STOP_LEVEL_1: "safety stop 1: the arm comes to rest, then its drives are switched off",
+    SafetyState.SAFETY_STOP_LEVEL_2: "safety stop 2: the arm is held at rest with its drives on",
+}
+STATES = {
+    SessionState.IDLE: "the controller has no FRI session: start or resume its program",
+    SessionState.MONITORING_WAIT: "the controller waits for a connection that is good enough",
+    SessionState.MONITORING_READY: "the controller's program has not begun its motion with the FRI overlay",
+    SessionState.COMMANDING_WAIT: "the controller's motion waits to begin",
+    SessionState.COMMANDING_ACTIVE: "",
+}
+
+
+def takes_commands(message: Monitoring) -> bool:
+    return message.state == SessionState.COMMANDING_ACTIVE and message.quality >= Quality.GOOD
+
+
+def obstacle(message: Monitoring) -> str:
+    """Why the controller takes no commands; "" if it does."""
+    if message.safety != SafetyState.NORMAL_OPERATION:
+        return STOPPED[message.safety]
+    if takes_commands(message):
+        return ""
+    reason = STATES[message.state] or "the controller has a motion with the FRI overlay"
+    if message.quality < Quality.GOOD and message.state != SessionState.IDLE:
+        reason += f"; the quality of the connection is {message.quality.name}, it takes commands from GOOD on"
+    if any(drive == DriveState.OFF for drive in message.drives):
+        reason += "; drives are off"
+    return f"{reason} (session {message.state.name})"
+
+
+def misfit(message: Monitoring, options: FriOptions, period_s: float) -> str:
+    """Why this controller cannot be driven with these settings, whatever it does; "" if it can."""
+    if options.version != "auto" and message.version not in ("", f"{options.version}.x"):
+        return (
+            f"the controller speaks FRI {message.version}, robot.backend.version asks for {options.version}: "
+            "the option of the other version, or auto, goes with it"
+        )
+    if round(period_s * 1e3, 6) != message.send_period_ms:
+        return (
+            f"the controller sends every {message.send_period_ms} ms, rt.period_s is {period_s:g} s: set it "
+            f"to {message.send_period_ms * 1e-3:g}, or the send period in the controller's program"
+        )
+    return ""
+
+
+def wrong_overlay(message: Monitoring, options: FriOptions) -> str:
+    """Why its motion is not the one that the settings speak of; "" if it is, or is not known yet."""
+    wanted = COMMAND_MODES[options.overlay]
+    if message.state < SessionState.COMMANDING_WAIT or message.command_mode == wanted:
+        return ""
+    taken = message.command_mode.name
+    return f"the controller's motion takes {taken}, robot.backend.overlay is {options.overlay}"
+
+
+def entry_fault(
+    message: Monitoring, options: FriOptions, names: tuple[str, ...], held: tuple[float, ...]
+) -> str:
+    """Why commands may not begin: the arm is not where it is held; "" if it is.
+
+    Args:
+        held: by the controller's interpolator, or in a motion that is under way by what was commanded last.
+    """
+    off: Array = np.abs(np.subtract(message.measured_position, held))
+    joint = int(off.argmax())
+    if not off[joint] <= options.entry_rad:
+        return (
+            f"{names[joint]} is {off[joint]:.4f} rad beside the controller's interpolator, "
+            f"{options.entry_rad} rad are allowed (robot.backend.entry_rad)"
+        )
+    tracking = message.tracking_performance
+    if tracking is not None and not tracking >= options.min_tracking:
+        return (
+            f"the arm follows with a tracking performance of {tracking:.2f}, "
+            f"{options.min_tracking} is needed (robot.backend.min_tracking)"
+        )
+    return ""
+
+
+def interpolator(message: Monitoring) -> tuple[float, ...]:
+    """Where the controller itself wants the arm; where it is measured, if the controller does not say."""
+    return message.ipo_position or message.commanded_position or message.measured_position
+
+
+def drives_in_words(drives: tuple[DriveState, ...]) -> tuple[str, str]:
+    """Drives and brakes, of which FRI says nothing: an LBR's are applied when its drives are off."""
+    if not drives:
+        return "", ""
+    if all(drive == DriveState.ACTIVE for drive in drives):
+        return "on", "released"
+    if all(drive == DriveState.OFF for drive in drives):
+        return "off", "applied"
+    return "changing", "changing"

@@ -1,0 +1,177 @@
+"""`cobot simulate fri`: a cabinet with an arm, for any client of FRI."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+from pathlib import Path
+from types import FrameType
+
+import numpy as np
+
+from cobot.config import load_settings
+from cobot.errors import CobotError
+from cobot.robot.description import load_robot
+from rtloop.backends.fri.messages import (
+    MAX_NAME,
+    CommandMode,
+    ControlMode,
+    IoDirection,
+    IoType,
+    IoValue,
+    OperationMode,
+)
+from rtloop.backends.fri.simulator.arm import SimulatedArm
+from rtloop.backends.fri.simulator.cabinet import Cabinet
+from rtloop.backends.fri.simulator.network import Network
+from rtloop.backends.fri.simulator.options import CabinetOptions
+from rtloop.backends.fri.simulator.server import CabinetServer
+from rtloop.realtime import freeze_garbage, prepare
+
+OVERLAYS = {
+    "position": CommandMode.POSITION,
+    "wrench": CommandMode.WRENCH,
+    "torque": CommandMode.TORQUE,
+}
+CONTROLS = {
+    "position": ControlMode.POSITION,
+    "joint-impedance": ControlMode.JOINT_IMPEDANCE,
+    "cartesian-impedance": ControlMode.CARTESIAN_IMPEDANCE,
+}
+NEEDED_CONTROL = {
+    CommandMode.WRENCH: ControlMode.CARTESIAN_IMPEDANCE,
+    CommandMode.TORQUE: ControlMode.JOINT_IMPEDANCE,
+}
+
+
+def main() -> int:
+    """Run until SIGTERM or Ctrl-C; the exit status: 0, or 2 when it could not start."""
+    parser = _parser()
+    chosen = parser.parse_args()
+    ending: list[str] = []
+
+    def end(number: int, frame: FrameType | None) -> None:
+        ending.append("asked to")
+
+    signal.signal(signal.SIGTERM, end)
+    signal.signal(signal.SIGINT, end)
+    try:
+        server = _server(chosen)
+    except (CobotError, ValueError, OSError) as exc:
+        print(f"cobot simulate fri: {exc}", file=sys.stderr)
+        return 2
+    print(
+        f"cobot simulate fri: from {chosen.address}:{server.port} to {chosen.client[0]}:{chosen.client[1]} "
+        f"every {chosen.period} ms, control on 127.0.0.1:{server.control_port}",
+        flush=True,
+    )
+    if chosen.priority is not None:
+        refused = prepare(chosen.priority, None, None).refused
+        freeze_garbage()
+        if refused:
+            print(f"cobot simulate fri: {refused}", file=sys.stderr, flush=True)
+    try:
+        server.run(ending)
+    finally:
+        server.close()
+    return 0
+
+
+def _server(chosen: argparse.Namespace) -> CabinetServer:
+    settings = load_settings(chosen.config).of(chosen.robot)
+    robot = load_robot(settings)
+    mode = OVERLAYS[chosen.overlay]
+    options = CabinetOptions(
+        chosen.period,
+        chosen.multiplier,
+        f"{chosen.version}.x",
+        OperationMode[chosen.mode],
+        mode,
+        CONTROLS[chosen.control_mode]
+        if chosen.control_mode
+        else NEEDED_CONTROL.get(mode, ControlMode.POSITION),
+        tuple(chosen.io),
+    )
+    start = np.array(robot.positions[settings.robot.start_position].joints)
+    cabinet = Cabinet(SimulatedArm(settings, robot.limits, start, options.control_mode), options)
+    network = Network(chosen.seed, chosen.loss, chosen.reorder, chosen.delay)
+    return CabinetServer(
+        cabinet,
+        network,
+        chosen.client,
+        address=(chosen.address, chosen.port),
+        control_port=chosen.control_port,
+        patience_s=chosen.patience,
+    )
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="cobot simulate fri", description=__doc__)
+    add = parser.add_argument
+    add("--config", type=Path, metavar="FILE", help="settings of the robot; without it the shipped iiwa")
+    add("--robot", metavar="NAME", help="one of those in `robots`")
+    add(
+        "--client", type=_endpoint, default=("127.0.0.1", 30200), metavar="HOST:PORT", help="where to send to"
+    )
+    add("--address", default="0.0.0.0", metavar="IPV4", help="of this computer, to send from")
+    add("--port", type=int, default=0, metavar="P", help="to send from; 0 picks a free one")
+    add(
+        "--control-port",
+        type=int,
+        default=0,
+        metavar="P",
+        help="of the control interface; 0 picks a free one",
+    )
+    add("--period", type=int, default=5, metavar="MS", help="send period, 1 to 100 ms; 5")
+    add("--multiplier", type=int, default=1, metavar="N", help="an answer is expected every N messages; 1")
+    add("--version", choices=["1", "2"], default="1", help="of FRI: 1.11 to 1.17, or 2.x")
+    add("--mode", choices=[each.name for each in OperationMode], default="AUT", help="operation mode; AUT")
+    add("--overlay", choices=list(OVERLAYS), default="position", help="what its program takes; position")
+    add("--control-mode", choices=list(CONTROLS), help="of the drives; what the overlay needs")
+    add("--io", type=_io, action="append", default=[], metavar="NAME:TYPE:WAY[=VALUE]", help=IO_HELP)
+    add("--loss", type=_share, default=0.0, metavar="SHARE", help="of all packets that is lost, 0 to 1")
+    add("--reorder", type=_share, default=0.0, metavar="SHARE", help="of all packets that is overtaken")
+    add("--delay", type=int, default=0, metavar="N", help="periods that answers are late")
+    add("--seed", type=int, default=0, metavar="N", help="of what is lost and overtaken")
+    add(
+        "--priority", type=int, metavar="P", help="as punctual as a cabinet: SCHED_FIFO 1 to 99, if permitted"
+    )
+    add("--patience", type=float, default=0.0, metavar="S", help="stand still so long for a late answer")
+    return parser
+
+
+IO_HELP = "boolean, digital or analog; input or output, as the cabinet sees it; Tool.Open:boolean:output=1"
+
+
+def _endpoint(argument: str) -> tuple[str, int]:
+    host, _, port = argument.rpartition(":")
+    if not (host and port.isdigit() and 0 < int(port) < 65_536):
+        raise argparse.ArgumentTypeError(f"{argument!r} is no HOST:PORT")
+    return host, int(port)
+
+
+def _share(argument: str) -> float:
+    try:
+        value = float(argument)
+    except ValueError:
+        value = -1.0
+    if not 0.0 <= value <= 1.0:
+        raise argparse.ArgumentTypeError(f"{argument!r} is no share from 0 to 1")
+    return value
+
+
+def _io(argument: str) -> IoValue:
+    what, _, value = argument.partition("=")
+    name, kind, way = ([*what.split(":"), "", ""])[:3]
+    try:
+        found = IoValue(name, IoType[kind.upper()], IoDirection[way.upper()], float(value or 0.0))
+    except (KeyError, ValueError) as exc:
+        raise argparse.ArgumentTypeError(f"{argument!r} is no NAME:TYPE:WAY[=VALUE]") from exc
+    if not 0 < len(name.encode()) <= MAX_NAME:
+        raise argparse.ArgumentTypeError(f"{argument!r}: a name has 1 to {MAX_NAME} bytes")
+    return found
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,104 @@
+"""The arm behind the simulated cabinet: cobot's own dynamics, stepped each millisecond."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from cobot.config import Settings
+from cobot.types import Array, JointLimits
+from rtloop.backends import Impedance, Measured
+from rtloop.backends.fri.messages import ControlMode
+from rtloop.backends.mujoco import MujocoBackend
+
+STEP_S = 0.001
+STIFFNESS_SHARE = 0.2
+"""Of the stiffest springs, where the cabinet's program has chosen an impedance."""
+DAMPING_RATIO = 0.7
+
+
+class SimulatedArm:
+    """Attributes:
+    limits: of its joints.
+    setpoint: where the drives have been told to be, shape (dof,), rad.
+    measured: what its sensors say.
+    overlay: torques that the client lays over the drives' own, shape (dof,), N·m.
+    """
+
+    def __init__(
+        self, settings: Settings, limits: JointLimits, position: Array, control: ControlMode
+    ) -> None:
+        rt = settings.rt.model_copy(update={"period_s": STEP_S})
+        self._drives = MujocoBackend(settings.model_copy(update={"rt": rt}), limits)
+        self._model, self._data = self._drives._model, self._drives._data
+        self._tcp = self._model.site(settings.robot.tcp).id
+        self._jacobian = np.zeros((6, limits.dof))
+        self.limits = limits
+        self.setpoint = np.array(position, dtype=float)
+        self._velocity = np.zeros(limits.dof)
+        self.overlay = np.zeros(limits.dof)
+        self._rows = np.zeros((3, limits.dof))
+        self.measured = Measured(limits.dof)
+        self._drives.open(self.setpoint)
+        if control != ControlMode.POSITION:
+            self._drives.set_impedance(self._soft(control))
+        self._drives.read(self.measured)
+
+    def _soft(self, control: ControlMode) -> Impedance:
+        cartesian = control == ControlMode.CARTESIAN_IMPEDANCE
+        nominal = self._drives.nominal_cartesian_stiffness if cartesian else self._drives.nominal_stiffness
+        return Impedance(cartesian, STIFFNESS_SHARE * nominal, np.full(len(nominal), DAMPING_RATIO))
+
+    @property
+    def push(self) -> Array:
+        """What the surroundings exert at the TCP, shape (6,), N and N·m, base frame; written in place."""
+        return self._drives.push
+
+    def torque_of(self, wrench: Array) -> Array:
+        """Of the joints, for a wrench at the TCP in the base frame, shapes (dof,) and (6,)."""
+        return self._find_jacobian().T @ wrench
+
+    def speed_at(self, velocity: Array) -> float:
+        """Of the TCP, m/s, at a velocity of the joints."""
+        return float(np.linalg.norm(self._find_jacobian()[:3] @ velocity))
+
+    def pose(self) -> tuple[float, ...]:
+        """Of the TCP in the world: x, y, z in mm and a quaternion (w, x, y, z)."""
+        quaternion = np.zeros(4)
+        mujoco.mju_mat2Quat(quaternion, self._data.site_xmat[self._tcp])
+        return (*(self._data.site_xpos[self._tcp] * 1e3).tolist(), *quaternion.tolist())
+
+    def _find_jacobian(self) -> Array:
+        mujoco.mj_jacSite(self._model, self._data, self._jacobian[:3], self._jacobian[3:], self._tcp)
+        return self._jacobian
+
+    def advance(self, target: Array, velocity: Array, milliseconds: int) -> None:
+        """Be at a target, rad, with this velocity, rad/s, in so many milliseconds."""
+        time_s = milliseconds * STEP_S
+        from_position, from_velocity = self.setpoint, self._velocity
+        acceleration = (velocity - from_velocity) / time_s
+        self._data.qfrc_applied[:] = self.overlay
+        rows = self._rows
+        rows[2] = acceleration
+        for step in range(1, milliseconds + 1):
+            share = step / milliseconds
+            rows[0] = _between(from_position, from_velocity, target, velocity, time_s, share)
+            rows[1] = from_velocity + acceleration * (share * time_s)
+            self._drives.write(rows)
+        self.setpoint, self._velocity = np.array(target), np.array(velocity)
+        self._drives.read(self.measured)
+        self.measured.external_effort -= self.overlay  # the arm itself has exerted it
+
+
+def _between(
+    begin: Array, begin_velocity: Array, end: Array, end_velocity: Array, time_s: float, share: float
+) -> Array:
+    """Hermite's cubic between two positions with their velocities."""
+    square, cube = share * share, share**3
+    position: Array = (
+        (2 * cube - 3 * square + 1) * begin
+        + (cube - 2 * square + share) * time_s * begin_velocity
+        + (3 * square - 2 * cube) * end
+        + (cube - square) * time_s * end_velocity
+    )
+    return position

@@ -1,0 +1,290 @@
+"""The controller's side of FRI: five session states, quality, reflexes, one packet a period.
+
+It counts periods and knows no clock, so a test steps it and a server paces it. What it does where KUKA
+publishes no figure is stated in docs/kuka-fri.md.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from cobot.types import Array
+from rtloop.backends.fri.codec import decode_command
+from rtloop.backends.fri.encoding import encode_monitoring
+from rtloop.backends.fri.messages import (
+    MONITORING_ID,
+    Command,
+    CommandMode,
+    ControlMode,
+    DriveState,
+    Header,
+    IoDirection,
+    IoValue,
+    Monitoring,
+    OperationMode,
+    OverlayType,
+    Quality,
+    SafetyState,
+    SessionState,
+    ahead,
+)
+from rtloop.backends.fri.simulator.arm import SimulatedArm
+from rtloop.backends.fri.simulator.connection import Connection
+from rtloop.backends.fri.simulator.options import CabinetOptions
+from rtloop.backends.fri.simulator.reflexes import command_fault, echo_fault, usable
+
+COUNTER = 1 << 32
+STAGE_PERIODS = 10
+"""That a session stays in a state, at least, before it goes on to the next."""
+REOPEN_MS = 500
+"""After which the cabinet's program opens a session anew."""
+BRAKE_RAD_S2 = 10.0
+DRIVES_MS = 50
+"""That the drives take to be switched on."""
+TRACKING_RAD = 0.1
+"""How far the arm is behind when its tracking performance is 0."""
+EVENTS = 200
+
+
+class Cabinet:
+    """Attributes:
+    arm: what moves.
+    options: what it was started with.
+    connection: what it thinks of its client.
+    state, safety, mode: of session, safety controller and operator's switch.
+    events: what has happened, in words, the newest last.
+    motions: how often its overlay has become active.
+    below_good: how often the quality of a session has fallen below GOOD.
+    io: its inputs and outputs, by name.
+    """
+
+    def __init__(self, arm: SimulatedArm, options: CabinetOptions) -> None:
+        self.arm, self.options = arm, options
+        self.connection = Connection(options.period_ms, options.multiplier)
+        self.period_s = options.period_ms * 1e-3
+        self.state = SessionState.IDLE
+        self.safety = SafetyState.NORMAL_OPERATION
+        self.mode = options.operation_mode
+        self.io: dict[str, IoValue] = {each.name: each for each in options.io}
+        self.events: deque[str] = deque(maxlen=EVENTS)
+        self.motions = self.below_good = 0
+        self.malformed = 0
+        self._sequence = -1
+        self._periods = 0  # in this state
+        self._drives = DriveState.ACTIVE
+        self._drives_left = 0
+        self._open_after = 1
+        self._velocity = np.zeros(arm.limits.dof)
+        self._nominal = arm.setpoint  # of the motion that holds the position, which the overlay is laid on
+        self._end(0)
+
+    @property
+    def quality(self) -> Quality:
+        return self.connection.quality
+
+    @property
+    def sequence(self) -> int:
+        return self._sequence
+
+    @property
+    def waits_for_answer(self) -> bool:
+        """Whether its last message has not been answered and has to be."""
+        due = ahead(self._sequence, self.connection.reflected) >= self.options.multiplier
+        return self.state != SessionState.IDLE and due
+
+    def packet(self) -> bytes:
+        """A period ends and the next begins: its monitoring message, b"" while no session is open."""
+        opened = self.state
+        if self.state != SessionState.IDLE:
+            self.connection.judge(self._sequence)
+        self._periods += 1
+        self._switch_drives()
+        self._go_on()
+        self._move()
+        self._sequence = (self._sequence + 1) % COUNTER
+        if self.state == opened == SessionState.IDLE:
+            return b""
+        return encode_monitoring(self._message())
+
+    def answer(self, packet: bytes) -> None:
+        """What has come from a client, whatever it is."""
+        if self.state == SessionState.IDLE:
+            return
+        command = decode_command(packet)
+        if isinstance(command, str):
+            self.malformed += 1
+            self.events.append(command)
+            return
+        before = self.connection.reflected
+        if not self.connection.heard(command.header.sequence, command.header.reflected, self._sequence):
+            return
+        self._write_io(command)
+        if self.state in (SessionState.COMMANDING_WAIT, SessionState.COMMANDING_ACTIVE):
+            self._take(command, ahead(command.header.reflected, before))
+
+    def stop_safely(self, level: int) -> None:
+        """A safety stop of level 0, 1 or 2; -1 ends it."""
+        if self.safety != level + 1:
+            self.safety = SafetyState(level + 1)
+            self.events.append(f"safety: {self.safety.name}")
+
+    def switch_mode(self, mode: OperationMode) -> None:
+        """The operator has turned the key: what runs ends."""
+        if mode == self.mode:
+            return
+        self.mode = mode
+        self.events.append(f"operation mode: {mode.name}")
+        if self.state in (SessionState.COMMANDING_WAIT, SessionState.COMMANDING_ACTIVE):
+            self._end_motion(f"the operation mode was changed to {mode.name}")
+
+    def close_session(self, reason: str) -> None:
+        """Its program ends the session, and opens the next one after a while."""
+        self._enter(SessionState.IDLE, reason)
+        self._end(REOPEN_MS // self.options.period_ms)
+
+    def _end(self, open_after: int) -> None:
+        """No motion, no command."""
+        self._open_after = open_after
+        self._commanded: Array | None = None
+        self._echoed = 0
+        self._left = 0
+
+    def _enter(self, state: SessionState, reason: str) -> None:
+        self.events.append(f"{self.state.name} -> {state.name}{': ' if reason else ''}{reason}")
+        self.state, self._periods = state, 0
+
+    def _end_motion(self, reason: str) -> None:
+        self._end(0)
+        good = self.quality >= Quality.GOOD
+        self._enter(SessionState.MONITORING_READY if good else SessionState.MONITORING_WAIT, reason)
+
+    def _switch_drives(self) -> None:
+        if self.safety != SafetyState.NORMAL_OPERATION:
+            self._drives, self._drives_left = DriveState.OFF, DRIVES_MS // self.options.period_ms
+        elif self._drives_left > 0:
+            self._drives_left -= 1
+            self._drives = DriveState.TRANSITIONING
+        else:
+            self._drives = DriveState.ACTIVE
+
+    def _go_on(self) -> None:
+        """From state to state."""
+        state, good = self.state, self.quality >= Quality.GOOD
+        if state == SessionState.IDLE:
+            if self._periods >= self._open_after:
+                self.connection.forget(self._sequence + 1)
+                self._enter(SessionState.MONITORING_WAIT, "its program has opened a session")
+            return
+        if self.connection.lost:
+            self.close_session(f"no answer to {self.connection.silent} messages")
+        elif state >= SessionState.COMMANDING_WAIT and self.safety != SafetyState.NORMAL_OPERATION:
+            self._end_motion(f"safety: {self.safety.name}")
+        elif state >= SessionState.COMMANDING_WAIT and not good:
+            self.below_good += 1
+            self._end_motion(f"the quality of the connection is {self.quality.name}")
+        elif state == SessionState.MONITORING_WAIT and good:
+            self._enter(SessionState.MONITORING_READY, "")
+        elif state == SessionState.MONITORING_READY and not good:
+            self.below_good += 1
+            self._enter(SessionState.MONITORING_WAIT, f"the quality is {self.quality.name}")
+        elif state == SessionState.MONITORING_READY and self._may_move():
+            self._nominal = self.arm.setpoint.copy()
+            self._enter(SessionState.COMMANDING_WAIT, "")
+        elif state == SessionState.COMMANDING_WAIT and self._echoed >= STAGE_PERIODS:
+            self.motions += 1
+            self._enter(SessionState.COMMANDING_ACTIVE, "")
+
+    def _may_move(self) -> bool:
+        ready = self._drives == DriveState.ACTIVE and not self._velocity.any()
+        return ready and self._periods >= STAGE_PERIODS
+
+    def _take(self, command: Command, elapsed: int) -> None:
+        """A command for a motion that waits or runs; `elapsed` periods after the last."""
+        if not usable(command, self.options.command_mode, self.arm.limits.dof):
+            return
+        position = np.array(command.position)
+        if self.state == SessionState.COMMANDING_WAIT:
+            fault = echo_fault(self.arm, position)
+            self._echoed += 1
+        else:
+            fault = self._follow(position, max(elapsed, 1))
+        if fault:
+            self._end_motion(fault)
+            return
+        self._commanded = position
+        if self.options.command_mode == CommandMode.TORQUE:
+            effort = self.arm.limits.max_effort
+            self.arm.overlay[:] = np.clip(command.torque, -effort, effort)
+        elif self.options.command_mode == CommandMode.WRENCH:
+            self.arm.overlay[:] = self.arm.torque_of(np.array(command.wrench))
+
+    def _follow(self, position: Array, elapsed: int) -> str:
+        last = self._commanded if self._commanded is not None else self.arm.setpoint
+        time_s = elapsed * self.period_s
+        with np.errstate(invalid="ignore", over="ignore"):
+            velocity = (position - last) / time_s
+            fault = command_fault(self.arm, position, velocity, self._velocity, time_s, self.mode)
+        if not fault:
+            self._velocity = velocity
+            self._left = self.options.multiplier
+        return fault
+
+    def _move(self) -> None:
+        """The arm goes where it was told to, straight on where it was told nothing, or brakes."""
+        if self.state == SessionState.COMMANDING_ACTIVE:
+            target = self.arm.setpoint + self._velocity * self.period_s
+            if self._left and self._commanded is not None:
+                target = self.arm.setpoint + (self._commanded - self.arm.setpoint) / self._left
+                self._left -= 1
+        else:
+            self.arm.overlay[:] = 0.0
+            speed = np.maximum(np.abs(self._velocity) - BRAKE_RAD_S2 * self.period_s, 0.0)
+            self._velocity = np.sign(self._velocity) * speed
+            target = self.arm.setpoint + self._velocity * self.period_s
+        target = np.clip(target, self.arm.limits.min_position, self.arm.limits.max_position)
+        self.arm.advance(target, self._velocity, self.options.period_ms)
+
+    def _write_io(self, command: Command) -> None:
+        for value in command.io:
+            known = self.io.get(value.name)
+            if known is None or known.direction != IoDirection.OUTPUT or known.type != value.type:
+                self.events.append(
+                    f"{value.name!r} is no output of this type that the program has registered"
+                )
+            else:
+                known.value = value.value
+
+    def _message(self) -> Monitoring:
+        arm, old = self.arm, self.options.version == "1.x"
+        measured = arm.measured
+        off = float(np.abs(measured.position - arm.setpoint).max())
+        commanding = self.state >= SessionState.COMMANDING_WAIT
+        setpoint = tuple(arm.setpoint.tolist())
+        mode = self.options.command_mode
+        overlay = OverlayType.CARTESIAN if mode == CommandMode.CARTESIAN_POSE else OverlayType.JOINT
+        return Monitoring(
+            Header(MONITORING_ID, self._sequence, self.connection.newest or 0),
+            state=self.state,
+            quality=self.quality,
+            send_period_ms=self.options.period_ms,
+            receive_multiplier=self.options.multiplier,
+            joints=arm.limits.dof,
+            safety=self.safety,
+            drives=(self._drives,) * arm.limits.dof,
+            operation_mode=self.mode,
+            control_mode=self.options.control_mode if commanding else ControlMode.NONE,
+            command_mode=mode if commanding else CommandMode.NONE,
+            overlay=overlay if commanding else OverlayType.NONE,
+            measured_position=tuple(measured.position.tolist()),
+            commanded_position=setpoint if old else (),
+            ipo_position=tuple(self._nominal.tolist()) if commanding else (),
+            measured_torque=tuple(measured.effort.tolist()),
+            commanded_torque=tuple(measured.desired_effort.tolist()),
+            external_torque=tuple(measured.external_effort.tolist()),
+            measured_pose=() if old else arm.pose(),
+            tracking_performance=max(0.0, 1.0 - off / TRACKING_RAD),
+            time_s=self._sequence % COUNTER * self.period_s,
+            io=list(self.io.values()),
+        )

@@ -1,0 +1,91 @@
+"""What a cabinet thinks of its connection: quality from answers that are missing or late."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from rtloop.backends.fri.messages import Quality, ahead
+
+WINDOW = 100
+"""Answers that the quality is judged by."""
+LEAST = 10
+"""Before so many the quality is POOR."""
+LATE = 0.5
+"""What an answer that is one period late is worth."""
+EXCELLENT, GOOD, FAIR = 0.95, 0.75, 0.5
+"""Least mean worth of the answers for a quality."""
+CLOSE_AFTER_MS = 100
+CLOSE_AFTER_LEAST = 10
+"""Answers in a row that have to be missing, at least, before a session is closed."""
+_COUNTER = 1 << 32
+
+
+class Connection:
+    """Attributes:
+    reflected: the newest of the cabinet's messages that an answer belongs to.
+    newest: the client's newest message.
+    silent: answers in a row that are missing.
+    late, missing, answered: answers of each kind since the beginning.
+    """
+
+    def __init__(self, period_ms: int, multiplier: int) -> None:
+        self._period_ms, self._multiplier = period_ms, multiplier
+        self._close_after = max(CLOSE_AFTER_LEAST, CLOSE_AFTER_MS // (period_ms * multiplier))
+        self.late = self.missing = self.answered = 0
+        self.forget(0)
+
+    def forget(self, sequence: int) -> None:
+        """A session begins with the message of this number: nothing is known of the client."""
+        self._worth: deque[float] = deque(maxlen=WINDOW)
+        self._since = 0
+        self.silent = 0
+        self.reflected = (sequence - 1) % _COUNTER
+        self.newest: int | None = None
+
+    def heard(self, sequence: int, reflected: int, now: int) -> bool:
+        """An answer has come; False for one that is older than the last.
+
+        now: the number of the message that was sent last.
+        """
+        if self.newest is not None and ahead(sequence, self.newest) <= 0:
+            return False
+        if not 0 <= ahead(now, reflected) < WINDOW or ahead(reflected, self.reflected) <= 0:
+            return False
+        self.newest, self.reflected = sequence, reflected
+        self.silent = 0
+        if ahead(now, reflected) >= self._multiplier and self._worth and self._worth[-1] == 0.0:
+            if ahead(now, reflected) < 2 * self._multiplier:
+                self._worth[-1] = LATE
+            self.late += 1
+        return True
+
+    def judge(self, now: int) -> None:
+        """A period has ended, which began with the message `now`."""
+        self._since += 1
+        if self._since < self._multiplier:
+            return
+        self._since = 0
+        if 0 <= ahead(now, self.reflected) < self._multiplier:
+            self._worth.append(1.0)
+            self.silent = 0
+            self.answered += 1
+        else:
+            self._worth.append(0.0)
+            self.silent += 1
+            self.missing += 1
+
+    @property
+    def quality(self) -> Quality:
+        if len(self._worth) < LEAST:
+            return Quality.POOR
+        mean = sum(self._worth) / len(self._worth)
+        if mean >= EXCELLENT:
+            return Quality.EXCELLENT
+        if mean >= GOOD:
+            return Quality.GOOD
+        return Quality.FAIR if mean >= FAIR else Quality.POOR
+
+    @property
+    def lost(self) -> bool:
+        """Whether the client has been silent for so long that the session ends."""
+        return self.silent >= self._close_after

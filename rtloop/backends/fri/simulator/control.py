@@ -1,0 +1,148 @@
+"""What a test or a person may ask of a simulated cabinet while it runs: a JSON object a line, over TCP."""
+
+from __future__ import annotations
+
+import json
+import socket
+from collections.abc import Callable
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, ValidationError
+
+from cobot.strict import StrictModel, sentence
+from rtloop.backends.fri.messages import OperationMode
+from rtloop.backends.fri.simulator.cabinet import Cabinet
+from rtloop.backends.fri.simulator.network import Network
+
+MAX_LINE = 65_536
+MAX_CLIENTS = 8
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+class ControlRequest(StrictModel):
+    """What shall be so from now on; what is left out stays as it is.
+
+    Attributes:
+        safety_stop: its level, -1 for none.
+        drop: so many of the next messages to the client are lost.
+        spoil: what becomes of the measured values on their way to it.
+        close: whether the program ends the session, to open another one.
+        push: what the surroundings exert at the TCP, N and N·m, base frame.
+        io: values of inputs and outputs by name.
+    """
+
+    loss: Share | None = None
+    reorder: Share | None = None
+    delay: Annotated[int, Field(ge=0, le=100)] | None = None
+    drop: Annotated[int, Field(ge=0, le=1_000_000)] | None = None
+    spoil: Literal["", "frozen", "nan"] | None = None
+    safety_stop: Annotated[int, Field(ge=-1, le=2)] | None = None
+    mode: Literal["T1", "T2", "AUT"] | None = None
+    close: bool = False
+    push: Annotated[list[float], Field(min_length=6, max_length=6)] | None = None
+    io: dict[str, float] = Field(default_factory=dict)
+
+
+class Control:
+    """Clients of the control interface, served between two periods."""
+
+    def __init__(
+        self, port: int, cabinet: Cabinet, network: Network, more: Callable[[], dict[str, Any]]
+    ) -> None:
+        """more: what the server adds to each answer."""
+        self._cabinet, self._network, self._more = cabinet, network, more
+        self._socket = socket.create_server(("127.0.0.1", port))
+        self._socket.setblocking(False)
+        self._clients: dict[socket.socket, bytes] = {}
+
+    @property
+    def port(self) -> int:
+        port: int = self._socket.getsockname()[1]
+        return port
+
+    def serve(self) -> None:
+        """Answer what is there, without waiting."""
+        try:
+            while len(self._clients) < MAX_CLIENTS:
+                client, _ = self._socket.accept()
+                client.setblocking(False)
+                self._clients[client] = b""
+        except BlockingIOError:
+            pass
+        for client in list(self._clients):
+            try:
+                self._hear(client)
+            except OSError:
+                self._forget(client)
+
+    def close(self) -> None:
+        for client in list(self._clients):
+            self._forget(client)
+        self._socket.close()
+
+    def _forget(self, client: socket.socket) -> None:
+        del self._clients[client]
+        client.close()
+
+    def _hear(self, client: socket.socket) -> None:
+        try:
+            heard = client.recv(MAX_LINE)
+        except BlockingIOError:
+            return
+        if not heard or len(self._clients[client]) > MAX_LINE:
+            self._forget(client)
+            return
+        *lines, rest = (self._clients[client] + heard).split(b"\n")
+        self._clients[client] = rest
+        for line in lines:
+            client.sendall(json.dumps(self.answer(line)).encode() + b"\n")
+
+    def answer(self, line: bytes) -> dict[str, Any]:
+        """What a line asks for is done; the state after it, or an error."""
+        try:
+            request = ControlRequest.model_validate_json(line)
+        except ValidationError as exc:
+            return {"error": sentence(exc.errors()[0])}
+        unknown = [name for name in request.io if name not in self._cabinet.io]
+        if unknown:
+            return {"error": f"io: {unknown[0]!r} is not registered; {sorted(self._cabinet.io)} are"}
+        self._apply(request)
+        return self.status()
+
+    def _apply(self, request: ControlRequest) -> None:
+        for name in ("loss", "reorder", "delay", "drop", "spoil"):
+            value = getattr(request, name)
+            if value is not None:
+                setattr(self._network, name, value)
+        if request.safety_stop is not None:
+            self._cabinet.stop_safely(request.safety_stop)
+        if request.mode is not None:
+            self._cabinet.switch_mode(OperationMode[request.mode])
+        if request.push is not None:
+            self._cabinet.arm.push[:] = request.push
+        for name, value in request.io.items():
+            self._cabinet.io[name].value = value
+        if request.close:
+            self._cabinet.close_session("its program has closed the session")
+
+    def status(self) -> dict[str, Any]:
+        cabinet, connection = self._cabinet, self._cabinet.connection
+        return {
+            "state": cabinet.state.name,
+            "quality": cabinet.quality.name,
+            "safety": cabinet.safety.name,
+            "mode": cabinet.mode.name,
+            "period_ms": cabinet.options.period_ms,
+            "sequence": cabinet.sequence,
+            "motions": cabinet.motions,
+            "below_good": cabinet.below_good,
+            "answered": connection.answered,
+            "missing": connection.missing,
+            "late": connection.late,
+            "lost": self._network.lost,
+            "malformed": cabinet.malformed,
+            "setpoint": cabinet.arm.setpoint.tolist(),
+            "measured": cabinet.arm.measured.position.tolist(),
+            "io": {name: value.value for name, value in cabinet.io.items()},
+            "events": list(cabinet.events),
+        } | self._more()

@@ -1,0 +1,119 @@
+"""A simulated cabinet and a backend in one process, a period at a time: no clock, no network, no luck."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cobot.config import Settings
+from cobot.robot.srdf import load_named_positions
+from cobot.types import Array, JointLimits
+from rtloop.backends.fri.backend import FriBackend
+from rtloop.backends.fri.codec import decode_command
+from rtloop.backends.fri.messages import Command, OperationMode
+from rtloop.backends.fri.simulator.arm import SimulatedArm
+from rtloop.backends.fri.simulator.cabinet import Cabinet
+from rtloop.backends.fri.simulator.network import Network
+from rtloop.backends.fri.simulator.options import CabinetOptions
+from rtloop.contract import FAULTS
+
+UNLUCKY = 0.05
+"""Share of the packets that are lost or overtaken."""
+RESTART_S = 1.0
+"""Until rtloop has been started, in which nobody answers."""
+
+
+class LockStep:
+    """A `Channel` whose other end is a cabinet: each wait is its next period.
+
+    Attributes:
+        time_s: the cabinet's, which the backend takes for its own.
+        off: whether the cable is pulled.
+    """
+
+    def __init__(self, cabinet: Cabinet, network: Network) -> None:
+        self.cabinet, self.network = cabinet, network
+        self.time_s = 0.0
+        self.off = False
+        self.answers: list[bytes] = []
+        self.injected: list[bytes] = []
+
+    def receive(self, timeout_s: float) -> list[bytes]:
+        end_s = self.time_s + max(timeout_s, 0.0)
+        while True:
+            self.time_s += self.cabinet.period_s
+            for packet in self.network.arrived():
+                self.cabinet.answer(packet)
+            packets = self.network.to_client(self.cabinet.packet())
+            packets, self.injected = self.injected + packets, []
+            if packets and not self.off:
+                return [self.network.spoiled(packet) for packet in packets]
+            if self.time_s >= end_s:
+                return []
+
+    def send(self, packet: bytes) -> None:
+        self.answers.append(packet)
+        if not self.off:
+            for arrived in self.network.from_client(packet):
+                self.cabinet.answer(arrived)
+
+    def keep_to_sender(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+    def clock(self) -> float:
+        return self.time_s
+
+
+class FriRig:
+    """What the contract drives and breaks: the backend `fri` and a simulated cabinet, a `ContractRig`."""
+
+    faults = frozenset(FAULTS)
+
+    def __init__(self, settings: Settings, limits: JointLimits) -> None:
+        self._settings, self._limits = settings, limits
+        names = settings.robot
+        start = load_named_positions(names.srdf, limits.names, names.group)[names.start_position].joints
+        cell = CabinetOptions(period_ms=round(settings.rt.period_s * 1e3))
+        arm = SimulatedArm(settings, limits, np.array(start), cell.control_mode)
+        self._channel = LockStep(Cabinet(arm, cell), Network())
+
+    @property
+    def wire(self) -> list[Array]:
+        """The positions of all answers."""
+        decoded = map(decode_command, self._channel.answers)
+        return [np.array(each.position) for each in decoded if isinstance(each, Command) and each.position]
+
+    def backend(self) -> FriBackend:
+        for _ in range(round(RESTART_S / self._channel.cabinet.period_s)):
+            self._channel.receive(0.0)
+        return FriBackend(self._settings, self._limits, channel=self._channel, clock=self._channel.clock)
+
+    def inject(self, fault: str) -> None:
+        channel, cabinet = self._channel, self._channel.cabinet
+        if fault == "disconnect":
+            channel.off = True
+        elif fault in ("frozen", "nan"):
+            channel.network.spoil = fault
+        elif fault == "loss":
+            channel.network.loss = UNLUCKY
+        elif fault == "reorder":
+            channel.network.reorder = UNLUCKY
+        elif fault == "operation_mode":
+            cabinet.switch_mode(OperationMode.T1)
+        else:
+            cabinet.stop_safely(0 if fault == "e_stop" else 1)
+
+    def clear(self, fault: str) -> None:
+        channel, cabinet = self._channel, self._channel.cabinet
+        if fault == "disconnect":
+            channel.off = False
+        elif fault in ("frozen", "nan"):
+            channel.network.spoil = ""
+        elif fault in ("loss", "reorder"):
+            channel.network.loss = channel.network.reorder = 0.0
+        elif fault == "operation_mode":
+            cabinet.switch_mode(OperationMode.AUT)
+        else:
+            cabinet.stop_safely(-1)

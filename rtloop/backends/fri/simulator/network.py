@@ -1,0 +1,90 @@
+"""A network that loses, delays and reorders packets, counted in periods: the same seed, the same faults."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import replace
+from random import Random
+
+from rtloop.backends.fri.codec import decode_monitoring
+from rtloop.backends.fri.encoding import encode_monitoring
+from rtloop.backends.fri.messages import Monitoring
+
+
+class Network:
+    """Both directions between a cabinet and its client.
+
+    Attributes:
+        loss, reorder: share of the packets that are lost, or come a period later than the next one.
+        delay: periods that each answer is late.
+        drop: so many of the next packets to the client are lost.
+        lost: packets that were lost, of both directions.
+        spoil: what becomes of the measured values on their way to the client: "frozen", the same ones come
+            again and again; "nan", they are no numbers; "" for nothing.
+    """
+
+    def __init__(self, seed: int = 0, loss: float = 0.0, reorder: float = 0.0, delay: int = 0) -> None:
+        self.loss, self.reorder, self.delay = loss, reorder, delay
+        self.drop = self.lost = 0
+        self.spoil = ""
+        self._known: Monitoring | None = None
+        self._random = Random(seed)
+        self._out: deque[tuple[int, bytes]] = deque()
+        self._back: deque[tuple[int, bytes]] = deque()
+        self._period = 0
+
+    def to_client(self, packet: bytes) -> list[bytes]:
+        """A period begins: what arrives in it, of this packet and of earlier ones."""
+        self._period += 1
+        if packet:
+            if self.drop > 0:
+                self.drop -= 1
+                self.lost += 1
+            else:
+                self._send(self._out, packet, 0)
+        return self._due(self._out)
+
+    def spoiled(self, packet: bytes) -> bytes:
+        """What is left of a packet that arrives at the client."""
+        message = decode_monitoring(packet) if self.spoil else None
+        if not isinstance(message, Monitoring):
+            self._known = None
+            return packet
+        known = self._known = self._known or message
+        position = known.measured_position
+        return encode_monitoring(
+            replace(
+                message,
+                measured_position=(math.nan,) * len(position) if self.spoil == "nan" else position,
+                measured_torque=known.measured_torque,
+                commanded_torque=known.commanded_torque,
+                external_torque=known.external_torque,
+            )
+        )
+
+    def from_client(self, packet: bytes) -> list[bytes]:
+        """What arrives at the cabinet when its client has sent this."""
+        self._send(self._back, packet, self.delay)
+        return self._due(self._back)
+
+    def arrived(self) -> list[bytes]:
+        """What arrives at the cabinet at the beginning of a period, of what was sent earlier."""
+        return self._due(self._back)
+
+    def _send(self, way: deque[tuple[int, bytes]], packet: bytes, delay: int) -> None:
+        if self.loss and self._random.random() < self.loss:
+            self.lost += 1
+            return
+        later = 1 if self.reorder and self._random.random() < self.reorder else 0
+        way.append((self._period + delay + later, packet))
+
+    def _due(self, way: deque[tuple[int, bytes]]) -> list[bytes]:
+        """Those that wait longest come last: they have been overtaken."""
+        due = [entry for entry in way if entry[0] <= self._period]
+        if due:
+            left = [entry for entry in way if entry[0] > self._period]
+            way.clear()
+            way.extend(left)
+        due.reverse()
+        return [packet for _, packet in due]

@@ -1,0 +1,37 @@
+"""What a simulated cabinet is told at its start."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from rtloop.backends.fri.messages import CommandMode, ControlMode, IoValue, OperationMode
+
+MIN_PERIOD_MS, MAX_PERIOD_MS = 1, 100
+
+
+@dataclass(frozen=True, slots=True)
+class CabinetOptions:
+    """Attributes:
+    period_ms: between two monitoring messages, 1 to 100.
+    multiplier: after so many of them an answer is expected.
+    version: "1.x" or "2.x", which fields the messages have.
+    command_mode: what the overlay of its program takes: positions, wrenches or torques.
+    control_mode: of the drives: position, or an impedance.
+    io: inputs and outputs that its program has registered.
+    """
+
+    period_ms: int = 5
+    multiplier: int = 1
+    version: str = "1.x"
+    operation_mode: OperationMode = OperationMode.AUT
+    command_mode: CommandMode = CommandMode.POSITION
+    control_mode: ControlMode = ControlMode.POSITION
+    io: tuple[IoValue, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        if not MIN_PERIOD_MS <= self.period_ms <= MAX_PERIOD_MS:
+            raise ValueError(
+                f"a send period of {self.period_ms} ms, FRI has {MIN_PERIOD_MS} to {MAX_PERIOD_MS}"
+            )
+        if self.multiplier < 1:
+            raise ValueError(f"a receive multiplier of {self.multiplier}, it has to be 1 or more")

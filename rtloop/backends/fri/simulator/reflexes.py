@@ -1,0 +1,88 @@
+"""What a cabinet does not take from its client."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cobot.types import Array
+from rtloop.backends.fri.messages import Command, CommandMode, OperationMode
+from rtloop.backends.fri.simulator.arm import SimulatedArm
+
+ECHO_RAD = 1e-3
+"""How far a command may be from the interpolator while the motion waits."""
+VELOCITY_SHARE = 1.05
+"""Of the joints' velocity limits."""
+JUMP_RAD_S2 = 60.0
+"""What the velocity of the commands may change by: several times what a planned motion does."""
+SLACK_RAD_S = 1e-3
+LIMIT_RAD = 0.01
+"""How far behind a joint's limits a command may be."""
+T1_M_S = 0.25
+"""Speed of the TCP in T1, by ISO 10218-1 reduced speed."""
+
+
+def usable(command: Command, mode: CommandMode, dof: int) -> bool:
+    """Whether it has all that the overlay takes."""
+    return (
+        len(command.position) == dof
+        and (mode != CommandMode.TORQUE or len(command.torque) == dof)
+        and (mode != CommandMode.WRENCH or len(command.wrench) == 6)
+    )
+
+
+def echo_fault(arm: SimulatedArm, position: Array) -> str:
+    """Why a motion that waits does not begin; "" if it may."""
+    off = np.abs(position - arm.setpoint)
+    if not np.isfinite(off).all():
+        return "the client commands a position that is not finite"
+    joint = int(off.argmax())
+    if off[joint] > ECHO_RAD:
+        return (
+            f"{arm.limits.names[joint]} is commanded {off[joint]:.4f} rad beside the interpolator, "
+            f"{ECHO_RAD} rad are allowed while the motion waits"
+        )
+    return ""
+
+
+def command_fault(
+    arm: SimulatedArm,
+    position: Array,
+    velocity: Array,
+    last_velocity: Array,
+    time_s: float,
+    mode: OperationMode,
+) -> str:
+    """Why a running motion ends; "" if the command is taken.
+
+    Args:
+        velocity: from the command before, rad/s.
+        last_velocity: likewise of that one.
+        time_s: between the two.
+    """
+    if not np.isfinite(position).all():
+        return "the client commands a position that is not finite"
+    limits = arm.limits
+    outside = np.maximum(limits.min_position - position, position - limits.max_position)
+    joint = int(outside.argmax())
+    if outside[joint] > LIMIT_RAD:
+        return (
+            f"{limits.names[joint]} is commanded to {position[joint]:.3f} rad, its limits are "
+            f"{limits.min_position[joint]:.3f} and {limits.max_position[joint]:.3f} rad"
+        )
+    speed = np.abs(velocity) / limits.max_velocity
+    joint = int(speed.argmax())
+    if speed[joint] > VELOCITY_SHARE:
+        return (
+            f"{limits.names[joint]} is commanded to move at {velocity[joint]:.3f} rad/s, its limit is "
+            f"{limits.max_velocity[joint]:.3f} rad/s"
+        )
+    change = np.abs(velocity - last_velocity)
+    joint = int(change.argmax())
+    if change[joint] > JUMP_RAD_S2 * time_s + SLACK_RAD_S:
+        return (
+            f"the command of {limits.names[joint]} jumps: its velocity changes by {change[joint]:.3f} rad/s "
+            f"in {time_s * 1e3:.0f} ms"
+        )
+    if mode == OperationMode.T1 and (tcp := arm.speed_at(velocity)) > T1_M_S:
+        return f"the TCP is commanded to move at {tcp:.3f} m/s, in T1 {T1_M_S} m/s are allowed"
+    return ""

@@ -1,0 +1,152 @@
+"""The simulated cabinet on a network: UDP to its client, a beat of its own."""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import socket
+import struct
+import sys
+import time
+from typing import Any
+
+from rtloop.backends.fri.codec import MAX_BYTES
+from rtloop.backends.fri.simulator.cabinet import Cabinet
+from rtloop.backends.fri.simulator.control import Control
+from rtloop.backends.fri.simulator.network import Network
+from rtloop.backends.fri.simulator.times import Times
+
+LONGEST_WAIT_S = 0.02
+"""Between two looks at the control interface, while it is patient."""
+MOST_AT_ONCE = 256
+"""Packets that are taken from the socket at the end of a period."""
+LEAST_SHARE = 0.9
+"""Of a period, that passes between two messages when this process was late: so fast it catches up."""
+_STAMP = 35
+"""SO_TIMESTAMPNS of Linux: when a packet has come, whenever this process gets to read it."""
+_TIMESPEC = struct.Struct("qq")
+
+
+class CabinetServer:
+    """Sends a monitoring message a period, and takes what comes back.
+
+    A cabinet is punctual; this process need not be. So each message has its time until the next one is sent,
+    and what has come by then is in time, however late it is read.
+    """
+
+    def __init__(
+        self,
+        cabinet: Cabinet,
+        network: Network,
+        client: tuple[str, int],
+        *,
+        address: tuple[str, int] = ("0.0.0.0", 0),
+        control_port: int = 0,
+        patience_s: float = 0.0,
+    ) -> None:
+        """patience_s: how long it stands still for an answer that is late, before it counts as missing."""
+        self._cabinet, self._network, self._client = cabinet, network, client
+        self._patience_s = patience_s
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(address)
+        self._socket.setblocking(False)
+        if sys.platform == "linux":
+            self._socket.setsockopt(socket.SOL_SOCKET, _STAMP, 1)
+        self._control = Control(control_port, cabinet, network, self._times)
+        self._answer_times = Times()
+        self._deaf = True  # nobody has answered yet, or since the patience ran out
+        self._sent_s, self._sent_ns = time.monotonic(), time.time_ns()
+        self._lateness = Times()
+
+    @property
+    def port(self) -> int:
+        port: int = self._socket.getsockname()[1]
+        return port
+
+    @property
+    def control_port(self) -> int:
+        return self._control.port
+
+    def run(self, ending: list[str]) -> None:
+        """Until `ending` holds a reason."""
+        deadline_s = time.monotonic()
+        while not ending:
+            self._begin_period()
+            deadline_s = max(deadline_s, self._sent_s - (1.0 - LEAST_SHARE) * self._cabinet.period_s)
+            deadline_s += self._cabinet.period_s
+            self._listen(deadline_s, ending)
+            self._lateness.add(time.monotonic() - deadline_s)
+            self._control.serve()
+            for _ in range(MOST_AT_ONCE):
+                if not self._take():
+                    break
+
+    def close(self) -> None:
+        self._control.close()
+        self._socket.close()
+
+    def _begin_period(self) -> None:
+        for packet in self._network.arrived():
+            self._cabinet.answer(packet)
+        message = self._cabinet.packet()
+        sent = self._network.to_client(message)
+        # Before it is sent: the client may be at it before this process goes on.
+        self._sent_s, self._sent_ns = time.monotonic(), time.time_ns()
+        for packet in sent:
+            with contextlib.suppress(OSError):  # nobody is there: an answer that does not come tells it
+                self._socket.sendto(self._network.spoiled(packet), self._client)
+        self._expects = message in sent and self._cabinet.waits_for_answer
+
+    def _listen(self, deadline_s: float, ending: list[str]) -> None:
+        """Take answers until the period is over; longer, if there is patience for one that is missing."""
+        while not ending:
+            now_s = time.monotonic()
+            until_s = deadline_s
+            if self._expects and not self._deaf:
+                until_s = max(deadline_s, self._sent_s + self._patience_s)
+            if now_s >= until_s:
+                self._deaf = self._deaf or (self._expects and self._patience_s > 0.0)
+                return
+            if now_s >= deadline_s:
+                self._control.serve()
+            ready, _, _ = select.select([self._socket], [], [], min(until_s - now_s, LONGEST_WAIT_S))
+            if ready:
+                self._take()
+
+    def _take(self) -> bool:
+        """The next packet; whether there was one."""
+        try:
+            packet, more, _, sender = self._socket.recvmsg(
+                MAX_BYTES + 1, socket.CMSG_SPACE(_TIMESPEC.size) if sys.platform == "linux" else 0
+            )
+        except OSError:
+            return False
+        arrived_ns = time.time_ns()
+        for _, kind, content in more:
+            if kind == _STAMP:
+                seconds, nanoseconds = _TIMESPEC.unpack_from(content)
+                arrived_ns = 1_000_000_000 * seconds + nanoseconds
+        self._answer(packet, sender, 1e-9 * (arrived_ns - self._sent_ns))
+        return True
+
+    def _answer(self, packet: bytes, sender: tuple[str, int], took_s: float) -> None:
+        if self._client[0] not in ("0.0.0.0", sender[0]):
+            return
+        expected = self._expects
+        self._deaf = False
+        before = self._network.lost
+        for arrived in self._network.from_client(packet):
+            self._cabinet.answer(arrived)
+        # What the network keeps back is not waited for; an answer to an older message is none to this.
+        kept_back = self._network.lost > before or self._network.delay > 0 or self._network.reorder > 0.0
+        self._expects = expected and not kept_back and self._cabinet.waits_for_answer
+        if expected and not self._expects:
+            self._answer_times.add(took_s)
+
+    def _times(self) -> dict[str, Any]:
+        """Between messages and the arrival of their answers, and how late its own periods have ended, s."""
+        found: dict[str, Any] = {"answers": self._answer_times.count}
+        for name, times in (("answer_s", self._answer_times), ("lateness_s", self._lateness)):
+            if times.count:
+                found[name] = times.shares()
+        return found

@@ -1,0 +1,153 @@
+"""Protobuf's wire format, as far as FRI needs it.
+
+A message is a row of fields: a key (number and kind) and a value. Kinds: 0 varint, 1 eight bytes, 2 a length
+and so many bytes, 5 four bytes. Source: "Encoding", Protocol Buffers documentation.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Sequence
+from functools import cache
+
+VARINT, EIGHT_BYTES, LENGTH, FOUR_BYTES = 0, 1, 2, 5
+_VARINT_BYTES = 10
+_DOUBLE = struct.Struct("<d")
+_DOUBLE_FIELD = 1 + _DOUBLE.size
+
+
+class WireError(Exception):
+    """These bytes are no message; the text says why."""
+
+
+def read_varint(data: bytes, at: int, end: int) -> tuple[int, int]:
+    """The number, below 2**64, and where it ends."""
+    value = shift = 0
+    for index in range(at, min(end, at + _VARINT_BYTES)):
+        byte = data[index]
+        value |= (byte & 0x7F) << shift
+        if byte < 0x80:
+            return value & 0xFFFF_FFFF_FFFF_FFFF, index + 1
+        shift += 7
+    raise WireError(f"a number that begins at byte {at} does not end")
+
+
+def fields(data: bytes, at: int, end: int) -> Iterator[tuple[int, int, int, int]]:
+    """Number and kind of each field, and its value: a varint and 0, else where it begins and ends."""
+    while at < end:
+        key = data[at]
+        if key < 0x80:
+            at += 1
+        else:
+            key, at = read_varint(data, at, end)
+        number, kind = key >> 3, key & 7
+        if number == 0:
+            raise WireError(f"a field without a number before byte {at}")
+        if kind == VARINT:
+            value, at = read_varint(data, at, end)
+            yield number, kind, value, 0
+            continue
+        if kind == LENGTH:
+            size, at = read_varint(data, at, end)
+        elif kind == EIGHT_BYTES:
+            size = 8
+        elif kind == FOUR_BYTES:
+            size = 4
+        else:
+            raise WireError(f"field {number} is of kind {kind}, which nobody knows")
+        if size > end - at:
+            raise WireError(f"field {number} needs {size} bytes, there are {end - at}")
+        yield number, kind, at, at + size
+        at += size
+
+
+def varint_of(number: int, kind: int, value: int) -> int:
+    """The value of a field that has to be a varint."""
+    if kind != VARINT:
+        raise WireError(f"field {number} is of kind {kind} instead of a number")
+    return value
+
+
+def double_of(data: bytes, number: int, kind: int, at: int) -> float:
+    """The value of a field that has to be a double."""
+    if kind != EIGHT_BYTES:
+        raise WireError(f"field {number} is of kind {kind} instead of a double")
+    value: float = _DOUBLE.unpack_from(data, at)[0]
+    return value
+
+
+def need_length(number: int, kind: int) -> None:
+    """Complain of a field that has to be a message or a string."""
+    if kind != LENGTH:
+        raise WireError(f"field {number} is of kind {kind} instead of a message")
+
+
+@cache
+def _row(count: int) -> struct.Struct:
+    return struct.Struct("<" + "Bd" * count)
+
+
+@cache
+def _packed(count: int) -> struct.Struct:
+    return struct.Struct(f"<{count}d")
+
+
+def read_doubles(data: bytes, at: int, end: int, wanted: int, limit: int) -> tuple[float, ...]:
+    """Of the repeated field `wanted` of a message: each with its key, or packed, or both.
+
+    Raises:
+        WireError: more than `limit`, or something else in that field.
+    """
+    count, rest = divmod(end - at, _DOUBLE_FIELD)
+    if rest == 0 and 0 < count <= limit:
+        row = _row(count).unpack_from(data, at)
+        if row[::2] == (wanted << 3 | EIGHT_BYTES,) * count:
+            return row[1::2]
+    found: list[float] = []
+    for number, kind, begin, stop in fields(data, at, end):
+        if number != wanted:
+            continue
+        if kind == EIGHT_BYTES:
+            found.append(_DOUBLE.unpack_from(data, begin)[0])
+        elif kind == LENGTH and (stop - begin) % 8 == 0:
+            if stop - begin > 8 * limit:
+                raise WireError(f"{(stop - begin) // 8} values, at most {limit} are possible")
+            found.extend(_packed((stop - begin) // 8).unpack_from(data, begin))
+        else:
+            raise WireError(f"field {wanted} is of kind {kind} instead of doubles")
+        if len(found) > limit:
+            raise WireError(f"more than {limit} values")
+    return tuple(found)
+
+
+def varint(value: int) -> bytes:
+    """A number below 2**64; a negative one as its two's complement."""
+    value &= 0xFFFF_FFFF_FFFF_FFFF
+    if value < 0x80:
+        return bytes((value,))
+    found = bytearray()
+    while value >= 0x80:
+        found.append(value & 0x7F | 0x80)
+        value >>= 7
+    found.append(value)
+    return bytes(found)
+
+
+def number_field(number: int, value: int) -> bytes:
+    return bytes((number << 3 | VARINT,)) + varint(value)
+
+
+def double_field(number: int, value: float) -> bytes:
+    return bytes((number << 3 | EIGHT_BYTES,)) + _DOUBLE.pack(value)
+
+
+def bytes_field(number: int, content: bytes) -> bytes:
+    """Of a message or a string."""
+    return bytes((number << 3 | LENGTH,)) + varint(len(content)) + content
+
+
+def doubles_field(number: int, values: Sequence[float]) -> bytes:
+    """Each with its key: FRI's clients and controllers do not pack."""
+    row: list[float] = [number << 3 | EIGHT_BYTES] * (2 * len(values))
+    row[1::2] = values
+    return _row(len(values)).pack(*row)

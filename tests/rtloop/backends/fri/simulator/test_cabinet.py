@@ -1,0 +1,246 @@
+"""The simulated cabinet: its states, its quality, its reflexes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from lockstep_fri import made_cabinet
+
+from cobot.config import Settings
+from cobot.robot.description import RobotDescription
+from rtloop.backends.fri.codec import decode_monitoring
+from rtloop.backends.fri.encoding import encode_command
+from rtloop.backends.fri.messages import (
+    COMMAND_ID,
+    Command,
+    Header,
+    Monitoring,
+    OperationMode,
+    Quality,
+    SafetyState,
+    SessionState,
+)
+from rtloop.backends.fri.simulator.cabinet import Cabinet
+from rtloop.backends.fri.simulator.connection import Connection
+from rtloop.backends.fri.simulator.options import CabinetOptions
+
+ENOUGH = 300
+
+
+class Client:
+    """The least client: echoes the interpolator, then adds to it what a test says."""
+
+    def __init__(self, cabinet: Cabinet) -> None:
+        self.cabinet = cabinet
+        self.sequence = 0
+        self.add = np.zeros(7)
+        self.silent = False
+        self.seen: Monitoring | None = None
+
+    def period(self) -> None:
+        packet = self.cabinet.packet()
+        if not packet:
+            return
+        message = decode_monitoring(packet)
+        assert isinstance(message, Monitoring)
+        self.seen = message
+        if self.silent or message.state == SessionState.IDLE:
+            return
+        self.sequence += 1
+        position: tuple[float, ...] = ()
+        if message.ipo_position:
+            position = tuple((np.array(message.ipo_position) + self.add).tolist())
+        header = Header(COMMAND_ID, self.sequence, message.header.sequence)
+        self.cabinet.answer(encode_command(Command(header, position)))
+
+    def until(self, state: SessionState) -> None:
+        for _ in range(ENOUGH):
+            if self.cabinet.state == state:
+                return
+            self.period()
+        raise AssertionError(list(self.cabinet.events))
+
+
+Make = Callable[..., Client]
+
+
+@pytest.fixture
+def make(settings: Settings, robot: RobotDescription) -> Make:
+    return lambda options=None: Client(made_cabinet(settings, robot, options))
+
+
+def test_goes_from_state_to_state_with_a_client_that_answers(make: Make) -> None:
+    client = make()
+    client.until(SessionState.COMMANDING_ACTIVE)
+    assert [event.split(":")[0] for event in client.cabinet.events] == [
+        "IDLE -> MONITORING_WAIT",
+        "MONITORING_WAIT -> MONITORING_READY",
+        "MONITORING_READY -> COMMANDING_WAIT",
+        "COMMANDING_WAIT -> COMMANDING_ACTIVE",
+    ]
+
+
+def test_waits_for_a_client(make: Make) -> None:
+    client = make()
+    client.silent = True
+    for _ in range(ENOUGH):
+        client.period()
+    assert client.cabinet.motions == 0
+    assert client.cabinet.quality == Quality.POOR
+    client.silent = False
+    client.until(SessionState.COMMANDING_ACTIVE)
+
+
+def test_the_interpolator_stays_where_the_motion_began(make: Make) -> None:
+    """It is what an overlay is laid on: a client that adds to it does not add to its own command."""
+    client = make()
+    client.until(SessionState.COMMANDING_ACTIVE)
+    begun = np.array(client.seen.ipo_position)
+    for _ in range(100):
+        client.add[0] += 0.001
+        client.period()
+    np.testing.assert_array_equal(client.seen.ipo_position, begun)
+    assert client.cabinet.arm.setpoint[0] - begun[0] == pytest.approx(0.099, abs=1e-6)
+    assert client.seen.measured_position[0] - begun[0] == pytest.approx(0.098, abs=0.005)
+
+
+@pytest.mark.parametrize(
+    ("add", "text"),
+    [
+        (0.3, "is commanded to move at 60.000 rad/s, its limit is 1.484 rad/s"),
+        (0.005, "jumps: its velocity changes by 1.000 rad/s in 5 ms"),
+        (float("nan"), "commands a position that is not finite"),
+        (float("inf"), "commands a position that is not finite"),
+        (5.0, "its limits are -2.970 and 2.970 rad"),
+    ],
+)
+def test_a_command_that_no_robot_takes_ends_the_motion(make: Make, add: float, text: str) -> None:
+    client = make()
+    client.until(SessionState.COMMANDING_ACTIVE)
+    client.period()
+    held = client.cabinet.arm.setpoint.copy()
+    client.add[0] = add
+    client.period()
+    assert client.cabinet.state == SessionState.MONITORING_READY
+    assert text in client.cabinet.events[-1]
+    client.add[:] = 0.0
+    client.period()
+    np.testing.assert_array_equal(client.cabinet.arm.setpoint, held)
+    client.until(SessionState.COMMANDING_ACTIVE)
+
+
+def test_a_motion_does_not_begin_beside_its_interpolator(make: Make) -> None:
+    client = make()
+    client.add[2] = 0.01
+    for _ in range(60):
+        client.period()
+    told = " ".join(client.cabinet.events)
+    assert "joint3 is commanded 0.0100 rad beside the interpolator" in told
+    assert client.cabinet.motions == 0
+
+
+def test_the_tcp_is_slow_in_t1(make: Make) -> None:
+    for mode, ends in ((OperationMode.AUT, False), (OperationMode.T1, True)):
+        client = make(CabinetOptions(operation_mode=mode))
+        client.until(SessionState.COMMANDING_ACTIVE)
+        for step in range(100):
+            client.add[0] += min(0.0006 * step, 0.006)
+            client.period()
+            if client.cabinet.state != SessionState.COMMANDING_ACTIVE:
+                break
+        told = any("in T1 0.25 m/s are allowed" in event for event in client.cabinet.events)
+        assert told is ends
+
+
+def test_a_client_that_falls_silent_loses_motion_and_session(make: Make) -> None:
+    client = make()
+    client.until(SessionState.COMMANDING_ACTIVE)
+    client.silent = True
+    client.until(SessionState.IDLE)
+    assert "no answer to 20 messages" in client.cabinet.events[-1]
+    told = " ".join(client.cabinet.events)
+    assert "COMMANDING_ACTIVE -> MONITORING_WAIT: the quality of the connection is" in told or (
+        "COMMANDING_ACTIVE -> IDLE" in told
+    )
+    client.silent = False
+    client.until(SessionState.COMMANDING_ACTIVE)
+
+
+def test_an_arm_that_moves_brakes_when_its_motion_ends(make: Make) -> None:
+    client = make()
+    client.until(SessionState.COMMANDING_ACTIVE)
+    for step in range(60):
+        client.add[0] += min(0.0002 * step, 0.005)
+        client.period()
+    client.cabinet.stop_safely(1)
+    positions = []
+    for _ in range(100):
+        client.period()
+        positions.append(client.cabinet.arm.setpoint[0])
+    assert client.cabinet.state == SessionState.MONITORING_READY
+    assert client.cabinet.safety == SafetyState.SAFETY_STOP_LEVEL_1
+    velocity = np.diff(positions) / 0.005
+    assert velocity[0] > 0.5
+    assert velocity[-1] == 0.0
+    assert np.abs(np.diff(velocity)).max() / 0.005 == pytest.approx(10.0, rel=0.01)
+    client.cabinet.stop_safely(-1)
+    client.add[:] = 0.0
+    client.until(SessionState.COMMANDING_ACTIVE)
+
+
+def test_rubbish_is_counted_and_nothing_else(make: Make) -> None:
+    client = make()
+    client.until(SessionState.COMMANDING_ACTIVE)
+    client.cabinet.answer(b"rubbish")
+    assert client.cabinet.malformed == 1
+    client.period()
+    assert client.cabinet.state == SessionState.COMMANDING_ACTIVE
+
+
+def test_answers_of_the_past_and_of_the_future_do_not_count(make: Make) -> None:
+    client = make()
+    client.until(SessionState.COMMANDING_ACTIVE)
+    ahead = client.cabinet.sequence + 5
+    client.cabinet.answer(encode_command(Command(Header(COMMAND_ID, 10_000, ahead), (9.0,) * 7)))
+    client.cabinet.answer(encode_command(Command(Header(COMMAND_ID, 1, client.cabinet.sequence), (9.0,) * 7)))
+    client.period()
+    assert client.cabinet.state == SessionState.COMMANDING_ACTIVE
+
+
+@pytest.mark.parametrize(
+    ("every", "quality"),
+    [(1, Quality.EXCELLENT), (10, Quality.GOOD), (2, Quality.FAIR), (1000, Quality.POOR)],
+)
+def test_quality_is_what_share_of_the_messages_is_answered(every: int, quality: Quality) -> None:
+    connection = Connection(period_ms=5, multiplier=1)
+    for number in range(100):
+        answered = every == 1 or (number % every == 0) != (every == 10)
+        if answered and every != 1000:
+            assert connection.heard(number + 1, number, number)
+        connection.judge(number)
+    assert connection.quality == quality
+
+
+def test_answers_that_are_a_period_late_are_worth_half() -> None:
+    connection = Connection(period_ms=5, multiplier=1)
+    for number in range(100):
+        if number:
+            connection.heard(number, number - 1, number)
+        connection.judge(number)
+    assert connection.quality in (Quality.POOR, Quality.FAIR)
+    assert connection.late > 90
+
+
+@pytest.mark.parametrize("period_ms", [0, 101])
+def test_periods_are_those_of_fri(period_ms: int) -> None:
+    with pytest.raises(ValueError, match="FRI has 1 to 100"):
+        CabinetOptions(period_ms)
+
+
+@pytest.mark.parametrize("period_ms", [1, 10, 100])
+def test_the_arm_stands_still_while_nobody_moves_it(make: Make, period_ms: int) -> None:
+    client = make(CabinetOptions(period_ms))
+    client.until(SessionState.COMMANDING_ACTIVE)
+    np.testing.assert_allclose(client.seen.measured_position, client.seen.ipo_position, atol=1e-3)

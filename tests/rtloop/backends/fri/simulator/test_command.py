@@ -1,0 +1,33 @@
+"""`cobot simulate fri`: what it refuses before it begins."""
+
+from __future__ import annotations
+
+import signal
+import sys
+
+import pytest
+
+from rtloop.backends.fri.simulator.__main__ import main
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        (["--period", "0"], "a send period of 0 ms, FRI has 1 to 100"),
+        (["--multiplier", "0"], "a receive multiplier of 0, it has to be 1 or more"),
+        (["--client", "nowhere"], "'nowhere' is no HOST:PORT"),
+        (["--loss", "2"], "'2' is no share from 0 to 1"),
+        (["--io", "Tool:boolean"], "'Tool:boolean' is no NAME:TYPE:WAY[=VALUE]"),
+    ],
+)
+def test_refuses_what_makes_no_sense(
+    options: list[str], text: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
+    monkeypatch.setattr(sys, "argv", ["cobot simulate fri", *options])
+    try:
+        code: object = main()
+    except SystemExit as exc:
+        code = exc.code
+    assert code == 2
+    assert text in capsys.readouterr().err
