@@ -1,0 +1,288 @@
+"""A Franka arm. It is held by its own controller of joint positions; with an impedance, by torques of ours.
+
+The robot gives the beat: it sends its state a thousand times a second and takes the command that follows.
+What does not come in time it makes up for at constant acceleration, and `Bridge` takes it up from there. A
+reflex, the user stop, a lost connection end the control: that is a fault, and a reset recovers from it, with
+a new connection where the last one is lost.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from cobot.config import Settings
+from cobot.robot.device import Capabilities, DeviceStatus
+from cobot.robot.tool import BARE, Tool
+from cobot.types import Array, JointLimits
+from rtloop.backends import BackendError, Impedance, Measured
+from rtloop.backends.franka.bridge import Bridge
+from rtloop.backends.franka.impedance import GivingWay
+from rtloop.backends.franka.link import Knock, Knocking, Link
+from rtloop.backends.franka.options import DOF, FrankaOptions
+from rtloop.backends.franka.words import MODES, REFUSALS, in_words, present
+
+if TYPE_CHECKING:
+    from rtloop.contract import ContractRig
+
+PERIOD_S = 0.001
+REST_RAD_S = 0.02
+"""An arm that is slower than this rests."""
+
+
+class FrankaBackend:
+    """See `rtloop.backends`: `Backend`, `Paced`, `Reporting`, `Stepwise`, `ImpedanceControlled`,
+    `TorqueControlled` and `CarriesTool`.
+    """
+
+    Options: ClassVar[type[FrankaOptions]] = FrankaOptions
+    sdk: ClassVar[str] = "pylibfranka"
+    capabilities: ClassVar[Capabilities] = Capabilities(
+        periods_s=(PERIOD_S,),
+        impedance=True,
+        torque=True,
+        freedrive=False,
+        payload=True,
+        stops={1: False, 2: False},
+        hardware=True,
+    )
+
+    def __init__(
+        self,
+        settings: Settings,
+        limits: JointLimits,
+        *,
+        library: Any = None,
+        knock: Callable[[str], Knocking] = Knock,
+    ) -> None:
+        """library, knock: for tests: what stands for pylibfranka, and for the way to the robot."""
+        if limits.dof != DOF:
+            raise BackendError(f"a Franka has {DOF} joints, this robot has {limits.dof}")
+        options = settings.backend_options(FrankaOptions)
+        if options is None:
+            raise BackendError("robot.backend: franka needs its address")
+        self._link = Link(options.address, options.realtime, library, knock)
+        self._franka = self._link.library
+        self._options = options
+        self._state: Any = None
+        self._fresh = False
+        self._periods = 1
+        self._lost_packets = 0
+        self._giving = GivingWay(settings, limits)
+        self._impedance: Impedance | None = None
+        self._overlay = np.zeros(DOF)
+        self._tool = BARE
+        self._bridge = Bridge(DOF, PERIOD_S)
+        self.nominal_stiffness = self._giving.nominal_stiffness
+        self.nominal_cartesian_stiffness = self._giving.nominal_cartesian_stiffness
+
+    # Backend
+
+    def open(self, initial_position: Array) -> None:
+        while not self._link.is_open(wait_s=0.1):
+            pass
+        self._receive()
+
+    def enable(self) -> None:
+        while not self.enable_step():
+            pass
+
+    def enable_step(self) -> bool:
+        if self._link.robot is None:
+            if not self._link.is_open():
+                return False
+            self._receive()
+        if self._impedance is not None:  # whoever had it is gone
+            self.set_impedance(None)
+        with self._link.in_words():
+            if self._link.control is None:
+                self._prepare()
+                self._start()
+        return True
+
+    def recover_step(self) -> bool:
+        """The robot recovers as soon as it is asked to, which `enable_step` does."""
+        return True
+
+    def read(self, measured: Measured) -> None:
+        if not self._fresh:  # nobody has waited for it
+            self._receive()
+        self._fresh = False
+        state = self._state
+        measured.position[:], measured.velocity[:] = state.q, state.dq
+        measured.effort[:], measured.desired_effort[:] = state.tau_J, state.tau_J_d
+        # The robot counts what it exerts on its surroundings; here counts what they exert on it.
+        measured.external_effort[:] = state.tau_ext_hat_filtered
+        measured.wrench[:] = state.O_F_ext_hat_K
+        measured.external *= -1.0
+
+    def write(self, command: Array) -> None:
+        if self._link.control is None:
+            raise BackendError(self._why_not())
+        periods, self._periods = self._periods, 1
+        with self._link.in_words():
+            if self._impedance is None:
+                sent = self._bridge.bridged(command, periods)
+                self._link.control.writeOnce(self._franka.JointPositions(sent[0].tolist()))
+            else:
+                state = self._state
+                torques = self._giving.torques(command, np.array(state.q), np.array(state.dq), self._overlay)
+                self._link.control.writeOnce(self._franka.Torques(torques.tolist()))
+
+    def disable(self) -> None:
+        """The arm is held by its own controller; its brakes are closed in Desk."""
+        if self._link.control is not None:
+            with contextlib.suppress(BackendError), self._link.in_words():
+                self._end()
+
+    def close(self) -> None:
+        self.disable()
+        self._link.robot = self._link.control = None
+
+    # Paced, Reporting
+
+    def wait(self, timeout_s: float) -> bool:
+        """The robot's next state. libfranka waits for it in its own way, and gives up by itself."""
+        self._receive()
+        return True
+
+    def status(self) -> DeviceStatus:
+        state = self._state
+        if state is None or self._link.lost:
+            return DeviceStatus(connection=self._link.lost or "not connected")
+        mode = state.robot_mode.name
+        return DeviceStatus(
+            connection="connected",
+            quality=f"{100.0 * state.control_command_success_rate:.0f} % of the commands come in time",
+            safety_stop=REFUSALS["UserStopped"] if mode == "UserStopped" else "",
+            drives=MODES.get(mode, mode),
+            packets_lost=self._lost_packets,
+            device_time_s=state.time.to_sec(),
+            text=in_words(present(self._state)),
+        )
+
+    # ImpedanceControlled, TorqueControlled, CarriesTool
+
+    def set_impedance(self, impedance: Impedance | None) -> None:
+        """Between positions and torques the robot's control ends and another begins, at rest: some cycles."""
+        if impedance is not None and self._impedance is not None:
+            self._impedance = impedance
+            self._giving.use(impedance)
+            return
+        if (impedance is None) == (self._impedance is None):
+            return
+        with self._paused():
+            self._impedance = impedance
+            self._overlay[:] = 0.0
+
+    def write_torque(self, torque: Array) -> None:
+        """
+        Raises:
+            BackendError: the arm is held by its own controller, which takes no torques.
+        """
+        if self._impedance is None:
+            raise BackendError("the robot holds its position itself: torques need an impedance")
+        self._overlay[:] = torque
+
+    def set_tool(self, tool: Tool) -> None:
+        self._tool = tool
+        if self._link.robot is not None:  # else `enable` tells it
+            with self._paused():
+                self._tell_tool()
+
+    # Its own
+
+    @staticmethod
+    def contract_rig(settings: Settings, limits: JointLimits) -> ContractRig:
+        """The backend and a stand-in for the robot."""
+        from rtloop.backends.franka.rig import FrankaRig
+
+        return FrankaRig(settings, limits)
+
+    def _prepare(self) -> None:
+        """See to it that the robot can be controlled, and tell it all that it has to know before."""
+        mode = self._state.robot_mode.name
+        if mode in REFUSALS:
+            raise BackendError(REFUSALS[mode])
+        if mode == "Reflex" or present(self._state):
+            self._link.robot.automatic_error_recovery()
+        options = self._options
+        self._link.robot.set_collision_behavior(
+            options.contact_torque, options.collision_torque, options.contact_force, options.collision_force
+        )
+        if options.joint_stiffness is not None:
+            self._link.robot.set_joint_impedance(options.joint_stiffness)
+        self._tell_tool()
+
+    def _tell_tool(self) -> None:
+        """What is mounted, in the frame of the flange: the load beside what Desk calls the end effector."""
+        tool = self._tool
+        inertia = tool.inertia_matrix.ravel(order="F").tolist()
+        self._link.robot.set_load(tool.mass, list(tool.centre), inertia)
+
+    def _start(self) -> None:
+        """Begin to control it, from its own reference on."""
+        if self._impedance is None:
+            mode = self._franka.ControllerMode.JointImpedance
+            self._link.control = self._link.robot.start_joint_position_control(mode)
+        else:
+            self._giving.begin(self._impedance)
+            self._link.control = self._link.robot.start_torque_control()
+        self._receive()
+        self._bridge.begin(np.array(self._state.q_d))
+        self._periods = 1
+
+    def _end(self) -> None:
+        """Bring the control to its end; the arm rests, and the robot holds it."""
+        control, self._link.control = self._link.control, None
+        if self._impedance is None:
+            last = self._franka.JointPositions(self._bridge.sent[0].tolist())
+        else:
+            last = self._franka.Torques(self._giving.torque.tolist())
+        last.motion_finished = True
+        control.writeOnce(last)
+
+    @contextlib.contextmanager
+    def _paused(self) -> Iterator[None]:
+        """For what the robot takes only while nobody controls it.
+
+        Raises:
+            BackendError: it moves, or refuses.
+        """
+        controlled = self._link.control is not None
+        with self._link.in_words():
+            if controlled:
+                if np.abs(np.array(self._state.dq)).max() > REST_RAD_S:
+                    raise BackendError("the arm moves: this takes one that rests")
+                self._end()
+            yield
+            if controlled:
+                self._start()
+
+    def _receive(self) -> None:
+        """The newest state, when it is there.
+
+        Raises:
+            BackendError: the robot is not there, or has ended the control, with why.
+        """
+        if self._link.robot is None:
+            raise BackendError(self._link.lost or "the robot is not connected")
+        with self._link.in_words():
+            if self._link.control is None:
+                self._state = self._link.robot.read_once()
+            else:
+                self._state, passed = self._link.control.readOnce()
+                periods = max(1, round(passed.to_sec() / PERIOD_S))
+                self._lost_packets += periods - 1
+                self._periods = periods
+        self._fresh = True
+
+    def _why_not(self) -> str:
+        if self._link.lost:
+            return self._link.lost
+        mode = self._state.robot_mode.name if self._state is not None else "Other"
+        why = in_words(present(self._state)) or REFUSALS.get(mode, "nobody controls it: reset")
+        return f"the robot is {MODES.get(mode, mode)}: {why}"

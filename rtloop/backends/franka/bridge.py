@@ -1,0 +1,121 @@
+"""From where the robot believes the motion to be to where it is: without a jump in velocity or acceleration.
+
+The robot goes on at constant acceleration where a command does not reach it (Franka Control Interface,
+"Control Interface Specification and Robot Limits"), and a motion has to begin where its own reference is,
+which is not quite where the arm is measured. In both cases what is commanded next differs from what the
+robot expects. The difference is added to the commands, and fades.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cobot.types import Array
+
+SHORTEST_S, LONGEST_S = 0.2, 1.0
+MAX_ACCELERATION = 2.0
+MAX_JERK = 1000.0
+"""What the fading difference takes at the most, rad/s², rad/s³, or a little more if it begins with more."""
+JUMP_RAD = 1e-6
+"""Two commands in a row that keep the limits are closer to each other's extrapolation: what is further apart
+is a change of acceleration of 1 rad/s² at the least, and a jerk of 2000 rad/s³.
+"""
+PLACES = np.linspace(0.0, 1.0, 41)
+
+
+class Bridge:
+    """What is added to commands, rows position, velocity, acceleration, shape (3, dof)."""
+
+    def __init__(self, dof: int, period_s: float) -> None:
+        self._period_s = period_s
+        self._coefficients = np.zeros((6, dof))
+        self._duration_s = self._time_s = 0.0
+        self._offset = np.zeros((3, dof))
+        self._last = np.zeros((3, dof))
+        self.sent = np.zeros((3, dof))
+
+    def begin(self, position: Array) -> None:
+        """Commands begin at rest at the robot's own reference, shape (dof,)."""
+        self.sent[:] = 0.0
+        self.sent[0] = position
+        self._duration_s, self._offset[:] = -1.0, 0.0  # not known before there is a command
+
+    def bridged(self, command: Array, periods: int) -> Array:
+        """The command that follows from what was sent last; keep no reference to it.
+
+        Args:
+            periods: so many of the robot's have gone by since: 1, more if packets were lost.
+        """
+        if periods > 1 or self._duration_s < 0.0 or self._jumps(command):
+            self._take_up(command, periods)
+        elif self._time_s < self._duration_s:
+            self._time_s += self._period_s
+        left = self._time_s < self._duration_s
+        self._offset[:] = self._rows(np.array([self._time_s]))[:, 0] if left else 0.0
+        self._last[:] = command
+        np.add(command, self._offset, out=self.sent)
+        return self.sent
+
+    def _jumps(self, command: Array) -> bool:
+        """Whether this does not follow from the last command, with its velocity or the mean of both: after a
+        fault rtloop goes on where the arm is.
+        """
+        step = command[0] - self._last[0]
+        by_last = np.abs(step - self._period_s * command[1])
+        by_mean = np.abs(step - 0.5 * self._period_s * (self._last[1] + command[1]))
+        return bool(np.minimum(by_last, by_mean).max() > JUMP_RAD)
+
+    def _take_up(self, command: Array, periods: int) -> None:
+        """Begin to fade from where the robot has come by itself."""
+        position, velocity, acceleration = self.sent
+        ahead_s = periods * self._period_s
+        expected = np.array(
+            [
+                position + ahead_s * velocity + 0.5 * ahead_s**2 * acceleration,
+                velocity + ahead_s * acceleration,
+                acceleration,
+            ]
+        )
+        self._fit(expected - command)
+
+    def _fit(self, start: Array) -> None:
+        self._time_s, self._duration_s = 0.0, SHORTEST_S
+        # A quintic that begins with an acceleration takes 0.36 of it the other way, however long it is.
+        along = np.maximum(MAX_ACCELERATION, np.abs(start[2])) * (1.0 + 1e-9)
+        against = MAX_ACCELERATION + 0.4 * np.abs(start[2])
+        sign = np.where(start[2] < 0.0, -1.0, 1.0)
+        while True:
+            self._solve(start, self._duration_s)
+            rows = self._rows(PLACES * self._duration_s)
+            jerk = np.abs(np.diff(rows[2], axis=0)).max() / (self._duration_s / (len(PLACES) - 1))
+            signed = sign * rows[2]
+            gentle = (signed <= along).all() and (signed >= -against).all() and jerk <= MAX_JERK
+            if gentle or self._duration_s >= LONGEST_S:
+                return
+            self._duration_s *= 1.5
+
+    def _solve(self, start: Array, duration_s: float) -> None:
+        """The quintic from `start` to zero."""
+        p, v, a = start[0], start[1] * duration_s, start[2] * duration_s**2
+        self._coefficients[:] = [
+            p,
+            v,
+            0.5 * a,
+            -10.0 * p - 6.0 * v - 1.5 * a,
+            15.0 * p + 8.0 * v + 1.5 * a,
+            -6.0 * p - 3.0 * v - 0.5 * a,
+        ]
+
+    def _rows(self, times_s: Array) -> Array:
+        """Position, velocity, acceleration, shape (3, n, dof)."""
+        duration_s = self._duration_s
+        s = (times_s / duration_s)[:, None]
+        _, c1, c2, c3, c4, c5 = self._coefficients[:, None, :]
+        c0 = self._coefficients[0][None, :]
+        return np.array(
+            [
+                c0 + s * (c1 + s * (c2 + s * (c3 + s * (c4 + s * c5)))),
+                (c1 + s * (2 * c2 + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))) / duration_s,
+                (2 * c2 + s * (6 * c3 + s * (12 * c4 + s * 20 * c5))) / duration_s**2,
+            ]
+        )

@@ -1,0 +1,76 @@
+"""Torques with which a Franka gives way as it is told: the springs of the simulation, on what is measured."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from cobot.config import Settings
+from cobot.robot.model import RobotModel
+from cobot.types import Array, JointLimits
+from rtloop.backends import Impedance
+from rtloop.backends.springs import Springs
+
+MAX_TORQUE_RATE = 990.0
+"""N·m/s; Franka publishes 1000 for both robots, beyond which its controller sees a discontinuity."""
+
+
+class GivingWay:
+    """
+    Attributes:
+        nominal_stiffness, nominal_cartesian_stiffness: see `rtloop.backends.ImpedanceControlled`.
+    """
+
+    def __init__(self, settings: Settings, limits: JointLimits) -> None:
+        names = settings.robot
+        self._robot = RobotModel.load(names.model, limits, base=names.base_frame, tcp=names.tcp)
+        self._model, self._data = self._robot.mj, mujoco.MjData(self._robot.mj)
+        self._base = self._model.body(names.base_frame).id
+        self._tcp = self._model.site(names.tcp).id
+        self._jacobian = np.zeros((6, limits.dof))
+        self._springs = Springs(self._robot, self._data, self._jacobian)
+        self._step = MAX_TORQUE_RATE * settings.rt.period_s
+        self._max_effort = limits.max_effort
+        self._zeros, self._gravity = np.zeros(limits.dof), np.zeros(limits.dof)
+        self.nominal_stiffness = self._springs.joint_stiffness
+        self.nominal_cartesian_stiffness = self._springs.tcp_stiffness
+        self.torque = np.zeros(limits.dof)
+
+    def begin(self, impedance: Impedance) -> None:
+        """From no torque on."""
+        self.torque[:] = 0.0
+        self._springs.use(impedance)
+
+    def use(self, impedance: Impedance) -> None:
+        """These springs from the next cycle on."""
+        self._springs.use(impedance)
+
+    def torques(self, command: Array, position: Array, velocity: Array, overlay: Array) -> Array:
+        """What to command now, without gravity, which the robot makes up for itself, shape (dof,), N·m.
+
+        It never changes faster than the robot permits.
+
+        Args:
+            command: shape (3, dof).
+            overlay: torques to be added.
+        """
+        data = self._data
+        data.qpos[:], data.qvel[:] = position, 0.0
+        mujoco.mj_fwdPosition(self._model, data)
+        mujoco.mj_rne(self._model, data, 0, self._gravity)
+        data.qvel[:] = velocity
+        mujoco.mj_fwdVelocity(self._model, data)
+        self._find_jacobian()
+        inertial = np.zeros(len(position))
+        mujoco.mj_mulM(self._model, data, inertial, command[2])
+        wanted = self._springs.torques(command) + data.qfrc_bias - self._gravity + inertial + overlay
+        np.clip(wanted, -self._max_effort, self._max_effort, out=wanted)
+        self.torque += np.clip(wanted - self.torque, -self._step, self._step)
+        return self.torque
+
+    def _find_jacobian(self) -> None:
+        """Of the TCP, in the base frame."""
+        mujoco.mj_jacSite(self._model, self._data, self._jacobian[:3], self._jacobian[3:], self._tcp)
+        turn = self._data.xmat[self._base].reshape(3, 3)
+        self._jacobian[:3] = turn.T @ self._jacobian[:3]
+        self._jacobian[3:] = turn.T @ self._jacobian[3:]

@@ -1,0 +1,141 @@
+"""The connection to the robot: how it comes to be, what it says of its end.
+
+Whether anybody answers at the robot's address is found out in little steps before libfranka connects: it
+takes a minute to give up, and holds up the whole interpreter meanwhile, so that no cycle would go on.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import socket
+import time
+from collections.abc import Callable, Iterator
+from typing import Any, Protocol
+
+from rtloop.backends import BackendError
+from rtloop.backends.franka.words import explained, said
+
+INSTALL = "pylibfranka is not installed: pip install 'cobot[franka]'"
+
+PORT = 1337
+"""Of the Franka Control Interface."""
+CONNECT_S = 3.0
+
+
+class Knocking(Protocol):
+    def answered(self, wait_s: float = 0.0) -> bool:
+        """Whether somebody does, or not yet.
+
+        Raises:
+            BackendError: nobody does, with the reason.
+        """
+        ...
+
+
+class Knock:
+    """A connection that is closed as soon as it is there."""
+
+    def __init__(self, address: str) -> None:
+        """
+        Raises:
+            BackendError: there is no way to this address, or it is none.
+        """
+        self._address = address
+        try:
+            ((family, kind, _, _, place), *_) = socket.getaddrinfo(address, PORT, type=socket.SOCK_STREAM)
+            self._socket = socket.socket(family, kind)
+        except OSError as exc:
+            raise self._nobody(exc.strerror) from exc
+        self._socket.setblocking(False)
+        self._until_s = time.monotonic() + CONNECT_S
+        self._socket.connect_ex(place)
+
+    def answered(self, wait_s: float = 0.0) -> bool:
+        poll = select.poll()
+        poll.register(self._socket, select.POLLOUT)
+        if not poll.poll(1e3 * wait_s):
+            if time.monotonic() < self._until_s:
+                return False
+            self._socket.close()
+            raise self._nobody(f"no answer within {CONNECT_S:g} s")
+        error = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+        self._socket.close()
+        if error:
+            raise self._nobody(os.strerror(error))
+        return True
+
+    def _nobody(self, why: str | None) -> BackendError:
+        return BackendError(
+            f"nobody answers at {self._address}, port {PORT}: {why}; is the robot on, its cable in the "
+            "control unit, and FCI activated in Desk?"
+        )
+
+
+class Link:
+    """
+    Attributes:
+        library: pylibfranka.
+        robot: its `Robot`, None while nobody is connected.
+        control: what moves it, None while nobody controls it.
+        lost: why the connection is lost; "" while it is not.
+    """
+
+    def __init__(self, address: str, realtime: str, library: Any, knock: Callable[[str], Knocking]) -> None:
+        """library: None for what is installed."""
+        self.library: Any = library or _installed()
+        self._address, self._realtime, self._knock = address, realtime, knock
+        self._knocking: Knocking | None = None
+        self.robot: Any = None
+        self.control: Any = None
+        self.lost = ""
+
+    def is_open(self, wait_s: float = 0.0) -> bool:
+        """Connect, in steps of so long.
+
+        Raises:
+            BackendError: nobody answers there, or it is no robot.
+        """
+        if self.robot is not None:
+            return True
+        knocking = self._knocking or self._knock(self._address)
+        self._knocking = None
+        if not knocking.answered(wait_s):
+            self._knocking = knocking
+            return False
+        kinds = self.library.RealtimeConfig
+        with self.in_words():
+            kind = kinds.kEnforce if self._realtime == "enforce" else kinds.kIgnore
+            self.robot = self.library.Robot(self._address, kind)
+        self.lost = ""
+        return True
+
+    @contextlib.contextmanager
+    def in_words(self) -> Iterator[None]:
+        """libfranka's exceptions as ours; the control is over then."""
+        library = self.library
+        try:
+            yield
+        except library.ControlException as exc:
+            self.control = None
+            raise BackendError(f"the robot has stopped: {explained(said(exc))}") from exc
+        except library.NetworkException as exc:
+            self.control = self.robot = None
+            self.lost = f"the connection to {self._address} is lost: {said(exc)}"
+            raise BackendError(self.lost) from exc
+        except library.RealtimeException as exc:
+            raise BackendError(
+                f"{said(exc)}; a kernel with PREEMPT_RT is needed, or robot.backend.realtime: ignore"
+            ) from exc
+        except (library.CommandException, library.InvalidOperationException, library.FrankaException) as exc:
+            self.control = None
+            raise BackendError(f"the robot refuses: {explained(said(exc))}") from exc
+
+
+def _installed() -> Any:
+    try:
+        import pylibfranka
+    except ImportError as exc:
+        raise BackendError(INSTALL) from exc
+    return pylibfranka

@@ -1,0 +1,36 @@
+"""What stands beside `type: franka` in `robot.backend`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+DOF = 7
+Torque = Annotated[float, Field(gt=0.0, le=100.0)]
+Force = Annotated[float, Field(gt=0.0, le=200.0)]
+Stiffness = Annotated[float, Field(ge=10.0, le=14250.0)]
+Seven = Annotated[list[Torque], Field(min_length=DOF, max_length=DOF)]
+
+
+class FrankaOptions(BaseModel):
+    """
+    Attributes:
+        address: of the robot's control unit, an IP address or a name.
+        realtime: enforce: refuse a computer whose kernel is not real-time, as Franka Robotics asks for;
+            ignore: for simulations and first steps.
+        contact_torque, contact_force: beyond these, N·m for each joint and N, N·m along each axis, the robot
+            reports contact.
+        collision_torque, collision_force: beyond these a reflex stops it.
+        joint_stiffness: of its own controller, which holds positions, N·m/rad; None: the robot's default.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    address: Annotated[str, Field(min_length=1, max_length=253)]
+    realtime: Literal["enforce", "ignore"] = "enforce"
+    contact_torque: Seven = [20.0, 20.0, 18.0, 18.0, 10.0, 9.0, 8.0]
+    collision_torque: Seven = [40.0, 40.0, 36.0, 36.0, 12.0, 12.0, 12.0]
+    contact_force: Annotated[list[Force], Field(min_length=6, max_length=6)] = [20.0] * 3 + [15.0] * 3
+    collision_force: Annotated[list[Force], Field(min_length=6, max_length=6)] = [40.0] * 3 + [30.0] * 3
+    joint_stiffness: Annotated[list[Stiffness], Field(min_length=DOF, max_length=DOF)] | None = None

@@ -1,0 +1,41 @@
+"""The backend beside a stand-in for the robot, which the contract drives and breaks."""
+
+from __future__ import annotations
+
+from cobot.config import Settings
+from cobot.types import Array, JointLimits
+from rtloop.backends.franka.backend import FrankaBackend
+from rtloop.backends.franka.stand_in import Arm, RobotMode
+
+LASTING = "joint_position_limits_violation"
+"""A reflex that the robot recovers from only when a person has moved it back."""
+
+
+class FrankaRig:
+    """A `ContractRig`. A Franka knows no T1, T2 and AUT; libfranka itself leaves out what was overtaken."""
+
+    faults = frozenset({"disconnect", "frozen", "nan", "loss", "reorder", "e_stop", "protective_stop"})
+
+    def __init__(self, settings: Settings, limits: JointLimits, arm: Arm | None = None) -> None:
+        self._settings, self._limits = settings, limits
+        self._arm = arm or Arm()
+
+    @property
+    def wire(self) -> list[Array]:
+        return self._arm.wire
+
+    def backend(self) -> FrankaBackend:
+        arm = self._arm
+        return FrankaBackend(self._settings, self._limits, library=arm.library, knock=arm.knock)
+
+    def inject(self, fault: str) -> None:
+        self._arm.faults.add(fault)
+        if fault == "e_stop":
+            self._arm.press_stop()
+        elif fault == "protective_stop":
+            self._arm.stop_by(LASTING)
+
+    def clear(self, fault: str) -> None:
+        self._arm.faults.discard(fault)
+        if fault == "e_stop":
+            self._arm.mode = RobotMode.Idle

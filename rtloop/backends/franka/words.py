@@ -1,0 +1,74 @@
+"""What the robot's reflexes and modes mean, in words, and what to do about them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+MOVE_BACK = "move the arm back by hand, or in Desk"
+REFLEXES = {
+    "base_acceleration_initialization_timeout": "the acceleration sensor of its base did not start",
+    "base_acceleration_invalid_reading": "the acceleration sensor of its base reads nonsense",
+    "cartesian_position_limits_violation": f"the arm has left its permitted space: {MOVE_BACK}",
+    "cartesian_reflex": "something pushed the tool harder than the collision thresholds allow",
+    "cartesian_velocity_profile_safety_violation": "a safety limit of the TCP's velocity was exceeded",
+    "cartesian_velocity_violation": "the TCP was too fast",
+    "communication_constraints_violation": "too many commands came too late, or not at all",
+    "controller_torque_discontinuity": "the commanded torque jumped",
+    "force_control_safety_violation": "a safety limit of force control was exceeded",
+    "instability_detected": "the arm began to swing",
+    "joint_motion_generator_acceleration_discontinuity": "the commanded acceleration jumped",
+    "joint_motion_generator_position_limits_violation": "a commanded position is beyond a joint's limit",
+    "joint_motion_generator_velocity_discontinuity": "the commanded velocity jumped",
+    "joint_motion_generator_velocity_limits_violation": "a commanded velocity is beyond a joint's limit",
+    "joint_move_in_wrong_direction": "a joint beyond its limit was moved further out",
+    "joint_position_limits_violation": f"a joint is beyond its limit: {MOVE_BACK}",
+    "joint_position_motion_generator_start_pose_invalid": "the motion did not begin where the arm is",
+    "joint_reflex": "something pushed a joint harder than the collision thresholds allow",
+    "joint_velocity_violation": "a joint was too fast",
+    "max_goal_pose_deviation_violation": "the arm was pushed too far from its goal",
+    "max_path_pose_deviation_violation": "the arm was pushed too far from its path",
+    "power_limit_violation": "the arm took more power than it may",
+    "self_collision_avoidance_violation": "the arm came too close to itself",
+    "tau_j_range_violation": "a torque sensor is beyond its range",
+}
+"""By the names of libfranka's errors; the others say enough by their names."""
+MODES = {
+    "Idle": "ready",
+    "Move": "moving",
+    "Guiding": "guided by hand",
+    "Reflex": "stopped by a reflex",
+    "UserStopped": "stopped by its user stop",
+    "AutomaticErrorRecovery": "recovering",
+    "Other": "not ready",
+}
+REFUSALS = {
+    "Guiding": "somebody guides the arm by hand: let go of its buttons, then reset",
+    "UserStopped": "the user stop is pressed, or the enabling device let go: release it, then reset",
+    "Other": "the robot is not ready: open its brakes and activate FCI in Desk, then reset",
+}
+"""Modes that cannot be enabled from here."""
+
+
+def in_words(names: Iterable[str]) -> str:
+    """Errors as one sentence; "" for none."""
+    return "; ".join(REFLEXES.get(name, name.replace("_", " ")) for name in names)
+
+
+def explained(text: str) -> str:
+    """A message of libfranka's with its errors in words; libfranka names them in brackets."""
+    inside = text[text.find("[") + 1 : text.rfind("]")] if "[" in text and "]" in text else ""
+    names = [name.strip(' "') for name in inside.split(",")]
+    known = [name for name in names if name in REFLEXES]
+    return f"{in_words(known)} ({text})" if known else text
+
+
+def present(state: Any) -> list[str]:
+    """The names of the errors in a state of libfranka's."""
+    errors = state.current_errors if state is not None else None
+    return [name for name in dir(errors) if not name.startswith("_") and getattr(errors, name) is True]
+
+
+def said(exc: Exception) -> str:
+    """By libfranka, in a line."""
+    return " ".join(str(exc).split()).removeprefix("libfranka: ")

@@ -1,0 +1,190 @@
+"""A Franka by one changed line: the whole service and its backend, with every fault on the way.
+
+The arm is the stand-in that the contract runs on, within rtloop. With COBOT_FRANKY_SIM=1 it is pylibfranka
+and a simulator that nobody here wrote, in another process, with the tour of REST: two processes that answer
+each other a thousand times a second want a quiet computer and some minutes. Oracles: where the arm says that
+it is; the limits that Franka Robotics publishes, of each position that was commanded. The tour of the
+simulated FR3 is in tests/e2e/test_fr3.py, the contract in tests/rtloop/contract.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+import rest_tour
+from activities import Goal, Servo, followed
+from franky_run import FrankySimulator, RunOfFranka, StandInArm
+from running import WAIT_S, answering
+from tasks import robot_health
+
+from cobot import Mode, Robot
+from cobot.errors import CobotError
+
+WHOLE = bool(os.environ.get("COBOT_FRANKY_SIM"))
+if WHOLE:
+    pytest.importorskip("pylibfranka", reason="pylibfranka is not installed: pip install 'cobot[franka]'")
+    pytest.importorskip("franky_sim", reason="franky-sim is not installed")
+
+Simulator = FrankySimulator | StandInArm
+THERE = [0.4, -0.5, 0.0, -2.0, 0.0, 1.7, 0.5]
+
+
+@pytest.fixture(scope="module")
+def simulator() -> Iterator[Simulator]:
+    with FrankySimulator() if WHOLE else StandInArm() as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def franka(simulator: Simulator, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunOfFranka]:
+    with answering(RunOfFranka(tmp_path_factory.mktemp("franka"), simulator)) as made:
+        checked = {"payload_checked": True}
+        httpx.post(f"{made.url}/robot/acknowledge", json=checked, timeout=WAIT_S).raise_for_status()
+        yield made
+
+
+@pytest.fixture
+def run(franka: RunOfFranka, simulator: Simulator) -> Iterator[RunOfFranka]:
+    """It can be moved, and what it was commanded kept what is published."""
+    simulator.ask("")
+    able(franka)
+    yield franka
+    assert max(simulator.ask("")["worst"]) < 1.0
+
+
+def able(run: RunOfFranka) -> None:
+    """As after a fault: somebody resets, as often as it takes."""
+    said: list[str] = []
+
+    def reset() -> bool:
+        said.append(httpx.post(f"{run.url}/robot/reset", timeout=WAIT_S).text)
+        return robot_health(run).get("mode") == "HOLD"
+
+    try:
+        run.until(reset)
+    except AssertionError as exc:
+        raise AssertionError(f"{sorted(set(said))}, {robot_health(run)}; {exc}") from exc
+
+
+def move(run: RunOfFranka, kind: str, **body: object) -> None:
+    """A motion that arrives, begun again where the computer was late."""
+
+    def asked() -> bool:
+        answer = httpx.post(f"{run.url}/robot/move/{kind}", json={"speed": 1.0, **body}, timeout=WAIT_S)
+        if answer.is_success and answer.json()["success"]:
+            return True
+        able(run)
+        return False
+
+    run.until(asked)
+
+
+@pytest.mark.skipif(not WHOLE, reason="that of the simulated FR3 is in tests/e2e/test_fr3.py")
+@pytest.mark.parametrize("part", rest_tour.PARTS)
+def test_the_rest_tour(run: RunOfFranka, part: str) -> None:
+    rest_tour.tour(run, part)
+
+
+def test_a_motion_arrives_where_the_robot_says(run: RunOfFranka, simulator: Simulator) -> None:
+    move(run, "named", name="home")
+    move(run, "named", name="work")
+    np.testing.assert_allclose(simulator.ask()["q"], run.joints(), atol=5e-3)
+
+
+def test_it_gives_way_to_a_stream_and_holds_again(run: RunOfFranka, simulator: Simulator) -> None:
+    begun = simulator.ask()["q"][0]
+
+    def turned() -> bool:
+        """A session that has ended because its client was late is begun again."""
+        with contextlib.suppress(CobotError), Robot(run.url, verbose=False) as robot:
+            robot.switch_mode(Mode.RT_JOINT_IMPEDANCE)
+            with robot.start_joint_impedance_control(30, interpolation="quintic") as control:
+                home = control.get_state().q
+                aim = home[0]
+                for _ in range(300):
+                    aim = min(aim + 0.002, begun + 0.1)  # no faster than a stream may be
+                    control.set_target_joints([aim, *home[1:]])
+                    if abs(control.get_state().q[0] - begun - 0.1) < 0.03:
+                        return True
+        able(run)
+        return False
+
+    run.until(turned)
+    run.until(run.healthy)
+    assert simulator.ask()["q"][0] - begun > 0.05
+    move(run, "named", name="work")
+
+
+def test_a_servo_session_moves_it(run: RunOfFranka, simulator: Simulator) -> None:
+    begun = simulator.ask()["q"][0]
+    serving = Servo(run)
+    try:
+        run.until(lambda: abs(simulator.ask()["q"][0] - begun) > 0.02)
+    finally:
+        serving.end()
+    assert httpx.post(f"{run.url}/stop", timeout=WAIT_S).json()["success"]
+
+
+def test_a_goal_of_follow_joint_trajectory_arrives(run: RunOfFranka, simulator: Simulator) -> None:
+    def arrived() -> bool:
+        done, _ = followed(run, THERE)
+        if not done:
+            able(run)
+        return done
+
+    run.until(arrived)
+    np.testing.assert_allclose(simulator.ask()["q"], THERE, atol=5e-3)
+
+
+def test_losses_end_no_motion(run: RunOfFranka, simulator: Simulator) -> None:
+    simulator.ask("loss")
+    move(run, "named", name="work")
+    (shown,) = httpx.get(f"{run.url}/robots", timeout=WAIT_S).json()
+    assert shown["device"]["status"]["packets_lost"] > 0
+
+
+@pytest.mark.parametrize(
+    ("fault", "reason"),
+    [
+        ("e_stop", "User Stop"),
+        ("protective_stop", "a joint harder than" if WHOLE else "a joint is beyond its limit"),
+        ("nan", "not finite"),
+        ("frozen", "the same values"),
+        ("disconnect", "the connection to"),
+    ],
+)
+def test_recovers_from_a_fault_in_the_middle_of_a_goal(
+    run: RunOfFranka, simulator: Simulator, fault: str, reason: str
+) -> None:
+    def faulted() -> str:
+        """Why it is in FAULT; "" as long as it is not."""
+        health = robot_health(run)
+        return str(health["reason"]) if health.get("mode") == "FAULT" else ""
+
+    goal = Goal(run)
+    try:
+        simulator.ask(fault)
+        assert reason in run.until(faulted)
+        run.until(lambda: goal.answers)
+        httpx.post(f"{run.url}/robot/reset", timeout=WAIT_S)
+        assert faulted(), "while it lasts"
+    finally:
+        goal.end()
+    simulator.ask("")
+    able(run)
+    move(run, "named", name="work")
+
+
+def test_a_stop_stops_it_and_its_state_is_shown(run: RunOfFranka, simulator: Simulator) -> None:
+    assert httpx.post(f"{run.url}/stop", timeout=WAIT_S).json()["success"]
+    (shown,) = httpx.get(f"{run.url}/robots", timeout=WAIT_S).json()
+    device: dict[str, Any] = shown["device"]
+    assert device["backend"] == simulator.backend
+    assert device["status"]["connection"] == "connected"
+    assert {"impedance", "torque", "payload"} <= set(device["able"])
