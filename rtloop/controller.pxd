@@ -38,6 +38,14 @@ cdef class Controller:
     cdef object _rt, _limits, _slots, _backend, _loader
     cdef object _model, _info, _tool, _max_payload_kg
     cdef readonly object surroundings
+    cdef object _device
+    cdef readonly bint drives_off, enabling
+    cdef bint _recovered
+    cdef unsigned long long _enabling_number, _enabling_stops
+    cdef bint _switching_off
+    cdef object _mover  # the backend, if its device moves along whole motions by itself
+    cdef bint _by_itself, _coasting, _fresh
+    cdef long long _resting_cycles  # that a stop of category 1 has waited for the arm to settle
     cdef bint _surrounding, _changed
     cdef str _unseen
     cdef int _loading_slot
@@ -52,10 +60,13 @@ cdef class Controller:
 
     cdef void c_update(self, Measured measured, long long now_ns, double robot_time_s, bint fresh) except *
     cdef bint c_moving(self) noexcept nogil
+    cdef bint c_switches_off(self) noexcept nogil
     cdef void c_describe(self, StateScalars* state) noexcept nogil
     cdef void _heed_requests(self, long long now_ns) except *
     cdef void _heed_stream(self) except *
     cdef void _surround(self) except *
+    cdef void _follow_device(self, Measured measured) except *
+    cdef void _coast(self, Measured measured) except *
     cdef void c_follow_path(self) noexcept nogil
     cdef void _heed_fence(self) except *
     cdef bint c_streams(self) noexcept nogil

@@ -20,7 +20,7 @@ from cobot.ipc.layout import Ack, Command, Intervention, MotionResult, text
 from cobot.ipc.tool_record import tool_of
 from cobot.robot.tool import check_tool
 from cobot.types import RESTING, LoopMode
-from rtloop.backends import BackendError, CarriesTool
+from rtloop.backends import BackendError, CarriesTool, MovesByItself, Stepwise
 from rtloop.modes import STREAMING, TRANSITIONS
 from rtloop.planned.loading import RefusedError, load
 from rtloop.streaming.surroundings import Surroundings
@@ -31,6 +31,13 @@ START_TOLERANCE_RAD = 1e-3
 SETTLE_LIMIT_S = 2.0
 # A measured position that moves so many times as far in a cycle as all joints at full speed was misread.
 JUMP_FACTOR = 3.0
+# To who wants to stream.
+UNACKNOWLEDGED = (
+    "the first contact with the robot is not acknowledged: look at where the arm is and what it carries, "
+    "then POST /robot/acknowledge"
+)
+# To who wants to change what a device that moves by itself is doing.
+BY_ITSELF = "the device moves by itself along whole motions: on its way it can be stopped, not {}"
 # How far ahead on its path a motion's fence is looked at, s: whatever its speed, it can stop within.
 cdef double FENCE_AHEAD_S = 0.5
 
@@ -52,9 +59,19 @@ cdef class Controller:
         settled: at rest, as measured: at the commanded position, or anywhere in FAULT and in a session.
         stale: whether what is measured has stopped changing although the arm is moved; the loop sets it.
         deceleration_ns: when the last stop began to slow the arm down, set from the cycle's `now_ns`.
+        drives_off: whether a stop of category 1 has switched the drives off, until a reset.
     """
 
-    def __init__(self, settings, model, memory, backend):
+    def __init__(self, settings, model, memory, backend, device):
+        """device: what is told of it, a `rtloop.device.DeviceWatch`."""
+        self._device = device
+        self.drives_off = device.drives_off
+        self._switching_off = self.enabling = self._recovered = False
+        self._enabling_number = self._enabling_stops = 0  # of the RESET
+        self._resting_cycles = 0
+        self._mover = backend if isinstance(backend, MovesByItself) else None
+        self._by_itself = self._mover is not None
+        self._coasting = self._fresh = False  # It comes to rest by itself, anywhere.
         self._rt = rt = settings.rt
         self._limits = limits = model.limits
         self._dof = limits.dof
@@ -87,6 +104,8 @@ cdef class Controller:
         memset(self._error, 0, sizeof(self._error))  # Measured against commanded, rad.
         self._off = self._jump = self._largest_error = 0.0
         self._largest_step = JUMP_FACTOR * rt.period_s * float(np.linalg.norm(limits.max_velocity))
+        if self._by_itself:  # It tells from time to time where it is.
+            self._largest_step = float("inf")
         self._misread = self._left_path = self._stop_unseen = False
         self._yield_rad = settings.streaming.yield_rad
         self._tracking_error_rad = rt.tracking_error_rad
@@ -128,9 +147,10 @@ cdef class Controller:
 
         When it takes them again, it shall find that it is wanted where it is.
         """
-        if self.streaming.session:
-            self.streaming.close()
+        problem = self.streaming.close() if self.streaming.session else ""
         self.start_at(position)
+        if problem:
+            self.fault(problem)
 
     def restore(self, state):
         """Take over what a dead rtloop has left: latches stay, an interrupted motion has failed."""
@@ -176,6 +196,32 @@ cdef class Controller:
         """Come to rest as after a stop, and stay there until reset."""
         self._latch(LoopMode.ESTOP, reason)
 
+    def fast_stop(self, reason):
+        """Stop category 1: each joint comes to rest as fast as its limits permit, on the path or beside it;
+        then the drives are switched off, until a reset.
+        """
+        self._latch(LoopMode.ESTOP, reason)
+        if self._guide == PATH and not self._by_itself:
+            self.c_brake()
+        self._switching_off = not self.drives_off
+        self._resting_cycles = 0
+
+    def switch_off(self):
+        """The second half of it. The drives may take their time: nothing moves."""
+        self._switching_off = False
+        if 1 not in self._device.capabilities.stops:
+            return
+        try:
+            self._backend.disable()
+        except BackendError as exc:
+            self.reason = f"{self.reason}; the drives could not be switched off: {exc}"
+            return
+        self._switched(off=True)
+
+    def _switched(self, *, off):
+        self.drives_off = off
+        self._device.switched(off=off)
+
     def fault(self, reason):
         """The device or the tracking failed: come to rest as after a stop, and stay there until reset."""
         self._latch(LoopMode.FAULT, reason)
@@ -183,6 +229,7 @@ cdef class Controller:
     cdef void c_update(self, Measured measured, long long now_ns, double robot_time_s, bint fresh) except *:
         """`update`."""
         self.safety.now_ns = now_ns
+        self._fresh = fresh
         self._heed_requests(now_ns)
         if self._surrounding or (self._changed and not self.c_moving() and not self.c_streams()):
             self._surround()
@@ -192,10 +239,17 @@ cdef class Controller:
             self._take_session()
         if self._loader is not None:
             self._load()
+        elif self.enabling:
+            self.enable_step(measured)
         elif not self._surrounding and self.commands.c_has_command():
             self._take_command(measured)
-        if self._guide == PATH:
-            self.c_follow_path()
+        if self._coasting:
+            self._coast(measured)
+        elif self._guide == PATH:
+            if self._by_itself:
+                self._follow_device(measured)
+            else:
+                self.c_follow_path()
             if self.watch.active and self._mode == TRAJECTORY:
                 self._heed_fence()
         elif self.c_streams():
@@ -225,9 +279,19 @@ cdef class Controller:
             or self._mode == STOPPING
             or self._guide == PATH
             or self._guide == BRAKE
+            or self._coasting
             or self._loading != 0
             or (self.streaming.session != 0 and not self.c_streams())
         )
+
+    cdef bint c_switches_off(self) noexcept nogil:
+        """Whether a stop of category 1 has come so far that the drives go off: the arm rests, or does not
+        although nothing moves it.
+        """
+        if not self._switching_off or self._guide != NOTHING:
+            return False
+        self._resting_cycles += 1
+        return self.settled or self._resting_cycles >= self._settle_limit_cycles
 
     cdef bint c_streams(self) noexcept nogil:
         """Whether the mode is one of those in which a client streams."""
@@ -269,7 +333,9 @@ cdef class Controller:
 
     def _slow_down(self):
         self._stop_unseen = True
-        if self.safety.pursuing or self.streaming.session:
+        if self._by_itself:
+            self._mover.halt()
+        elif self.safety.pursuing or self.streaming.session:
             self.c_brake()
         else:
             self.clock.request(0.0)
@@ -283,6 +349,8 @@ cdef class Controller:
     cdef void _heed_requests(self, long long now_ns) except *:
         cdef int asked = self.commands.c_poll_requests()
         cdef double silence_s
+        if asked & 4:
+            self.fast_stop("fast stop requested")
         if asked & 2:
             self.estop("e-stop requested")
         if self.streaming.box.c_estop_requested():
@@ -300,6 +368,9 @@ cdef class Controller:
         mode = LoopMode.TRAJECTORY if self.moving else self.mode
         if self._unseen:
             self.streaming.box.answer(Ack.REJECTED, f"the scene cannot be watched: {self._unseen}")
+            return
+        if self._device.unacknowledged:
+            self.streaming.box.answer(Ack.REJECTED, UNACKNOWLEDGED)
             return
         if not self.streaming.open(self.safety.command, mode, self.commands.stops):
             self._enter(self.streaming.mode)
@@ -334,9 +405,11 @@ cdef class Controller:
         elif kind == Command.SET_RATE:
             refusal = self._set_rate(float(command["value"]))
         elif kind == Command.RESET:
-            refusal = self._reset(measured)
+            refusal = self._reset(measured, number, stops)
         elif kind == Command.TOOL:
             refusal = self._take_tool(int(command["tool"]), int(command["scene"]))
+        elif kind == Command.ACKNOWLEDGE:
+            refusal = self.acknowledge()
         elif kind == Command.SCENE:
             refusal = self._take_scene(int(command["scene"]))
         else:
@@ -348,7 +421,7 @@ cdef class Controller:
         """Begin to load; the acknowledgement follows when the motion is verified."""
         if self.mode is not LoopMode.HOLD:
             return f"the arm is in mode {self.mode.name}"
-        if self._guide == BRAKE:
+        if self._guide == BRAKE or (self._coasting and not self.settled):
             return "the arm is not at rest yet"
         return self._begin_loading(number, command, self.safety.position)
 
@@ -357,6 +430,8 @@ cdef class Controller:
         motion, offset_s = int(command["motion_id"]), float(command["value"])
         if self.mode is not LoopMode.TRAJECTORY or self._guide != PATH:
             return f"no motion is under way on its path, the arm is in mode {self.mode.name}"
+        if self._by_itself:
+            return BY_ITSELF.format("led on to another motion")
         if motion != self.motion_id:
             return f"motion {self.motion_id} is under way, not {motion}"
         if not 0.0 <= offset_s <= self.clock.path_time_s:
@@ -405,6 +480,13 @@ cdef class Controller:
         self._still_cycles = self._unsettled_cycles = 0
         self.settled = False
         self._enter(LoopMode.TRAJECTORY)
+        if self._by_itself:
+            segments = self.path.segments
+            self._mover.begin(
+                self.path.breakpoints_s[:segments + 1].copy(),
+                self.path.coefficients[:segments].copy(),
+                self.clock.share,
+            )
 
     def _swap(self):
         """Go on with what has been loaded if it is the same up to here, and as far as a change of the rate
@@ -494,27 +576,69 @@ cdef class Controller:
         number, self._loader, self._loading = self._loading, None, 0
         self.commands.acknowledge(number, result, message)
 
+    def acknowledge(self):
+        """Somebody has compared what the first contact has found with the arm: full speed from now on."""
+        self._device.acknowledge()
+        self.clock.scale(self._device.share)
+        return ""
+
     def _set_rate(self, rate):
         if self._mode != TRAJECTORY:
             return f"no motion is running, the arm is in mode {self.mode.name}"
+        if self._by_itself:
+            return BY_ITSELF.format("slowed down")
         if not 0.0 <= rate <= 1.0:
             return f"the rate must be from 0 to 1, got {rate}"
         self.clock.request(rate)
         return ""
 
-    def _reset(self, Measured measured):
+    def _reset(self, Measured measured, number, stops):
         """Leave ESTOP or FAULT and hold the arm where it is now. The drives may take their time: nothing
-        moves.
+        moves. Where they take it in steps, the acknowledgement follows (None).
         """
         if self.mode not in (LoopMode.ESTOP, LoopMode.FAULT):
             return ""
-        if self._guide in (PATH, BRAKE) or self.streaming.session:
+        rests = self.settled or not (self._by_itself and self._fresh)
+        if self._guide in (PATH, BRAKE) or self.streaming.session or not rests:
             return "the arm is not at rest yet"
         if self.stale:
             return "the robot still reports the same values as when it moved"
+        if isinstance(self._backend, Stepwise):
+            self._enabling_number, self._enabling_stops = number, stops
+            self.enabling, self._recovered = True, False
+            return None
+        return self._enabled(measured)
+
+    def enable_step(self, Measured measured):
+        """A bit of a reset: the backend recovers, then its drives are switched on, and meanwhile the cycle
+        goes on with its packets. The command is where the arm is.
+        """
+        refusal = self._step_on(measured)
+        if refusal is not None:
+            self.enabling = False
+            result = Ack.REJECTED if refusal else Ack.ACCEPTED
+            self.commands.acknowledge(self._enabling_number, result, refusal)
+
+    def _step_on(self, Measured measured):
+        """None for another step, "" when the arm is held, else why it cannot be."""
+        if self.commands.stops != self._enabling_stops or self._mode not in (LoopMode.ESTOP, LoopMode.FAULT):
+            return "a stop was requested meanwhile"
+        try:
+            if not self._recovered:
+                self._recovered = self._backend.recover_step()
+                return None
+            if not self._backend.enable_step():
+                return None
+        except BackendError as exc:
+            return f"the robot cannot be enabled: {exc}"
+        return self._enabled(measured, stepwise=True)
+
+    def _enabled(self, Measured measured, *, stepwise=False):
         found = Measured(self._dof)
         try:
-            self._backend.enable()
+            if not stepwise:
+                self._backend.enable()
+            self._switched(off=False)
             self._backend.read(found)
         except BackendError as exc:
             return f"the robot cannot be enabled: {exc}"
@@ -536,6 +660,34 @@ cdef class Controller:
         if self.clock.path_time_s >= self.path.duration_s or (stopping and self.clock.c_at_rest()):
             self._guide = NOTHING
             memset(self._desired + self._dof, 0, 2 * self._dof * sizeof(double))
+
+    cdef void _follow_device(self, Measured measured) except *:
+        """Where the device says it is on the path that it was given. Once it comes to rest because it was
+        told to, where it is measured.
+        """
+        if self._mode != TRAJECTORY and self._mover.is_halted():
+            self._coasting, self._still_cycles, self._unsettled_cycles = True, 0, 0
+            self._coast(measured)
+            return
+        self._place(self._mover.done_s())
+        self.safety.reset(self._desired_rows[0])
+        if self.clock.path_time_s >= self.path.duration_s:
+            self._guide = NOTHING
+
+    cdef void _coast(self, Measured measured) except *:
+        """Until it rests, or nobody knows. It has left the path if it is not where it says."""
+        self._place(self._mover.done_s())
+        self._left_path = bool(
+            np.abs(self._desired_rows[0] - measured.position).max() > self._settle_position_rad
+        )
+        self.start_at(measured.position)
+        self._coasting = self._fresh and not self.settled
+
+    def _place(self, double path_time_s):
+        """Want the arm there on its path, at rest as far as the safety layer is concerned."""
+        self.clock.path_time_s = max(self.clock.path_time_s, path_time_s)
+        self.path.c_evaluate(self.clock.path_time_s, self.clock.rate, 0.0, self._desired)
+        memset(self._desired + self._dof, 0, 2 * self._dof * sizeof(double))
 
     cdef void _heed_fence(self) except *:
         """Come to rest before the path leaves the motion's fence: half a second of it is enough to do so."""
@@ -624,11 +776,13 @@ cdef class Controller:
         An arm that is pushed aside is held where it is, unless nobody knows where that is; one that is pushed
         around and does not come to rest is held all the same.
         """
-        self.streaming.close()
+        problem = self.streaming.close()
         if self._largest_error > self._settle_position_rad and fresh and not self._misread:
             self.start_at(position)
         if self._mode == STOPPING:
             self._enter(LoopMode.HOLD, self.reason)
+        if problem:
+            self.fault(problem)
 
     def _result(self):
         if self._left_path:

@@ -11,7 +11,9 @@ cdef class ControlLoop:
     cdef Measured _fresh
     cdef object _backend, _last
     cdef CompiledBackend _compiled
-    cdef bint _is_compiled
+    cdef bint _is_compiled, _is_paced
+    cdef readonly object _device
+    cdef long long _beatless, _begun_ns, _ask_cycles
     cdef Clock _clock
     cdef StatePublisher _state
     cdef Statistics _statistics
@@ -26,6 +28,7 @@ cdef class ControlLoop:
     cdef bint c_read(self) except *
     cdef void c_write(self) except *
     cdef bint c_moves(self) noexcept nogil
+    cdef bint _is_loose(self) noexcept
     cdef void c_publish(self, double robot_time_s) noexcept nogil
     cdef void c_record(
         self, long long late_ns, long long read_ns, long long update_ns, long long write_ns, bint fresh

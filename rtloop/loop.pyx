@@ -15,10 +15,15 @@ from cobot.ipc.layout import MotionResult, Phase
 from cobot.ipc.shm import encoded
 from cobot.robot.tool import BARE
 from cobot.types import LoopMode
-from rtloop.backends import BackendError
+from rtloop.backends import BackendError, Paced
+from rtloop.device import POLL_S, DeviceWatch
+from rtloop.device_limits import device_limits, narrowed, slowed
+from rtloop.first_contact import first_contact
 
 # Robot time that an arm is given to come to rest before the process ends.
 END_LIMIT_S = 3.0
+# A beat of the device is waited for so many periods; after one that has not come, the next is due in one.
+BEAT_PATIENCE = 1.5
 # No joint gets further.
 MAX_RAD = 1e3
 
@@ -48,8 +53,17 @@ cdef class ControlLoop:
         self._is_compiled = isinstance(backend, CompiledBackend)
         self._compiled = backend if self._is_compiled else None
         self._clock = clock
+        self._is_paced = isinstance(backend, Paced)
+        self._beatless = 0  # Cycles in a row without a beat of the device.
+        self._begun_ns = 0  # The last cycle, by the device's beat.
+        self._device = DeviceWatch(memory, backend)
+        theirs = device_limits(backend, model.limits)
+        if theirs is not None:
+            self._device.slow_down(slowed(model.limits, theirs))
+            model.limits.take_over(narrowed(model.limits, theirs))
+        self._ask_cycles = max(1, round(POLL_S / settings.rt.period_s)) if self._device.asks else 0
         self._last = _last_state(memory)
-        self.controller = Controller(settings, model, memory, backend)
+        self.controller = Controller(settings, model, memory, backend, self._device)
         self._state = StatePublisher(memory, model)
         self._statistics = Statistics(memory)
         self._is_recorded = recording is not None
@@ -59,9 +73,12 @@ cdef class ControlLoop:
         self._measured_ns = 0
         self._cycle = 0
 
-    def open(self, start_position, tool=BARE):
+    def open(self, start_position, tool=BARE, before=None):
         """Connect to the robot, which carries a tool, and hold it where it is; a simulation begins where the
         last one was left.
+
+        Args:
+            before: called when the tool is carried, before the robot is connected.
 
         Raises:
             BackendError: the robot does not answer.
@@ -72,11 +89,52 @@ cdef class ControlLoop:
             self.controller.restore(last)
         if tool.version:
             self.controller.carry(tool)
+        if before is not None:
+            before()
         known = last is not None and np.isfinite(last["position"]).all()
         self._backend.open(last["position"] if last is not None and known else start_position)
         self._backend.read(self._measured)
-        self._backend.enable()
+        if not self.controller.drives_off:  # by a stop that the last rtloop has seen
+            self._backend.enable()
+        if self._device.capabilities.hardware:
+            self._device.meet(first_contact(self.controller._model, self._measured.position))
+        self._heed_device()
         self.controller.start_at(self._measured.position)
+
+    def beat(self):
+        """Wait for the next cycle; returns by how many nanoseconds it is late. A device that gives the beat
+        is waited for in place of the clock.
+        """
+        cdef long long late_ns
+        if self._is_paced:
+            return self._await_beat()
+        late_ns = self._clock.wait(moving=self.controller.c_moving())
+        return late_ns
+
+    def _await_beat(self):
+        """The device's beat is the deadline: a cycle is late that begins more than a period after the one
+        before it, and a beat that does not come is a period that was missed.
+        """
+        cdef long long late_ns = 0, now_ns
+        patience = 1.0 if self._beatless else BEAT_PATIENCE
+        try:
+            beaten = self._backend.wait(patience * self._period_s)
+        except BackendError as exc:
+            self.controller.fault(f"the robot gives no beat: {exc}")
+            beaten = False
+            with nogil:
+                self._clock.c_wait(False)
+        now_ns = monotonic_ns()
+        if not beaten:
+            self._beatless += 1
+            self._clock.overruns += 1
+        else:
+            if self._begun_ns and not self._beatless:
+                late_ns = max(0, now_ns - self._begun_ns - self._period_ns)
+                self._clock.overruns += late_ns // self._period_ns
+            self._beatless = 0
+        self._begun_ns = now_ns
+        return late_ns
 
     def step(self, long long late_ns=0):
         """One cycle. Real-time safe; no exception leaves it but a broken program's.
@@ -91,9 +149,12 @@ cdef class ControlLoop:
         cdef long long end_cycle = 0, late_ns
         cdef bint moving
         while True:
-            moving = self.controller.c_moving()
-            with nogil:
-                late_ns = self._clock.c_wait(moving)
+            if self._is_paced:
+                late_ns = self._await_beat()
+            else:
+                moving = self.controller.c_moving()
+                with nogil:
+                    late_ns = self._clock.c_wait(moving)
             self.c_step(late_ns)
             PyErr_CheckSignals()
             if ending:
@@ -121,21 +182,29 @@ cdef class ControlLoop:
             self.controller.overrun(f"{self._late_in_a_row} cycles in a row began late")
         elif late_ns > self._pause_to_stop_ns:
             self.controller.overrun(f"a cycle began {late_ns * 1e-9:.2f} s late")
-        fresh = self.c_read()
+        fresh = self.c_read() and not self._beatless
         read_ns = monotonic_ns()
         if fresh:
             self._measured_ns = read_ns
-            if self._unwritten >= self._overruns_to_stop:
+            if self._unwritten >= self._overruns_to_stop or self._is_loose():
                 self.controller.let_go(self._measured.position)
-        self.controller.c_update(self._measured, read_ns, robot_time_s, fresh)
+        if not self._beatless or self._beatless >= self._overruns_to_stop:
+            self.controller.c_update(self._measured, read_ns, robot_time_s, fresh)
         updated_ns = monotonic_ns()
-        self.c_write()
+        if self._beatless:
+            self._miss_beat()
+        else:
+            self.c_write()
+            if self.controller.c_switches_off():
+                self.controller.switch_off()
         written_ns = monotonic_ns()
         self._cycle += 1
         self._state.c_heed(self.controller.safety, self.controller.reason)
         self.c_publish(robot_time_s)
         if self._is_recorded:
             self.c_record(late_ns, read_ns - begun_ns, updated_ns - read_ns, written_ns - updated_ns, fresh)
+        if self._ask_cycles and self._cycle % self._ask_cycles == 0:
+            self._heed_device()
         statistics.c_count(WAKEUP, late_ns)
         statistics.c_count(READ, read_ns - begun_ns)
         statistics.c_count(UPDATE, updated_ns - read_ns)
@@ -170,6 +239,22 @@ cdef class ControlLoop:
                 self._freeze()
         return not self.controller.stale
 
+    cdef bint _is_loose(self) noexcept:
+        """Whether the arm may be anywhere, so that it is commanded to be where it is."""
+        return self.controller.drives_off or self.controller.enabling
+
+    def _miss_beat(self):
+        """Nobody takes what is commanded: it waits, for a while, so that it goes on without a jump."""
+        self._unwritten += 1
+        if self._beatless == self._overruns_to_stop:
+            self.controller.fault(f"the robot has given no beat for {self._beatless * self._period_s:.3f} s")
+
+    def _heed_device(self):
+        """Ask the device how it is, and follow its speed override."""
+        self._device.ask()
+        if self._device.share != self.controller.clock.share:
+            self.controller.clock.scale(self._device.share)
+
     def _freeze(self):
         """Nothing that is measured has changed, as at rest, but the arm does not rest."""
         self.controller.stale = True
@@ -187,7 +272,9 @@ cdef class ControlLoop:
         return False
 
     cdef void c_write(self) except *:
-        """Command the robot."""
+        """Command the robot. One whose drives are off is told nothing, unless its packets want an answer."""
+        if self.controller.drives_off and not self._is_paced:
+            return
         if self._is_compiled and self._compiled.c_write(self.controller.safety.c_command) == 0:
             self._unwritten = 0
             return
@@ -195,6 +282,8 @@ cdef class ControlLoop:
             self._backend.write(self.controller.safety.command)
             self._unwritten = 0
         except BackendError as exc:
+            if self._is_loose():
+                return
             self._unwritten += 1
             self.controller.fault(f"writing to the robot failed: {exc}")
 

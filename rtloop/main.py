@@ -24,8 +24,9 @@ from cobot.robot.description import RobotDescription, load_robot
 from cobot.robot.load import carrying
 from cobot.robot.scene import SceneFile
 from cobot.robot.tool import Tool, ToolFile
-from rtloop.backends import Backend, BackendError, ImpedanceControlled, make_backend
+from rtloop.backends import Backend, BackendError, ImpedanceControlled, capabilities_of, make_backend
 from rtloop.clock import FastClock, RealtimeClock
+from rtloop.device_limits import device_limits, differences
 from rtloop.loop import ControlLoop
 from rtloop.realtime import Permissions, freeze_garbage, prepare
 
@@ -54,13 +55,18 @@ def main() -> int:
             print(json.dumps(asdict(prepare(rt.priority, rt.cpu, rt.cpu_latency_us))))
         elif arguments.check:
             settings = load_settings(arguments.config).of(arguments.robot)
-            make_backend(settings, load_robot(settings).limits)
+            limits = load_robot(settings).limits
+            backend = make_backend(settings, limits)
+            words = f"{settings.robot.backend.type}: {capabilities_of(backend).words}"
+            theirs = device_limits(backend, limits)
+            less = differences(limits, theirs) if theirs is not None else []
+            print(f"{words}; the device permits less than the model: {', '.join(less)}" if less else words)
         else:
             settings = load_settings(arguments.config).of(arguments.robot)
             start_logging("rtloop", settings.logging)
             _run(settings, arguments.clock)
     except (CobotError, BackendError) as exc:
-        problem = f"rt.backend: {exc}" if isinstance(exc, BackendError) else str(exc)
+        problem = f"robot.backend: {exc}" if isinstance(exc, BackendError) else str(exc)
         if asked:
             print(problem, flush=True)
         else:
@@ -85,13 +91,19 @@ def _run(settings: Settings, clock_name: str | None) -> None:
     backend = make_backend(settings, robot.limits)
     clock = FastClock(rt.period_s) if clock_name == "fast" else RealtimeClock(rt.period_s)
     loop = ControlLoop(settings, robot.model, memory, backend, clock, _recording(settings.robot.name))
-    tool = _carried(settings, robot)
-    loop.open(np.array(robot.positions[settings.robot.start_position].joints), tool)
-    loop.controller.watch_scene()
-    try:
-        _introduce(memory, rt, clock_name, _permissions(rt, clock_name))
-        _describe(memory, robot, backend)
+    granted: list[Permissions] = []
+
+    def be_punctual() -> None:
+        """What takes long comes before the device is connected, which may want its answers in time."""
+        loop.controller.watch_scene()
+        granted.append(_permissions(rt, clock_name))
         freeze_garbage()
+
+    tool = _carried(settings, robot)
+    loop.open(np.array(robot.positions[settings.robot.start_position].joints), tool, be_punctual)
+    try:
+        _introduce(memory, settings, clock_name, granted[0])
+        describe(memory, robot, backend)
         loop.run(ending)
     finally:
         loop.close()
@@ -130,20 +142,20 @@ def _permissions(rt: RtSection, clock_name: str) -> Permissions:
     return prepare(rt.priority, rt.cpu, rt.cpu_latency_us)
 
 
-def _introduce(memory: RobotMemory, rt: RtSection, clock_name: str, permissions: Permissions) -> None:
+def _introduce(memory: RobotMemory, settings: Settings, clock_name: str, permissions: Permissions) -> None:
     """Publish who this is, before the first cycle."""
     data = memory.statistics.data
     data["pid"] = os.getpid()
     data["sched_fifo"] = permissions.sched_fifo
     data["memory_locked"] = permissions.memory_locked
     data["started_ns"] = time.time_ns()
-    data["backend"] = encoded(rt.backend, 64)
+    data["backend"] = encoded(settings.robot.backend.type, 64)
     data["clock"] = encoded(clock_name, 16)
     data["permissions"] = encoded(permissions.refused, 400)
     memory.statistics.publish()
 
 
-def _describe(memory: RobotMemory, robot: RobotDescription, backend: Backend) -> None:
+def describe(memory: RobotMemory, robot: RobotDescription, backend: Backend) -> None:
     """Publish what robot this is."""
     data, limits = memory.info.data, robot.limits
     data["model"] = encoded(robot.model.name, 64)

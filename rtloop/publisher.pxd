@@ -72,7 +72,7 @@ cdef class StatePublisher:
 
 cdef class Statistics:
     cdef Block _block
-    cdef Block _info
+    cdef Block _info, _device
     cdef uint32_t* _counts  # a row of HISTOGRAM_BUCKETS for each phase
     cdef double* _max_us
     cdef uint64_t _cycles

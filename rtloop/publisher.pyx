@@ -106,7 +106,7 @@ cdef class Statistics:
     def __init__(self, memory):
         cdef Block block = memory.statistics
         self._block = block
-        self._info = memory.info
+        self._info, self._device = memory.info, memory.device
         self._counts = <uint32_t*>block.c_field("histogram")
         self._max_us = block.c_doubles("max_us")
         self._published_cycles = block.c_unsigned("cycles")
@@ -118,8 +118,8 @@ cdef class Statistics:
     def cycle_done(self):
         """Publish twice a second: the block is large, and its copy counts as compute time.
 
-        So is what robot this is, although it stays the same: what a wild writer has spoilt is mended. The two
-        are published in different cycles, for the sake of the longest one.
+        So is what robot and device this is, although it stays the same: what a wild writer has spoilt is
+        mended. They are published in different cycles, for the sake of the longest one.
         """
         self.c_cycle_done()
 
@@ -139,6 +139,8 @@ cdef class Statistics:
             self._block.c_publish()
         elif self._cycles % _statistics_cycles == _statistics_cycles // 2:
             self._info.c_publish()
+        elif self._cycles % _statistics_cycles == _statistics_cycles // 4:
+            self._device.c_publish()
 
 
 cdef int _require_layout() except -1:

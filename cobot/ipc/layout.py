@@ -11,7 +11,7 @@ from enum import IntEnum
 import numpy as np
 
 MAGIC = b"COBOTRT\0"
-LAYOUT_VERSION = 10
+LAYOUT_VERSION = 13
 RING = 32
 SLOTS = 2
 LOADED_SEGMENTS = 96
@@ -30,6 +30,7 @@ class Command(IntEnum):
     TOOL = 4  # carry the tool that stands in its block
     SCENE = 5  # read the scene's file anew, for streams
     REPLACE = 6  # go on with the trajectory in a slot, which begins as what is left of the one under way
+    ACKNOWLEDGE = 7  # somebody has seen what the first contact has found: full speed
 
 
 class Ack(IntEnum):
@@ -199,7 +200,8 @@ STATISTICS = np.dtype(
 )
 ACK = np.dtype([("id", "u8"), ("result", "u4"), ("message", TEXT)], align=True)
 HEARTBEAT = np.dtype([("pid", "u4"), ("monotonic_ns", "i8")], align=True)
-REQUESTS = np.dtype([("stops", "u8"), ("estops", "u8")], align=True)
+REQUESTS = np.dtype([("stops", "u8"), ("estops", "u8"), ("fast_stops", "u8")], align=True)
+"""fast_stops: of the stops those of category 1."""
 HEAD = np.dtype([("id", "u8")], align=True)
 COMMAND = np.dtype(
     [
@@ -235,6 +237,32 @@ SLOT = np.dtype(
     [("motion_id", "u8"), ("segments", "u8"), ("checksum", "u8"), ("fence", "f8", (7,))], align=True
 )
 """fence: as `cobot.motions.fence.Fence`; NaN: none."""
+MAX_PERIODS = 8
+DEVICE = np.dtype(
+    [
+        ("periods_s", "f8", (MAX_PERIODS,)),  # of the cycle, that it can be driven with; the others are 0
+        ("measured", "u1", (5,)),  # 1: this row of what is measured is real
+        ("able", "u1", (8,)),  # as `cobot.robot.device.FLAGS`
+        ("stops", "u1", (3,)),  # categories 0 to 2, as `cobot.ipc.device_record` counts
+        ("hardware", "u1"),
+        ("says", "u8"),  # 1: what follows is what the device says of itself
+        ("connection", "S64"),
+        ("quality", "S64"),
+        ("operation_mode", "S16"),
+        ("safety_stop", "S128"),
+        ("drives", "S64"),
+        ("brakes", "S64"),
+        ("speed_scaling", "f8"),
+        ("packets_lost", "u8"),
+        ("device_time_s", "f8"),  # NaN: it does not say
+        ("text", "S400"),
+        ("share", "f8"),  # of the speed of planned motions
+        ("unacknowledged", "S800"),  # what the first contact has found; "" when it is acknowledged
+        ("drives_off", "u1"),  # 1: by a stop of category 1, until a reset
+    ],
+    align=True,
+)
+"""As `cobot.ipc.device_record.Device`."""
 INFO_TEXT = "S64"
 
 

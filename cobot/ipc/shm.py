@@ -14,6 +14,7 @@ A file in /dev/shm, made by the supervisor, mapped by rtloop and by the service:
     tool        the service writes: what a TOOL command is about
     slots       the service writes: two trajectories
     info        rtloop writes, at its start and with a new tool: what robot this is
+    device      rtloop writes, some times a second: what the device can do and how it is
     session_ack rtloop writes: its answer to a session
     session, setpoint, chunk, stream_requests   the streaming client writes
     point_head, points  the streaming client writes: a ring of servo points; what rtloop has not read is
@@ -43,6 +44,7 @@ from cobot.errors import ConflictError, InputError, LayoutError, SharedMemoryErr
 from cobot.ipc.layout import (
     ACK,
     COMMAND,
+    DEVICE,
     HEAD,
     HEADER,
     HEARTBEAT,
@@ -172,6 +174,7 @@ class RobotMemory:
         self._next_page()
         self.slots = [self._slot(capacity) for _ in range(SLOTS)]
         self.info = self._block(info_dtype(self.dof), "robot information")
+        self.device = self._block(DEVICE, "device")
         self.session_ack = self._block(SESSION_ACK, "session acknowledgement")
         self._next_page()
         self.session = self._block(session_dtype(self.dof), "session")
@@ -414,6 +417,7 @@ def _file_size(dof: int, capacity: int) -> int:
         sum(Block.size(dtype(dof)) for dtype in dtypes)
         + Block.size(STATISTICS)
         + Block.size(TOOL)
+        + Block.size(DEVICE)
         + RING * (Block.size(ACK) + Block.size(COMMAND) + 128)
         + POINTS * (Block.size(point_dtype(dof)) + 64)
     )

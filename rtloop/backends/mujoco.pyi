@@ -1,6 +1,9 @@
+from typing import ClassVar
+
 import mujoco
 
 from cobot.config import Settings
+from cobot.robot.device import Capabilities
 from cobot.robot.tool import Tool
 from cobot.types import Array, JointLimits
 from rtloop.backends import Impedance, Measured
@@ -20,6 +23,7 @@ class MujocoBackend(CompiledBackend):
         not_finite: whether the torque sensors report no number.
     """
 
+    capabilities: ClassVar[Capabilities]
     nominal_stiffness: Array
     nominal_cartesian_stiffness: Array
     fail_read: str

@@ -23,6 +23,7 @@ from rtloop.backends.compiled cimport MEASURED_ROWS, CompiledBackend, Measured
 from rtloop.backends.observer cimport Observer
 from rtloop.backends.springs cimport Springs
 
+from cobot.robot.device import Capabilities
 from cobot.robot.model import RobotModel
 from cobot.robot.tool import BARE
 from rtloop.backends import BackendError
@@ -41,6 +42,8 @@ cdef double TRANSITION_S = 0.1
 
 
 cdef class MujocoBackend(CompiledBackend):
+    capabilities = Capabilities(impedance=True, freedrive=True, payload=True)
+
     def __init__(self, settings: object, limits: object) -> None:
         cdef int i, dof = checked_dof(limits.dof)
         names = settings.robot

@@ -6,6 +6,7 @@ from rtloop.inboxes.stream cimport Inbox
 cdef enum Request:  # bits of what `c_poll_requests` returns
     STOP = 1
     ESTOP = 2
+    FAST = 4
 
 
 cdef class CommandInbox:
@@ -27,6 +28,8 @@ cdef class CommandInbox:
     cdef uint64_t _service_estops
     cdef uint64_t* _counted_stops
     cdef uint64_t* _counted_estops
+    cdef uint64_t* _counted_fast
+    cdef uint64_t _fast  # stops of category 1
     cdef int64_t* _beat
     cdef uint64_t* _newest_id
 

@@ -34,6 +34,7 @@ cdef class CommandInbox:
         self._acks = memory.acks
         self._counted_stops = self._requests.block.c_unsigned("stops")
         self._counted_estops = self._requests.block.c_unsigned("estops")
+        self._counted_fast = self._requests.block.c_unsigned("fast_stops")
         self._beat = self._heartbeat.block.c_signed("monotonic_ns")
         self._newest_id = self._head.block.c_unsigned("id")
         last = memory.state.data
@@ -41,6 +42,7 @@ cdef class CommandInbox:
         self.estops = int(last["estops_seen"])
         self.command_seen = int(last["command_seen"])
         self._torn = int(last["torn_reads"])
+        self._fast = self._counted_fast[0] if self._requests.block.c_try_read() else 0
         self._outside_stops, self._outside_estops = memory.outside_stops, memory.outside_estops
         # Until the service's can be read: as if it had asked for nothing new.
         self._service_stops = self.stops - self._outside_stops.c_value()
@@ -96,6 +98,9 @@ cdef class CommandInbox:
         cdef uint64_t stops, estops
         if self._requests.c_changed():
             self._service_stops, self._service_estops = self._counted_stops[0], self._counted_estops[0]
+            if self._counted_fast[0] != self._fast:
+                self._fast = self._counted_fast[0]
+                asked |= FAST
         stops = self._service_stops + self._outside_stops.c_value()
         estops = self._service_estops + self._outside_estops.c_value()
         if stops != self.stops:

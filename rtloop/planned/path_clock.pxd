@@ -5,7 +5,8 @@ from rtloop.planned.path cimport Path
 
 
 cdef class PathClock:
-    cdef readonly double path_time_s, rate, rate_slope, target_rate
+    cdef readonly double path_time_s, rate, rate_slope, target_rate, share
+    cdef double asked_rate  # before the share
     cdef int dof
     cdef double period_s, patience_s
     cdef Rates rates
@@ -22,6 +23,7 @@ cdef class PathClock:
     cdef double c_committed_s(self) noexcept nogil
     cdef void c_shift(self, double offset_s) noexcept nogil
     cdef void c_request(self, double rate) noexcept nogil
+    cdef void c_scale(self, double share) noexcept nogil
     cdef void c_advance(self, Path path) noexcept nogil
     cdef void _try_rung(self, Path path) noexcept nogil
     cdef void _try_sooner(self, Path path) noexcept nogil

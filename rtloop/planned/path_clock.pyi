@@ -9,7 +9,8 @@ class PathClock:
     Attributes:
         path_time_s: how far the arm is along its motion.
         rate, rate_slope: its first and second derivative, 1 and 1/s.
-        target_rate: what was requested last.
+        target_rate: what it goes over to: what was requested last, times the share.
+        share: what the device permits of all rates, from 0 to 1.
     """
 
     @property
@@ -20,13 +21,15 @@ class PathClock:
     def rate_slope(self) -> float: ...
     @property
     def target_rate(self) -> float: ...
+    @property
+    def share(self) -> float: ...
     def __init__(self, limits: JointLimits, period_s: float) -> None:
         """
         Raises:
             InputError: too many joints.
         """
     def reset(self) -> None:
-        """Back to the beginning of a path, at full rate."""
+        """Back to the beginning of a path, at full rate: of that what the device permits."""
     def shift(self, offset_s: float) -> None:
         """Be at the same place on a path that has begun so much later."""
     @property
@@ -45,5 +48,7 @@ class PathClock:
         """
     def request(self, rate: float) -> None:
         """Go over to another rate, as soon and as fast as the joints permit."""
+    def scale(self, share: float) -> None:
+        """Have all rates be so much of what is asked for, now and from every reset on."""
     def advance(self, path: Path) -> None:
         """One period on."""

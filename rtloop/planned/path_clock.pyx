@@ -50,6 +50,7 @@ cdef class PathClock:
             braking_s = self.rates.velocity[joint] / self.rates.acceleration[joint]
             braking_s += self.rates.acceleration[joint] / self.rates.jerk[joint]
             self.patience_s = fmax(self.patience_s, braking_s)
+        self.share = 1.0
         self.c_reset()
 
     def reset(self):
@@ -57,6 +58,9 @@ cdef class PathClock:
 
     def request(self, double rate):
         self.c_request(rate)
+
+    def scale(self, double share):
+        self.c_scale(share)
 
     def advance(self, Path path not None):
         if path.dof != self.dof:
@@ -83,8 +87,9 @@ cdef class PathClock:
         return self.c_stuck()
 
     cdef void c_reset(self) noexcept nogil:
-        """Back to the beginning of a path, at full rate."""
-        self.path_time_s, self.rate, self.rate_slope, self.target_rate = 0.0, 1.0, 0.0, 1.0
+        """Back to the beginning of a path, at full rate: of that what the device permits."""
+        self.asked_rate = 1.0
+        self.path_time_s, self.rate, self.rate_slope, self.target_rate = 0.0, self.share, 0.0, self.share
         self.profile_s = -1.0
         self.pending = False
         self.rung = 0
@@ -120,11 +125,18 @@ cdef class PathClock:
 
     cdef void c_request(self, double rate) noexcept nogil:
         """Go over to another rate, as soon and as fast as the joints permit."""
+        self.asked_rate = rate
+        rate *= self.share
         if rate != self.target_rate:
             self.target_rate = rate
             self.pending = True
             self.rung = 0
             self.waited_s = 0.0
+
+    cdef void c_scale(self, double share) noexcept nogil:
+        """Have all rates be so much of what is asked for."""
+        self.share = share
+        self.c_request(self.asked_rate)
 
     cdef void c_advance(self, Path path) noexcept nogil:
         """One period on."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from cobot.ipc.layout import Ack, Interpolation, Intervention, ServoMode, Stream
 from cobot.types import CartesianLimits, LoopMode
-from rtloop.backends import Impedance, ImpedanceControlled
+from rtloop.backends import BackendError, Impedance, ImpedanceControlled
 from rtloop.sources.cartesian import CartesianSource
 from rtloop.sources.joint import JointSource
 from rtloop.sources.servo_force import ForceServo
@@ -127,18 +127,30 @@ cdef class Session:
             refusal = "a stop was requested meanwhile"
         refusal = refusal or session_refusal(request, self._backend)
         refusal = refusal or self._client.begin(int(request["pid"]))
-        if not refusal:
-            self._begin(request, command)
+        refusal = refusal or self._begun(request, command)
         self.box.answer(Ack.REJECTED if refusal else Ack.ACCEPTED, refusal)
         return refusal
 
     def close(self):
-        """The arm is at rest and position-controlled again."""
+        """The arm is at rest, and to be position-controlled again; "" or why the robot is not."""
         self.session = 0
         self._client.end()
         self._safety.use(self._limits)
-        if isinstance(self._backend, ImpedanceControlled):
-            self._backend.set_impedance(None)
+        try:
+            if isinstance(self._backend, ImpedanceControlled):
+                self._backend.set_impedance(None)
+        except BackendError as exc:
+            return f"the robot cannot be held at its position: {exc}"
+        return ""
+
+    def _begun(self, request, command):
+        """Begin it; why that cannot be, "" if it can: a robot may refuse another impedance."""
+        try:
+            self._begin(request, command)
+        except BackendError as exc:
+            self._client.end()
+            return f"the robot cannot give way: {exc}"
+        return ""
 
     def _begin(self, request, command):
         stream = Stream(int(request["stream"]))

@@ -9,6 +9,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from laws.quaternions import cross
 from laws.target_checks import (
     ANGULAR_VELOCITY,
     LINEAR_VELOCITY,
@@ -190,15 +191,15 @@ class CartesianSource:
         mujoco.mju_quat2Mat(turn, orientation)
         axes = turn.reshape(3, 3)  # of the force frame in the base frame: the columns
         force, moment = wrench.reshape(2, 3)
-        met = np.array([force, moment - np.cross(lever, force)]) @ axes
+        met = np.array([force, moment - cross(lever, force)]) @ axes
         missing = self._wrench + met.ravel()  # the TCP exerts the opposite of what it meets
         velocity = np.clip(self._force_gain * missing, -self._force_velocity, self._force_velocity)
         smooth = _filtered(self._force_pull, velocity, self._period_s / FORCE_FILTER_S)
         linear, angular = error.reshape(2, 3)
-        in_frame = np.array([linear - np.cross(lever, angular), angular]) @ axes
+        in_frame = np.array([linear - cross(lever, angular), angular]) @ axes
         in_frame = np.where(self._axes, self._period_s * smooth, in_frame.ravel()).reshape(2, 3)
         linear, angular = in_frame @ axes.T
-        return np.concatenate([linear + np.cross(lever, angular), angular])
+        return np.concatenate([linear + cross(lever, angular), angular])
 
 
 class ForceServo(CartesianSource):

@@ -7,6 +7,7 @@ zero Ruckig itself makes profiles that are off by its tolerances, and here there
 from __future__ import annotations
 
 import numpy as np
+from laws.quaternions import cross
 
 from cobot.robot.quaternion import between, exp, normalised, product
 from cobot.types import Array, CartesianLimits
@@ -132,7 +133,7 @@ def _axes(direction: Array, velocity: Array) -> Array:
         least = np.argmin(np.abs(along))
         across = np.eye(3)[least] - along[least] * along
     across = across / np.linalg.norm(across)
-    return np.array([along, across, np.cross(along, across)])
+    return np.array([along, across, cross(along, across)])
 
 
 def _way(start: Array, end: Array) -> Array:

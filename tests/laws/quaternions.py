@@ -31,7 +31,7 @@ def normalised(q: Array) -> Array:
 
 
 def cross(a: Array, b: Array) -> Array:
-    return np.cross(a, b, axis=0)
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 def exp(r: Array) -> Array:

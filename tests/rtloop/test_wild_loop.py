@@ -24,7 +24,7 @@ LIMIT_S = 280.0
     [
         (90_000, 1, "between", "loopback"),
         (80_000, 2, "between", "loopback"),
-        (15_000, 5, "between", "simulated"),
+        (30_000, 5, "between", "simulated"),
         (20_000, 4, "beside", "loopback"),
     ],
 )

@@ -20,7 +20,7 @@ from rtloop.backends.mujoco import MujocoBackend
 from rtloop.backends.springs import Springs
 
 EACH = 10
-POSTURES = samples(10_000)
+POSTURES = samples(2_000)
 STATES = POSTURES * EACH
 SHARE = 1e-12
 
@@ -50,8 +50,8 @@ class Recorded:
 
 @pytest.fixture(scope="module")
 def cycles(settings: Settings, robot: RobotDescription) -> tuple[Recorded, Array, Array, Array]:
-    """100,000 cycles in position control, each from another state: what was recorded, the states (2, n, dof),
-    the commands (n, 3, dof) and the inertia of each joint where the arm was opened.
+    """20,000 cycles of all joints in position control, each from another state: what was recorded, the
+    states (2, n, dof), the commands (n, 3, dof) and the inertia of each joint where the arm was opened.
     """
     dof, home = robot.limits.dof, np.array(robot.positions["home"].joints)
     random = np.random.default_rng(1)

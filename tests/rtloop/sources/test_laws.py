@@ -18,6 +18,7 @@ from laws import servo_law as law
 from laws import servo_modes as servo_law
 from laws import target_checks as check_law
 from laws import torque as torque_law
+from laws.comparison import close
 from laws.servo_through_points import ThroughPoints as ThroughPointsLaw
 from running import unique_name
 from samples import samples
@@ -45,7 +46,6 @@ from rtloop.sources.target_checks import angular_distance, cartesian_jump, joint
 from rtloop.sources.torque import TorqueSource
 
 PERIOD_S = 1e-3
-EXACT = 1e-12
 PROFILED = 1e-9
 """Where a time-optimal profile of a state that carries rounding lies inside."""
 SAMPLES = samples(100_000)
@@ -53,11 +53,6 @@ RATES = np.array([[1.0], [1.0 / PERIOD_S], [1.0 / PERIOD_S**2]])
 """A rounding of a position, in a velocity and an acceleration that are its differences."""
 TCP = CartesianLimits(0.5, 2.0, 20.0, 1.0, 5.0, 40.0)
 WITHIN = (0.5, 2.0, 20.0, 1.0, 5.0, 40.0)
-
-
-def close(found: Array, expected: Array, scale: Array | float, tolerance: float = EXACT) -> None:
-    off, most = np.broadcast_arrays(np.abs(found - expected), tolerance * np.asarray(scale))
-    assert (off <= most).all(), f"off by {(off / most).max():.3g} times the tolerance"
 
 
 def record(dtype: np.dtype) -> Block:

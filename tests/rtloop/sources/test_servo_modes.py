@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 from rig import Rig
-from scipy import linalg, signal
+from scipy import linalg
 
 from cobot.config import Settings
 from cobot.ipc.layout import POINTS, ServoMode, Stream
@@ -421,6 +421,8 @@ def test_the_law_is_that_of_its_transfer_function(lookahead_s: float, gain: floa
     for value in target:
         law.follow(np.array([[value], [0.0], [0.0]]))
         positions.append(law.reference[0, 0])
+    from scipy import signal  # takes half a second, in which whoever collects the tests would wait
+
     system = signal.cont2discrete(signal.tf2ss([gain], [1.0, gain * lookahead_s, gain]), 1e-3, method="zoh")
     _, wanted, _ = signal.dlsim(system, np.append(target, target[-1]))
     np.testing.assert_allclose(positions, wanted[1:, 0], atol=1e-9)

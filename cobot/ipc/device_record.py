@@ -1,0 +1,105 @@
+"""The device in shared memory: what it can do, and how it is."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from cobot.ipc.layout import MAX_PERIODS, text
+from cobot.robot.device import (
+    FLAGS,
+    MEASURED_NAMES,
+    STATUS_WORDS,
+    STOP_CATEGORIES,
+    Capabilities,
+    DeviceStatus,
+)
+
+UNABLE, DOES, CONFIRMS = range(3)
+"""Of a stop category: the device cannot, cobot has it do it, it says itself that it has."""
+
+
+@dataclass(frozen=True, slots=True)
+class Device:
+    """What rtloop tells of the device that it drives.
+
+    Attributes:
+        status: None for a device that says nothing of itself.
+        share: of the speed of planned motions that it moves with now, from 0 to 1.
+        unacknowledged: why it moves slowly until somebody acknowledges, as sentences; "" when it need not.
+        drives_off: whether a stop of category 1 has switched the drives off, until a reset.
+    """
+
+    capabilities: Capabilities
+    status: DeviceStatus | None
+    share: float
+    unacknowledged: str
+    drives_off: bool
+
+    @property
+    def words(self) -> dict[str, object]:
+        """What there is to say about it at this moment, as plain JSON values."""
+        said = {} if self.status is None else asdict(self.status)
+        own = {"unacknowledged": self.unacknowledged, "drives_off": self.drives_off}
+        return {**said, "speed_share": self.share, **own}
+
+
+def fill_capabilities(record: np.ndarray, capabilities: Capabilities) -> None:
+    """Put them into a record of `cobot.ipc.layout.DEVICE`."""
+    record["periods_s"] = 0.0
+    count = min(len(capabilities.periods_s), MAX_PERIODS)
+    record["periods_s"][:count] = capabilities.periods_s[:count]
+    record["measured"] = [name in capabilities.measured for name in MEASURED_NAMES]
+    record["able"] = [getattr(capabilities, name) for name in FLAGS]
+    record["stops"] = [
+        (CONFIRMS if capabilities.stops[category] else DOES) if category in capabilities.stops else UNABLE
+        for category in STOP_CATEGORIES
+    ]
+    record["hardware"] = capabilities.hardware
+
+
+def fill_status(record: np.ndarray, status: DeviceStatus) -> None:
+    """Put it into such a record; words that are too long are cut."""
+    for name in STATUS_WORDS:
+        field = record.dtype[name]
+        record[name] = getattr(status, name).encode()[: field.itemsize].decode("utf-8", "ignore").encode()
+    record["speed_scaling"] = status.speed_scaling
+    record["packets_lost"] = status.packets_lost
+    record["device_time_s"] = np.nan if status.device_time_s is None else status.device_time_s
+    record["says"] = 1
+
+
+def device_of(record: np.ndarray) -> Device:
+    """What stands in such a record.
+
+    Raises:
+        ValueError: no such numbers can be a device's.
+    """
+    capabilities = Capabilities(
+        periods_s=tuple(float(each) for each in record["periods_s"] if each > 0.0),
+        measured=frozenset(
+            name for name, real in zip(MEASURED_NAMES, record["measured"], strict=True) if real
+        ),
+        stops=MappingProxyType(
+            {
+                category: bool(how == CONFIRMS)
+                for category, how in zip(STOP_CATEGORIES, record["stops"], strict=True)
+                if how != UNABLE
+            }
+        ),
+        hardware=bool(record["hardware"]),
+        **{name: bool(able) for name, able in zip(FLAGS, record["able"], strict=True)},
+    )
+    status = None
+    if record["says"]:
+        device_time_s = float(record["device_time_s"])
+        status = DeviceStatus(
+            speed_scaling=float(record["speed_scaling"]),
+            packets_lost=int(record["packets_lost"]),
+            device_time_s=None if np.isnan(device_time_s) else device_time_s,
+            **{name: text(record[name]) for name in STATUS_WORDS},
+        )
+    unacknowledged, off = text(record["unacknowledged"]), bool(record["drives_off"])
+    return Device(capabilities, status, float(record["share"]), unacknowledged, off)

@@ -1,0 +1,79 @@
+"""Which backends there are: those that ship with cobot, and those that any installed package declares."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from importlib.metadata import entry_points
+from typing import Any
+
+from cobot.config import Settings
+from cobot.errors import ConfigError
+from cobot.types import JointLimits
+from rtloop.backends.protocols import Backend, BackendError, NoOptions, capabilities_of
+from rtloop.backends.trajectory_driver import as_backend
+
+GROUP = "cobot.backends"
+SHIPPED = {
+    "franka": "rtloop.backends.franka:FrankaBackend",
+    "mujoco": "rtloop.backends.mujoco:MujocoBackend",
+    "fri": "rtloop.backends.fri:FriBackend",
+}
+"""Also entry points of cobot itself; here they are found in a source tree that is not installed, too."""
+
+
+def backend_names() -> dict[str, str]:
+    """The names that `robot.backend` may have, each with where its class is."""
+    found = {each.name: each.value for each in entry_points(group=GROUP)}
+    return {**found, **SHIPPED}
+
+
+def backend_class(name: str) -> Callable[..., Backend]:
+    """The class of a name, or of "package.module:Class".
+
+    Raises:
+        ConfigError: there is none, with the valid names.
+    """
+    names = backend_names()
+    module, _, attribute = names.get(name, name).partition(":")
+    if not attribute:
+        raise ConfigError(
+            f"robot.backend: there is no {name!r}; valid are: {', '.join(sorted(names))}, or "
+            "package.module:Class"
+        )
+    try:
+        kind: Any = importlib.import_module(module)
+        for part in attribute.split("."):
+            kind = getattr(kind, part)
+    except Exception as exc:  # somebody else's module may raise anything
+        raise _unloadable(name, exc) from exc
+    if not callable(kind):
+        raise ConfigError(f"robot.backend: cannot load {name!r}: {attribute} is no class")
+    made: Callable[..., Backend] = kind
+    return made
+
+
+def make_backend(settings: Settings, limits: JointLimits) -> Backend:
+    """The backend that `robot.backend` names.
+
+    Raises:
+        ConfigError: there is no such class, it has no such options, it cannot be driven with this period, or
+            it cannot be made.
+        BackendError: its own reason.
+    """
+    name = settings.robot.backend.type
+    kind = backend_class(name)
+    settings.backend_options(getattr(kind, "Options", NoOptions))
+    refusal = capabilities_of(kind).period_refusal(settings.rt.period_s)
+    if refusal:
+        raise ConfigError(f"robot.backend: {name}: {refusal}")
+    try:
+        return as_backend(kind(settings, limits), limits.dof, settings.rt.period_s)
+    except (BackendError, ConfigError):
+        raise
+    except Exception as exc:  # somebody else's class may raise anything
+        raise _unloadable(name, exc) from exc
+
+
+def _unloadable(name: str, exc: Exception) -> ConfigError:
+    return ConfigError(f"robot.backend: cannot load {name!r}: {type(exc).__name__}: {exc}")

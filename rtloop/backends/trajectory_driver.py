@@ -1,0 +1,287 @@
+"""A device that takes whole motions, driven as a `Backend`: rtloop's cycle never waits for it.
+
+A thread asks it where the arm is and how far along its motion, some times a second, and hands motions and
+stops over between two of these. What the cycle reads is what was said last.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+
+from cobot.robot.device import DeviceStatus
+from cobot.robot.tool import Tool
+from cobot.trajectory import Trajectory
+from cobot.types import Array
+from rtloop.backends.compiled import Measured
+from rtloop.backends.protocols import (
+    Backend,
+    BackendError,
+    CarriesTool,
+    Reporting,
+    TrajectoryDevice,
+    capabilities_of,
+)
+
+STATE_PERIOD_S, POINT_PERIOD_S = 0.05, 0.02
+"""Of a device that says nothing else."""
+SILENCE_S = 2.0
+"""Without an answer for so long it is not there any more."""
+REST_S, REST_RAD = 3.0, 1e-4
+"""So long an arm that still moves when it is opened may take to rest: to move less between two looks."""
+FROZEN_ASKED = 5
+"""So often in a row nothing that is measured may change while it says that it moves on."""
+FROZEN_RAD = 1e-3
+END_S = 1e-9
+
+
+def as_backend(made: object, dof: int, period_s: float, *, threaded: bool = True) -> Backend:
+    """What was made, or the driver of a device that takes whole motions."""
+    if isinstance(made, TrajectoryDevice):
+        return TrajectoryDriver(made, dof, period_s, threaded=threaded)
+    return cast(Backend, made)
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """What the device has said at one moment.
+
+    Attributes:
+        values: as `Measured.values`.
+        motion: the number of the motion that `done_s` is about, in that path's time.
+        halted: whether it has been told to come to rest before.
+        problem: why it has said nothing; "" if it has.
+        time_s: when, by this computer's clock.
+    """
+
+    values: Array
+    motion: int = 0
+    done_s: float = 0.0
+    halted: bool = False
+    problem: str = ""
+    time_s: float = 0.0
+
+
+class Motion:
+    """A path that the device is given, so much slower as `share` says."""
+
+    def __init__(self, number: int, breakpoints_s: Array, coefficients: Array, share: float) -> None:
+        self.number = number
+        self._parts, self._share = (breakpoints_s, coefficients), share
+        self.duration_s = float(breakpoints_s[-1])
+
+    def points(self, period_s: float) -> tuple[Array, Array]:
+        """Times, shape (n,), and position, velocity and acceleration then, shape (3, n, dof)."""
+        slowed = Trajectory(*self._parts).stretched(1.0 / self._share)
+        times_s = np.linspace(0.0, slowed.duration_s, 2 + int(slowed.duration_s / period_s))
+        return times_s, np.array([slowed.sample(times_s, order) for order in range(3)])
+
+    def position(self, done_s: float) -> Array:
+        return np.asarray(Trajectory(*self._parts).sample([done_s])[0])
+
+    def done_s(self, progress_s: float) -> float:
+        done_s = progress_s * self._share
+        return self.duration_s if done_s >= self.duration_s - END_S else max(done_s, 0.0)
+
+
+class TrajectoryDriver:
+    """A `Backend` that `MovesByItself`, and what else its device is.
+
+    Attributes:
+        device: what is driven.
+    """
+
+    def __init__(self, device: TrajectoryDevice, dof: int, period_s: float, *, threaded: bool = True) -> None:
+        """threaded: else the cycle asks the device itself, in robot time: for the contract."""
+        self.device, self._dof, self._period_s = device, dof, period_s
+        self._state_period_s = float(getattr(device, "state_period_s", STATE_PERIOD_S))
+        self._point_period_s = float(getattr(device, "point_period_s", POINT_PERIOD_S))
+        self.capabilities = capabilities_of(device)
+        self.limits = getattr(device, "limits", None)
+        if isinstance(device, Reporting):
+            self.status: Callable[[], DeviceStatus] = lambda: self._status
+        if isinstance(device, CarriesTool):
+            self.set_tool: Callable[[Tool], None] = self._set_tool
+        self._status = DeviceStatus(connection="not connected")
+        self._turn = threading.RLock()  # who has it calls the device
+        self._wake = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._threaded, self._ending = threaded, False
+        self._said = self._read = Said(np.zeros(0))
+        self._motion: Motion | None = None
+        self._number = 0
+        self._loaded = 0  # the number of the motion that the device has
+        self._halting = self._halted = False
+        self._refused = ""
+        self._same, self._same_at = 0, np.zeros(dof)
+        self._cycles = 0
+
+    # Backend
+
+    def open(self, initial_position: Array) -> None:
+        with self._turn:
+            self.device.open(initial_position)
+            self.device.stop()  # an rtloop that has died may have left it moving
+            self._ask()
+            self._await_rest()
+        self.require()
+        if self._threaded:
+            self._ending = False
+            self._thread = threading.Thread(target=self._keep_asking, name="device", daemon=True)
+            self._thread.start()
+
+    def enable(self) -> None:
+        with self._turn:
+            self.device.enable()
+            self._refused = ""
+            self._ask()
+        self.require()
+
+    def read(self, measured: Measured) -> None:
+        if not self._threaded:
+            self._cycles += 1
+            if self._cycles * self._period_s >= self._state_period_s:
+                self._cycles = 0
+                self._ask()
+        self.require()
+        self._read = self._said
+        measured.values[:] = self._read.values
+
+    def write(self, command: Array) -> None:
+        """The device has the whole motion."""
+
+    def disable(self) -> None:
+        with self._turn:
+            self.device.disable()
+
+    def close(self) -> None:
+        self._ending = True
+        self._wake.set()
+        if self._thread is not None:
+            self._thread.join(SILENCE_S)
+        self.device.close()
+
+    # MovesByItself
+
+    def begin(self, breakpoints_s: Array, coefficients: Array, share: float) -> None:
+        self._number += 1
+        self._halting = self._halted = False
+        self._motion = Motion(self._number, breakpoints_s, coefficients, share)
+        self._wake.set()
+
+    def done_s(self) -> float:
+        return self._read.done_s if self._read.motion == self._number else 0.0
+
+    def halt(self) -> None:
+        self._halting = True
+        self._wake.set()
+
+    def is_halted(self) -> bool:
+        return self._said.halted
+
+    # Its own
+
+    def require(self) -> None:
+        """
+        Raises:
+            BackendError: nobody knows how the device is now, with why.
+        """
+        said = self._said
+        refused = "" if said.halted else self._refused
+        if said.problem or refused:
+            raise BackendError(said.problem or refused)
+        silence_s = time.monotonic() - said.time_s
+        if self._threaded and silence_s > SILENCE_S + self._state_period_s:
+            raise BackendError(f"the device has not answered for {silence_s:.1f} s")
+
+    def _await_rest(self) -> None:
+        for _ in range(round(REST_S / self._state_period_s)):
+            before = self._said
+            if self._threaded:
+                time.sleep(self._state_period_s)
+            self._ask()
+            if self._said.problem or before.problem:
+                return
+            moved = np.abs(self._said.values - before.values)[: self._dof]
+            if not moved.max() > REST_RAD:
+                return
+
+    def _set_tool(self, tool: Tool) -> None:
+        with self._turn:
+            cast(CarriesTool, self.device).set_tool(tool)
+
+    def _keep_asking(self) -> None:
+        while not self._ending:
+            self._wake.wait(self._state_period_s)
+            self._wake.clear()
+            with self._turn:
+                if not self._ending:
+                    self._ask()
+
+    def _ask(self) -> None:
+        """A turn: what was asked for is passed on, and the device says how it is."""
+        found = Measured(self._dof)
+        for name in self.capabilities.measured:
+            getattr(found, name)[:] = np.nan  # what is not filled in shall be seen
+        done_s, problem = self._said.done_s, ""
+        try:
+            self._pass_on()
+            self.device.state(found)
+            if self._motion is not None and self._loaded == self._motion.number:
+                done_s = self._motion.done_s(self.device.progress())
+        except BackendError as exc:
+            problem = str(exc)
+        except Exception as exc:  # noqa: BLE001 - somebody else's class may raise anything
+            problem = f"{type(exc).__name__}: {exc}"
+        self._ask_status()
+        if not problem:
+            self._find_velocity(found)
+            problem = self._frozen(found, done_s)
+        now_s = time.monotonic()
+        self._said = Said(found.values.copy(), self._loaded, done_s, self._halted, problem, now_s)
+
+    def _ask_status(self) -> None:
+        if isinstance(self.device, Reporting):
+            try:
+                self._status = self.device.status()
+            except Exception as exc:  # noqa: BLE001 - the same
+                self._status = DeviceStatus(text=str(exc))
+
+    def _pass_on(self) -> None:
+        motion = self._motion
+        if self._halting:
+            self._halted = True  # from here on what is measured counts, wherever the path leads
+            self.device.stop()
+            self._halting = False
+        elif motion is not None and not self._halted and self._loaded != motion.number:
+            self._loaded, self._same = motion.number, 0
+            try:
+                self.device.load(*motion.points(self._point_period_s))
+                self.device.start()
+            except Exception as exc:
+                self._refused = f"the device does not take the motion: {exc}"
+                raise BackendError(self._refused) from exc
+
+    def _find_velocity(self, found: Measured) -> None:
+        """Of a device that does not measure it."""
+        before = self._said
+        if "velocity" not in self.capabilities.measured and before.values.size and not before.problem:
+            was = before.values.reshape(-1)[: self._dof]
+            found.velocity[:] = (found.position - was) / self._state_period_s
+
+    def _frozen(self, found: Measured, done_s: float) -> str:
+        """Why what it says cannot be true; "" if it can."""
+        motion, before = self._motion, self._said
+        if not (before.values.size and np.array_equal(found.values, before.values)):
+            self._same = 0
+        elif self._same < FROZEN_ASKED and motion is not None and not self._halted:
+            there = motion.position(done_s)
+            if np.abs(there - self._same_at).max() > FROZEN_RAD:
+                self._same += 1
+                self._same_at = there
+        return "the device reports the same values although it moves" if self._same >= FROZEN_ASKED else ""

@@ -1,0 +1,99 @@
+"""`cobot backend`: list, new, test."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from cobot.config import load_settings
+from cobot.errors import CobotError
+from cobot.launch.process import in_words
+from rtloop.backends import BackendError
+from rtloop.contract.listing import listed
+from rtloop.contract.new_backend import write_backend
+from rtloop.contract.suite import CHECKS, Result, Verdict, cell_for, examined
+
+EXIT_OK, EXIT_FAILED = 0, 1
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit status: 0 good, 1 a check has failed or cannot be run."""
+    chosen = _parser().parse_args(arguments)
+    commands = {"list": _list, "new": _new, "test": _test}
+    try:
+        return in_words(lambda: commands[chosen.command](chosen))
+    except (CobotError, BackendError) as exc:
+        print(f"cobot: {exc}", file=sys.stderr)
+        return EXIT_FAILED
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        "cobot backend", description="What drives a robot: docs/your-backend.md."
+    )
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    shown = commands.add_parser("list", help="which there are, what each can do, and whether it works here")
+    shown.add_argument("--json", action="store_true", help="as a list of objects, for programs")
+    new = commands.add_parser("new", help="write a package with a backend that works, for a toy device")
+    new.add_argument("name", metavar="NAME", help="as in robot.backend, such as my_arm")
+    new.add_argument("--dir", type=Path, default=Path(), metavar="DIR", help="in which its folder is made")
+    new.add_argument("--trajectory", action="store_true", help="for a device that takes whole motions")
+    test = commands.add_parser("test", help="run the contract on a backend and its simulated device")
+    test.add_argument("name", metavar="NAME", help="one of `list`, or package.module:Class")
+    test.add_argument("--config", type=Path, metavar="FILE", help="settings with the arm and its options")
+    test.add_argument("--realtime", action="store_true", help="durations count, too")
+    test.add_argument("--only", nargs="+", choices=list(CHECKS), metavar="CHECK", help="instead of all")
+    test.add_argument("--json", action="store_true", help="as a list of objects, for programs")
+    return parser
+
+
+def _list(chosen: argparse.Namespace) -> int:
+    backends = listed()
+    if chosen.json:
+        print(json.dumps([each.as_dict() for each in backends], indent=2))
+        return EXIT_OK
+    for each in backends:
+        print(f"{each.name}  ({each.origin}, {each.place})")
+        for line in (each.capabilities, each.problem and f"cannot be used here: {each.problem}"):
+            if line:
+                print(f"    {line}")
+        print(f"    the contract is run on: {each.contract}")
+    return EXIT_OK
+
+
+def _new(chosen: argparse.Namespace) -> int:
+    folder = write_backend(chosen.name, chosen.dir, trajectory=chosen.trajectory)
+    print(f"{folder} has been made.")
+    print(f"Then: pip install -e {folder} and cobot backend test {chosen.name}")
+    return EXIT_OK
+
+
+def _test(chosen: argparse.Namespace) -> int:
+    cell = cell_for(load_settings(chosen.config), chosen.name, realtime=chosen.realtime)
+    results = []
+    width = max(map(len, CHECKS))
+    for check in chosen.only or CHECKS:
+        result = examined(cell, check)
+        results.append(result)
+        if not chosen.json:
+            print(f"{check:{width}}  {result.verdict:10}  {result.found}", flush=True)
+    if chosen.json:
+        print(json.dumps([_as_dict(each) for each in results], indent=2))
+    else:
+        counted = ", ".join(
+            f"{sum(each.verdict is verdict for each in results)} {verdict}" for verdict in Verdict
+        )
+        print(f"{chosen.name}, every {1e3 * cell.settings.rt.period_s:g} ms: {counted}")
+    failed = any(each.verdict is Verdict.FAILED for each in results)
+    return EXIT_FAILED if failed else EXIT_OK
+
+
+def _as_dict(result: Result) -> dict[str, str]:
+    return {"check": result.check, "result": result.verdict.value, "found": result.found}
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,59 @@
+"""What the checks are about: a backend, its arm, and a device for each check."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from cobot.config import Settings
+from cobot.robot.description import RobotDescription
+from cobot.types import LoopMode
+from rtloop.contract.driver import ContractError, Driver
+from rtloop.contract.rig import rig_of
+
+REST_S = 0.2
+
+
+class NotTested(Exception):
+    """This device or its rig does not offer what a check needs; the text says what."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """What is tested.
+
+    Attributes:
+        kind: the backend's class.
+        settings: with the backend's name, its options and a period that it can be driven with.
+        robot: the arm.
+        realtime: whether durations count.
+    """
+
+    kind: Any
+    settings: Settings
+    robot: RobotDescription
+    realtime: bool = False
+
+    @contextmanager
+    def driven(self) -> Iterator[Driver]:
+        """A device and its backend, open and at rest; and closed in the end."""
+        with self.closed() as driver:
+            driver.start()
+            driver.until(
+                "the arm is held", lambda: driver.mode == LoopMode.HOLD and bool(driver.heard.commands)
+            )
+            driver.run(REST_S)
+            if driver.mode != LoopMode.HOLD:
+                raise ContractError(f"at rest the mode becomes {driver.mode.name}: {driver.reason}")
+            yield driver
+
+    @contextmanager
+    def closed(self) -> Iterator[Driver]:
+        """The same, not open yet."""
+        driver = Driver(self.settings, self.robot, rig_of(self.kind, self.settings, self.robot.limits))
+        try:
+            yield driver
+        finally:
+            driver.close()

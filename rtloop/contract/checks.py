@@ -1,0 +1,276 @@
+"""What has to hold while all is well with a device."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from cobot.config import Settings
+from cobot.errors import ConfigError
+from cobot.ipc.layout import MotionResult
+from cobot.robot.device import MEASURED_NAMES, STATUS_WORDS, DeviceStatus
+from cobot.types import Array, LoopMode
+from rtloop.backends import BackendError, Measured, Reporting, capabilities_of, make_backend
+from rtloop.contract.cell import REST_S, Cell, NotTested
+from rtloop.contract.driver import ContractError, Driver
+
+HELD_RAD = 1e-3
+"""Where a command begins beside what is measured, at the most."""
+FOLLOWED_RAD = 0.05
+"""How far the arm is from where it was told to be, at rest, at the most."""
+SLACK = 1.0 + 1e-6
+STOPPED = (MotionResult.STOPPED, MotionResult.STOPPED_ASIDE)
+MODES = ("", "T1", "T2", "AUT")
+LATE_SHARE = 0.01
+"""Of the cycles, that may take longer than their period."""
+
+
+def options(cell: Cell) -> str:
+    """An unknown option and a wrong period are refused, by name."""
+    backend = cell.settings.robot.backend
+    key = "no_such_option"
+    unknown = backend.model_copy(update={"options": {**backend.options, key: 1}})
+    robot = cell.settings.robot.model_copy(update={"backend": unknown})
+    _refused(cell, cell.settings.model_copy(update={"robot": robot}), key)
+    periods = capabilities_of(cell.kind).periods_s
+    if not periods:
+        return "an unknown option is refused; any period goes"
+    rt = cell.settings.rt.model_copy(update={"period_s": 7.7 * max(periods)})
+    _refused(cell, cell.settings.model_copy(update={"rt": rt}), "rt.period_s")
+    return "an unknown option and another period are refused"
+
+
+def _refused(cell: Cell, settings: Settings, word: str) -> None:
+    try:
+        make_backend(settings, cell.robot.limits)
+    except ConfigError as exc:
+        if word in str(exc):
+            return
+        raise ContractError(f"the refusal does not name {word}: {exc}") from exc
+    raise ContractError(f"{word} is not refused")
+
+
+def calls(cell: Cell) -> str:
+    """It is opened, read, enabled, driven, disabled and closed, each without an error."""
+    with cell.driven() as driver:
+        driver.run(REST_S)
+        heard = driver.heard
+        driver.end()
+    if [heard.calls[0], *heard.calls[-2:]] != ["open", "disable", "close"]:
+        raise ContractError(f"called were {', '.join(heard.calls)}")
+    if heard.calls.index("read") > heard.calls.index("write"):
+        raise ContractError("something was written before anything was read")
+    return f"{len(heard.commands)} commands between open and close"
+
+
+def values(cell: Cell) -> str:
+    """`read` fills in what the capabilities claim, with finite values, in the arrays that it is given."""
+    rows = capabilities_of(cell.kind).measured
+    with cell.driven() as driver:
+        backend = driver.backend
+        found = Measured(cell.robot.limits.dof)
+        for name in rows:
+            getattr(found, name)[:] = np.nan
+        buffer = found.values
+        driver.step()
+        backend.read(found)
+        if found.values is not buffer:
+            raise ContractError("read has put other arrays in the place of those that it was given")
+        for name in MEASURED_NAMES:
+            if not np.isfinite(getattr(found, name)).all():
+                raise ContractError(
+                    f"{name} is claimed in capabilities.measured, and read leaves it: {found!r}"
+                )
+        if "position" not in rows:
+            raise ContractError("capabilities.measured has no position: no arm can be driven without")
+        off = np.abs(found.position - driver.heard.commands[-1][0][0])
+    joint = int(off.argmax())
+    if not off[joint] <= FOLLOWED_RAD:
+        raise ContractError(
+            f"at rest {cell.robot.limits.names[joint]} is measured {off[joint]:.3f} rad beside its command, "
+            f"{FOLLOWED_RAD} are allowed: units, signs, or the order of the joints?"
+        )
+    return ", ".join(name for name in MEASURED_NAMES if name in rows)
+
+
+def status(cell: Cell) -> str:
+    """`status` gives a whole `DeviceStatus`."""
+    with cell.driven() as driver:
+        backend = driver.backend
+        if not isinstance(backend, Reporting):
+            raise NotTested("the backend has no status()")
+        found = backend.status()
+    if not isinstance(found, DeviceStatus):
+        raise ContractError(f"status() gives a {type(found).__name__}, it has to be a DeviceStatus")
+    words = dataclasses.asdict(found)
+    wrong = [name for name in STATUS_WORDS if not isinstance(words[name], str)]
+    if wrong:
+        raise ContractError(f"status().{wrong[0]} is {words[wrong[0]]!r}, it has to be text")
+    if found.operation_mode not in MODES:
+        raise ContractError(f"status().operation_mode is {found.operation_mode!r}, it is one of {MODES}")
+    if not (math.isfinite(found.speed_scaling) and 0.0 <= found.speed_scaling <= 1.0):
+        raise ContractError(f"status().speed_scaling is {found.speed_scaling}, it is from 0 to 1")
+    return ", ".join(words[name] for name in STATUS_WORDS if words[name])
+
+
+def motion(cell: Cell) -> str:
+    """The arm follows a planned motion and arrives."""
+    with cell.driven() as driver:
+        before = driver.heard.measured.copy()
+        driver.move()
+        moved = float(np.abs(driver.heard.measured - before).max())
+    return f"up to {moved:.2f} rad"
+
+
+def stop(cell: Cell) -> str:
+    """A stop on the way brings the arm to rest, where it is held; then it goes on."""
+    with cell.driven() as driver:
+        driver.begin_move()
+        driver.run(REST_S)
+        driver.stop()
+        driver.until("the arm rests after a stop", lambda: driver.mode == LoopMode.HOLD)
+        result = driver.loop.controller.motion_result
+        if result not in STOPPED:
+            raise ContractError(f"a stopped motion ended as {result.name}: {driver.reason}")
+        off = float(np.abs(driver.heard.commands[-1][0][0] - driver.heard.measured).max())
+        if not off <= FOLLOWED_RAD:
+            raise ContractError(f"after a stop the arm is {off:.3f} rad from where it is held")
+        driver.move()
+    return "on its path" if result == MotionResult.STOPPED else "beside its path"
+
+
+def limits(cell: Cell) -> str:
+    """What is written, and what reaches the device, keeps velocity, acceleration and jerk."""
+    if capabilities_of(cell.kind).trajectories:
+        raise NotTested("the device moves by itself: its own controller keeps its limits")
+    with cell.driven() as driver:
+        written, sent = len(driver.heard.commands), len(driver.wire or ())
+        driver.move()
+        wire = driver.wire
+        shares = require_limits(
+            cell, "what is written", [each[0][0] for each in driver.heard.commands[written:]]
+        )
+        if wire is not None:
+            shares = require_limits(cell, "what the device is sent", wire[sent:])
+    said = f"{shares[0]:.2f}, {shares[1]:.2f} and {shares[2]:.2f} of velocity, acceleration and jerk"
+    return said if wire is not None else f"{said}; the rig does not say what the device is sent"
+
+
+def require_limits(cell: Cell, what: str, positions: list[Array]) -> list[float]:
+    """The greatest shares of velocity, acceleration and jerk.
+
+    Raises:
+        ContractError: one is above the limit.
+    """
+    period_s, bounds = cell.settings.rt.period_s, cell.robot.limits
+    shares = []
+    for order, name in enumerate(("velocity", "acceleration", "jerk"), start=1):
+        share = np.abs(np.diff(np.array(positions), order, axis=0)) / period_s**order
+        share = share / getattr(bounds, f"max_{name}")
+        cycle, joint = np.unravel_index(share.argmax(), share.shape)
+        if not share[cycle, joint] <= SLACK:
+            raise ContractError(
+                f"{what}: the {name} of {bounds.names[joint]} is {share[cycle, joint]:.2f} of its limit "
+                f"in cycle {cycle} of a motion"
+            )
+        shares.append(float(share[cycle, joint]))
+    return shares
+
+
+def entry(cell: Cell) -> str:
+    """The first command is what is measured, at the start and after close and open."""
+    with cell.driven() as driver:
+        require_entry(cell, driver, 0)
+        driver.move()
+        driver.end()
+        driver.start()
+        require_entry(cell, driver, 0)
+        driver.until("the arm is held", lambda: driver.mode == LoopMode.HOLD)
+        driver.run(REST_S)
+        driver.move()
+    return "at the start and when it is opened again"
+
+
+def require_entry(cell: Cell, driver: Driver, before: int) -> None:
+    """Raises ContractError: the first command after so many leads away from what is measured."""
+    command, measured = driver.first_command(before)
+    off = np.abs(command - measured)
+    joint = int(off.argmax())
+    if not off[joint] <= HELD_RAD:
+        raise ContractError(
+            f"the first command for {cell.robot.limits.names[joint]} is {off[joint]:.4f} rad beside what is "
+            f"measured, {HELD_RAD} are allowed"
+        )
+
+
+def restart(cell: Cell) -> str:
+    """Another backend takes over the device of one that was not closed: rtloop may be killed."""
+    with cell.driven() as driver:
+        driver.begin_move()
+        driver.run(REST_S)
+        driver.start()
+        require_entry(cell, driver, 0)
+        for _ in range(20):
+            if driver.mode == LoopMode.HOLD:
+                break
+            driver.reset()
+            driver.run(REST_S)
+        driver.move()
+    return "and moves"
+
+
+def refused_open(cell: Cell) -> str:
+    """A device that is not there is an error in words, and not one later."""
+    with cell.closed() as driver:
+        if "disconnect" not in driver.rig.faults:
+            raise NotTested("its rig has no fault disconnect")
+        driver.rig.inject("disconnect")
+        try:
+            driver.start()
+            driver.run(REST_S)
+        except BackendError as exc:
+            said = str(exc)
+        else:
+            said = driver.reason if driver.mode == LoopMode.FAULT else ""
+        if not said:
+            raise ContractError("it is opened, enabled and driven although nothing answers")
+        driver.end()
+        driver.rig.clear("disconnect")
+        driver.start()
+        if driver.reset():
+            raise ContractError(f"when the device is there at last: {driver.reason}")
+        driver.until("the arm is held", lambda: driver.mode == LoopMode.HOLD)
+        driver.move()
+    return said
+
+
+def punctuality(cell: Cell) -> str:
+    """Reading and writing take less than a period."""
+    if not cell.realtime:
+        raise NotTested("durations count with --realtime, on a quiet computer")
+    with cell.driven() as driver:
+        driver.move()
+        durations = np.array(driver.heard.durations_s)
+    late = float((durations > cell.settings.rt.period_s).mean())
+    said = f"p50 {1e6 * np.quantile(durations, 0.5):.0f} µs, p99 {1e6 * np.quantile(durations, 0.99):.0f} µs"
+    if late > LATE_SHARE:
+        raise ContractError(f"{said}: {100.0 * late:.1f} % of the cycles take longer than a period")
+    return said
+
+
+CHECKS: dict[str, Callable[[Cell], str]] = {
+    "options": options,
+    "calls": calls,
+    "values": values,
+    "status": status,
+    "motion": motion,
+    "stop": stop,
+    "limits": limits,
+    "entry": entry,
+    "restart": restart,
+    "device away at open": refused_open,
+    "punctuality": punctuality,
+}

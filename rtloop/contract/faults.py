@@ -1,0 +1,163 @@
+"""What has to hold when something is wrong with a device: a fault in words, then a reset, no restart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from cobot.ipc.layout import MotionResult
+from cobot.types import LoopMode
+from rtloop.backends import BackendError, Reporting
+from rtloop.contract.cell import REST_S, Cell, NotTested
+from rtloop.contract.checks import require_entry, require_limits
+from rtloop.contract.driver import ContractError, Driver
+
+ENDED = (LoopMode.FAULT, LoopMode.ESTOP)
+MEANWHILE_S = 0.4
+MOTIONS_UNDER_LOSS = 3
+
+
+def survives(fault: str, cell: Cell) -> str:
+    """Lost or overtaken packets end no motion, and no command steps over the limits."""
+    with cell.driven() as driver:
+        _require(driver, fault)
+        before = len(driver.heard.commands)
+        with driver.fault(fault):
+            for _ in range(MOTIONS_UNDER_LOSS):
+                driver.move()
+        require_limits(cell, "what is written", [each[0][0] for each in driver.heard.commands[before:]])
+        if driver.mode != LoopMode.HOLD:
+            raise ContractError(f"afterwards the mode is {driver.mode.name}: {driver.reason}")
+    return f"{MOTIONS_UNDER_LOSS} motions arrive"
+
+
+def ends(fault: str, cell: Cell, *, moving: bool) -> str:
+    """It ends what goes on, a motion or that the arm is held, with a reason, and permits no reset while it
+    lasts; then the arm goes on.
+    """
+    with cell.driven() as driver:
+        _require(driver, fault)
+        if moving:
+            driver.begin_move()
+            driver.run(REST_S)
+        with driver.fault(fault):
+            said = _ended(driver, fault)
+            _stays_so(driver, fault)
+        _recovers(cell, driver)
+    return said
+
+
+def while_stopping(fault: str, cell: Cell) -> str:
+    """The same while the arm comes to rest."""
+    with cell.driven() as driver:
+        _require(driver, fault)
+        driver.begin_move()
+        driver.run(REST_S)
+        driver.stop()
+        driver.step(2)
+        with driver.fault(fault):
+            said = _ended(driver, fault)
+        _recovers(cell, driver)
+    return said
+
+
+def twice(fault: str, cell: Cell) -> str:
+    """Again in the middle of a recovery, before and after the reset."""
+    with cell.driven() as driver:
+        _require(driver, fault)
+        with driver.fault(fault):
+            said = _ended(driver, fault)
+        driver.step(2)
+        with driver.fault(fault):
+            driver.run(MEANWHILE_S)
+            _stays_so(driver, fault)
+        _recovers(cell, driver)
+        with driver.fault(fault):
+            _ended(driver, fault)
+        _recovers(cell, driver)
+    return said
+
+
+def mode_change(cell: Cell) -> str:
+    """It is said, and ends in a fault or goes on; the arm moves again."""
+    with cell.driven() as driver:
+        _require(driver, "operation_mode")
+        backend = driver.backend
+        before = backend.status().operation_mode if isinstance(backend, Reporting) else None
+        driver.begin_move()
+        driver.run(REST_S)
+        with driver.fault("operation_mode"):
+            driver.run(MEANWHILE_S)
+            after = backend.status().operation_mode if isinstance(backend, Reporting) else None
+            if before is not None and before == after:
+                raise ContractError(f"status().operation_mode stays {before!r}")
+            if driver.mode in ENDED and not driver.reason:
+                raise ContractError(f"the mode is {driver.mode.name}, without a reason")
+            went_on = driver.mode not in ENDED
+        running = MotionResult.RUNNING
+        driver.until("a motion ends", lambda: driver.loop.controller.motion_result != running)
+        _recovers(cell, driver)
+    told = f"{before} to {after}: " if before is not None else ""
+    return f"{told}{'the motion goes on' if went_on else 'the motion ends'}"
+
+
+def _require(driver: Driver, fault: str) -> None:
+    if fault not in driver.rig.faults:
+        raise NotTested(f"its rig has no fault {fault}")
+
+
+def _ended(driver: Driver, fault: str) -> str:
+    """The reason that is given."""
+    driver.until(f"{fault} is a fault", lambda: driver.mode in ENDED)
+    if not driver.reason:
+        raise ContractError(f"{fault}: the mode is {driver.mode.name}, without a reason")
+    return driver.reason
+
+
+def _stays_so(driver: Driver, fault: str) -> None:
+    """A reset is refused while the cause is there, or the fault comes again by itself."""
+    driver.run(MEANWHILE_S)
+    written = len(driver.heard.commands)
+    try:
+        driver.reset(attempts=2)
+    except BackendError as exc:
+        raise ContractError(f"{fault}: a reset raises out of the cycle: {exc}") from exc
+    driver.run(MEANWHILE_S)
+    if driver.mode not in ENDED:
+        raise ContractError(f"{fault}: while it lasts, a reset leads to {driver.mode.name}")
+    for command, _ in driver.heard.commands[written:]:
+        if not np.isfinite(command).all():
+            raise ContractError(f"{fault}: a command is not finite")
+
+
+def _recovers(cell: Cell, driver: Driver) -> None:
+    """A reset, no jump, a motion: the backend is neither closed nor opened."""
+    driver.run(MEANWHILE_S)
+    before = len(driver.heard.commands)
+    refusal = driver.reset()
+    if refusal:
+        raise ContractError(f"its cause is gone, and a reset is refused: {refusal}")
+    driver.until("the arm is held", lambda: driver.mode == LoopMode.HOLD)
+    if driver.heard.calls.count("open") != 1:
+        raise ContractError("the device was opened again")
+    require_entry(cell, driver, max(before, len(driver.heard.commands) - 1))
+    driver.run(REST_S)
+    if driver.mode != LoopMode.HOLD:
+        raise ContractError(f"after a reset the mode becomes {driver.mode.name}: {driver.reason}")
+    driver.move()
+
+
+STOPPING = ("disconnect", "frozen", "nan", "e_stop", "protective_stop")
+RESTING = ("disconnect", "nan", "e_stop", "protective_stop")
+"""Values that stay the same are those of an arm at rest."""
+CHECKS: dict[str, Callable[[Cell], str]] = {
+    **{f"{fault} in motion": partial(ends, fault, moving=True) for fault in STOPPING},
+    **{f"{fault} at rest": partial(ends, fault, moving=False) for fault in RESTING},
+    "disconnect while stopping": partial(while_stopping, "disconnect"),
+    "disconnect while recovering": partial(twice, "disconnect"),
+    "loss": partial(survives, "loss"),
+    "reorder": partial(survives, "reorder"),
+    "operation_mode": mode_change,
+}

@@ -1,0 +1,74 @@
+"""Which backends there are, and what each is."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import asdict, dataclass
+from importlib.metadata import entry_points
+from typing import Any
+
+from cobot.errors import ConfigError
+from rtloop.backends import backend_class, backend_names, capabilities_of
+from rtloop.backends.registry import GROUP, SHIPPED
+
+
+@dataclass(frozen=True, slots=True)
+class Listed:
+    """A backend, for people.
+
+    Attributes:
+        origin: the distribution that declares it.
+        place: package.module:Class.
+        periods_s: of the cycle; empty for any.
+        capabilities: in words; "" if its class cannot be loaded.
+        contract: what `cobot backend test` drives: "simulated device", "itself" or "nothing".
+        problem: why it cannot be used here; "" if it can.
+    """
+
+    name: str
+    origin: str
+    place: str
+    periods_s: tuple[float, ...] = ()
+    capabilities: str = ""
+    contract: str = "nothing"
+    problem: str = ""
+
+    def as_dict(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+def listed() -> list[Listed]:
+    """All, by name."""
+    origins = {
+        each.name: f"{each.dist.name} {each.dist.version}" for each in entry_points(group=GROUP) if each.dist
+    }
+    return [
+        _one(name, "cobot" if name in SHIPPED else origins.get(name, "unknown"), place)
+        for name, place in sorted(backend_names().items())
+    ]
+
+
+def _one(name: str, origin: str, place: str) -> Listed:
+    try:
+        kind: Any = backend_class(name)
+    except ConfigError as exc:
+        return Listed(name, origin, place, problem=str(exc).removeprefix("robot.backend: "))
+    found = capabilities_of(kind)
+    hook = hasattr(kind, "contract_rig")
+    return Listed(
+        name,
+        origin,
+        place,
+        found.periods_s,
+        found.words,
+        "simulated device" if hook else "nothing" if found.hardware else "itself",
+        _missing(kind),
+    )
+
+
+def _missing(kind: Any) -> str:
+    """What it imports only when it is used, and is not there: a class names it as `sdk`."""
+    sdk = getattr(kind, "sdk", "")
+    if not sdk or importlib.util.find_spec(sdk) is not None:
+        return ""
+    return f"needs {sdk}, which is not installed"

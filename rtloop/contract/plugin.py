@@ -1,0 +1,54 @@
+"""The contract as tests of pytest: `-p rtloop.contract.plugin`.
+
+A test that takes `contract_check` and names a backend is run once for each check:
+
+    @pytest.mark.cobot_backend("gantry")
+    def test_contract(contract_check):
+        contract_check()
+
+What cannot be tested is skipped, with the reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import pytest
+
+from cobot.config import load_settings
+from rtloop.contract.cell import Cell
+from rtloop.contract.suite import CHECKS, Verdict, cell_for, examined
+
+MARKER = "cobot_backend"
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line("markers", f"{MARKER}(name): the backend that contract_check is about")
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    if "contract_check" in metafunc.fixturenames:
+        metafunc.parametrize("contract_check", list(CHECKS), indirect=True)
+
+
+@pytest.fixture
+def contract_check(request: pytest.FixtureRequest) -> Callable[[], None]:
+    """One check of the backend that the test's marker names."""
+    marker = request.node.get_closest_marker(MARKER)
+    if marker is None or len(marker.args) != 1:
+        raise pytest.UsageError(f'{request.node.name} needs @pytest.mark.{MARKER}("NAME")')
+
+    def check() -> None:
+        result = examined(_cell(marker.args[0]), request.param)
+        if result.verdict is Verdict.NOT_TESTED:
+            pytest.skip(result.found)
+        if result.verdict is Verdict.FAILED:
+            pytest.fail(f"{result.check}: {result.found}", pytrace=False)
+
+    return check
+
+
+@cache
+def _cell(name: str) -> Cell:
+    return cell_for(load_settings(), name)

@@ -1,0 +1,80 @@
+"""All checks of a backend, and what has come of each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+
+from cobot.config import Settings
+from cobot.errors import CobotError
+from cobot.robot.description import load_robot
+from rtloop.backends import BackendError, backend_class, capabilities_of
+from rtloop.contract import checks, faults
+from rtloop.contract.cell import Cell, NotTested
+from rtloop.contract.driver import ContractError
+from rtloop.contract.rig import rig_of
+
+CHECKS = {**checks.CHECKS, **faults.CHECKS}
+
+
+class Verdict(StrEnum):
+    PASSED = "passed"
+    FAILED = "FAILED"
+    NOT_TESTED = "not tested"
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What has come of a check: what was found, what is wrong, or what it lacks."""
+
+    check: str
+    verdict: Verdict
+    found: str
+
+
+def settings_for(settings: Settings, name: str) -> Settings:
+    """Those of a robot with this backend: with its options, if they speak of it, and a period that it has."""
+    robot, rt = settings.robot, settings.rt
+    if robot.backend.type != name:
+        backend = robot.backend.model_copy(update={"type": name, "options": {}})
+        robot = robot.model_copy(update={"backend": backend})
+    periods = capabilities_of(backend_class(name)).periods_s
+    if periods and capabilities_of(backend_class(name)).period_refusal(rt.period_s):
+        rt = rt.model_copy(update={"period_s": min(periods)})
+    return settings.model_copy(update={"robot": robot, "rt": rt})
+
+
+def cell_for(settings: Settings, name: str, *, realtime: bool = False) -> Cell:
+    """What is tested of a backend.
+
+    Raises:
+        ConfigError: there is no such backend, it would move something real, or the settings are wrong.
+    """
+    settings = settings_for(settings, name)
+    kind: Any = backend_class(name)
+    cell = Cell(kind, settings, load_robot(settings), realtime)
+    rig_of(kind, settings, cell.robot.limits)
+    return cell
+
+
+def examined(cell: Cell, check: str) -> Result:
+    """One check. A backend that raises what it must not is one that has failed."""
+    try:
+        with np.errstate(all="ignore"):  # as in rtloop: what is not finite is found by comparisons
+            return Result(check, Verdict.PASSED, CHECKS[check](cell))
+    except NotTested as exc:
+        return Result(check, Verdict.NOT_TESTED, str(exc))
+    except (ContractError, BackendError, CobotError) as exc:
+        return Result(check, Verdict.FAILED, str(exc))
+    except Exception as exc:  # noqa: BLE001 - somebody else's class may raise anything
+        return Result(check, Verdict.FAILED, f"{type(exc).__name__}: {exc}")
+
+
+def run(cell: Cell) -> Iterator[Result]:
+    """All checks, one after the other."""
+    for check in CHECKS:
+        yield examined(cell, check)

@@ -1,0 +1,95 @@
+"""What rtloop tells of the device that it drives, and how fast that lets it go."""
+
+from __future__ import annotations
+
+import logging
+import math
+
+from cobot.ipc.device_record import fill_capabilities, fill_status
+from cobot.ipc.shm import RobotMemory, encoded
+from rtloop.backends import Backend, BackendError, Reporting, capabilities_of
+
+POLL_S = 0.2
+"""So often a device is asked how it is, s."""
+FIRST_SHARE = 0.1
+"""So fast planned motions go on hardware that nobody has acknowledged."""
+
+log = logging.getLogger("cobot.rtloop")
+
+
+class DeviceWatch:
+    """Asks the device how it is, some times a second, between two cycles; remembers whether somebody has
+    acknowledged what its first contact has found, and whether its drives are off. Both outlive an rtloop.
+
+    Attributes:
+        asks: whether there is anything to ask; if not, a cycle has nothing to do here.
+        capabilities: of the device.
+        drives_off: by a stop of category 1.
+        unacknowledged: what the first contact has found; "" when somebody has acknowledged, or need not.
+    """
+
+    def __init__(self, memory: RobotMemory, backend: Backend) -> None:
+        self._block = memory.device
+        self._device = backend if isinstance(backend, Reporting) else None
+        self.asks = self._device is not None
+        self.capabilities = capabilities_of(backend)
+        record = self._block.data
+        known = self._block.sequence > 0 and self._block.try_read()
+        self.drives_off = bool(known and record["drives_off"])
+        self._acknowledged = bool(known and record["hardware"] and not record["unacknowledged"])
+        self.unacknowledged = ""
+        self._scaling = self._slowed = 1.0
+        fill_capabilities(record, self.capabilities)
+        record["says"] = 0
+        self._publish()
+
+    @property
+    def share(self) -> float:
+        """Of the speed of planned motions that the arm may go with, from 0 to 1."""
+        return self._slowed * self._scaling * (FIRST_SHARE if self.unacknowledged else 1.0)
+
+    def slow_down(self, share: float) -> None:
+        """Have all planned motions go so much slower, as the device's own limits ask for."""
+        self._slowed = share
+        self._publish()
+
+    def meet(self, found: str) -> None:
+        """The first contact with hardware. What was acknowledged before rtloop was restarted still is.
+
+        Args:
+            found: where the arm is and what it carries, as sentences.
+        """
+        if not self._acknowledged:
+            self.unacknowledged = found
+            log.warning("%s", found)
+        self._publish()
+
+    def acknowledge(self) -> None:
+        """Somebody has compared that with the arm itself."""
+        self._acknowledged, self.unacknowledged = True, ""
+        self._publish()
+
+    def switched(self, *, off: bool) -> None:
+        """The drives are off now, or on."""
+        self.drives_off = off
+        self._publish()
+
+    def ask(self) -> None:
+        """Publish how it is; what a device cannot say stays what it was."""
+        if self._device is None:
+            return
+        try:
+            status = self._device.status()
+        except BackendError:
+            return
+        fill_status(self._block.data, status)
+        if not self.capabilities.trajectories:  # else the device slows down by itself
+            scaling = status.speed_scaling
+            self._scaling = min(max(scaling, 0.0), 1.0) if math.isfinite(scaling) else 0.0
+        self._publish()
+
+    def _publish(self) -> None:
+        record = self._block.data
+        record["share"], record["drives_off"] = self.share, self.drives_off
+        record["unacknowledged"] = encoded(self.unacknowledged, record.dtype["unacknowledged"].itemsize)
+        self._block.publish()

@@ -1,0 +1,51 @@
+"""The limits of a device beside those of the model: the smaller ones count."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cobot.types import JointLimits
+
+RATES = ("max_velocity", "max_acceleration", "max_jerk")
+
+
+def device_limits(backend: object, model: JointLimits) -> JointLimits | None:
+    """What a backend says of its device as `limits`; None if it says nothing that fits the model's joints."""
+    limits = getattr(backend, "limits", None)
+    return limits if isinstance(limits, JointLimits) and limits.dof == model.dof else None
+
+
+def narrowed(model: JointLimits, device: JointLimits) -> JointLimits:
+    """What both permit."""
+    least = {
+        name: np.minimum(getattr(model, name), getattr(device, name))
+        for name in ("max_position", "max_effort", *RATES)
+    }
+    return replace(model, min_position=np.maximum(model.min_position, device.min_position), **least)
+
+
+def slowed(model: JointLimits, device: JointLimits) -> float:
+    """The share of the speed at which a motion within the model's rates is within the device's: at a share s
+    velocities are s, accelerations s² and jerks s³ of what was planned.
+    """
+    both = narrowed(model, device)
+    shares = [
+        float((getattr(both, name) / getattr(model, name)).min() ** (1.0 / order))
+        for order, name in enumerate(RATES, start=1)
+    ]
+    return float(min(1.0, *shares))
+
+
+def differences(model: JointLimits, device: JointLimits) -> list[str]:
+    """Where the device permits less than the model, for people."""
+    found = []
+    for name in ("min_position", "max_position", *RATES, "max_effort"):
+        ours, theirs = getattr(model, name), getattr(device, name)
+        less = theirs > ours if name == "min_position" else theirs < ours
+        found += [
+            f"{name} of {model.names[joint]} {theirs[joint]:g} instead of {ours[joint]:g}"
+            for joint in np.flatnonzero(less)
+        ]
+    return found

@@ -1,0 +1,72 @@
+"""What is found when a device is met for the first time, in words to be compared with the arm itself."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cobot.robot.model import RobotModel
+from cobot.types import Array
+from rtloop.device import FIRST_SHARE
+
+SLIDE_UNIT, TURN_UNIT = "mm", "degrees"
+
+
+def first_contact(model: RobotModel, position: Array) -> str:
+    """Where a device says that its joints are, where the model's TCP is then, and what to do about it.
+
+    Args:
+        model: with the tool that it carries.
+        position: measured, shape (dof,), rad or m.
+    """
+    reported = (
+        f"First contact: the device reports {_joints(model, position)}; so the TCP should be, seen from the "
+        f"base, {place(model.forward(position).position)}."
+    )
+    to_do = (
+        f"Tool and load: {_load(model)}. Compare this with the arm. Motions go at {FIRST_SHARE:.0%} of their "
+        "speed, and nothing is streamed, until POST /robot/acknowledge or `cobot acknowledge`; look at the "
+        "first motion with POST /robot/plan/... before it moves."
+    )
+    return " ".join([reported, *_beyond(model, position), to_do])
+
+
+def place(position: Array) -> str:
+    """A point of the base frame as a person beside the arm would say it, metres."""
+    names = (("in front", "behind"), ("left", "right"), ("above", "below"))
+    words = [
+        f"{abs(value):.2f} m {pair[int(value < 0.0)]}" for value, pair in zip(position, names, strict=True)
+    ]
+    return ", ".join(words)
+
+
+def _joints(model: RobotModel, position: Array) -> str:
+    return ", ".join(
+        f"{name} {_said(model, index, position[index])}" for index, name in enumerate(_names(model))
+    )
+
+
+def _beyond(model: RobotModel, position: Array) -> list[str]:
+    limits = model.limits
+    return [
+        f"{name} is beyond the model's range of {_said(model, index, limits.min_position[index])} to "
+        f"{_said(model, index, limits.max_position[index])}: are model and zero position those of this arm?"
+        for index, name in enumerate(_names(model))
+        if not limits.min_position[index] <= position[index] <= limits.max_position[index]
+    ]
+
+
+def _said(model: RobotModel, joint: int, value: float) -> str:
+    if model.limits.unit(joint) == "m":
+        return f"{1e3 * value:.1f} {SLIDE_UNIT}"
+    return f"{np.degrees(value):.1f} {TURN_UNIT}"
+
+
+def _names(model: RobotModel) -> tuple[str, ...]:
+    return model.limits.names
+
+
+def _load(model: RobotModel) -> str:
+    tool = model.tool
+    if not tool.version:
+        return "never set, so 0 kg on top of the model"
+    return f"{tool.name or 'no name'}, {tool.mass:g} kg"

@@ -1,0 +1,110 @@
+"""Backends that break the contract, each in one way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cobot.config import Settings
+from cobot.robot.device import DeviceStatus
+from cobot.types import Array, JointLimits
+from rtloop.backends import BackendError, Capabilities, Measured
+from rtloop.contract import toy_trajectory
+from rtloop.contract.toy import ToyArm, ToyRig
+
+
+class InDegrees(ToyArm):
+    def read(self, measured: Measured) -> None:
+        super().read(measured)
+        measured.position[:] = np.degrees(measured.position)
+
+
+class ClaimsTorques(ToyArm):
+    capabilities = Capabilities(periods_s=(0.001,), measured=frozenset({"position", "velocity", "effort"}))
+
+
+class Raises(ToyArm):
+    def read(self, measured: Measured) -> None:
+        raise KeyError("joint8")
+
+
+class Coarse(ToyArm):
+    """Sends hundredths of degrees."""
+
+    def write(self, command: Array) -> None:
+        self._device.send(np.radians(np.round(np.degrees(command[0]), 2)))
+
+
+class StrangeMode(ToyArm):
+    def status(self) -> DeviceStatus:
+        return replace(super().status(), operation_mode="MANUAL")
+
+
+class SaysAlwaysAuto(ToyArm):
+    def status(self) -> DeviceStatus:
+        return replace(super().status(), operation_mode="AUT")
+
+
+class HidesStops(ToyArm):
+    def read(self, measured: Measured) -> None:
+        assert self._newest is not None
+        self._newest = replace(self._newest, stopped="")
+        super().read(measured)
+
+
+class Impatient(ToyArm):
+    """Takes one lost packet for the end of its connection."""
+
+    def wait(self, timeout_s: float) -> bool:
+        if not super().wait(timeout_s):
+            raise BackendError("a packet was lost")
+        return True
+
+
+class NeedsARestart(ToyArm):
+    """Has to be opened again after a stop."""
+
+    stopped = False
+
+    def read(self, measured: Measured) -> None:
+        assert self._newest is not None
+        self.stopped = self.stopped or bool(self._newest.stopped)
+        super().read(measured)
+
+    def enable(self) -> None:
+        if self.stopped:
+            raise BackendError("open it again")
+        super().enable()
+
+
+class GoesHome(ToyArm):
+    """Is put where the settings say, wherever it is."""
+
+    def open(self, initial_position: Array) -> None:
+        super().open(initial_position)
+        self._device.place(np.zeros_like(initial_position))
+
+
+class Real:
+    """Moves something, and has no device to be tried on."""
+
+    capabilities = Capabilities(hardware=True)
+
+
+class StrangeRig(ToyArm):
+    @classmethod
+    def contract_rig(cls, settings: Settings, limits: JointLimits) -> ToyRig:
+        rig = super().contract_rig(settings, limits)
+        rig.faults = frozenset({"lightning"})
+        return rig
+
+
+class StopsNot(toy_trajectory.ToyArm):
+    def stop(self) -> None:
+        """It goes on."""
+
+
+class SaysItIsThere(toy_trajectory.ToyArm):
+    def progress(self) -> float:
+        return super().progress() + 0.5

@@ -1,0 +1,132 @@
+"""The contract of backends: those of cobot keep it, and each way of breaking it is found by its check.
+
+Oracle: `broken_arms`, which are the toy with one thing changed.
+"""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from franka_settings import franka_settings
+
+from cobot.config import Settings
+from cobot.errors import ConfigError
+from rtloop.contract.__main__ import main
+from rtloop.contract.cell import Cell
+from rtloop.contract.suite import CHECKS, Verdict, cell_for, examined
+
+TOY = "rtloop.contract.toy:ToyArm"
+TRAJECTORY_TOY = "rtloop.contract.toy_trajectory:ToyArm"
+UNTOLD = {"status", "punctuality", "loss", "reorder", "operation_mode"} | {
+    check for check in CHECKS if "_stop" in check
+}
+"""What a simulation without packets, emergency stop and key cannot be tested for."""
+
+
+@pytest.fixture(scope="module")
+def mujoco(settings: Settings) -> Cell:
+    return cell_for(settings, "mujoco")
+
+
+@pytest.fixture(scope="module")
+def fri(settings: Settings) -> Cell:
+    """Every 5 ms: a fifth of the cycles."""
+    rt = settings.rt.model_copy(update={"period_s": 0.005})
+    return cell_for(settings.model_copy(update={"rt": rt}), "fri")
+
+
+@pytest.fixture(scope="module")
+def franka() -> Cell:
+    return cell_for(franka_settings(address="robot.test"), "franka")
+
+
+@pytest.mark.parametrize("check", CHECKS)
+def test_the_simulation_keeps_it(mujoco: Cell, check: str) -> None:
+    result = examined(mujoco, check)
+    assert result.verdict is (Verdict.NOT_TESTED if check in UNTOLD else Verdict.PASSED), result.found
+    assert result.found
+
+
+@pytest.mark.parametrize("check", CHECKS)
+def test_fri_keeps_it_beside_a_simulated_cabinet(fri: Cell, check: str) -> None:
+    result = examined(fri, check)
+    assert result.verdict is (Verdict.NOT_TESTED if check == "punctuality" else Verdict.PASSED), result.found
+
+
+@pytest.mark.parametrize("check", CHECKS)
+def test_franka_keeps_it_beside_a_stand_in(franka: Cell, check: str) -> None:
+    if check == "options":
+        pytest.importorskip("pylibfranka", reason="pylibfranka is not installed: pip install 'cobot[franka]'")
+    result = examined(franka, check)
+    untold = check in ("punctuality", "operation_mode")
+    assert result.verdict is (Verdict.NOT_TESTED if untold else Verdict.PASSED), result.found
+
+
+def test_the_toy_keeps_all_of_it(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["test", TOY, "--json"]) == 0
+    results = {each["check"]: each["result"] for each in json.loads(capsys.readouterr().out)}
+    assert results.pop("punctuality") == "not tested"
+    assert set(results.values()) == {"passed"}
+    assert list(results) == [check for check in CHECKS if check != "punctuality"]
+
+
+def test_the_toy_that_takes_whole_motions_keeps_it(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["test", TRAJECTORY_TOY, "--json"]) == 0
+    results = {each["check"]: each["result"] for each in json.loads(capsys.readouterr().out)}
+    untold = {check for check, result in results.items() if result == "not tested"}
+    assert untold == {"punctuality", "limits", "loss", "reorder"}
+    assert set(results.values()) == {"passed", "not tested"}
+
+
+@pytest.mark.parametrize(
+    ("arm", "check", "found"),
+    [
+        ("InDegrees", "calls", "FAULT"),
+        ("ClaimsTorques", "values", "effort is claimed in capabilities.measured"),
+        ("Raises", "calls", "KeyError: 'joint8'"),
+        ("Coarse", "limits", "what the device is sent: the .* is .* of its limit"),
+        ("StrangeMode", "status", "operation_mode is 'MANUAL'"),
+        ("SaysAlwaysAuto", "operation_mode", "stays 'AUT'"),
+        ("HidesStops", "e_stop at rest", "e_stop is a fault: not in"),
+        ("Impatient", "loss", "a packet was lost"),
+        ("NeedsARestart", "protective_stop in motion", "a reset is refused: .*open it again"),
+        ("StopsNot", "stop", "a stopped motion ended as ARRIVED"),
+        ("SaysItIsThere", "motion", "is .* from where it is commanded"),
+        ("GoesHome", "entry", "the first command for .* beside what is measured|FAULT"),
+    ],
+)
+def test_each_way_of_breaking_it_is_found(settings: Settings, arm: str, check: str, found: str) -> None:
+    name = f"broken_arms:{arm}"
+    result = examined(cell_for(settings, name), check)
+    assert result.verdict is Verdict.FAILED
+    with pytest.raises(AssertionError, match=found):
+        raise AssertionError(result.found)
+
+
+def test_a_failed_check_is_said_and_is_the_exit_status(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["test", "broken_arms:StrangeMode", "--only", "motion", "status", "punctuality"]) == 1
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split("  ")[0] for line in lines[:3]] == ["motion", "status", "punctuality"]
+    assert "FAILED" in lines[1]
+    assert lines[-1] == "broken_arms:StrangeMode, every 1 ms: 1 passed, 1 FAILED, 1 not tested"
+
+
+def test_durations_count_when_they_are_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["test", TOY, "--only", "punctuality", "--realtime"])
+    assert "p99" in capsys.readouterr().out
+
+
+def test_a_robot_is_not_moved_by_it(settings: Settings) -> None:
+    with pytest.raises(ConfigError, match=r"moves something real.*the contract is not run on a robot"):
+        cell_for(settings, "broken_arms:Real")
+
+
+def test_a_rig_may_have_no_faults_that_nobody_knows(settings: Settings) -> None:
+    with pytest.raises(ConfigError, match="there is no fault 'lightning'; valid are: disconnect, "):
+        cell_for(settings, "broken_arms:StrangeRig")
+
+
+def test_a_backend_that_is_not_there_is_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["test", "nobody"]) == 1
+    assert "there is no 'nobody'; valid are: " in capsys.readouterr().err

@@ -1,0 +1,216 @@
+"""A device that takes whole motions and moves along them by itself, in the real cycle.
+
+Oracle: the toy device, which knows where on its motion it is, and what it was given.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from rig import Rig
+from running import until
+
+from cobot.config import Settings
+from cobot.ipc.device_record import device_of
+from cobot.ipc.layout import Command, MotionResult
+from cobot.planners import MotionRequest
+from cobot.planners.ptp import plan_ptp
+from cobot.robot.description import RobotDescription
+from cobot.trajectory import Trajectory
+from cobot.types import Array, JointLimits, LoopMode, PlannerName, Scaling
+from rtloop.backends import BackendError, Measured, make_backend
+from rtloop.backends.trajectory_driver import TrajectoryDriver, as_backend
+from rtloop.contract.toy_trajectory import STATE_PERIOD_S, ToyArm, ToyDevice
+
+
+class Arm(ToyArm):
+    """The toy, which notes what it is given.
+
+    Attributes:
+        loaded: times and positions of the last motion.
+        refuses: why it takes none.
+    """
+
+    def __init__(self, settings: Settings, limits: JointLimits, device: ToyDevice) -> None:
+        super().__init__(settings, limits, device)
+        self._is_new = True
+        self.loaded: tuple[Array, Array] = (np.zeros(0), np.zeros(0))
+        self.refuses = ""
+        self.calls: list[str] = []
+
+    def load(self, times_s: Array, rows: Array) -> None:
+        if self.refuses:
+            raise BackendError(self.refuses)
+        self.calls.append("load")
+        self.loaded = times_s, rows
+        super().load(times_s, rows)
+
+    def stop(self) -> None:
+        self.calls.append("stop")
+        super().stop()
+
+
+@pytest.fixture
+def arm(settings: Settings, robot: RobotDescription) -> Arm:
+    return Arm(settings, robot.limits, ToyDevice(robot.limits.dof, realtime=False))
+
+
+@pytest.fixture
+def rig(settings: Settings, robot: RobotDescription, arm: Arm) -> Iterator[Rig]:
+    made = Rig(settings, robot, backend=as_backend(arm, robot.limits.dof, 0.001, threaded=False))
+    yield made
+    made.close()
+
+
+def motion(rig: Rig, by_rad: float = 0.2) -> Trajectory:
+    here = rig.loop.controller.safety.position.copy()
+    goal = here + by_rad
+    return plan_ptp(rig.robot, MotionRequest(here, goal, PlannerName.PTP, Scaling(0.5)), goal)
+
+
+def test_it_is_given_the_whole_motion_and_followed(rig: Rig, arm: Arm) -> None:
+    planned = motion(rig)
+    assert rig.start(planned) == ""
+    rig.step(round(0.5 * planned.duration_s / 0.001))
+    times_s, rows = arm.loaded
+    assert times_s[-1] == pytest.approx(planned.duration_s)
+    np.testing.assert_allclose(rows[0], planned.sample(times_s), atol=1e-9)
+    np.testing.assert_allclose(rows[1], planned.sample(times_s, 1), atol=1e-9)
+    done_s = rig.loop.controller.clock.path_time_s
+    assert 0.0 < done_s < planned.duration_s
+    np.testing.assert_allclose(rig.loop.controller.safety.position, planned.sample([done_s])[0], atol=1e-9)
+    rig.run()
+    assert rig.result is MotionResult.ARRIVED
+    np.testing.assert_allclose(rig.loop.controller.safety.position, planned.end, atol=1e-6)
+    assert rig.start(motion(rig, -0.2)) == ""
+    rig.run()
+    assert rig.result is MotionResult.ARRIVED
+
+
+def test_a_stop_lets_it_rest_on_its_path(rig: Rig, arm: Arm) -> None:
+    planned = motion(rig)
+    assert rig.start(planned) == ""
+    rig.step(round(0.4 * planned.duration_s / 0.001))
+    rig.request()
+    rig.run()
+    assert (rig.mode, rig.result) == (LoopMode.HOLD, MotionResult.STOPPED)
+    assert arm.calls[-1] == "stop"
+    here = rig.loop.controller.safety.position
+    np.testing.assert_allclose(here, planned.sample([rig.path_times[-1]])[0], atol=1e-6)
+    assert rig.start(motion(rig)) == ""
+    rig.run()
+    assert rig.result is MotionResult.ARRIVED
+
+
+def test_a_fast_stop_switches_it_off_when_it_rests(rig: Rig, arm: Arm) -> None:
+    assert rig.start(motion(rig)) == ""
+    rig.step(300)
+    rig.loop.controller.fast_stop("fast stop requested")
+    rig.run()
+    assert rig.mode is LoopMode.ESTOP
+    assert rig.answer(rig.send(Command.RESET)) == ""
+    assert rig.start(motion(rig)) == ""
+    rig.run()
+    assert rig.result is MotionResult.ARRIVED
+
+
+def test_what_it_cannot_do_is_refused_by_name(rig: Rig) -> None:
+    assert "takes whole motions alone" in rig.stream()
+    assert rig.start(motion(rig)) == ""
+    rig.step(200)
+    assert "not slowed down" in rig.answer(rig.send(Command.SET_RATE, value=0.5))
+    planned = motion(rig)
+    rig.memory.slots[1].write(1, planned)
+    replaced = rig.send(Command.REPLACE, slot=1, motion_id=1, value=0.0)
+    assert "not led on to another motion" in rig.answer(replaced)
+    rig.run()
+    assert rig.result is MotionResult.ARRIVED
+
+
+def test_a_motion_that_it_does_not_take_is_a_fault_with_its_words(rig: Rig, arm: Arm) -> None:
+    arm.refuses = "more than 100 points"
+    assert rig.start(motion(rig)) == ""
+    rig.step(200)
+    assert rig.mode is LoopMode.FAULT
+    assert "does not take the motion: more than 100 points" in rig.reason
+    arm.refuses = ""
+    rig.step(300)
+    assert rig.answer(rig.send(Command.RESET)) == ""
+    assert rig.start(motion(rig)) == ""
+    rig.run()
+    assert rig.result is MotionResult.ARRIVED
+
+
+def test_a_first_contact_is_as_slow_as_with_any_robot(rig: Rig, arm: Arm) -> None:
+    rig.loop.controller.clock.scale(0.1)
+    planned = motion(rig, 0.02)
+    assert rig.start(planned) == ""
+    rig.run()
+    assert rig.result is MotionResult.ARRIVED
+    assert arm.loaded[0][-1] == pytest.approx(10.0 * planned.duration_s)
+
+
+def test_its_capability_is_told(rig: Rig) -> None:
+    capabilities = device_of(rig.memory.device.data).capabilities
+    assert capabilities.trajectories
+    assert "whole motions alone" in capabilities.words
+
+
+def test_a_device_that_cannot_be_asked_is_a_fault_and_one_that_hangs_keeps_nobody_waiting(
+    settings: Settings, robot: RobotDescription
+) -> None:
+    """Its thread is the real one; a clock is waited for only until something happens."""
+    hangs, going = threading.Event(), threading.Event()
+    going.set()
+
+    class Hanging(ToyArm):
+        def state(self, measured: Measured) -> None:
+            if hangs.is_set():
+                going.wait()
+            super().state(measured)
+
+    backend = as_backend(Hanging(settings, robot.limits), robot.limits.dof, 0.001)
+    assert isinstance(backend, TrajectoryDriver)
+    measured = Measured(robot.limits.dof)
+    backend.open(np.array(robot.positions["home"].joints))
+    try:
+        backend.enable()
+        backend.read(measured)
+        planned = Trajectory(np.array([0.0, 0.1]), np.zeros((1, robot.limits.dof, 6)))
+        backend.begin(planned.breakpoints_s, planned.coefficients, 1.0)
+
+        def arrived() -> bool:
+            backend.read(measured)
+            return backend.done_s() == planned.duration_s
+
+        until(arrived)
+        going.clear()
+        hangs.set()
+
+        def silent() -> bool:
+            begun_s = time.monotonic()
+            try:
+                backend.read(measured)
+            except BackendError as exc:
+                return "has not answered for" in str(exc)
+            assert time.monotonic() - begun_s < 30.0
+            return False
+
+        until(silent)
+    finally:
+        hangs.clear()
+        going.set()
+        backend.close()
+
+
+def test_it_is_made_from_the_settings(settings: Settings, robot: RobotDescription) -> None:
+    section = settings.robot.backend.model_copy(update={"type": "rtloop.contract.toy_trajectory:ToyArm"})
+    arm = settings.model_copy(update={"robot": settings.robot.model_copy(update={"backend": section})})
+    made = make_backend(arm, robot.limits)
+    assert isinstance(made, TrajectoryDriver)
+    assert made.capabilities.trajectories
+    assert made.device.state_period_s == STATE_PERIOD_S  # type: ignore[attr-defined]
