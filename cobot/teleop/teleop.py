@@ -1,0 +1,106 @@
+"""The loop between a hand and the arm: while something is held, a `jog` frame twenty times a second.
+
+The service keeps the arm moving for 0.2 s after a frame and no longer. So a hand that lets go, a device that
+is pulled out, a program that dies or hangs, a network that is lost bring it to rest.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from cobot.client.connection import ERRORS
+from cobot.clock import SYSTEM, Clock
+from cobot.errors import CobotError, InputError
+from cobot.teleop.hand import HandDevice
+
+PERIOD_S = 0.05
+LET_GO = {"type": "jog"}
+
+
+class FrameSocket(Protocol):
+    """A WebSocket on /robot/stream."""
+
+    def send(self, frame: str, /) -> None: ...
+
+    def recv(self) -> str | bytes: ...
+
+
+class Teleoperation:
+    """
+    Args:
+        socket: on which `hello` has not been read yet.
+        device: that is held.
+        speed: share of the largest velocities, above 0 to 1.
+        say: shows a line to the person: why the arm goes slower, or not at all.
+    """
+
+    def __init__(
+        self,
+        socket: FrameSocket,
+        device: HandDevice,
+        speed: float,
+        say: Callable[[str], None],
+        clock: Clock = SYSTEM,
+    ) -> None:
+        if not 0.0 < speed <= 1.0:
+            raise InputError(f"speed must be above 0, 1 at most, got {speed}")
+        self._socket, self._device, self._speed, self._say, self._clock = socket, device, speed, say, clock
+        self._dof = int(json.loads(self._socket.recv())["dof"])
+        self._moving = False
+        self._said = ""
+
+    def run(self) -> None:
+        """Until the hand asks to end.
+
+        Raises:
+            UnavailableError: the device or the service is gone; the arm comes to rest.
+        """
+        due_s = self._clock.now_s()
+        try:
+            while not self._device.ended:
+                self.once()
+                due_s = max(due_s + PERIOD_S, self._clock.now_s())
+                self._clock.sleep(due_s - self._clock.now_s())
+        finally:
+            self._let_go()
+
+    def once(self) -> None:
+        """Pass on what is held now."""
+        velocity = self._device.held(self._clock.now_s())
+        if velocity is None:
+            self._let_go()
+            return
+        try:
+            answer = self._ask(velocity.frame_of(self._dof, self._speed))
+            self._moving = True
+            self._tell(answer)
+        except CobotError as exc:
+            if exc.code == "unavailable":
+                raise
+            self._show(str(exc))
+
+    def _let_go(self) -> None:
+        if self._moving:
+            self._moving = False
+            self._socket.send(json.dumps(LET_GO))
+            self._show("")
+
+    def _ask(self, frame: dict[str, object]) -> dict[str, Any]:
+        self._socket.send(json.dumps(frame))
+        while True:
+            answer = json.loads(self._socket.recv())
+            if answer["type"] == "error":
+                raise ERRORS.get(answer["code"], CobotError)(answer["detail"])
+            if answer["type"] == "jog":
+                return dict(answer)
+
+    def _tell(self, answer: dict[str, Any]) -> None:
+        share, why = float(answer["share"]), str(answer["limited_by"])
+        self._show(f"{share:.0%} of the speed: {why}" if why and share < 1.0 else "")
+
+    def _show(self, line: str) -> None:
+        if line != self._said:
+            self._said = line
+            self._say(line)

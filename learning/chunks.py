@@ -1,0 +1,83 @@
+"""From a policy's actions to timed waypoints, and what its thinking costs."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import numpy as np
+
+from cobot.errors import ExecutionError
+from cobot.ipc.layout import CHUNK_POINTS
+from cobot.types import Array
+
+ACTIONS = "actions"
+Meaning = Literal["positions", "offsets"]
+
+
+def actions_of(answer: Mapping[str, Any], dof: int) -> Array:
+    """The joints' part of a policy's answer, shape (k, dof); further columns, as a gripper's, are left out.
+
+    Raises:
+        ExecutionError: there are no such actions, with what there is.
+    """
+    if ACTIONS not in answer:
+        there = ", ".join(sorted(map(str, answer))) or "nothing"
+        raise ExecutionError(f"the policy's answer has no {ACTIONS!r}; it has {there}")
+    try:
+        actions = np.asarray(answer[ACTIONS], float)
+    except (TypeError, ValueError) as exc:
+        raise ExecutionError(f"the policy's {ACTIONS} are no numbers: {exc}") from exc
+    if actions.ndim != 2 or not len(actions) or actions.shape[1] < dof:
+        raise ExecutionError(
+            f"the policy's {ACTIONS} are of shape {actions.shape}; a chunk for this arm is (k, {dof}), "
+            "with k at least 1, and may have more columns"
+        )
+    actions = actions[:, :dof]
+    if not np.isfinite(actions).all():
+        row, column = np.argwhere(~np.isfinite(actions))[0]
+        raise ExecutionError(f"the policy's action {row} is no number for joint {column + 1}")
+    return actions
+
+
+def timed(
+    actions: Array, observed_s: float, period_s: float, now_s: float, meaning: Meaning, position: Array
+) -> tuple[Array, Array]:
+    """Waypoints that can still be reached, and when.
+
+    Action i is where the joints shall be i + 1 periods after the observation that it follows from. By now
+    the arm is beyond the first ones, which is what the policy's thinking has cost: these are left out, and
+    the others keep their times, so that a slow policy is late but never out of step.
+
+    Args:
+        actions: shape (k, dof).
+        observed_s: when the observation was made, on the robot's clock.
+        position: what it showed, rad; `offsets` are from there.
+
+    Returns:
+        Times, shape (m,), on the robot's clock, and positions, shape (m, dof), m from 0 to CHUNK_POINTS.
+    """
+    times_s: Array = observed_s + period_s * np.arange(1.0, len(actions) + 1.0)
+    ahead = times_s > now_s
+    points = actions + position if meaning == "offsets" else actions
+    return times_s[ahead][:CHUNK_POINTS], points[ahead][:CHUNK_POINTS]
+
+
+class Latency:
+    """How long a policy has taken of late, s: from the observation to when its chunk is handed over."""
+
+    def __init__(self, kept: int = 20) -> None:
+        self._kept: deque[float] = deque(maxlen=kept)
+
+    def add(self, taken_s: float) -> None:
+        self._kept.append(taken_s)
+
+    @property
+    def last_s(self) -> float:
+        return self._kept[-1] if self._kept else 0.0
+
+    @property
+    def expected_s(self) -> float:
+        """What the next one takes at the most, as the last ones tell."""
+        return max(self._kept, default=0.0)

@@ -1,0 +1,250 @@
+"""The arm as a Gymnasium environment."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+from cobot.client import Client, Robot
+from cobot.clock import SYSTEM, Clock
+from cobot.config import load_settings
+from cobot.errors import CollisionError, ExecutionError, InputError, MotionStopped
+from cobot.robot.description import RobotDescription, load_robot
+from cobot.types import Array
+from learning.arms import Arm, ServedArm, SimulatedArm
+from learning.cameras import FRONT, Camera, Renderer
+from learning.tasks import Reach, Task
+
+Observation = dict[str, Any]
+MARGIN_RAD = 0.02
+"""Targets keep so far from the joints' limits."""
+TRIES = 100
+REACH_M = 3.0
+"""No TCP is further from its base along an axis."""
+MEASURED = ("position", "velocity", "effort", "external_effort", "tcp_pose")
+RELATIVE, ABSOLUTE = "relative", "absolute"
+Connect = Callable[[str], tuple[Client, Robot, Clock]]
+
+
+class ArmEnv(gymnasium.Env[Observation, Array]):
+    """One arm that is streamed joint targets.
+
+    Without `url` it is a simulation of its own, which is the same for the same seed and the same actions and
+    takes as long as its arithmetic. With it, it is the arm of the service there, simulated or real, in that
+    service's time.
+
+    An action is one target for each joint: with `relative` control from −1 to 1, how far on from the last
+    target, in units of `max_velocity_rad_s` times the period; with `absolute` control an angle, rad.
+
+    Observations: position (rad), velocity (rad/s), effort and external_effort (N·m), each shape (dof,),
+    tcp_pose (m, and a quaternion w, x, y, z), what the task adds, and `camera_NAME` for each camera.
+
+    `info`: time_s of the robot, interventions since the last step by kind (docs/streaming.md), and `reason`
+    when the session has ended, which truncates the episode.
+
+    Args:
+        config: settings file of the robot; the shipped one without it.
+        url: of a service that runs.
+        control: what an action means.
+        rate_hz: of the actions, 1 to 500.
+        task: what is to be done; without it `Reach`.
+        cameras: that belong to the observations.
+        spread_rad: a start is so far from the start position at most, each joint.
+        max_velocity_rad_s: of a relative action of 1.
+        speed: on the way to a start, on a service.
+        render_mode: None, or rgb_array: what the first camera sees, or `cameras.FRONT` without one.
+        connect: makes the client of REST, the streaming one and their clock from the URL.
+
+    Raises (constructor):
+        InputError, ConfigError, UnavailableError: with what, and what is possible.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 30}  # noqa: RUF012 - Gymnasium's own form
+
+    def __init__(
+        self,
+        *,
+        config: Path | None = None,
+        url: str | None = None,
+        control: Literal["relative", "absolute"] = "relative",
+        rate_hz: float = 30.0,
+        task: Task | None = None,
+        cameras: Sequence[Camera] = (),
+        spread_rad: float = 0.2,
+        max_velocity_rad_s: float = 1.0,
+        speed: float = 0.2,
+        render_mode: str | None = None,
+        connect: Connect | None = None,
+    ) -> None:
+        _check(control, rate_hz, spread_rad, max_velocity_rad_s, render_mode)
+        settings = load_settings(config)
+        self.robot: RobotDescription = load_robot(settings)
+        self._home = np.array(self.robot.positions[settings.robot.start_position].joints)
+        self.render_mode = render_mode
+        self._task, self._spread_rad = task or Reach(), spread_rad
+        self._relative, self._period_s = control == RELATIVE, 1.0 / rate_hz
+        self._step_rad = max_velocity_rad_s * self._period_s
+        self._cameras = tuple(cameras)
+        self._renderer = Renderer(self.robot, self._cameras) if self._cameras else None
+        self._viewer: Renderer | None = None
+        self._arm = (
+            SimulatedArm(settings, self.robot, rate_hz)
+            if url is None
+            else _served(url, rate_hz, speed, connect)
+        )
+        limits = self.robot.limits
+        self._low, self._high = limits.min_position + MARGIN_RAD, limits.max_position - MARGIN_RAD
+        self.action_space = (
+            spaces.Box(-1.0, 1.0, (limits.dof,), np.float64)
+            if self._relative
+            else spaces.Box(self._low, self._high, dtype=np.float64)
+        )
+        self.observation_space = self._space()
+        self._target = self._home
+        self._due_s = 0.0
+        self._counted: dict[str, int] = {}
+        self._ended = True
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode.
+
+        Args:
+            options: `start`, joint angles in rad to begin at instead of those that the seed gives.
+        """
+        super().reset(seed=seed)
+        start = self._start((options or {}).get("start"))
+        self._task.reset(self.robot, start, self.np_random)
+        self._arm.restart(start)
+        self._target, self._ended = start, False
+        self._due_s = self._arm.clock.now_s()
+        self._counted = self._arm.robot.interventions()
+        return self._observe(), self._info("")
+
+    def step(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Aim the arm, wait for one period, look.
+
+        Raises:
+            InputError: another number of joints, or a number that is none.
+            ExecutionError: there is no episode: `reset` first.
+        """
+        if self._ended:
+            raise ExecutionError("the episode has ended, or has not begun: reset the environment first")
+        given = np.asarray(action, float)
+        if given.shape != self._target.shape or not np.isfinite(given).all():
+            raise InputError(f"an action must be {len(self._target)} finite numbers, got {action}")
+        aim = self._target + self._step_rad * given.clip(-1.0, 1.0) if self._relative else given
+        self._target = aim.clip(self._low, self._high)
+        reason = ""
+        try:
+            self._arm.control.set_target_joints(self._target.tolist())
+            self._due_s += self._period_s
+            now_s = self._arm.clock.now_s()
+            if self._due_s > now_s:
+                self._arm.clock.sleep(self._due_s - now_s)
+            else:
+                self._due_s = now_s  # what is late stays late, and is not hurried after
+        except MotionStopped as exc:
+            reason = str(exc)
+        observation = self._observe()
+        reward, reached = self._task.judge(observation)
+        self._ended = bool(reason)
+        return observation, reward, reached, bool(reason), self._info(reason)
+
+    def render(self) -> np.ndarray | None:
+        """What a camera sees now, uint8, shape (height, width, 3); None without a render mode."""
+        if self.render_mode is None:
+            return None
+        if self._viewer is None:
+            self._viewer = Renderer(self.robot, self._cameras[:1] or (FRONT,))
+        (picture,) = self._viewer.render(np.array(self._arm.control.get_state().q)).values()
+        return picture
+
+    def close(self) -> None:
+        """The arm comes to rest, and is free for others."""
+        self._ended = True
+        self._arm.close()
+
+    def _start(self, wanted: Sequence[float] | None) -> Array:
+        if wanted is not None:
+            start = np.array(wanted, float)
+            if start.shape != self._home.shape or not np.isfinite(start).all():
+                raise InputError(f"options: start must be {len(self._home)} finite numbers, got {wanted}")
+            self.robot.collision.check_position(start, "options: start")
+            return start.clip(self._low, self._high)
+        for _ in range(TRIES):
+            away = self.np_random.uniform(-self._spread_rad, self._spread_rad, len(self._home))
+            free: Array = (self._home + away).clip(self._low, self._high)
+            try:
+                self.robot.collision.check_position(free, "a start")
+            except CollisionError:
+                continue
+            return free
+        return self._home
+
+    def _observe(self) -> Observation:
+        state = self._arm.robot.states()
+        seen: Observation = {
+            "position": np.array(state.q),
+            "velocity": np.array(state.dq),
+            "effort": np.array(state.tau),
+            "external_effort": np.array(state.tau_ext),
+            "tcp_pose": np.array(state.tcp_pose),
+            **self._task.observe(),
+        }
+        for name, space in self.observation_space.items():
+            if name in seen and isinstance(space, spaces.Box):
+                seen[name] = seen[name].clip(space.low, space.high)
+        if self._renderer is not None:
+            for name, picture in self._renderer.render(seen["position"]).items():
+                seen[f"camera_{name}"] = picture
+        return seen
+
+    def _info(self, reason: str) -> dict[str, Any]:
+        before, self._counted = self._counted, self._arm.robot.interventions()
+        new = {kind: count - before[kind] for kind, count in self._counted.items() if count > before[kind]}
+        info: dict[str, Any] = {"time_s": self._arm.robot.clock_s(), "interventions": new}
+        return {**info, "reason": reason} if reason else info
+
+    def _space(self) -> spaces.Dict:
+        limits = self.robot.limits
+        beyond = 0.5  # rad: an arm that gives way may be beyond its limits
+        boxes = {
+            "position": (limits.min_position - beyond, limits.max_position + beyond),
+            "velocity": (-2.0 * limits.max_velocity, 2.0 * limits.max_velocity),
+            "effort": (-2.0 * limits.max_effort, 2.0 * limits.max_effort),
+            "external_effort": (-2.0 * limits.max_effort, 2.0 * limits.max_effort),
+            "tcp_pose": (np.array([-REACH_M] * 3 + [-1.0] * 4), np.array([REACH_M] * 3 + [1.0] * 4)),
+        }
+        found: dict[str, spaces.Space[Any]] = {
+            name: spaces.Box(low, high, dtype=np.float64) for name, (low, high) in boxes.items()
+        }
+        found |= self._task.spaces()
+        for camera in self._cameras:
+            shape = (camera.height, camera.width, 3)
+            found[f"camera_{camera.name}"] = spaces.Box(0, 255, shape, np.uint8)
+        return spaces.Dict(found)
+
+
+def _check(control: str, rate_hz: float, spread_rad: float, velocity: float, render_mode: str | None) -> None:
+    if control not in (RELATIVE, ABSOLUTE):
+        raise InputError(f"control must be {RELATIVE} or {ABSOLUTE}, got {control!r}")
+    if not 1.0 <= rate_hz <= 500.0:
+        raise InputError(f"rate_hz must be from 1 to 500, got {rate_hz}")
+    if not 0.0 <= spread_rad <= 3.0:
+        raise InputError(f"spread_rad must be from 0 to 3 rad, got {spread_rad}")
+    if not 0.0 < velocity <= 10.0:
+        raise InputError(f"max_velocity_rad_s must be above 0, 10 rad/s at most, got {velocity}")
+    if render_mode not in (None, "rgb_array"):
+        raise InputError(f"render_mode must be None or rgb_array, got {render_mode!r}")
+
+
+def _served(url: str, rate_hz: float, speed: float, connect: Connect | None) -> Arm:
+    client, robot, clock = connect(url) if connect else (Client(url), Robot(url), SYSTEM)
+    return ServedArm(robot, client, rate_hz, speed, clock)

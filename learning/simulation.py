@@ -1,0 +1,111 @@
+"""An arm in this process whose time goes on when somebody waits: the real cycle, without processes.
+
+It is what `cobot run` simulates, cycle for cycle; only nobody paces it. So an episode takes as long as its
+arithmetic, and the same commands lead to the same figures on every run.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from cobot.client import Robot
+from cobot.clock import Ticks
+from cobot.config import Settings
+from cobot.errors import NotSupportedError
+from cobot.ipc.shm import RobotMemory
+from cobot.robot.description import RobotDescription
+from cobot.types import Array
+from rtloop.backends.mujoco import MujocoBackend
+from rtloop.clock import FastClock
+from rtloop.loop import ControlLoop
+from rtloop.main import describe
+
+CAPACITY = 1000
+"""Segments of a planned motion; an episode has none."""
+FOREVER_NS = 10**16
+_numbers = itertools.count()
+
+
+class StepClock:
+    """The `cobot.clock.Clock` of a simulation: sleeping is what makes its cycles happen."""
+
+    def __init__(self, step: Callable[[int], None], period_ns: int) -> None:
+        self._step, self._period_ns = step, period_ns
+        self._begun_ns, self._wall_ns = time.monotonic_ns(), time.time_ns()
+        self.cycles = 0
+
+    def now_ns(self) -> int:
+        return self._begun_ns + self.cycles * self._period_ns
+
+    def now_s(self) -> float:
+        return self.now_ns() * 1e-9
+
+    def wall_ns(self) -> int:
+        return self._wall_ns + self.cycles * self._period_ns
+
+    def sleep(self, seconds: float) -> None:
+        count = max(1, round(seconds * 1e9 / self._period_ns))
+        self.cycles += count
+        self._step(count)
+
+    def ticker(self, rate_hz: float, on_tick: Callable[[int], None]) -> Ticks:
+        raise NotSupportedError("a simulation that is stepped has no event loop to tick in")
+
+
+class Simulation:
+    """One arm, from a start on.
+
+    Attributes:
+        robot: its client; streams as that of a running service does.
+        clock: on which time goes on by sleeping.
+    """
+
+    def __init__(self, settings: Settings, description: RobotDescription, start: Array) -> None:
+        """
+        Args:
+            start: where it stands, at rest, shape (dof,), rad.
+        """
+        period_s = settings.rt.period_s
+        name = f"learning_{os.getpid()}_{next(_numbers)}"
+        self._memory = RobotMemory.create(name, description.limits.dof, period_s, CAPACITY)
+        try:
+            backend = MujocoBackend(settings, description.limits)
+            self._loop = ControlLoop(
+                settings, description.model, self._memory, backend, FastClock(period_s), None
+            )
+            self._loop.open(start)
+            describe(self._memory, description, backend)
+            heartbeat = self._memory.heartbeat
+            heartbeat.data["monotonic_ns"] = time.monotonic_ns() + FOREVER_NS  # nobody else has to live
+            heartbeat.publish()
+            self.clock = StepClock(self._step, round(period_s * 1e9))
+            self.clock.sleep(period_s)
+            self.robot = Robot(name, connect_retries=0, verbose=False, clock=self.clock)
+        except BaseException:
+            self._forget()
+            raise
+
+    def close(self) -> None:
+        """The arm and its memory are gone; may be called again."""
+        if self._memory is not None:
+            self.robot.close()
+            self._loop.close()
+            self._forget()
+
+    def _forget(self) -> None:
+        self._memory.unlink()
+        self._memory.close()
+        self._memory = None  # type: ignore[assignment]
+
+    def _step(self, count: int) -> None:
+        with np.errstate(all="ignore"):  # what is not finite is found by comparisons, and reported
+            for _ in range(count):
+                self._loop.step()
+        state = self._memory.state
+        state.data["monotonic_ns"] = self.clock.now_ns()  # it is never older than that
+        state.publish()

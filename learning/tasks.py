@@ -1,0 +1,76 @@
+"""What an episode is about: what it adds to the observations, and what it says of them."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+from gymnasium import spaces
+
+from cobot.errors import CollisionError, InputError
+from cobot.robot.description import RobotDescription
+from cobot.types import Array
+
+TRIES = 100
+
+
+class Task(Protocol):
+    """A task. What is random in it comes from the generator that `reset` gets: a seed makes an episode."""
+
+    def spaces(self) -> dict[str, spaces.Space[Any]]:
+        """Of what it adds to the observations."""
+        ...
+
+    def reset(self, robot: RobotDescription, start: Array, random: np.random.Generator) -> None:
+        """Begin anew; the arm will stand at `start`, rad."""
+        ...
+
+    def observe(self) -> dict[str, Array]:
+        """What it adds to the observations."""
+        ...
+
+    def judge(self, observation: dict[str, Any]) -> tuple[float, bool]:
+        """The reward, and whether it is done."""
+        ...
+
+
+class Reach:
+    """The TCP shall get to a place that another posture of the arm would bring it to.
+
+    The reward is minus the distance in metres, and 1 on arrival.
+
+    Args:
+        spread_rad: how far each joint of that posture is from the start at most.
+        near_m: as near as this is there.
+    """
+
+    def __init__(self, spread_rad: float = 0.5, near_m: float = 0.02) -> None:
+        if not 0.0 < spread_rad <= 3.0 or not 0.0 < near_m <= 1.0:
+            raise InputError(
+                f"Reach: spread_rad must be above 0, 3 rad at most, near_m above 0, 1 m at most; "
+                f"got {spread_rad} and {near_m}"
+            )
+        self._spread_rad, self._near_m = spread_rad, near_m
+        self._goal = np.zeros(3)
+
+    def spaces(self) -> dict[str, spaces.Space[Any]]:
+        return {"goal": spaces.Box(-3.0, 3.0, (3,), np.float64)}
+
+    def reset(self, robot: RobotDescription, start: Array, random: np.random.Generator) -> None:
+        limits = robot.limits
+        for _ in range(TRIES):
+            away = random.uniform(-self._spread_rad, self._spread_rad, limits.dof)
+            posture = (start + away).clip(limits.min_position, limits.max_position)
+            self._goal = robot.model.forward(posture).position
+            try:
+                robot.collision.check_position(posture, "a goal")
+            except CollisionError:
+                continue
+            return
+
+    def observe(self) -> dict[str, Array]:
+        return {"goal": self._goal.copy()}
+
+    def judge(self, observation: dict[str, Any]) -> tuple[float, bool]:
+        away_m = float(np.linalg.norm(observation["tcp_pose"][:3] - self._goal))
+        return (1.0, True) if away_m < self._near_m else (-away_m, False)

@@ -1,0 +1,146 @@
+"""LeRobot's robot: observations are joint angles and pictures, actions are where the joints shall be, rad.
+
+What is sent goes through cobot's stream (docs/streaming.md of cobot): no action makes the arm jerk, leave its
+limits or run into what its service knows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cached_property
+from typing import Any, ClassVar
+
+from lerobot.cameras.utils import make_cameras_from_configs
+from lerobot.robots import Robot as LeRobot
+from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
+
+from cobot.client import JointImpedanceControl, Mode, Robot
+from cobot.errors import CobotError
+from lerobot_robot_cobot.config_cobot import CobotRobotConfig
+
+SUFFIX = ".pos"
+
+
+class CobotRobot(LeRobot):  # type: ignore[misc, unused-ignore]
+    """One arm of a service that runs.
+
+    Args:
+        connect: makes the streaming client from the URL and the token.
+    """
+
+    config_class: ClassVar[type[CobotRobotConfig]] = CobotRobotConfig
+    name: ClassVar[str] = "cobot"
+
+    def __init__(
+        self, config: CobotRobotConfig, connect: Callable[[str, str | None], Robot] | None = None
+    ) -> None:
+        super().__init__(config)
+        self.config = config
+        self.cameras: dict[str, Any] = make_cameras_from_configs(config.cameras)
+        self._connect = connect or (lambda url, token: Robot(url, token=token))
+        self._robot: Robot | None = None
+        self._control: JointImpedanceControl | None = None
+
+    @cached_property
+    def observation_features(self) -> dict[str, Any]:
+        pictures = {name: (each.height, each.width, 3) for name, each in self.config.cameras.items()}
+        return {**self.action_features, **pictures}
+
+    @cached_property
+    def action_features(self) -> dict[str, type]:
+        return {f"{joint}{SUFFIX}": float for joint in self.config.joints}
+
+    @property
+    def is_connected(self) -> bool:
+        if self._control is None or not self._control.is_running():
+            return False
+        return all(camera.is_connected for camera in self.cameras.values())
+
+    @property
+    def is_calibrated(self) -> bool:
+        """The arm's controller knows its joints."""
+        return True
+
+    def calibrate(self) -> None: ...
+
+    def configure(self) -> None: ...
+
+    def connect(self, calibrate: bool = True) -> None:
+        """Begin a session with the arm, and open the cameras.
+
+        Raises:
+            DeviceAlreadyConnectedError: it is.
+            DeviceNotConnectedError: the service or rtloop refuses, with the reason.
+        """
+        if self._robot is not None:
+            raise DeviceAlreadyConnectedError(f"{self} is connected already")
+        with self._in_words():
+            self._robot = self._connect(self.config.url, self.config.token)
+            try:
+                self._begin(self._robot)
+                for camera in self.cameras.values():
+                    camera.connect()
+            except BaseException:
+                self.disconnect()
+                raise
+
+    def _begin(self, robot: Robot) -> None:
+        dof = robot.info().DoF
+        if dof != len(self.config.joints):
+            raise DeviceNotConnectedError(
+                f"robot.joints names {len(self.config.joints)} joints, {self.config.url} has {dof}"
+            )
+        robot.switch_mode(Mode.RT_JOINT_IMPEDANCE)
+        self._control = robot.start_joint_impedance_control(
+            self.config.rate_hz, interpolation=self.config.interpolation
+        )
+
+    def get_observation(self) -> dict[str, Any]:
+        """Joint angles, rad, and a picture of each camera.
+
+        Raises:
+            DeviceNotConnectedError: it is not connected, or the arm does not answer.
+        """
+        with self._in_words():
+            position = self._session().get_state().q
+        seen: dict[str, Any] = dict(zip(self.action_features, position, strict=True))
+        for name, camera in self.cameras.items():
+            seen[name] = camera.async_read()
+        return seen
+
+    def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
+        """Aim the joints; what they were aimed at.
+
+        Raises:
+            ValueError: a joint is missing, or is no number.
+            DeviceNotConnectedError: the session has ended, with the reason.
+        """
+        missing = [name for name in self.action_features if name not in action]
+        if missing:
+            raise ValueError(f"the action has no {missing[0]!r}; it needs {', '.join(self.action_features)}")
+        target = {name: float(action[name]) for name in self.action_features}
+        with self._in_words():
+            self._session().set_target_joints(list(target.values()))
+        return target
+
+    def disconnect(self) -> None:
+        """The arm comes to rest and is free for others; may be called again."""
+        robot, self._robot, self._control = self._robot, None, None
+        if robot is not None:
+            robot.close()
+        for camera in self.cameras.values():
+            if camera.is_connected:
+                camera.disconnect()
+
+    def _session(self) -> JointImpedanceControl:
+        if self._control is None:
+            raise DeviceNotConnectedError(f"{self} is not connected: call connect() first")
+        return self._control
+
+    @contextmanager
+    def _in_words(self) -> Iterator[None]:
+        try:
+            yield
+        except CobotError as exc:
+            raise DeviceNotConnectedError(f"{self.config.url}: {exc}") from exc

@@ -1,0 +1,116 @@
+"""The protocol of openpi's servers. Oracle: the published client's own encoding, where it is installed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from learning_peers import answering, need
+
+msgpack = need("msgpack")
+
+from cobot.errors import ExecutionError, InputError, UnavailableError  # noqa: E402
+from learning.openpi import PolicyConnection, packed, unpacked  # noqa: E402
+
+MESSAGE: dict[str, Any] = {
+    "prompt": "pick up the cube",
+    "observation/state": np.linspace(-1.0, 1.0, 7, dtype=np.float32),
+    "observation/image": np.arange(24, dtype=np.uint8).reshape(2, 4, 3),
+    "nested": {"one": np.float32(0.5), "done": np.bool_(True), "list": [1, 2.5, None]},
+}
+
+
+def same(one: Any, other: Any) -> bool:
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
+    if isinstance(one, np.ndarray):
+        return one.dtype == other.dtype and one.shape == other.shape and bool((one == other).all())
+    return bool(one == other) and type(one) is type(other)
+
+
+def test_what_is_packed_is_unpacked() -> None:
+    assert same(unpacked(packed(MESSAGE)), MESSAGE)
+
+
+def test_both_directions_are_the_published_client_s() -> None:
+    theirs = pytest.importorskip("openpi_client.msgpack_numpy", reason="openpi-client is not installed")
+    assert same(theirs.unpackb(packed(MESSAGE)), MESSAGE)
+    assert same(unpacked(theirs.packb(MESSAGE)), MESSAGE)
+    assert packed(MESSAGE) == theirs.packb(MESSAGE)
+
+
+@pytest.mark.parametrize("value", [object(), np.array([object()]), np.array([1j]), 2**70])
+def test_what_has_no_form_is_refused(value: object) -> None:
+    with pytest.raises(InputError, match="the observation cannot be sent"):
+        packed({"value": value})
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"\xc1",
+        msgpack.packb({b"__ndarray__": True, b"data": b"\0", b"dtype": "<f8", b"shape": (2,)}),
+        msgpack.packb({b"__ndarray__": True, b"data": b"\0" * 8, b"dtype": "|O", b"shape": (1,)}),
+        msgpack.packb({b"__npgeneric__": True}),
+    ],
+)
+def test_what_is_no_message_is_said_to_be_none(content: bytes) -> None:
+    with pytest.raises(ExecutionError, match="no message of openpi's protocol"):
+        unpacked(content)
+
+
+def test_a_server_is_asked_and_answers() -> None:
+    async def serve(socket: Any) -> None:
+        await socket.send(packed({"model": "still"}))
+        async for content in socket:
+            seen = unpacked(content)
+            await socket.send(packed({"actions": np.tile(seen["observation/state"], (5, 1))}))
+
+    with answering(serve) as address, PolicyConnection(address) as policy:
+        assert policy.metadata == {"model": "still"}
+        answer = policy.infer(MESSAGE)
+        assert answer["actions"].shape == (5, 7)
+
+
+def test_a_server_that_fails_gives_its_reason_in_one_line() -> None:
+    async def serve(socket: Any) -> None:
+        await socket.send(packed({}))
+        await socket.recv()
+        await socket.send("Traceback (most recent call last):\n  File \"x.py\"\nKeyError: 'state'\n")
+
+    with (
+        answering(serve) as address,
+        PolicyConnection(address) as policy,
+        pytest.raises(ExecutionError, match=r"the policy has failed: KeyError: 'state'$"),
+    ):
+        policy.infer({})
+
+
+def test_a_server_that_goes_away_or_says_nothing_is_named() -> None:
+    async def serve(socket: Any) -> None:
+        await socket.send(packed({}))
+        await socket.recv()
+
+    with answering(serve) as address, PolicyConnection(address) as policy:
+        with pytest.raises(UnavailableError, match=f"{address}: the connection is lost"):
+            policy.infer({})
+        with pytest.raises(UnavailableError, match="the connection is lost"):
+            policy.infer({})
+
+    async def silent(socket: Any) -> None:
+        await socket.recv()
+
+    with (
+        answering(silent) as address,
+        pytest.raises(UnavailableError, match=r"did not describe itself within 0\.1 s"),
+    ):
+        PolicyConnection(address, timeout_s=0.1)
+
+
+def test_nobody_there_and_no_address() -> None:
+    with pytest.raises(UnavailableError, match=r"ws://127\.0\.0\.1:1: "):
+        PolicyConnection("127.0.0.1:1")
+    with pytest.raises((InputError, UnavailableError), match="nonsense"):
+        PolicyConnection("ws://non sense:port nonsense")
