@@ -22,6 +22,7 @@ CobotError
 ├── PermissionDenied     who asks may not do this
 │   └── MisdirectedError     the request was meant for another host than this one
 ├── UnavailableError     a process, a file in shared memory or a device does not answer
+│   ├── BusyError            too many connections are open for this one to be served
 │   └── NotReadyError        the robot answers but is in a mode that permits no motion
 └── SharedMemoryError    shared memory is not what this program expects
     ├── LayoutError          another layout version, another robot, or not ours at all
@@ -151,6 +152,10 @@ class MisdirectedError(PermissionDenied):
 
 class UnavailableError(CobotError):
     code = "unavailable"
+
+
+class BusyError(UnavailableError):
+    code = "busy"
 
 
 class NotReadyError(UnavailableError):

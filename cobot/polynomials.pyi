@@ -28,10 +28,26 @@ def pieces_at(breakpoints: Array, coefficients: Array, places: Array) -> Array:
     """The values and three derivatives, shape (4, m, n), of piecewise quintics, shape (pieces, n, 6), in
     powers of the distance from each piece's start, at places of shape (m,)."""
 
+def hermite(times: Array, positions: Array, velocities: Array, accelerations: Array) -> Array:
+    """The quintics, shape (pieces, n, 6), in powers of the time since each piece's start, that take the given
+    values and derivatives, shape (pieces + 1, n) each, at the given times, shape (pieces + 1,).
+
+    They are computed from each piece's start on: where it is costs no digits of how it moves.
+    """
+
+def control_points(coefficients: Array, widths: Array) -> Array:
+    """Bezier's control points, shape (pieces, order, n), of polynomials, shape (pieces, n, order), of up to
+    degree 5, in powers of the distance from each piece's start, on pieces of these widths,
+    shape (pieces,)."""
+
 def jumps(coefficients: Array, durations: Array) -> tuple[Array, Array]:
     """By how much position, velocity and acceleration, shape (3, pieces - 1, n), differ between the end of
     each quintic, shape (pieces, n, 6), and the start of the next one; and the amounts of the latter."""
 
-def greatest_rates(coefficients: Array, durations: Array) -> Array:
+def greatest_rates(coefficients: Array, durations: Array, enough: Array | None = None) -> Array:
     """The exact greatest amounts of velocity, acceleration and jerk, shape (3, pieces, n), of quintics, shape
-    (pieces, n, 6), in powers of the time since each piece's start."""
+    (pieces, n, 6), in powers of the time since each piece's start.
+
+    enough: of that shape, or one that becomes it: where an amount is surely no more, a bound of it that is no
+    more either will do, which costs a fifth.
+    """

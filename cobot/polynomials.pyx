@@ -4,6 +4,8 @@ A quintic leads from one state, (3, n): position, velocity and acceleration, to 
 coefficients, (6, n), are those of the powers of s, the share of that time, in [0, 1]. Rows are contiguous.
 """
 
+from math import comb
+
 from libc.math cimport fabs
 
 import numpy as np
@@ -24,6 +26,13 @@ cdef double[ORDER][ORDER] FROM_ENDS = [
     [15.0, 8.0, 1.5, -15.0, 7.0, -1.0],
     [-6.0, -3.0, -0.5, 6.0, -3.0, 0.5],
 ]
+
+# Of degrees up to 4: a Bezier curve's control points from the coefficients, binomials by binomials.
+cdef double[5][5][5] BERNSTEIN
+for _degree in range(5):
+    for _row in range(_degree + 1):
+        for _column in range(_row + 1):
+            BERNSTEIN[_degree][_row][_column] = comb(_row, _column) / comb(_degree, _column)
 
 # What numpy works with, in `cobot.trajectory` and in the tests: see polynomials.pyi.
 FACTORS = np.array(FACTOR)
@@ -229,6 +238,80 @@ cdef double _greatest(const double* p, int degree) noexcept nogil:
     return greatest
 
 
+def hermite(times, positions, velocities, accelerations):
+    """The quintics, (pieces, n, 6), between values and derivatives, (pieces + 1, n) each."""
+    given = [np.array(each, dtype=np.float64, order="C") for each in (positions, velocities, accelerations)]
+    clock = np.array(times, dtype=np.float64)
+    cdef int pieces = len(clock) - 1, n = np.shape(given[0])[1]
+    cdef int piece, i, row, column, at
+    for each in given:
+        if each.shape != (pieces + 1, n):
+            raise ValueError(f"values of shape {each.shape}, not ({pieces + 1}, {n})")
+    out = np.empty((max(pieces, 0), n, ORDER))
+    if out.size == 0:
+        return out
+    cdef const double* time = doubles(clock, pieces + 1)
+    cdef const double* position = doubles(given[0], (pieces + 1) * n)
+    cdef const double* velocity = doubles(given[1], (pieces + 1) * n)
+    cdef const double* acceleration = doubles(given[2], (pieces + 1) * n)
+    cdef double* c = doubles(out, pieces * n * ORDER)
+    cdef double ends[ORDER]
+    cdef double duration, square, sum, power
+    with nogil:
+        for piece in range(pieces):
+            duration = time[piece + 1] - time[piece]
+            square = duration * duration
+            for i in range(n):
+                at = piece * n + i
+                ends[0], ends[1], ends[2] = 0.0, velocity[at] * duration, acceleration[at] * square
+                ends[3] = position[at + n] - position[at]
+                ends[4], ends[5] = velocity[at + n] * duration, acceleration[at + n] * square
+                power = 1.0
+                for row in range(ORDER):
+                    sum = 0.0
+                    for column in range(ORDER):
+                        sum += FROM_ENDS[row][column] * ends[column]
+                    c[at * ORDER + row] = sum / power
+                    power *= duration
+                c[at * ORDER] = position[at]
+    return out
+
+
+def control_points(coefficients, widths):
+    """Of polynomials as Bezier curves, (pieces, order, n); see polynomials.pyi."""
+    cdef int pieces = np.shape(coefficients)[0], n = np.shape(coefficients)[1]
+    cdef int order = np.shape(coefficients)[2]
+    cdef int piece, i, k, row
+    rows = np.array(coefficients, dtype=np.float64, order="C")
+    lengths = np.array(widths, dtype=np.float64)
+    if lengths.shape != (pieces,) or order > ORDER:
+        raise ValueError(f"polynomials of shape {rows.shape} on intervals of shape {lengths.shape}")
+    out = np.empty((pieces, order, n))
+    if out.size == 0:
+        return out
+    cdef const double* given = doubles(rows, pieces * n * order)
+    cdef const double* width = doubles(lengths, pieces)
+    cdef double* point = doubles(out, pieces * n * order)
+    cdef double share[ORDER][ORDER]
+    cdef double unit[ORDER]
+    cdef double sum
+    for row in range(order):
+        for k in range(row + 1):
+            share[row][k] = comb(row, k) / comb(order - 1, k)
+    with nogil:
+        for piece in range(pieces):
+            unit[0] = 1.0
+            for k in range(1, order):
+                unit[k] = unit[k - 1] * width[piece]
+            for i in range(n):
+                for row in range(order):
+                    sum = 0.0
+                    for k in range(row + 1):
+                        sum += given[(piece * n + i) * order + k] * unit[k] * share[row][k]
+                    point[(piece * order + row) * n + i] = sum
+    return out
+
+
 def jumps(coefficients, durations):
     """By how much position, velocity and acceleration, (3, pieces - 1, n), differ between the end of each
     quintic and the start of the next one, and how large the latter are; see polynomials.pyi."""
@@ -260,19 +343,37 @@ def jumps(coefficients, durations):
     return gaps, starts
 
 
-def greatest_rates(coefficients, durations):
+cdef double _control(const double* p, int degree) noexcept nogil:
+    """What no amount on [0, 1] of a polynomial of up to degree 4 is above: the greatest control point."""
+    cdef double greatest = 0.0
+    cdef double point
+    cdef int i, k
+    for i in range(degree + 1):
+        point = 0.0
+        for k in range(i + 1):
+            point += BERNSTEIN[degree][i][k] * p[k]
+        greatest = max(greatest, fabs(point))
+    return greatest
+
+
+def greatest_rates(coefficients, durations, enough=None):
     """The exact greatest amounts of velocity, acceleration and jerk, (3, pieces, n), of quintics, of shape
-    (pieces, n, 6), in the time since each piece's start."""
+    (pieces, n, 6), in the time since each piece's start; see polynomials.pyi for `enough`."""
     cdef int pieces = len(coefficients), n = np.shape(coefficients)[1]
     cdef int piece, i, order, k
     rows = np.array(coefficients, dtype=np.float64, order="C")
     lengths = np.array(durations, dtype=np.float64)
-    out = np.empty((DERIVATIVES - 1, pieces, n))
+    out = np.zeros((DERIVATIVES - 1, pieces, n))
+    if out.size == 0:
+        return out
+    if enough is not None:
+        out[...] = enough
     cdef double* row = doubles(rows, pieces * n * ORDER)
     cdef double* duration = doubles(lengths, pieces)
     cdef double* greatest = doubles(out, (DERIVATIVES - 1) * pieces * n)
     cdef double p[5]
-    cdef double power
+    cdef double power, bound
+    cdef Py_ssize_t at
     with nogil:
         for piece in range(pieces):
             for i in range(n):
@@ -281,5 +382,7 @@ def greatest_rates(coefficients, durations):
                     for k in range(order, ORDER):
                         p[k - order] = FACTOR[order][k] * row[(piece * n + i) * ORDER + k] * power
                         power *= duration[piece]
-                    greatest[((order - 1) * pieces + piece) * n + i] = _greatest(p, ORDER - 1 - order)
+                    at = ((order - 1) * pieces + piece) * n + i
+                    bound = _control(p, ORDER - 1 - order)
+                    greatest[at] = bound if bound <= greatest[at] else _greatest(p, ORDER - 1 - order)
     return out

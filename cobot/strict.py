@@ -20,7 +20,7 @@ _BRIEF.maxstring = _BRIEF.maxother = 2 * SHOWN_CHARACTERS
 class StrictModel(BaseModel):
     """Numbers are numbers, and nothing is unknown."""
 
-    model_config = ConfigDict(extra="forbid", strict=True)
+    model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
 
     @model_validator(mode="before")
     @classmethod
@@ -49,7 +49,7 @@ def sentence(error: Mapping[str, Any], *, ignored: tuple[str, ...] = ()) -> str:
     place = ""
     for part in error["loc"]:
         if part not in ignored:
-            place += f"[{part}]" if isinstance(part, int) else f".{part}" if place else str(part)
+            place += f"[{part}]" if isinstance(part, int) else f".{_key(part)}" if place else _key(part)
     match error["type"]:
         case "missing":
             return f"{place}: is missing"
@@ -58,6 +58,11 @@ def sentence(error: Mapping[str, Any], *, ignored: tuple[str, ...] = ()) -> str:
         case _:
             text = f"{error['msg'][:1].lower()}{error['msg'][1:]}, got {shown(error['input'])}"
     return f"{place}: {text}" if place else text
+
+
+def _key(name: str) -> str:
+    """As it stands, unless it is long or acts on a terminal: it may be the client's own."""
+    return name if len(name) <= SHOWN_CHARACTERS and name.isprintable() else shown(name)
 
 
 def sentences(errors: Sequence[Mapping[str, Any]], *, ignored: tuple[str, ...] = ()) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cobot.errors import InputError
-from cobot.polynomials import EXPONENTS, FACTORS, HERMITE, jumps
+from cobot.polynomials import EXPONENTS, FACTORS, control_points, hermite, jumps
 from cobot.types import Array
 
 Integers = npt.NDArray[np.intp]
@@ -115,7 +115,7 @@ class Trajectory:
     @property
     def start(self) -> Array:
         """Joint positions at the start, shape (dof,), rad."""
-        return np.asarray(self.sample([0.0])[0])
+        return self.coefficients[0, :, 0].copy()
 
     @property
     def end(self) -> Array:
@@ -155,12 +155,12 @@ class Trajectory:
 
     def excesses(self, derivative: int, low: Array, high: Array) -> tuple[Integers, Integers, Array]:
         """All segments, joints and values, shape (m,) each, whose extremum leaves [low, high]."""
-        polynomials = self._unit_polynomials(derivative)
-        hull_low, hull_high = _bernstein_hull(polynomials)
-        segments, joints = np.nonzero((hull_low < low) | (hull_high > high))
+        rows = self.coefficients[:, :, derivative:] * FACTORS[derivative, derivative:]
+        hull = control_points(rows, self._durations())
+        segments, joints = np.nonzero((hull.min(axis=1) < low) | (hull.max(axis=1) > high))
         if len(segments) == 0:
             return segments, joints, np.empty(0)
-        lowest, highest = _polynomial_extrema(polynomials[segments, joints])
+        lowest, highest = _polynomial_extrema(self._unit_polynomials(derivative)[segments, joints])
         beneath, above = lowest < low[joints], highest > high[joints]
         guilty = beneath | above
         return segments[guilty], joints[guilty], np.where(beneath, lowest, highest)[guilty]
@@ -191,27 +191,11 @@ class Trajectory:
 def from_hermite(times_s: Array, positions: Array, velocities: Array, accelerations: Array) -> Trajectory:
     """The quintics that take the given values at the given times: C2 by construction.
 
-    They are computed from each piece's start on: where it is costs no digits of how it moves.
-
     Args:
         times_s: shape (n+1,), starting at 0; the others (n+1, dof).
     """
     times = np.asarray(times_s, dtype=np.float64)
-    duration = np.diff(times)[:, None]
-    values = np.stack(
-        [
-            np.zeros_like(positions[:-1]),
-            velocities[:-1] * duration,
-            accelerations[:-1] * duration**2,
-            positions[1:] - positions[:-1],
-            velocities[1:] * duration,
-            accelerations[1:] * duration**2,
-        ],
-        axis=-1,
-    )
-    unit = values @ HERMITE.T
-    unit[:, :, 0] = positions[:-1]
-    return Trajectory(times, unit / duration[:, :, None] ** np.arange(ORDER))
+    return Trajectory(times, hermite(times, positions, velocities, accelerations))
 
 
 @cache

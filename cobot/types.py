@@ -185,12 +185,22 @@ class JointLimits:
 
     def scaled(self, velocity: float, acceleration: float, jerk: float) -> JointLimits:
         """The same positions and efforts with the rates multiplied by the given fractions."""
-        return replace(
-            self,
-            max_velocity=self.max_velocity * velocity,
-            max_acceleration=self.max_acceleration * acceleration,
-            max_jerk=self.max_jerk * jerk,
+        return self.with_rates(
+            self.max_velocity * velocity, self.max_acceleration * acceleration, self.max_jerk * jerk
         )
+
+    def with_rates(self, velocity: Array, acceleration: Array, jerk: Array) -> JointLimits:
+        """The same with other rates, which are such arrays already and not looked at: every plan does this
+        some times."""
+        other = object.__new__(JointLimits)
+        object.__setattr__(other, "names", self.names)
+        object.__setattr__(other, "slides", self.slides)
+        kept = (self.min_position, self.max_position, velocity, acceleration, jerk, self.max_effort)
+        for quantity, value in zip(self.QUANTITIES, kept, strict=True):
+            copied = value.copy()
+            copied.flags.writeable = False
+            object.__setattr__(other, quantity, copied)
+        return other
 
 
 @dataclass(frozen=True, slots=True)

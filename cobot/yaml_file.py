@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import Any
 
 import yaml
+from yaml.composer import Composer
+from yaml.constructor import SafeConstructor
 
 from cobot.errors import ConfigError
 
@@ -17,7 +20,7 @@ def read_yaml(path: Path) -> Any:
         ConfigError: missing, unreadable or malformed.
     """
     try:
-        return yaml.load(path.read_text(encoding="utf-8"), _UniqueKeyLoader)
+        return _load(path.read_text(encoding="utf-8"))
     except FileNotFoundError as exc:
         raise ConfigError(f"{path}: no such file") from exc
     except (OSError, UnicodeDecodeError) as exc:
@@ -26,7 +29,14 @@ def read_yaml(path: Path) -> Any:
         raise ConfigError(f"{path}: not valid YAML: {' '.join(str(exc).split())}") from exc
 
 
-class _UniqueKeyLoader(yaml.SafeLoader):
+def _load(source: str) -> Any:
+    if yaml.__with_libyaml__:
+        with contextlib.suppress(yaml.YAMLError):  # which is said in Python's words
+            return yaml.load(source, _FastLoader)
+    return yaml.load(source, _Loader)
+
+
+class _UniqueKeys(SafeConstructor):
     """YAML lets a second key win silently; a robot's limits must not depend on that."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
@@ -39,6 +49,24 @@ class _UniqueKeyLoader(yaml.SafeLoader):
                 )
             seen.add(key)
         return super().construct_mapping(node, deep)
+
+
+class _Loader(_UniqueKeys, yaml.SafeLoader):
+    """All in Python."""
+
+
+if yaml.__with_libyaml__:
+
+    class _FastLoader(Composer, _UniqueKeys, yaml.CSafeLoader):
+        """Parses in C, five times as fast: each process of cobot reads three files when it starts.
+
+        What is nested is put together in Python, for libyaml's own composer calls itself in C: a file of
+        100,000 brackets would end the process.
+        """
+
+        def __init__(self, stream: str) -> None:
+            yaml.CSafeLoader.__init__(self, stream)
+            Composer.__init__(self)
 
 
 def read_mapping(path: Path) -> dict[str, Any]:

@@ -8,6 +8,15 @@ from typing import Any, Literal, overload
 from cobot.client.connection import Json
 from cobot.client.jobs import JobHandle, Jobs
 
+KINDS = {
+    "plan_id": "execute",
+    "motions": "move/sequence",
+    "name": "move/named",
+    "joints": "move/joints",
+    "angle": "move/arc",
+}
+"""Which endpoint a motion is for, by the first of these that it has; without any it goes to a pose."""
+
 
 class Moves(Jobs):
     """Motions. With `wait=False` they return a `JobHandle` as soon as the service has accepted them."""
@@ -180,6 +189,19 @@ class Moves(Jobs):
         return self._move(
             "sequence", {"motions": [dict(each) for each in motions], "radii": list(radii)}, wait
         )
+
+    def queue(self, motion: Mapping[str, Any], *, blend_radius: float = 0.0) -> JobHandle:
+        """Have a motion done in its turn, after those that are queued; returns as soon as it is planned.
+
+        Args:
+            motion: a body of POST /robot/move/named, joints, pose, arc or sequence, or of /robot/execute.
+            blend_radius: how far from its end, m, the TCP may leave its path to go on into the next one.
+        """
+        what = next((path for key, path in KINDS.items() if key in motion), "move/pose")
+        query = {"queue": True, "blend_radius": blend_radius}
+        time_s = self._motion_timeout_s
+        job = self._json("POST", f"/robot/{what}", params=query, json=dict(motion), timeout=time_s)
+        return JobHandle(self, str(job["id"]))
 
     def _move(self, what: str, body: Json, wait: bool) -> Json | JobHandle:
         return self._motion(f"/robot/move/{what}", body, wait)

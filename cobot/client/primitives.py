@@ -44,9 +44,21 @@ PRIMITIVES: dict[str, Primitive] = {
 """`target`: joint angles, rad, of MoveJ; else a pose: x, y, z (m), w, x, y, z. `through`: poses. `via`,
 `centre`, `axis`: x, y, z. All others are the fields of the motion in docs/api.md."""
 
+_RATES = ("speed", "accel_scale")
+_JOINT = (*_RATES, "planner", "algorithm", "synchronization", "constraints")
+_TCP = (*_RATES, "speed_m_s", "speed_rad_s", "frame_id", "constraints")
+_WAY = ("planner", "algorithm", "synchronization", "via", "centre", "axis", "through", "radius")
+PARAMETERS = {
+    "move_named": ("name", *_JOINT),
+    "move_joints": ("target", *_JOINT),
+    "move_pose": ("target", *_TCP, *_WAY),
+    "move_arc": ("centre", "axis", "angle", *_TCP, "rise", "turn_tool"),
+}
+"""By the method of `Client`: what its primitives may have, beside what is fixed."""
+
 
 def primitive(name: str, params: Mapping[str, Any], dof: int) -> Run:
-    """The call that executes a primitive. The service looks at the fields that are passed on as they are.
+    """The call that executes a primitive. The service looks at the values of the fields.
 
     Raises:
         InputError: no such primitive, or wrong parameters; with the valid ones.
@@ -59,8 +71,11 @@ def primitive(name: str, params: Mapping[str, Any], dof: int) -> Run:
         raise InputError(f"{name}: {missing[0]} is missing")
     body: Json = dict(made.default)
     for key, value in params.items():
+        valid = [each for each in PARAMETERS[made.method] if each not in made.fixed]
         if key in made.fixed:
             raise InputError(f"{name}: {key} is {made.fixed[key]!r} and cannot be another one")
+        if key not in valid:
+            raise InputError(f"{name}: there is no parameter {key!r}; valid are: {', '.join(valid)}")
         body |= _fields(f"{name}: {key}", key, value, dof if made.method == "move_joints" else None)
     body |= made.fixed
     return lambda client: getattr(client, made.method)(**body)

@@ -53,6 +53,17 @@ class Client(Moves, EventConnection):
         """The named positions."""
         return list(self._request("GET", "/robot/positions"))
 
+    def teach_position(self, name: str, joints: Sequence[float] | None = None, description: str = "") -> Json:
+        """Give a place a name: joint angles, rad, or without them where the arm is; it is kept."""
+        body: Json = {"name": name, "description": description}
+        if joints is not None:
+            body["joints"] = list(joints)
+        return self._json("POST", "/robot/positions", json=body)
+
+    def forget_position(self, name: str) -> None:
+        """Remove a position that was taught."""
+        self._request("DELETE", f"/robot/positions/{name}")
+
     def plan(self, what: str, **request: Any) -> Json:
         """Plan without moving: `plan_id`, `duration_s`, path, utilisation of the limits, distances, torques.
 
@@ -204,16 +215,30 @@ class Client(Moves, EventConnection):
                 self._json("DELETE", "/robot/control")
             del self._http.headers[CONTROL_TOKEN]
 
-    def stop(self) -> Json:
+    def stop(self, *, category: int = 2) -> Json:
         """End the sequence, the planning and the motion; the answer says whether the arm is at rest.
 
-        Without the name of a robot, those of all robots. It is asked again where no answer came: a crowded
-        service closes connections before it knows what they want.
+        Without the name of a robot, those of all robots. It is asked again where no answer came, or that
+        the service is busy: in a crowd it closes connections before it knows what they want.
+
+        Args:
+            category: 2: at rest on the path, held by the drives; 1: as fast as the limits permit, then the
+                drives go off, until `reset`.
         """
+        params = None if category == 2 else {"category": category}
         for _ in range(STOP_TRIES - 1):
             with contextlib.suppress(UnavailableError):
-                return self._json("POST", "/stop", timeout=STOP_TIMEOUT_S)
-        return self._json("POST", "/stop", timeout=STOP_TIMEOUT_S)
+                return self._json("POST", "/stop", params=params, timeout=STOP_TIMEOUT_S)
+        return self._json("POST", "/stop", params=params, timeout=STOP_TIMEOUT_S)
+
+    def acknowledge(self, *, payload_checked: bool = False) -> Json:
+        """Somebody has compared the arm with what the first contact with it has found; it goes at full speed.
+
+        Args:
+            payload_checked: the model's own tool and load are those of the arm, nothing has to be set.
+        """
+        body = {"payload_checked": payload_checked}
+        return self._json("POST", "/robot/acknowledge", json=body)
 
     def reset(self) -> Json:
         """Leave an e-stop or a fault."""

@@ -10,7 +10,6 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -103,12 +102,7 @@ class Robot(SessionSettings):
     def __enter__(self) -> Robot:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     # Lifecycle
@@ -253,6 +247,11 @@ class Robot(SessionSettings):
             UnavailableError: rtloop does not answer.
         """
         return robot_states(self._state(), self._flange)
+
+    def commanded_position(self) -> list[float]:
+        """Where rtloop commands the joints to be: rad."""
+        commanded: list[float] = self._state()["commanded_position"].tolist()
+        return commanded
 
     # Plans and primitives
 

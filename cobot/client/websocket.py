@@ -50,7 +50,7 @@ class WebSocketTransport:
     ) -> None:
         self.clock = clock
         self.url = url.rstrip("/")
-        self._connection = _open(self.url, token or token_from_environment(), verify)
+        self._connection = open_socket(self.url, token or token_from_environment(), verify)
         self._changed = threading.Condition()
         self._sequence_turn = threading.Lock()
         self._sequence = 0
@@ -177,7 +177,12 @@ class WebSocketTransport:
         return found
 
 
-def _open(url: str, token: str | None, verify: Verify) -> ClientConnection:
+def open_socket(url: str, token: str | None, verify: Verify) -> ClientConnection:
+    """A connection to /robot/stream.
+
+    Raises:
+        UnavailableError, InputError, or what the service says: nobody answers, no URL, not permitted.
+    """
     trusted = tls_context(verify) if url.startswith("https:") else None
     try:
         # proxy: a robot's motions do not go through the one that the environment has for the web.

@@ -7,6 +7,7 @@ import json
 import os
 import sys
 import time
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from urllib.parse import quote
@@ -36,6 +37,11 @@ def run(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> int:
     try:
         if chosen.command == "completion":
             print(completion(chosen.shell, parser), flush=True)
+            return EXIT_OK
+        if chosen.command == "teleop":
+            from cobot.teleop.command import teleop
+
+            teleop(chosen)
             return EXIT_OK
         with _client(chosen) as client:
             return ACTIONS[chosen.command](client, chosen)
@@ -72,18 +78,25 @@ def _state(client: Client, chosen: argparse.Namespace) -> int:
 def _move(client: Client, chosen: argparse.Namespace) -> int:
     goal: list[str] = chosen.goal
     how: Json = {"speed": chosen.speed} | ({} if chosen.planner is None else {"planner": chosen.planner})
+    move: Callable[..., Json]
     if goal[0] == "pose":
         numbers = _numbers(goal[1:])
         if len(numbers) not in (3, 6):
             raise InputError(f"pose: X Y Z, or X Y Z A B C; got {len(numbers)} numbers")
-        how |= dict(zip("xyzabc", numbers, strict=False))
-        move = partial(client.move_pose, **how)
+        where: Json = dict(zip("xyzabc", numbers, strict=False))
+        move = client.move_pose
     elif len(goal) == 1 and not _is_number(goal[0]):
-        move = partial(client.move_named, goal[0], **how)
+        where, move = {"name": goal[0]}, client.move_named
     else:
-        move = partial(client.move_joints, _numbers(goal), **how)
+        where, move = {"joints": _numbers(goal)}, client.move_joints
+    if chosen.queue:
+        job = client.queue(where | how, blend_radius=chosen.blend_radius).read()
+        _done(chosen, job, f"job {job['id']} is {job['state']}")
+        return EXIT_OK
+    if chosen.blend_radius:
+        raise InputError("--blend-radius: is for moves in the queue; it goes with --queue")
     with Bar(not chosen.json).showing("moving") as bar:
-        answer = during(client, move, bar)
+        answer = during(client, partial(move, **where, **how), bar)
     _done(chosen, answer, f"arrived after {answer['duration_s']:.2f} s")
     return EXIT_OK
 
@@ -148,9 +161,15 @@ def _sequence(client: Client, chosen: argparse.Namespace) -> int:
 
 
 def _stop(client: Client, chosen: argparse.Namespace) -> int:
-    answer = client.stop()
+    answer = client.stop(category=chosen.category)
     _done(chosen, answer, str(answer["message"]))
     return EXIT_OK if answer["success"] else EXIT_FAILED
+
+
+def _acknowledge(client: Client, chosen: argparse.Namespace) -> int:
+    answer = client.acknowledge(payload_checked=chosen.payload_checked)
+    _done(chosen, answer, f"{answer['found']}\n{answer['message']}".strip())
+    return EXIT_OK
 
 
 def _jobs(client: Client, chosen: argparse.Namespace) -> int:
@@ -238,4 +257,5 @@ ACTIONS = {
     "stop": _stop,
     "jobs": _jobs,
     "watch": _watch,
+    "acknowledge": _acknowledge,
 }

@@ -11,9 +11,11 @@ from cobot.addresses import DEFAULT_URL
 
 URL_VARIABLE = "COBOT_URL"
 URL_HELP = f"of the service; {URL_VARIABLE}, or {DEFAULT_URL}, without it"
-COMMANDS = ("state", "move", "send", "jobs", "watch", "completion")
+COMMANDS = ("state", "move", "send", "jobs", "watch", "teleop", "acknowledge", "completion")
 SHELLS = ("bash", "zsh", "fish")
 EPILOG = "exit status: 0 done, 1 the service says why not, 2 wrong usage, 3 nobody answers, 130 interrupted"
+HELD, OFF = 2, 1
+"""Stop categories."""
 Commands = Any
 """What argparse gives for subcommands."""
 
@@ -54,6 +56,8 @@ def for_service(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> 
     if chosen.command == "stop":
         if chosen.url is None and (chosen.token or chosen.certificate or chosen.json):
             parser.error("stop: --token, --certificate and --json go with --url")
+        if chosen.url is None and chosen.category != HELD:
+            parser.error("stop: --category goes with --url")
         if chosen.url is not None and (chosen.estop or chosen.config):
             parser.error("stop: --estop and --config do not go with --url: they are for this computer")
         return chosen.url is not None
@@ -99,6 +103,22 @@ def add_parsers(commands: Commands) -> None:
         "--after", metavar="EPOCH-ID", help="begin after this event; 0: with all that are kept"
     )
     watch.add_argument("--count", type=_count, metavar="N", help="end after so many events")
+    hand = parser("teleop", "move the arm by the keyboard or a gamepad, for as long as something is held")
+    hand.add_argument(
+        "--gamepad",
+        nargs="?",
+        type=Path,
+        const=Path(),
+        metavar="DEVICE",
+        help="in place of the keyboard; without DEVICE the first one of /dev/input/js*",
+    )
+    hand.add_argument("--speed", type=float, default=0.5, metavar="SHARE", help="above 0 to 1 (%(default)s)")
+    seen = parser("acknowledge", "say what the first contact with a robot has found, and that it is so")
+    seen.add_argument(
+        "--payload-checked",
+        action="store_true",
+        help="tool and load are those of the model; not needed where POST /robot/tool has set them",
+    )
     completion = commands.add_parser("completion", help="print what makes a shell complete commands")
     completion.add_argument("shell", choices=SHELLS)
 
@@ -129,6 +149,18 @@ def _add_move(move: argparse.ArgumentParser) -> None:
     )
     move.add_argument("--speed", type=float, default=0.1, metavar="SHARE", help="of the limits (%(default)s)")
     move.add_argument("--planner", metavar="NAME", help="ptp, lin, ompl, chomp or auto")
+    move.add_argument(
+        "--queue",
+        action="store_true",
+        help="have it done in its turn, after those that are queued; do not wait",
+    )
+    move.add_argument(
+        "--blend-radius",
+        type=float,
+        default=0.0,
+        metavar="M",
+        help="with --queue: so far from its end, m, the arm may go on into the next one; 0: it stops",
+    )
 
 
 def _count(text: str) -> int:

@@ -151,7 +151,7 @@ def _backend(settings: Settings, config: Path | None) -> str:
     if done.returncode != 0:
         said = (done.stdout + done.stderr).strip().splitlines()
         raise ConfigError(said[-1] if said else f"rtloop ends with status {done.returncode}")
-    return settings.rt.backend
+    return done.stdout.strip().splitlines()[-1]
 
 
 def _position(robot: RobotDescription, name: str, settings: Settings) -> str:

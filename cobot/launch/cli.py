@@ -24,8 +24,11 @@ A robot arm behind a REST service.
 
   cobot run      start the simulated (or real) robot and the service, and watch over both
   cobot run FILE    run a sequence (.json) or program (.lua) at the service that runs, see docs/cli.md
-  cobot state, move, send, jobs, watch   use a service that runs, see docs/cli.md
+  cobot state, move, send, jobs, watch, teleop   use a service that runs, see docs/cli.md
+  cobot acknowledge   let a real robot move faster after a first look at it, see docs/safety.md
   cobot check    validate the whole configuration, without starting anything
+  cobot simulate fri   a simulated robot controller for any client of KUKA's FRI, see docs/kuka-fri.md
+  cobot backend  list, make and test what drives a robot, see docs/your-backend.md
   cobot new-robot   make the configuration of another arm from its URDF or MJCF, see docs/your-robot.md
   cobot stop     bring every arm of this computer to rest, whatever has become of the service
   cobot moveit-config   write a package with which MoveIt 2 plans for the robot, see docs/ros2.md
@@ -39,6 +42,8 @@ A robot arm behind a REST service.
 
 The first run needs no configuration: open http://localhost:8007 and move the arm."""
 
+SIMULATORS = {"fri": "rtloop.backends.fri.simulator"}
+"""Modules of what `cobot simulate` runs; each knows its own options."""
 EXIT_OK, EXIT_FAILED, EXIT_USAGE = 0, 1, 2
 
 
@@ -46,11 +51,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status: 0 good, 1 failed, 2 wrong usage."""
     parser = _parser()
     chosen = parser.parse_args(arguments)
+    chosen.is_program = arguments is None  # else it is somebody's who may have threads
     if chosen.command is None:
         parser.print_help()
         return EXIT_USAGE
     if chosen.command in ("lua", "mcp"):
         _become_client(chosen)
+    if chosen.command == "simulate":
+        os.execv(RUN_MODULE[0], [*RUN_MODULE, SIMULATORS[chosen.device], *chosen.options])
+    if chosen.command == "backend":
+        os.execv(RUN_MODULE[0], [*RUN_MODULE, "rtloop.contract", *chosen.options])
     if options.for_service(chosen, parser):
         from cobot.commands import actions
 
@@ -92,6 +102,10 @@ def _run(chosen: argparse.Namespace) -> int:
             from cobot.launch.check import check
 
             items = check(settings, chosen.config, sys.stdout)
+            if chosen.hardware:
+                from cobot.launch.hardware import check_hardware
+
+                items = items + check_hardware(settings, items, sys.stdout)
             return EXIT_OK if all(item.good for item in items) else EXIT_FAILED
         if chosen.command == "moveit-config":
             from cobot.launch.moveit import write_moveit_config
@@ -100,8 +114,16 @@ def _run(chosen: argparse.Namespace) -> int:
             return EXIT_OK
         require_limits()
         from cobot.launch.supervisor import Supervisor
+        from cobot.launch.supervisor.forked import forked
 
-        return Supervisor(_overridden(settings, chosen), chosen.config, settings).run()
+        given = _overridden(settings, chosen)
+        processes = len(given.each) + 1 + given.web.enabled + given.ros.enabled
+        blanks = forked(processes) if chosen.is_program else []
+        try:
+            return Supervisor(given, chosen.config, settings, blanks).run()
+        finally:
+            for blank in blanks:
+                blank.dismiss()
     except CobotError as exc:
         print(f"cobot: {exc}", file=sys.stderr)
         return EXIT_FAILED
@@ -153,10 +175,28 @@ def _parser() -> argparse.ArgumentParser:
     commands.add_parser(
         "mcp", parents=[service], help="let an agent that speaks MCP over stdio use a running service"
     )
+    simulate = commands.add_parser("simulate", help="run a simulated robot controller, for any client of its")
+    simulate.add_argument("device", choices=list(SIMULATORS), help="fri: a KUKA LBR behind its FRI")
+    simulate.add_argument(
+        "options",
+        nargs=argparse.REMAINDER,
+        metavar="...",
+        help="its own; cobot simulate fri --help lists them",
+    )
+    backend = commands.add_parser("backend", help="list, make and test what drives a robot")
+    backend.add_argument(
+        "options",
+        nargs=argparse.REMAINDER,
+        metavar="...",
+        help="list, new NAME or test NAME; each says more with --help",
+    )
     token.add_parser(commands, config)
     recording_options.add_parsers(commands)
-    commands.add_parser(
+    validate = commands.add_parser(
         "check", parents=[config], help="validate files, folders, model, limits, named positions"
+    )
+    validate.add_argument(
+        "--hardware", action="store_true", help="and walk through the list before a real arm's first motion"
     )
     stop = commands.add_parser(
         "stop",
@@ -165,7 +205,15 @@ def _parser() -> argparse.ArgumentParser:
     )
     stop.add_argument("--robot", metavar="NAME", help="only this one; with --config: only those of the file")
     stop.add_argument("--estop", action="store_true", help="latched: nothing moves until POST /robot/reset")
-    options.add_service_options(stop.add_argument_group("through the service of --url"), robot=False)
+    remote = stop.add_argument_group("through the service of --url")
+    remote.add_argument(
+        "--category",
+        type=int,
+        choices=(options.OFF, options.HELD),
+        default=options.HELD,
+        help="2: held on its path (%(default)s); 1: as fast as the limits permit, then the drives go off",
+    )
+    options.add_service_options(remote, robot=False)
     examine = commands.add_parser("doctor", parents=[config], help="examine this computer")
     examine.add_argument("--json", action="store_true", help="as a list of objects, for programs")
     for name, text in (
@@ -206,12 +254,14 @@ def _new_robot(chosen: argparse.Namespace) -> int:
 def _stop(chosen: argparse.Namespace) -> int:
     """Which needs no settings, and so stops also when they cannot be read."""
     from cobot.audit import record_from_cli
-    from cobot.launch.stop import stop
+    from cobot.launch.stop import not_asked, stop
 
     robots = (
         [chosen.robot] if chosen.robot else list(load_settings(chosen.config).each) if chosen.config else []
     )
     at_rest = stop(robots, latched=chosen.estop, out=sys.stdout)
+    if hint := not_asked(os.environ.get(options.URL_VARIABLE)):
+        print(f"cobot: {hint}", file=sys.stderr)
     what = f"{'e-stop' if chosen.estop else 'stop'} {' '.join(robots)}".rstrip()
     outcome = "ok" if at_rest else "not known to be at rest"
     for settings in _running(robots) or [load_settings(chosen.config)]:

@@ -10,9 +10,12 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TextIO
+from urllib.parse import urlsplit
 
 import numpy as np
 
+from cobot.access.authentication import is_loopback
+from cobot.commands.options import URL_VARIABLE
 from cobot.errors import CobotError, TornReadError
 from cobot.ipc.layout import MotionResult, text
 from cobot.ipc.shm import MemoryRole, RobotMemory, robots_running
@@ -50,7 +53,9 @@ def stop(robots: Sequence[str], *, latched: bool, out: TextIO) -> bool:
     """
     names = list(robots) or robots_running()
     if not names:
-        out.write("no robot is running on this computer\n")
+        out.write(
+            f"no robot is running on this computer; one elsewhere: {_by_service('http://ROBOT:8007')}\n"
+        )
         return False
     stops: dict[str, StopRequest] = {}
     for name in names:  # all of them first: waiting for one shall not keep the others moving
@@ -61,6 +66,29 @@ def stop(robots: Sequence[str], *, latched: bool, out: TextIO) -> bool:
     deadline_s = time.monotonic() + REST_S
     at_rest = [_report(name, each, deadline_s, latched=latched, out=out) for name, each in stops.items()]
     return len(stops) == len(names) and all(at_rest)
+
+
+def not_asked(url: str | None) -> str:
+    """What to type for the service that other commands go to, if it is on another computer; "" else.
+
+    Args:
+        url: what the environment says.
+    """
+    if not url or _here(url):
+        return ""
+    return f"the service of {URL_VARIABLE} was NOT asked, for it is elsewhere: {_by_service(url)}"
+
+
+def _here(url: str) -> bool:
+    try:
+        host = urlsplit(url).hostname or ""
+    except ValueError:
+        return False
+    return host == "localhost" or is_loopback(host)
+
+
+def _by_service(url: str) -> str:
+    return f"cobot stop --url {url}"
 
 
 def _ask(memory: RobotMemory, *, latched: bool) -> StopRequest:

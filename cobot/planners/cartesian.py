@@ -7,6 +7,7 @@ along the path (`cobot/planners/redundancy.py`).
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -15,24 +16,26 @@ from cobot.errors import CobotError, InputError, PlanningError, UnreachableError
 from cobot.findings import Finding
 from cobot.motions.requests import MotionRequest
 from cobot.planners.joint_path import SHORTEST_SHARE, JointsAt, at_limit_of, jump_of, through
-from cobot.planners.null_space import FEW, MANY, Particles
+from cobot.planners.null_space import FEW, FINER, MANY, Particles
 from cobot.planners.path import Path
 from cobot.planners.redundancy import MESHES, Graph, Profile
 from cobot.planners.tcp_path import TcpPath
 from cobot.planners.time_law import time_optimal
-from cobot.robot.clearance import bezier
 from cobot.robot.description import RobotDescription
 from cobot.robot.frames import angle_between
 from cobot.robot.inverse_kinematics import LEAST_GAP_M, reach_gap, solve_near
-from cobot.trajectory import ORDER, Trajectory
+from cobot.trajectory import Trajectory
 from cobot.types import Array, CartesianLimits, JointLimits
 
 STANDING_M, STANDING_RAD = 1e-6, 1e-6
 POSE_DOF = 6
 FAR = 0.5
-"""Where some configurations come beyond this share of a path, more of them may find the rest."""
+"""Where some configurations come beyond this share of a path, more of them may find the rest; at more places
+too, where they have come to its end by ways that no smooth one could be made of."""
 STEP_RAD = 0.4
 """Where a joint would turn further from one place to the next, there is one more between them."""
+STEPS = 60
+"""Of a descent from one place to the next, at the most."""
 SLOW = 2.5
 """A motion that takes so many times as long as the TCP alone would is compared with one of the graph."""
 
@@ -47,22 +50,23 @@ def follow(robot: RobotDescription, request: MotionRequest, path: TcpPath) -> Tr
     """
     if path.length_m < STANDING_M and path.angle_rad < STANDING_RAD:
         return None
+    tcp = tcp_limits(robot, request)
     _require_reach(robot, path, request.start)
     simple, reason = _continued(robot, request.start, path)
     motion = None
     if simple is not None and _is_free(robot, simple):
         try:
-            motion = _timed(robot, request, simple)
+            motion = _timed(robot, request, simple, tcp)
         except (PlanningError, InputError) as exc:
             reason = exc
-    if motion is not None and motion.duration_s <= SLOW * _shortest_s(request, robot, path):
+    if motion is not None and motion.duration_s <= SLOW * _shortest_s(path, tcp):
         return motion
     other, reached = _redundant(robot, request.start, path, len(MESHES) if motion is None else 1)
     if other is not None:
-        motions = [_timed(robot, request, other), *([] if motion is None else [motion])]
+        motions = [_timed(robot, request, other, tcp), *([] if motion is None else [motion])]
         return min(motions, key=lambda one: one.duration_s)
     if motion is None and simple is not None:
-        return _timed(robot, request, simple)  # What it touches is said by the check of all motions.
+        return _timed(robot, request, simple, tcp)  # What it touches is said by the check of all motions.
     if motion is None:
         assert reason is not None
         raise _refused(robot, reason, reached)
@@ -85,10 +89,10 @@ def _refused(robot: RobotDescription, reason: CobotError, reached: float) -> Unr
     return UnreachableError(f"{reason}; {more}", findings=findings)
 
 
-def _timed(robot: RobotDescription, request: MotionRequest, joint_path: Path) -> Trajectory:
-    return time_optimal(
-        robot, joint_path, request.scaled_limits(robot), tcp_limits(robot, request)
-    ).trajectory
+def _timed(
+    robot: RobotDescription, request: MotionRequest, joint_path: Path, tcp: CartesianLimits
+) -> Trajectory:
+    return time_optimal(robot, joint_path, request.scaled_limits(robot), tcp).trajectory
 
 
 def tcp_limits(robot: RobotDescription, request: MotionRequest) -> CartesianLimits:
@@ -101,9 +105,8 @@ def tcp_limits(robot: RobotDescription, request: MotionRequest) -> CartesianLimi
     )
 
 
-def _shortest_s(request: MotionRequest, robot: RobotDescription, path: TcpPath) -> float:
+def _shortest_s(path: TcpPath, limits: CartesianLimits) -> float:
     """How long the TCP's own limits make the path take, whatever the joints do."""
-    limits = tcp_limits(robot, request)
     times = []
     for way, velocity, acceleration, jerk in (
         (
@@ -119,15 +122,13 @@ def _shortest_s(request: MotionRequest, robot: RobotDescription, path: TcpPath) 
             limits.max_angular_jerk,
         ),
     ):
-        short = max(2.0 * np.sqrt(way / acceleration), (32.0 * way / jerk) ** (1.0 / 3.0))
+        short = max(2.0 * math.sqrt(way / acceleration), (32.0 * way / jerk) ** (1.0 / 3.0))
         times.append(max(short, way / velocity + velocity / acceleration + acceleration / jerk))
     return float(max(times))
 
 
 def _is_free(robot: RobotDescription, joint_path: Path) -> bool:
-    widths = np.diff(joint_path.breakpoints)[:, None, None]
-    pieces = bezier(joint_path.coefficients * widths ** np.arange(ORDER))
-    return robot.collision.clearance.contact(pieces) is None
+    return robot.collision.clearance.contact(joint_path.bezier()) is None
 
 
 def _redundant(
@@ -155,8 +156,10 @@ def _redundant(
 def _by_particles(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Path | None, float]:
     """The same for an arm without an arm angle."""
     reached = 0.0
-    for count in (FEW, MANY):
-        particles = Particles(robot, start, path, count)
+    for count, factor in ((FEW, 1), (MANY, 1), (FEW, FINER), (MANY, FINER)):
+        if count == MANY and reached < (FAR if factor == 1 else 1.0):
+            continue
+        particles = Particles(robot, start, path, count, factor)
         for rows in particles.ways():
             try:
                 found = through(robot, path, particles.shares, rows, _joints_at(robot, path))
@@ -165,8 +168,6 @@ def _by_particles(robot: RobotDescription, start: Array, path: TcpPath) -> tuple
             if _is_free(robot, found):
                 return found, 1.0
         reached = max(reached, particles.reached)
-        if reached < FAR:
-            break
     return None, reached
 
 
@@ -184,7 +185,7 @@ def _along(
 
 
 def _require_reach(robot: RobotDescription, path: TcpPath, start: Array) -> None:
-    gap = reach_gap(robot.model, path.pose_at(1.0))
+    gap = robot.model.inverse_kinematics.gap(path.poses(np.ones(1))[0])
     if gap <= LEAST_GAP_M:
         return
     shares = np.linspace(0.0, 1.0, 101)
@@ -214,7 +215,7 @@ def _joints_at(robot: RobotDescription, path: TcpPath) -> JointsAt:
     descend = robot.model.inverse_kinematics.descend
 
     def joints_at(share: float, near: Array) -> Array | None:
-        joints, solved, _, _ = descend(path.poses(np.array([share]))[0], near, 60)
+        joints, solved, _, _ = descend(path.poses(np.array([share]))[0], near, STEPS)
         return joints if solved else None
 
     return joints_at
@@ -223,13 +224,16 @@ def _joints_at(robot: RobotDescription, path: TcpPath) -> JointsAt:
 def _chain(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Array, Array]:
     """Shares, and the joints there, from one to the next."""
     descend = robot.model.inverse_kinematics.descend
-    ahead = np.linspace(0.0, 1.0, path.places + 1)[:0:-1].tolist()
-    poses = dict(zip(ahead, path.poses(np.array(ahead)), strict=True))
-    shares, rows = [0.0], [start]
+    even = np.linspace(0.0, 1.0, path.places + 1)
+    targets = path.poses(even[1:])
+    carried = robot.model.inverse_kinematics.carried(targets, start, STEPS, STEP_RAD)
+    shares, rows = even[: len(carried) + 1].tolist(), [start, *carried]
+    ahead = even[: len(carried) : -1].tolist()
+    poses = dict(zip(even[1:].tolist(), targets, strict=True))
     while ahead:
         share = ahead[-1]
         pose = poses[share] if share in poses else path.poses(np.array([share]))[0]
-        joints, solved, _, _ = descend(pose, rows[-1], 60)
+        joints, solved, _, _ = descend(pose, rows[-1], STEPS)
         step = np.abs(joints - rows[-1])
         at_limit = _at_limit(robot.limits, joints, step)
         if solved and not at_limit and step.max() <= STEP_RAD:
@@ -240,7 +244,7 @@ def _chain(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Array,
         else:
             beyond = next(place for place in reversed(ahead) if place in poses)
             if not solved:  # At the next even place it is as far off as a person would call it.
-                joints = descend(poses[beyond], rows[-1], 60)[0]
+                joints = descend(poses[beyond], rows[-1], STEPS)[0]
             raise _failure(robot, path, (share, beyond), joints, rows[-1], at_limit, solved)
     return np.array(shares), np.array(rows)
 

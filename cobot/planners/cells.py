@@ -6,10 +6,14 @@ to 1.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from cobot.trajectory import Trajectory, from_hermite
 from cobot.types import Array
+
+MIDDLE = 0.5
 
 
 def basis(x: float) -> Array:
@@ -28,15 +32,39 @@ def bases(x: float, count: int) -> Array:
     return np.broadcast_to(basis(x), (count, 3, 3))
 
 
+@lru_cache(maxsize=32)
+def acceleration_stations(cells: int) -> tuple[Array, Array]:
+    """The cells of places, shape (n,), and the bases there, (n, 3, 3): all beginnings, middles, the end."""
+    even = np.arange(cells)
+    index = np.concatenate([even, even, even[-1:]])
+    return index, np.concatenate([bases(0.0, cells), bases(MIDDLE, cells), bases(1.0, 1)])
+
+
+@lru_cache(maxsize=32)
+def jerk_stations(cells: int, ending: int) -> tuple[Array, Array]:
+    """The same of all beginnings, all ends, and the middles of so many cells at either end."""
+    even = np.arange(cells)
+    index = np.concatenate([even, even, even[:ending], even[-ending:]])
+    return index, np.concatenate([bases(0.0, cells), bases(1.0, cells), bases(MIDDLE, 2 * ending)])
+
+
+@lru_cache(maxsize=32)
+def duration_stations(cells: int) -> tuple[Array, Array, Array]:
+    """The same of all beginnings, middles and ends, with the weights of Simpson's rule, shape (n, 1)."""
+    weights = np.repeat([1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0], cells)[:, None]
+    base = np.concatenate([bases(x, cells) for x in (0.0, MIDDLE, 1.0)])
+    return np.tile(np.arange(cells), 3), base, weights
+
+
 NODES, WEIGHTS = (0.5 * each for each in np.polynomial.legendre.leggauss(4))
 AT_NODES = np.stack([basis(0.5 + node)[0] for node in NODES], axis=1)
 """Gauss and Legendre's rule for the time that a cell takes."""
 
 
-def cubic(points: Array, x: float) -> Array:
-    """A cubic B-spline and its three derivatives at one place in each cell, shape (4, cells)."""
+def cubic_basis(x: float) -> Array:
+    """A cubic B-spline and its three derivatives, by the cell's four control points, shape (4, 4)."""
     y = 1.0 - x
-    weights = np.array(
+    return np.array(
         [
             [y**3 / 6, (3 * x**3 - 6 * x**2 + 4) / 6, (3 * y**3 - 6 * y**2 + 4) / 6, x**3 / 6],
             [-(y**2) / 2, (3 * x**2 - 4 * x) / 2, (4 * y - 3 * y**2) / 2, x**2 / 2],
@@ -44,30 +72,35 @@ def cubic(points: Array, x: float) -> Array:
             [-1.0, 3.0, -3.0, 1.0],
         ]
     )
-    return np.asarray(weights @ np.stack([points[:-3], points[1:-2], points[2:-1], points[3:]]))
 
 
-def chained(derivatives: Array, law: Array) -> Array:
-    """Derivatives by τ, shape (3, n, m), of derivatives by s, and of s and its derivatives by τ, (4, n)."""
-    first, second, third = derivatives
-    u, v, w = law[1][:, None], law[2][:, None], law[3][:, None]
-    return np.array([first * u, second * u**2 + first * v, third * u**3 + 3.0 * second * u * v + first * w])
+CUBIC = np.array([cubic_basis(x) for x in (0.0, MIDDLE, 1.0)])
+
+
+def cubics(points: Array) -> Array:
+    """A cubic B-spline and its three derivatives at the beginning, in the middle and at the end of each cell,
+    shape (3, 4, cells)."""
+    return np.asarray(CUBIC @ np.array([points[:-3], points[1:-2], points[2:-1], points[3:]]))
 
 
 def times_of(rate: Array) -> tuple[Array, Array, Array]:
     """The times at the knots, s, and there the square of the rate and its slope, shape (cells + 1,) each."""
-    windows = np.stack([rate[:-2], rate[1:-1], rate[2:]], axis=1)
-    durations = (WEIGHTS / np.sqrt(windows @ AT_NODES)).sum(axis=1)
-    (value, slope, _), (last, last_slope, _) = basis(0.0), basis(1.0)
-    squares = np.append(windows @ value, windows[-1] @ last)
-    slopes = np.append(windows @ slope, windows[-1] @ last_slope)
-    return np.concatenate([[0.0], np.cumsum(durations)]), squares, slopes
+    squares = AT_NODES.T @ np.array([rate[:-2], rate[1:-1], rate[2:]])
+    times = np.zeros(len(rate) - 1)
+    np.cumsum(WEIGHTS @ (1.0 / np.sqrt(squares)), out=times[1:])
+    return times, 0.5 * (rate[:-1] + rate[1:]), rate[1:] - rate[:-1]
 
 
 def motion(
     times: Array, positions: Array, first: Array, second: Array, squares: Array, slopes: Array
 ) -> Trajectory:
     """Quintics through positions and derivatives by τ, shape (n, dof) each, at the knots."""
+    return from_hermite(times, *states(positions, first, second, squares, slopes))
+
+
+def states(
+    positions: Array, first: Array, second: Array, squares: Array, slopes: Array
+) -> tuple[Array, Array, Array]:
+    """Positions, velocities and accelerations, shape (n, dof), by time."""
     velocity = first * np.sqrt(squares)[:, None]
-    acceleration = second * squares[:, None] + 0.5 * first * slopes[:, None]
-    return from_hermite(times, positions, velocity, acceleration)
+    return positions, velocity, second * squares[:, None] + 0.5 * first * slopes[:, None]

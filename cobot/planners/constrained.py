@@ -2,8 +2,10 @@
 
 Each small step towards a random configuration, and towards the other tree, is brought back to where the
 constraints hold by Newton's method (D. Berenson, S. Srinivasa, D. Ferguson and J. Kuffner, "Manipulation
-planning on constraint manifolds", 2009). The path is made shorter by such steps between two of its places,
-and evener by drawing each place to the middle of its neighbours.
+planning on constraint manifolds", 2009). The tree that has grown less grows next, half of the times towards a
+place near one that it has: from within a shelf, nearly all that is far away lies behind boards. The path is
+made shorter by such steps between two of its places, and evener by drawing each place to the middle of its
+neighbours.
 """
 
 from __future__ import annotations
@@ -28,6 +30,9 @@ PROGRESS = 0.2
 """A step that brings the arm nearer to where it goes by less than this share of a step leads nowhere."""
 SIDESTEP = 3.0
 """Nor does one that is so many times as long as was asked for."""
+NEARBY, NEARBY_RAD = 0.5, 0.25
+"""This share of what a tree grows towards is near a place of its own, by so much (1 σ); the rest is anywhere.
+"""
 SEARCHES = 4
 MUCH_WORK = 100_000
 """No search is begun after so many configurations looked at: the same seed shall give the same path."""
@@ -126,7 +131,7 @@ class _Steps:
     def _connected(self, start: Array, goals: Array, end_s: float) -> list[Array] | None:
         """The places of a path, each a step from the one before."""
         self.trees = near, far = _Tree(start[None]), _Tree(goals)
-        target = goals[0]
+        roots, target = len(goals) - 1, goals[0]
         while time.monotonic() < end_s:
             index = near.nearest(target)
             places, _ = self._toward(near[index], target)
@@ -137,9 +142,19 @@ class _Steps:
             if arrived:
                 way = near.back(newest)[::-1] + far.back(last)[1:]
                 return way if near is self.trees[0] else way[::-1]
-            near, far = far, near
-            target = self._random.uniform(self._held.low, self._held.high)
+            near, far = self.trees
+            if len(near) > len(far) - roots:
+                near, far = far, near
+            target = self._wanted(near)
         return None
+
+    def _wanted(self, tree: _Tree) -> Array:
+        """A configuration for this tree to grow towards."""
+        low, high = self._held.low, self._held.high
+        if self._random.random() >= NEARBY:
+            return self._random.uniform(low, high)
+        place = tree[int(self._random.integers(len(tree)))]
+        return np.clip(place + self._random.normal(0.0, NEARBY_RAD, len(place)), low, high)
 
     def _shortened(self, way: list[Array]) -> list[Array]:
         """With detours cut off where steps lead straight from one place to another."""

@@ -9,8 +9,8 @@ from math import comb
 import numpy as np
 
 from cobot.motions.stretches import Corner, Leg
-from cobot.planners.cells import chained
 from cobot.planners.coordinates import Coordinates
+from cobot.planners.derivatives import chained
 from cobot.planners.joined import largest, path_of
 from cobot.planners.path import Path
 from cobot.polynomials import greatest_rates

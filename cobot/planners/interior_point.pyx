@@ -66,11 +66,11 @@ cdef class Stations:
         self._count, self._rows = np.shape(first)
         cdef Py_ssize_t size = self._count * self._rows
         given = (cells, basis, first, second, low, high)
-        kept = [np.array(each, dtype=np.float64, order="C") for each in given]
+        kept = [np.asarray(each, dtype=np.float64, order="C") for each in given]
         for each in kept[2:]:
             if each.shape != (self._count, self._rows):
                 raise ValueError(f"rows of shape {each.shape} instead of {(self._count, self._rows)}")
-        kept.append(np.array(third, dtype=np.float64, order="C") if third is not None else np.zeros(1))
+        kept.append(np.asarray(third, dtype=np.float64, order="C") if third is not None else np.zeros(1))
         kept += [np.empty(2 * size) for _ in range(3)]
         self._kept = kept
         self._cell, self._basis = doubles(kept[0], self._count), doubles(kept[1], 9 * self._count)

@@ -257,10 +257,10 @@ def _rates(robot: RobotDescription, leg: Leg) -> Array:
     """Its limits of velocity, acceleration and jerk: of the joints, and of the TCP, shape (3, dof + 2)."""
     limits = with_room(robot, leg.limits)
     of_joints = np.array([getattr(limits, name) for name in RATES])
-    of_tcp = np.full((3, len(PARTS)), UNLIMITED)
+    of_tcp = np.full((3, PARTS), UNLIMITED)
     if leg.tcp is not None:
         values = [getattr(leg.tcp, item.name) for item in fields(CartesianLimits)]
-        of_tcp = np.array(values).reshape(len(PARTS), 3).T
+        of_tcp = np.array(values).reshape(PARTS, 3).T
     return np.concatenate([of_joints, of_tcp], axis=1)
 
 
@@ -269,7 +269,7 @@ def _largest_rates(robot: RobotDescription, legs: Sequence[Leg]) -> Array:
     largest = np.max([_rates(robot, leg) for leg in legs], axis=0)
     with_tcp = [_rates(robot, leg) for leg in legs if leg.tcp is not None]
     if with_tcp:
-        largest[:, -len(PARTS) :] = np.max(with_tcp, axis=0)[:, -len(PARTS) :]
+        largest[:, -PARTS:] = np.max(with_tcp, axis=0)[:, -PARTS:]
     return np.asarray(largest)
 
 

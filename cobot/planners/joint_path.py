@@ -8,7 +8,7 @@ import numpy as np
 
 from cobot.errors import UnreachableError
 from cobot.findings import Finding
-from cobot.planners.path import Path
+from cobot.planners.path import Path, spline_through
 from cobot.planners.tcp_path import TcpPath, angles_between
 from cobot.robot.description import RobotDescription
 from cobot.types import Array, JointLimits
@@ -101,7 +101,8 @@ def _inaccurate(path: TcpPath) -> UnreachableError:
 
 
 def _is_even(shares: Array) -> bool:
-    return bool(np.ptp(np.diff(shares)) < 1e-9)
+    steps = shares[1:] - shares[:-1]
+    return bool(steps.max() - steps.min() < 1e-9)
 
 
 def _without_jumps(
@@ -165,14 +166,15 @@ def _lengths(shares: Array, rows: Array) -> Array:
     points = np.column_stack([rows, SHARE_RAD * shares])
     parameters = np.concatenate([[0.0], np.cumsum(_chords(shares, rows))])
     for _ in range(2):
-        curve = Path.through(parameters, points)
-        steps = np.diff(curve.breakpoints)
-        places = curve.breakpoints[:-1, None] + 0.5 * steps[:, None] * (NODES + 1.0)
-        speeds = np.linalg.norm(curve.at(places.ravel(), 1), axis=1).reshape(places.shape)
+        curve = spline_through(parameters, points)
+        knots = np.unique(curve.t)
+        steps = np.diff(knots)
+        places = knots[:-1, None] + 0.5 * steps[:, None] * (NODES + 1.0)
+        speeds = np.sqrt((curve(places.ravel(), 1) ** 2).sum(axis=1)).reshape(places.shape)
         lengths = np.concatenate([[0.0], np.cumsum(0.5 * steps * (speeds @ WEIGHTS))])
         if lengths[-1] > SWINGING * parameters[-1]:
             break
-        parameters = np.interp(parameters, curve.breakpoints, lengths)
+        parameters = np.interp(parameters, knots, lengths)
     return np.asarray(parameters)
 
 
@@ -189,7 +191,7 @@ def _spoiled(
     there = inner
     if parameters is not shares:
         # Beyond its ends a path would go on as a line does, and the TCP would not be found beside it.
-        there = np.clip(Path.through(parameters, shares[:, None]).at(inner)[:, 0], 0.0, 1.0)
+        there = np.clip(spline_through(parameters, shares[:, None])(inner)[:, 0], 0.0, 1.0)
     poses, targets = robot.model.poses(joint_path.at(inner)), path.poses(there)
     far = np.linalg.norm(poses[:, :3] - targets[:, :3], axis=1) > PATH_SHARE * LARGEST_DEVIATION_M
     far |= angles_between(poses[:, 3:], targets[:, 3:]) > PATH_SHARE * LARGEST_DEVIATION_RAD

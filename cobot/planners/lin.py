@@ -30,7 +30,9 @@ def straight_line(start: Pose, goal: Pose) -> TcpPath:
     across, turn = goal.position - start.position, turn_between(start, goal)
 
     def poses(shares: Array) -> Array:
-        positions = start.position + shares[:, None] * across
-        return np.concatenate([positions, turned(start.quaternion, turn, shares)], axis=1)
+        rows = np.empty((len(shares), 7))
+        rows[:, :3] = start.position + shares[:, None] * across
+        rows[:, 3:] = turned(start.quaternion, turn, shares)
+        return rows
 
     return TcpPath("lin", poses, float(np.linalg.norm(across)), float(np.linalg.norm(turn)))

@@ -18,6 +18,8 @@ from cobot.types import Array
 
 FEW, MANY = 120, 360
 """So many configurations are carried along, and if these find no way that is free, so many."""
+FINER = 4
+"""Through a narrow passage, beside a limit, they are carried at so many times more places."""
 SPREADS_RAD = (0.02, 0.08, 0.25)
 """Of what is drawn about a configuration, by turns."""
 NEAR_SHARE = 0.1
@@ -25,8 +27,9 @@ NEAR_SHARE = 0.1
 STEP_RAD = 0.3
 """From place to place no joint turns further."""
 PLACE_M, PLACE_RAD, MOST_PLACES = 0.015, 0.1, 200
-INSIDE_RAD = 1e-3
-"""From limits, unless the start is nearer: the splines between places need some room."""
+INSIDE_RAD = 8e-3
+"""From limits, unless the start is nearer: the splines between places need some room, between finer ones
+less."""
 STEPS = 30
 SMOOTHINGS = (60, 15, 4)
 """So often each configuration is drawn to the middle of its neighbours; less where the smooth way touches."""
@@ -40,14 +43,17 @@ class Particles:
         reached: the share of the path to which joints lead.
     """
 
-    def __init__(self, robot: RobotDescription, start: Array, path: TcpPath, count: int) -> None:
+    def __init__(
+        self, robot: RobotDescription, start: Array, path: TcpPath, count: int, factor: int = 1
+    ) -> None:
+        """count: of the configurations. factor: of the number of places."""
         self._robot, self._arm = robot, robot.model.inverse_kinematics
         self._count, self._random = count, np.random.default_rng(count)
         limits = robot.limits
-        self._low = np.minimum(limits.min_position + INSIDE_RAD, start)
-        self._high = np.maximum(limits.max_position - INSIDE_RAD, start)
+        self._low = np.minimum(limits.min_position + INSIDE_RAD / factor, start)
+        self._high = np.maximum(limits.max_position - INSIDE_RAD / factor, start)
         places = max(path.places, path.length_m / PLACE_M, path.angle_rad / PLACE_RAD)
-        self.shares = np.linspace(0.0, 1.0, min(MOST_PLACES, int(np.ceil(places))) + 1)
+        self.shares = np.linspace(0.0, 1.0, factor * min(MOST_PLACES, int(np.ceil(places))) + 1)
         self._poses = path.poses(self.shares)
         self.reached = 0.0
         self._way = self._carried(start)
@@ -88,14 +94,14 @@ class Particles:
             near = rows[order[index % len(order)]]
             if index >= len(order):
                 near = near + SPREADS_RAD[index % len(SPREADS_RAD)] * self._random.normal(size=len(near))
-            joints, solved, _, _ = self._arm.descend(pose, np.clip(near, self._low, self._high), STEPS)
-            if solved and self._inside(joints):
+            joints, solved, _, _ = self._descend(pose, near)
+            if solved:
                 found.append(joints)
         kept = np.array(found).reshape(-1, rows.shape[1])
         return kept[self._robot.collision.clearance.are_free(kept)] if len(kept) else kept
 
-    def _inside(self, joints: Array) -> bool:
-        return bool(((joints >= self._low) & (joints <= self._high)).all())
+    def _descend(self, pose: Array, near: Array) -> tuple[Array, bool, float, float]:
+        return self._arm.descend(pose, near, STEPS, within=(self._low, self._high))
 
     def _nearness(self, rows: Array) -> Array:
         """What limits cost that are near."""
@@ -110,7 +116,7 @@ class Particles:
             for index in range(1, len(rows)):
                 after = rows[min(index + 1, len(rows) - 1)]
                 middle = 0.25 * rows[index - 1] + 0.5 * rows[index] + 0.25 * after
-                joints, solved, _, _ = self._arm.descend(self._poses[index], middle, STEPS)
-                if solved and self._inside(joints) and self._robot.collision.is_free(joints):
+                joints, solved, _, _ = self._descend(self._poses[index], middle)
+                if solved and self._robot.collision.is_free(joints):
                     rows[index] = joints
         return rows

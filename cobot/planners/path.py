@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cobot.errors import InputError
-from cobot.polynomials import pieces_at
-from cobot.robot.clearance import bezier
+from cobot.polynomials import control_points, pieces_at
 from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array
 
@@ -63,10 +62,7 @@ class Path:
     @classmethod
     def through(cls, parameters: Array, points: Array) -> Path:
         """Through points, shape (n, dof), at parameters, shape (n,), with four continuous derivatives."""
-        from scipy.interpolate import make_interp_spline
-
-        degree = min(DEGREE, len(points) - 1)
-        return cls.of_spline(make_interp_spline(parameters, points, k=degree))
+        return cls.of_spline(spline_through(parameters, points))
 
     @classmethod
     def through_even(cls, points: Array) -> Path:
@@ -106,10 +102,13 @@ class Path:
         """Positions, or their first to third derivative by s, shape (len(places), dof)."""
         return np.asarray(self.derivatives(places)[derivative])
 
+    def bezier(self) -> Array:
+        """The pieces as Bezier curves, for `Clearance.contact`: control points, shape (n, 6, dof)."""
+        return control_points(self.coefficients, np.diff(self.breakpoints))
+
     def places_outside(self, low: Array, high: Array) -> Array:
         """Where pieces begin whose extrema leave [low, high], shape (dof,) each."""
-        widths = np.diff(self.breakpoints)[:, None, None]
-        hull = bezier(self.coefficients * widths ** np.arange(ORDER))
+        hull = self.bezier()
         if (hull >= low).all() and (hull <= high).all():
             return np.empty(0)
         wild = ((hull < low - SWUNG) | (hull > high + SWUNG)).any(axis=(1, 2))
@@ -120,7 +119,15 @@ class Path:
 
     def derivatives(self, places: Array) -> Array:
         """Positions and their first three derivatives by s, shape (4, len(places), dof)."""
-        return pieces_at(self.breakpoints, self.coefficients, np.clip(places, 0.0, self.length))
+        inside = np.minimum(np.maximum(places, 0.0), self.length)
+        return pieces_at(self.breakpoints, self.coefficients, inside)
+
+
+def spline_through(parameters: Array, points: Array) -> BSpline:
+    """What `Path.through` is made of."""
+    from scipy.interpolate import make_interp_spline
+
+    return make_interp_spline(parameters, points, k=min(DEGREE, len(points) - 1), check_finite=False)
 
 
 @lru_cache(maxsize=8)

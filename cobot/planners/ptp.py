@@ -71,18 +71,18 @@ def _in_time(start: Array, goal: Array, limits: JointLimits) -> Trajectory:
 
 def from_profiles(profiles: list[ruckig.Profile], duration_s: float) -> Trajectory:
     """Ruckig's per-joint profiles of one motion from rest, as one trajectory of cubics."""
-    begins = np.cumsum([[0.0, *profile.t] for profile in profiles], axis=1)
-    states = np.array([[profile.p, profile.v, profile.a] for profile in profiles])
-    jerks = np.array([[*profile.j, 0.0] for profile in profiles])
-    times = np.unique(np.concatenate([begins.ravel(), [0.0, duration_s]]).clip(0.0, duration_s))
-    keep = np.concatenate([[True], np.diff(times) > SHORTEST_PIECE_S])
+    # Of each joint: begins, positions, velocities, accelerations and jerks of its pieces, (dof, 5, 8).
+    rows = np.array([[[0.0, *each.t], each.p, each.v, each.a, [*each.j, 0.0]] for each in profiles])
+    begins = rows[:, 0] = rows[:, 0].cumsum(axis=1)
+    times = np.sort(np.minimum(np.append(begins, duration_s), duration_s))
+    keep = np.append(True, times[1:] - times[:-1] > SHORTEST_PIECE_S)
     times = times[keep]
     times[-1] = duration_s
     middles = 0.5 * (times[:-1] + times[1:])
     joints = np.arange(len(profiles))[:, None]
-    pieces = np.clip((begins[:, None, :] <= middles[:, None]).sum(axis=2) - 1, 0, 7)
-    jerk, since = jerks[joints, pieces], times[:-1] - begins[joints, pieces]
-    p, v, a = np.moveaxis(states[joints, :, pieces], 2, 0)
+    pieces = (begins[:, None, :] <= middles[:, None]).sum(axis=2) - 1
+    begun, p, v, a, jerk = rows[joints, :, pieces].transpose(2, 0, 1)
+    since = times[:-1] - begun
     coefficients = np.zeros((len(times) - 1, len(profiles), ORDER))
     acceleration = a + jerk * since
     velocity = v + a * since + jerk * since**2 / 2

@@ -11,7 +11,7 @@ from cobot.errors import CollisionError
 from cobot.planners.held import Held
 from cobot.planners.path import Path
 from cobot.planners.time_law import time_optimal
-from cobot.robot.clearance import bezier
+from cobot.polynomials import control_points
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
@@ -82,8 +82,7 @@ def pieces_of(spline: BSpline) -> Array:
     orders = np.arange(spline.k + 1)
     factorials = np.array([factorial(int(order)) for order in orders])
     derivatives = np.array([spline(borders[:-1], nu=int(order)) for order in orders])
-    widths = np.diff(borders)[None, :, None] ** orders[:, None, None]
-    return bezier((derivatives * widths / factorials[:, None, None]).transpose(1, 2, 0))
+    return control_points((derivatives / factorials[:, None, None]).transpose(1, 2, 0), np.diff(borders))
 
 
 def _knots(points: int) -> Array:

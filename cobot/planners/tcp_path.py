@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -43,9 +44,9 @@ def turn_between(start: Pose, goal: Pose) -> Array:
 
 def turned(start: Array, turn: Array, shares: Array) -> Array:
     """The quaternions, shape (n, 4), after shares of a turn (a rotation vector) from `start`: slerp."""
-    angle = float(np.linalg.norm(turn))
+    angle = math.sqrt(turn @ turn)
     if angle < quaternion.SMALL_RAD:
-        return np.tile(start, (len(shares), 1))
+        return start[None].repeat(len(shares), axis=0)
     # Both terms of the quaternion product are linear in the cosine and the sine of the half angle.
     across = np.array(quaternion.product((0.0, *(turn / angle).tolist()), start.tolist()))
     half = 0.5 * angle * shares
@@ -54,5 +55,6 @@ def turned(start: Array, turn: Array, shares: Array) -> Array:
 
 def angles_between(rows: Array, others: Array) -> Array:
     """Rad, shape (n,), between orientations, quaternions of shape (n, 4)."""
-    chord = np.minimum(np.linalg.norm(rows - others, axis=1), np.linalg.norm(rows + others, axis=1))
-    return np.asarray(4.0 * np.arcsin(np.clip(0.5 * chord, 0.0, 1.0)))
+    apart, around = rows - others, rows + others
+    square = np.minimum(np.einsum("ij,ij->i", apart, apart), np.einsum("ij,ij->i", around, around))
+    return np.asarray(4.0 * np.arcsin(np.minimum(0.5 * np.sqrt(square), 1.0)))

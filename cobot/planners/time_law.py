@@ -9,23 +9,31 @@ there and the rate optimised again; the little that is left is taken out by stre
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
+from functools import lru_cache, partial
 
 import numpy as np
-import numpy.typing as npt
 
 from cobot.errors import InputError, PlanningError
 from cobot.findings import Finding
-from cobot.planners.cells import bases, chained, cubic, motion, times_of
+from cobot.planners.cells import (
+    acceleration_stations,
+    cubics,
+    duration_stations,
+    jerk_stations,
+    motion,
+    states,
+    times_of,
+)
 from cobot.planners.coordinates import Coordinates, Zones
+from cobot.planners.derivatives import chained
 from cobot.planners.interior_point import Stations, fastest_rate
 from cobot.planners.path import Path
 from cobot.planners.reference import reference_motion
-from cobot.polynomials import greatest_rates
+from cobot.polynomials import greatest_rates, hermite
 from cobot.robot.description import RobotDescription
 from cobot.robot.feasibility import effort_samples
-from cobot.trajectory import Trajectory
+from cobot.trajectory import ORDER, Integers, Trajectory
 from cobot.types import PLANNED_ACCELERATION, Array, CartesianLimits, JointLimits
 
 LEAST_CELLS, MOST_CELLS = 64, 1000
@@ -48,7 +56,6 @@ COARSE = 1.02
 EFFORT_SHARE = 0.999
 """Of the efforts: what may lie between the places that are looked at."""
 UNBOUNDED = 1e9
-MIDDLE = 0.5
 ENDING_CELLS = 2
 """At either end the jerk is looked at in the middle of so many cells too: from rest it changes most."""
 
@@ -101,7 +108,10 @@ def time_optimal(
 def with_room(robot: RobotDescription, limits: JointLimits) -> JointLimits:
     """The limits with no more than `PLANNED_ACCELERATION` of the robot's accelerations."""
     room = PLANNED_ACCELERATION * robot.limits.max_acceleration
-    return replace(limits, max_acceleration=np.minimum(limits.max_acceleration, room))
+    if (limits.max_acceleration <= room).all():
+        return limits
+    acceleration = np.minimum(limits.max_acceleration, room)
+    return limits.with_rates(limits.max_velocity, acceleration, limits.max_jerk)
 
 
 def _first_law(coordinates: Coordinates, per_build_up: int, most_cells: int) -> Array:
@@ -153,17 +163,27 @@ class _Problem:
         self._robot, self._coordinates = robot, coordinates
         self._path, self._limits = coordinates.path, coordinates.limits
         self._cells = len(points) - 3
-        self._begins, self._middles, self._ends = (cubic(points, x) for x in (0.0, MIDDLE, 1.0))
-        self._knots = np.append(self._begins, self._ends[:, -1:], axis=1)
-        joints, derivatives, slowness = self._coordinates.at(np.append(self._knots[0], self._middles[0]))
-        split = self._cells + 1
-        self._joints = joints[:, :split], joints[:, split:]
-        self._derivatives = derivatives[:, :split], derivatives[:, split:]
-        self._slowness = slowness[:split], slowness[split:]
-        self._efforts: list[Array] = []
-        middles = self._middles[0]
-        self._shares = np.minimum(coordinates.shares(self._knots[0, :-1]), coordinates.shares(middles))
-        self._shares = np.minimum(self._shares, coordinates.shares(self._knots[0, 1:]))
+        begins, middles, ends = cubics(points)
+        law = np.concatenate([begins, middles, ends[:, -1:]], axis=1)
+        joints, derivatives, slowness = coordinates.at(law[0])
+        last = len(law[0]) - 1
+        knots, places, ending = _looks(self._cells)
+        self._joints, self._law = joints, law
+        self._knots, self._at_knots = law[:, knots], joints[:, knots]
+        # Of accelerations, and of the velocities' squares.
+        first, second, _ = chained(derivatives, law, coordinates.max_acceleration)
+        speed = (slowness * law[1])[:, None] ** 2
+        self._accelerations = (
+            np.concatenate([first, np.zeros_like(speed)], axis=1),
+            np.concatenate([second, speed], axis=1),
+        )
+        self._efforts: tuple[Array, ...] = ()
+        # Of jerks, at both ends of each cell, and in the middle of the first and the last ones.
+        jerks = np.concatenate([begins, ends, middles[:, ending]], axis=1)
+        self._jerks = chained(derivatives[:, places], jerks, coordinates.max_jerk)
+        shares = coordinates.shares(law[0])
+        self._shares = np.minimum(shares[:, : self._cells], shares[:, self._cells : last])
+        self._shares = np.minimum(self._shares, shares[:, knots[1:]])
         self._tightened = self._shares[1:].copy()
 
     def refined(self, best: Timed) -> Timed:
@@ -184,41 +204,20 @@ class _Problem:
 
     def _acceleration_rows(self) -> Stations:
         """Of accelerations, velocities and torques, at knots and in the middle of the cells."""
-        cells, coordinates = np.arange(self._cells), self._coordinates
-        last = np.array([self._cells])
-        groups = []
-        for at, chosen, law, x in (
-            (0, cells, self._begins, 0.0),
-            (1, cells, self._middles, MIDDLE),
-            (0, last, self._ends[:, -1:], 1.0),
-        ):
-            index = np.minimum(chosen, self._cells - 1)
-            first, second = chained(self._derivatives[at][:, chosen], law)[:2] / coordinates.max_acceleration
-            high = self._tightened[0, index]
-            speed = (self._slowness[at][chosen] * law[1])[:, None] ** 2
-            none = np.zeros_like(speed)
-            rows = [first, none], [second, speed], [-high, none - UNBOUNDED], [high, none + 1.0]
-            if self._efforts:
-                for row, extra in zip(rows, self._effort_rows(at, chosen, law), strict=True):
-                    row.append(extra)
-            groups.append((index, bases(x, len(index)), *(np.concatenate(row, axis=1) for row in rows)))
-        index, base, first, second, low, high = (np.concatenate(parts) for parts in zip(*groups, strict=True))
-        return Stations(index, base, first, second, None, low, high)
+        cells, base = acceleration_stations(self._cells)
+        high = self._tightened[0, cells]
+        one = np.ones((len(high), 1))
+        low = np.concatenate([-high, -UNBOUNDED * one], axis=1)
+        rows = [*self._accelerations, low, np.concatenate([high, one], axis=1)]
+        if self._efforts:
+            rows = [np.concatenate(both, axis=1) for both in zip(rows, self._efforts, strict=True)]
+        return Stations(cells, base, rows[0], rows[1], None, rows[2], rows[3])
 
     def _jerk_rows(self) -> Stations:
-        """Of the jerks, at both ends of each cell, and in the middle of the first and the last ones."""
-        cells, count = np.arange(self._cells), self._cells
-        ending = np.concatenate([cells[:ENDING_CELLS], cells[-ENDING_CELLS:]])
-        groups = []
-        for x, chosen, derivatives, law in (
-            (0.0, cells, self._derivatives[0][:, :count], self._begins),
-            (1.0, cells, self._derivatives[0][:, 1:], self._ends),
-            (MIDDLE, ending, self._derivatives[1][:, ending], self._middles[:, ending]),
-        ):
-            rows = chained(derivatives, law) / self._coordinates.max_jerk
-            high = self._tightened[1, chosen]
-            groups.append((chosen, bases(x, len(chosen)), *rows, -high, high))
-        return Stations(*(np.concatenate(parts) for parts in zip(*groups, strict=True)))
+        cells, base = jerk_stations(self._cells, ENDING_CELLS)
+        high = self._tightened[1, cells]
+        first, second, third = self._jerks
+        return Stations(cells, base, first, second, third, -high, high)
 
     def limit_efforts(self) -> None:
         """Have the efforts count: what holds the arm, what accelerates it along the path, and what its curve
@@ -228,68 +227,63 @@ class _Problem:
             PlanningError: the arm cannot even be held somewhere.
         """
         dynamics, limits = self._robot.model.dynamics, self._limits
-        self._efforts = []
-        for joints in self._joints:
-            still = np.zeros_like(joints[0])
-            held = dynamics.inverse(joints[0], still, still)
-            _require_held(held, limits)
-            along = dynamics.inverse(joints[0], still, joints[1]) - held
-            curved = dynamics.inverse(joints[0], joints[1], joints[2]) - held
-            self._efforts.append(np.array([along, curved, held]) / limits.max_effort)
-
-    def _effort_rows(
-        self, at: int, chosen: npt.NDArray[np.intp], law: Array
-    ) -> tuple[Array, Array, Array, Array]:
-        along, curved, held = self._efforts[at][:, chosen]
-        first, second, _ = chained(np.array([along, curved, np.zeros_like(along)]), law)
-        return first, second, -EFFORT_SHARE - held, EFFORT_SHARE - held
+        joints, still = self._joints, np.zeros_like(self._joints[0])
+        held = dynamics.inverse(joints[0], still, still)
+        _require_held(held, self._law[0] / self._path.length, limits)
+        along = dynamics.inverse(joints[0], still, joints[1]) - held
+        curved = dynamics.inverse(joints[0], joints[1], joints[2]) - held
+        first, second, _ = chained(np.array([along, curved, still]), self._law, limits.max_effort)
+        share = held / limits.max_effort
+        self._efforts = first, second, -EFFORT_SHARE - share, EFFORT_SHARE - share
 
     def _timed(self, rate: Array) -> Timed:
         """As quintics that meet path and rate in value and two derivatives at the knots."""
         times, squares, slopes = times_of(rate)
-        first, second, _ = chained(self._joints[0][1:], self._knots)
+        first, second, _ = chained(self._at_knots[1:], self._knots)
         first[[0, -1]] = second[[0, -1]] = 0.0  # At rest, whatever was rounded.
-        trajectory = motion(times, self._joints[0][0], first, second, squares, slopes)
-        kept = self._stretched(trajectory)
-        stretched = kept.duration_s / trajectory.duration_s
-        if stretched > TIGHT:
-            self._tighten(trajectory)
+        coefficients = hermite(times, *states(self._at_knots[0], first, second, squares, slopes))
+        used = self._used(times, coefficients)
+        stretched = max(float((used.max(axis=(1, 2)) ** (1.0 / np.arange(1, 4))).max()), 1.0)
+        if stretched > TIGHT:  # Lower limits in the cells in which the true extrema are beyond them.
+            self._tightened[:, :, : self._path.dof] /= np.maximum(used[1:], 1.0)
+        # Slowed down evenly by just so much that the rate limits of each cell hold.
+        kept = Trajectory(times * stretched, coefficients / stretched ** np.arange(ORDER))
         place, *rates = self._knots[:3, :, None]
         squares, slopes = squares / stretched**2, slopes / stretched**2
         progress = partial(motion, times * stretched, place, rates[0], rates[1], squares, slopes)
         return Timed(kept, progress, stretched)
 
-    def _stretched(self, trajectory: Trajectory) -> Trajectory:
-        """Slowed down evenly by just so much that the rate limits of each cell hold."""
-        largest = self._used(trajectory).max(axis=(1, 2))
-        factor = float((largest ** (1.0 / np.arange(1, 4))).max())
-        return trajectory if factor <= 1.0 else trajectory.stretched(factor)
-
-    def _tighten(self, trajectory: Trajectory) -> None:
-        """Lower the limits of the cells in which the true extrema are beyond them."""
-        self._tightened[:, :, : self._path.dof] /= np.maximum(self._used(trajectory)[1:], 1.0)
-
-    def _used(self, trajectory: Trajectory) -> Array:
-        """Of the limits of velocity, acceleration and jerk in each cell, shape (3, cells, dof)."""
-        peaks = greatest_rates(trajectory.coefficients, np.diff(trajectory.breakpoints_s))
+    def _used(self, times: Array, coefficients: Array) -> Array:
+        """Of the limits of velocity, acceleration and jerk in each cell, shape (3, cells, dof): exact where
+        it is more than 1, else a bound."""
         limits = (self._limits.max_velocity, self._limits.max_acceleration, self._limits.max_jerk)
-        return np.asarray(peaks / (np.array(limits)[:, None] * self._shares[:, :, : self._path.dof]))
+        bounds = np.array(limits)[:, None] * self._shares[:, :, : self._path.dof]
+        return np.asarray(greatest_rates(coefficients, np.diff(times), bounds) / bounds)
 
 
+@lru_cache(maxsize=32)
+def _looks(cells: int) -> tuple[Integers, Integers, Integers]:
+    """Of the beginnings of all cells, their middles, and the end: which are the knots, and where the jerk is
+    looked at; and in the middles of which cells it is."""
+    knots = np.append(np.arange(cells), 2 * cells)
+    ending = np.append(np.arange(ENDING_CELLS), np.arange(cells - ENDING_CELLS, cells))
+    return knots, np.concatenate([knots[:-1], knots[1:], cells + ending]), ending
+
+
+@lru_cache(maxsize=32)
 def _duration(cells: int) -> Stations:
     """Simpson's rule for the duration."""
-    index = np.tile(np.arange(cells, dtype=np.float64), 3)
-    base = np.concatenate([bases(x, cells) for x in (0.0, MIDDLE, 1.0)])
-    weights = np.repeat([1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0], cells)[:, None]
+    index, base, weights = duration_stations(cells)
     none = np.zeros_like(weights)
     return Stations(index, base, none, none, None, none, weights)
 
 
-def _require_held(held: Array, limits: JointLimits) -> None:
+def _require_held(held: Array, places: Array, limits: JointLimits) -> None:
+    """places: of the path, as shares, shape (n,)."""
     share = np.abs(held) / limits.max_effort
     place, joint = np.unravel_index(int(share.argmax()), share.shape)
     if share[place, joint] >= EFFORT_SHARE:
-        where, name = float(place / (len(held) - 1)), limits.names[int(joint)]
+        where, name = float(places[place]), limits.names[int(joint)]
         needed, limit = float(abs(held[place, joint])), float(limits.max_effort[joint])
         unit = limits.effort_unit(int(joint))
         raise PlanningError(

@@ -4,32 +4,29 @@ from __future__ import annotations
 
 import json
 import struct
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
 from zstandard import ZstdError
 
 from cobot.errors import InputError
 from cobot.recording.messages import CYCLE, DEFINITIONS, EVENT, JOINT_STATE
+from cobot.recording.path import Marked, RecordedPath
 from cobot.types import Array
 
+LARGEST_SHOWN = 200_000_000
+"""Of a file, bytes, whose path is looked for: some seconds of computing time."""
 UNREADABLE = (McapError, ZstdError, struct.error, ValueError, KeyError, TypeError, IndexError, AssertionError)
 """What the reader raises for what is no recording of cobot's, or a damaged one."""
 
-
-@dataclass(frozen=True, slots=True)
-class Marked:
-    """An event of a recording; `time_s` as the cycles' times."""
-
-    time_s: float
-    kind: str
-    mode: str
-    text: str
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,18 +63,68 @@ def read_recording(path: Path) -> Cycles:
     Raises:
         InputError: it cannot be read, or is no recording of a robot, with why.
     """
+    return _understood(path, _read)
+
+
+def read_path(path: Path, samples: int) -> RecordedPath:
+    """Where the arm was, at so many of its cycles, and all events.
+
+    Raises:
+        InputError: as `read_recording`; or the file is too large for that.
+    """
+    return _understood(path, lambda file: _sampled(file, samples))
+
+
+def _understood(path: Path, read: Callable[[Path], Result]) -> Result:
     try:
-        return _read(path)
+        return read(path)
     except OSError as exc:
         raise InputError(f"{path}: {exc.strerror or exc}") from exc
     except UNREADABLE as exc:
         raise InputError(f"{path}: is no whole recording of cobot: {exc}") from exc
 
 
-def _read(path: Path) -> Cycles:
+def _types() -> Typestore:
     store = get_typestore(Stores.ROS2_HUMBLE)
     for name, definition in DEFINITIONS.items():
         store.register(get_types_from_msg(definition, name))
+    return store
+
+
+def _sampled(path: Path, samples: int) -> RecordedPath:
+    size = path.stat().st_size
+    if size > LARGEST_SHOWN:
+        raise InputError(
+            f"{path.name}: has {size / 1e6:.0f} MB, up to {LARGEST_SHOWN / 1e6:.0f} MB are shown; "
+            "cobot plot draws it"
+        )
+    store = _types()
+    states: list[tuple[int, bytes]] = []
+    events: list[tuple[int, Marked]] = []
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        for _, channel, message in reader.iter_messages(["/joint_states", "/events"], log_time_order=False):
+            if channel.topic == "/joint_states":
+                states.append((message.log_time, message.data))
+            else:
+                event: Any = store.deserialize_cdr(message.data, EVENT)
+                kind, mode, text = (str(getattr(event, name)) for name in ("kind", "mode", "text"))
+                events.append((message.log_time, Marked(0.0, kind, mode, text)))
+    if not states:
+        raise ValueError("there is no cycle in it")
+    chosen = np.unique(np.linspace(0, len(states) - 1, samples).round().astype(int)).tolist()
+    rows: list[Any] = [store.deserialize_cdr(states[index][1], JOINT_STATE) for index in chosen]
+    begin_ns = states[0][0]
+    return RecordedPath(
+        1e-9 * np.array([states[index][0] - begin_ns for index in chosen], dtype=float),
+        np.array([row.position for row in rows]),
+        np.array([row.velocity for row in rows]),
+        [replace(event, time_s=1e-9 * (time_ns - begin_ns)) for time_ns, event in events],
+    )
+
+
+def _read(path: Path) -> Cycles:
+    store = _types()
     rows: dict[str, list[list[Array]]] = {"/joint_states": [], "/commanded": []}
     numbers: list[int] = []
     modes: list[int] = []

@@ -14,6 +14,7 @@ from cobot.strict import shown
 
 SUFFIX = ".mcap"
 UNFINISHED = ".part"
+TRIAL, TRIAL_BYTES = f"trial{UNFINISHED}", 65536
 REASONS = ("fault", "estop", "request", "continuous")
 _NAME = re.compile(
     rf"(?P<run>[A-Za-z0-9_-]{{1,48}}-(?P<time>\d{{8}}T\d{{6}}\.\d{{3}})Z-(?P<reason>{'|'.join(REASONS)}))"
@@ -122,6 +123,18 @@ class RecordingStore:
                     (self.folder / oldest.name).unlink(missing_ok=True)
                     total -= oldest.size
         return total
+
+    def try_out(self) -> None:
+        """See whether a recording could be begun.
+
+        Raises:
+            OSError: it could not.
+        """
+        file = self.folder / TRIAL
+        try:
+            file.write_bytes(bytes(TRIAL_BYTES))
+        finally:
+            file.unlink(missing_ok=True)
 
     def _files(self) -> list[Path]:
         try:

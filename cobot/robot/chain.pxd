@@ -24,6 +24,7 @@ cdef class Chain:
     cdef void c_place(
         self, const double* joints, double* position, double* rotation, double* jacobian
     ) noexcept nogil
+    cdef void c_motion(self, const double* joints, Py_ssize_t apart, double* motion) noexcept nogil
     cdef void _columns(
         self, const double* axes, const double* anchors, const double* tcp, double* jacobian
     ) noexcept nogil

@@ -121,6 +121,50 @@ cdef class Chain:
         if jacobian != NULL:
             self._columns(axes, anchors, here, jacobian)
 
+    cdef void c_motion(self, const double* joints, Py_ssize_t apart, double* motion) noexcept nogil:
+        """The TCP's twist, 6, and its first two derivatives, one after the other.
+
+        joints: the joints and their first three derivatives by anything, each so far after the one before.
+        """
+        cdef double turning[9]  # The angular velocity and its derivatives of what hangs on the last joint.
+        cdef double moving[9]  # And the velocity of its origin.
+        cdef double turn[9]
+        cdef double arm[3]
+        cdef double axis[3]
+        cdef double bent[9]
+        cdef double q[4]
+        cdef int index, i
+        memset(turning, 0, sizeof(turning))
+        memset(moving, 0, sizeof(moving))
+        memcpy(turn, self._turn[0], sizeof(turn))
+        for index in range(self._count):
+            for i in range(3):
+                axis[i] = turn[3 * i + 2]
+            for i in range(4):
+                q[i] = joints[i * apart + self._joint[index]]
+            q[0] -= self._rest[index]
+            _derivatives_of_fixed(turning, axis, bent)
+            if self._slides[index]:
+                for i in range(3):
+                    moving[i] += axis[i] * q[1] + bent[i] * q[0]
+                    moving[3 + i] += axis[i] * q[2] + 2.0 * bent[i] * q[1] + bent[3 + i] * q[0]
+                    moving[6 + i] += axis[i] * q[3] + bent[6 + i] * q[0]
+                    moving[6 + i] += 3.0 * (bent[i] * q[2] + bent[3 + i] * q[1])
+            else:
+                for i in range(3):
+                    turning[i] += axis[i] * q[1]
+                    turning[3 + i] += axis[i] * q[2] + bent[i] * q[1]
+                    turning[6 + i] += axis[i] * q[3] + 2.0 * bent[i] * q[2] + bent[3 + i] * q[1]
+                _turn_about_z(turn, cos(q[0]), sin(q[0]))
+            memset(arm, 0, sizeof(arm))
+            _append(turn, arm, self._turn[index + 1], self._offset[index + 1])
+            _derivatives_of_fixed(turning, arm, bent)
+            for i in range(9):
+                moving[i] += bent[i]
+        for i in range(9):
+            motion[i + 3 * (i // 3)] = moving[i]
+            motion[i + 3 * (i // 3) + 3] = turning[i]
+
     cdef void _columns(
         self, const double* axes, const double* anchors, const double* tcp, double* jacobian
     ) noexcept nogil:
@@ -189,6 +233,41 @@ cdef class Chain:
                     for j in range(self.dof):
                         twist[6 * row + i] += jacobian[i * self.dof + j] * velocity[row * self.dof + j]
         return out
+
+    def motions(self, derivatives):
+        """The TCP's twist and its first two derivatives, shape (3, n, 6), in the base frame, at joints that
+        are given with their first three derivatives, shape (4, n, dof)."""
+        given = np.array(derivatives, dtype=np.float64, order="C")
+        if given.ndim != 3 or len(given) != 4 or given.shape[2] != self.dof:
+            raise ValueError(f"joints and derivatives of shape {given.shape}, not (4, n, {self.dof})")
+        cdef Py_ssize_t count = given.shape[1], row
+        out = np.empty((count, 3, 6))
+        if count == 0:
+            return out.swapaxes(0, 1)
+        cdef const double* joints = doubles(given, 4 * count * self.dof)
+        cdef double* motion = doubles(out, 18 * count)
+        with nogil:
+            for row in range(count):
+                self.c_motion(&joints[row * self.dof], count * self.dof, &motion[18 * row])
+        return out.swapaxes(0, 1)
+
+
+cdef inline void _derivatives_of_fixed(const double* turning, const double* arm, double* out) noexcept nogil:
+    """The first three derivatives of a vector that is fixed in a body, by how the body turns."""
+    cdef double first[3]
+    cdef double second[3]
+    cdef double third[3]
+    cdef int i
+    cross3(turning, arm, out)
+    cross3(&turning[3], arm, first)
+    cross3(turning, out, &out[3])
+    for i in range(3):
+        out[3 + i] += first[i]
+    cross3(&turning[6], arm, first)
+    cross3(&turning[3], out, second)
+    cross3(turning, &out[3], third)
+    for i in range(3):
+        out[6 + i] = first[i] + 2.0 * second[i] + third[i]
 
 
 cdef inline void _turn_about_z(double* turn, double c, double s) noexcept nogil:

@@ -26,7 +26,6 @@ from cobot.arrays cimport MAX_DOF, checked_dof, doubles
 from cobot.robot.mujoco cimport kinematic_data_of, mj_deleteData, mj_kinematics, model_of
 from cobot.robot.shapes cimport SEGMENT, far_bound, gap, solid_of
 
-from math import comb
 
 from cobot.robot.rotations import matrix_of, with_z_along
 
@@ -561,12 +560,3 @@ cdef int _copy(object turn, object offset, double* into_turn, double* into_offse
     for i in range(3):
         into_offset[i] = offset[i]
     return 0
-
-
-def bezier(coefficients):
-    """Control points, shape (n, order, dof), of polynomials on [0, 1], shape (n, dof, order), ascending."""
-    order = coefficients.shape[2]
-    convert = np.array(
-        [[comb(i, k) / comb(order - 1, k) if k <= i else 0.0 for k in range(order)] for i in range(order)]
-    )
-    return np.einsum("njk,ik->nij", coefficients, convert)

@@ -12,11 +12,12 @@ import numpy as np
 
 from cobot.errors import CollisionError, InputError
 from cobot.findings import Finding
-from cobot.robot.clearance import Clearance, bezier
+from cobot.polynomials import control_points
+from cobot.robot.clearance import Clearance
 from cobot.robot.model import RobotModel
 from cobot.robot.scene import Scene
 from cobot.robot.tool import BARE, Tool
-from cobot.trajectory import ORDER, Trajectory
+from cobot.trajectory import Trajectory
 from cobot.types import Array
 
 RESOLUTION_M = 5e-4
@@ -198,8 +199,9 @@ class CollisionChecker:
         Raises:
             CollisionError: naming `what` and the bodies.
         """
-        contacts = self.contacts(joints)
-        if contacts:
+        if self.is_free(joints):
+            return
+        if contacts := self.contacts(joints):
             raise CollisionError(
                 f"{what} is in collision: {contacts[0]}, at joints {_shown(joints)} {self.limits.units}",
                 findings=[self.finding(contact, share) for contact in contacts],
@@ -218,8 +220,7 @@ def body_or_geom(mj: mujoco.MjModel, geom: int) -> str:
 
 def motion_pieces(trajectory: Trajectory) -> Array:
     """A motion as Bezier curves, for `Clearance.contact`: control points, shape (n, 6, dof), rad."""
-    durations = np.diff(trajectory.breakpoints_s)[:, None, None]
-    return bezier(trajectory.coefficients * durations ** np.arange(ORDER))
+    return control_points(trajectory.coefficients, np.diff(trajectory.breakpoints_s))
 
 
 def _shown(joints: Array) -> str:

@@ -62,12 +62,12 @@ def load_robot(settings: Settings) -> RobotDescription:
             settings.robot.model, limits, base=settings.robot.base_frame, tcp=settings.robot.tcp
         )
         limits = model.limits
-        if settings.rt.backend == "mujoco":
+        if settings.robot.backend.type == "mujoco":
             check_drives(model.mj, limits)
     with naming("web.joint_limits"):
         check_ranges(model.mj, limits)
         check_velocities(settings.robot.model, model.mj, limits)
-        if settings.rt.backend == "mujoco":
+        if settings.robot.backend.type == "mujoco":
             check_forces(model.mj, limits)
     with naming("robot.srdf"):
         positions = load_named_positions(settings.robot.srdf, limits.names, settings.robot.group)

@@ -82,7 +82,10 @@ cdef class Dynamics:
         """Shape (..., dof), N·m, without friction, for rows of shape (..., dof)."""
         shape = np.shape(joints)
         states = (joints, velocity, acceleration)
-        given = [np.array(np.broadcast_to(each, shape), dtype=np.float64, order="C") for each in states]
+        given = [
+            np.array(each if np.shape(each) == shape else np.broadcast_to(each, shape), np.float64, order="C")
+            for each in states
+        ]
         torques = np.zeros(shape)
         if torques.size == 0:
             return torques

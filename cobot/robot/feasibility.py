@@ -81,9 +81,9 @@ def _worst_share(trajectory: Trajectory, derivative: int, segment: int, joint: i
 
 def _keeps(trajectory: Trajectory, limits: JointLimits, tolerance: float) -> bool:
     """Whether all limits hold, by the exact extrema of all pieces at once."""
-    peaks = greatest_rates(trajectory.coefficients, np.diff(trajectory.breakpoints_s)).max(axis=1)
-    rates = np.array([limits.max_velocity, limits.max_acceleration, limits.max_jerk])
-    if not (peaks <= rates * (1.0 + tolerance)).all():
+    rates = np.array([limits.max_velocity, limits.max_acceleration, limits.max_jerk]) * (1.0 + tolerance)
+    durations = np.diff(trajectory.breakpoints_s)
+    if not (greatest_rates(trajectory.coefficients, durations, rates[:, None]) <= rates[:, None]).all():
         return False
     return trajectory.first_excess(0, *_bounds(limits, tolerance)[0]) is None
 
@@ -95,8 +95,9 @@ def in_range(trajectory: Trajectory, limits: JointLimits) -> bool:
 
 def stretch_to_limits(trajectory: Trajectory, limits: JointLimits) -> Trajectory:
     """The same path, slowed down evenly by just so much that all rate limits hold."""
-    peaks = greatest_rates(trajectory.coefficients, np.diff(trajectory.breakpoints_s)).max(axis=1)
     bounds = np.array([limits.max_velocity, limits.max_acceleration, limits.max_jerk])
+    durations = np.diff(trajectory.breakpoints_s)
+    peaks = greatest_rates(trajectory.coefficients, durations, bounds[:, None]).max(axis=1)
     factor = float(((peaks / bounds).max(axis=1) ** (1.0 / np.arange(1, 4))).max())
     return trajectory if factor <= 1.0 else trajectory.stretched(factor)
 
@@ -121,9 +122,9 @@ def effort_samples(model: RobotModel, trajectory: Trajectory) -> tuple[Array, Ar
     durations = np.diff(knots)
     step_s = max(EFFORT_STEP_S, trajectory.duration_s / MOST_EFFORT_STEPS)
     counts = np.maximum(EFFORT_SAMPLES, np.ceil(durations / step_s)).astype(int)
-    segment = np.repeat(np.arange(len(durations)), counts)
-    number = np.arange(len(segment)) - np.repeat(np.cumsum(counts) - counts, counts)
-    times = np.append(knots[segment] + durations[segment] * number / counts[segment], knots[-1])
+    segment = np.arange(len(durations)).repeat(counts)
+    number = np.arange(len(segment)) - (counts.cumsum() - counts)[segment]
+    times = np.append(knots[segment] + (durations / counts)[segment] * number, knots[-1])
     joints, velocity, acceleration, _ = pieces_at(knots, trajectory.coefficients, times)
     efforts = model.dynamics.inverse(joints, velocity, acceleration)
     times.flags.writeable = efforts.flags.writeable = False

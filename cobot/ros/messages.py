@@ -18,7 +18,14 @@ from cobot.ros.interfaces import DEFAULTS, STANDARD, message_names, parsed
 from cobot.strict import shown
 
 Message = dict[str, Any]
+_LATEST_NS = (2**31 - 1) * 1_000_000_000
 _SHORT = re.compile(r"([a-z][a-z0-9_]*)/([A-Za-z][A-Za-z0-9_]*)")
+
+
+def ros_time(wall_ns: int) -> Message:
+    """A builtin_interfaces/Time, which ends in 2038, wherever somebody has set the clock."""
+    sec, nanosec = divmod(min(wall_ns, _LATEST_NS), 1_000_000_000)
+    return {"sec": sec, "nanosec": nanosec}
 
 
 class Messages:

@@ -12,7 +12,7 @@ from cobot.clock import SYSTEM, Clock
 from cobot.ipc.layout import text
 from cobot.robot.model import RobotModel
 from cobot.robot.quaternion import conjugate, product, rotated
-from cobot.ros.messages import Message
+from cobot.ros.messages import Message, ros_time
 from cobot.ros.urdf import WORLD, link_name, urdf
 from cobot.types import Array, LoopMode
 
@@ -95,7 +95,7 @@ class RobotMessages:
     def static_transforms(self) -> Message:
         """tf2_msgs/msg/TFMessage for /tf_static: links that nothing moves, and the TCP."""
         self._place(np.zeros(len(self._names)))
-        stamp = _stamp(self._clock.wall_ns())
+        stamp = ros_time(self._clock.wall_ns())
         made = [self._transform(body, stamp) for body in self._fixed]
         holder = self._name(int(self._model.site_bodyid[self._tcp_site]))
         if holder != self._tcp:  # of a URDF the TCP is a link
@@ -122,15 +122,10 @@ class RobotMessages:
     def _header(self, state: np.ndarray, frame: str) -> Message:
         """With the moment of the measurement, on the clock of the wall."""
         ago_ns = self._clock.now_ns() - int(state["measured_monotonic_ns"])
-        return {"stamp": _stamp(self._clock.wall_ns() - ago_ns), "frame_id": frame}
+        return {"stamp": ros_time(self._clock.wall_ns() - ago_ns), "frame_id": frame}
 
     def _name(self, body: int) -> str:
         return WORLD if body == 0 else self._prefix + link_name(self._model, body)
-
-
-def _stamp(time_ns: int) -> Message:
-    sec, nanosec = divmod(time_ns, 1_000_000_000)
-    return {"sec": sec, "nanosec": nanosec}
 
 
 def _xyz(values: Values) -> Message:

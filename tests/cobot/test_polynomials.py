@@ -10,8 +10,10 @@ from cobot.polynomials import (
     FACTORS,
     HERMITE,
     between,
+    control_points,
     evaluate,
     greatest_rates,
+    hermite,
     jumps,
     peaks,
     pieces_at,
@@ -135,3 +137,38 @@ def test_the_greatest_rates_are_where_numpys_roots_are(seed: int) -> None:
                 places = np.concatenate([[0.0, duration], inside[(inside > 0.0) & (inside < duration)]])
                 expected = np.abs(curve(places)).max()
                 assert found[order - 1, piece, joint] == pytest.approx(expected, rel=1e-11, abs=1e-12)
+
+
+def test_a_polynomial_is_its_bezier_curve() -> None:
+    random = np.random.default_rng(5)
+    coefficients, widths = random.normal(size=(4, 3, 6)), random.uniform(0.1, 2.0, 4)
+    control = control_points(coefficients, widths)
+    halves = control.copy()
+    for level in range(5):
+        halves[:, : 5 - level] = 0.5 * (halves[:, : 5 - level] + halves[:, 1 : 6 - level])
+    units = coefficients * widths[:, None, None] ** np.arange(6)
+    assert halves[:, 0] == pytest.approx((units * 0.5 ** np.arange(6)).sum(axis=2), abs=1e-12)
+    assert control[:, 0] == pytest.approx(coefficients[:, :, 0])
+    assert control[:, -1] == pytest.approx(units.sum(axis=2))
+    assert control_points(coefficients[:, :, :3], widths).shape == (4, 3, 3)
+
+
+def test_quintics_have_the_values_and_derivatives_that_they_were_made_of() -> None:
+    random = np.random.default_rng(6)
+    times = np.cumsum(random.uniform(0.02, 1.0, 8)) + 3.0
+    wanted = random.normal(size=(3, 8, 5))
+    coefficients = hermite(times, *wanted)
+    for piece, duration in enumerate(np.diff(times)):
+        for order in range(3):
+            found = [
+                [np.polyval(np.polyder(row[::-1], order), at) for row in coefficients[piece]]
+                for at in (0.0, duration)
+            ]
+            np.testing.assert_allclose(found, wanted[order, piece : piece + 2], atol=1e-9)
+
+
+def test_what_has_other_shapes_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"values of shape \(2, 1\), not \(3, 1\)"):
+        hermite(np.arange(3.0), np.zeros((3, 1)), np.zeros((2, 1)), np.zeros((3, 1)))
+    with pytest.raises(ValueError, match="intervals"):
+        control_points(np.zeros((3, 1, 6)), np.ones(2))

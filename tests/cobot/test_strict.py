@@ -54,3 +54,21 @@ def test_a_key_may_not_stand_twice() -> None:
     assert json.loads('{"a": {"a": 1}}', object_pairs_hook=without_repetition) == {"a": {"a": 1}}
     with pytest.raises(ValueError, match="the key 'a' stands twice in one object"):
         json.loads('{"a": 1, "b": 2, "a": 3}', object_pairs_hook=without_repetition)
+
+
+class Shelf(StrictModel):
+    parts: dict[str, Target]
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("bolt é", "bolt é"),
+        ("\x1b[2Jx\n", r"'\x1b[2Jx\n'"),
+        ("x" * 10**6, f"'{'x' * (SHOWN_CHARACTERS - 1)}..."),
+    ],
+)
+def test_a_place_that_a_client_has_named_is_cut_and_does_nothing_to_a_terminal(name: str, told: str) -> None:
+    with pytest.raises(ValidationError) as caught:
+        Shelf.model_validate({"parts": {name: {}}})
+    assert sentences(caught.value.errors()) == f"parts.{told}.x: is missing"

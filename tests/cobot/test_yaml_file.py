@@ -40,6 +40,15 @@ def test_what_is_wrong_is_one_sentence_with_the_path(tmp_path: Path, content: by
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("each", ["[", "{a: ", "- ", "? "])
+@pytest.mark.parametrize("depth", [1_000, 200_000])
+def test_no_depth_ends_the_process(tmp_path: Path, each: str, depth: int) -> None:
+    path = tmp_path / "file.yaml"
+    path.write_text(each * depth)
+    with pytest.raises(ConfigError, match="not valid YAML: maximum recursion depth exceeded"):
+        read_yaml(path)
+
+
 def test_a_missing_file_and_one_that_holds_no_mapping_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"missing\.yaml: no such file"):
         read_yaml(tmp_path / "missing.yaml")

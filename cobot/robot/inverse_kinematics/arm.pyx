@@ -35,6 +35,8 @@ cdef extern from *:
     static const double COBOT_IK_LEAST_DAMPING = 1e-13;
     /* Of what is just out of reach, m or rad: a stretched arm gets there but for rounding. */
     static const double COBOT_IK_LEAST_SLOP = 2e-11;
+    /* A joint at a limit that has moved less was there before, rad or m. */
+    static const double COBOT_IK_MOVED = 1e-9;
     """
     const double TOLERANCE "COBOT_IK_TOLERANCE"
     const double ACCEPTED "COBOT_IK_ACCEPTED"
@@ -42,6 +44,7 @@ cdef extern from *:
     const double BIAS "COBOT_IK_BIAS"
     const double LEAST_DAMPING "COBOT_IK_LEAST_DAMPING"
     const double LEAST_SLOP "COBOT_IK_LEAST_SLOP"
+    const double MOVED "COBOT_IK_MOVED"
 
 cdef enum:
     STEPS = 60
@@ -421,20 +424,50 @@ cdef class Arm:
         """Whether rounding may have the closed form miss joints that are nearer; never without one."""
         return self.closed_form
 
-    def descend(self, pose, seed, int steps, bint patient=False):
+    def descend(self, pose, seed, int steps, bint patient=False, within=None):
         """Joints (dof,) where a descent from a seed ends, whether they lead to the pose, and how far from it
-        they do, m and rad. A patient one goes on where it hardly gets nearer.
+        they do, m and rad. A patient one goes on where it hardly gets nearer. It slides along the limits, or
+        along what it shall stay within: the lowest and highest joints, (2, dof).
         """
         cdef Problem problem
         cdef double distance[2]
         cdef bint solved
         self._prepare(pose, seed, NEAREST, &problem)
+        if within is not None:
+            self._low[...], self._high[...] = within
         if patient:
             problem.patience = steps
         memcpy(self.c_found, problem.seed, self.dof * sizeof(double))
         with nogil:
             solved = self.c_descend(&problem, self.c_found, steps, True, distance)
+        self.refresh()
         return self._found.copy(), bool(solved), distance[0], distance[1]
+
+    def carried(self, poses, seed, int steps, double step):
+        """Descents from pose to pose, (n, 7), each from where the one before has ended: the joints, (k, dof),
+        up to the first that fails, drives a joint into a limit, or turns one further than a step."""
+        cdef Problem problem
+        cdef double distance[2]
+        cdef double turned
+        cdef int i, row = 0, count = len(poses)
+        cdef bint good = count > 0
+        rows, near = np.empty((count, self.dof)), np.array(seed, dtype=np.float64)
+        cdef const double* before = doubles(near, self.dof)
+        cdef double* joints
+        while good and row < count:
+            self._prepare(poses[row], near, NEAREST, &problem)
+            joints = doubles(rows[row], self.dof)
+            memcpy(joints, before, self.dof * sizeof(double))
+            good = self.c_descend(&problem, joints, steps, True, distance)
+            for i in range(self.dof):
+                turned = fabs(joints[i] - before[i])
+                if turned > step or (turned > MOVED and not self.c_low[i] < joints[i] < self.c_high[i]):
+                    good = False
+            if good:
+                near = rows[row]
+                before = joints
+                row += 1
+        return rows[:row]
 
     def gap(self, pose):
         """How far a pose is beyond what the arm reaches in this orientation, whatever its limits, m."""

@@ -69,6 +69,24 @@ def test_a_handle_pauses_resumes_and_cancels(robot: Client) -> None:
         handle.wait()
 
 
+def test_motions_are_queued_and_the_arm_is_free_after_the_last(robot: Client) -> None:
+    arc = {"centre": {"x": 0.5, "y": 0.0, "z": 0.5}, "axis": {"x": 0.0, "y": 0.0, "z": 1.0}, "angle": 0.1}
+    pose = {"x": 0.45, "y": 0.0, "z": 0.5, "b": 3.14159, "speed": 1.0}
+    handles = [
+        robot.queue({"joints": AWAY, "speed": 0.5}, blend_radius=0.05),
+        robot.queue(pose),
+        robot.queue({**arc, "speed": 1.0}),
+        robot.queue({"motions": [{"name": "home", "speed": 1.0}, {"joints": AWAY, "speed": 1.0}]}),
+        robot.queue({"name": "home", "speed": 1.0}),
+    ]
+    plan = robot.plan("joints", joints=AWAY, speed=1.0, start=HOME)
+    handles.append(robot.queue({"plan_id": plan["plan_id"]}))
+    assert handles[-1].state == "queued"
+    assert handles[-1].wait()["kind"] == "execute"
+    assert robot.move_named("home", speed=1.0)["success"]
+    assert [handle.state for handle in handles] == ["finished"] * 6
+
+
 def test_a_wait_has_an_end(robot: Client) -> None:
     handle = moving(robot)
     with pytest.raises(MotionTimeout, match=f"job {handle.id} is running after 0 s"):

@@ -9,8 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cobot.client import Client
-from cobot.client.primitives import PRIMITIVES, primitive
+from cobot.client.primitives import PARAMETERS, PRIMITIVES, primitive
 from cobot.errors import InputError
+from cobot.motions.bodies import MoveArc, MoveJoints, MoveNamed, MovePose
 
 DOF = 7
 TURN = Rotation.from_euler("ZYX", [0.3, -0.4, 0.5])
@@ -84,6 +85,21 @@ def test_paths_take_points_and_poses_as_lists_and_all_else_as_the_service_does()
         ("Fly", {}, f"there is no primitive 'Fly'; valid are: {', '.join(PRIMITIVES)}"),
         ("Home", {"name": "away"}, "Home: name is 'home' and cannot be another one"),
         ("MoveL", {"target": POSE, "planner": "ptp"}, "MoveL: planner is 'lin' and cannot be another one"),
+        (
+            "Home",
+            {"wait": False},
+            "Home: there is no parameter 'wait'; valid are: speed, accel_scale, planner",
+        ),
+        (
+            "MoveL",
+            {"target": POSE, "velocity": 1},
+            "MoveL: there is no parameter 'velocity'; valid are: target",
+        ),
+        (
+            "MoveArc",
+            {"axis": [0, 0, 1], "centre": [0, 0, 1], "angle": 1, "z": 0},
+            "MoveArc: there is no parameter",
+        ),
         ("MovePolyline", {"target": POSE}, "MovePolyline: through is missing"),
         ("MovePolyline", {"target": POSE, "through": 3}, "MovePolyline: through must be a list of poses"),
         ("MovePolyline", {"target": POSE, "through": [POSE, [1]]}, "MovePolyline: through[1] must have 7"),
@@ -99,3 +115,11 @@ def test_what_is_wrong_is_refused_before_anything_is_asked(
     with pytest.raises(InputError) as caught:
         primitive(name, params, DOF)
     assert str(caught.value).startswith(sentence)
+
+
+def test_the_parameters_are_the_fields_that_the_service_takes() -> None:
+    """Oracle: the bodies of the REST API."""
+    target = {"x", "y", "z", "a", "b", "c"}
+    for method, body in (("move_named", MoveNamed), ("move_joints", MoveJoints), ("move_arc", MoveArc)):
+        assert set(PARAMETERS[method]) - {"target"} == set(body.model_fields) - {"joints"}, method
+    assert set(PARAMETERS["move_pose"]) - {"target"} == set(MovePose.model_fields) - target

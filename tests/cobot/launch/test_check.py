@@ -10,6 +10,7 @@ import pytest
 from second_opinion import LIMITS, MJCF, SRDF
 
 from cobot.config import ENDPOINTS
+from cobot.launch import check
 from cobot.launch.cli import main
 
 IN_THE_FLOOR = (0.0, 1.9, 0.0, -0.2, 0.0, 0.0, 0.0)
@@ -19,6 +20,13 @@ IN_THE_FLOOR = (0.0, 1.9, 0.0, -0.2, 0.0, 0.0, 0.0)
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the shipped settings have their logs and recordings."""
     monkeypatch.setenv("HOME", str(tmp_path))
+
+
+@pytest.fixture
+def device(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The process that looks at the backend takes half a second: it is not asked where it is about others."""
+    if "backend" not in request.getfixturevalue("message"):
+        monkeypatch.setattr(check, "_backend", lambda settings, config: "not asked")
 
 
 def config(folder: Path, text: str) -> list[str]:
@@ -53,6 +61,7 @@ def test_the_shipped_configuration_is_good(capsys: pytest.CaptureFixture[str]) -
     assert output.err == ""
 
 
+@pytest.mark.usefixtures("device")
 @pytest.mark.parametrize(
     ("joints", "message"),
     [
@@ -87,6 +96,7 @@ def test_a_named_position_without_a_joint_is_reported_with_file_position_and_joi
     assert re.search(r"FAILED  robot: .*mine\.srdf: position 'transport': joint7 missing", output)
 
 
+@pytest.mark.usefixtures("device")
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -103,8 +113,14 @@ def test_a_named_position_without_a_joint_is_reported_with_file_position_and_joi
             "planning: {default_frame: moon}",
             r"FAILED  robot: planning\.default_frame: there is no frame 'moon'; valid are: base_link",
         ),
-        ("rt: {backend: no.such:Arm}", r"FAILED  backend: rt\.backend: cannot load 'no\.such:Arm': .*'no'"),
-        ("rt: {backend: 'json:loads'}", r"FAILED  backend: rt\.backend: cannot load 'json:loads': TypeError"),
+        (
+            "rt: {backend: no.such:Arm}",
+            r"FAILED  backend: robot\.backend: cannot load 'no\.such:Arm': .*'no'",
+        ),
+        (
+            "rt: {backend: 'json:loads'}",
+            r"FAILED  backend: robot\.backend: cannot load 'json:loads': TypeError",
+        ),
         ("robot: {tcp: world}", r"FAILED  robot: .*robot\.tcp: 'world' is not moved by joint1, joint2"),
         ("robot: {model: /tmp}", r"FAILED  robot: robot\.model: /tmp: is no file"),
         (
@@ -177,12 +193,12 @@ def test_each_of_several_robots_is_checked(tmp_path: Path, capsys: pytest.Captur
     text = "robots: [{name: a}, {name: b, start_position: nowhere}, {name: c, backend: 'no.such:Arm'}]"
     assert main(config(tmp_path, text)) == 1
     lines = capsys.readouterr().out.splitlines()
-    assert "ok      a: backend: mujoco" in lines
+    assert any(line.startswith("ok      a: backend: mujoco: simulation; ") for line in lines)
     assert sum(line.startswith("ok      a: position ") for line in lines) == 3
     failed = [line for line in lines if line.startswith("FAILED")]
     assert len(failed) == 2
     assert failed[0].startswith("FAILED  b: robot: robot.start_position: 'nowhere' is not in")
-    assert failed[1].startswith("FAILED  c: backend: rt.backend: cannot load 'no.such:Arm'")
+    assert failed[1].startswith("FAILED  c: backend: robot.backend: cannot load 'no.such:Arm'")
 
 
 def test_help_names_both_commands_and_the_page_to_open(capsys: pytest.CaptureFixture[str]) -> None:
@@ -232,3 +248,20 @@ def test_wrong_usage_ends_with_status_2_and_the_reason(
         main(arguments)
     assert ended.value.code == 2
     assert message in capsys.readouterr().err
+
+
+def test_the_list_for_hardware_tells_what_it_knows_and_what_is_to_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([*config(tmp_path, f"robot: {{name: check-{tmp_path.name[:20]}}}\n"), "--hardware"]) == 1
+    said = capsys.readouterr().out
+    assert "FAILED  hardware backend: mujoco: simulation" in said
+    for item in (
+        "emergency stop",
+        "safety configuration",
+        "operation mode",
+        "tool and load",
+        "position",
+        "people",
+    ):
+        assert f"TO DO   hardware {item}: " in said

@@ -172,8 +172,11 @@ def test_a_folder_in_the_way_of_the_running_configuration_is_named(
 @pytest.mark.parametrize(
     ("backend", "message"),
     [
-        ("no.such:Arm", "rt.backend: cannot load 'no.such:Arm': ModuleNotFoundError: No module named 'no'"),
-        ("test_backend_of_start:Broken", "rt.backend: the controller at 10.0.0.5 does not answer"),
+        (
+            "no.such:Arm",
+            "robot.backend: cannot load 'no.such:Arm': ModuleNotFoundError: No module named 'no'",
+        ),
+        ("test_backend_of_start:Broken", "robot.backend: the controller at 10.0.0.5 does not answer"),
     ],
 )
 def test_an_rtloop_that_cannot_start_says_why_at_the_end(
@@ -193,7 +196,7 @@ def test_an_rtloop_that_cannot_start_says_why_at_the_end(
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path(shm.__file__).parents[2]), str(tmp_path)]))
     text = f"rt: {{trajectory_capacity: 1000, backend: '{backend}'}}\nweb: {{enabled: false}}\n"
     said = started(tmp_path, name, f"{text}ros: {{enabled: false}}\n", capsys)
-    assert said.startswith("rtloop ended with status 2 at its start: rt.backend: ")
+    assert said.startswith("rtloop ended with status 2 at its start: robot.backend: ")
     assert message in said
 
 
@@ -229,10 +232,8 @@ def test_a_hangup_is_the_end_only_where_the_terminal_has_gone(
     supervisor = Supervisor(settings, None)
     for before, now, ends in ((False, False, False), (True, True, False), (True, False, True)):
         supervisor._in_terminal = before
-        monkeypatch.setattr("cobot.launch.supervisor.has_terminal", lambda now=now: now)
+        monkeypatch.setattr("cobot.launch.supervisor.supervisor.has_terminal", lambda now=now: now)
         with caplog.at_level(logging.INFO):
             supervisor._reload([])
-        assert supervisor._stopping.is_set() == ends
+        assert supervisor._signals.stopping == ends
     assert "web.enabled is false: no service can read the configuration again" in caplog.text
-    supervisor._wake_read.close()
-    supervisor._wake_write.close()

@@ -128,3 +128,38 @@ def test_the_audit_of_the_cobot_that_runs_has_it(rig: Rig, settings: Settings, t
         )
     finally:
         running.remove()
+
+
+ELSEWHERE = "http://robot.example:8007"
+
+
+@pytest.mark.parametrize("url", [ELSEWHERE, "http://[half", ""])
+def test_who_stops_a_robot_of_another_computer_is_told_what_to_type(
+    url: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nothing runs here: that is not the end of what can be done."""
+    monkeypatch.setenv("COBOT_URL", url)
+    monkeypatch.setattr(command, "robots_running", list)
+    assert cli.main(["stop"]) == cli.EXIT_FAILED
+    said = capsys.readouterr()
+    assert (
+        said.out == "no robot is running on this computer; one elsewhere: "
+        "cobot stop --url http://ROBOT:8007\n"
+    )
+    hint = f"cobot: the service of COBOT_URL was NOT asked, for it is elsewhere: cobot stop --url {url}\n"
+    assert said.err == (hint if url else "")
+
+
+@pytest.mark.parametrize(
+    ("url", "told"),
+    [(ELSEWHERE, True), ("http://localhost:9000", False), ("http://127.0.0.1:8007", False)],
+)
+def test_who_stops_the_robots_of_this_computer_is_told_that_another_one_goes_on(
+    rig: Rig, url: str, told: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COBOT_URL", url)
+    with turning(rig):
+        assert cli.main(["stop", "--robot", rig.memory.robot]) == cli.EXIT_OK
+    said = capsys.readouterr()
+    assert "the arm is at rest" in said.out
+    assert ("NOT asked" in said.err) is told

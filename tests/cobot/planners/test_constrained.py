@@ -55,18 +55,29 @@ def test_a_glass_of_water_is_carried_through_clutter(
         there = problem.robot
         goal = Pose(problem.pose.position, there.model.forward(problem.start).quaternion)
         request = asked(there, goal, Constraints(Cone(Z, within_rad)), start=problem.start, seed=3)
-        motion, again = plan(there, request), plan(there, request)
-        free = plan(there, replace(request, constraints=None))
+        motion, free = plan(there, request), plan(there, replace(request, constraints=None))
         assert motion is not None
-        assert again is not None
         assert free is not None
         direction = second_robot().path(problem.start[None])[1].apply(Z)[0]
         assert tilts(motion, direction).max() <= within_rad + ALLOWANCE
         assert (largest_rates(motion) / rate_limits(there.limits)).max() <= 1.0 + 1e-6
         assert second_robot().path(motion.end[None])[0][0] == pytest.approx(goal.position, abs=1e-6)
-        assert again.coefficients.tobytes() == motion.coefficients.tobytes()
+        if not spilt:
+            again = plan(there, request)
+            assert again is not None
+            assert again.coefficients.tobytes() == motion.coefficients.tobytes()
         spilt.append(tilts(free, direction).max() > within_rad)
     assert any(spilt), "or nothing had to be kept upright"
+
+
+def test_a_glass_of_water_gets_out_of_a_shelf_that_leaves_little_room(robot: RobotDescription) -> None:
+    # The start's tree had 26 places after 2,000 attempts, when both grew in turn towards any configuration.
+    problem = list(problems(robot, "shelf", 2))[1]
+    there, start = problem.robot, problem.start
+    goal = Pose(problem.pose.position, there.model.forward(start).quaternion)
+    motion = plan(there, asked(there, goal, Constraints(Cone(Z, 0.1)), start=start))
+    assert motion is not None
+    assert tilts(motion, second_robot().path(start[None])[1].apply(Z)[0]).max() <= 0.1 + ALLOWANCE
 
 
 def test_a_box_and_ranges_of_joints_are_kept_too(robot: RobotDescription) -> None:

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from running import WAIT_S
+from samples import samples
 
 from benchmarks import scenes
 from cobot.motions.requests import MotionRequest
@@ -56,7 +57,7 @@ def test_a_path_makes_no_detour(robot: RobotDescription, kind: str) -> None:
         ends = np.array([problem.start, problem.goal])
         best = np.inf
         with problem.robot.collision.keeping(room(problem.robot, ends)) as clearance:
-            for seed in range(60):
+            for seed in range(samples(60)):
                 bounds = limits.min_position, limits.max_position
                 corners = connect(clearance, ends[0], ends[1:], *bounds, seed, WAIT_S, 0.5)
                 assert corners is not None

@@ -72,6 +72,25 @@ def test_what_was_written_is_read(recorded: tuple[Path, Cycles]) -> None:
     assert found.events[1].time_s == pytest.approx(0.3)
 
 
+def test_some_cycles_are_where_the_arm_was(
+    recorded: tuple[Path, Cycles], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    every = read_recording(recorded[0])
+    found = reader.read_path(recorded[0], 10)
+    chosen = np.linspace(0, 899, 10).round().astype(int)
+    np.testing.assert_allclose(found.times_s, every.times_s[chosen], atol=1e-9)
+    np.testing.assert_array_equal(found.joints, every.position[chosen])
+    np.testing.assert_array_equal(found.velocities, every.velocity[chosen])
+    assert [(each.kind, each.text) for each in found.events] == [
+        (each.kind, each.text) for each in every.events
+    ]
+    assert [each.time_s for each in found.events] == pytest.approx([each.time_s for each in every.events])
+    assert len(reader.read_path(recorded[0], 1000).times_s) == 900
+    monkeypatch.setattr(reader, "LARGEST_SHOWN", 1000)
+    with pytest.raises(InputError, match="cobot plot draws it"):
+        reader.read_path(recorded[0], 10)
+
+
 @pytest.mark.parametrize("cut", [0, 5, 100, 0.5, -1])
 def test_a_damaged_file_is_refused_with_its_name(
     recorded: tuple[Path, Cycles], tmp_path: Path, cut: float

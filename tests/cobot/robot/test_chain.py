@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 import pinocchio
 import pytest
+from laws import coordinates
 from samples import samples
 from second_opinion import MJCF
 
@@ -219,3 +220,20 @@ def test_twists_are_the_jacobian_times_the_joint_velocities(robot: RobotDescript
     joints, rates = np.random.default_rng(3).uniform(-2.5, 2.5, (2, 500, robot.model.dof))
     expected = [robot.model.jacobian(q) @ v for q, v in zip(joints, rates, strict=True)]
     np.testing.assert_allclose(robot.model.chain.twists(joints, rates), expected, atol=TOLERANCE)
+
+
+@pytest.mark.parametrize("slide", [False, True])
+@pytest.mark.parametrize("seed", SEEDS)
+def test_derivatives_of_twists_are_their_differences_along_a_path(seed: int, slide: bool) -> None:
+    mj, _ = random_arm(seed, slide=slide)
+    chain, dof = Chain(mj, mj.body("base_link").id, mj.site("tcp").id), mj.nv
+    derivatives = np.random.default_rng(seed).uniform(-1.0, 1.0, (4, 20, dof))
+    found = chain.motions(derivatives)
+    np.testing.assert_allclose(found[0], chain.twists(derivatives[0], derivatives[1]), atol=TOLERANCE)
+    np.testing.assert_allclose(found, coordinates.motions(chain, derivatives), atol=1e-7, rtol=1e-7)
+
+
+def test_motions_of_no_joints_are_none_and_of_another_number_are_refused(robot: RobotDescription) -> None:
+    assert robot.model.chain.motions(np.zeros((4, 0, 7))).shape == (3, 0, 6)
+    with pytest.raises(ValueError, match=r"not \(4, n, 7\)"):
+        robot.model.chain.motions(np.zeros((4, 5, 6)))

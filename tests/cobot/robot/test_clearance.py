@@ -11,7 +11,7 @@ import pytest
 from samples import samples
 
 from benchmarks import scenes
-from cobot.robot.clearance import Clearance, bezier
+from cobot.robot.clearance import Clearance
 from cobot.robot.collision import RESOLUTION_M, geom_pairs
 from cobot.robot.description import RobotDescription
 from cobot.types import Array
@@ -140,18 +140,6 @@ def test_a_gradient_is_how_the_distance_changes(robot: RobotDescription) -> None
                 good += bool(abs(slope - (ahead - behind)[:, pair] / 2e-6).max() < 1e-3)
         # Not where the nearest feature changes, and as far as MuJoCo's iteration resolves the difference.
         assert good > 0.97 * total, (good, total)
-
-
-def test_a_polynomial_is_its_bezier_curve() -> None:
-    random = np.random.default_rng(SEED)
-    coefficients = random.normal(size=(4, 3, 6))
-    control = bezier(coefficients)
-    halves = control.copy()
-    for level in range(5):
-        halves[:, : 5 - level] = 0.5 * (halves[:, : 5 - level] + halves[:, 1 : 6 - level])
-    assert halves[:, 0] == pytest.approx((coefficients * 0.5 ** np.arange(6)).sum(axis=2), abs=1e-12)
-    assert control[:, 0] == pytest.approx(coefficients[:, :, 0])
-    assert control[:, -1] == pytest.approx(coefficients.sum(axis=2))
 
 
 @pytest.mark.parametrize("kind", scenes.KINDS)

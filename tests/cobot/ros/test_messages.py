@@ -29,7 +29,7 @@ from cobot.errors import InputError
 from cobot.ipc.layout import state_dtype
 from cobot.robot.description import RobotDescription
 from cobot.robot.model import RobotModel
-from cobot.ros.messages import Messages
+from cobot.ros.messages import Messages, ros_time
 from cobot.ros.robot_messages import JOINT_STATES, POSE, STRING, TRANSFORMS, WRENCH, RobotMessages
 from cobot.ros.urdf import urdf
 from cobot.types import JointLimits
@@ -53,6 +53,14 @@ def test_a_string_is_length_text_and_nul(messages: Messages) -> None:
     assert content == b"\0\1\0\0" + struct.pack("<I", 4) + "hé".encode() + b"\0"
     big_endian = b"\0\0\0\0" + struct.pack(">I", 4) + "hé".encode() + b"\0"
     assert messages.from_cdr("std_msgs/msg/String", big_endian) == {"data": "hé"}
+
+
+@pytest.mark.parametrize("wall_s", [0, 1_800_000_000, 2**31, 2**33])
+def test_every_time_of_the_wall_can_be_told(messages: Messages, wall_s: int) -> None:
+    """A clock set beyond 2038 ended all topics, with a traceback for each message. Oracle: int32."""
+    content = {"header": {"stamp": ros_time(wall_s * 10**9 + 5)}}
+    checked = messages.checked("sensor_msgs/msg/JointState", content)
+    assert checked["header"]["stamp"]["sec"] == min(wall_s, 2**31 - 1)
 
 
 def test_numbers_are_aligned_to_their_size(messages: Messages) -> None:

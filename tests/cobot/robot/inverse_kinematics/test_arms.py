@@ -13,7 +13,7 @@ from samples import samples
 from cobot.errors import UnreachableError
 from cobot.robot.inverse_kinematics import Arm, Criterion, SixAxisArm, SrsArm, inverse, inverse_all
 from cobot.robot.inverse_kinematics.geometry import Axes
-from cobot.types import Array, JointLimits
+from cobot.types import Array, JointLimits, Pose
 
 SEED = 20261122
 CLOSED = {
@@ -199,3 +199,48 @@ def test_what_is_far_away_is_out_of_reach_by_a_length_whatever_the_arm(tmp_path:
         far = type(pose)(pose.position + np.array([0.0, 12.0, 0.0]), pose.quaternion)
         with pytest.raises(UnreachableError, match=r"out of reach by [\d.]+ m, and comes as near as"):
             inverse(arm.model, far, arm.drawn(random, 1)[0])
+
+
+@pytest.mark.parametrize("name", ["spherical wrist", "seven axes, offset wrist", "an arm on two slides"])
+def test_joints_are_carried_from_pose_to_pose_until_one_fails(name: str, tmp_path: Path) -> None:
+    # Oracle: the descents one by one.
+    random, step = np.random.default_rng(SEED + 8), 0.3
+    arm = arm_of(name, tmp_path, random)
+    model, limits, ended = arm.model, arm.model.limits, 0
+    for begin, end in zip(arm.drawn(random, 12), arm.drawn(random, 12), strict=True):
+        poses = model.poses(begin + np.linspace(0.05, 1.0, 40)[:, None] * (end - begin))
+        found = model.inverse_kinematics.carried(poses, begin, 60, step)
+        before = begin
+        for pose, joints in zip(poses, found, strict=False):
+            expected, solved, _, _ = model.inverse_kinematics.descend(pose, before, 60)
+            assert solved
+            assert np.array_equal(joints, expected)
+            assert np.abs(joints - before).max() <= step
+            before = joints
+        if len(found) < len(poses):
+            joints, solved, _, _ = model.inverse_kinematics.descend(poses[len(found)], before, 60)
+            turned = np.abs(joints - before)
+            at_limit = (joints <= limits.min_position) | (joints >= limits.max_position)
+            assert not solved or turned.max() > step or (at_limit & (turned > 1e-9)).any()
+            ended += 1
+    assert ended > 0
+    assert model.inverse_kinematics.carried(np.empty((0, 7)), begin, 60, step).shape == (0, limits.dof)
+
+
+def test_a_descent_slides_along_what_it_shall_stay_within(tmp_path: Path) -> None:
+    # Oracle: another library's forward kinematics; and without bounds the limits hold as before.
+    random, name = np.random.default_rng(SEED + 9), "an arm on two slides"
+    arm = arm_of(name, tmp_path, random)
+    kinematics, limits, along = arm.model.inverse_kinematics, arm.model.limits, 0
+    for seed in arm.drawn(random, 60):
+        low = np.maximum(limits.min_position, seed - 0.2)
+        high = np.minimum(limits.max_position, seed + 0.2)
+        (pose,) = arm.model.poses((seed + random.uniform(-0.5, 0.5, limits.dof)).clip(low, high)[None])
+        joints, solved, _, _ = kinematics.descend(pose, seed, 60, within=(low, high))
+        assert ((joints >= low) & (joints <= high)).all()
+        if solved:
+            assert arm.off(joints, Pose(pose[:3], pose[3:])) < 1e-9
+            along += bool(((joints == low) | (joints == high)).any())
+        beyond, _, _, _ = kinematics.descend(pose, limits.max_position + 1.0, 0)
+        assert np.array_equal(beyond, limits.max_position)
+    assert along > 3

@@ -17,6 +17,7 @@ import time
 from collections.abc import Callable
 
 from cobot.launch.process import is_stopped, is_traced
+from cobot.launch.supervisor.forked import Forked
 
 MAX_STEP_S = 0.5
 """Of the time between two looks no more counts: where this process paused, the computer may have."""
@@ -39,12 +40,12 @@ class HeartbeatWatch:
         self._name = name
         self._beats = beats
         self._timeout_s = timeout_s
-        self._process: subprocess.Popen[bytes] | None = None
+        self._process: subprocess.Popen[bytes] | Forked | None = None
         self._beaten = 0
         self._has_begun = self._asked = False
         self._looked_s = self._silent_s = 0.0
 
-    def look(self, process: subprocess.Popen[bytes] | None) -> None:
+    def look(self, process: subprocess.Popen[bytes] | Forked | None) -> None:
         """To be called again and again, with the process that there is now."""
         now_s, beaten = time.monotonic(), self._beats()
         step_s, self._looked_s = min(now_s - self._looked_s, MAX_STEP_S), now_s
@@ -61,7 +62,7 @@ class HeartbeatWatch:
         elif self._silent_s > self._timeout_s and not self._asked:
             self._end(process)
 
-    def _end(self, process: subprocess.Popen[bytes]) -> None:
+    def _end(self, process: subprocess.Popen[bytes] | Forked) -> None:
         """End it, with a traceback of where it hangs in the log: faulthandler writes it on SIGABRT."""
         if is_traced(process.pid):
             self._silent_s = 0.0

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cobot.config import ENDPOINTS, load_endpoints, load_settings, resolve
+from cobot.config import ENDPOINTS, load_endpoints, load_settings
 from cobot.errors import ConfigError
 
 
@@ -29,14 +29,6 @@ def test_a_file_of_ones_own_changes_only_what_it_names(tmp_path: Path) -> None:
     assert settings.web.host == "0.0.0.0"
     assert settings.web.port == 8007
     assert settings.logs == tmp_path / "logs"
-
-
-def test_scene_and_tool_are_kept_where_the_settings_say_and_else_beside_the_log(tmp_path: Path) -> None:
-    settings = load_settings(write(tmp_path, "logs: logs\n"))
-    assert settings.scene_file.parent == settings.tool_file.parent == tmp_path / "logs"
-    settings = load_settings(write(tmp_path, "logs: logs\nkept: things\n"))
-    assert settings.scene_file.parent == settings.tool_file.parent == tmp_path / "things"
-    assert settings.log_file.parent == tmp_path / "logs"
 
 
 def test_the_manuals_web_section_is_understood(tmp_path: Path) -> None:
@@ -121,8 +113,8 @@ def test_each_of_several_robots_has_all_settings_and_only_its_own_differ(tmp_pat
     assert list(settings.each) == ["left", "right"]
     left, right = settings.each.values()
     assert settings.of(None).robot == settings.robot == left.robot
-    assert (left.rt.clock, left.rt.backend, left.rt.cpu) == ("fast", "mujoco", None)
-    assert (right.rt.clock, right.rt.backend, right.rt.cpu) == ("fast", "package.module:Arm", 1)
+    assert (left.rt.clock, left.robot.backend.type, left.rt.cpu) == ("fast", "mujoco", None)
+    assert (right.rt.clock, right.robot.backend.type, right.rt.cpu) == ("fast", "package.module:Arm", 1)
     assert (left.robot.start_position, right.robot.start_position) == ("home", "work")
     assert (right.robot.model, right.web.joint_limits) == (tmp_path / "arm.xml", tmp_path / "slow.yaml")
     assert (left.planning.workers, right.planning.workers) == (2, 1)
@@ -172,7 +164,7 @@ def test_the_robot_section_says_what_is_the_same_for_all(tmp_path: Path) -> None
         ("robots: [{name: a, rt: 5}]", "robots[0]: rt: "),
         (
             "robots: [{name: a, backend: x, rt: {backend: y}}]",
-            "robots[0]: backend: stands beside rt: {'backend': 'y'}",
+            "robots[0]: rt.backend: 'y' stands beside robot.backend: 'x'",
         ),
         ("robots: [{name: a, joint_limits: 7}]", "robots[0]: web.joint_limits: must be a path, got 7"),
         ("robots: [{name: a, name: b}]", "'name' stands twice"),
@@ -199,24 +191,3 @@ def test_binary_is_not_a_settings_file(tmp_path: Path) -> None:
     path.write_bytes(bytes(range(256)))
     with pytest.raises(ConfigError, match="cannot be read"):
         load_settings(path)
-
-
-def test_the_endpoints_file_names_all_endpoints_and_no_other(tmp_path: Path) -> None:
-    every = "".join(f"  {name}: {{timeout_s: 1.0}}\n" for name in ENDPOINTS)
-    with pytest.raises(ConfigError, match="missing POST /stop"):
-        load_endpoints(
-            write(tmp_path, "endpoints:\n" + every.replace("  POST /stop: {timeout_s: 1.0}\n", ""))
-        )
-    with pytest.raises(ConfigError, match=r"unknown key 'POST /halt' .*valid are: GET /robot/joint_states"):
-        load_endpoints(write(tmp_path, "endpoints:\n" + every + "  POST /halt: {timeout_s: 1.0}\n"))
-    for stop in ("{timeout_s: 1.0}", "{enabled: false, timeout_s: 10.0}"):
-        other = every.replace("1.0", "5.0").replace("POST /stop: {timeout_s: 5.0}", f"POST /stop: {stop}")
-        with pytest.raises(ConfigError, match="POST /stop: must be enabled, with a timeout_s of 4 at least"):
-            load_endpoints(write(tmp_path, "endpoints:\n" + other))
-    with pytest.raises(ConfigError, match=r"timeout_s: input should be greater than 0"):
-        load_endpoints(write(tmp_path, "endpoints:\n" + every.replace("1.0", "0.0")))
-
-
-def test_a_path_is_relative_to_the_file_that_names_it(tmp_path: Path) -> None:
-    assert resolve("a/b.yaml", tmp_path) == tmp_path / "a" / "b.yaml"
-    assert resolve("~/x", tmp_path) == Path.home() / "x"

@@ -7,11 +7,9 @@ import sys
 
 SCRIPT = """
 import os, signal, sys
-from cobot.config import load_settings
-from cobot.launch.supervisor import Supervisor
+from cobot.launch.supervisor.signals import Signals
 
-supervisor = Supervisor(load_settings(), None)
-supervisor._catch_signals()
+signals = Signals()
 depth = 0
 
 def interrupt(frame, event, argument):
@@ -22,11 +20,12 @@ def interrupt(frame, event, argument):
     os.kill(os.getpid(), signal.SIGINT)  # in the middle of what the last one has brought about
     return interrupt
 
-sys.settrace(interrupt)
-os.kill(os.getpid(), signal.SIGINT)
-sys.settrace(None)
+with signals.caught():
+    sys.settrace(interrupt)
+    os.kill(os.getpid(), signal.SIGINT)
+    sys.settrace(None)
 assert depth > 2, depth
-assert supervisor._stopping.is_set()
+assert signals.stopping
 print("stopping")
 """
 

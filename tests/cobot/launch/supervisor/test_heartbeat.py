@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 from running import WAIT_S
 
-from cobot.launch import heartbeat
-from cobot.launch.heartbeat import LAST_WORDS_S, HeartbeatWatch
 from cobot.launch.process import is_traced
+from cobot.launch.supervisor import heartbeat
+from cobot.launch.supervisor.heartbeat import LAST_WORDS_S, HeartbeatWatch
 
 HANGING = "import faulthandler; faulthandler.enable(2)\nwhile True: print(flush=True)"
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from cobot.launch.systemd import Systemd
+from cobot.launch.supervisor.systemd import Systemd
 
 
 @pytest.fixture

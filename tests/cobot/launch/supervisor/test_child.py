@@ -11,8 +11,7 @@ from typing import Any
 
 import pytest
 
-from cobot.config import Settings
-from cobot.launch.supervisor import MAX_BACKOFF_S, Child, Supervisor
+from cobot.launch.supervisor.child import MAX_BACKOFF_S, Child
 
 
 class Dead:
@@ -26,7 +25,7 @@ class Dead:
 
 
 def test_a_start_that_fails_is_tried_again_with_growing_pauses(
-    settings: Settings, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     now_s, starts_s = 1000.0, []
     monkeypatch.setattr(time, "monotonic", lambda: now_s)
@@ -38,13 +37,10 @@ def test_a_start_that_fails_is_tried_again_with_growing_pauses(
     monkeypatch.setattr(Child, "start", refuse)
     child: Any = object.__new__(Child)
     child.__dict__.update(name="rtloop", process=Dead(), started_s=990.0, backoff_s=0.2, restart_at_s=0.0)
-    supervisor = Supervisor(settings, None)
     with caplog.at_level(logging.ERROR, "cobot"):
         for _ in range(400):
-            supervisor._revive(child)
+            child.revive()
             now_s += 0.1
-    supervisor._wake_read.close()
-    supervisor._wake_write.close()
     pauses_s = [round(after - before, 3) for before, after in pairwise(starts_s)]
     assert len(pauses_s) >= 8
     assert pauses_s == sorted(pauses_s)

@@ -1,0 +1,46 @@
+"""The settings files, read strictly: an unknown key is an error that lists the valid ones."""
+
+from __future__ import annotations
+
+from cobot.config.endpoints import ENDPOINTS, MIN_STOP_S, Endpoint, load_endpoints
+from cobot.config.locations import Location, resolve
+from cobot.config.reading import DEFAULT_SETTINGS, SECTIONS_OF_A_ROBOT, SETTINGS_FILE, load_settings
+from cobot.config.section import naming
+from cobot.config.sections import (
+    ConnectionLimits,
+    LoggingSection,
+    McpSection,
+    PlanningSection,
+    RecordingSection,
+    RosSection,
+    RtSection,
+    SequencesSection,
+    StreamingSection,
+    WebSection,
+)
+from cobot.config.settings import Settings
+
+__all__ = [
+    "DEFAULT_SETTINGS",
+    "ENDPOINTS",
+    "MIN_STOP_S",
+    "SECTIONS_OF_A_ROBOT",
+    "SETTINGS_FILE",
+    "ConnectionLimits",
+    "Endpoint",
+    "Location",
+    "LoggingSection",
+    "McpSection",
+    "PlanningSection",
+    "RecordingSection",
+    "RosSection",
+    "RtSection",
+    "SequencesSection",
+    "Settings",
+    "StreamingSection",
+    "WebSection",
+    "load_endpoints",
+    "load_settings",
+    "naming",
+    "resolve",
+]

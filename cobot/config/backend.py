@@ -1,0 +1,64 @@
+"""Which backend moves the robot, as it stands in the settings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, PlainSerializer, ValidationError, ValidationInfo
+
+from cobot.config.locations import resolve
+from cobot.config.section import Model, Section
+from cobot.errors import ConfigError
+from cobot.strict import sentence, shown, unknown_key
+
+
+class BackendSection(Section):
+    """In YAML its name alone, or a mapping of `type` and the backend's own options.
+
+    Attributes:
+        type: a name, or package.module:Class.
+        options: of that backend; only it knows which there are.
+        folder: against which paths in the options are resolved; that of the settings' file unless it says so.
+    """
+
+    type: Annotated[str, Field(min_length=1, max_length=200)]
+    options: dict[str, Any]
+    folder: Path
+
+
+def options_of(backend: BackendSection, kind: type[Model]) -> Model:
+    """The options as the backend's own model of them.
+
+    Raises:
+        ConfigError: an unknown key, with those that are valid, or a wrong value.
+    """
+    for key in backend.options:
+        if key not in kind.model_fields:
+            raise ConfigError(f"robot.backend: {unknown_key(str(key), ['type', *kind.model_fields])}")
+    try:
+        return kind.model_validate(backend.options, context={"folder": backend.folder})
+    except ValidationError as exc:
+        raise ConfigError("; ".join(f"robot.backend.{sentence(each)}" for each in exc.errors())) from exc
+
+
+def _a_backend(value: object, info: ValidationInfo) -> object:
+    """What stands in a file as the fields of a `BackendSection`."""
+    content = {"type": value} if isinstance(value, str) else value
+    if not (isinstance(content, dict) and content.get("type")):
+        raise ValueError(
+            f"must be a name, or a mapping with a type and the backend's own options, got {shown(value)}"
+        )
+    options = {key: each for key, each in content.items() if key not in ("type", "folder")}
+    folder = resolve(str(content.get("folder", ".")), (info.context or {})["folder"])
+    return {"type": content["type"], "options": options, "folder": folder}
+
+
+def _as_in_a_file(backend: BackendSection) -> object:
+    """Complete, for a file in another folder."""
+    if not backend.options:
+        return backend.type
+    return {"type": backend.type, "folder": str(backend.folder), **backend.options}
+
+
+Backend = Annotated[BackendSection, BeforeValidator(_a_backend), PlainSerializer(_as_in_a_file)]

@@ -1,0 +1,46 @@
+"""Where the files are that settings name."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BeforeValidator, ValidationInfo
+
+from cobot.errors import ConfigError
+
+
+def resolve(location: str, folder: Path) -> Path:
+    """The file that a setting names: pkg://PACKAGE/PATH, ~/PATH, or relative to `folder`.
+
+    Raises:
+        ConfigError: for a package that is not installed or a path that leaves it.
+    """
+    if not location.startswith("pkg://"):
+        try:
+            return (folder / Path(location).expanduser()).resolve()
+        except (RuntimeError, OSError, ValueError) as exc:  # no such user, a circle of links, a NUL byte
+            raise ConfigError(f"{location}: {exc}") from exc
+    package, _, inner = location.removeprefix("pkg://").partition("/")
+    try:
+        spec = importlib.util.find_spec(package) if package.isidentifier() else None
+    except (ImportError, ValueError):
+        spec = None
+    if spec is None or not spec.submodule_search_locations:
+        raise ConfigError(f"{location}: there is no installed Python package {package!r}")
+    root = Path(next(iter(spec.submodule_search_locations))).resolve()
+    path = (root / inner).resolve()
+    if not path.is_relative_to(root):
+        raise ConfigError(f"{location}: leaves the package {package!r}")
+    return path
+
+
+def _in_folder(value: object, info: ValidationInfo) -> Path:
+    if not isinstance(value, str) or "\0" in value:
+        raise ValueError(f"must be a path, got {value!r}")
+    return resolve(value, (info.context or {})["folder"])
+
+
+Location = Annotated[Path, BeforeValidator(_in_folder)]
+"""A path in a settings file, resolved against that file's folder."""

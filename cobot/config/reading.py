@@ -1,0 +1,103 @@
+"""From files to settings: what ships with cobot, and on top of it a file of one's own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from cobot.config.locations import resolve
+from cobot.config.section import parse
+from cobot.config.sections import RobotSection
+from cobot.config.settings import Settings
+from cobot.errors import ConfigError
+from cobot.strict import shown, unknown_key
+from cobot.yaml_file import read_mapping
+
+SETTINGS_FILE = "cobot-setting.yaml"
+DEFAULT_SETTINGS = f"pkg://config/{SETTINGS_FILE}"
+SECTIONS_OF_A_ROBOT = ("rt", "streaming", "planning")
+"""An entry in `robots` may change these sections as a whole."""
+
+
+def load_settings(path: Path | None = None) -> Settings:
+    """Read the settings; None reads those that ship with cobot.
+
+    A file of your own needs only the keys that differ from the shipped ones. Its list `robots`, if it has
+    one, holds what each of several robots has otherwise than the rest of the file says.
+
+    Raises:
+        ConfigError: naming the file, the key, the value and what is valid.
+    """
+    shipped = resolve(DEFAULT_SETTINGS, Path())
+    content = read_mapping(shipped)
+    path = shipped if path is None else path.resolve()
+    if path != shipped:
+        content = _merged(content, _with_backend_at_robot(path, read_mapping(path)))
+    if "robots" not in content:
+        return parse(Settings, path, content)
+    entries = content.pop("robots")
+    return _of_several(path, content, entries)
+
+
+def _of_several(path: Path, content: dict[str, Any], entries: Any) -> Settings:
+    """The settings of a file with a list `robots`; `content` is the rest of it."""
+    each = [
+        parse(Settings, path, _merged(content, changes), place=f"robots[{index}]: ")
+        for index, changes in enumerate(_changes_of_each(path, entries))
+    ]
+    names = [settings.robot.name for settings in each]
+    for index, name in enumerate(names):
+        if name in names[:index]:
+            first = names.index(name)
+            raise ConfigError(
+                f"{path}: robots[{index}]: the name {name!r} is that of robots[{first}] already"
+            )
+    return each[0].model_copy(update={"robots": tuple(each)})
+
+
+def _changes_of_each(path: Path, entries: Any) -> Iterator[dict[str, Any]]:
+    """Of each entry in `robots`: what it changes in the settings as a whole."""
+    if not isinstance(entries, list) or not entries:
+        raise ConfigError(f"{path}: robots: must be a list of one robot or more, got {shown(entries)}")
+    valid = [*RobotSection.model_fields, "joint_limits", *SECTIONS_OF_A_ROBOT]
+    for index, entry in enumerate(entries):
+        place = f"{path}: robots[{index}]"
+        if not isinstance(entry, dict) or "name" not in entry:
+            raise ConfigError(f"{place}: must be a mapping with a name, got {shown(entry)}")
+        for key in entry:
+            if key not in valid:
+                raise ConfigError(f"{place}: {unknown_key(str(key), valid)}")
+        changes = {key: entry[key] for key in SECTIONS_OF_A_ROBOT if key in entry}
+        changes["robot"] = {key: entry[key] for key in RobotSection.model_fields if key in entry}
+        changes = _with_backend_at_robot(place, changes)
+        if "joint_limits" in entry:
+            changes["web"] = {"joint_limits": entry["joint_limits"]}
+        yield changes
+
+
+def _with_backend_at_robot(place: object, content: dict[str, Any]) -> dict[str, Any]:
+    """Older files have the backend in the section `rt`.
+
+    Raises:
+        ConfigError: it stands in both.
+    """
+    rt, robot = content.get("rt"), content.get("robot", {})
+    if not isinstance(rt, dict) or "backend" not in rt or not isinstance(robot, dict):
+        return content
+    if "backend" in robot:
+        raise ConfigError(
+            f"{place}: rt.backend: {shown(rt['backend'])} stands beside robot.backend: "
+            f"{shown(robot['backend'])}, which is the newer name of the same: give one"
+        )
+    left = {key: value for key, value in rt.items() if key != "backend"}
+    return {**content, "rt": left, "robot": {**robot, "backend": rt["backend"]}}
+
+
+def _merged(base: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
+    """`changes` on top of `base`; a backend is replaced as a whole: its options are of its own type."""
+    merged = dict(base)
+    for key, value in changes.items():
+        both = key != "backend" and isinstance(value, dict) and isinstance(base.get(key), dict)
+        merged[key] = _merged(base[key], value) if both else value
+    return merged

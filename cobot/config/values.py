@@ -1,0 +1,92 @@
+"""What the value of a setting may be, beyond its type; each error says what would be valid."""
+
+from __future__ import annotations
+
+import re
+from ipaddress import IPv4Address
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import AfterValidator, Field, ValidationInfo
+
+from cobot.addresses import ROBOTS
+from cobot.strict import shown
+
+if TYPE_CHECKING:
+    from cobot.config.sections import ConnectionLimits
+
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+Rate = Annotated[float, Field(ge=1e-3, le=1e4)]
+Metres = Annotated[float, Field(ge=-1000.0, le=1000.0)]
+Corner = Annotated[tuple[Metres, Metres, Metres], Field(strict=False)]
+
+
+def _a_robot_name(value: str) -> str:
+    if f"/{value}" == ROBOTS:
+        raise ValueError(f"{value!r} is taken: {ROBOTS}/NAME/... are the endpoints of any robot")
+    return value
+
+
+def _an_ipv4_address(value: str) -> str:
+    try:
+        IPv4Address(value)
+    except ValueError as exc:
+        raise ValueError(f"{shown(value)} is no IPv4 address, such as 192.168.0.20") from exc
+    return value
+
+
+def _a_host(value: str) -> str:
+    if not re.fullmatch(r"[a-z0-9_]([a-z0-9._-]*[a-z0-9_])?|[0-9a-f:.]*:[0-9a-f:.]*", value):
+        raise ValueError(
+            f"{shown(value)} is no name or address of a host, such as robot.example or 192.168.0.10: "
+            "in lower case, without a scheme, a port or a wildcard"
+        )
+    return value
+
+
+def _an_origin(value: str) -> str:
+    if not re.fullmatch(r"[a-z][a-z0-9+.-]*://[^/?#\s@*A-Z]+", value):
+        raise ValueError(
+            f"{shown(value)} is no origin of pages, such as https://app.example or http://localhost:3000: "
+            "a scheme, a host in lower case, and its port if it is not the usual one"
+        )
+    return value
+
+
+RobotName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,48}$"), AfterValidator(_a_robot_name)]
+IPv4 = Annotated[str, AfterValidator(_an_ipv4_address)]
+Host = Annotated[str, AfterValidator(_a_host)]
+Origin = Annotated[str, AfterValidator(_an_origin)]
+
+
+# Validators of a field that know the fields before it in its section.
+
+
+def for_other_computers(peers: list[str], info: ValidationInfo) -> list[str]:
+    """Of `ros.peers`: they can be reached."""
+    if peers and info.data.get("localhost_only"):
+        raise ValueError(f"{shown(peers)} cannot be reached: set ros.localhost_only to false")
+    return peers
+
+
+def with_its_certificate(key: Path | None, info: ValidationInfo) -> Path | None:
+    """Of `web.tls_key`: there is a certificate if there is a key, and none if there is none."""
+    if (key is None) != (info.data.get("tls_certificate") is None):
+        raise ValueError("web.tls_certificate and web.tls_key go together: give both, or neither")
+    return key
+
+
+def with_room_for_a_body(limits: ConnectionLimits, info: ValidationInfo) -> ConnectionLimits:
+    """Of `web.limits`: the largest body that a request may have fits."""
+    largest = max(info.data.get(name, 0) for name in ("max_body_bytes", "max_json_bytes"))
+    if limits.bodies_bytes < largest:
+        raise ValueError(f"bodies_bytes: {limits.bodies_bytes} has no room for one body of {largest} bytes")
+    return limits
+
+
+def above_low(high: tuple[float, float, float], info: ValidationInfo) -> tuple[float, float, float]:
+    """Of `mcp.fence.high`: the box has a volume."""
+    low = info.data.get("low")
+    if low is not None and not all(a < b for a, b in zip(low, high, strict=True)):
+        raise ValueError(f"{high} has to be above low, {low}, in x, y and z")
+    return high

@@ -1,0 +1,108 @@
+"""`cobot check --hardware`: what is to be seen to before a real arm's first motion, docs/safety.md."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TextIO
+
+from cobot.config import Settings
+from cobot.errors import CobotError
+from cobot.ipc.device_record import Device, device_of
+from cobot.ipc.shm import MemoryRole, RobotMemory
+from cobot.launch.check import Checked
+from cobot.robot.tool import ToolFile
+
+TO_DO = (
+    ("emergency stop", "press it: the drives go off, and cobot says so; release it, then POST /robot/reset"),
+    ("safety configuration", "limits, spaces and stops are set in the robot's controller; note its checksum"),
+    ("base and mounting", "see that the arm hangs as its model says, and set gravity if not (docs/tool.md)"),
+    ("stop", "try POST /stop and POST /stop?category=1 in a slow motion"),
+    ("network", "the device's cable goes to nothing else; tokens where others reach the service"),
+    ("people", "nobody is in reach; one has a hand at the emergency stop"),
+)
+"""What no program can see."""
+NOT_RUNNING = "start `cobot run`, which asks the device; then check again"
+
+
+def check_hardware(settings: Settings, checked: Sequence[Checked], out: TextIO) -> list[Checked]:
+    """Print the list for each robot; the items that the program can know.
+
+    Args:
+        checked: what `check` has found before.
+    """
+    known = []
+    for name, each in settings.each.items():
+        about = f"{name}: " if settings.robots else ""
+        device = _device(name)
+        found = [
+            _backend(f"{about}backend", checked, device),
+            _mode(device),
+            _load(each),
+            _position(device),
+        ]
+        for item in found:
+            if isinstance(item, Checked):
+                known.append(item)
+                out.write(f"{'ok     ' if item.good else 'FAILED '} hardware {item.item}: {item.found}\n")
+            else:
+                out.write(f"TO DO   hardware {about}{item[0]}: {item[1]}\n")
+        for what, todo in TO_DO:
+            out.write(f"TO DO   hardware {about}{what}: {todo}\n")
+    return known
+
+
+def _device(name: str) -> Device | None:
+    """What the running robot says of it; None if there is none."""
+    try:
+        memory = RobotMemory.attach(name, MemoryRole.READER)
+    except CobotError:
+        return None
+    try:
+        known = memory.device.sequence > 0 and memory.device.try_read()
+        return device_of(memory.device.data) if known else None
+    except ValueError:
+        return None
+    finally:
+        memory.close()
+
+
+def _backend(item: str, checked: Sequence[Checked], device: Device | None) -> Checked:
+    """Whether it can be made, and moves something real."""
+    said = next((each for each in checked if each.item == item), None)
+    if device is not None:
+        what = "hardware" if device.capabilities.hardware else "a simulation: robot.backend names no hardware"
+        return Checked(item, device.capabilities.hardware, what)
+    if said is None or not said.good:
+        return Checked(item, False, "it cannot be made: see above")
+    return Checked(item, ": hardware;" in said.found, said.found)
+
+
+def _mode(device: Device | None) -> Checked | tuple[str, str]:
+    item = "operation mode"
+    mode = device.status.operation_mode if device is not None and device.status is not None else ""
+    if not mode:
+        return item, "T1 at the teach pendant for the first motions; the device does not say which it is in"
+    return Checked(item, mode == "T1", f"{mode}; T1 is for the first motions")
+
+
+def _load(settings: Settings) -> Checked | tuple[str, str]:
+    item = "tool and load"
+    try:
+        tool = ToolFile(settings.tool_file).read()
+    except CobotError as exc:
+        return Checked(item, False, str(exc))
+    if not tool.version:
+        return (
+            item,
+            "never set: POST /robot/tool, or see that the model's own are right; the same in the controller",
+        )
+    return Checked(item, True, f"{tool.name or 'no name'}, {tool.mass:g} kg; set the same in the controller")
+
+
+def _position(device: Device | None) -> Checked | tuple[str, str]:
+    item = "position"
+    if device is None:
+        return item, NOT_RUNNING
+    if device.unacknowledged:
+        return item, device.unacknowledged
+    return Checked(item, True, "acknowledged")

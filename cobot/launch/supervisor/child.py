@@ -1,0 +1,149 @@
+"""A process that is kept alive."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import subprocess
+import threading
+import time
+from dataclasses import dataclass, field
+
+from cobot.errors import exhausted
+from cobot.launch.running_config import ProcessState
+from cobot.launch.supervisor.forked import Forked
+from cobot.logs.process import SUPERVISED
+from cobot.logs.supervision import SupervisorLog
+
+FIRST_BACKOFF_S = 0.2
+MAX_BACKOFF_S = 5.0
+STEADY_S = 10.0
+"""A process that has lived so long is trusted again: its next pause is the first one."""
+
+log = logging.getLogger("cobot")
+
+
+@dataclass
+class Child:
+    """A process to keep alive.
+
+    Attributes:
+        blank: a process that is there already, for the first start.
+    """
+
+    name: str
+    command: list[str]
+    log: SupervisorLog
+    descriptors: tuple[int, ...] = ()
+    environment: dict[str, str] = field(default_factory=dict, repr=False)
+    blank: Forked | None = None
+    process: subprocess.Popen[bytes] | Forked | None = None
+    started_s: float = 0.0
+    backoff_s: float = FIRST_BACKOFF_S
+    restart_at_s: float = 0.0
+    restarts: int = 0
+    line: str = ""
+    reader: threading.Thread | None = field(default=None, repr=False)
+
+    def start(self) -> None:
+        read_end, write_end = os.pipe()
+        # What a process writes past its log, as C libraries and the interpreter do, is lost when this one
+        # does not read, and waits for nothing.
+        os.set_blocking(write_end, False)
+        output = os.fdopen(read_end, "rb")
+        environment = {**self.environment, SUPERVISED: "1"}
+        blank, self.blank = self.blank, None
+        try:
+            if blank is not None and blank.become(self.command, write_end, self.descriptors, environment):
+                self.process = blank
+            else:
+                self.process = subprocess.Popen(
+                    self.command,
+                    stdin=subprocess.DEVNULL,
+                    stdout=write_end,
+                    stderr=write_end,
+                    pass_fds=self.descriptors,
+                    env={**os.environ, **environment},
+                    start_new_session=True,  # Ctrl-C reaches the supervisor alone, which stops the arm first
+                )
+        except BaseException:
+            output.close()
+            raise
+        finally:
+            os.close(write_end)
+        self.started_s = time.monotonic()
+        try:
+            self.reader = self.log.follow(self.name, output, self._heard)
+        except RuntimeError:  # no memory is left for a thread
+            self.process.kill()
+            self.process.wait()
+            raise
+
+    def _heard(self, line: str) -> None:
+        self.line = line
+
+    def last_words(self) -> str:
+        """The last line of a process that has ended."""
+        if self.reader is not None:
+            self.reader.join(1.0)
+        return self.line or "it said nothing"
+
+    @property
+    def state(self) -> ProcessState:
+        return ProcessState(self.process.pid if self.process is not None else 0, self.restarts)
+
+    def ask_to_end(self) -> None:
+        if self.process is not None:
+            self.process.terminate()
+
+    def end(self, timeout_s: float) -> None:
+        """Ask the process to end, and make it end."""
+        if self.process is None:
+            return
+        self.ask_to_end()
+        try:
+            self.process.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            log.error(
+                "%s (pid %d) did not end within %.0f s and is killed", self.name, self.process.pid, timeout_s
+            )
+            self.process.kill()
+            self.process.wait()
+        if self.reader is not None:
+            self.reader.join(1.0)
+
+    def revive(self) -> None:
+        """Start it again if it has died: after a pause, which is longer each time until it has lived long."""
+        assert self.process is not None
+        status = self.process.poll()
+        now_s = time.monotonic()
+        if status is None:
+            if now_s - self.started_s > STEADY_S:
+                self.backoff_s = FIRST_BACKOFF_S
+        elif self.restart_at_s <= self.started_s:  # its death is news
+            self.restart_at_s = now_s + self.backoff_s
+            self._tell_end(self.process.pid, status)
+        elif now_s >= self.restart_at_s:
+            self._try_again(now_s)
+
+    def _tell_end(self, pid: int, status: int) -> None:
+        if status == 0:
+            log.info("%s (pid %d) has ended as it was asked to, and starts anew", self.name, pid)
+            return
+        cause = signal.Signals(-status).name if status < 0 else f"status {status}"
+        log.error("%s (pid %d) ended: %s; restart in %.1f s", self.name, pid, cause, self.backoff_s)
+        self._wait_longer()
+
+    def _try_again(self, now_s: float) -> None:
+        try:
+            self.start()
+            self.restarts += 1
+        except (OSError, RuntimeError) as exc:  # RuntimeError: of a thread that cannot be started
+            cause = exhausted(exc) or exc
+            log.error("%s cannot be started: %s; next attempt in %.1f s", self.name, cause, self.backoff_s)
+            self.restart_at_s = now_s + self.backoff_s
+            self._wait_longer()
+
+    def _wait_longer(self) -> None:
+        self.backoff_s = min(2.0 * self.backoff_s, MAX_BACKOFF_S)

@@ -1,0 +1,64 @@
+"""What the supervisor runs: each process with its command line, descriptors and secrets."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import socket
+from pathlib import Path
+
+from cobot.access.authentication import ROS_TOKEN_VARIABLE
+from cobot.client.tls import CERTIFICATE_VARIABLE
+from cobot.config import Settings
+from cobot.launch.process import RUN_MODULE
+from cobot.launch.supervisor.child import Child
+from cobot.logs.supervision import SupervisorLog
+
+SERVICE = "service"
+
+
+class Children:
+    """Makes the processes of one `cobot run`; none is started here.
+
+    Args:
+        config: the settings' file that all of them read.
+        source: what the user edits, which the service reads again when it is asked to.
+    """
+
+    def __init__(self, settings: Settings, config: Path, source: Path, log: SupervisorLog) -> None:
+        self._settings = settings
+        self._config = ["--config", str(config)]
+        self._source = source
+        self._log = log
+        self._ros_token = secrets.token_urlsafe(32)
+
+    def rtloop(self, robot: str) -> Child:
+        """The real-time process of a robot."""
+        name = f"rtloop {robot}" if self._settings.robots else "rtloop"
+        clock = self._settings.of(robot).rt.clock
+        command = [*RUN_MODULE, "rtloop", *self._config, "--robot", robot, "--clock", clock]
+        return Child(name, command, self._log)
+
+    def recorder(self) -> Child:
+        return Child("recorder", [*RUN_MODULE, "recorder", *self._config], self._log)
+
+    def service(self, listener: socket.socket) -> Child:
+        """The web service; it takes connections from this socket."""
+        host, port = listener.getsockname()[:2]
+        listening = ["--host", host, "--port", str(port), "--fd", str(listener.fileno())]
+        losses = self._log.losses
+        files = [*self._config, "--source", str(self._source), "--losses-fd", str(losses)]
+        command = [*RUN_MODULE, "app", *files, *listening]
+        token = {ROS_TOKEN_VARIABLE: self._ros_token}
+        return Child(SERVICE, command, self._log, (listener.fileno(), losses), token)
+
+    def ros2(self, url: str) -> Child:
+        """The DDS process, a client of the service, if there is one at this URL."""
+        # What one such process leaves to the next; it goes with the supervisor.
+        last_words = os.memfd_create("cobot-ros2")
+        arguments = ["--last-words", str(last_words), *(("--url", url) if url else ())]
+        command = [*RUN_MODULE, "ros2", *self._config, *arguments]
+        environment = {ROS_TOKEN_VARIABLE: self._ros_token}
+        if self._settings.web.tls_certificate:
+            environment[CERTIFICATE_VARIABLE] = str(self._settings.web.tls_certificate)
+        return Child("ros2", command, self._log, (last_words,), environment)

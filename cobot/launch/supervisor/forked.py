@@ -1,0 +1,172 @@
+"""The first start of each process, without importing again what the supervisor has imported already.
+
+What a process imports is most of what its start costs, and half of that the supervisor has too. So it forks
+its children while it has no thread yet and nothing open; each waits until it is told what to be. Whatever
+starts later (a process that has died is replaced) begins anew, as `python -m` does.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import fcntl
+import json
+import os
+import runpy
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NoReturn
+
+from cobot.launch.process import RUN_MODULE
+
+TASK_BYTES = 65536
+MAX_DESCRIPTORS = 16
+POLL_S = 0.01
+
+
+class Forked:
+    """A process; of `subprocess.Popen` what the supervisor needs.
+
+    Attributes:
+        returncode: None while it runs.
+    """
+
+    def __init__(self, pid: int, channel: socket.socket) -> None:
+        self.pid = pid
+        self.returncode: int | None = None
+        self.channel = channel
+
+    def become(
+        self, command: Sequence[str], output: int, descriptors: Sequence[int], environment: Mapping[str, str]
+    ) -> bool:
+        """Have it be the process of a command, which begins as `RUN_MODULE` does. False if it has ended.
+
+        Args:
+            output: a descriptor for what it prints.
+            descriptors: that it has too, by the same numbers.
+        """
+        task = {"command": list(command), "descriptors": list(descriptors), "environment": dict(environment)}
+        try:
+            with self.channel:
+                socket.send_fds(self.channel, [json.dumps(task).encode()], [output, *descriptors])
+        except OSError:
+            self.kill()
+            self.wait()
+            return False
+        return True
+
+    def poll(self) -> int | None:
+        """The exit status, or minus the signal that ended it; None while it runs."""
+        if self.returncode is None:
+            pid, status = os.waitpid(self.pid, os.WNOHANG)
+            if pid:
+                self.returncode = os.waitstatus_to_exitcode(status)
+        return self.returncode
+
+    def wait(self, timeout_s: float | None = None) -> int:
+        """Until it has ended.
+
+        Raises:
+            subprocess.TimeoutExpired: it has not.
+        """
+        deadline_s = None if timeout_s is None else time.monotonic() + timeout_s
+        while (status := self.poll()) is None:
+            if deadline_s is not None and timeout_s is not None and time.monotonic() > deadline_s:
+                raise subprocess.TimeoutExpired(str(self.pid), timeout_s)
+            time.sleep(POLL_S)
+        return status
+
+    def send_signal(self, number: int) -> None:
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def terminate(self) -> None:
+        self.send_signal(signal.SIGTERM)
+
+    def kill(self) -> None:
+        self.send_signal(signal.SIGKILL)
+
+    def dismiss(self) -> None:
+        """It is not needed, unless it has become something."""
+        if self.channel.fileno() >= 0:
+            self.channel.close()
+            self.wait()
+
+
+def forked(count: int) -> list[Forked]:
+    """Processes that wait until they are told what to be. They do not return there, but end.
+
+    Only for a process without threads.
+    """
+    made: list[Forked] = []
+    for _ in range(count):
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        if pid := os.fork():
+            theirs.close()
+            made.append(Forked(pid, ours))
+            continue
+        for each in (ours, *(other.channel for other in made)):
+            each.close()  # a process that waits is to see that the supervisor has gone
+        _serve(theirs)
+    return made
+
+
+def _serve(channel: socket.socket) -> NoReturn:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.setsid()  # Ctrl-C reaches the supervisor alone, which stops the arm first
+    message, received, _, _ = socket.recv_fds(channel, TASK_BYTES, MAX_DESCRIPTORS)
+    if not message:
+        os._exit(0)
+    task = json.loads(message)
+    os.environ.update(task["environment"])
+    _take_descriptors(channel.detach(), received, [1, *task["descriptors"]])
+    _be_called(task["command"])
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    module, *arguments = task["command"][len(RUN_MODULE) :]
+    if not sys.flags.safe_path:
+        del sys.path[0]
+    sys.argv[1:] = arguments
+    status: object = 0
+    try:
+        runpy.run_module(module, run_name="__main__", alter_sys=True)
+    except SystemExit as exc:
+        status = exc.code
+    except BaseException:  # noqa: BLE001 - as the interpreter does it
+        sys.excepthook(*sys.exc_info())
+        status = 1
+    # As the interpreter ends, but without going back to who has called the supervisor.
+    ctypes.pythonapi.Py_Exit(status if isinstance(status, int) else int(status is not None))
+    raise AssertionError("unreachable")
+
+
+def _take_descriptors(channel: int, received: list[int], numbers: list[int]) -> None:
+    """Have what was received under its numbers, output and errors as one, no input, and nothing else."""
+    above = max(*numbers, *received, channel) + 1
+    high = [fcntl.fcntl(each, fcntl.F_DUPFD_CLOEXEC, above) for each in received]
+    os.closerange(3, above)
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)
+    for source, number in zip([high[0], *high], [2, *numbers], strict=True):
+        os.dup2(source, number)
+    for each in (nothing, *high):
+        if each not in (0, 1, 2, *numbers):
+            os.close(each)
+
+
+def _be_called(command: Sequence[str]) -> None:
+    """Have `ps` show the command: written over the arguments and the environment that the kernel has put
+    side by side, of which the C library keeps copies from now on.
+    """
+    for name, value in os.environ.items():
+        os.putenv(name, value)
+    fields = Path("/proc/self/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
+    begin, arguments_end, end = (int(fields[index]) for index in (45, 46, 48))
+    line = " ".join(command).encode()[: end - begin - 1]
+    if 0 < begin < arguments_end <= end:
+        # Its last byte is no NUL: then the kernel goes on to the first one after it.
+        line = line.ljust(arguments_end - begin)
+        ctypes.memmove(begin, line.ljust(end - begin, b"\0"), end - begin)

@@ -1,0 +1,216 @@
+"""Starting, watching and ending the processes: one account of who is alive."""
+
+from __future__ import annotations
+
+import logging
+import signal
+import time
+from collections.abc import Iterable
+from contextlib import ExitStack
+from pathlib import Path
+
+from cobot.access.tls import check_certificate
+from cobot.addresses import address
+from cobot.config import DEFAULT_SETTINGS, Settings, load_endpoints, resolve
+from cobot.errors import UnavailableError
+from cobot.ipc.recording_memory import RecordingMemory
+from cobot.ipc.shm import RobotMemory
+from cobot.launch.process import has_terminal
+from cobot.launch.running_config import ProcessState, RunningConfig
+from cobot.launch.supervisor.announcement import announce
+from cobot.launch.supervisor.child import Child
+from cobot.launch.supervisor.children import SERVICE, Children
+from cobot.launch.supervisor.forked import Forked
+from cobot.launch.supervisor.heartbeat import HeartbeatWatch
+from cobot.launch.supervisor.listening import access_to, listen, url_of
+from cobot.launch.supervisor.signals import Signals
+from cobot.launch.supervisor.systemd import Systemd
+from cobot.logs.supervision import supervising
+from cobot.robot.description import load_robot
+
+READY_TIMEOUT_S = 20.0
+STOP_TIMEOUT_S = 5.0
+
+log = logging.getLogger("cobot")
+
+
+class Supervisor:
+    """Runs the robots until it is told to stop: a process for each, and one service for all."""
+
+    def __init__(
+        self,
+        settings: Settings,
+        config: Path | None,
+        as_written: Settings | None = None,
+        blanks: Iterable[Forked] = (),
+    ) -> None:
+        """
+        Args:
+            as_written: the settings without what the command line says otherwise.
+            blanks: processes that are there already, to become those that are started first.
+        """
+        self._blanks = list(blanks)
+        self._settings = settings
+        self._as_written = as_written or settings
+        self._source = config.resolve() if config else resolve(DEFAULT_SETTINGS, Path())
+        self._running = RunningConfig.of(settings.robot.name)
+        self._systemd = Systemd()
+        self._signals = Signals()
+        self._in_terminal = has_terminal()
+
+    def run(self) -> int:
+        """Start everything, watch over it, stop everything.
+
+        Returns:
+            The exit status: 0 after a stop by signal.
+
+        Raises:
+            CobotError: nothing could be started.
+        """
+        with supervising(self._settings.logging, self._settings.log_file) as self._log:
+            self._run()
+        return 0
+
+    def _run(self) -> None:
+        secure = check_certificate(self._settings.web)
+        if self._settings.web.enabled:
+            load_endpoints(self._settings.web.endpoints)  # what is wrong there is said here, not by a child
+        listener = listen(self._settings.web) if self._settings.web.enabled else None
+        url = url_of(listener, secure) if listener is not None else ""
+        access = access_to(self._settings.web, listener)
+        made = Children(self._settings, self._running.file, self._source, self._log)
+        rtloops: list[Child] = []
+        service: list[Child] = []
+        with ExitStack() as stack:
+            if listener is not None:
+                stack.callback(listener.close)
+            memories = {name: self._memory(name, url, stack) for name in self._settings.each}
+            stack.callback(self._running.remove)
+            self._running.create(self._as_written)
+            try:
+                stack.enter_context(self._signals.caught())
+                rtloops.extend(self._begun(made.rtloop(name)) for name in memories)
+                service.append(self._begun(made.recorder()))
+                if listener is not None:
+                    service.append(self._begun(made.service(listener)))
+                if self._settings.ros.enabled:
+                    service.append(self._begun(made.ros2(url)))
+                self._await_first(rtloops, list(memories.values()))  # the others take longer
+                announce(self._settings, url, access, memories)
+                self._watch([*rtloops, *service], memories, url)
+            finally:
+                self._systemd.stopping()
+                for child in rtloops:  # all arms come to rest at the same time, before anything is written
+                    child.ask_to_end()
+                log.info("stopping: the arm first")
+                for child in (*rtloops, *service):
+                    child.end(STOP_TIMEOUT_S)
+        log.info("stopped")
+
+    def _begun(self, child: Child) -> Child:
+        child.blank = self._blanks.pop() if self._blanks else None
+        child.start()
+        return child
+
+    def _watch(self, children: list[Child], memories: dict[str, RobotMemory], url: str) -> None:
+        """Until it is time to stop."""
+        # For these robots the service has to begin before all is ready.
+        served = list(memories.values()) if url else []
+        known: dict[str, ProcessState] = {}
+        service = next((child for child in children if child.name == SERVICE), None)
+        heartbeat = HeartbeatWatch(
+            SERVICE,
+            lambda: sum(int(memory.heartbeat.sequence) for memory in memories.values()),
+            self._settings.web.hang_to_restart_s,
+        )
+        while not self._signals.stopping:
+            if self._signals.hangup:
+                self._signals.hangup = False
+                self._reload(children)
+            _mend(memories)
+            for child in children:
+                child.revive()
+            if service is not None:
+                heartbeat.look(service.process)
+            states = {child.name: child.state for child in children}
+            if states != known:
+                known = states
+                self._running.publish(states)
+            if served and all(int(memory.heartbeat.sequence) for memory in served):
+                served = []
+            if not served:
+                self._systemd.ready(url)
+            self._systemd.alive()
+            self._signals.sleep(0.1)
+
+    def _reload(self, children: list[Child]) -> None:
+        """SIGHUP: the service reads the configuration again. Where it came because the terminal that this
+        was started from has gone, it is the end: nobody watches the arm any more.
+        """
+        if self._in_terminal and not has_terminal():
+            log.info("the terminal has gone")
+            self._signals.stopping = True
+            return
+        service = next((child for child in children if child.name == SERVICE), None)
+        if service is None or service.process is None:
+            log.warning("web.enabled is false: no service can read the configuration again; restart cobot")
+            return
+        log.info("SIGHUP: the service reads the configuration again")
+        service.process.send_signal(signal.SIGHUP)
+
+    def _memory(self, name: str, url: str, stack: ExitStack) -> RobotMemory:
+        """A robot's shared memory, which goes with the stack."""
+        settings = self._settings.of(name)
+        own_url = address(url, name) if url and self._settings.robots else url
+        robot = load_robot(settings)
+        robot.check_named_positions(settings.robot.srdf)
+        dof = robot.limits.dof
+        memory = RobotMemory.create(name, dof, settings.rt.period_s, settings.rt.trajectory_capacity, own_url)
+        stack.callback(memory.close)
+        stack.callback(memory.unlink)
+        recording = RecordingMemory.create(
+            name, dof, settings.rt.period_s, settings.recording.ring_s, robot.limits.names
+        )
+        stack.callback(recording.unlink)
+        return memory
+
+    def _await_first(self, rtloops: list[Child], memories: list[RobotMemory]) -> None:
+        """Wait for the robots' cycles to begin. One that does not is tried again later, like one that dies.
+
+        Raises:
+            UnavailableError: not a single one has begun.
+        """
+        failed: list[UnavailableError] = []
+        deadline_s = time.monotonic() + READY_TIMEOUT_S
+        for rtloop, memory in zip(rtloops, memories, strict=True):
+            try:
+                self._await_rtloop(rtloop, memory, deadline_s)
+            except UnavailableError as exc:
+                failed.append(exc)
+        if len(failed) == len(rtloops):
+            raise failed[0]
+        for error in failed:
+            log.error("%s", error)
+
+    def _await_rtloop(self, rtloop: Child, memory: RobotMemory, deadline_s: float) -> None:
+        while int(memory.state.sequence) == 0 and not self._signals.stopping:
+            assert rtloop.process is not None
+            if rtloop.process.poll() is not None:
+                status = rtloop.process.returncode
+                raise UnavailableError(
+                    f"{rtloop.name} ended with status {status} at its start: {rtloop.last_words()}"
+                )
+            if time.monotonic() > deadline_s:
+                backend = self._settings.of(memory.robot).robot.backend.type
+                raise UnavailableError(
+                    f"{rtloop.name} did not begin its cycle in {READY_TIMEOUT_S:.0f} s: robot.backend "
+                    f"{backend!r} has not opened its device"
+                )
+            self._signals.sleep(0.02)
+
+
+def _mend(memories: dict[str, RobotMemory]) -> None:
+    """Nothing reads a header but who maps the memory, above all a process that is restarted."""
+    for name, memory in memories.items():
+        if memory.mend_header():
+            log.error("the header of the shared memory of %s was spoilt, and is written anew", name)
