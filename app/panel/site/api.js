@@ -35,8 +35,8 @@ export class Api {
     return this.robot ? `${this.robot.path}${path}` : path;
   }
 
-  async ask(method, address, body, headers = {}) {
-    const options = { method, headers: { ...headers } };
+  async ask(method, address, body, headers = {}, keepalive = false) {
+    const options = { method, headers: { ...headers }, keepalive };
     if (this.token) options.headers.Authorization = `Bearer ${this.token}`;
     if (this.control && method !== "GET") options.headers["X-Control-Token"] = this.control;
     if (body instanceof FormData) options.body = body;

@@ -2,7 +2,7 @@
 import { oneAtATime } from "./once.js";
 import { inEachLanguage, word } from "./words.js";
 
-const EVERY_MS = 2000; // a plan that is made is no event
+const EVERY_MS = 10_000; // how long a plan is kept is no event
 const element = (id) => document.getElementById(id);
 
 export class Approvals {
@@ -18,6 +18,10 @@ export class Approvals {
     setInterval(() => {
       if (!document.hidden && this.api.robot) this.look();
     }, EVERY_MS);
+  }
+
+  hear(event) {
+    if (["plan", "hello", "job"].includes(event.type) && this.api.robot) this.look();
   }
 
   async ask() {
@@ -36,7 +40,7 @@ export class Approvals {
     const there = new Set(plans.map((plan) => plan.plan_id));
     for (const [id, row] of this.rows) {
       if (there.has(id)) continue;
-      row.button.disabled = true;
+      row.button.disabled = row.show.disabled = true;
       if (element("plans").matches(":hover, :focus-within")) continue;
       row.made.remove();
       this.rows.delete(id);
@@ -50,17 +54,28 @@ export class Approvals {
   }
 
   row(id) {
-    const row = { made: document.createElement("li"), text: document.createElement("span"), button: document.createElement("button") };
-    row.button.type = "button";
+    const row = { made: document.createElement("li"), text: document.createElement("span"), button: document.createElement("button"), show: document.createElement("button") };
+    row.button.type = row.show.type = "button";
     row.button.addEventListener("click", () => this.toggle(row));
-    row.made.append(row.text, row.button);
+    row.show.addEventListener("click", () => this.present(row));
+    row.made.append(row.text, row.button, row.show);
     row.made.dataset.plan = id;
     element("plans").append(row.made);
     this.rows.set(id, row);
     return row;
   }
 
-  write({ made, text, button, plan }) {
+  // Its ghost goes the way; it is for whoever may run it.
+  async present({ plan }) {
+    try {
+      this.motions.look(await this.api.get(`/plans/${plan.plan_id}`));
+      element("plans-why").textContent = "";
+    } catch (error) {
+      element("plans-why").textContent = error.message;
+    }
+  }
+
+  write({ made, text, button, show, plan }) {
     const { plan_id: id, by, planners, duration_s: duration, expires_in_s: left, approved_by: approved } = plan;
     const about = { id: id.slice(0, 8), by, planners: planners.join(", "), seconds: duration.toFixed(1) };
     const who = approved ? word("plan_approved", { by: approved }) : word("plan_left", { minutes: Math.ceil(left / 60) });
@@ -69,6 +84,8 @@ export class Approvals {
     const act = word(approved ? "plan_withdraw" : "plan_approve");
     if (button.textContent !== act) button.textContent = act;
     button.setAttribute("aria-label", `${act}: ${about.id}`);
+    show.textContent = word("plan_show");
+    show.setAttribute("aria-label", `${word("plan_show")}: ${about.id}`);
     made.toggleAttribute("data-approved", Boolean(approved));
   }
 

@@ -1,5 +1,5 @@
 // A trajectory out of a CSV file: looked at first, joint by joint against the limits, and then sent.
-import { curve } from "./lines.js";
+import { row } from "./plots.js";
 import { fromRest, read, velocityCurve } from "./points.js";
 import { inEachLanguage, word } from "./words.js";
 
@@ -105,17 +105,6 @@ export class Csv {
   write() {
     element("csv-why").textContent = this.words();
     element("csv-send").disabled = !this.file;
-    element("csv-plots").replaceChildren(...(this.shown ?? []).flatMap((each) => this.row(each)));
-  }
-
-  row({ range, positions, velocities }) {
-    const { name, min_position: low, max_position: high, max_velocity: most } = range;
-    const label = document.createElement("b");
-    label.textContent = name;
-    return [
-      label,
-      curve(positions, [low, high], word("plot_position", { name })),
-      curve(velocities, [-most, most], word("plot_velocity", { name })),
-    ];
+    element("csv-plots").replaceChildren(...(this.shown ?? []).flatMap(row));
   }
 }

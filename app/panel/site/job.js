@@ -8,6 +8,7 @@ const STATES = {
   failed: "job_failed", cancelled: "job_cancelled", interrupted: "job_interrupted",
 };
 const GOING = ["planning", "running"];
+const WITH_STEPS = ["sequence", "program"];
 const element = (id) => document.getElementById(id);
 
 function write(id, text) {
@@ -29,12 +30,14 @@ export class Job {
     for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) {
       slider.addEventListener(end, () => (this.held = false));
     }
-    element("pause").addEventListener("click", () => this.toggle());
+    element("pause").addEventListener("click", () => this.act(this.job.state === "paused" ? "resume" : "pause"));
+    element("step").addEventListener("click", () => this.act(this.job.state === "paused" ? "step" : "pause?at_waypoint=0"));
+    element("end").addEventListener("click", () => this.act("cancel"));
     inEachLanguage(() => this.write());
   }
 
   hear(event) {
-    if (event.type === "job" || event.type === "hello") this.look();
+    if (["job", "hello", "speed"].includes(event.type)) this.look();
   }
 
   async ask() {
@@ -76,8 +79,7 @@ export class Job {
   }
 
   // A sequence is paused with the motion that it is in.
-  async toggle() {
-    const what = this.job.state === "paused" ? "resume" : "pause";
+  async act(what) {
     try {
       await this.api.post(`/jobs/${this.job.id}/${what}`);
       write("job-why", "");
@@ -88,11 +90,12 @@ export class Job {
   }
 
   write() {
-    const { state, owner, progress = 0, remaining_s: left, error } = this.job ?? {};
+    const { state, kind, owner, progress = 0, remaining_s: left, error } = this.job ?? {};
     const paused = state === "paused";
     const going = paused || GOING.includes(state);
     write("pause", word(paused ? "resume" : "pause"));
-    element("pause").disabled = !going;
+    element("pause").disabled = element("end").disabled = !going;
+    element("step").disabled = !going || !WITH_STEPS.includes(kind);
     element("progress").value = going || state === "finished" ? progress : 0;
     write("job", this.job ? word("job_of", { state: word(STATES[state]), owner }) : word("job_none"));
     write("job-error", error?.detail ?? "");

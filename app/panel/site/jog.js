@@ -51,8 +51,8 @@ export class Jog {
     if (event.pointerId !== undefined) button.setPointerCapture(event.pointerId);
     this.held = button;
     button.toggleAttribute("data-held", true);
-    this.send();
     this.timer = setInterval(() => this.send(), EVERY_MS);
+    this.send(); // which lets go, and ends the timer, if nobody hears it
   }
 
   // A frame without a velocity lets go; it goes out whenever a holding ends.

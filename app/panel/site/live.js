@@ -1,4 +1,5 @@
-// The last 20 s of each joint: position, velocity or torque. Drawn as long as somebody can see it.
+// The last 20 s: position, velocity, torque or tracking error of each joint, what the surroundings exert at the
+// TCP, or how long the cycles are. Drawn as long as somebody can see it.
 import { inEachLanguage, word } from "./words.js";
 
 const SPAN_S = 20;
@@ -6,12 +7,15 @@ const EVERY_MS = 200;
 const HEIGHT = 40;
 const ROOM = 0.15; // above and below the curve
 const DEGREES = 180 / Math.PI;
-// Of each quantity: its field of the state, its unit and factor for what turns and for what slides, and how much
-// of it is drawn at the least.
+// How much is drawn at the least, and either the unit and the factor of each joint, one that turns and one that
+// slides, or the lanes by name and unit.
 const QUANTITIES = {
-  position: { turns: ["°", DEGREES], slides: ["mm", 1000], least: 1, word: "live_position" },
-  velocity: { turns: ["°/s", DEGREES], slides: ["mm/s", 1000], least: 1, word: "live_velocity" },
-  effort: { turns: ["N·m", 1], slides: ["N", 1], least: 0.5, word: "live_effort" },
+  position: { turns: ["°", DEGREES], slides: ["mm", 1000], least: 1 },
+  velocity: { turns: ["°/s", DEGREES], slides: ["mm/s", 1000], least: 1 },
+  effort: { turns: ["N·m", 1], slides: ["N", 1], least: 0.5 },
+  error: { turns: ["°", DEGREES], slides: ["mm", 1000], least: 0.05, digits: 3 },
+  wrench: { lanes: [["Fx", "N"], ["Fy", "N"], ["Fz", "N"], ["Mx", "N·m"], ["My", "N·m"], ["Mz", "N·m"]], least: 1 },
+  cycle: { lanes: [["live_period", "µs"], ["live_late", ""]], least: 10 },
 };
 const element = (id) => document.getElementById(id);
 
@@ -29,8 +33,9 @@ export class Live {
     this.states = [];
     this.ranges = [];
     this.lanes = [];
+    this.last = null; // the newest state
     this.seen = false;
-    element("live-what").addEventListener("change", () => this.name());
+    element("live-what").addEventListener("change", () => this.build());
     new IntersectionObserver(([entry]) => (this.seen = entry.isIntersecting)).observe(element("live"));
     inEachLanguage(() => this.name());
     setInterval(() => this.draw(), EVERY_MS);
@@ -42,35 +47,52 @@ export class Live {
 
   clear() {
     this.states = [];
+    this.last = null;
   }
 
   describe(ranges) {
     if (ranges.map(({ name }) => name).join() === this.ranges.map(({ name }) => name).join()) return;
     this.ranges = ranges;
-    this.lanes = ranges.map(() => {
+    this.build();
+  }
+
+  build() {
+    const { lanes, turns, slides } = QUANTITIES[this.quantity];
+    const each = lanes ?? this.ranges.map((range) => [range.name, ...(range.slides ? slides : turns)]);
+    this.lanes = each.map(([name, unit, factor = 1]) => {
       const [label, picture, value] = ["span", "canvas", "b"].map((tag) => document.createElement(tag));
       picture.setAttribute("role", "img");
-      return { label, picture, value };
+      return { said: () => (lanes ? word(name) : name), unit, factor, label, picture, value };
     });
     element("live").replaceChildren(...this.lanes.flatMap(({ label, picture, value }) => [label, picture, value]));
     this.name();
   }
 
   name() {
-    this.lanes.forEach(({ label, picture }, index) => {
-      const { name } = this.ranges[index];
+    for (const { said, label, picture } of this.lanes) {
+      const name = said();
       label.textContent = name;
-      picture.setAttribute("aria-label", word("live_of", { name, what: word(QUANTITIES[this.quantity].word) }));
-    });
+      picture.setAttribute("aria-label", word("live_of", { name, what: word(`live_${this.quantity}`) }));
+    }
   }
 
   // The robot's own clock counts: a busy page bends no curve. After a restart it begins again.
-  show({ robot_time_s: time, position, velocity, effort }) {
-    const last = this.states.at(-1);
-    if (last && time < last.time) this.clear();
-    if (last?.time !== time) this.states.push({ time, position, velocity, effort });
-    const old = this.states.findIndex((state) => state.time >= time - SPAN_S);
+  show(state) {
+    const { robot_time_s: time, position, velocity, effort, wrench, commanded_position: commanded, overruns } = state;
+    if (this.last && time < this.last.robot_time_s) this.clear();
+    if (this.last?.robot_time_s !== time) {
+      const error = commanded.map((value, joint) => value - position[joint]);
+      this.states.push({ time, position, velocity, effort, error, wrench, cycle: [this.period(state), overruns] });
+    }
+    this.last = state;
+    const old = this.states.findIndex((each) => each.time >= time - SPAN_S);
     if (old > 0) this.states.splice(0, old);
+  }
+
+  // Of the cycles since the newest state, on average, µs.
+  period({ cycle, monotonic_ns: now }) {
+    const cycles = this.last ? cycle - this.last.cycle : 0;
+    return cycles > 0 ? (now - this.last.monotonic_ns) / 1000 / cycles : (this.states.at(-1)?.cycle[0] ?? 0);
   }
 
   draw() {
@@ -78,10 +100,8 @@ export class Live {
     this.lanes.forEach((lane, index) => this.drawLane(lane, index));
   }
 
-  drawLane({ picture, value }, index) {
-    const { slides } = this.ranges[index];
-    const { least, ...units } = QUANTITIES[this.quantity];
-    const [unit, factor] = slides ? units.slides : units.turns;
+  drawLane({ picture, value, unit, factor }, index) {
+    const { least, digits = 1 } = QUANTITIES[this.quantity];
     const end = this.states.at(-1).time;
     const values = this.states.map((state) => factor * (state[this.quantity][index] ?? 0));
     const width = picture.clientWidth;
@@ -97,6 +117,6 @@ export class Live {
       pen.lineTo(width * (1 - (end - this.states[point].time) / SPAN_S), HEIGHT * down(each));
     });
     pen.stroke();
-    value.textContent = `${values.at(-1).toFixed(1)} ${unit}`;
+    value.textContent = `${values.at(-1).toFixed(unit ? digits : 0)} ${unit}`;
   }
 }

@@ -4,14 +4,20 @@ import { Approvals } from "./approvals.js";
 import { Banner } from "./banner.js";
 import { Csv } from "./csv.js";
 import { Events } from "./events.js";
+import { Freedrive } from "./freedrive.js";
+import { Io } from "./io.js";
 import { Job } from "./job.js";
 import { Jog } from "./jog.js";
 import { Lease } from "./lease.js";
 import { Live } from "./live.js";
 import { Log } from "./log.js";
+import { Lua } from "./lua.js";
 import { Motions } from "./motions.js";
 import { oneAtATime } from "./once.js";
+import { Planned } from "./plots.js";
+import { Queue } from "./queue.js";
 import { Readouts } from "./readouts.js";
+import { Recordings } from "./recordings.js";
 import { Status } from "./status.js";
 import { installStop } from "./stop.js";
 import { Stream } from "./stream.js";
@@ -28,9 +34,11 @@ class Panel {
     this.readouts = new Readouts(element("joints"), element("tcp"));
     this.status = new Status(api);
     this.banner = new Banner(api);
-    this.motions = new Motions(api, (planned) => this.view?.preview(planned));
+    this.planned = new Planned(() => this.readouts.ranges);
+    this.motions = new Motions(api, (plan) => this.preview(plan), () => this.state);
     this.approvals = new Approvals(api, this.motions);
-    this.waypoints = new Waypoints(this.motions, () => this.state);
+    this.freedrive = new Freedrive(api);
+    this.waypoints = new Waypoints(api, this.motions, () => this.state, this.freedrive);
     this.stream = new Stream(api, {
       state: (state) => this.show(state),
       answer: (frame) => {
@@ -44,6 +52,10 @@ class Panel {
       },
     });
     this.job = new Job(api);
+    this.queue = new Queue(api);
+    this.lua = new Lua(api);
+    this.io = new Io(api);
+    this.recordings = new Recordings(api, this.motions, () => this.view);
     this.csv = new Csv(api, () => this.state, () => this.readouts.ranges);
     this.live = new Live();
     this.log = new Log();
@@ -83,6 +95,7 @@ class Panel {
 
   async choose(robot) {
     this.jog.release();
+    this.freedrive.end();
     this.api.robot = robot;
     for (const tab of element("robots").children) {
       tab.setAttribute("aria-selected", String(tab.dataset.robot === robot.name));
@@ -90,6 +103,7 @@ class Panel {
     this.motions.discard();
     this.waypoints.load(robot.name);
     this.csv.forget();
+    this.recordings.close();
     this.tag = this.state = null;
     await this.look();
     await this.motions.load();
@@ -127,10 +141,16 @@ class Panel {
   }
 
   hear(event) {
-    this.job.hear(event);
+    for (const each of [this.job, this.queue, this.approvals, this.lua, this.waypoints, this.recordings]) each.hear(event);
     this.log.hear(event);
     this.status.hear(event);
     if (LOOKED_AT.includes(event.type)) this.lookAgain();
+  }
+
+  // What is planned, as a ghost and as curves; null for nothing.
+  preview(plan) {
+    this.view?.preview(plan);
+    this.planned.show(plan);
   }
 
   show(state) {

@@ -1,13 +1,17 @@
 // Go to a named position: plan, look at it, execute.
+import { followed } from "./sequence.js";
 import { inEachLanguage, word } from "./words.js";
 
 const SAMPLES = 100;
+const SAMPLES_OF_MANY = 400;
 const MADE = "cobot.plans"; // the plans of this tab, also after it was loaded again
 const element = (id) => document.getElementById(id);
 
 export class Motions {
-  constructor(api, preview) {
+  constructor(api, preview, state) {
     this.api = api;
+    this.state = state;
+    this.taught = [];
     this.preview = preview;
     this.plan = null;
     this.name = null;
@@ -18,6 +22,9 @@ export class Motions {
     element("execute").addEventListener("click", () => this.execute());
     element("discard").addEventListener("click", () => this.discard());
     element("motion-speed").addEventListener("change", () => this.again?.());
+    element("position-teach").addEventListener("click", () => this.teach());
+    element("position-forget").addEventListener("click", () => this.forget());
+    element("position-name").addEventListener("input", () => this.mark());
     inEachLanguage(() => this.say(this.words));
   }
 
@@ -26,7 +33,11 @@ export class Motions {
   }
 
   async load() {
-    const positions = await this.api.get("/positions");
+    this.offer(await this.api.get("/positions"));
+  }
+
+  offer(positions) {
+    this.taught = positions.filter((position) => position.taught).map((position) => position.name);
     element("positions").replaceChildren(
       ...positions.map(({ name, description }) => {
         const button = document.createElement("button");
@@ -39,6 +50,40 @@ export class Motions {
         return button;
       }),
     );
+    this.mark();
+  }
+
+  // Where the arm is gets a name, which is kept by the service; one that was taught before may be moved.
+  async teach() {
+    const name = element("position-name").value.trim();
+    try {
+      const joints = [...this.state().commanded_position];
+      await this.api.post("/positions", { name, joints });
+      await this.load();
+      this.say(() => word("position_taught", { name }));
+    } catch (error) {
+      this.say(() => error.message);
+    }
+  }
+
+  async forget() {
+    const name = element("position-name").value.trim();
+    try {
+      const left = await this.api.ask("DELETE", this.api.address(`/positions/${encodeURIComponent(name)}`));
+      this.offer(await left.json());
+      this.say(() => word("position_forgotten", { name }));
+    } catch (error) {
+      this.say(() => error.message);
+    }
+  }
+
+  // A plan of somebody else: shown, not to be run from here.
+  look(plan) {
+    this.discard();
+    this.looked = true;
+    this.preview(plan);
+    this.say(() => this.described(plan));
+    this.mark();
   }
 
   get speed() {
@@ -46,13 +91,37 @@ export class Motions {
   }
 
   choose(name) {
-    return this.ask(name, () => this.api.post("/plan/named", { name, speed: this.speed, samples: SAMPLES }));
+    return this.ask(name, () => this.planned("/plan/named", { name, speed: this.speed, samples: SAMPLES }));
   }
 
-  // Several motions as one: bodies as POST /robot/plan/sequence takes them.
-  through(name, motions, radii) {
-    const body = () => ({ motions: motions(this.speed), radii, samples: SAMPLES });
-    return this.ask(name, () => this.api.post("/plan/sequence", body()));
+  // Whether the slider can have this speed; then it has.
+  choosesSpeed(speed) {
+    const slider = element("motion-speed");
+    const before = slider.value;
+    slider.value = 100 * speed;
+    const chosen = Math.abs(slider.value - 100 * speed) < 1e-6;
+    if (!chosen) slider.value = before;
+    return chosen;
+  }
+
+  // Several motions one after the other: parts as POST /robot/plan/sequence takes them.
+  through(name, parts) {
+    return this.ask(name, async () => {
+      let plan = null;
+      for (const part of parts()) {
+        const start = plan ? { start: plan.path.at(-1).joints } : {};
+        const next = await this.planned("/plan/sequence", { ...part, ...start, samples: SAMPLES_OF_MANY });
+        plan = plan ? followed(plan, next) : next;
+      }
+      return plan;
+    });
+  }
+
+  async planned(path, body) {
+    const plan = await this.api.post(path, body);
+    this.made = [...this.made, plan.plan_id].slice(-1000);
+    sessionStorage.setItem(MADE, JSON.stringify(this.made));
+    return plan;
   }
 
   async ask(name, planned) {
@@ -64,8 +133,6 @@ export class Motions {
     this.say(() => word("planning", { name }));
     try {
       const plan = await planned();
-      this.made = [...this.made, plan.plan_id].slice(-1000);
-      sessionStorage.setItem(MADE, JSON.stringify(this.made));
       if (asked !== this.asked) return;
       this.plan = plan;
       this.preview(plan);
@@ -107,14 +174,16 @@ export class Motions {
   discard() {
     this.asked += 1;
     this.plan = this.name = this.again = null;
+    this.looked = false;
     this.preview(null);
     this.mark();
     this.say(() => word("plan_hint"));
   }
 
   mark() {
-    element("execute").disabled = !this.plan?.duration_s;
-    element("discard").disabled = !this.plan;
+    element("execute").disabled = !this.plan?.duration_s || !this.plan.plan_id;
+    element("discard").disabled = !this.plan && !this.looked;
+    element("position-forget").disabled = !this.taught.includes(element("position-name").value.trim());
     for (const button of element("positions").children) {
       button.setAttribute("aria-pressed", String(button.dataset.position === this.name));
     }

@@ -1,9 +1,9 @@
-// Mode, who has the control, speed override, how the cycle is, and whether anybody answers.
+// Mode, who has the control, speed override, how the cycle and the robot are, and whether anybody answers.
 import { oneAtATime } from "./once.js";
 import { inEachLanguage, word } from "./words.js";
 
-const EVERY_MS = 5000; // how the cycle is, and the speed override, are no events
-const CHANGES = ["hello", "lease", "motion", "session", "sequence", "job", "rtloop"];
+const EVERY_MS = 5000; // how the cycle is, is no event
+const CHANGES = ["hello", "lease", "motion", "session", "sequence", "job", "rtloop", "speed"];
 const LEVELS = { HOLD: "good", ESTOP: "bad", FAULT: "bad", STOPPING: "warn" };
 const element = (id) => document.getElementById(id);
 
@@ -47,10 +47,27 @@ export class Status {
     if (CHANGES.includes(event.type)) this.look();
   }
 
+  // What the robot says of itself, of which a simulation says nothing.
+  tell(device) {
+    const shown = element("device");
+    shown.closest("div").hidden = !device;
+    if (!device) return;
+    const { connection, quality, operation_mode: mode, drives, safety_stop: stop, text } = device;
+    const drive = drives && `drives ${drives}`;
+    const parts = stop ? [mode, stop] : [mode, connection, quality, drive];
+    say("device", parts.filter(Boolean).join(", "), stop ? "bad" : "");
+    shown.title = text;
+  }
+
   async ask() {
     if (!this.api.robot || document.hidden) return;
     try {
-      const [control, health] = await Promise.all([this.api.get("/control"), this.api.get("/health")]);
+      const [control, health, robots] = await Promise.all([
+        this.api.get("/control"),
+        this.api.get("/health"),
+        this.api.robots().catch(() => []),
+      ]);
+      this.tell(robots.find((robot) => robot.name === this.api.robot.name)?.device?.status);
       const holder = control.holder ? `${control.holder} (${control.address})` : control.what;
       say("control", control.held ? `${holder ?? ""}${control.what ? `: ${control.what}` : ""}` : word("nobody"));
       element("control").title = element("control").textContent;

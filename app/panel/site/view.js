@@ -22,7 +22,7 @@ export class View {
     this.controls.target.set(0, 0, 0.5);
     this.controls.addEventListener("change", () => this.draw());
     this.controls.update();
-    this.arm = this.ghost = this.path = this.plan = this.joints = null;
+    this.arm = this.ghost = this.path = this.plan = this.still = this.joints = null;
     this.frames = 0;
     this.asked = false;
     new ResizeObserver(() => this.resize()).observe(place);
@@ -47,7 +47,7 @@ export class View {
   }
 
   describe(geometry) {
-    const plan = this.plan;
+    const { plan, still } = this;
     this.preview(null);
     this.arm?.dispose();
     this.geometry = geometry;
@@ -55,6 +55,7 @@ export class View {
     this.scene.add(this.arm.root);
     if (this.joints?.length === geometry.joints.length) this.arm.place(this.joints);
     if (plan) this.preview(plan);
+    this.still = still;
     this.draw();
   }
 
@@ -72,6 +73,7 @@ export class View {
     this.path?.removeFromParent();
     this.path?.geometry.dispose();
     this.ghost = this.path = this.plan = null;
+    this.still = null;
     if (plan?.duration_s && this.geometry) {
       this.plan = plan;
       this.ghost = new Drawn(this.geometry, true);
@@ -83,13 +85,19 @@ export class View {
     this.draw();
   }
 
+  // The ghost stays where it is at this time, s.
+  hold(time) {
+    this.still = time;
+    this.draw();
+  }
+
   haunt() {
     const { path, duration_s: duration } = this.plan;
-    const share = (performance.now() / 1000 / (duration + 0.5)) % 1;
-    const exact = Math.min(1, share * (1 + 0.5 / duration)) * (path.length - 1);
-    const index = Math.min(Math.floor(exact), path.length - 2);
-    const [before, after] = [path[index].joints, path[index + 1].joints];
-    this.ghost.place(before.map((value, joint) => value + (exact - index) * (after[joint] - value)));
+    const time = this.still ?? Math.min(duration, (performance.now() / 1000) % (duration + 0.5));
+    const next = Math.max(1, path.findIndex((point) => point.time_s >= time));
+    const [before, after] = [path[next - 1], path[next]];
+    const share = (time - before.time_s) / (after.time_s - before.time_s || 1);
+    this.ghost.place(before.joints.map((value, joint) => value + share * (after.joints[joint] - value)));
   }
 
   draw() {
@@ -100,7 +108,7 @@ export class View {
       if (this.plan) this.haunt();
       this.renderer.render(this.scene, this.camera);
       this.frames += 1;
-      if (this.plan) this.draw();
+      if (this.plan && this.still === null) this.draw();
     });
   }
 }

@@ -1,29 +1,41 @@
-// A list of places that are taught, gone through with round corners, and kept as a sequence file.
-// What is in the list is kept in this browser.
+// A list of places that are taught, gone through with round corners, run as a sequence and kept as its file.
+// What is in the list is kept in this browser. A sequence that has more than the list can say is shown and run
+// as it is.
 import { abcOf } from "./kinematics.js";
+import { partsOf } from "./sequence.js";
 import { inEachLanguage, word } from "./words.js";
 
-const MOST = 50; // of POST /robot/plan/sequence
-const WAYS = ["ptp", "lin"];
+const MOST = 50;
+const MOST_SHOWN = 10; // parts of a long sequence
+const JOINT_WAYS = ["ptp", "auto", "ompl", "chomp"];
+const WAYS = [...JOINT_WAYS, "lin"];
 const POSE = ["x", "y", "z", "a", "b", "c"];
+const ENDS = ["finished", "failed", "cancelled", "interrupted"];
 const element = (id) => document.getElementById(id);
 const numbers = (values, count) => Array.isArray(values) && values.length >= count && values.every(Number.isFinite);
 
 // What the service plans: a straight line ends at a pose, every other way at joints.
 function motion({ way, joints, pose }, speed) {
-  if (way === "ptp") return { joints, speed };
-  return { ...Object.fromEntries(POSE.map((name, index) => [name, pose[index]])), planner: "lin", speed };
+  if (way === "lin") return { ...Object.fromEntries(POSE.map((name, index) => [name, pose[index]])), planner: "lin", speed };
+  return way === "ptp" ? { joints, speed } : { joints, planner: way, speed };
 }
 
 export class Waypoints {
-  constructor(motions, state) {
+  constructor(api, motions, state, freedrive) {
+    this.api = api;
     this.motions = motions;
     this.state = state;
+    this.freedrive = freedrive;
     this.key = "";
     this.list = [];
+    this.file = null; // {name, text, content}: shown in place of the list
+    this.job = null; // that runs it
+    this.words = () => word("points_hint");
     element("teach").addEventListener("click", () => this.teach());
     element("points-show").addEventListener("click", () => this.show());
     element("points-save").addEventListener("click", () => this.save());
+    element("points-run").addEventListener("click", () => this.run());
+    element("points-step").addEventListener("click", () => this.run("?at_waypoint=0"));
     this.acceptFiles(element("points").closest(".card"));
     inEachLanguage(() => this.write());
   }
@@ -31,6 +43,8 @@ export class Waypoints {
   load(robot) {
     this.key = `cobot.waypoints.${robot}`;
     this.list = JSON.parse(localStorage.getItem(this.key) ?? "[]");
+    this.file = this.job = null;
+    this.say(() => word("points_hint"));
     this.write();
   }
 
@@ -38,11 +52,14 @@ export class Waypoints {
     const state = this.state();
     if (!state) return;
     if (this.list.length >= MOST) {
-      this.say("points_max");
+      this.say(() => word("points_max"));
       return;
     }
     const [x, y, z, w, i, j, k] = state.tcp;
-    this.list.push({ way: "ptp", radius: 0, joints: [...state.commanded_position], pose: [x, y, z, ...abcOf([i, j, k, w])] });
+    // In a hand the arm is where it is held, and not where its springs would have it.
+    const joints = this.freedrive.on ? state.position : state.commanded_position;
+    this.file = null;
+    this.list.push({ way: "ptp", radius: 0, joints: [...joints], pose: [x, y, z, ...abcOf([i, j, k, w])] });
     this.changed();
   }
 
@@ -52,28 +69,72 @@ export class Waypoints {
     this.write();
   }
 
-  radii() {
-    return this.list.slice(0, -1).map((point) => point.radius / 1000);
-  }
-
   show() {
-    this.motions.through(word("points_name"), (speed) => this.list.map((point) => motion(point, speed)), this.radii());
+    const cut = partsOf(this.sequence()).length > MOST_SHOWN;
+    if (cut) this.say(() => word("points_first", { count: MOST * MOST_SHOWN }));
+    this.motions.through(this.file?.name ?? word("points_name"), () => partsOf(this.sequence()).slice(0, MOST_SHOWN));
   }
 
   // As sequences/sequence.schema.json has it; opens again with all that is edited here.
   sequence() {
+    if (this.file) return this.file.content;
     const { speed } = this.motions;
-    const radii = [...this.radii(), 0];
-    return { waypoints: this.list.map((point, index) => ({ ...motion(point, speed), radius: radii[index] })) };
+    const last = this.list.length - 1;
+    return { waypoints: this.list.map((point, index) => ({ ...motion(point, speed), radius: index < last ? point.radius / 1000 : 0 })) };
+  }
+
+  get text() {
+    return this.file?.text ?? JSON.stringify(this.sequence(), null, 1);
   }
 
   save() {
-    const file = new Blob([JSON.stringify(this.sequence(), null, 1)], { type: "application/json" });
+    const file = new Blob([this.text], { type: "application/json" });
     const link = document.createElement("a");
     link.href = URL.createObjectURL(file);
     link.download = "sequence.json";
     link.click();
     URL.revokeObjectURL(link.href);
+  }
+
+  // As a job of the service, which goes on without this page; hold: where it waits first.
+  async run(hold) {
+    const body = new FormData();
+    body.append("config", new File([this.text], this.file?.name ?? "waypoints.json"));
+    body.append("n_iterations", element("points-rounds").value || "1");
+    body.append("delay_between_iterations", "0");
+    this.motions.discard();
+    try {
+      this.job = (await this.api.post("/sequences/start?wait=false", body)).id;
+      this.say(() => word(hold ? "points_steps" : "points_runs"));
+      if (hold) await this.api.post(`/jobs/${this.job}/pause${hold}`);
+      await this.look();
+    } catch (error) {
+      this.say(() => error.message);
+    }
+  }
+
+  hear({ type, data }) {
+    if (!this.job) return;
+    if (type === "sequence" && data.what === "waypoint") this.mark(data.waypoint);
+    if (type === "hello" || (type === "job" && data.job === this.job)) this.look();
+  }
+
+  // Whether it goes on: its end may have been heard of before its number was known here.
+  async look() {
+    const { job } = this;
+    if (!job) return;
+    const { state, error } = await this.api.get(`/jobs/${job}`).catch((problem) => ({ state: "failed", error: { detail: problem.message } }));
+    if (job !== this.job || !ENDS.includes(state)) return;
+    this.job = null;
+    this.mark(0);
+    this.say(() => (state === "finished" ? word("points_done") : error?.detail ?? word(`job_${state}`)));
+  }
+
+  // The waypoint that it goes to.
+  mark(waypoint) {
+    for (const [index, row] of [...element("points").children].entries()) {
+      row.toggleAttribute("data-next", !this.file && index + 1 === waypoint);
+    }
   }
 
   acceptFiles(card) {
@@ -88,21 +149,30 @@ export class Waypoints {
       event.preventDefault();
       card.removeAttribute("data-over");
       const file = event.dataTransfer.files[0];
-      if (file) this.open(await file.text());
+      if (file) this.open(await file.text(), file.name);
     });
   }
 
-  open(text) {
+  // What is in it is planned and shown at once; nothing moves.
+  open(text, name) {
+    let content = null;
     try {
-      const { waypoints, ...more } = JSON.parse(text);
-      const list = waypoints.map((each) => this.opened(each));
-      if (Object.keys(more).length || list.includes(null) || list.length > MOST) throw new Error("more");
-      this.list = list;
-      this.changed();
-      this.say("points_hint");
-    } catch {
-      this.say("points_other");
+      content = JSON.parse(text);
+    } catch { /* said below */ }
+    if (!Array.isArray(content?.waypoints) || !content.waypoints.length) {
+      this.say(() => word("points_none", { name }));
+      return;
     }
+    const { waypoints, ...more } = content;
+    const list = waypoints.map((each) => this.opened(each ?? {}));
+    const [speed, ...others] = new Set(waypoints.map((each) => each?.speed ?? 0.1));
+    const editable = !Object.keys(more).length && !list.includes(null) && list.length <= MOST && !others.length;
+    const whole = editable && this.motions.choosesSpeed(speed);
+    this.file = whole ? null : { name, text, content };
+    if (whole) this.list = list;
+    this.say(() => word(whole ? "points_hint" : "points_as_it_is"));
+    this.changed();
+    this.show();
   }
 
   // null for what cannot be shown here without losing some of it.
@@ -110,8 +180,8 @@ export class Waypoints {
     if (!Number.isFinite(radius)) return null;
     const radiusMm = Math.round(1000 * radius);
     if (joints) {
-      const whole = numbers(joints, 1) && planner === "ptp" && !Object.keys(pose).length;
-      return whole ? { way: "ptp", radius: radiusMm, joints, pose: null } : null;
+      const whole = numbers(joints, 1) && JOINT_WAYS.includes(planner) && !Object.keys(pose).length;
+      return whole ? { way: planner, radius: radiusMm, joints, pose: null } : null;
     }
     const values = POSE.map((name) => pose[name] ?? 0);
     const known = Object.keys(pose).every((name) => POSE.includes(name));
@@ -119,8 +189,19 @@ export class Waypoints {
   }
 
   write() {
-    element("points").replaceChildren(...this.list.map((point, index) => this.row(point, index)));
-    for (const id of ["points-show", "points-save"]) element(id).disabled = !this.list.length;
+    const rows = this.file ? [this.fileRow(this.file)] : this.list.map((point, index) => this.row(point, index));
+    element("points").replaceChildren(...rows);
+    for (const id of ["points-show", "points-save", "points-run", "points-step"]) element(id).disabled = !rows.length;
+    element("points-why").textContent = this.words();
+  }
+
+  fileRow({ name, content }) {
+    const made = document.createElement("li");
+    const label = document.createElement("span");
+    label.textContent = word("points_of_file", { name, count: content.waypoints.length });
+    made.dataset.file = name;
+    made.append(label, this.button("✕", "points_close", 0, true, () => (this.file = null)));
+    return made;
   }
 
   row(point, index) {
@@ -138,7 +219,7 @@ export class Waypoints {
 
   way(point, index) {
     const select = document.createElement("select");
-    const there = WAYS.filter((way) => (way === "ptp" ? point.joints : point.pose));
+    const there = WAYS.filter((way) => (way === "lin" ? point.pose : point.joints));
     select.append(...there.map((way) => new Option(word(`way_${way}`), way)));
     select.value = point.way;
     return this.changing(select, "point_way", index, () => (point.way = select.value));
@@ -177,8 +258,8 @@ export class Waypoints {
     [this.list[one], this.list[other]] = [this.list[other], this.list[one]];
   }
 
-  say(name) {
-    element("points-why").dataset.word = name;
-    element("points-why").textContent = word(name);
+  say(words) {
+    this.words = words;
+    element("points-why").textContent = words();
   }
 }
