@@ -10,7 +10,11 @@ from cobot.launch.process import Niceness, be, die_with_parent, in_words
 
 
 def start() -> int:
-    from app.server import main  # takes some seconds, in which the supervisor might die unnoticed
+    # This takes some seconds, in which the supervisor might die unnoticed.
+    from app.memory import share_arenas
+
+    share_arenas()
+    from app.server import main
 
     return main()
 
@@ -19,5 +23,5 @@ if __name__ == "__main__":
     die_with_parent(signal.SIGTERM)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)  # until the service can read its configuration again
     be(Niceness.PROMPT)
-    gc.disable()  # until all is there that stays: see `app.main`
+    gc.disable()  # until all is there that stays: see `app.lifetime`
     sys.exit(in_words(start))

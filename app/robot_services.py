@@ -19,9 +19,12 @@ from app.services.jobs.job import JobRecord
 from app.services.motion.approvals import Approvals
 from app.services.motion.control import ControlService
 from app.services.motion.execution import LATEST_ANSWER_S, MotionService
+from app.services.motion.goals import Goals
+from app.services.motion.moves import MoveService
 from app.services.motion.ownership import Ownership
 from app.services.motion.planning import PlanningService
 from app.services.motion.plans import PlanService
+from app.services.motion.positions import PositionService
 from app.services.motion.queue import MotionQueue
 from app.services.motion.scene import SceneService
 from app.services.motion.speed_override import MAX_PAUSE_S
@@ -32,10 +35,12 @@ from app.services.motion.tool_and_limits import RobotSettings
 from app.services.motion.trajectories import TrajectoryService
 from app.services.programs.programs import ProgramService
 from app.services.programs.sequences import SequenceService
+from app.services.state.commands import loading_s
 from app.services.state.health import HealthService
-from app.services.state.link import RobotLink, loading_s
+from app.services.state.link import RobotLink
 from app.services.state.recordings import RecordingService
 from app.services.streaming.force import ForceService
+from app.services.streaming.freedrive import FreedriveService
 from app.services.streaming.hung_clients import watching_clients
 from app.services.streaming.servo import ServoService
 from app.services.streaming.sessions import StreamService
@@ -80,7 +85,10 @@ class Services:
     robot: RobotDescription
     link: RobotLink
     ownership: Ownership
+    goals: Goals
     motion: MotionService
+    moves: MoveService
+    positions: PositionService
     plans: PlanService
     approvals: Approvals
     scene: SceneService
@@ -94,6 +102,7 @@ class Services:
     streams: StreamService
     equipment: Equipment
     force: ForceService
+    freedrive: FreedriveService
     programs: ProgramService
     sync: SyncService
     planning: PlanningService
@@ -119,13 +128,14 @@ async def serving_robot(
     planning = shared.planner(shared.config, settings.planning.workers, robot.name)
     planning.warm_up()
     timeout_s = settings.streaming.client_timeout_s
-    async with link.heartbeat(), watching_clients(link, timeout_s):
+    async with link.heartbeat.beating(), watching_clients(link, timeout_s):
         services = _services(settings, robot, shared, link, planning)
         watch = watching(link, services.ownership, planning, settings.web.stale_after_s)
         async with watch, services.tool.in_force():
             yield services
         services.servo.close()
         services.force.close()
+        services.freedrive.close()
         services.equipment.close()
         services.streams.close()
         services.jobs.book.close()
@@ -150,27 +160,35 @@ def _services(
     jobs = JobBook(link, settings.jobs_file)
     jobs.on_change = partial(_tell_job, link)
     ownership = Ownership(link, jobs)
-    motion = MotionService(robot, link, ownership, planning, settings.planning)
+    goals = Goals(robot, settings.planning)
+    motion = MotionService(robot, link, planning)
+    moves = MoveService(link.clock, ownership, goals, motion, planning)
     sequences = SequenceService(ownership, link, settings.sequences, url, latest_s, shared.tokens)
     streams = StreamService(link, ownership, motion, settings.streaming.command_timeout_s)
     stopping = StopService(link, ownership, sequences)
-    link.on_outside_stop = stopping.follow
-    simulated = settings.rt.backend == "mujoco"
+    link.heartbeat.on_outside_stop = stopping.follow
+    simulated = settings.robot.backend.type == "mujoco"
     equipment = Equipment(link, stopping, ownership.speed_override, simulated=simulated)
     tool_and_limits = RobotSettings(robot)
     force = ForceService(robot, link, streams, stopping, equipment.traces.warn)
     servo = ServoService(robot, link, streams, force)
     max_payload_kg, tool_file = settings.robot.max_payload_kg, ToolFile(settings.tool_file)
     scene_file = SceneFile(settings.scene_file)
-    scene = SceneService(robot, link, motion, planning, stopping, ownership, max_payload_kg, scene_file)
+    scene = SceneService(
+        robot, link, goals, motion, planning, stopping, ownership, max_payload_kg, scene_file
+    )
     stale_s = settings.web.stale_after_s
     recordings = RecordingService(settings, shared.default_robot)
-    plans = PlanService(robot, link.clock, motion, planning, settings.planning)
+    queue = MotionQueue(link, ownership, motion, planning, tool_and_limits)
+    plans = PlanService(robot, link.clock, goals, motion, moves, planning, settings.planning)
     return Services(
         robot=robot,
         link=link,
         ownership=ownership,
+        goals=goals,
         motion=motion,
+        moves=moves,
+        positions=PositionService(robot, link, goals, settings.positions_file),
         scene=scene,
         tool=ToolService(robot, link, ownership, planning, scene, max_payload_kg, tool_file),
         plans=plans,
@@ -186,12 +204,13 @@ def _services(
         streams=streams,
         equipment=equipment,
         force=force,
+        freedrive=FreedriveService(robot, link, streams),
         programs=ProgramService(settings.sequences.programs, ownership, sequences, stopping),
         sync=shared.sync,
         planning=planning,
         settings=tool_and_limits,
-        queue=MotionQueue(link, ownership, motion, planning, tool_and_limits),
-        jobs=JobService(jobs, ownership, stopping, sequences),
+        queue=queue,
+        jobs=JobService(jobs, ownership, stopping, sequences, queue),
         servo=servo,
         fjt=FollowJointTrajectory(
             robot, link, ownership, motion, servo, settings.ros, tolerance_rad, smoothing_rad

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from app.actions.fjt_goal import FjtGoal, Message
 from app.services.state.robot_state import RobotState
+from cobot.ros.messages import ros_time
 from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
 
@@ -35,9 +36,8 @@ class Progress:
 
     def feedback(self, names: tuple[str, ...]) -> Message:
         """control_msgs/action/FollowJointTrajectory_Feedback; ROS's defaults are left out."""
-        sec, nanosec = divmod(self.stamp_ns, 1_000_000_000)
         return {
-            "header": {"stamp": {"sec": sec, "nanosec": nanosec}},
+            "header": {"stamp": ros_time(self.stamp_ns)},
             "joint_names": list(names),
             "desired": self._point(*self.desired),
             "actual": self._point(*self.actual),

@@ -1,6 +1,8 @@
-"""Swagger's pages: /docs for the REST API alone, /docs/vendor for the vendor services, and files to try with.
+"""Swagger's pages, and files to try with: /docs for the REST API, /docs/robots for the same of any robot by
+its name, /docs/vendor for the vendor services.
 
-Together they would be a page of 330 operations, which takes a browser seconds to draw.
+Together they would be a page of 330 operations, which takes a browser seconds to draw, and people longer to
+read. /openapi.json, of which clients are generated, has the first two.
 """
 
 from __future__ import annotations
@@ -15,11 +17,14 @@ from fastapi import FastAPI
 from fastapi.openapi.docs import get_swagger_ui_html
 from fastapi.responses import HTMLResponse, Response
 
+from app.api.openapi import of_any_robot, of_the_default_robot
 from app.api.samples import SAMPLES, SAMPLES_PATH
 from cobot.errors import NotFoundError
 from cobot.strict import unknown_key
 
 STATIC = "/static-offline-docs"
+SCHEMA = "/openapi/robot.json"
+ROBOTS_PAGE, ROBOTS_SCHEMA = "/docs/robots", "/openapi/robots.json"
 VENDOR_PAGE, VENDOR_SCHEMA = "/docs/vendor", "/openapi/vendor.json"
 PARAMETERS = {
     "displayRequestDuration": True,
@@ -29,6 +34,7 @@ PARAMETERS = {
 }
 TAGS = [
     {"name": "robot", "description": "State, motions, and who controls the arm."},
+    {"name": "plans", "description": "Motions that are planned and looked at first, and run later."},
     {"name": "scene", "description": "What stands around the arm, what it holds, and named frames."},
     {"name": "trajectory", "description": "Timed joint trajectories."},
     {"name": "recordings", "description": "What the robot did, as MCAP files."},
@@ -36,14 +42,15 @@ TAGS = [
     {"name": "events", "description": "What happens, as it happens."},
     {"name": "jobs", "description": "Motions as jobs: followed, cancelled, paused; and how fast they go."},
     {"name": "common", "description": "Stop, and health."},
-    {"name": "robots", "description": "The same for any of several robots, by its name."},
+    {"name": "operations", "description": "For who runs the service: is it alive, figures, reload, audit."},
+    {"name": "robots", "description": "Which robots there are, and the same for any of them, by its name."},
 ]
 """The groups in Swagger's order; it shows the first one open."""
 
 
 NAVIGATION = """<nav style="font: 1rem sans-serif; padding: 0.75rem 1.25rem">
-<a href="/">Panel</a> · <a href="/docs">REST API</a> · <a href="/docs/vendor">vendor services</a> ·
-<a href="/redoc">REST API to read</a>
+<a href="/">Panel</a> · <a href="/docs">REST API</a> · <a href="/docs/robots">of any robot by its name</a> ·
+<a href="/docs/vendor">vendor services</a> · <a href="/redoc">REST API to read</a>
 </nav>"""
 """There before Swagger UI is, which takes a browser most of a second to run."""
 
@@ -82,24 +89,27 @@ class _Document:
 
 
 def install(app: FastAPI, version: Callable[[], Hashable]) -> None:
-    """Serve the page of the REST API, its OpenAPI document, and the sample files.
+    """Serve the pages of the REST API, its OpenAPI documents, and the sample files.
 
     Args:
-        version: of the document, see `app.api.openapi.version`.
+        version: of the documents, see `app.api.openapi.version`.
     """
-    document = _Document(lambda: app.openapi(), version)  # which is replaced later
     # FastAPI's own would dump it anew for each request.
     app.router.routes[:] = [
         each for each in app.router.routes if getattr(each, "path", "") != app.openapi_url
     ]
-
-    @app.get(str(app.openapi_url), include_in_schema=False)
-    async def schema() -> Response:
-        return await document.answer()
+    # A function, as `app.openapi` is replaced later.
+    _serve(app, str(app.openapi_url), _Document(lambda: app.openapi(), version))
+    _serve(app, SCHEMA, _Document(lambda: of_the_default_robot(app.openapi()), version))
+    _serve(app, ROBOTS_SCHEMA, _Document(lambda: of_any_robot(app.openapi()), version))
 
     @app.get("/docs", include_in_schema=False)
     async def docs() -> HTMLResponse:
-        return _page(f"{app.title} - Swagger UI", str(app.openapi_url), PARAMETERS, first=TAGS[0]["name"])
+        return _page(f"{app.title} - Swagger UI", SCHEMA, PARAMETERS, first=TAGS[0]["name"])
+
+    @app.get(ROBOTS_PAGE, include_in_schema=False)
+    async def robots_docs() -> HTMLResponse:
+        return _page(f"{app.title}: any robot by its name - Swagger UI", ROBOTS_SCHEMA, PARAMETERS)
 
     @app.get(f"{SAMPLES_PATH}/{{name}}", include_in_schema=False)
     async def sample(name: str) -> Response:
@@ -119,15 +129,17 @@ def install_vendor(app: FastAPI, schema: Callable[[], dict[str, Any]]) -> None:
     Args:
         schema: gives their OpenAPI document, which is made once.
     """
-    document = _Document(schema, lambda: None)
-
-    @app.get(VENDOR_SCHEMA, include_in_schema=False)
-    async def vendor_schema() -> Response:
-        return await document.answer()
+    _serve(app, VENDOR_SCHEMA, _Document(schema, lambda: None))
 
     @app.get(VENDOR_PAGE, include_in_schema=False)
     async def vendor_docs() -> HTMLResponse:
         return _page(f"{app.title}: vendor services - Swagger UI", VENDOR_SCHEMA, PARAMETERS)
+
+
+def _serve(app: FastAPI, path: str, document: _Document) -> None:
+    @app.get(path, include_in_schema=False)
+    async def schema() -> Response:
+        return await document.answer()
 
 
 def _page(title: str, schema: str, parameters: dict[str, Any], first: str = "") -> HTMLResponse:

@@ -76,6 +76,25 @@ class JobQuery(StrictModel):
     )
 
 
+class MoveQuery(BaseModel):
+    """Whether a motion is waited for, or queued."""
+
+    wait: bool = Field(True, description=WAIT)
+    queue: bool = Field(
+        False,
+        description="true: have it done in its turn, after those that are queued already; answers 202 with "
+        "the job, as soon as it is planned.",
+    )
+    blend_radius: float = Field(
+        0.0,
+        ge=0.0,
+        le=1.0,
+        allow_inf_nan=False,
+        description="With queue: how far from its end, m, the TCP may leave its path to go on into the next "
+        "move without a stop, if that is queued in time; 0: it stops.",
+    )
+
+
 class SpeedOverrideBody(StrictModel):
     """How fast motions go."""
 
@@ -94,7 +113,10 @@ class SpeedOverrideAnswer(BaseModel):
 
 Wait = Annotated[bool, Query(description=WAIT)]
 ACCEPTED: dict[int | str, dict[str, Any]] = {
-    202: {"model": JobAnswer, "description": "With wait=false: the job. `Location` leads to it."}
+    202: {
+        "model": JobAnswer,
+        "description": "With wait=false or queue=true: the job. `Location` leads to it.",
+    }
 }
 
 

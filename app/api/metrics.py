@@ -118,7 +118,7 @@ def _of_robots(robots: dict[str, Services]) -> Iterator[Metric]:
     )
     for name, services in robots.items():
         ready.add_metric([name], float(not services.health.obstacles()))
-        for result, count in services.link.ended.items():
+        for result, count in services.link.motions.ended.items():
             motions.add_metric([name, result.name.lower()], count)
         asked = services.link.sessions()
         if asked is not None:
@@ -128,7 +128,7 @@ def _of_robots(robots: dict[str, Services]) -> Iterator[Metric]:
         except UnavailableError:
             up.add_metric([name], 0.0)
             continue
-        up.add_metric([name], float(services.health.alive(state)))
+        up.add_metric([name], float(not services.link.silence(state)))
         for each in LoopMode:
             mode.add_metric([name, each.name], float(each is state.mode))
         session.add_metric([name], float(state.session != 0))

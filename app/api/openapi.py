@@ -8,7 +8,7 @@ from typing import Any
 
 from app.api.errors import responses
 from cobot.access.roles import Role
-from cobot.addresses import CONTROL_TOKEN, ROBOTS
+from cobot.addresses import CONTROL_TOKEN, ROBOTS, path_below
 from cobot.types import JointLimits
 
 CONTROL: dict[str, Any] = {
@@ -19,6 +19,7 @@ CONTROL: dict[str, Any] = {
     "schema": {"type": "string"},
 }
 """Of all that moves the arm: who has the control shows it."""
+BY_NAME = f"{ROBOTS}/"
 JOINT_FIELDS = (("MoveJoints", "joints"), ("TrajectoryPoint", "positions"))
 
 
@@ -51,7 +52,7 @@ def with_limits(
                 summary = endpoint["description"].partition("\n")[0]  # says more than the path again
                 if "409" in endpoint["responses"] and not path.endswith(("/reset", "/reload")):
                     _add(CONTROL, endpoint)
-                endpoint["summary"] = f"{summary} Of any robot." if path.startswith(f"{ROBOTS}/") else summary
+                endpoint["summary"] = f"{summary} Of any robot." if path.startswith(BY_NAME) else summary
         return schema
 
     return described
@@ -60,6 +61,30 @@ def with_limits(
 def version(robots: dict[str, JointLimits]) -> Hashable:
     """Of what `with_limits` says: another one when a reload has changed that."""
     return tuple((each.min_position.tobytes(), each.max_position.tobytes()) for each in robots.values())
+
+
+def of_the_default_robot(document: dict[str, Any]) -> dict[str, Any]:
+    """What a document says of the paths without a robot's name."""
+    paths = {path: each for path, each in document["paths"].items() if not path.startswith(BY_NAME)}
+    return {**document, "paths": paths}
+
+
+def of_any_robot(document: dict[str, Any]) -> dict[str, Any]:
+    """What a document says of the paths with a robot's name, in the groups of those without."""
+    plain = of_the_default_robot(document)["paths"]
+    groups = {f"{BY_NAME}{{robot}}{path_below(path)}": each for path, each in plain.items()}
+    paths = {
+        path: {method: {**each, "tags": groups[path][method]["tags"]} for method, each in operations.items()}
+        for path, operations in document["paths"].items()
+        if path.startswith(BY_NAME)
+    }
+    used = {tag for operations in paths.values() for each in operations.values() for tag in each["tags"]}
+    return {
+        **document,
+        "info": {**document["info"], "title": "cobot: any robot by its name"},
+        "paths": paths,
+        "tags": [each for each in document["tags"] if each["name"] in used],
+    }
 
 
 Row = tuple[str, float, float]

@@ -45,10 +45,17 @@ PLANNED = {
     "duration_s": 1.1,
     "note": "",
     "path": [
-        {"time_s": 0.0, "joints": HOME, "position": [0.51, 0.0, 0.46], "quaternion": [0.0, 1.0, 0.0, 0.0]},
+        {
+            "time_s": 0.0,
+            "joints": HOME,
+            "velocities": [0.0] * 7,
+            "position": [0.51, 0.0, 0.46],
+            "quaternion": [0.0, 1.0, 0.0, 0.0],
+        },
         {
             "time_s": 1.1,
             "joints": [0.3, *HOME[1:]],
+            "velocities": [0.0] * 7,
             "position": [0.49, 0.15, 0.46],
             "quaternion": [0.15, 0.99, 0.0, 0.0],
         },
@@ -188,6 +195,7 @@ class PlanPoint(BaseModel):
 
     time_s: float = Field(description="Since the motion's start, s.")
     joints: list[float] = Field(description="rad")
+    velocities: list[float] = Field(description="Of the joints, rad/s.")
     position: list[float] = Field(description="Of the TCP in the base frame: x, y, z, m.")
     quaternion: list[float] = Field(description="Of the TCP in the base frame: x, y, z, w.")
 

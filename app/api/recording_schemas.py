@@ -41,6 +41,32 @@ class RecordingAnswer(BaseModel):
     size: int = Field(description="Bytes.")
 
 
+class RecordedPoint(BaseModel):
+    """Where the arm was."""
+
+    time_s: float = Field(description="From the first cycle on, s.")
+    joints: list[float] = Field(description="Measured, rad.")
+    velocities: list[float] = Field(description="Measured, rad/s.")
+    position: list[float] = Field(description="Of the TCP in the base frame: x, y, z, m.")
+
+
+class RecordedEvent(BaseModel):
+    """What happened."""
+
+    time_s: float = Field(description="As of the points.")
+    kind: str = Field(description="mode, or what was intervened for.")
+    mode: str = Field(description="Of rtloop, from then on.")
+    text: str = Field(description="Why; empty if there is no reason.")
+
+
+class RecordedPathAnswer(BaseModel):
+    """A recording to be looked at."""
+
+    duration_s: float = Field(description="From its first to its last cycle, s.")
+    path: list[RecordedPoint] = Field(description="Some of its cycles, evenly.")
+    events: list[RecordedEvent] = Field(description="All of them, the oldest first.")
+
+
 class RecorderAnswer(BaseModel):
     """The process that records."""
 

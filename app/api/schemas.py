@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, FailFast, Field
 
+from app.api.device_schemas import DeviceAnswer
 from app.api.explain_schemas import Explain
 from app.services.motion.lease import TIMEOUT_S, TIMEOUTS_S
 from cobot.motions.bodies import HOME, Finite, as_list, example
@@ -148,12 +149,13 @@ class PoseAnswer(BaseModel):
 
 
 class NamedPositionAnswer(BaseModel):
-    """A `group_state` of the SRDF."""
+    """A `group_state` of the SRDF, or a place that was taught."""
 
     name: str = Field(description="For POST /robot/move/named.")
-    group: str = Field(description="The group of joints in the SRDF.")
-    description: str = Field(description="What the SRDF says about it.")
+    group: str = Field(description="The group of joints in the SRDF; `taught` without one.")
+    description: str = Field(description="What the SRDF, or who has taught it, says about it.")
     joints: list[float] = Field(description="rad")
+    taught: bool = Field(description="Whether it was taught, and can be removed.")
 
 
 VALIDATE = "False skips this check; the safety layer of the real-time process stays."
@@ -331,6 +333,8 @@ class StopAnswer(BaseModel):
             "position": HOME,
             "at_rest": True,
             "duration_s": 0.15,
+            "category": 2,
+            "confirmed": False,
         }
     )
 
@@ -340,6 +344,8 @@ class StopAnswer(BaseModel):
     position: list[float] | None = Field(description="Measured, rad; null when it is not known.")
     at_rest: bool = Field(description="Whether the arm is known to stand still.")
     duration_s: float = Field(description="From request to answer, s.")
+    category: int = Field(description="As it was carried out: 2 the drives hold the arm, 1 they are off.")
+    confirmed: bool = Field(description="Whether the device itself says so, not cobot alone.")
 
 
 class RobotHealth(BaseModel):
@@ -402,3 +408,4 @@ class RobotAnswer(BaseModel):
     path: str = Field(description="What its own endpoints begin with.")
     base_frame: str = Field(description="The frame of all its poses.")
     joint_names: list[str] = Field(description="From the base to the flange.")
+    device: DeviceAnswer | None = Field(description="What moves it; null while that cannot be read.")

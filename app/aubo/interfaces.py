@@ -10,7 +10,9 @@ import json
 import shutil
 import textwrap
 from collections.abc import Collection, Mapping
+from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 
 from app.actions.servo_action import ServoModeAction
 from app.aubo.classes import REGISTRY
@@ -60,13 +62,15 @@ ament_package()
 """
 
 
-def interface_definitions() -> dict[str, str]:
+@cache
+def interface_definitions() -> Mapping[str, str]:
     """The text of each interface by its type: `aubo_interfaces/srv/GetDof`, `.../action/ServoMode`."""
     by_type: dict[str, list[Service]] = {}
     for found in REGISTRY.values():
         by_type.setdefault(found.type_name, []).append(found)
     services = {f"{PACKAGE}/srv/{name}": _srv(by_type[name]) for name in sorted(by_type)}
-    return services | {f"{PACKAGE}/action/{name}": ACTIONS[name] for name in sorted(ACTIONS)}
+    actions = {f"{PACKAGE}/action/{name}": ACTIONS[name] for name in sorted(ACTIONS)}
+    return MappingProxyType(services | actions)
 
 
 def package_files(wanted: Collection[str] | None = None) -> dict[str, str]:

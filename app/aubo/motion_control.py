@@ -13,6 +13,7 @@ import numpy as np
 
 from app.aubo.poses import pose_of
 from app.aubo.registry import Json, Origin, service
+from app.services.motion.queue_moves import QueueRequest
 from cobot.errors import ConflictError, InputError, NotFoundError, NotSupportedError
 from cobot.ipc.layout import ServoMode
 from cobot.motions.requests import RatedMove
@@ -373,7 +374,9 @@ async def _add(
             duration_s=rate.duration_s,
         )
 
-    await robot.queue.add(name, move, rate.blend_radius_m, origin.stops, origin.token)
+    midway = planner is not PlannerName.CIRC
+    request = QueueRequest(name, [move], rate.blend_radius_m, midway=midway)
+    await robot.queue.add(request, origin.stops, origin.token)
 
 
 def _require_no_other_motion(robot: Services) -> None:

@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Any
 
 from app.aubo.codes import Code, code_of
 from app.aubo.fields import LARGEST, REQUIRED, ROS_TYPES, Field, Int64, Json, argument
-from app.aubo.roles import role_of
+from app.aubo.roles import needs_control, role_of
 from cobot import audit
 from cobot.access.roles import Role
 from cobot.errors import CobotError, InputError, exhausted
@@ -174,6 +174,8 @@ async def _run(robot: Services, found: Service, bound: dict[str, Any], origin: O
     if found.takes_origin:
         bound["origin"] = origin or Origin(where, robot.ownership.stops)
     try:
+        if needs_control(found.robot_class, found.method):
+            robot.ownership.require_control()
         value = found.function(robot, **bound)
         if inspect.isawaitable(value):
             value = await value

@@ -143,20 +143,22 @@ def is_simulation_enabled(robot: Services) -> bool:
     """Whether the arm is simulated.
 
     Returns:
-        whether rt.backend is mujoco.
+        whether robot.backend is mujoco.
     """
     return robot.equipment.simulated
 
 
 @service(CLASS)
 def set_sim(robot: Services, enable: bool) -> None:
-    """Not supported, but for the way it is: rt.backend in the settings decides.
+    """Not supported, but for the way it is: robot.backend in the settings decides.
 
     Args:
         enable: whether the arm shall be simulated.
     """
     if enable != robot.equipment.simulated:
-        raise NotSupportedError("the setting rt.backend decides whether the arm is simulated, at the start")
+        raise NotSupportedError(
+            "the setting robot.backend decides whether the arm is simulated, at the start"
+        )
 
 
 @service(CLASS)

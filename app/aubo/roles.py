@@ -59,6 +59,17 @@ ROLES: dict[str, tuple[tuple[Role, tuple[str, ...]], ...]] = {
     ),
 }
 """By class: roles with patterns of methods' names, of which the first that fits counts."""
+CONTROLLED: dict[str, tuple[str, ...]] = {
+    "RobotConfig": ("set*", "resetLimits"),
+    "IoControl": ("set*Output*",),
+    "RegisterControl": ("modbusSetOutputSignal",),
+    "ForceControl": ("setTargetForce", "setDynamicModel", "fcSet*"),
+    "RuntimeMachine": ("loadProgram",),
+    "SyncMove": ("frame[ADM]*", "axisGroup[AD]*"),
+}
+"""What moves nothing and still decides how others' motions go and what their arm holds: while somebody has
+the control, it is theirs alone. What moves the arm asks for the control by itself; registers are how programs
+and what watches them talk, so they are everybody's."""
 
 
 @cache
@@ -72,3 +83,9 @@ def role_of(robot_class: str, method: str) -> Role:
         if any(fnmatchcase(method, pattern) for pattern in patterns):
             return role
     raise TypeError(f"{robot_class}/{method} has no role: give it one in app.aubo.roles")
+
+
+@cache
+def needs_control(robot_class: str, method: str) -> bool:
+    """Whether it is refused while somebody else has the control; see `CONTROLLED`."""
+    return any(fnmatchcase(method, pattern) for pattern in CONTROLLED.get(robot_class, ()))

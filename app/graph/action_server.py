@@ -19,7 +19,7 @@ from app.graph.actions import Action, CancelCode, GoalHandle, GoalStatus, Reject
 from cobot import audit
 from cobot.access.roles import Role
 from cobot.errors import CobotError
-from cobot.ros.messages import Message
+from cobot.ros.messages import Message, ros_time
 
 if TYPE_CHECKING:
     from app.graph.graph import Graph
@@ -224,8 +224,8 @@ class ActionServer:
             goal = await self.begin(goal_id, request["goal"])
         except CobotError as exc:  # ROS has no field for the reason
             log.warning("a goal of %s is refused: %s", self.action.name, exc)
-            return {"accepted": False, "stamp": _stamp(0)}
-        return {"accepted": True, "stamp": _stamp(goal.accepted_ns)}
+            return {"accepted": False, "stamp": ros_time(0)}
+        return {"accepted": True, "stamp": ros_time(goal.accepted_ns)}
 
     async def _serve_get_result(self, request: Message) -> Message:
         goal = self._goals.get(self._uuid(request["goal_id"]))
@@ -266,9 +266,4 @@ def _ros_id(goal_id: uuid.UUID) -> Message:
 
 
 def _info(goal: Goal) -> Message:
-    return {"goal_id": _ros_id(goal.id), "stamp": _stamp(goal.accepted_ns)}
-
-
-def _stamp(time_ns: int) -> Message:
-    sec, nanosec = divmod(time_ns, 1_000_000_000)
-    return {"sec": sec, "nanosec": nanosec}
+    return {"goal_id": _ros_id(goal.id), "stamp": ros_time(goal.accepted_ns)}

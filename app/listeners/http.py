@@ -27,7 +27,7 @@ from app.listeners.turns import Turns
 from app.listeners.websocket import StreamProtocol, keep_nothing_unsent
 from cobot.clock import SYSTEM
 from cobot.config import ConnectionLimits
-from cobot.errors import NotSupportedError
+from cobot.errors import BusyError, NotSupportedError
 
 SLICE_BYTES = 4096
 """Of these the parser makes a thousand pieces at the most, in about a millisecond."""
@@ -123,11 +123,12 @@ class HttpProtocol(HttpToolsProtocol):
         transport = cast(Transport, transport)
         super().connection_made(transport)
         self.flow: Flow = Flow(transport, self._wait)
-        self._visit.close, self._visit.expire = transport.abort, self._expire
+        self._visit.close, self._visit.expire = self._make_room, self._expire
         self._note()
 
     def connection_lost(self, exc: Exception | None) -> None:
         super().connection_lost(exc)
+        self._unset_keepalive_if_required()  # after a reset too: it would keep this object
         if self._answering is not None:
             self._answering.disconnected = True
             self._answering.message_event.set()
@@ -170,7 +171,18 @@ class HttpProtocol(HttpToolsProtocol):
         return True
 
     def _refuse_crowded(self) -> None:
-        self._refuse(503, "too many connections are open: only a stop and /health are answered", "busy")
+        self._refuse(
+            503, "too many connections are open: only a stop and /health are answered", BusyError.code
+        )
+
+    def _make_room(self) -> None:
+        """For a newcomer. Who may have asked for something is told; who reads nothing is not waited for."""
+        if self._visit.doing is Doing.IDLE or self.transport.get_write_buffer_size():
+            self.transport.abort()
+        else:
+            self._refuse(
+                503, "too many connections are open, and this had to make room: try again", BusyError.code
+            )
 
     def _wait(self) -> None:
         """For a turn, unless it waits for one already."""
@@ -213,7 +225,7 @@ class HttpProtocol(HttpToolsProtocol):
         self._unread.clear()
         self.flow.release()
         self._crowd.go_on(self._visit, Doing.SENDING, self.loop.time() + self._limits.header_timeout_s)
-        self._visit.expire = self.transport.abort
+        self._visit.close = self._visit.expire = self.transport.abort
         # As uvicorn calls it, which knows no more than its own arguments.
         self.ws_protocol_class = functools.partial(  # type: ignore[assignment]
             StreamProtocol, crowd=self._crowd, turns=self._turns, visit=self._visit

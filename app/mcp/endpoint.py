@@ -10,11 +10,16 @@ import asyncio
 import contextlib
 from typing import TYPE_CHECKING
 
-from starlette.types import Receive, Scope, Send
+from starlette.types import Message, Receive, Scope, Send
+
+from app.api.costly import Costly
 
 if TYPE_CHECKING:
     from fastapi import FastAPI
     from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
+
+REST_S = 0.02
+"""From the beginning of one request to that of the next: each takes the event loop 10 ms or more."""
 
 
 class McpEndpoint:
@@ -23,9 +28,13 @@ class McpEndpoint:
     def __init__(self) -> None:
         self._manager: StreamableHTTPSessionManager | None = None
         self._turn = asyncio.Lock()
+        self._starts = Costly()
         self._running: asyncio.Task[None] | None = None
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        whole = await _whole(receive)
+        if whole is None:  # the library would take it for a mistake of its own, and log where
+            return
         async with self._turn:
             if self._manager is None:
                 manager = await asyncio.to_thread(_made, scope["app"])
@@ -33,13 +42,32 @@ class McpEndpoint:
                 self._running = asyncio.create_task(_run(manager, entered), name="MCP")
                 await entered.wait()
                 self._manager = manager
-        await self._manager.handle_request(scope, receive, send)
+        await self._starts.start(REST_S)
+        await self._manager.handle_request(scope, whole, send)
 
     async def close(self) -> None:
         if self._running is not None:
             self._running.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await self._running
+
+
+async def _whole(receive: Receive) -> Receive | None:
+    """The same with the whole body in its first message; None if the client goes before it has sent that."""
+    pieces: list[bytes] = []
+    more = True
+    while more:
+        message = await receive()
+        if message["type"] == "http.disconnect":
+            return None
+        pieces.append(message.get("body", b""))
+        more = message.get("more_body", False)
+    first: list[Message] = [{"type": "http.request", "body": b"".join(pieces), "more_body": False}]
+
+    async def received() -> Message:
+        return first.pop() if first else await receive()
+
+    return received
 
 
 async def _run(manager: StreamableHTTPSessionManager, entered: asyncio.Event) -> None:

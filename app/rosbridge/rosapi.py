@@ -10,7 +10,7 @@ from collections.abc import Callable
 from app.graph.graph import Graph
 from cobot.access.roles import Role
 from cobot.errors import NotFoundError
-from cobot.ros.messages import Message, Messages
+from cobot.ros.messages import Message, Messages, ros_time
 from cobot.strict import shown
 
 _DETAILS = "TypeDef[] typedefs\n"
@@ -129,8 +129,7 @@ def _no_parameter(asked: Message) -> Message:
 
 
 def _now(graph: Graph) -> Message:
-    sec, nanosec = divmod(graph.clock.wall_ns(), 1_000_000_000)
-    return {"sec": sec, "nanosec": nanosec}
+    return ros_time(graph.clock.wall_ns())
 
 
 def _ends(graph: Graph, topic: str, which: int) -> list[str]:

@@ -12,7 +12,7 @@ import pytest
 from virtual import VirtualService, virtual_service
 
 from app.services.motion.planning import PlanningService
-from app.services.state.link import CATCH_UP_S, PAUSE_S
+from app.services.state.heartbeat import CATCH_UP_S, PAUSE_S
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 AWAY = [0.3, *HOME[1:]]

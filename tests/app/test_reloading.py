@@ -227,7 +227,7 @@ def test_live_and_ready_are_two_things(service: VirtualService) -> None:
     service.app.state.services.planning.warm = True
     service.cycles[service.name].stopped = True
     service.sleep(1.0)
-    assert "real-time process has been silent for 1." in service.get("/health/ready").json()["detail"]
+    assert "has published nothing for 1." in service.get("/health/ready").json()["detail"]
     service.cycles[service.name].stopped = False
     service.sleep(0.5)
     assert service.get("/health/ready").status_code == 200

@@ -105,7 +105,7 @@ def test_a_service_that_falls_silent_is_missed_after_half_a_second(service: Virt
     assert 0.45 <= silent_s <= 0.5 + 2 * CYCLE_S, "the last beat was up to 0.05 s ago"
     passed_until(service, LoopMode.HOLD)
     assert "the service has been silent for 0.5" in service.rig.reason
-    service.begin(link._beat()).set_name("heartbeat")
+    service.begin(link.heartbeat.beat()).set_name("heartbeat")
     service.sleep(0.1)
 
 

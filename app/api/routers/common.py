@@ -5,22 +5,35 @@ from __future__ import annotations
 import asyncio
 import os
 from dataclasses import asdict
+from typing import Annotated
 
-from fastapi import APIRouter, Request
+from fastapi import APIRouter, Query, Request
 from starlette.datastructures import State
 
 from app.api.dependencies import Call, addressed
 from app.api.errors import responses
 from app.api.schemas import HealthAnswer, ReadyAnswer, StopAnswer
-from app.services.motion.stopping import together
+from app.services.motion.stopping import HELD, together
 from cobot import audit, logs
 from cobot.errors import NotReadyError
 
 router = APIRouter(tags=["common"])
 
 
-@router.post("/stop")
-async def stop(request: Request) -> StopAnswer:
+Category = Annotated[
+    int,
+    Query(
+        ge=1,
+        le=2,
+        description="Stop category of IEC 60204-1. 2: at rest on the path, held by the drives. 1: at rest as "
+        "fast as the limits permit, then the drives go off, until POST /robot/reset. Category 0 is the "
+        "robot's own emergency stop.",
+    ),
+]
+
+
+@router.post("/stop", responses=responses(422))
+async def stop(request: Request, category: Category = HELD) -> StopAnswer:
     """End the sequence, the planning and the motion: the arm comes to rest on its path.
 
     Without the name of a robot it stops all of them, and tells of all of them.
@@ -30,7 +43,9 @@ async def stop(request: Request) -> StopAnswer:
     """
     call = Call(request)
     robots = addressed(request)
-    stopped = await asyncio.gather(*(each.stopping.stop(call.timeout_s) for each in robots.values()))
+    stopped = await asyncio.gather(
+        *(each.stopping.stop(call.timeout_s, category=category) for each in robots.values())
+    )
     stop = together(dict(zip(robots, stopped, strict=True)))
     audit.add_details(message=stop.message)
     return StopAnswer.model_validate(asdict(stop))

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from typing import cast
 
 from fastapi import APIRouter, Request, Response
 from prometheus_client import CONTENT_TYPE_PLAIN_0_0_4
 
+from app.api.costly import Costly
 from app.api.errors import responses
 from app.api.metrics import Metrics
 from app.api.schemas import LiveAnswer, ReloadAnswer
@@ -27,7 +29,8 @@ async def live() -> LiveAnswer:
 )
 async def metrics(request: Request) -> Response:
     """Cycle times, overruns, interventions, motions, requests, sessions, restarts, for Prometheus."""
-    return Response(Metrics(request.app.state).text(), media_type=CONTENT_TYPE_PLAIN_0_0_4)
+    async with cast(Costly, request.app.state.costly).turn():
+        return Response(Metrics(request.app.state).text(), media_type=CONTENT_TYPE_PLAIN_0_0_4)
 
 
 @router.post("/admin/reload", responses=responses(409, 422, 503))

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Annotated, Any, cast
 
-from fastapi import APIRouter, Depends, Request, Response
+from fastapi import APIRouter, Depends, Path, Request, Response
 
 from app.api.access import identity_of
+from app.api.costly import Costly
 from app.api.dependencies import Call, CobotRoute, Gone, json_body
 from app.api.errors import responses, tell
 from app.api.explanations import explained
-from app.api.job_schemas import ACCEPTED, Wait
+from app.api.job_schemas import ACCEPTED, accepted
 from app.api.plan_schemas import (
     Approve,
     Execute,
@@ -28,11 +29,12 @@ from app.api.plan_schemas import (
     PlanSequence,
     PlanUse,
 )
-from app.api.routers.robot import goal_of, moved
+from app.api.routers.robot import How, check_queueing, goal_of, moved
 from app.api.schemas import MoveAnswer
 from app.robot_services import Services
 from app.services.jobs.job import JobKind
-from app.services.motion.plans import Plan, PlanOptions
+from app.services.motion.plan import Plan
+from app.services.motion.plans import PlanOptions
 from cobot.errors import CobotError
 from cobot.motions.bodies import AnyMotion
 from cobot.motions.forecast import Closest, Forecast
@@ -42,7 +44,7 @@ PLAN: dict[str, Any] = {
     "dependencies": [Depends(json_body)],
 }
 
-router = APIRouter(prefix="/robot", tags=["robot"], route_class=CobotRoute)
+router = APIRouter(prefix="/robot", tags=["plans"], route_class=CobotRoute)
 
 
 @router.post("/plan/named", **PLAN)
@@ -87,11 +89,18 @@ async def plan_sequence(body: PlanSequence, request: Request) -> PlanAnswer:
     responses=responses(404, 409, 413, 415, 422, 503) | ACCEPTED,
     dependencies=[Depends(json_body)],
 )
-async def execute(body: Execute, request: Request, gone: Gone, wait: Wait = True) -> MoveAnswer | Response:
+async def execute(body: Execute, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
     """Run a plan, if all is as it was when it was made; answers when the arm has arrived and settled."""
     call = Call(request)
-    caller = call.caller(gone, JobKind.EXECUTE, body.plan_id, wait=wait)
-    return await moved(call, caller, call.services.plans.execute(body.plan_id, caller))
+    plans = call.services.plans
+    caller = call.caller(gone, JobKind.EXECUTE, body.plan_id, wait=how.wait and not how.queue)
+    check_queueing(how)
+    if not how.queue:
+        return await moved(call, caller, plans.execute(body.plan_id, caller))
+    job = caller.job
+    assert job is not None
+    queued = plans.queued(body.plan_id, job, how.blend_radius)
+    return accepted(call, await call.services.jobs.enqueue(job, queued, caller))
 
 
 @router.get("/plans", responses=responses(503))
@@ -101,14 +110,28 @@ async def kept_plans(request: Request) -> list[KeptPlan]:
     return [_kept(plan, services) for plan in services.plans.kept()]
 
 
+@router.get("/plans/{plan}", response_model=PlanAnswer, responses=responses(404, 422))
+async def kept_plan(
+    plan: Annotated[str, Path(max_length=64, description="Its plan_id.")], request: Request
+) -> Response:
+    """A plan that can be run, as it was answered when it was made: its path is there to be looked at."""
+    plans = Call(request).services.plans
+    found = plans.get(plan)
+    async with cast(Costly, request.app.state.costly).turn():  # a thousand points are a dozen milliseconds
+        content = _shown(found, plans.expires_in_s(found)).model_dump_json()
+    return Response(content, media_type="application/json")
+
+
 @router.post("/approve", responses=responses(404, 413, 415, 422, 503), dependencies=[Depends(json_body)])
 async def approve(body: Approve, request: Request) -> KeptPlan:
     """Let an agent run a plan, once, or take that back: look at the plan first."""
     services = Call(request).services
     approvals = services.approvals
-    if body.approved:
-        return _kept(approvals.approve(body.plan_id, identity_of(request).name), services)
-    return _kept(approvals.withdraw(body.plan_id), services)
+    by = identity_of(request).name
+    plan = approvals.approve(body.plan_id, by) if body.approved else approvals.withdraw(body.plan_id)
+    what = "approved" if body.approved else "withdrawn"
+    services.link.events.publish("plan", what=what, plan=plan.plan_id, by=by)
+    return _kept(plan, services)
 
 
 def _kept(plan: Plan, services: Services) -> KeptPlan:
@@ -136,15 +159,20 @@ async def _planned(
             base_frame = call.services.robot.base_frame
             tell(call.request, explained(exc, exc.explanation, motions, goals, base_frame))
         raise
+    kept = _kept(plan, call.services)
+    events = call.services.link.events
+    events.publish(
+        "plan", what="made", plan=plan.plan_id, by=plan.by, planners=kept.planners, duration_s=kept.duration_s
+    )
     return _shown(plan, plans.lifetime_s)
 
 
-def _shown(plan: Plan, lifetime_s: float) -> PlanAnswer:
+def _shown(plan: Plan, expires_in_s: float) -> PlanAnswer:
     found = plan.forecast
     trajectory = found.trajectory
     return PlanAnswer(
         plan_id=plan.plan_id,
-        expires_in_s=lifetime_s,
+        expires_in_s=expires_in_s,
         duration_s=0.0 if trajectory is None else trajectory.duration_s,
         note="" if trajectory is None else trajectory.note,
         path=_path(found),
@@ -158,10 +186,14 @@ def _shown(plan: Plan, lifetime_s: float) -> PlanAnswer:
 
 
 def _path(found: Forecast) -> list[PlanPoint]:
-    rows = zip(found.times_s.tolist(), found.joints.tolist(), found.poses.tolist(), strict=True)
+    trajectory, joints = found.trajectory, found.joints
+    velocities = 0.0 * joints if trajectory is None else trajectory.sample(found.times_s, 1)
+    columns = (found.times_s, joints, velocities, found.poses)
     return [
-        PlanPoint(time_s=time_s, joints=joints, position=pose[:3], quaternion=[*pose[4:], pose[3]])
-        for time_s, joints, pose in rows
+        PlanPoint(
+            time_s=time_s, joints=place, velocities=rates, position=pose[:3], quaternion=[*pose[4:], pose[3]]
+        )
+        for time_s, place, rates, pose in zip(*(each.tolist() for each in columns), strict=True)
     ]
 
 

@@ -4,15 +4,26 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import asdict
-from typing import Annotated, Any
+from functools import partial
+from typing import Annotated, Any, cast
 
-from fastapi import APIRouter, Depends, Path, Request
+from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from fastapi.responses import FileResponse
 
+from app.api.costly import Costly
 from app.api.dependencies import Call, CobotRoute, json_body
 from app.api.errors import responses
-from app.api.recording_schemas import AskedRecordingAnswer, AskRecording, RecordingsAnswer
+from app.api.recording_schemas import (
+    AskedRecordingAnswer,
+    AskRecording,
+    RecordedEvent,
+    RecordedPathAnswer,
+    RecordedPoint,
+    RecordingsAnswer,
+)
+from app.services.motion.planning_tasks import recorded
 from cobot import audit
+from cobot.recording.path import RecordedPath
 
 router = APIRouter(prefix="/recordings", tags=["recordings"], route_class=CobotRoute)
 MEDIA_TYPE = "application/octet-stream"
@@ -20,6 +31,7 @@ FILE: dict[int | str, dict[str, Any]] = {
     200: {"content": {MEDIA_TYPE: {"schema": {"type": "string", "format": "binary"}}}}
 }
 Name = Annotated[str, Path(max_length=200, description="One of GET /recordings.")]
+Samples = Annotated[int, Query(ge=2, le=1000, description="So many cycles at the most.")]
 
 
 @router.get("")
@@ -54,6 +66,34 @@ async def recording(name: Name, request: Request) -> FileResponse:
     """One recording: an MCAP file, for Foxglove, `rosbags`, `cobot plot` and `cobot replay`."""
     path = await asyncio.to_thread(Call(request).services.recordings.path, name)
     return FileResponse(path, media_type=MEDIA_TYPE, filename=name)
+
+
+@router.get("/{name}/path", response_model=RecordedPathAnswer, responses=responses(404, 422, 503))
+async def recorded_path(name: Name, request: Request, samples: Samples = 200) -> Response:
+    """Where the arm was in a recording, at some of its cycles, and what happened then."""
+    call = Call(request)
+    service = call.services.recordings
+    path = await asyncio.to_thread(service.path, name)
+    async with service.reading:  # it leaves planning processes to the motions
+        work = partial(recorded, path=path, samples=samples)
+        found = await call.services.planning.compute(work, call.timeout_s)
+    async with cast(Costly, request.app.state.costly).turn():
+        content = _answer(found).model_dump_json()
+    return Response(content, media_type="application/json")
+
+
+def _answer(found: RecordedPath) -> RecordedPathAnswer:
+    assert found.poses is not None
+    columns = (found.times_s, found.joints, found.velocities, found.poses[:, :3])
+    names = tuple(RecordedPoint.model_fields)
+    return RecordedPathAnswer(
+        duration_s=float(found.times_s[-1]),
+        path=[
+            RecordedPoint.model_validate(dict(zip(names, row, strict=True)))
+            for row in zip(*(each.tolist() for each in columns), strict=True)
+        ],
+        events=[RecordedEvent.model_validate(asdict(event)) for event in found.events],
+    )
 
 
 @router.delete("/{name}", responses=responses(404, 422))

@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Coroutine
+from collections.abc import Coroutine, Sequence
 from dataclasses import replace
-from typing import Any
+from functools import partial
+from typing import Annotated, Any
 
 import numpy as np
-from fastapi import APIRouter, Depends, Request, Response
+from fastapi import APIRouter, Depends, Query, Request, Response
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel
 
 from app.api.constraints import constraints_of
 from app.api.dependencies import Call, CobotRoute, Gone, json_body
+from app.api.device_schemas import Acknowledge, AcknowledgeAnswer
 from app.api.errors import responses
 from app.api.explain_schemas import explain_of
-from app.api.job_schemas import ACCEPTED, Wait, accepted
+from app.api.job_schemas import ACCEPTED, MoveQuery, accepted
 from app.api.schemas import (
     Angles,
     JointStates,
     MoveAnswer,
-    NamedPositionAnswer,
     Orientation,
     PoseAnswer,
     Position,
@@ -29,8 +30,11 @@ from app.api.schemas import (
 )
 from app.robot_services import Services
 from app.services.jobs.job import JobKind
-from app.services.motion.execution import Goal, MotionService, Outcome
+from app.services.motion.goals import Goal, Goals, check_radii
+from app.services.motion.moves import Outcome
 from app.services.motion.ownership import Caller
+from app.services.motion.queue_moves import QueueRequest
+from app.services.state.first_contact import acknowledged
 from cobot import audit
 from cobot.errors import InputError
 from cobot.motions.bodies import (
@@ -47,6 +51,7 @@ from cobot.motions.requests import Arc, TcpSpeed, check_algorithm
 from cobot.robot.frames import abc_from_quaternion, pose_from_abc
 from cobot.types import Array, PlannerName, Scaling, Synchronization
 
+How = Annotated[MoveQuery, Query()]
 COMPLETED = "Motion completed successfully"
 MOTION: dict[str, Any] = {
     "response_model": MoveAnswer,
@@ -88,69 +93,48 @@ async def pose(request: Request) -> PoseAnswer:
     )
 
 
-@router.get("/positions")
-async def positions(request: Request) -> list[NamedPositionAnswer]:
-    """The positions that have a name, from the SRDF."""
-    call = Call(request)
-    return [
-        NamedPositionAnswer(
-            name=position.name,
-            group=position.group,
-            description=position.description,
-            joints=list(position.joints),
-        )
-        for position in call.services.robot.positions.values()
-    ]
-
-
 @router.post("/move/named", **MOTION)
-async def move_named(
-    body: MoveNamed, request: Request, gone: Gone, wait: Wait = True
-) -> MoveAnswer | Response:
+async def move_named(body: MoveNamed, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
     """Go to a named position; answers when the arm has arrived and settled."""
     call = Call(request)
-    goal = goal_of(body, call.services)
-    caller = call.caller(gone, JobKind.MOVE, _said(body), wait=wait)
-    return await moved(call, caller, call.services.motion.move(goal, caller))
+    caller = call.caller(gone, JobKind.MOVE, _said(body), wait=how.wait and not how.queue)
+    return await _one(call, caller, goal_of(body, call.services), how)
 
 
 @router.post("/move/joints", **MOTION)
-async def move_joints(
-    body: MoveJoints, request: Request, gone: Gone, wait: Wait = True
-) -> MoveAnswer | Response:
+async def move_joints(body: MoveJoints, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
     """Go to joint angles; answers when the arm has arrived and settled."""
     call = Call(request)
-    goal = goal_of(body, call.services)
-    caller = call.caller(gone, JobKind.MOVE, _said(body), wait=wait)
-    return await moved(call, caller, call.services.motion.move(goal, caller))
+    caller = call.caller(gone, JobKind.MOVE, _said(body), wait=how.wait and not how.queue)
+    return await _one(call, caller, goal_of(body, call.services), how)
 
 
 @router.post("/move/pose", **MOTION)
-async def move_pose(body: MovePose, request: Request, gone: Gone, wait: Wait = True) -> MoveAnswer | Response:
+async def move_pose(body: MovePose, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
     """Bring the TCP to a pose; answers when the arm has arrived and settled."""
     call = Call(request)
-    goal = goal_of(body, call.services)
-    caller = call.caller(gone, JobKind.MOVE, _said(body), wait=wait)
-    return await moved(call, caller, call.services.motion.move(goal, caller))
+    caller = call.caller(gone, JobKind.MOVE, _said(body), wait=how.wait and not how.queue)
+    return await _one(call, caller, goal_of(body, call.services), how)
 
 
 @router.post("/move/arc", **MOTION)
-async def move_arc(body: MoveArc, request: Request, gone: Gone, wait: Wait = True) -> MoveAnswer | Response:
+async def move_arc(body: MoveArc, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
     """Turn the TCP about an axis by an angle; answers when the arm has arrived and settled."""
     call = Call(request)
-    caller = call.caller(gone, JobKind.MOVE, _said(body), wait=wait)
-    return await moved(call, caller, call.services.motion.move(goal_of(body, call.services), caller))
+    caller = call.caller(gone, JobKind.MOVE, _said(body), wait=how.wait and not how.queue)
+    return await _one(call, caller, goal_of(body, call.services), how)
 
 
 @router.post("/move/sequence", **MOTION)
-async def move_sequence(
-    body: MoveSequence, request: Request, gone: Gone, wait: Wait = True
-) -> MoveAnswer | Response:
+async def move_sequence(body: MoveSequence, request: Request, gone: Gone, how: How) -> MoveAnswer | Response:
     """Several motions as one, with round corners; answers when the arm has arrived and settled."""
     call = Call(request)
     goals = [goal_of(motion, call.services) for motion in body.motions]
-    caller = call.caller(gone, JobKind.MOVE, _said(body), wait=wait)
-    return await moved(call, caller, call.services.motion.move_sequence(goals, body.radii, caller))
+    caller = call.caller(gone, JobKind.MOVE, _said(body), wait=how.wait and not how.queue)
+    check_queueing(how)
+    if how.queue:
+        return await _queued(call, caller, goals, body.radii, how)
+    return await moved(call, caller, call.services.moves.move_sequence(goals, body.radii, caller))
 
 
 @router.post("/reset", responses=responses(409, 503))
@@ -159,6 +143,21 @@ async def reset(request: Request) -> ResetAnswer:
     call = Call(request)
     await call.services.stopping.reset(call.timeout_s)
     return ResetAnswer(success=True, message="the robot is ready to move")
+
+
+@router.post("/acknowledge", responses=responses(409, 413, 415, 422, 503), dependencies=[Depends(json_body)])
+async def acknowledge(body: Acknowledge, request: Request) -> AcknowledgeAnswer:
+    """Somebody has compared the arm with what the first contact with it has found.
+
+    From now on it goes at full speed, and may be streamed to. Where there is nothing to acknowledge, it
+    changes nothing.
+    """
+    services = Call(request).services
+    services.ownership.require_control()
+    found = await acknowledged(services.link, payload_checked=body.payload_checked)
+    message = "acknowledged: the robot goes at full speed" if found else "there was nothing to acknowledge"
+    audit.add_details(message=message, payload_checked=body.payload_checked)
+    return AcknowledgeAnswer(success=True, message=message, found=found)
 
 
 def _scaling(body: TcpMotion) -> Scaling:
@@ -184,28 +183,28 @@ def goal_of(body: AnyMotion, services: Services, *, checked: bool = True) -> Goa
     """What a request asks for; joint angles are `checked` against the limits, which planning does too.
 
     Raises:
-        InputError, LimitError: see `MotionService.named`, `joints`, `pose` and `arc`.
+        InputError, LimitError: see `Goals.named`, `joints`, `pose` and `arc`.
     """
     constraints = constraints_of(body.constraints, services.robot.limits)
     if isinstance(body, MoveArc):
-        return replace(_along_arc(body, services.motion), constraints=constraints)
-    goal, planner = _to_goal(body, services.motion, checked=checked), PlannerName(body.planner)
+        return replace(_along_arc(body, services.goals), constraints=constraints)
+    goal, planner = _to_goal(body, services.goals, checked=checked), PlannerName(body.planner)
     check_algorithm(planner, body.algorithm, constraints)
     return replace(goal, planner=planner, algorithm=body.algorithm, constraints=constraints)
 
 
-def _along_arc(body: MoveArc, motion: MotionService) -> Goal:
+def _along_arc(body: MoveArc, goals: Goals) -> Goal:
     arc = Arc(_vector(body.centre), _vector(body.axis), body.angle, body.rise, body.turn_tool)
-    return motion.arc(arc, body.frame_id, _scaling(body), TcpSpeed(body.speed_m_s, body.speed_rad_s))
+    return goals.arc(arc, body.frame_id, _scaling(body), TcpSpeed(body.speed_m_s, body.speed_rad_s))
 
 
-def _to_goal(body: MoveNamed | MoveJoints | MovePose, motion: MotionService, *, checked: bool) -> Goal:
+def _to_goal(body: MoveNamed | MoveJoints | MovePose, goals: Goals, *, checked: bool) -> Goal:
     scaling, synchronization = Scaling(body.speed, body.accel_scale), Synchronization(body.synchronization)
     if isinstance(body, MoveNamed):
-        return motion.named(body.name, scaling, synchronization, checked=checked)
+        return goals.named(body.name, scaling, synchronization, checked=checked)
     if isinstance(body, MoveJoints):
-        return motion.joints(body.joints, scaling, synchronization, checked=checked)
-    return motion.pose(
+        return goals.joints(body.joints, scaling, synchronization, checked=checked)
+    return goals.pose(
         [body.x, body.y, body.z],
         [body.a, body.b, body.c],
         body.frame_id,
@@ -222,6 +221,48 @@ def _to_goal(body: MoveNamed | MoveJoints | MovePose, motion: MotionService, *, 
 
 def _said(body: BaseModel) -> str:
     return body.model_dump_json(exclude_unset=True)
+
+
+async def _one(call: Call, caller: Caller, goal: Goal, how: MoveQuery) -> MoveAnswer | JSONResponse:
+    """The answer to a request for one motion, at once or in its turn."""
+    check_queueing(how)
+    if how.queue:
+        return await _queued(call, caller, [goal], [], how)
+    return await moved(call, caller, call.services.moves.move(goal, caller))
+
+
+def check_queueing(how: MoveQuery) -> None:
+    """A motion that is not queued has no next one to go on into.
+
+    Raises:
+        InputError: it has a radius.
+    """
+    if not how.queue and how.blend_radius > 0.0:
+        raise InputError("blend_radius: is for moves in the queue; it goes with queue=true")
+
+
+async def _queued(
+    call: Call, caller: Caller, goals: Sequence[Goal], radii_m: Sequence[float], how: MoveQuery
+) -> JSONResponse:
+    """The answer to a request for motions that are done in their turn: their job."""
+    check_radii(goals, radii_m)
+    services, job = call.services, caller.job
+    assert job is not None
+    first = goals[0]
+    relative = first.in_tool or (first.arc is not None and first.arc.angle_rad is not None)
+    of_one_piece = len(goals) > 1 or first.planner in (PlannerName.CIRC, PlannerName.POLYLINE)
+    request = QueueRequest(
+        job.request,
+        [partial(services.goals.request, goal) for goal in goals],
+        how.blend_radius,
+        radii_m or [0.0] * (len(goals) - 1),
+        job,
+        exact=any(goal.constraints is not None for goal in goals),
+        anywhere=not relative,
+        midway=not relative and not of_one_piece,
+        count=len(goals),
+    )
+    return accepted(call, await services.jobs.enqueue(job, request, caller))
 
 
 async def moved(

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from copy import copy
+from functools import cache
+from typing import Any
 
 from fastapi import APIRouter, Request
 from fastapi.routing import APIRoute, APIWebSocketRoute
-from starlette.routing import BaseRoute
+from starlette.routing import BaseRoute, compile_path
 
 from app.api.dependencies import robots_of
+from app.api.device_schemas import DeviceAnswer
 from app.api.errors import responses
 from app.api.schemas import RobotAnswer
+from app.services.state.link import RobotLink
 from cobot.addresses import ROBOTS, address, path_below
 
 router = APIRouter(tags=["robots"])
 ANY = f"{ROBOTS}/{{robot}}"
+NOT_FOUND = responses(404)
 
 
 @router.get(ROBOTS)
@@ -27,9 +33,16 @@ async def robots(request: Request) -> list[RobotAnswer]:
             path=address("", name),
             base_frame=services.robot.base_frame,
             joint_names=list(services.robot.limits.names),
+            device=device_answer(services.link),
         )
         for index, (name, services) in enumerate(robots_of(request).items())
     ]
+
+
+def device_answer(link: RobotLink) -> DeviceAnswer | None:
+    """What moves a robot; None while that cannot be read."""
+    device = link.device()
+    return None if device is None else DeviceAnswer.of(*device)
 
 
 def twins(routes: Iterable[BaseRoute], robots: list[str]) -> list[BaseRoute]:
@@ -38,7 +51,6 @@ def twins(routes: Iterable[BaseRoute], robots: list[str]) -> list[BaseRoute]:
     Args:
         robots: the valid names, for the documentation.
     """
-    made = APIRouter(prefix=ANY, tags=["robots"], responses=responses(404))
     name = {
         "name": "robot",
         "in": "path",
@@ -46,23 +58,35 @@ def twins(routes: Iterable[BaseRoute], robots: list[str]) -> list[BaseRoute]:
         "description": "The robot's name.",
         "schema": {"type": "string", "enum": robots},
     }
+    made: list[BaseRoute] = []
     for route in routes:
         if isinstance(route, APIWebSocketRoute):
-            made.add_api_websocket_route(path_below(route.path), route.endpoint)
-            continue
-        assert isinstance(route, APIRoute)
-        made.add_api_route(
-            path_below(route.path),
-            route.endpoint,
-            response_model=route.response_model,
-            methods=sorted(route.methods or ()),
-            name=f"{route.name}_of",
-            responses=route.responses,
-            dependencies=route.dependencies,
-            route_class_override=type(route),
-            openapi_extra={"parameters": [name]},
-        )
-    return list(made.routes)
+            made.append(APIWebSocketRoute(f"{ANY}{path_below(route.path)}", route.endpoint))
+        else:
+            assert isinstance(route, APIRoute)
+            made.append(_twin(route, {"parameters": [name]}))
+    return made
+
+
+def _twin(route: APIRoute, documentation: dict[str, Any]) -> APIRoute:
+    """The route at the path of any robot. It is a copy, as all but its place is the same: to make it anew,
+    FastAPI looks at the function and has pydantic build each model that it takes and gives, a second time.
+    """
+    twin = copy(route)
+    twin.path = f"{ANY}{path_below(route.path)}"
+    twin.path_regex, twin.path_format, twin.param_convertors = compile_path(twin.path)
+    twin.name = f"{route.name}_of"
+    twin.tags = ["robots"]
+    twin.responses = NOT_FOUND | route.responses
+    twin.response_fields = _not_found_fields() | route.response_fields
+    twin.openapi_extra = documentation
+    return twin
+
+
+@cache
+def _not_found_fields() -> dict[int | str, Any]:
+    """Of the answer that there is no such robot, as FastAPI has them."""
+    return APIRoute("/", robots, responses=NOT_FOUND).response_fields
 
 
 def twin_name(endpoint: str) -> str:

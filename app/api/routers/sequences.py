@@ -21,7 +21,7 @@ router = APIRouter(prefix="/sequences", tags=["sequences"], route_class=CobotRou
 
 def _text(description: str) -> Any:
     """A field of a form; no command line can have a NUL."""
-    return Form(max_length=1000, pattern=r"^[^\x00]*$", description=description)
+    return Form(max_length=1000, pattern=r"^[^\x00-\x1f\x7f]*$", description=description)
 
 
 ACTION = "Not used; taken for compatibility and written to the log."

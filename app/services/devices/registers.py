@@ -19,6 +19,8 @@ KINDS: dict[str, Any] = {"bool": False, "int16": 0, "int32": 0, "float": 0.0, "d
 MAX_VARIABLES = 10_000
 MAX_NAME = 200
 MAX_STRING = 65_536
+MAX_CHARACTERS = 4 * 2**20
+"""So many characters all variables that are strings may have together."""
 MAX_WATCHDOGS = 100
 WATCHDOG_S = (0.01, 3600.0)
 INT16 = 2**15 - 1
@@ -73,6 +75,10 @@ def _require_name(name: str) -> None:
         raise InputError(f"a name has from 1 to {MAX_NAME} characters, got {shown(name)}")
 
 
+def _length(value: Value) -> int:
+    return len(value) if isinstance(value, str) else 0
+
+
 @dataclass(slots=True)
 class Watchdog:
     """A timer that somebody has to keep from running out, by writing the variable of its name.
@@ -98,6 +104,7 @@ class Variables:
     def __init__(self, on_expiry: Callable[[str, int], Awaitable[None]]) -> None:
         self._on_expiry = on_expiry
         self._values: dict[str, tuple[str, Value]] = {}
+        self._characters = 0
         self._watchdogs: dict[str, Watchdog] = {}
         self._tasks: set[asyncio.Task[None]] = set()
 
@@ -112,6 +119,12 @@ class Variables:
             raise LimitError(f"a variable holds up to {MAX_STRING} characters, got {len(value)}")
         if name not in self._values and len(self._values) >= MAX_VARIABLES:
             raise LimitError(f"there are {MAX_VARIABLES} variables already")
+        characters = self._characters + _length(value) - _length(self._values.get(name, ("", 0))[1])
+        if isinstance(value, str) and characters > MAX_CHARACTERS:
+            raise LimitError(
+                f"all variables together hold up to {MAX_CHARACTERS} characters, with this one {characters}"
+            )
+        self._characters = characters
         self._values[name] = kind, value
         self._kick(name)
 
@@ -141,8 +154,10 @@ class Variables:
         Raises:
             NotFoundError: there is none.
         """
-        if self._values.pop(name, None) is None:
+        found = self._values.pop(name, None)
+        if found is None:
             raise NotFoundError(f"there is no variable {shown(name)}")
+        self._characters -= _length(found[1])
 
     def watchdog(self, name: str) -> Watchdog | None:
         return self._watchdogs.get(name)

@@ -37,6 +37,8 @@ TYPES = {
     "session": "a streaming session has begun or ended",
     "sequence": "a sequence or program has started, goes for its next waypoint, or has ended",
     "job": "a job has changed its state",
+    "plan": "a plan was made, approved for an agent, or that was taken back",
+    "speed": "the speed override is another one",
     "scene": "the scene has changed",
     "tool": "the tool has changed",
     "planning": "a planning process was replaced",

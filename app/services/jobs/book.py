@@ -14,6 +14,7 @@ from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -40,6 +41,19 @@ log = logging.getLogger("cobot.jobs")
 _RECORD = TypeAdapter(JobRecord)
 
 
+class _Piece(NamedTuple):
+    """Lines for the file.
+
+    Attributes:
+        number: how many changes there had been when they were made.
+        whole: they say all that was known then.
+    """
+
+    number: int
+    lines: bytes
+    whole: bool = False
+
+
 class JobBook:
     """See the module.
 
@@ -57,16 +71,18 @@ class JobBook:
         self._past: OrderedDict[str, JobRecord] = OrderedDict()
         self._lines: OrderedDict[str, bytes] = OrderedDict()
         self._written = 0
+        self._whole = 0
+        """The file says all that was known after so many changes."""
         self._told = False
         self.on_change: Callable[[JobRecord], None] = lambda record: None
         self.ending = False
         self._path = file
         self._file: RotatingFile | None = None
-        self._outlet: Outlet[bytes] | None = None
+        self._outlet: Outlet[_Piece] | None = None
         if file is not None:
             self._file = RotatingFile(file, MAX_BYTES, OLDER_FILES, private=True)
             # What the disk has not taken is in memory: once there is room, all of that is written anew.
-            self._outlet = Outlet(self._file.append, self._everything, settle=self._file.sync)
+            self._outlet = Outlet(self._append, self._everything, settle=self._file.sync)
             self._read(file)
 
     @property
@@ -133,18 +149,32 @@ class JobBook:
             return
         line = self._lines[record.id] = _RECORD.dump_json(record, exclude_defaults=True) + b"\n"
         self._lines.move_to_end(record.id)
-        self._outlet.put(line)
         self._written += 1
+        self._outlet.put(_Piece(self._written, line))
         if self._written % AGAIN_AFTER == 0 and self._live:
-            self._outlet.put(b"".join(self._lines[number] for number in self._live if number in self._lines))
+            again = b"".join(self._lines[number] for number in self._live if number in self._lines)
+            self._outlet.put(_Piece(self._written, again))
         if self.problem and not self._told:
             log.error("%s%s", self._link.label, self.problem)
         self._told = bool(self.problem)
 
-    def _everything(self, lost: int) -> bytes:
+    def _append(self, piece: _Piece) -> None:
+        """Called by the thread that writes. What waited while all was written anew is older than that, and
+        would say of a job that has ended that it goes on."""
+        assert self._file is not None
+        if piece.number > self._whole or piece.whole:
+            for line in piece.lines.splitlines(keepends=True):  # all of them may be more than a file takes
+                self._file.append(line)
+        if piece.whole:
+            self._whole = piece.number
+
+    def _everything(self, lost: int) -> _Piece:
         """All that there is to know, where some lines were lost. Called by the thread that writes."""
         del lost
-        return b"".join(list(self._lines.values()))
+        number = self._written  # first: what changes meanwhile has a line of its own
+        lines = dict(self._lines)
+        going_on = [lines.pop(job) for job in list(self._live) if job in lines]  # last, as the newest
+        return _Piece(number, b"".join([*lines.values(), *going_on]), whole=True)
 
     def _read(self, file: Path) -> None:
         found: OrderedDict[str, JobRecord] = OrderedDict()

@@ -11,11 +11,13 @@ from typing import Any
 from app.services.jobs.book import JobBook, unknown
 from app.services.jobs.job import Job, JobRecord, JobState
 from app.services.motion.lease import CLIENT
-from app.services.motion.ownership import Ownership
+from app.services.motion.ownership import Caller, Ownership
+from app.services.motion.queue import MotionQueue
+from app.services.motion.queue_moves import QueueRequest
 from app.services.motion.stopping import StopService
 from app.services.programs.sequences import SequenceService
 from app.services.programs.steps import NEXT, Steps
-from cobot.errors import CobotError, ConflictError, ExecutionError, MotionStopped
+from cobot.errors import CobotError, ConflictError, ExecutionError, MotionStopped, PlanningTimeout
 
 log = logging.getLogger("cobot.jobs")
 
@@ -24,9 +26,15 @@ class JobService:
     """The jobs of one robot."""
 
     def __init__(
-        self, book: JobBook, ownership: Ownership, stopping: StopService, sequences: SequenceService
+        self,
+        book: JobBook,
+        ownership: Ownership,
+        stopping: StopService,
+        sequences: SequenceService,
+        queue: MotionQueue,
     ) -> None:
         self.book = book
+        self._queue = queue
         self._sequences = sequences
         self._ownership = ownership
         self._stopping = stopping
@@ -53,6 +61,21 @@ class JobService:
             await task  # raises
         return job.record()
 
+    async def enqueue(self, job: Job, request: QueueRequest, caller: Caller) -> JobRecord:
+        """Have a motion done in its turn; returns once it is planned and waits in the queue.
+
+        Raises:
+            PlanningTimeout: it is not planned in the caller's time.
+            CobotError: see `MotionQueue.add`.
+        """
+        time_s = caller.timeout_s
+        try:
+            async with asyncio.timeout(time_s):
+                await self._queue.add(request, caller.stops, caller.token)
+        except TimeoutError as exc:
+            raise PlanningTimeout.after(time_s, f"not planned within {time_s:g} s") from exc
+        return job.record()
+
     async def wait(self, number: str, timeout_s: float) -> JobRecord:
         """A job once it has ended, or as it is when the time is up.
 
@@ -69,6 +92,8 @@ class JobService:
     async def cancel(self, number: str, timeout_s: float) -> JobRecord:
         """End a job, whosever it is; the arm comes to rest on its path.
 
+        One that waits in the queue is taken out of it, and the others go on.
+
         Raises:
             NotFoundError, ConflictError: there is no such job, or it has ended already.
             ExecutionError: the arm is not known to be at rest, with why.
@@ -79,7 +104,7 @@ class JobService:
             stopped = await self._stopping.stop(timeout_s, reason)
             if not stopped.success:
                 raise ExecutionError(stopped.message)
-        else:
+        elif not await self._queue.cancel(job, MotionStopped(reason)):
             self._ownership.interrupt(MotionStopped(reason))
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(job.ended.wait(), timeout_s)
@@ -97,6 +122,8 @@ class JobService:
             ExecutionError, UnavailableError: see `SpeedOverride.pause`.
         """
         job = self._going(number)
+        if job.state is JobState.QUEUED:
+            raise ConflictError(f"job {number} is queued: pause the one before it, and it waits")
         if at_waypoint is None:
             await self._ownership.speed_override.pause()
         else:

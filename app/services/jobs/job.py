@@ -131,9 +131,11 @@ class Job:
     _created_at: datetime = field(init=False)
     _override: SpeedOverride | None = None
     _motion_id: int | None = None
-    _trajectory: Trajectory | None = None
+    _planned_s: float | None = None
+    _note: str = ""
     _started_at: datetime | None = None
     _path_time_s: float = 0.0
+    _part_s: float | None = None
     _waypoints: tuple[int, int] | None = None
     _held: bool = False
     _error: JobError | None = None
@@ -152,6 +154,11 @@ class Job:
             return JobState.PAUSED
         return JobState.PLANNING if self._started_at is None else JobState.RUNNING
 
+    @property
+    def motion_id(self) -> int | None:
+        """Of its newest motion."""
+        return self._motion_id
+
     def begin(self, override: SpeedOverride) -> None:
         """It has the right to move, with this speed override."""
         self._override = override
@@ -159,13 +166,35 @@ class Job:
 
     def started(self, motion_id: int | None = None, trajectory: Trajectory | None = None) -> None:
         """A motion of it has begun; without one, it is a sequence."""
-        self._motion_id, self._trajectory, self._path_time_s = motion_id, trajectory, 0.0
+        self._motion_id = motion_id
+        if trajectory is not None:
+            self._follow(trajectory)
         self._started_at = self._started_at or self._now()
         self.changed(self)
 
     def prolonged(self, trajectory: Trajectory) -> None:
         """Its motion goes on along this one."""
-        self._trajectory, self._path_time_s = trajectory, 0.0
+        self._follow(trajectory)
+
+    def _follow(self, trajectory: Trajectory) -> None:
+        self._planned_s, self._note, self._path_time_s = trajectory.duration_s, trajectory.note, 0.0
+
+    def queued(self, duration_s: float, note: str) -> None:
+        """It is planned, takes so long at full speed, and waits for its turn."""
+        self._planned_s, self._note = duration_s, note
+        self.accepted.set()
+        self.changed(self)
+
+    def its_turn(self, override: SpeedOverride, motion_id: int | None, left_s: float) -> None:
+        """It is a part of a motion, which has come to it; of that part so much is left."""
+        self._part_s, self._path_time_s = left_s, 0.0
+        self._override = override
+        self.started(motion_id)
+
+    def left(self, left_s: float) -> None:
+        """Of its part of a motion so much is left."""
+        if self._part_s is not None:
+            self._path_time_s = max(self._part_s - left_s, self._path_time_s)
 
     def at_waypoint(self, done: int, of: int) -> None:
         """A sequence has so many waypoints behind it."""
@@ -211,9 +240,9 @@ class Job:
             parent=self.parent,
             motion_id=self._motion_id,
             progress=1.0 if finished else progress,
-            planned_duration_s=None if self._trajectory is None else self._trajectory.duration_s,
+            planned_duration_s=self._planned_s,
             remaining_s=(0.0 if finished else None) if ended else remaining_s,
-            note="" if self._trajectory is None else self._trajectory.note,
+            note=self._note,
             error=self._error if ended else None,
             started_at=self._started_at,
             ended_at=self._now() if ended else None,
@@ -224,13 +253,14 @@ class Job:
         if self._waypoints is not None:
             done, of = self._waypoints
             return (min(done / of, 1.0) if of else 0.0), None
-        if self._trajectory is None or self._override is None:
+        whole_s = self._planned_s if self._part_s is None else self._part_s
+        if whole_s is None or self._override is None:
             return 0.0, None
         with contextlib.suppress(UnavailableError):
             state = self.link.state()
-            if state.motion_id == self._motion_id:
+            if state.motion_id == self._motion_id and self._part_s is None:
                 self._path_time_s = state.path_time_s
-        whole_s, fraction = self._trajectory.duration_s, self._override.fraction
+        fraction = self._override.fraction
         left_s = max(whole_s - self._path_time_s, 0.0)
         share = min(self._path_time_s / whole_s, 1.0) if whole_s > 0.0 else 1.0
         return share, left_s / fraction if fraction > 0.0 else None

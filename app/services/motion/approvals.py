@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import time
 
-from app.services.motion.execution import Outcome
+from app.services.motion.moves import Outcome
 from app.services.motion.ownership import Caller
-from app.services.motion.plans import Plan, PlanService
+from app.services.motion.plan import Plan
+from app.services.motion.plans import PlanService
 from cobot.clock import Clock
 from cobot.config import McpSection
 from cobot.errors import PermissionDenied

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import io
+import itertools
 import math
 import re
 from collections.abc import Callable, Generator, Iterator
@@ -16,11 +17,13 @@ from cobot.strict import unknown_key
 from cobot.types import Waypoint
 
 MAX_ROWS = 100_000
+MAX_LINES = 200_000
+"""Blank ones too, and those of quoted cells."""
 CHUNK_BYTES = 1 << 20
 SHOWN_CHARACTERS = 40
 SEPARATORS = (";", "\t", ",")
 WHITESPACE = " "
-HEADER_BYTES = 65536
+HEADER_BYTES = LINE_CHARACTERS = 65536
 DECIMAL_COMMAS = 1.5
 """A row with so many times more cells than the header had its numbers cut at decimal commas."""
 NO_DECIMAL_COMMA = "a decimal comma is understood only where semicolons separate the columns: write 0.5"
@@ -80,12 +83,13 @@ def _require_few(file: BinaryIO) -> None:
     """
     ends = 0
     while (chunk := file.read(CHUNK_BYTES)) and b'"' not in chunk:
-        ends += chunk.count(b"\n")
-        if (more := ends - MAX_ROWS) > 0:
-            lines = chunk.split(b"\n")[-more:]
-            for number, line in enumerate(lines, start=ends + 2 - len(lines)):
-                if _DIGIT.search(line):
-                    raise _too_many(number)
+        here = chunk.count(b"\n")
+        if ends + here > MAX_ROWS:  # the header is a line, too
+            behind = chunk.split(b"\n", max(MAX_ROWS + 1 - ends, 0))[-1]
+            start = len(chunk) - len(behind)
+            if digit := _DIGIT.search(chunk, start):
+                raise _too_many(ends + chunk.count(b"\n", 0, digit.start()) + 1)
+        ends += here
     file.seek(0)
 
 
@@ -143,9 +147,7 @@ def _spaced_rows(file: BinaryIO) -> Generator[tuple[int, list[str]]]:
     text = io.TextIOWrapper(file, encoding="utf-8-sig")
     number = 0
     try:
-        for number, line in enumerate(text, start=1):
-            if len(line) > HEADER_BYTES:
-                raise InputError(f"row {number}: not CSV: {len(line)} characters in a line")
+        for number, line in enumerate(_lines(text), start=1):
             yield number, line.split()
     except UnicodeDecodeError as exc:
         raise _no_text(number + 1, exc) from exc
@@ -157,7 +159,7 @@ def _rows(file: BinaryIO, separator: str) -> Generator[tuple[int, list[str]]]:
     """(line number, cells) of each row; the file is read as a stream."""
     text = io.TextIOWrapper(file, encoding="utf-8-sig", newline="")
     # Spaces before a quote belong to nobody, unless they are the separator.
-    reader = csv.reader(text, delimiter=separator, skipinitialspace=separator != " ", strict=True)
+    reader = csv.reader(_lines(text), delimiter=separator, skipinitialspace=separator != " ", strict=True)
     try:
         while True:
             number = reader.line_num + 1
@@ -172,6 +174,19 @@ def _rows(file: BinaryIO, separator: str) -> Generator[tuple[int, list[str]]]:
             yield number, row
     finally:
         text.detach()  # the file is the caller's to close
+
+
+def _lines(text: io.TextIOWrapper) -> Iterator[str]:
+    """None so long that to take it apart would keep the interpreter from all others."""
+    for number in itertools.count(1):
+        line = text.readline(LINE_CHARACTERS + 1)
+        if len(line) > LINE_CHARACTERS:
+            raise InputError(f"row {number}: not CSV: more than {LINE_CHARACTERS} characters in a line")
+        if not line:
+            return
+        if number > MAX_LINES:
+            raise InputError(f"row {number}: there are more than {MAX_LINES} lines")
+        yield line
 
 
 def _no_text(number: int, exc: UnicodeDecodeError) -> InputError:

@@ -214,14 +214,14 @@ class Ownership:
 
         Raises:
             ConflictError: somebody else owns it, or may alone.
-            UnavailableError: see `RobotLink.require_awake`.
+            UnavailableError: see `Heartbeat.require_awake`.
         """
         client = CLIENT.get()
         self.lease.require_not_lost(client)
         if self.owner is not None:
             raise ConflictError(f"the robot is in use by {self.owner}")
         self.lease.require(client)
-        self._link.require_awake()
+        self._link.heartbeat.require_awake()
         now_s, fraction = self._link.clock.now_s(), self.speed_override.fraction
         job = self.jobs.new(kind, name)
         self._sequence = SequenceClaim(name, token, client, now_s, fraction, job)
@@ -235,7 +235,7 @@ class Ownership:
         """
         sequence, self._sequence = self._sequence, None
         if sequence is not None:
-            self._end(sequence.job, error, stopped=isinstance(error, MotionStopped))
+            self.end(sequence.job, error, stopped=isinstance(error, MotionStopped))
             self.speed_override.restore(sequence.fraction)
         self.speed_override.reset()
         self.lease.renew()
@@ -289,7 +289,8 @@ class Ownership:
     def _lease_ended(self) -> None:
         self.speed_override.restore(self._fraction)
 
-    def _end(self, job: Job, error: BaseException | None, *, stopped: bool) -> None:
+    def end(self, job: Job, error: BaseException | None = None, *, stopped: bool = False) -> None:
+        """A job has ended, and why it has not arrived; `stopped`: by somebody's will."""
         if error is not None:
             job.fail(error)
         if not job.failed:
@@ -318,10 +319,10 @@ class Ownership:
 
         Raises:
             ConflictError: somebody else owns it.
-            UnavailableError: see `RobotLink.require_awake`.
+            UnavailableError: see `Heartbeat.require_awake`.
         """
         self.require_free(caller.token)
-        self._link.require_awake()
+        self._link.heartbeat.require_awake()
         clock, override, job = self._link.clock, self.speed_override, caller.job
         claim = Claim(caller.name, self._link.stops, override, clock, clock.now_s(), CLIENT.get(), job)
         if self.stops != caller.stops:
@@ -339,7 +340,7 @@ class Ownership:
         finally:
             self._claim = None
             if job is not None:
-                self._end(job, error, stopped=isinstance(claim.interruption, MotionStopped))
+                self.end(job, error, stopped=isinstance(claim.interruption, MotionStopped))
             self.lease.renew()
             claim.ended.set()
             logs.bind(motion=None)

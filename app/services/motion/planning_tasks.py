@@ -6,13 +6,16 @@ They alone import the planners, when they are called: the service, which only na
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import TypeVar
 
-from cobot.errors import CobotError
+from cobot.errors import CobotError, InputError
 from cobot.findings import Explanation
 from cobot.motions.forecast import Forecast
 from cobot.motions.requests import Blended, Envelope, MotionRequest, RatedMove, WaypointRequest
 from cobot.motions.stretches import Leg, Stretch
+from cobot.recording.path import RecordedPath
 from cobot.robot.description import RobotDescription
 from cobot.robot.scene import Scene
 from cobot.robot.tool import Tool
@@ -21,6 +24,7 @@ from cobot.types import Array
 
 Result = TypeVar("Result")
 PlanRequest = MotionRequest | WaypointRequest | RatedMove
+LegRequest = RatedMove | MotionRequest
 
 
 def planned(robot: RobotDescription, request: PlanRequest) -> Trajectory | None:
@@ -54,6 +58,19 @@ def rated(robot: RobotDescription, move: RatedMove) -> Leg | None:
     from cobot.planners.rated import plan_rated
 
     return plan_rated(robot, move)
+
+
+def leg(robot: RobotDescription, request: LegRequest, envelope: Envelope) -> Leg | None:
+    """A motion of the queue: see `rated`, or `cobot.planners.plan` within these limits."""
+    if isinstance(request, RatedMove):
+        return rated(robot, request)
+    from cobot.planners import plan
+    from cobot.planners.joined import leg_of
+    from cobot.planners.rated import with_envelope
+
+    slower = with_envelope(robot, envelope)
+    motion = plan(slower, request)
+    return None if motion is None else leg_of(slower, request, motion)
 
 
 def begun(
@@ -113,6 +130,21 @@ def pictured(robot: RobotDescription, joints: Array, poses: Array) -> bytes:
     from cobot.planners.picture import picture
 
     return picture(robot, joints, poses)
+
+
+def recorded(robot: RobotDescription, path: Path, samples: int) -> RecordedPath:
+    """See `cobot.recording.reader.read_path`; and where the TCP was.
+
+    Raises:
+        InputError: it is of an arm with another number of joints.
+    """
+    from cobot.recording.reader import read_path
+
+    found = read_path(path, samples)
+    dof = found.joints.shape[1]
+    if dof != robot.limits.dof:
+        raise InputError(f"{path.name}: is of an arm with {dof} joints, this one has {robot.limits.dof}")
+    return replace(found, poses=robot.model.poses(found.joints))
 
 
 def explained(

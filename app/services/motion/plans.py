@@ -13,10 +13,15 @@ from typing import TypeVar
 
 import numpy as np
 
-from app.services.motion.execution import Goal, MotionService, Outcome, check_radii
+from app.services.jobs.job import Job
+from app.services.motion.execution import MotionService
+from app.services.motion.goals import Goal, Goals, check_radii
+from app.services.motion.moves import MoveService, Outcome
 from app.services.motion.ownership import Caller
+from app.services.motion.plan import QUEUED_TOLERANCE_RAD, Plan
 from app.services.motion.planning import PlanningService
 from app.services.motion.planning_tasks import described, explained, forecast, planned
+from app.services.motion.queue_moves import QueueRequest
 from cobot.access.roles import acting
 from cobot.clock import Clock
 from cobot.config import PlanningSection
@@ -31,15 +36,12 @@ from cobot.errors import (
 from cobot.motions.fence import Fence
 from cobot.motions.forecast import Forecast
 from cobot.motions.requests import MotionRequest
+from cobot.motions.stretches import Leg
 from cobot.robot.description import RobotDescription
 from cobot.robot.limits import check_positions
 from cobot.strict import shown
 from cobot.trajectory import Trajectory
-from cobot.types import Array, JointLimits
-
-START_TOLERANCE_RAD = 1e-6
-"""How far a joint may be from where a plan begins: a plan is run as it is, what is off would be a jump."""
-
+from cobot.types import Array
 
 ANSWER_S = 1.0
 """Of an endpoint's time, what explaining leaves for what it has begun and for the answer."""
@@ -61,31 +63,6 @@ class PlanOptions:
     start: list[float] | None = None
     samples: int = 50
     explain: bool = True
-
-
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """A plan that can be run.
-
-    Attributes:
-        start: where it begins, shape (dof,), rad.
-        limits: of the joints, as they were when it was made.
-        made_s: when that was, on the service's clock.
-        scene: the version of the scene that it was made for.
-        tool: that of the tool.
-        planners: that it was asked of.
-        by: who has asked.
-    """
-
-    plan_id: str
-    start: Array
-    forecast: Forecast
-    limits: JointLimits
-    made_s: float
-    scene: int = 0
-    tool: int = 0
-    planners: frozenset[str] = frozenset()
-    by: str = ""
 
 
 class _Attempt:
@@ -142,13 +119,17 @@ class PlanService:
         self,
         robot: RobotDescription,
         clock: Clock,
+        goals: Goals,
         motion: MotionService,
+        moves: MoveService,
         planning: PlanningService,
         settings: PlanningSection,
     ) -> None:
         self._robot = robot
         self._clock = clock
+        self._goals = goals
         self._motion = motion
+        self._moves = moves
         self._planning = planning
         self._kept = settings.kept_plans
         self._explain_s = settings.explain_s
@@ -162,7 +143,7 @@ class PlanService:
         """Plan one motion, or several as one; nothing moves.
 
         Args:
-            radii_m: as for `MotionService.move_sequence`.
+            radii_m: as for `MoveService.move_sequence`.
 
         Raises:
             ConflictError: the arm moves and there is no `start`.
@@ -182,7 +163,8 @@ class PlanService:
         tool = self._robot.model.tool.version
         planners = frozenset(str(goal.planner) for goal in goals)
         made_s, by = self._clock.now_s(), acting.get().name
-        plan = Plan(secrets.token_hex(8), begin, found, limits, made_s, scene, tool, planners, by)
+        number, motions = secrets.token_hex(8), len(goals)
+        plan = Plan(number, begin, found, limits, made_s, scene, tool, planners, by, motions)
         self._plans[plan.plan_id] = plan
         self._forget()
         return plan
@@ -190,13 +172,13 @@ class PlanService:
     async def _forecast(self, goals: Sequence[Goal], radii_m: Sequence[float], attempt: _Attempt) -> Forecast:
         begin, samples = attempt.begin, attempt.asked.samples
         if len(goals) == 1:
-            request = self._motion.request(goals[0], begin)
+            request = self._goals.request(goals[0], begin)
             return await attempt.of(request, partial(forecast, request=request, samples=samples))
 
         async def plan(request: MotionRequest) -> Trajectory | None:
             return await attempt.of(request, partial(planned, request=request))
 
-        trajectory = await self._motion.sequence(goals, radii_m, begin, plan, attempt.compute)
+        trajectory = await self._moves.sequence(goals, radii_m, begin, plan, attempt.compute)
         return await attempt.compute(partial(described, trajectory=trajectory, start=begin, samples=samples))
 
     def kept(self) -> list[Plan]:
@@ -234,36 +216,38 @@ class PlanService:
             ConflictError, UnavailableError: somebody else moves the arm, or it is not ready.
         """
         plan = self.get(plan_id)
-        require = partial(self._require_same, plan)
-        return await self._motion.run(plan.forecast.trajectory, require, caller, fence)
 
-    def _require_same(self, plan: Plan, joints: Array) -> None:
-        for quantity in JointLimits.QUANTITIES:
-            before, now = getattr(plan.limits, quantity), getattr(self._robot.limits, quantity)
-            for joint in np.flatnonzero(before != now)[:1]:
-                name = plan.limits.names[int(joint)]
-                raise ConflictError(
-                    f"plan {plan.plan_id}: {quantity} of {name} was {before[joint]:g} when it was "
-                    f"made and is {now[joint]:g} now; allowed is no difference; plan again"
-                )
-        for what, before, now in (
-            ("scene", plan.scene, self._robot.collision.scene.version),
-            ("tool", plan.tool, self._robot.model.tool.version),
-        ):
-            if before != now:
-                raise ConflictError(
-                    f"plan {plan.plan_id}: the {what} had version {before} when it was made and has version "
-                    f"{now} now; plan again"
-                )
-        off = joints - plan.start
-        worst = int(np.abs(off).argmax())
-        if abs(off[worst]) > START_TOLERANCE_RAD:
-            unit = plan.limits.unit(worst)
-            raise ConflictError(
-                f"plan {plan.plan_id}: {plan.limits.names[worst]} is at {joints[worst]:.6f} {unit}, "
-                f"{abs(off[worst]):.3g} {unit} from {plan.start[worst]:.6f} {unit} where the plan begins; "
-                f"allowed are {START_TOLERANCE_RAD:g} {unit}; go there, or plan again"
-            )
+        def require(joints: Array) -> None:
+            plan.require_unchanged(self._robot)
+            plan.require_start(joints)
+
+        return await self._moves.run(plan.forecast.trajectory, require, caller, fence)
+
+    def queued(self, plan_id: str, job: Job, radius_m: float) -> QueueRequest:
+        """A plan that is to be run in its turn, if all is as it was then too.
+
+        Raises:
+            NotFoundError: there is no such plan, or no more.
+            ConflictError: a limit, the scene or the tool is not what it was.
+        """
+        plan = self.get(plan_id)
+        trajectory, same = plan.forecast.trajectory, partial(plan.require_unchanged, self._robot)
+        same()
+
+        def begun(start: Array) -> Leg | None:
+            plan.require_start(start, "will be", QUEUED_TOLERANCE_RAD)
+            return None if trajectory is None else Leg(trajectory, plan.limits, None)
+
+        return QueueRequest(
+            f"plan {plan_id}",
+            [begun],
+            radius_m,
+            job=job,
+            exact=True,
+            midway=False,
+            count=plan.motions,
+            require_valid=same,
+        )
 
     def _given(self, start: list[float]) -> Array:
         limits = self._robot.limits

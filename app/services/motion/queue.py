@@ -4,6 +4,9 @@ The queue owns the right to move from the first move that it accepts until it ha
 executed as one motion, which is prolonged while the arm moves, see `queue_motion`. A move with a blend radius
 that takes no more than `SHORT_S` is held back for `BLEND_WAIT_S`, and each further one renews that: the next
 one could not be planned in time.
+
+A move that has not begun can be taken out. What waits behind it is planned anew from where it begins then.
+Where the motion under way leads to it already, the arm rests on its path first.
 """
 
 from __future__ import annotations
@@ -13,16 +16,16 @@ import contextlib
 import logging
 import math
 from collections import deque
-from collections.abc import Callable
-from functools import partial
-from itertools import islice
+from collections.abc import Sequence
 
-from app.services.jobs.job import JobKind
+import numpy as np
+
+from app.services.jobs.job import Job, JobKind
 from app.services.motion.execution import MotionService
 from app.services.motion.ownership import Caller, Claim, Ownership
 from app.services.motion.planning import PlanningService
-from app.services.motion.planning_tasks import rated
-from app.services.motion.queue_motion import IDLE, QueuedMove, QueueMotion
+from app.services.motion.queue_motion import IDLE, QueueMotion
+from app.services.motion.queue_moves import Left, MovePlanner, QueuedMove, QueueRequest, head
 from app.services.motion.tool_and_limits import RobotSettings
 from app.services.state.link import POLL_S, RobotLink
 from cobot.errors import (
@@ -32,17 +35,16 @@ from cobot.errors import (
     InputError,
     MotionStopped,
 )
-from cobot.motions.requests import RatedMove
 from cobot.types import Array
 
 BLEND_WAIT_S = 0.25
 SHORT_S = 1.0
 AT_ONCE = 8
-"""So many moves are joined at the most in one task of a planning process."""
+"""So many motions are joined at the most in one task of a planning process; of a sequence all that it has."""
 SHOWN_S = 0.2
 """An accepted move is shown as under way for so long at least: clients poll, and some moves are none."""
 CAPACITY = 500
-PLAN_TIMEOUT_S = 20.0
+"""So many motions wait at the most."""
 LARGEST_NUMBER = 2**31 - 1
 NAME = "the motion queue"
 
@@ -67,13 +69,13 @@ class MotionQueue:
         self._link = link
         self._ownership = ownership
         self._motion = motion
-        self._planning = planning
         self._turn = asyncio.Lock()
         self._claim: Claim | None = None
         self._token: str | None = None
         self._runner: asyncio.Task[None] | None = None
         self._waiting: deque[QueuedMove] = deque()
-        self._running = QueueMotion(link, motion, planning, settings)
+        self._planner = MovePlanner(link.clock, motion, planning, settings)
+        self._running = QueueMotion(link, ownership, motion, self._planner)
         self._last: QueuedMove | None = None
         self._end: Array | None = None
         self.last_error = ""
@@ -86,15 +88,17 @@ class MotionQueue:
     @property
     def size(self) -> int:
         """How many moves have been accepted and have not ended."""
-        return len(self._waiting) + len(self._running.left)
+        return len(self._all)
+
+    @property
+    def _all(self) -> list[QueuedMove]:
+        return [*self._running.left, *self._waiting]
 
     @property
     def current(self) -> int:
         """The number of the move that is under way or next, `IDLE` for none."""
-        if left := self._running.left:
-            return left[0].number
-        if self._waiting:
-            return self._waiting[0].number
+        if moves := self._all:
+            return moves[0].number
         last = self._last
         if last is None:
             return IDLE
@@ -103,25 +107,12 @@ class MotionQueue:
 
     def duration_s(self, number: int) -> float | None:
         """How long a move that has not ended takes at full speed; None if there is no such move."""
-        for move in (*self._running.left, *self._waiting):
-            if move.number == number:
-                return 0.0 if move.leg is None else move.leg.motion.duration_s
-        return None
+        return next((move.duration_s for move in self._all if move.number == number), None)
 
-    async def add(
-        self,
-        name: str,
-        make: Callable[[Array], RatedMove],
-        radius_m: float,
-        stops: int,
-        token: str | None,
-    ) -> int:
+    async def add(self, request: QueueRequest, stops: int, token: str | None) -> int:
         """Plan a move from where the last one ends, and have it executed in its turn.
 
         Args:
-            name: for people.
-            make: the move, from where it starts.
-            radius_m: how far from its end the arm may leave its path, if another move follows in time.
             stops, token: see `Caller`.
 
         Returns:
@@ -133,25 +124,30 @@ class MotionQueue:
             MotionStopped: a stop was requested meanwhile.
             UnavailableError: see `MotionService.ready`.
         """
-        if not radius_m >= 0.0:
-            raise InputError(f"blend_radius must not be negative, got {radius_m:g} m")
+        if not request.radius_m >= 0.0:
+            raise InputError(f"blend_radius must not be negative, got {request.radius_m:g} m")
+        if request.exact and request.radius_m > 0.0:
+            raise InputError("blend_radius: a round corner would spoil a plan, or constraints; use 0")
         async with self._turn:
             if self._claim is not None:
                 self._ownership.require_control()
                 if token != self._token:
                     raise ConflictError(f"the robot is in use by {self._ownership.owner}; wait for it")
-                if self.size >= CAPACITY:
-                    raise ConflictError(f"{CAPACITY} moves are waiting already")
+                waiting = sum(move.request.count for move in self._all)
+                if waiting + request.count > CAPACITY:
+                    raise ConflictError(
+                        f"the motion queue is full: {waiting} moves are waiting already, {CAPACITY} may"
+                    )
                 if stops != self._ownership.stops:
                     raise MotionStopped("a stop was requested while the move was being read")
                 assert self._end is not None
-                return await self._accept(self._claim, name, make, self._end, radius_m)
+                return await self._accept(self._claim, request, self._end)
             with contextlib.ExitStack() as stack:
-                job = self._ownership.new_job(JobKind.QUEUE, name)
+                job = self._ownership.new_job(JobKind.QUEUE, request.name)
                 caller = Caller(NAME, token, stops, math.inf, asyncio.Event(), job)
                 claim = stack.enter_context(self._ownership.claim(caller))
                 state = await self._motion.ready()
-                number = await self._accept(claim, name, make, state.commanded_position, radius_m)
+                number = await self._accept(claim, request, state.commanded_position)
                 # From here the claim belongs to the task that executes the moves.
                 self._claim, self._token = claim, token
                 self._runner = asyncio.create_task(self._run(claim, stack.pop_all()))
@@ -165,60 +161,140 @@ class MotionQueue:
             claim.speed_override.reset()
             await claim.ended.wait()
 
-    async def _accept(
-        self, claim: Claim, name: str, make: Callable[[Array], RatedMove], start: Array, radius_m: float
-    ) -> int:
-        work = partial(rated, move=make(start))
-        leg = await claim.unless_interrupted(self._planning.compute(work, PLAN_TIMEOUT_S))
+    async def cancel(self, job: Job, error: MotionStopped) -> bool:
+        """Take a move out that has not begun; what waits behind it is planned anew.
+
+        Returns:
+            Whether there is such a move.
+        """
+        async with self._turn, self._running.joining:
+            claim = self._claim
+            if claim is None or claim.interruption is not None:
+                return False
+            for move in self._running.moves[1:]:
+                if move.request.job is job:
+                    self._running.drop(claim, move, error)
+                    return True
+            for index, move in enumerate(self._waiting):
+                if move.request.job is job:
+                    del self._waiting[index]
+                    self._running.end(move, error)
+                    start = move.legs[0].motion.start if move.legs else self._end
+                    assert start is not None
+                    await self._plan_anew(claim, index, start)
+                    return True
+        return False
+
+    async def _accept(self, claim: Claim, request: QueueRequest, start: Array) -> int:
         number = 1 if self._last is None else self._last.number % LARGEST_NUMBER + 1
-        self._last = QueuedMove(number, name, leg, radius_m, self._link.clock.now_s())
-        self._end = start if leg is None else leg.motion.end
-        self._waiting.append(self._last)
+        self._last = found = await self._planner.planned(claim, number, request, start)
+        self._end = found.legs[-1].motion.end if found.legs else start
+        self._waiting.append(found)
         self.last_error = ""
+        if (job := request.job) is not None:
+            job.parent = None if claim.job is None else claim.job.id
+            notes = dict.fromkeys(leg.motion.note for leg in found.legs if leg.motion.note)
+            job.queued(found.duration_s, "; ".join(notes))
         return number
 
+    async def _plan_anew(self, claim: Claim, index: int, start: Array) -> None:
+        """What waits from here on begins elsewhere; a move that cannot fails, with all behind it."""
+        while index < len(self._waiting):
+            move = self._waiting[index]
+            if move.legs and np.array_equal(move.legs[0].motion.start, start):
+                return
+            try:
+                if not move.request.anywhere:
+                    raise ConflictError(f"{move.name}: it is given relative to where it was to begin")
+                found = await self._planner.planned(claim, move.number, move.request, start)
+            except CobotError as exc:
+                behind = [self._waiting.pop() for _ in range(len(self._waiting) - index)][::-1]
+                self._running.give_up(behind, exc)
+                break
+            self._waiting[index] = found
+            start = found.legs[-1].motion.end if found.legs else start
+            index += 1
+        self._end = start
+
     async def _run(self, claim: Claim, belongings: contextlib.ExitStack) -> None:
+        error: BaseException | None = asyncio.CancelledError()
         try:
             while True:
-                while chain := await self._next(claim):
-                    await self._execute(claim, chain)
+                while await self._next(claim):
+                    await self._execute(claim)
                 async with self._turn:  # somebody may have been about to add one
                     if not self._waiting:
+                        error = None
                         return
         except CobotError as exc:
+            error = exc
             self.last_error = str(exc)
             log.warning("%sthe motion queue is emptied: %s", self._link.label, exc)
             claim.fail(exc)
             claim.interrupt(exc if isinstance(exc, ExecutionError) else ExecutionError(str(exc)))
             async with self._turn:  # a move that is being planned is refused by now
-                self._waiting.clear()
+                self._empty(claim, exc)
         finally:
-            self._waiting.clear()
+            if error is not None:
+                self._empty(claim, error)
             self._claim = None
             belongings.close()
+            self._running.finish()  # last: who has waited for it may move the arm then
 
-    async def _next(self, claim: Claim) -> list[QueuedMove]:
-        """The moves that a motion begins with, first of those that wait; none if none waits."""
+    def _empty(self, claim: Claim, error: BaseException) -> None:
+        """Nothing of the queue moves any more."""
+        moves = [*self._running.moves, *self._waiting]
+        self._waiting.clear()
+        stop = claim.interruption
+        self._running.give_up(moves, error, stop if isinstance(stop, MotionStopped) else None)
+
+    def _head(self) -> list[QueuedMove]:
+        """Of those that wait the first: what a motion begins with, or goes on with."""
+        return head(self._waiting, AT_ONCE)
+
+    async def _next(self, claim: Claim) -> bool:
+        """Wait until a motion may begin with what waits; False if nothing does."""
         while self._waiting:
             claim.proceed()
-            chain = list(islice(self._waiting, AT_ONCE))
-            last = chain[-1]
-            takes_s = sum(move.leg.motion.duration_s for move in chain if move.leg is not None)
+            chain = self._head()
+            last, legs = chain[-1], sum(len(move.legs) for move in chain)
+            takes_s = sum(move.duration_s for move in chain)
             waited = self._link.clock.now_s() > last.since_s + BLEND_WAIT_S and not self._turn.locked()
-            may_begin = last.radius_m == 0.0 or takes_s > SHORT_S or waited or len(chain) == AT_ONCE
+            may_begin = last.request.radius_m == 0.0 or takes_s > SHORT_S or waited or legs >= AT_ONCE
             if may_begin and not claim.speed_override.paused:
-                return chain
+                return True
             await asyncio.sleep(POLL_S)
-        return []
+        return False
 
-    async def _execute(self, claim: Claim, chain: list[QueuedMove]) -> None:
-        """A motion that begins with these moves, and goes on with those that come while it is under way."""
-        begins = await self._running.begin(claim, chain)
-        self._take(chain)
-        if begins:
-            await self._running.follow(claim, lambda: list(islice(self._waiting, AT_ONCE)), self._take)
+    async def _execute(self, claim: Claim) -> None:
+        """A motion that begins with what waits, and goes on with what comes while it is under way."""
+        async with self._running.joining:  # nobody takes out any of it meanwhile
+            self._running.finish()
+            chain = await self._planner.valid(self._head())
+            begins = await self._running.begin(claim, chain) if chain else False
+            self._take(chain)
+        if not begins:
+            return
+        left = await self._running.follow(claim, self._head, self._take)
+        if self._waiting or self._turn.locked():
+            self._running.finish()
+        if left is not None:
+            async with self._turn:
+                self._waiting.extendleft(reversed(left.moves))
+                await self._go_on_from_here(claim, left)
 
-    def _take(self, chain: list[QueuedMove]) -> None:
+    async def _go_on_from_here(self, claim: Claim, left: Left) -> None:
+        """The arm rests on its path, and what is left begins there."""
+        start = (await self._motion.ready()).commanded_position
+        if not left.begun or left.moves[0].request.midway:
+            await self._plan_anew(claim, 0, start)
+            return
+        name, moves = left.moves[0].name, list(self._waiting)
+        self._waiting.clear()
+        self._running.give_up(moves, ConflictError(f"{name}: it cannot be begun once more amid its path"))
+        self._end = start
+
+    def _take(self, chain: Sequence[QueuedMove]) -> None:
         """These moves wait no more."""
         for _ in chain:
             self._waiting.popleft()

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.services.motion.execution import MotionService
+from app.services.motion.goals import Goals
 from app.services.motion.lease import CLIENT
 from app.services.motion.ownership import Caller, Ownership
 from app.services.motion.planning import PlanningService
@@ -75,6 +76,7 @@ class SceneService:
         self,
         robot: RobotDescription,
         link: RobotLink,
+        goals: Goals,
         motion: MotionService,
         planning: PlanningService,
         stopping: StopService,
@@ -84,6 +86,7 @@ class SceneService:
     ) -> None:
         self._robot = robot
         self._link = link
+        self._goals = goals
         self._motion = motion
         self._planning = planning
         self._stopping = stopping
@@ -165,10 +168,12 @@ class SceneService:
             InputError: a name is the robot's, there is no such frame, or MuJoCo refuses it.
             LimitError: there are too many, or the arm may or can not hold what it would carry.
             NotFoundError: there is no such object, frame or body.
-            ConflictError: something is attached already, or not; or the arm moves; or somebody streams.
+            ConflictError: somebody else has the control; or something is attached already, or not; or the arm
+                moves; or somebody streams.
             UnavailableError: the file cannot be written, or the robot does not answer.
         """
         async with self.turn:
+            self._ownership.require_control()
             state = await self._link.fresh_state(STATE_TIMEOUT_S)
             if moves_hand and state.mode not in RESTING:
                 raise ConflictError(
@@ -226,14 +231,14 @@ class SceneService:
     async def _tell(self, scene: Scene) -> None:
         model = self._robot.model
         if scene.loads == self.scene.loads:
-            await self._link.read_scene(scene.version)
+            await self._link.commands.read_scene(scene.version)
         else:
             whole = carrying(model.tool, scene, model.tcp_in_flange())
-            await self._link.set_tool(whole, scene.version)
+            await self._link.commands.set_tool(whole, scene.version)
 
     async def _stop_if_invalid(self, checker: CollisionChecker) -> str:
         """Stop the motion under way if what is left of it touches something now; why."""
-        state, handed_over = self._link.state(), self._link.handed_over
+        state, handed_over = self._link.state(), self._link.commands.handed_over
         if handed_over is None or (state.mode in RESTING and state.motion_id == handed_over[0]):
             return ""
         motion_id, trajectory = handed_over
@@ -259,7 +264,7 @@ class SceneService:
         """In the base frame, also of a frame that the same change has made."""
         if frame in scene.frames:
             return numbers(compose(_pose(scene.frames[frame]), _pose(pose)))
-        return numbers(self._motion.placed(_pose(pose), frame))
+        return numbers(self._goals.placed(_pose(pose), frame))
 
     def _require_own_name(self, name: str) -> None:
         if name in self._robot.collision.tool.shapes:

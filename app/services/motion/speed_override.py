@@ -7,7 +7,13 @@ import contextlib
 from collections.abc import Callable
 
 from app.services.state.link import POLL_S, RobotLink
-from cobot.errors import ConflictError, ExecutionError, LimitError, UnavailableError
+from cobot.errors import (
+    ConflictError,
+    ExecutionError,
+    LimitError,
+    NotSupportedError,
+    UnavailableError,
+)
 from cobot.types import RESTING
 
 REST_TIMEOUT_S = 3.0
@@ -62,23 +68,30 @@ class SpeedOverride:
         Raises:
             ConflictError: it moves together with other robots.
             LimitError: out of bounds.
+            NotSupportedError: the device moves along whole motions by itself.
             UnavailableError: rtloop does not answer.
         """
         if self.others:
             raise ConflictError("a synchronous motion keeps the speed that it has begun with")
+        self._require_path_clock()
         least, most = FRACTIONS
         if fraction != 0.0 and not least <= fraction <= most:
             raise LimitError(f"the fraction of the speed is 0, or from {least} to {most:g}, got {fraction:g}")
-        self._fraction = fraction
-        self._settle()
+        self._take(fraction)
         await self._apply()
 
     def restore(self, fraction: float) -> None:
         """Who had set it has no say any more. Motions begin so fast now; one held at 0 goes on."""
-        held, self._fraction = self._fraction == 0.0, fraction
-        self._settle()
+        held = self._fraction == 0.0
+        self._take(fraction)
         if held and not self.paused:
             self._restoring = asyncio.get_running_loop().create_task(self._restored())
+
+    def _take(self, fraction: float) -> None:
+        if fraction != self._fraction:
+            self._fraction = fraction
+            self._link.events.publish("speed", fraction=fraction)
+        self._settle()
 
     async def _restored(self) -> None:
         with contextlib.suppress(UnavailableError):  # a new rtloop has no motion that could be held
@@ -91,6 +104,7 @@ class SpeedOverride:
 
         Raises:
             ConflictError: it follows a stream, which has no path.
+            NotSupportedError: the device moves along whole motions by itself.
             UnavailableError: rtloop does not answer.
             ExecutionError: it does not come to rest.
         """
@@ -99,6 +113,7 @@ class SpeedOverride:
     async def _pause(self) -> None:
         if self._link.state().session:
             raise ConflictError("a stream has no path to pause on; end it, or POST /stop")
+        self._require_path_clock()
         self._asked = True
         self._settle()
         await self._apply()
@@ -118,6 +133,14 @@ class SpeedOverride:
         for override in overrides:
             override.reset()
         await asyncio.gather(*(override._apply() for override in overrides))
+
+    def _require_path_clock(self) -> None:
+        known = self._link.device()
+        if known is not None and known[1].capabilities.trajectories:
+            raise NotSupportedError(
+                f"the backend {known[0]} takes whole motions: on its way the arm can be stopped, neither "
+                "slowed down nor paused; use `speed` of the next motion, or POST /stop"
+            )
 
     def reset(self) -> None:
         """There is nothing left that was paused."""
@@ -148,6 +171,6 @@ class SpeedOverride:
 
     async def _apply(self) -> None:
         try:
-            await self._link.set_rate(0.0 if self.paused else self.fraction)
+            await self._link.commands.set_rate(0.0 if self.paused else self.fraction)
         except ExecutionError:
             return  # no motion is running; the next one asks

@@ -20,6 +20,10 @@ END_TIMEOUT_S = 2.0
 MOTION_STOP_S = 5.0
 """So long the end of a motion is waited for that is stopped alone, s: it takes 2.5 s at the most."""
 LATCHED = (LoopMode.ESTOP, LoopMode.FAULT)
+DRIVES_S = 3.0
+"""So long the drives are waited for once the arm is at rest: rtloop gives it 2 s to settle."""
+HELD, FAST = 2, 1
+"""Stop categories of IEC 60204-1, as `POST /stop` takes them."""
 UNMEASURED_S = 0.25
 """Without a measurement for so long, nobody can say that the arm is at rest."""
 
@@ -32,6 +36,8 @@ class Stopped:
         success: whether everything has ended and the arm is known to be at rest.
         stopped: what was ended, for people.
         position: measured, rad; None when rtloop does not answer.
+        category: of IEC 60204-1, as it was carried out: 2 the drives hold the arm, 1 they are off.
+        confirmed: whether the device itself says so; if not, cobot has seen the arm at rest.
     """
 
     success: bool
@@ -40,6 +46,8 @@ class Stopped:
     position: list[float] | None
     at_rest: bool
     duration_s: float
+    category: int = HELD
+    confirmed: bool = False
 
 
 def together(stops: dict[str, Stopped]) -> Stopped:
@@ -54,6 +62,8 @@ def together(stops: dict[str, Stopped]) -> Stopped:
         first.position,
         all(each.at_rest for each in stops.values()),
         max(each.duration_s for each in stops.values()),
+        max(each.category for each in stops.values()),
+        all(each.confirmed for each in stops.values()),
     )
 
 
@@ -72,15 +82,16 @@ class StopService:
         self._following.add(task)
         task.add_done_callback(self._following.discard)
 
-    async def stop(self, timeout_s: float, reason: str = BY_STOP) -> Stopped:
+    async def stop(self, timeout_s: float, reason: str = BY_STOP, category: int = HELD) -> Stopped:
         """End the sequence, the planning and the motion. Never fails: says what it could not confirm.
 
         Args:
             reason: what the motion's owner is told.
+            category: `HELD` or `FAST`.
         """
         begun_s = self._link.clock.now_s()
-        self._link.request_stop()
-        self._link.events.publish("stop", by=str(CLIENT.get()), reason=reason)
+        self._link.request_stop(fast=category == FAST)
+        self._link.events.publish("stop", by=str(CLIENT.get()), reason=reason, category=category)
         orphan = self._orphan()
         claim = self._ownership.stop(reason)
         motion = str(claim) if claim else None
@@ -93,6 +104,7 @@ class StopService:
         if at_rest and claim is not None:  # who has stopped the arm may want to move it next
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(claim.ended.wait(), END_TIMEOUT_S)
+        carried_out, confirmed = await self._carried_out(category, begun_s + timeout_s - 0.5, problems)
         told = "stopped" if at_rest else "told to stop:"
         done = f"{told} {' and '.join(stopped)}" if stopped else "nothing was running"
         where = "the arm is at rest" if at_rest else "the arm is NOT known to be at rest"
@@ -103,7 +115,36 @@ class StopService:
             None if state is None else state.position.tolist(),
             at_rest,
             self._link.clock.now_s() - begun_s,
+            carried_out,
+            at_rest and confirmed,
         )
+
+    async def _carried_out(self, category: int, until_s: float, problems: list[str]) -> tuple[int, bool]:
+        """Which category it has become, once the drives are off if so; whether the device says so."""
+        until_s = min(until_s, self._link.clock.now_s() + DRIVES_S)
+        while True:
+            named = self._link.device()
+            if named is None:
+                return HELD, False
+            backend, device = named
+            stops = device.capabilities.stops
+            if category == HELD:
+                return HELD, stops.get(HELD, False)
+            if device.drives_off:
+                return FAST, stops.get(FAST, False)
+            if FAST not in stops:
+                problems.append(f"the drives hold the arm: the backend {backend} has no stop category 1")
+                return HELD, stops.get(HELD, False)
+            if self._link.clock.now_s() >= until_s:
+                problems.append(f"the drives are NOT known to be off: {self._reason()}")
+                return HELD, False
+            await asyncio.sleep(POLL_S)
+
+    def _reason(self) -> str:
+        try:
+            return self._link.state().reason
+        except UnavailableError as exc:
+            return str(exc)
 
     async def stop_motion(self, reason: str, timeout_s: float = MOTION_STOP_S) -> None:
         """End what moves the arm now, whosever it is; returns when it rests.
@@ -134,11 +175,11 @@ class StopService:
         or program that has slept through it ends.
 
         Raises:
-            ConflictError, NotReadyError, UnavailableError: see `RobotLink.reset`.
+            ConflictError, NotReadyError, UnavailableError: see `Commands.reset`.
         """
         if self._link.state().mode in LATCHED:
             await self._sequences.stop()
-        await self._link.reset(timeout_s)
+        await self._link.commands.reset(timeout_s)
         self._link.events.publish("reset", by=str(CLIENT.get()))
 
     def _orphan(self) -> str | None:

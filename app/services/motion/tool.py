@@ -153,7 +153,7 @@ class ToolService:
         before = self.tool
         await asyncio.to_thread(self._file.write, tool)
         try:
-            await self._link.set_tool(self._carried(tool), self._scene.scene.version)
+            await self._link.commands.set_tool(self._carried(tool), self._scene.scene.version)
         except CobotError as exc:
             await asyncio.to_thread(self._file.write, before)
             if isinstance(exc, ExecutionError):
@@ -186,7 +186,7 @@ class ToolService:
                     return
                 had = self._link.tool_version, self._link.scene_version
                 wanted = self._robot.model.carried, self._scene.scene.version
-                await self._link.set_tool(*wanted)
+                await self._link.commands.set_tool(*wanted)
                 versions = f"{had[0]} and {had[1]}, not {wanted[0].version} and {wanted[1]}"
                 log.warning(
                     "%srtloop carried another tool or knew another scene (versions %s): no more",

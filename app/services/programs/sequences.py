@@ -35,6 +35,8 @@ from cobot.launch.process import RUN_MODULE
 from cobot.logs import printable
 
 LINE_BYTES = 65536
+LINE_CHARACTERS = 2000
+"""Of a line so many are kept: thousands of lines are, and everybody may read hundreds of them at once."""
 PROGRESS = ("iteration", "waypoint", "n_waypoints")
 ERRORS: dict[int, type[CobotError]] = {2: InputError, 4: UnavailableError}
 """What the runner's return codes mean; all others are motions that have failed."""
@@ -298,7 +300,7 @@ class SequenceService:
                 line = b"(a line too long to keep)"
             if not line:
                 return
-            self._lines.append(printable(line.decode("utf-8", "replace").rstrip(), LINE_BYTES))
+            self._lines.append(printable(line.decode("utf-8", "replace").rstrip(), LINE_CHARACTERS))
 
     async def _read_progress(self, stream: asyncio.StreamReader) -> None:
         while line := await stream.readline():

@@ -87,22 +87,24 @@ class HealthService:
         except UnavailableError as exc:
             problems.append(str(exc))
         else:
-            alive = self.alive(state)
+            silence = self._link.silence(state)
             robot |= {"mode": state.mode.name, "reason": state.reason, "settled": state.settled}
             robot |= {"motion_id": state.motion_id, "motion_result": state.motion_result.name}
             rtloop = {
-                "alive": alive,
+                "alive": not silence,
                 "state_age_s": state.age_s,
                 "overruns": state.overruns,
                 "torn_reads": state.torn_reads,
                 **_process(statistics),
             }
+            device = self._link.device()
+            robot |= {"device": None if device is None else device[1].words}
             interventions = dict(zip(KINDS, state.interventions, strict=True))
             last_interventions_s = _seconds_since(state.intervened_ns, self._link.clock.now_ns())
             session = self._session(state)
             cycle_us = _cycle_times(statistics)
-            if not alive:
-                problems.append(f"rtloop (pid {rtloop['pid']}) has been silent for {state.age_s:.1f} s")
+            if silence:
+                problems.append(silence)
             if state.mode in (LoopMode.ESTOP, LoopMode.FAULT):
                 problems.append(f"mode {state.mode.name}: {state.reason}")
         planning = self._planning.status
@@ -131,19 +133,16 @@ class HealthService:
             versions=VERSIONS,
         )
 
-    def alive(self, state: RobotState) -> bool:
-        """Whether rtloop publishes."""
-        return state.age_s <= self._stale_s
-
     def obstacles(self) -> list[str]:
         """Why the robot would not move if it were asked to, in words; empty when it is ready."""
         starting = [] if self._planning.warm else ["the planning processes are starting"]
         try:
             state = self._link.state()
+            silence = self._link.silence(state)
         except UnavailableError as exc:
             return [str(exc), *starting]
-        if not self.alive(state):
-            return [f"the real-time process has been silent for {state.age_s:.1f} s", *starting]
+        if silence:
+            return [silence, *starting]
         if state.mode in (LoopMode.ESTOP, LoopMode.FAULT):
             return [f"mode {state.mode.name}: {state.reason}; see to the cause, then reset it", *starting]
         if state.measured_age_s > self._stale_s:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -45,10 +46,14 @@ class RecordingService:
     Args:
         settings: of the robot.
         default_robot: that the recorder's socket is named after.
+
+    Attributes:
+        reading: held while one is read: one at a time.
     """
 
     def __init__(self, settings: Settings, default_robot: str) -> None:
         self._robot = settings.robot.name
+        self.reading = asyncio.Lock()
         self._store = RecordingStore(settings.recording_folder, settings.recording.max_mb * 1_000_000)
         self._socket = socket_path(default_robot)
         self._memory: RecordingMemory | None = None

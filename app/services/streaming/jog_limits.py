@@ -102,7 +102,7 @@ class JogLimits:
     def share(self, position: Array, velocity: Array) -> tuple[float, str]:
         """How much of a velocity is safe here, 0 to 1, and why it is not all of it, "" if it is."""
         share, reason = self._of_limits(position, velocity)
-        near, why = self._of_obstacles(position, velocity)
+        near, why = self.of_obstacles(position, velocity)
         if near < share:
             share, reason = near, why
         return (share, reason) if share < SLOWED else (1.0, "")
@@ -119,7 +119,8 @@ class JogLimits:
         why = f"{name} is at {position[joint]:.2f} {unit}, near its limit of {ends[joint]:.2f} {unit}"
         return float(shares[joint]), why
 
-    def _of_obstacles(self, position: Array, velocity: Array) -> tuple[float, str]:
+    def of_obstacles(self, position: Array, velocity: Array) -> tuple[float, str]:
+        """How much of a velocity is safe for the surroundings' sake, and why it is not all of it."""
         checker = self._robot.collision
         rows = np.stack([position, position + LOOK_S * velocity])
         here, there = checker.clearance.distances(rows, FAR_M)

@@ -283,7 +283,7 @@ class Stand:
         self.clock.sleep(0.03)
         self.link = RobotLink(rig.memory.path.name.removeprefix("cobot-"), 60.0, clock=self.clock)
         self.ownership = Ownership(self.link)
-        self.motion = MotionService(robot, self.link, self.ownership, planning, settings.planning)
+        self.motion = MotionService(robot, self.link, planning)
         self.streams = StreamService(self.link, self.ownership, self.motion, 0.5)
         info = self.streams.info
         info["stiffness"], info["cartesian_stiffness"] = 500.0, [3000.0] * 3 + [200.0] * 3
@@ -666,7 +666,7 @@ def test_a_stop_ends_a_goal_that_waits_for_its_stamp(stand: Stand, how: str, mod
         else:
             stand.link.request_estop()
             await asyncio.sleep(0.05)
-            reset = asyncio.create_task(stand.link.reset(1.0))
+            reset = asyncio.create_task(stand.link.commands.reset(1.0))
             await stand.step_until(reset)
             reset.result()
         await stand.step_until(task)

@@ -31,6 +31,7 @@ BODIES: dict[str, dict[str, Any]] = {
     "/stop": {},
     "/robot/reset": {},
     "/robot/control": {"json": {"timeout_s": 0}},  # refused, too: the tests that follow have no lease
+    "/robot/freedrive": {"json": {"timeout_s": 0}},  # likewise: they have the arm
 }
 WRONG_QUERIES: list[dict[str, object]] = [
     {"limit": 0},
@@ -84,7 +85,7 @@ def test_every_endpoint_that_changes_something_leaves_an_entry(run: VirtualServi
             robot=run.name, Class="RobotConfig", method="setPayload", name="table", job="1"
         )
         plain = re.sub(r"^/robots/[^/]+", "", path)
-        if plain not in BODIES and plain.startswith(("/move", "/reset", "/control")):
+        if plain not in BODIES and plain.startswith(("/move", "/reset", "/control", "/freedrive")):
             plain = f"/robot{plain}"
         status, request = ask(run, method, path, **BODIES.get(plain, {"json": {}}))
         found = entry(run, request)

@@ -17,29 +17,27 @@ from typing import Any
 
 import httpx
 import pytest
+from asgi import ask
 from fastapi import FastAPI
 from virtual import VirtualService, virtual_service
 
 from app.api.samples import SAMPLES, SAMPLES_PATH
 from app.aubo.classes import CLASSES, REGISTRY
 from app.main import create_app
-from cobot.config import Settings
+from cobot.config import ENDPOINTS, Settings
 
-DOCUMENTS = {"/docs": "/openapi.json", "/docs/vendor": "/openapi/vendor.json"}
+DOCUMENTS = {
+    "/docs": "/openapi/robot.json",
+    "/docs/robots": "/openapi/robots.json",
+    "/docs/vendor": "/openapi/vendor.json",
+    "/redoc": "/openapi.json",
+}
+BY_NAME = "/robots/{robot}"
 
 
 @pytest.fixture(scope="module")
 def app(settings: Settings) -> FastAPI:
     return create_app(settings, None, "http://robot.test")
-
-
-def ask(app: FastAPI, path: str) -> httpx.Response:
-    async def request() -> httpx.Response:
-        transport = httpx.ASGITransport(app)
-        async with httpx.AsyncClient(transport=transport, base_url="http://robot.test") as client:
-            return await client.get(path)
-
-    return asyncio.run(request())
 
 
 def operations(document: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -78,7 +76,7 @@ def undescribed(place: str, schema: dict[str, Any], models: dict[str, Any], seen
 
 @pytest.mark.parametrize("path", DOCUMENTS.values())
 def test_every_operation_parameter_and_field_is_described(app: FastAPI, path: str) -> None:
-    document = ask(app, path).json()
+    document = ask(app, "GET", path).json()
     models = document["components"]["schemas"]
     missing = []
     for name, operation in operations(document):
@@ -94,40 +92,61 @@ def test_every_operation_parameter_and_field_is_described(app: FastAPI, path: st
     assert sorted(set(missing)) == []
 
 
-def test_the_page_of_the_rest_api_has_that_alone_and_its_first_group_open(app: FastAPI) -> None:
-    document = ask(app, DOCUMENTS["/docs"]).json()
-    paths = list(document["paths"])
-    assert not [path for path in paths if path.startswith("/{robot}/")]
-    assert len(list(operations(document))) < 120
-    page = ask(app, "/docs").text
+@pytest.mark.parametrize("page", DOCUMENTS)
+def test_each_page_shows_its_own_document(app: FastAPI, page: str) -> None:
+    assert re.search(rf"""(?:url: |spec-url=)['"]{DOCUMENTS[page]}['"]""", ask(app, "GET", page).text)
+
+
+def test_the_page_of_the_rest_api_has_each_operation_once_and_its_first_group_open(app: FastAPI) -> None:
+    document = ask(app, "GET", DOCUMENTS["/docs"]).json()
+    served = {name for name in ENDPOINTS if "{Class}" not in name and not name.startswith("WS ")}
+    assert {name for name, _ in operations(document)} == served
+    page = ask(app, "GET", "/docs").text
     assert '"docExpansion": "none"' in page
     assert '["operations-tag", "robot"], true' in page
     assert document["tags"][0]["name"] == "robot"
-    assert "(/docs/vendor)" in document["info"]["description"]
+    groups = [operation["tags"] for _, operation in operations(document)]
+    assert {tag for tags in groups for tag in tags} == {tag["name"] for tag in document["tags"]}
+    assert groups.count(["robot"]) < 25, "what is open at first is what most people come for"
+    for link in ("(/docs/vendor)", "(/docs/robots)"):
+        assert link in document["info"]["description"]
+
+
+def test_the_page_of_any_robot_has_the_same_with_its_name_in_the_same_groups(app: FastAPI) -> None:
+    plain, named, whole = (
+        ask(app, "GET", DOCUMENTS[page]).json() for page in ("/docs", "/docs/robots", "/redoc")
+    )
+    groups = {operation["operationId"]: operation["tags"] for _, operation in operations(plain)}
+    found = dict(operations(named))
+    assert len(found) > 50
+    for name, operation in found.items():
+        assert f" {BY_NAME}/" in name
+        assert operation["tags"] == groups[operation["operationId"].removesuffix("_of")], name
+    assert set(dict(operations(whole))) == set(found) | set(dict(operations(plain)))
+    assert all(operation["tags"] == ["robots"] for name, operation in operations(whole) if name in found)
 
 
 def test_the_page_of_the_vendor_services_has_those_alone(app: FastAPI) -> None:
-    document = ask(app, DOCUMENTS["/docs/vendor"]).json()
+    document = ask(app, "GET", DOCUMENTS["/docs/vendor"]).json()
     found = {tuple(path.split("/")[2:]) for path in document["paths"]}
     assert found == set(REGISTRY)
     assert [tag["name"] for tag in document["tags"]] == list(CLASSES)
     assert all(operation["tags"][0] in CLASSES for _, operation in operations(document))
-    page = ask(app, "/docs/vendor").text
-    assert "url: '/openapi/vendor.json'" in page
+    page = ask(app, "GET", "/docs/vendor").text
     assert page.index('<a href="/docs">') < page.index("swagger-ui-bundle.js"), "first painted, then run"
     assert '"docExpansion": "none"' in page
 
 
 @pytest.mark.parametrize("path", DOCUMENTS.values())
 def test_no_document_refers_to_what_it_does_not_have(app: FastAPI, path: str) -> None:
-    text = ask(app, path).text
+    text = ask(app, "GET", path).text
     components = json.loads(text)["components"]
     for kind, name in re.findall(r'"#/components/(\w+)/([^"]+)"', text):
         assert name in components[kind]
 
 
 def test_every_upload_says_where_a_sample_is(app: FastAPI) -> None:
-    document = ask(app, "/openapi.json").json()
+    document = ask(app, "GET", "/openapi.json").json()
     models = document["components"]["schemas"]
     found = set()
     for name, operation in operations(document):
@@ -142,7 +161,7 @@ def test_every_upload_says_where_a_sample_is(app: FastAPI) -> None:
 
 
 def test_a_sample_that_is_not_there_is_not_found_and_those_that_are_are_listed(app: FastAPI) -> None:
-    answer = ask(app, f"{SAMPLES_PATH}/trajectori.csv")
+    answer = ask(app, "GET", f"{SAMPLES_PATH}/trajectori.csv")
     assert (answer.status_code, answer.json()["code"]) == (404, "not_found")
     assert "did you mean 'trajectory.csv'" in answer.json()["detail"]
 
@@ -184,8 +203,8 @@ def test_a_document_is_made_once_and_anew_when_a_reload_has_changed_the_limits(
         asked = [service.asking("GET", path) for path in DOCUMENTS.values() for _ in range(3)]
         return await asyncio.gather(*asked)
 
-    assert len({answer.content for answer in service.run(together())}) == 2
-    assert made == 4, "that of the vendor services is made of the other"
+    assert len({answer.content for answer in service.run(together())}) == len(DOCUMENTS)
+    assert made == 2 + len(DOCUMENTS), "those of the pages are made of the whole one"
 
 
 def test_the_sample_trajectory_runs_from_anywhere(service: VirtualService) -> None:

@@ -29,7 +29,7 @@ from cobot.config import Settings
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import inverse
 from cobot.types import Array, LoopMode, Pose
-from rtloop.main import _describe
+from rtloop.main import describe
 
 CLASS = "ForceControl"
 DOWN = [False, False, True, False, False, False]
@@ -43,12 +43,12 @@ class Bench:
         home = np.array(robot.positions["home"].joints)
         goal = Pose(np.array([0.5, 0.0, HEIGHT_M]), robot.model.forward(home).quaternion)
         self.rig = Rig(settings, robot, simulated=True, start=inverse(robot.model, goal, home))
-        _describe(self.rig.memory, robot, self.rig.simulation)
+        describe(self.rig.memory, robot, self.rig.simulation)
         self.rig.step(50)
         self.link = RobotLink(self.rig.memory.path.name.removeprefix("cobot-"), 60.0)
         self.ownership = Ownership(self.link)
         self.planning = PlanningService(None, 1)
-        motion = MotionService(robot, self.link, self.ownership, self.planning, settings.planning)
+        motion = MotionService(robot, self.link, self.planning)
         self.streams = StreamService(self.link, self.ownership, motion, 0.5)
         url, tokens = "http://robot.test", no_tokens()
         sequences = SequenceService(self.ownership, self.link, settings.sequences, url, 1.0, tokens)

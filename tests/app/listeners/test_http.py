@@ -429,6 +429,21 @@ def test_half_open_connections_make_room(own: Service) -> None:
         connection.close()
 
 
+@pytest.mark.parametrize(
+    "request_bytes",
+    [b"", GET, b"POST /slow HTTP/1.1\r\nHost: h\r\nContent-Length: 9\r\n\r\nx"],
+    ids=["nothing", "header", "body"],
+)
+def test_who_has_to_make_room_is_told_and_not_just_cut_off(own: Service, request_bytes: bytes) -> None:
+    with contextlib.ExitStack() as stack:
+        asking = [stack.enter_context(own.connect()) for _ in range(LIMITS.connections_per_address)]
+        for connection in asking:
+            connection.sendall(request_bytes)
+        assert own.ask(STOP) == (200, b"0")
+        assert refusal(answer(asking[0])) == (503, "busy")
+        assert closed(asking[0])
+
+
 def test_the_service_accepts_again_when_descriptors_had_run_out(own: Service) -> None:
     """All that the process has left are taken away for a moment."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
@@ -574,8 +589,12 @@ def test_an_upgrade_that_is_no_handshake_is_given_up(service: Service) -> None:
     ],
     ids=["answered", "header", "body", "large", "pipelined", "refused", "WebSocket", "no WebSocket"],
 )
-def test_a_connection_leaves_nothing_to_the_garbage_collector(own: Service, request_bytes: bytes) -> None:
-    """It would hold the loop for a tenth of a second after a flood. Oracle: all objects that Python has."""
+@pytest.mark.parametrize("reset", [False, True], ids=["closed", "reset"])
+def test_a_connection_leaves_nothing_to_the_garbage_collector(request_bytes: bytes, reset: bool) -> None:
+    """It would hold the loop for a tenth of a second after a flood, and who is reset after an answer was kept
+    for as long as it might have idled. Oracle: all objects that Python has.
+    """
+    own = Service(LIMITS.model_copy(update={"idle_timeout_s": 3600.0}))
     gc.collect()
     gc.disable()
     try:
@@ -584,6 +603,9 @@ def test_a_connection_leaves_nothing_to_the_garbage_collector(own: Service, requ
                 connection.sendall(request_bytes)
                 if request_bytes.endswith(b"\r\n\r\n"):
                     answer(connection)
+                if reset:
+                    connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         until(lambda: not any(isinstance(each, HttpProtocol | StreamProtocol) for each in gc.get_objects()))
     finally:
         gc.enable()
+        own.close()

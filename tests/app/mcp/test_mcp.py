@@ -98,6 +98,13 @@ def test_the_official_client_finds_tools_resources_and_prompts(service: VirtualS
     assert {prompt.name for prompt in prompts} == {"move_safely", "diagnose"}
 
 
+@pytest.mark.parametrize("method", ["GET", "PUT", "DELETE"])
+def test_nothing_but_post_is_taken(service: VirtualService, method: str) -> None:
+    """The body of a GET, which nobody counts, would be kept whole, however long it goes on."""
+    answer = service.ask(method, "/mcp/mcp", content=b"{}")
+    assert (answer.status_code, answer.headers["allow"]) == (405, "POST")
+
+
 def test_an_agent_sees_where_the_arm_is(service: VirtualService) -> None:
     state = Agent(service).call("get_state")
     np.testing.assert_allclose(state["joints"]["position"], service.joints(), atol=1e-3)
@@ -317,3 +324,47 @@ def read_png(content: bytes) -> np.ndarray:
     found = np.frombuffer(zlib.decompress(rows), np.uint8).reshape(shape[0], 1 + 3 * shape[1])
     assert not found[:, 0].any()
     return found[:, 1:].reshape(*shape, 3)
+
+
+def test_a_client_that_leaves_in_the_middle_of_its_request_leaves_no_traceback(
+    service: VirtualService, caplog: pytest.LogCaptureFixture
+) -> None:
+    """And one that sends its request in pieces is answered."""
+
+    def asked(*messages: dict[str, Any]) -> list[Any]:
+        sent: list[Any] = []
+        coming = iter(messages)
+
+        async def receive() -> Any:
+            return next(coming, {"type": "http.disconnect"})
+
+        async def send(message: Any) -> None:
+            sent.append(message)
+
+        headers = {"host": "localhost", "content-type": "application/json"}
+        headers["accept"] = "application/json, text/event-stream"
+        scope: dict[str, Any] = {
+            "type": "http",
+            "http_version": "1.1",
+            "method": "POST",
+            "scheme": "http",
+            "path": "/mcp/mcp",
+            "raw_path": b"/mcp/mcp",
+            "root_path": "",
+            "query_string": b"",
+            "headers": [(name.encode(), value.encode()) for name, value in headers.items()],
+            "client": ("127.0.0.1", 4000),
+            "server": ("127.0.0.1", 8007),
+        }
+        service.run(service.app(scope, receive, send))
+        return sent
+
+    hello = {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"name": "x", "version": "1"}}
+    body = json.dumps({"jsonrpc": "2.0", "id": 1, "method": "initialize", "params": hello}).encode()
+    whole = asked(
+        {"type": "http.request", "body": body[:20], "more_body": True},
+        {"type": "http.request", "body": body[20:], "more_body": False},
+    )
+    assert whole[0]["status"] == 200, whole
+    asked({"type": "http.request", "body": body[:20], "more_body": True})
+    assert [record for record in caplog.records if record.exc_info] == []

@@ -139,3 +139,13 @@ def test_it_says_what_is_wrong_and_what_is_possible(
     detail = answer.json()["detail"]
     assert [words for words in said if words not in detail] == [], detail
     assert service.joints() == pytest.approx(before, abs=1e-4)
+
+
+@pytest.mark.parametrize("name", ["run\x1b[2J", "run\n1", "run\x7f", "run\x00"])
+def test_no_folder_has_a_name_that_acts_on_a_terminal(service: VirtualService, name: str) -> None:
+    answer = service.ask(
+        "POST", "/sequences/start", files={"config": ("s.json", b"{}")}, data={"bag_path": name}
+    )
+    assert answer.status_code == 422, answer.text
+    assert "bag_path: string should match pattern" in answer.json()["detail"]
+    assert not (service.config.parent / "recordings" / name.replace("\x00", "")).exists()

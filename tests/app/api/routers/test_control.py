@@ -134,10 +134,71 @@ def test_every_way_to_move_asks_for_it_and_no_way_to_stop_does(run: VirtualServi
     assert run.post("/stop").json()["success"]
 
 
+def test_what_decides_how_its_motions_go_is_its_holders_alone(run: VirtualService) -> None:
+    """And what only tells, or brings the arm to rest, is everybody's."""
+    token = take(run, timeout_s=600.0)
+    ball = {"objects": {"ball": {"shape": "sphere", "radius": 0.05, "x": -0.8, "y": 0.0, "z": 0.9}}}
+    refused = run.post("/scene", ball)
+    assert (refused.status_code, refused.json()["code"]) == (409, "conflict")
+    assert "under the control of anonymous from 127.0.0.1" in refused.json()["detail"]
+    assert run.post("/robot/tool", {"mass": 0.5}).status_code == 409
+    for refused in (
+        run.post("/robot/positions", {"name": "beside", "joints": AWAY}),
+        run.ask("DELETE", "/robot/positions/beside"),
+        run.post("/robot/acknowledge", {"payload_checked": True}),
+    ):
+        assert (refused.status_code, refused.json()["code"]) == (409, "conflict")
+    assert run.get("/scene").json()["objects"] == []
+    slower = [0.5] * 7
+    theirs = (
+        ("RobotConfig", "setJointMaxSpeeds", {"speeds": slower}),
+        ("RobotConfig", "resetLimits", {}),
+        ("IoControl", "setStandardDigitalOutput", {"index": 0, "value": True}),
+        ("ForceControl", "fcSetSensorThresholds", {"thresholds": [5.0] * 6}),
+        ("SyncMove", "frameAdd", {"name": "table", "pose": [0.0] * 6}),
+        ("SyncMove", "frameMove", {"name": "table", "pose": [0.1] * 6}),
+        ("SyncMove", "frameAttach", {"frame": "table"}),
+        ("SyncMove", "frameDelete", {"name": "table"}),
+        ("SyncMove", "frameDeleteAll", {}),
+        ("SyncMove", "axisGroupAdd", {"name": "both", "robots": [run.name]}),
+        ("SyncMove", "axisGroupDelete", {"name": "both"}),
+    )
+    for robot_class, method, fields in theirs:
+        answer = called(run, robot_class, method, **fields)
+        assert answer["code"] == Code.CONFLICT, method
+        assert "under the control of anonymous" in answer["message"]
+        assert called(run, robot_class, method, token=token, **fields)["code"] == 0, method
+    # Or its runProgram would run another one.
+    assert called(run, "RuntimeMachine", "loadProgram", program="other.lua")["code"] == Code.CONFLICT
+    everybodys = (
+        ("RegisterControl", "setBool", {"key": "seen", "value": True}),
+        ("RobotConfig", "getJointMaxSpeeds", {}),
+        ("MotionControl", "stopJoint", {}),
+    )
+    for robot_class, method, fields in everybodys:
+        assert called(run, robot_class, method, **fields)["code"] == 0, method
+    for change in (ball, {"clear": True}):
+        run.ask("POST", "/scene", json=change, headers=shown(token)).raise_for_status()
+    assert called(run, "ForceControl", "fcSetSensorThresholds", token, thresholds=[0.0] * 6)["code"] == 0
+    assert called(run, "RobotConfig", "resetLimits", token)["code"] == 0
+
+
+def test_a_scene_that_somebody_looks_after_changes_during_motions_of_others(run: VirtualService) -> None:
+    """As a camera's does: without a lease nobody has asked to be left alone."""
+    run.post("/trajectory/send", POINTS).raise_for_status()
+    run.sleep(3.0)
+    ball = {"shape": "sphere", "radius": 0.05, "x": -0.8, "y": 0.0, "z": 0.9}
+    assert run.post("/scene", {"objects": {"ball": ball}}).json()["stopped"] == ""
+    assert run.post("/scene", {"clear": True}).status_code == 200
+    assert run.post("/stop").json()["success"]
+
+
 def test_it_expires_when_nothing_moves_and_not_during_a_long_motion(run: VirtualService) -> None:
     token = take(run, timeout_s=2.0)
-    run.ask("POST", "/trajectory/send", json=POINTS, headers=shown(token)).raise_for_status()
-    run.sleep(20.0)
+    first, last = POINTS["points"]
+    long = {"points": [first, last | {"time_from_start": 8.0}]}
+    run.ask("POST", "/trajectory/send", json=long, headers=shown(token)).raise_for_status()
+    run.sleep(6.0)
     assert run.get(PATH).json()["how"] == "explicit"
     run.until(lambda: run.get(PATH).json()["what"] is None)
     run.sleep(1.5)

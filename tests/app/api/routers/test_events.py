@@ -82,6 +82,7 @@ def test_a_stop_is_told_with_who_and_the_motion_that_it_stopped(run: VirtualServ
         assert events.event("stop")["data"] == {
             "by": "anonymous from 127.0.0.1",
             "reason": "stopped by POST /stop",
+            "category": 2,
         }
         stopped = heard(events, "motion", "stopped")
         assert stopped["motion"] == number

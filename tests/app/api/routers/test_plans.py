@@ -58,6 +58,11 @@ def test_a_plan_moves_nothing_and_runs_as_it_says(service: VirtualService) -> No
     assert plan["path"][-1]["time_s"] == plan["duration_s"]
     for use in plan["utilisation"].values():
         assert 0.0 < max(use["share"]) <= 1.0 + 1e-9
+    dense = planned(service, samples=1000)["path"]
+    times, places, rates = (
+        np.array([each[name] for each in dense]) for name in ("time_s", "joints", "velocities")
+    )
+    np.testing.assert_allclose(rates, np.gradient(places, times, axis=0), atol=5e-3)
     assert plan["closest_self"]["distance_m"] >= 0.0045
     answer = post(service, "/robot/execute", {"plan_id": plan["plan_id"]}).json()
     assert answer["success"], answer
@@ -229,3 +234,31 @@ def test_a_pose_is_planned_along_a_line(service: VirtualService) -> None:
     plan = post(service, "/robot/plan/pose", body).json()
     line = np.array([point["position"] for point in plan["path"]])
     np.testing.assert_allclose(line[:, :2], np.tile([at["x"], at["y"]], (7, 1)), atol=5e-4)
+
+
+def test_a_kept_plan_is_shown_as_it_was_answered(service: VirtualService) -> None:
+    at_home(service)
+    plan = planned(service, samples=5)
+    shown = service.get(f"/robot/plans/{plan['plan_id']}").json()
+    assert 0.0 < shown.pop("expires_in_s") <= plan.pop("expires_in_s")
+    assert shown == plan
+    assert service.get("/robot/plans/none").status_code == 404
+
+
+def test_what_becomes_of_plans_is_told(service: VirtualService) -> None:
+    with service.listen("/events?types=plan") as events:
+        plan = planned(service)
+        made = events.event("plan")["data"]
+        assert (made["what"], made["plan"], made["planners"]) == ("made", plan["plan_id"], ["ptp"])
+        assert made["duration_s"] == plan["duration_s"]
+        for approved, what in ((True, "approved"), (False, "withdrawn")):
+            post(service, "/robot/approve", {"plan_id": plan["plan_id"], "approved": approved})
+            told = events.event("plan")["data"]
+            assert (told["what"], told["plan"]) == (what, plan["plan_id"])
+
+
+def test_a_change_of_the_speed_override_is_told_once(service: VirtualService) -> None:
+    with service.listen("/events?types=speed") as events:
+        for fraction in (0.5, 0.5, 1.0):
+            post(service, "/robot/speed_override", {"fraction": fraction})
+        assert [events.event("speed")["data"]["fraction"] for _ in range(2)] == [0.5, 1.0]

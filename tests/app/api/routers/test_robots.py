@@ -5,27 +5,33 @@ Only the services are stand-ins: routes, names, errors and the schema are the ap
 
 from __future__ import annotations
 
-import asyncio
 import dataclasses
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import httpx
 import pytest
+from asgi import ask
 from fastapi import FastAPI
 
 from app.main import create_app
 from app.services.motion.stopping import Stopped, together
 from cobot.addresses import address, path_at
 from cobot.config import load_settings
+from cobot.ipc.device_record import Device
 from cobot.robot.description import RobotDescription
+from cobot.robot.device import Capabilities, DeviceStatus
 
 ROBOTS = """
 robots:
   - {name: left}
   - {name: right-2, joint_limits: slower.yaml}
 """
+
+DEVICE = (
+    "mujoco",
+    Device(Capabilities(impedance=True), DeviceStatus(operation_mode="T1"), 0.5, "", drives_off=False),
+)
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +56,7 @@ class Stopping:
     def __init__(self) -> None:
         self.calls = 0
 
-    async def stop(self, timeout_s: float) -> Stopped:
+    async def stop(self, timeout_s: float, category: int) -> Stopped:
         self.calls += 1
         return Stopped(True, "nothing was running; the arm is at rest", [], [0.0] * 7, True, 0.1)
 
@@ -60,16 +66,9 @@ def services(name: str, robot: RobotDescription) -> Any:
         robot=dataclasses.replace(robot, name=name),
         ownership=SimpleNamespace(stops_before=lambda _: 0),
         stopping=Stopping(),
+        link=SimpleNamespace(device=lambda: DEVICE),
+        positions=SimpleNamespace(all=lambda: list(robot.positions.values())),
     )
-
-
-def ask(app: FastAPI, method: str, path: str, **content: Any) -> httpx.Response:
-    async def request() -> httpx.Response:
-        transport = httpx.ASGITransport(app)
-        async with httpx.AsyncClient(transport=transport, base_url="http://robot.test") as client:
-            return await client.request(method, path, **content)
-
-    return asyncio.run(request())
 
 
 def test_the_robots_are_listed_and_the_first_is_the_default_one(app: FastAPI) -> None:
@@ -79,6 +78,9 @@ def test_the_robots_are_listed_and_the_first_is_the_default_one(app: FastAPI) ->
         ("right-2", False, "/robots/right-2"),
     ]
     assert answer[0]["joint_names"] == [f"joint{i}" for i in range(1, 8)]
+    device = answer[0]["device"]
+    assert (device["backend"], device["able"], device["speed_share"]) == ("mujoco", ["impedance"], 0.5)
+    assert device["status"]["operation_mode"] == "T1"
 
 
 def test_a_path_without_a_name_is_about_the_default_robot_byte_for_byte(app: FastAPI) -> None:

@@ -11,6 +11,7 @@ import itertools
 import json
 import math
 import os
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -45,13 +46,12 @@ class Link:
         self.label, self.stops = "", 0
         self.memory = SimpleNamespace(robot="arm")
         self.clock = SimpleNamespace(now_s=lambda: 1.0, wall_ns=lambda: 10**18)
+        self.heartbeat = SimpleNamespace(require_awake=lambda: None)
         self.motion = 0
         self.path_time_s = 0.0
 
     def streamer(self) -> None:
         return None
-
-    def require_awake(self) -> None: ...
 
     def state(self) -> Any:
         return SimpleNamespace(motion_id=self.motion, path_time_s=self.path_time_s, session=0)
@@ -192,9 +192,8 @@ def test_ten_thousand_jobs_are_bounded_in_memory_and_on_the_disk(
     bench = Bench(file)
     with bench.motion() as outer:  # goes on while all the others come and go
         bench.ownership._claim = None
-        for _ in range(50):  # no faster than the disk takes them
-            newest = [bench.done().id for _ in range(200)][-1]
-            until(lambda: not bench.book._outlet._waiting)  # type: ignore[union-attr]
+        newest = [bench.done().id for _ in range(10_000)][-1]
+        until(lambda: not bench.book._outlet._waiting)  # type: ignore[union-attr]
         assert len(bench.book.records(100_000)) == KEPT + 1
         assert bench.book.find(newest) is not None
         assert bench.book.find(outer.job.id) is not None
@@ -241,3 +240,25 @@ def test_a_book_that_cannot_be_read_is_begun_anew(tmp_path: Path) -> None:
     bench.done()
     assert states(bench.book.records(9)) == ["finished"]
     until(lambda: bench.book.problem)
+
+
+def test_what_waited_while_all_was_written_anew_does_not_come_after_it(tmp_path: Path) -> None:
+    """More changes than the way to the disk has room for, while the disk stands still: no job that has ended
+    is said to go on, and the newest ones are there."""
+    file = tmp_path / "arm.jobs.jsonl"
+    bench = Bench(file)
+    append, gate = bench.book._file.append, threading.Event()  # type: ignore[union-attr]
+
+    def slow(piece: bytes) -> None:
+        gate.wait(WAIT_S)
+        append(piece)
+
+    bench.book._file.append = slow  # type: ignore[method-assign, union-attr]
+    ids = [bench.done().id for _ in range(2 * KEPT)][-KEPT:]
+    assert bench.book._outlet is not None
+    assert bench.book._outlet.dropped > 0
+    gate.set()
+    bench.book._outlet.wait(WAIT_S)
+    bench.book.close()
+    after = {record.id: str(record.state) for record in Bench(file).book.records(KEPT)}
+    assert after == dict.fromkeys(ids, "finished")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import csv
 import io
+import re
 from pathlib import Path
 
 import numpy as np
@@ -176,7 +177,7 @@ def test_white_space_may_be_of_any_length_and_on_either_side() -> None:
     assert "row 3, column joint2: must be a finite number, got 'x'" in refusal(
         f"{HEADER.replace(',', ' ')}\n{' '.join(words)}\n0 x 0 0 0 0 0 4\n", None
     )
-    assert "row 1: not CSV: 200000 characters" in refusal("x" * 200_000, None)
+    assert "row 1: not CSV: more than 65536 characters" in refusal("x" * 200_000, None)
     assert "not UTF-8 text (byte 0xff)" in refusal(HEADER.replace(",", " ").encode() + b"\n\xff", None)
 
 
@@ -236,7 +237,13 @@ def test_rows_are_counted_in_lines_of_the_file() -> None:
         (HEADER.encode("utf-16"), "not UTF-8 text (byte 0xff)"),
         (f"{HEADER}\n".encode() + b"0,\xe9", "row 2 or soon after: not UTF-8 text (byte 0xe9)"),
         (f'{HEADER}\n"0'.encode(), "row 2: not CSV: unexpected end of data"),
-        (b"x" * 200_000, "row 1: not CSV: field larger"),
+        (b"x" * 200_000, "row 1: not CSV: more than 65536 characters in a line"),
+        (b"," * 200_000, "row 1: not CSV: more than 65536 characters in a line"),
+        (f"{HEADER}\n{ROW}\n".encode() + b"0," * 40_000, "row 3: not CSV: more than 65536 characters"),
+        (
+            f'{HEADER}\n"{"9" * 40_000}\n{"9" * 40_000}\n{"9" * 60_000}"'.encode(),
+            "row 2: not CSV: field larger",
+        ),
         (b"", "row 1 is empty"),
         (HEADER.encode(), "the file has a header, but no rows"),
     ],
@@ -280,6 +287,28 @@ def test_rows_too_many_are_refused_before_one_is_taken_apart(monkeypatch: pytest
             with monkeypatch.context() as m:
                 m.setattr(csv_points, "_read", None)
                 assert refusal(f"{HEADER}\n{rows}{behind}") == f"row {row}: there are more than 300 rows"
+
+
+@pytest.mark.parametrize("lines", ["\r" * 10, '"0\n",' * 10, "\n" * 10])
+def test_lines_without_end_are_refused_whatever_they_are(lines: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """15 MB of carriage returns, which are no rows, were read for two minutes."""
+    monkeypatch.setattr(csv_points, "MAX_LINES", 8)
+    assert refusal(f"{HEADER}\n{lines}") == "row 9: there are more than 8 lines"
+    assert refusal(f"{HEADER}\n{lines}", ";").startswith("row 1")
+
+
+def test_what_is_behind_the_last_row_is_not_taken_apart_line_by_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An upload that is nothing but line ends took five seconds to be refused."""
+    looked: list[int] = []
+
+    class Counting:
+        def search(self, chunk: bytes, start: int = 0) -> re.Match[bytes] | None:
+            looked.append(start)
+            return re.search(rb"[0-9]", chunk[start:])
+
+    monkeypatch.setattr(csv_points, "_DIGIT", Counting())
+    assert refusal(b"\n" * 10**6) == "row 1 is empty; it must name the columns"
+    assert len(looked) <= 2
 
 
 def test_the_file_stays_open_for_its_owner() -> None:

@@ -189,7 +189,7 @@ def test_what_rtloop_refuses_is_gone_to_after_a_rest(queue: Queue, monkeypatch: 
     async def refuse(*arguments: Any) -> None:
         raise ExecutionError("it differs from the motion under way")
 
-    monkeypatch.setattr(queue.link, "replace", refuse)
+    monkeypatch.setattr(queue.link.commands, "replace", refuse)
     since, begun = queue.now, queue.motions
     place = queue.joint({0: 0.6}, RADIUS_M)
     queue.http.sleep(0.3)

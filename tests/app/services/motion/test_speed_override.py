@@ -19,11 +19,19 @@ from app.services.motion.execution import MotionService
 from app.services.motion.ownership import Caller, Claim, Ownership, watching
 from app.services.motion.planning import PlanningService
 from app.services.state.link import RobotLink
-from cobot.config import Settings
-from cobot.errors import ConflictError, ExecutionError, LimitError, MotionStopped, MotionTimeout
+from cobot.errors import (
+    ConflictError,
+    ExecutionError,
+    LimitError,
+    MotionStopped,
+    MotionTimeout,
+    NotSupportedError,
+)
+from cobot.ipc.device_record import fill_capabilities
 from cobot.ipc.layout import MotionResult
 from cobot.planners import MotionRequest, plan
 from cobot.robot.description import RobotDescription
+from cobot.robot.device import Capabilities
 from cobot.trajectory import Trajectory
 from cobot.types import LoopMode, PlannerName, Scaling
 
@@ -31,12 +39,12 @@ from cobot.types import LoopMode, PlannerName, Scaling
 class Bench:
     """A rig, and the services that move it."""
 
-    def __init__(self, rig: Rig, robot: RobotDescription, settings: Settings) -> None:
+    def __init__(self, rig: Rig, robot: RobotDescription) -> None:
         self.rig = rig
         self.link = RobotLink(rig.memory.path.name.removeprefix("cobot-"), 60.0)
         self.ownership = Ownership(self.link)
         self.planning = PlanningService(None, 1)
-        self.motion = MotionService(robot, self.link, self.ownership, self.planning, settings.planning)
+        self.motion = MotionService(robot, self.link, self.planning)
         self.goal = rig.home + np.array([0.5, -0.3, 0.2, 0.0, 0.0, 0.4, 0.0])
         made = plan(robot, MotionRequest(rig.home, self.goal, PlannerName.PTP, Scaling(0.5)))
         assert made is not None
@@ -66,9 +74,9 @@ class Bench:
 
 
 @pytest.fixture
-def bench(rig: Rig, robot: RobotDescription, settings: Settings) -> Iterator[Bench]:
+def bench(rig: Rig, robot: RobotDescription) -> Iterator[Bench]:
     rig.step(30)
-    made = Bench(rig, robot, settings)
+    made = Bench(rig, robot)
     yield made
     made.close()
 
@@ -144,7 +152,7 @@ def test_what_waited_in_a_pause_does_not_begin_after_an_estop_and_its_reset(benc
             await bench.during(asyncio.sleep(0.01))
             bench.link.request_estop()
             rig.step(20)
-            await bench.during(bench.link.reset(1.0))
+            await bench.during(bench.link.commands.reset(1.0))
             await bench.during(override.resume())
             with pytest.raises(ExecutionError, match="a stop was requested meanwhile"):
                 await bench.during(going)
@@ -202,3 +210,14 @@ def test_a_stream_cannot_be_paused(bench: Bench) -> None:
         assert not bench.ownership.speed_override.paused
 
     asyncio.run(check())
+
+
+def test_a_device_that_moves_by_itself_is_neither_slowed_down_nor_paused(bench: Bench) -> None:
+    device = bench.rig.memory.device
+    fill_capabilities(device.data, Capabilities(trajectories=True))
+    device.publish()
+    override = bench.ownership.speed_override
+    for asked in (override.set_fraction(0.5), override.pause()):
+        with pytest.raises(NotSupportedError, match="takes whole motions: on its way"):
+            asyncio.run(asked)
+    assert (override.fraction, override.paused) == (1.0, False)

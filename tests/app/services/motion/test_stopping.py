@@ -14,12 +14,13 @@ from cobot.types import LoopMode
 
 
 class Called:
-    """Stands for the link and the sequences, and notes who was asked for what."""
+    """Stands for the link, its commands and the sequences, and notes who was asked for what."""
 
     def __init__(self, mode: LoopMode) -> None:
         self.mode = mode
         self.done: list[str] = []
         self.events = Events().of("left")
+        self.commands = self
 
     def state(self) -> SimpleNamespace:
         return SimpleNamespace(mode=self.mode)

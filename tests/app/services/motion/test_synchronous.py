@@ -41,7 +41,7 @@ class Pair:
             rig.step(30)
             link = self.links[name] = RobotLink(rig.memory.path.name.removeprefix("cobot-"), 60.0)
             ownership = Ownership(link)
-            motion = MotionService(robot, link, ownership, self.planning, settings.planning)
+            motion = MotionService(robot, link, self.planning)
             self.sync.robots[name] = SimpleNamespace(  # type: ignore[assignment]
                 robot=robot, link=link, ownership=ownership, motion=motion, settings=RobotSettings(robot)
             )

@@ -8,7 +8,7 @@ import pytest
 from rig import Rig, no_tokens
 
 from app.services.motion.ownership import Ownership
-from app.services.programs.sequences import SequenceOrder, SequenceService
+from app.services.programs.sequences import LINE_BYTES, LINE_CHARACTERS, SequenceOrder, SequenceService
 from app.services.state.link import RobotLink
 from cobot.errors import UnavailableError
 
@@ -41,4 +41,25 @@ def test_a_stop_names_a_start_that_is_under_way_and_a_failed_start_leaves_the_ar
     asyncio.run(start())
     assert ownership.owner is None
     assert asyncio.run(service.stop()) is None
+    link.close()
+
+
+def test_of_what_a_program_prints_in_one_line_little_is_kept(rig: Rig) -> None:
+    """Thousands of lines are: a program that printed all it had took hundreds of megabytes."""
+    link = RobotLink(rig.memory.path.name.removeprefix("cobot-"), 60.0)
+    settings = rig.settings.sequences
+    service = SequenceService(Ownership(link), link, settings, "http://robot.test", 1.0, no_tokens())
+    long = "x" * (LINE_BYTES // 2)
+
+    async def read() -> None:
+        printed = asyncio.StreamReader(limit=LINE_BYTES)
+        printed.feed_data(f"{long}\nshort\n".encode() + b"y" * 2 * LINE_BYTES + b"\n")
+        printed.feed_eof()
+        await service._read_log(printed)
+
+    asyncio.run(read())
+    first, *others = service.lines(10)
+    assert first == f"{long[:LINE_CHARACTERS]}... ({len(long)} characters)"
+    assert others[0] == "short"
+    assert "too long to keep" in others[1]
     link.close()

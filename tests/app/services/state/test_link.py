@@ -3,22 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import subprocess
+import sys
 
-import numpy as np
 import pytest
-from rig import CAPACITY, Rig
+from rig import Rig
 
-from app.services.motion.execution import MotionService
-from app.services.motion.ownership import Caller, Ownership
-from app.services.motion.planning import PlanningService
-from app.services.state.link import RobotLink, loading_s
-from cobot.config import Settings
-from cobot.errors import ExecutionError, UnavailableError
-from cobot.motions.requests import MotionRequest
-from cobot.planners.ptp import plan_ptp
-from cobot.robot.description import RobotDescription
-from cobot.trajectory import ORDER, Trajectory
-from cobot.types import LoopMode, PlannerName, Scaling
+from app.services.state.link import RobotLink
+from cobot.errors import UnavailableError
 
 STALE_S = 60.0
 """The cycle is stepped by hand: what it has published may be old."""
@@ -28,64 +20,16 @@ def attached(rig: Rig) -> RobotLink:
     return RobotLink(rig.memory.path.name.removeprefix("cobot-"), STALE_S)
 
 
-def test_a_motion_that_was_not_answered_for_never_begins(rig: Rig, robot: RobotDescription) -> None:
-    """Its client has been told 503, so it must not move later either."""
+def test_what_a_dead_process_has_published_just_now_is_not_how_the_robot_is(rig: Rig) -> None:
+    """The oracle is the operating system, whose process with that number has ended."""
     rig.step(10)
     link = attached(rig)
-    goal = rig.home + 0.3
-    trajectory = plan_ptp(robot, MotionRequest(rig.home, goal, PlannerName.PTP, Scaling(0.5)), goal)
-    with pytest.raises(UnavailableError, match="has not answered a START for 3 s"):
-        asyncio.run(link.start(trajectory, link.stops))
-    rig.step(500)  # rtloop goes on after all
-    assert rig.mode is LoopMode.HOLD
-    np.testing.assert_array_equal(rig.commanded[-1], rig.home)
-    link.close()
-
-
-def test_a_long_motion_loads_in_half_the_time_that_it_is_waited_for(rig: Rig) -> None:
-    rig.step(10)
-    rest = np.zeros((CAPACITY, len(rig.home), ORDER))
-    rest[:, :, 0] = rig.home
-    before = len(rig.commanded)
-    assert rig.start(Trajectory(np.arange(CAPACITY + 1.0), rest)) == ""
-    cycles = len(rig.commanded) - before
-    period_s = rig.settings.rt.period_s
-    # A cycle takes the command, one looks at all the breakpoints, and one at what is left.
-    assert cycles == 3 + np.ceil(0.5 * loading_s(CAPACITY, period_s) / period_s)
-
-
-def test_a_reset_that_was_not_answered_for_never_happens(rig: Rig) -> None:
-    rig.request("estops")
-    rig.step(10)
-    link = attached(rig)
-    with pytest.raises(UnavailableError, match="has not answered a RESET"):
-        asyncio.run(link.reset(0.2))
-    rig.step(500)
-    assert rig.mode is LoopMode.ESTOP
-    link.close()
-
-
-def test_a_motion_that_a_restart_has_swallowed_has_failed(
-    rig: Rig, robot: RobotDescription, settings: Settings
-) -> None:
-    """rtloop acknowledges, and dies before it has published the motion: its successor knows nothing of it."""
-    rig.step(10)
-    link = attached(rig)
-    planning = PlanningService(None, 1)
-    ownership = Ownership(link)
-    service = MotionService(robot, link, ownership, planning, settings.planning)
-    caller = Caller("test", None, ownership.stops, 10.0, asyncio.Event())
-
-    async def arrive() -> None:
-        with ownership.claim(caller) as claim:
-            claim.motion_id = 1
-            waiting = asyncio.create_task(service.arrival(claim))
-            await asyncio.sleep(0.02)
-            assert not waiting.done(), "the state may be of the cycle before"
-            rig.step()
-            await waiting
-
-    with pytest.raises(ExecutionError, match="rtloop was restarted; the motion has not begun"):
-        asyncio.run(arrive())
-    planning.close()
+    assert not link.silence(link.state())
+    with subprocess.Popen([sys.executable, "-S", "-c", ""]) as process:
+        pass
+    rig.memory.statistics.data["pid"] = process.pid
+    rig.memory.statistics.publish()
+    gone = rf"rtloop \(pid {process.pid}\) is gone"
+    with pytest.raises(UnavailableError, match=gone + "; cobot run restarts it if it has died"):
+        asyncio.run(link.fresh_state(0.0))
     link.close()

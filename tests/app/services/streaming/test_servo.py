@@ -207,7 +207,7 @@ def test_force_control_is_not_enabled_any_more_after_an_estop_of_its_session_and
         await bench.active()
         bench.link.request_estop()
         await bench.until(lambda: bench.servo.feedback()["state"] == "idle")
-        await bench.done(bench.link.reset(1.0))
+        await bench.done(bench.link.commands.reset(1.0))
         await bench.until(lambda: not bench.force.settings.enabled)
         assert bench.force.reason == "a stop was requested"
         await bench.cycles(300)

@@ -23,7 +23,6 @@ from app.services.motion.planning import PlanningService
 from app.services.state.interventions import InterventionLog
 from app.services.state.link import RobotLink
 from app.services.streaming.sessions import StreamService
-from cobot.config import Settings
 from cobot.errors import ConflictError, ExecutionError, InputError, NotReadyError, UnavailableError
 from cobot.ipc.layout import Interpolation, Intervention, Stream, chunk_dtype, setpoint_dtype, state_dtype
 from cobot.ipc.session_rules import nominal_session
@@ -43,12 +42,10 @@ def link(rig: Rig) -> Iterator[RobotLink]:
 
 
 @pytest.fixture
-def streams(
-    rig: Rig, link: RobotLink, robot: RobotDescription, settings: Settings
-) -> Iterator[StreamService]:
+def streams(rig: Rig, link: RobotLink, robot: RobotDescription) -> Iterator[StreamService]:
     planning = PlanningService(None, 1)
     ownership = Ownership(link)
-    motion = MotionService(robot, link, ownership, planning, settings.planning)
+    motion = MotionService(robot, link, planning)
     made = StreamService(link, ownership, motion, 0.05)
     made.info["stiffness"], made.info["cartesian_stiffness"] = 500.0, [3000.0] * 3 + [200.0] * 3
     made.info["min_position"], made.info["max_position"] = rig.limits.min_position, rig.limits.max_position

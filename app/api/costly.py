@@ -1,0 +1,39 @@
+"""Answers that cost milliseconds: made one after the other, with more time for all others between them.
+
+The event loop serves who stops the arm, too. A turn of `app.listeners` keeps one connection's bytes from
+taking more than a slice of it; what is asked for in a few bytes and takes long to make needs this.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+REST = 4.0
+"""So many times as long as an answer took, none is made: together they have a fifth of the service."""
+MAX_REST_S = 1.0
+
+
+class Costly:
+    """Belongs to an application."""
+
+    def __init__(self) -> None:
+        self._one = asyncio.Lock()
+
+    @asynccontextmanager
+    async def turn(self) -> AsyncIterator[None]:
+        """Make an answer within this."""
+        await self._one.acquire()
+        begun_s = time.perf_counter()
+        try:
+            yield
+        finally:
+            rest_s = min(REST * (time.perf_counter() - begun_s), MAX_REST_S)
+            asyncio.get_running_loop().call_later(rest_s, self._one.release)
+
+    async def start(self, rest_s: float) -> None:
+        """Return when something may begin that takes nobody knows how long; the next one after a rest."""
+        await self._one.acquire()
+        asyncio.get_running_loop().call_later(rest_s, self._one.release)

@@ -1,0 +1,85 @@
+"""Documents about the device behind a robot: what it can do, and how it is."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Self
+
+from pydantic import BaseModel, Field
+
+from cobot.ipc.device_record import Device
+from cobot.motions.bodies import example
+from cobot.robot.device import FLAGS, MEASURED_NAMES
+from cobot.strict import StrictModel
+
+
+class Acknowledge(StrictModel):
+    """What whoever acknowledges has seen to."""
+
+    model_config = example({"payload_checked": True})
+
+    payload_checked: bool = Field(
+        False,
+        description="The model's own tool and load are those of the arm. Where POST /robot/tool has set "
+        "others, it need not be said.",
+    )
+
+
+class AcknowledgeAnswer(BaseModel):
+    """What was acknowledged."""
+
+    success: bool = Field(description="Always true.")
+    message: str = Field(description="What holds from now on, in words.")
+    found: str = Field(
+        description='What the first contact had found; "" if there was nothing to acknowledge.'
+    )
+
+
+class DeviceStatusAnswer(BaseModel):
+    """How the device says that it is; "" and null where it does not say."""
+
+    connection: str = Field(description='Such as "connected", or the state of its session.')
+    quality: str = Field(description="Of the connection.")
+    operation_mode: str = Field(description="T1 (reduced speed, by hand), T2 (by hand) or AUT.")
+    safety_stop: str = Field(description='What stands in the way; "" for nothing.')
+    drives: str = Field(description="Whether they are on.")
+    brakes: str = Field(description="Whether they hold the arm.")
+    speed_scaling: float = Field(description="Its own speed override, 0 to 1, which planned motions follow.")
+    packets_lost: int = Field(description="Since it was opened.")
+    device_time_s: float | None = Field(description="On its own clock, s.")
+    text: str = Field(description="Anything else, as a sentence.")
+
+
+class DeviceAnswer(BaseModel):
+    """The device that moves the robot."""
+
+    backend: str = Field(description="The setting robot.backend.")
+    hardware: bool = Field(description="Whether something real moves.")
+    periods_s: list[float] = Field(description="Of the cycle, that it can be driven with, s; empty: any.")
+    measured: list[str] = Field(description="Which measured values are real.")
+    able: list[str] = Field(description=f"Which of {', '.join(FLAGS)} it has.")
+    stops: dict[int, bool] = Field(
+        description="Stop categories (IEC 60204-1), each with whether the device itself confirms it."
+    )
+    status: DeviceStatusAnswer | None = Field(description="null: it says nothing of itself.")
+    speed_share: float = Field(description="Of the speed of planned motions that it moves with now.")
+    unacknowledged: str = Field(
+        description='What the first contact has found, until it is acknowledged; "" when it is.'
+    )
+    drives_off: bool = Field(description="Whether a stop of category 1 has switched the drives off.")
+
+    @classmethod
+    def of(cls, backend: str, device: Device) -> Self:
+        able = device.capabilities
+        return cls(
+            backend=backend,
+            hardware=able.hardware,
+            periods_s=list(able.periods_s),
+            measured=[name for name in MEASURED_NAMES if name in able.measured],
+            able=[name for name in FLAGS if getattr(able, name)],
+            stops=dict(able.stops),
+            status=None if device.status is None else DeviceStatusAnswer(**asdict(device.status)),
+            speed_share=device.share,
+            unacknowledged=device.unacknowledged,
+            drives_off=device.drives_off,
+        )

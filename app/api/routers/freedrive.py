@@ -1,0 +1,76 @@
+"""The arm, guided by hand."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+from fastapi import APIRouter, Depends, Request
+from pydantic import BaseModel, Field
+
+from app.api.dependencies import Call, CobotRoute, json_body
+from app.api.errors import responses
+from app.services.streaming.freedrive import TIMEOUT_S, TIMEOUTS_S, FreedriveService
+from cobot.motions.bodies import Finite, example
+from cobot.strict import StrictModel
+
+router = APIRouter(prefix="/robot/freedrive", tags=["robot"], route_class=CobotRoute)
+
+
+class Freedrive(StrictModel):
+    """Switches it on, or has it go on."""
+
+    model_config = example({"timeout_s": 3.0})
+
+    timeout_s: Finite = Field(
+        TIMEOUT_S,
+        ge=TIMEOUTS_S[0],
+        le=TIMEOUTS_S[1],
+        description="s; it ends when it has not been renewed for so long.",
+    )
+    session: int | None = Field(
+        None, ge=1, description="What the answer said: renews that one. Without it, freedrive begins."
+    )
+
+
+class FreedriveAnswer(BaseModel):
+    """How freedrive stands."""
+
+    session: int | None = Field(description="The number of its session while it is on.")
+    left_s: float = Field(description="It ends after so long, unless it is renewed.")
+    limited_by: str = Field(description='Why the arm does not go where it is pushed; "" if it does.')
+    ended: str = Field(description='Why it has ended the last time; "" for never.')
+
+
+@router.get("")
+async def freedrive(request: Request) -> FreedriveAnswer:
+    """Whether the arm can be moved by hand now."""
+    return _answer(Call(request).services.freedrive)
+
+
+@router.post("", responses=responses(409, 413, 415, 422, 503), dependencies=[Depends(json_body)])
+async def begin_freedrive(body: Freedrive, request: Request) -> FreedriveAnswer:
+    """Let the arm be moved by hand: it goes where it is pushed, and stays where it is let go.
+
+    It ends when it is not renewed within `timeout_s`, with the `session` of the answer; by DELETE, and by a
+    stop. A joint slows down before its limit, and the arm before an obstacle. A backend that cannot be guided
+    by hand gets a 501 with its name.
+    """
+    call = Call(request)
+    service = call.services.freedrive
+    if body.session is not None:
+        service.renew(body.session, body.timeout_s)
+    else:
+        await service.begin(call.name, body.timeout_s, call.timeout_s)
+    return _answer(service)
+
+
+@router.delete("", responses=responses(503))
+async def end_freedrive(request: Request) -> FreedriveAnswer:
+    """End it, whosever it is; answers when the arm rests."""
+    service = Call(request).services.freedrive
+    await service.end()
+    return _answer(service)
+
+
+def _answer(service: FreedriveService) -> FreedriveAnswer:
+    return FreedriveAnswer(**asdict(service.state))

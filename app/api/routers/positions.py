@@ -1,0 +1,70 @@
+"""Positions that have a name, and giving names to more of them."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Path, Request
+from pydantic import Field
+
+from app.api.dependencies import Call, CobotRoute, json_body
+from app.api.errors import responses
+from app.api.scene_schemas import Name
+from app.api.schemas import NamedPositionAnswer
+from app.services.motion.positions import TAUGHT
+from cobot.motions.bodies import HOME, Finite, example
+from cobot.strict import StrictModel
+from cobot.types import NamedPosition
+
+router = APIRouter(prefix="/robot/positions", tags=["robot"], route_class=CobotRoute)
+
+
+class TeachPosition(StrictModel):
+    """A name for a place."""
+
+    model_config = example({"name": "beside", "joints": [0.3, *HOME[1:]], "description": "beside home"})
+
+    name: Name
+    joints: list[Finite] | None = Field(
+        None,
+        min_length=1,
+        max_length=64,
+        description="rad, one for each joint; without them where the arm is.",
+    )
+    description: str = Field("", max_length=200, description="For people.")
+
+
+@router.get("")
+async def positions(request: Request) -> list[NamedPositionAnswer]:
+    """The positions that have a name, from the SRDF, and those that were taught."""
+    return [_answer(position) for position in Call(request).services.positions.all()]
+
+
+@router.post("", responses=responses(409, 413, 415, 422, 503), dependencies=[Depends(json_body)])
+async def teach_position(body: TeachPosition, request: Request) -> NamedPositionAnswer:
+    """Give a place a name, which every motion to a named position knows from now on; kept over restarts."""
+    services = Call(request).services
+    services.ownership.require_control()
+    return _answer(await services.positions.teach(body.name, body.joints, body.description))
+
+
+@router.delete("/{name}", responses=responses(404, 409, 422, 503))
+async def forget_position(
+    name: Annotated[str, Path(max_length=200, description="Of a taught position.")], request: Request
+) -> list[NamedPositionAnswer]:
+    """Remove a position that was taught; answers those that are left."""
+    services = Call(request).services
+    services.ownership.require_control()
+    service = services.positions
+    await service.forget(name)
+    return [_answer(position) for position in service.all()]
+
+
+def _answer(position: NamedPosition) -> NamedPositionAnswer:
+    return NamedPositionAnswer(
+        name=position.name,
+        group=position.group,
+        description=position.description,
+        joints=list(position.joints),
+        taught=position.group == TAUGHT,
+    )

@@ -1,0 +1,120 @@
+"""What a robot does, as the messages of its recordings: the newest state and what has happened."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from app.services.state.link import RobotLink
+from app.services.state.robot_state import RobotState
+from cobot.errors import UnavailableError
+from cobot.ipc.records import record_dtype
+from cobot.robot.description import RobotDescription
+
+if TYPE_CHECKING:
+    from cobot.recording.messages import RecordMessages
+
+EVENTS = "/events"
+LATE_S = 0.1
+"""A state that was measured so long ago is said to be none of this cycle."""
+_SAME = (
+    "monotonic_ns",
+    "measured_monotonic_ns",
+    "motion_id",
+    "path_time_s",
+    "path_rate",
+    "session",
+    "overruns",
+    "mode",
+    "motion_result",
+    "settled",
+    "position",
+    "commanded_position",
+    "velocity",
+    "effort",
+    "desired_effort",
+    "external_effort",
+    "wrench",
+    "sensor",
+    "commanded_velocity",
+    "tcp",
+)
+"""What a recording's record and the state block call the same."""
+
+
+@lru_cache(maxsize=64)
+def _messages(names: tuple[str, ...], base_frame: str, period_s: float) -> RecordMessages:
+    """Takes a second, once: for a thread. rosbags is imported for the first who looks."""
+    from cobot.recording.messages import RecordMessages
+
+    return RecordMessages(names, base_frame, period_s)
+
+
+class Channels:
+    """Those of one robot, for one client. To be made in a thread, see `_messages`.
+
+    Attributes:
+        schemas: by topic: the name of its type, and the text that defines it.
+    """
+
+    def __init__(self, robot: RobotDescription, link: RobotLink) -> None:
+        from cobot.recording.messages import TOPICS
+
+        names = tuple(robot.limits.names)
+        self._link = link
+        self._messages = _messages(names, robot.base_frame, link.memory.period_s)
+        self.schemas = {topic: (kind, self._messages.definition(kind)) for topic, kind in TOPICS.items()}
+        self._record = np.zeros(1, record_dtype(len(names)))
+        self._caught: np.ndarray | None = None
+
+    def states(self) -> dict[str, tuple[int, bytes]]:
+        """The newest state: by topic the time, ns since 1970, and the message. None if there is no state."""
+        try:
+            state = self._link.state()
+        except UnavailableError:
+            return {}
+        record = self._record
+        for name in _SAME:
+            record[name] = state.record[name]
+        record["number"] = state.record["cycle"]
+        record["fresh"] = state.measured_age_s < LATE_S
+        record["interventions"] = self._interventions(state)
+        ahead_ns = self._ahead_ns()
+        moment_ns = int(record["monotonic_ns"][0]) + ahead_ns
+        return {
+            topic: (moment_ns, content) for topic, (content, _) in self._messages.of(record, ahead_ns).items()
+        }
+
+    def event(self, text: str) -> tuple[int, bytes]:
+        """What has happened, of the service's events: the time, ns since 1970, and the message."""
+        from cobot.recording.events import Event
+
+        event = json.loads(text)
+        mode, cycle = "", 0
+        try:
+            state = self._link.state()
+            mode, cycle = state.mode.name, int(state.record["cycle"])
+        except UnavailableError:
+            pass
+        now_ns = self._link.clock.now_ns()
+        made = Event(cycle, now_ns, event["type"], mode, json.dumps(event["data"]))
+        return self._link.clock.wall_ns(), self._messages.event(made, self._ahead_ns())
+
+    def _ahead_ns(self) -> int:
+        clock = self._link.clock
+        return clock.wall_ns() - clock.now_ns()
+
+    def _interventions(self, state: RobotState) -> int:
+        """A bit for each kind that has been counted since the last message."""
+        counts = np.array(state.record["interventions"])
+        before, self._caught = self._caught, counts
+        return 0 if before is None else bits(np.flatnonzero(counts != before))
+
+
+def bits(places: Iterable[int]) -> int:
+    """A number in which just these bits are set."""
+    return sum(1 << int(place) for place in places)

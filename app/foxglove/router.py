@@ -1,0 +1,223 @@
+"""Live data for Foxglove, by its WebSocket protocol: what the recordings have, as it happens.
+
+The protocol is small: https://github.com/foxglove/ws-protocol. It is served here and not by the vendor's SDK,
+whose server has a port of its own and asks nobody who they are.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, cast
+
+from fastapi import APIRouter, WebSocket, WebSocketDisconnect
+from fastapi.responses import JSONResponse
+from pydantic import ConfigDict, Field, ValidationError
+
+from app.api.dependencies import addressed, decoded
+from app.api.errors import status_of
+from app.foxglove.channels import EVENTS, Channels
+from app.services.events.listener import Listener, Wanted
+from app.services.events.ring import Event
+from app.services.events.ring import Events as Ring
+from cobot.errors import CobotError, InputError, PayloadError, UnavailableError
+from cobot.strict import StrictModel, sentences, shown
+
+PATH = "/foxglove"
+SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
+MAX_CLIENTS = 16
+MAX_MESSAGE = 65536
+MAX_SUBSCRIPTIONS = 64
+"""Of a client: each is sent by itself, a hundred times a second."""
+MESSAGE_DATA = struct.Struct("<BIQ")
+"""The head of a message: its kind (1), of which subscription it is, and its time, ns since 1970."""
+ERROR = 2
+LARGEST_ID = 2**32 - 1
+
+router = APIRouter()
+
+
+class RateQuery(StrictModel):
+    """How often the state is sent."""
+
+    model_config = ConfigDict(strict=False)
+
+    rate_hz: float = Field(20.0, ge=0.1, le=100.0, allow_inf_nan=False)
+
+
+@dataclass(frozen=True, slots=True)
+class _Tick:
+    """Takes the place of a state among events; what it is, is read when it can be sent."""
+
+    robot: str
+
+    def text(self) -> str:
+        return ""
+
+
+@router.websocket(PATH)
+async def foxglove(socket: WebSocket) -> None:
+    """See docs/foxglove.md."""
+    ring = cast(Ring, socket.app.state.events)
+    try:
+        protocol = _protocol(socket)
+        rate_hz = _rate(socket)
+        if socket.app.state.foxglove_clients >= MAX_CLIENTS or ring.closed:
+            raise UnavailableError(f"{MAX_CLIENTS} clients are connected already, or the service ends")
+        robots = addressed(socket)
+    except CobotError as exc:
+        answer = JSONResponse({"detail": str(exc), "code": exc.code}, status_of(exc))
+        await socket.send_denial_response(answer)
+        return
+    socket.app.state.foxglove_clients += 1
+    try:
+        channels = {
+            name: await asyncio.to_thread(Channels, each.robot, each.link) for name, each in robots.items()
+        }
+        await socket.accept(protocol)
+        with contextlib.suppress(WebSocketDisconnect):
+            await _Client(socket, ring, channels, rate_hz).serve()
+    finally:
+        socket.app.state.foxglove_clients -= 1
+
+
+class _Client:
+    """One connection.
+
+    Args:
+        channels: of each robot, by its name.
+    """
+
+    def __init__(
+        self, socket: WebSocket, ring: Ring, channels: Mapping[str, Channels], rate_hz: float
+    ) -> None:
+        self._socket, self._epoch, self._channels = socket, ring.epoch, channels
+        ticks = [cast(Any, _Tick(name)) for name in channels]
+        self._listener = Listener(ring, Wanted(None, frozenset(channels)), None, ticks, rate_hz)
+        topics = [(name, topic) for name, each in channels.items() for topic in each.schemas]
+        self._numbers = dict(enumerate(topics, start=1))
+        self._wanted: dict[int, tuple[str, str]] = {}
+        self._errors: list[str] = []
+
+    async def serve(self) -> None:
+        """Until the client has gone, or the service ends."""
+        with contextlib.closing(self._listener):
+            await self._tell(
+                {"op": "serverInfo", "name": "cobot", "capabilities": [], "sessionId": self._epoch}
+            )
+            await self._tell({"op": "advertise", "channels": self._advertised()})
+            reading = asyncio.create_task(self._read())
+            try:
+                while found := await self._listener.next():
+                    for event in found:
+                        await self._send(event)
+                    while self._errors:
+                        await self._tell({"op": "status", "level": ERROR, "message": self._errors.pop(0)})
+            finally:
+                reading.cancel()
+
+    def _advertised(self) -> list[dict[str, Any]]:
+        several = len(self._channels) > 1
+        return [
+            {
+                "id": number,
+                "topic": f"/{robot}{topic}" if several else topic,
+                "encoding": "cdr",
+                "schemaName": self._channels[robot].schemas[topic][0],
+                "schemaEncoding": "ros2msg",
+                "schema": self._channels[robot].schemas[topic][1],
+            }
+            for number, (robot, topic) in self._numbers.items()
+        ]
+
+    async def _send(self, event: Event) -> None:
+        if event.type == "state":
+            wanted = {each: topic for each, (robot, topic) in self._wanted.items() if robot == event.robot}
+            if wanted.keys() and set(wanted.values()) != {EVENTS}:
+                made = self._channels[event.robot].states()
+                for subscription, topic in wanted.items():
+                    if topic in made:
+                        await self._data(subscription, *made[topic])
+            return
+        for subscription, (robot, topic) in list(self._wanted.items()):
+            if topic == EVENTS and event.robot in ("", robot) and event.type != "hello":
+                await self._data(subscription, *self._channels[robot].event(event.text))
+
+    async def _data(self, subscription: int, moment_ns: int, content: bytes) -> None:
+        await self._socket.send_bytes(MESSAGE_DATA.pack(1, subscription, moment_ns) + content)
+        await asyncio.sleep(0)  # the event loop is everybody's
+
+    async def _tell(self, message: Mapping[str, Any]) -> None:
+        await self._socket.send_json(message)
+
+    async def _read(self) -> None:
+        while (message := await self._socket.receive())["type"] == "websocket.receive":
+            try:
+                self._take(message.get("text"))
+            except CobotError as exc:
+                if len(self._errors) < MAX_CLIENTS:
+                    self._errors.append(str(exc))
+            await asyncio.sleep(0)
+        self._listener.close()
+
+    def _take(self, text: str | None) -> None:
+        """Raises:
+        InputError, PayloadError: it is nothing that this server understands.
+        """
+        if text is None:
+            raise InputError("binary messages are not understood: nothing can be published or called here")
+        if len(text) > MAX_MESSAGE:
+            raise PayloadError(f"a message may have {MAX_MESSAGE} characters, this one has {len(text)}")
+        content = decoded(text, "the message")
+        kind = content.get("op") if isinstance(content, dict) else None
+        if kind == "subscribe":
+            for each in _list(content, "subscriptions"):
+                self._subscribe(each)
+        elif kind == "unsubscribe":
+            for each in _list(content, "subscriptionIds"):
+                self._wanted.pop(_number(each, "subscriptionIds"), None)
+        else:
+            raise InputError(f"op: {shown(str(kind))} is not served; valid are: subscribe, unsubscribe")
+
+    def _subscribe(self, asked: Any) -> None:
+        if not isinstance(asked, dict):
+            raise InputError("subscriptions: each is an object with id and channelId")
+        number, channel = _number(asked.get("id"), "id"), _number(asked.get("channelId"), "channelId")
+        if channel not in self._numbers:
+            raise InputError(f"channelId: there is no channel {channel}; valid are 1 to {len(self._numbers)}")
+        if number in self._wanted:
+            raise InputError(f"id: there is a subscription {number} already")
+        if len(self._wanted) >= (most := max(MAX_SUBSCRIPTIONS, len(self._numbers))):
+            raise InputError(f"there are {most} subscriptions already")
+        self._wanted[number] = self._numbers[channel]
+
+
+def _list(content: dict[str, Any], name: str) -> list[Any]:
+    found = content.get(name)
+    if not isinstance(found, list):
+        raise InputError(f"{name}: a list is needed")
+    return found
+
+
+def _number(value: Any, name: str) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= LARGEST_ID:
+        raise InputError(f"{name}: a whole number from 0 to {LARGEST_ID} is needed")
+    return value
+
+
+def _protocol(socket: WebSocket) -> str:
+    offered = socket.scope.get("subprotocols", ())
+    for each in offered:
+        if each in SUBPROTOCOLS:
+            return str(each)
+    raise InputError(f"the subprotocol has to be one of {', '.join(SUBPROTOCOLS)}")
+
+
+def _rate(socket: WebSocket) -> float:
+    try:
+        return RateQuery.model_validate(dict(socket.query_params)).rate_hz
+    except ValidationError as exc:
+        raise InputError(sentences(exc.errors())) from exc

@@ -1,0 +1,90 @@
+"""What runs while the application lives: from the first look at shared memory to the last stop."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import gc
+import signal
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from importlib.metadata import version
+
+from fastapi import FastAPI
+
+from app.api.start_failure import saying_why
+from app.mcp.endpoint import McpEndpoint
+from app.offers.robots_on_graph import serving
+from app.robot_services import Services, SharedParts, serving_robot
+from app.services.events.log_lines import log_events
+from cobot.audit import Audit
+from cobot.config import Settings
+from cobot.robot.description import RobotDescription
+
+STOP_S = 3.0
+"""So long the end of the service waits for each arm to come to rest."""
+
+
+@dataclass(frozen=True, slots=True)
+class Lifetime:
+    """What one application needs in order to live.
+
+    Attributes:
+        robots: each by its name.
+        agents: what they have begun ends with the application.
+        reload_by_signal: whether SIGHUP has the configuration read again.
+    """
+
+    settings: Settings
+    robots: dict[str, RobotDescription]
+    shared: SharedParts
+    agents: McpEndpoint
+    reload_by_signal: bool
+
+    @contextlib.asynccontextmanager
+    async def of(self, app: FastAPI) -> AsyncIterator[None]:
+        """Serve the robots for as long as the context lasts; at its end all arms are stopped."""
+        events = self.shared.events
+        async with saying_why(app), contextlib.AsyncExitStack() as stack:
+            await self._begin(app, stack)
+            _settle_memory()
+            serving_now: dict[str, Services] = app.state.robots
+            for each in serving_now.values():
+                each.link.heartbeat.watch_for_pauses()
+            events.publish("service", what="started", version=version("cobot"), robots=list(serving_now))
+            yield
+            await _stop_all(serving_now)
+
+    async def _begin(self, app: FastAPI, stack: contextlib.AsyncExitStack) -> None:
+        """Begin everything, in the order in which it is needed; it ends in the opposite one."""
+        shared, settings = self.shared, self.settings
+        stack.callback(shared.events.close)
+        stack.enter_context(log_events(shared.events))
+        app.state.audit = Audit(settings.audit_file, shared.clock)
+        stack.callback(app.state.audit.close)
+        app.state.robots = {
+            name: await stack.enter_async_context(serving_robot(each, self.robots[name], shared))
+            for name, each in settings.each.items()
+        }
+        app.state.services = app.state.robots[settings.robot.name]
+        shared.sync.robots.update(app.state.robots)
+        stack.callback(shared.sync.close)
+        stack.push_async_callback(self.agents.close)
+        if self.reload_by_signal:
+            asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, app.state.reloading.begin)
+        tcps = {name: each.robot.tcp for name, each in settings.each.items()}
+        app.state.graph = await stack.enter_async_context(serving(app.state.robots, tcps, shared.clock))
+
+
+def _settle_memory() -> None:
+    """What is there now stays: the collector need not look at it again. `app.__main__` had it wait."""
+    gc.collect()
+    gc.freeze()
+    gc.enable()
+
+
+async def _stop_all(robots: dict[str, Services]) -> None:
+    for each in robots.values():
+        each.jobs.book.ending = True
+    reason = "stopped by the end of the service"
+    await asyncio.gather(*(each.stopping.stop(STOP_S, reason) for each in robots.values()))

@@ -1,0 +1,255 @@
+"""What clients ask for, as goals of motions: names, joint angles, poses and arcs, in whatever frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from app.services.motion.tool_and_limits import compose
+from cobot.config import PlanningSection
+from cobot.errors import InputError
+from cobot.motions.constraints import Constraints
+from cobot.motions.requests import (
+    ANY_SPEED,
+    Arc,
+    MotionRequest,
+    TcpSpeed,
+    check_arc,
+    check_synchronization,
+    check_tcp_speed,
+    check_through,
+    check_via,
+)
+from cobot.robot.description import RobotDescription
+from cobot.robot.frames import pose_from_abc, rotation_matrix
+from cobot.robot.limits import check_positions
+from cobot.types import (
+    RRT_CONNECT,
+    Algorithm,
+    Array,
+    NamedPosition,
+    PlannerName,
+    Pose,
+    Scaling,
+    Synchronization,
+)
+
+TOOL = "tool"
+"""The frame_id of what is given in the TCP's frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """Where to go, and how: see `MotionRequest`."""
+
+    target: Array | Pose
+    scaling: Scaling
+    planner: PlannerName = PlannerName.PTP
+    via: Array | None = None
+    algorithm: Algorithm = RRT_CONNECT
+    synchronization: Synchronization = Synchronization.TIME
+    arc: Arc | None = None
+    through: tuple[Pose, ...] = ()
+    radius_m: float = 0.0
+    tcp_speed: TcpSpeed = ANY_SPEED
+    constraints: Constraints | None = None
+    in_tool: bool = False
+    """All poses and points are given in the TCP's frame, as it is where the motion begins."""
+
+    def placed(self, frame: Pose) -> Goal:
+        """The same in the base frame, of what is given in a frame whose pose there is `frame`."""
+        via = None if self.via is None else _point(frame, self.via)
+        arc = self.arc
+        if arc is not None:
+            axis = None if arc.axis is None else rotation_matrix(frame.quaternion) @ arc.axis
+            arc = replace(arc, centre=_point(frame, arc.centre), axis=axis)
+        through = tuple(compose(frame, pose) for pose in self.through)
+        target = compose(frame, self.target) if isinstance(self.target, Pose) else self.target
+        return replace(self, target=target, via=via, arc=arc, through=through, in_tool=False)
+
+
+class Goals:
+    """Makes goals of what one robot is asked for, and of a goal what a planner is asked for.
+
+    Attributes:
+        taught: named positions beside those of the SRDF, by name.
+    """
+
+    def __init__(self, robot: RobotDescription, settings: PlanningSection) -> None:
+        self._robot = robot
+        self._settings = settings
+        self.taught: dict[str, NamedPosition] = {}
+
+    def named(
+        self,
+        name: str,
+        scaling: Scaling,
+        synchronization: Synchronization = Synchronization.TIME,
+        *,
+        checked: bool = True,
+    ) -> Goal:
+        """The goal of a named position; see `joints`.
+
+        Raises:
+            InputError: there is no such position; lists the valid ones.
+        """
+        position = self._robot.positions.get(name) or self.taught.get(name)
+        if position is None:
+            valid = ", ".join(dict.fromkeys([*self._robot.positions, *self.taught]))
+            raise InputError(f"there is no named position {name!r}; valid are: {valid}")
+        return self.joints(list(position.joints), scaling, synchronization, checked=checked)
+
+    def joints(
+        self,
+        angles: list[float],
+        scaling: Scaling,
+        synchronization: Synchronization = Synchronization.TIME,
+        *,
+        checked: bool = True,
+    ) -> Goal:
+        """The goal of joint angles, rad.
+
+        Args:
+            checked: against the limits, which planning does too.
+
+        Raises:
+            InputError: another number of joints than the robot has.
+            LimitError: beyond joint_limits.yaml.
+        """
+        limits = self._robot.limits
+        if len(angles) != limits.dof:
+            raise InputError(f"joints must have {limits.dof} angles, got {len(angles)}")
+        target = np.array(angles, dtype=np.float64)
+        if checked:
+            check_positions(limits, target, share=1.0)
+        return Goal(target, scaling, synchronization=synchronization)
+
+    def pose(
+        self,
+        position: list[float],
+        abc: list[float],
+        frame: str,
+        planner: str,
+        scaling: Scaling,
+        via: list[float] | None,
+        synchronization: Synchronization = Synchronization.TIME,
+        arc: Arc | None = None,
+        through: Sequence[Pose] = (),
+        radius_m: float = 0.0,
+        tcp_speed: TcpSpeed = ANY_SPEED,
+    ) -> Goal:
+        """The goal of a TCP pose: m, KUKA angles in rad.
+
+        Raises:
+            InputError: a frame that is unknown or moves, or fields that do not fit the planner.
+        """
+        name = PlannerName(planner)
+        check_via(name, via, arc)
+        check_arc(arc)
+        check_synchronization(name, synchronization)
+        check_through(name, through, radius_m)
+        check_tcp_speed(name, tcp_speed, self._robot.cartesian_limits)
+        goal = Goal(
+            pose_from_abc(*position, *abc),
+            scaling,
+            name,
+            None if via is None else np.array(via),
+            synchronization=synchronization,
+            arc=arc,
+            through=tuple(through),
+            radius_m=radius_m,
+            tcp_speed=tcp_speed,
+        )
+        return self.in_frame(goal, frame)
+
+    def arc(self, arc: Arc, frame: str, scaling: Scaling, tcp_speed: TcpSpeed) -> Goal:
+        """The goal of an arc by an angle, which ends wherever that leads.
+
+        Raises:
+            InputError: a frame that is unknown or moves, or a speed beyond the limits.
+        """
+        return self.pose([0.0] * 3, [0.0] * 3, frame, "circ", scaling, None, arc=arc, tcp_speed=tcp_speed)
+
+    def in_frame(self, goal: Goal, frame: str) -> Goal:
+        """A goal that is given in a frame: the base's, the TCP's where the motion begins (tool), or one that
+        no joint moves.
+
+        Raises:
+            InputError: there is no such frame, or it moves.
+        """
+        if (frame or self._settings.default_frame) == TOOL:
+            return replace(goal, in_tool=True)
+        place = self.frame(frame)
+        return goal if place is None else goal.placed(place)
+
+    def placed(self, pose: Pose, frame: str) -> Pose:
+        """A pose of a frame in the base frame; raises as `frame` does."""
+        place = self.frame(frame)
+        return pose if place is None else compose(place, pose)
+
+    def frame(self, frame: str) -> Pose | None:
+        """Where a frame is that does not move with the joints; None for the base frame itself.
+
+        Raises:
+            InputError: there is no such frame, or it moves.
+        """
+        base, model = self._robot.base_frame, self._robot.model
+        name = frame or self._settings.default_frame
+        if name == base:
+            return None
+        fixed = model.fixed_frames
+        if name in fixed:
+            return fixed[name]
+        named = self._robot.collision.scene.frames
+        if name in named:
+            pose = np.array(named[name])
+            return Pose(pose[:3], pose[3:])
+        valid = (
+            ", ".join([base, TOOL, *sorted((set(fixed) | set(named)) - {base})]) + f", or empty for {base}"
+        )
+        if name in model.frame_names or name == TOOL:
+            raise InputError(f"frame_id: {name!r} moves with the joints; valid are: {valid}")
+        raise InputError(f"frame_id: there is no frame {name!r}; valid are: {valid}")
+
+    def request(self, goal: Goal, start: Array) -> MotionRequest:
+        """What the planner is asked for, from where the arm stands, rad."""
+        if goal.in_tool:
+            goal = goal.placed(self._robot.model.forward(start))
+        return MotionRequest(
+            start,
+            goal.target,
+            goal.planner,
+            goal.scaling,
+            goal.via,
+            timeout_s=self._settings.timeout_s,
+            algorithm=goal.algorithm,
+            synchronization=goal.synchronization,
+            arc=goal.arc,
+            through=goal.through,
+            radius_m=goal.radius_m,
+            tcp_speed=goal.tcp_speed,
+            constraints=goal.constraints,
+        )
+
+
+def check_radii(goals: Sequence[Goal], radii_m: Sequence[float]) -> None:
+    """There is a radius for each corner, or none at all, and none beside constraints.
+
+    Raises:
+        InputError: it is not so.
+    """
+    if radii_m and len(radii_m) != len(goals) - 1:
+        raise InputError(
+            f"radii: {len(goals)} motions need {len(goals) - 1}, one for each but the last; "
+            f"got {len(radii_m)}"
+        )
+    for number, radius in enumerate(radii_m):
+        if radius > 0.0 and any(goal.constraints for goal in goals[number : number + 2]):
+            raise InputError(f"radii[{number}]: a round corner would not keep the constraints; use 0")
+
+
+def _point(frame: Pose, point: Array) -> Array:
+    """A point of a frame in the base frame."""
+    return np.asarray(frame.position + rotation_matrix(frame.quaternion) @ point)

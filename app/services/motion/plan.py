@@ -1,0 +1,84 @@
+"""A motion that was planned, and whether all is still as it was then."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cobot.errors import ConflictError
+from cobot.motions.forecast import Forecast
+from cobot.robot.description import RobotDescription
+from cobot.types import Array, JointLimits
+
+START_TOLERANCE_RAD = 1e-6
+"""How far a joint may be from where a plan begins: a plan is run as it is, what is off would be a jump."""
+QUEUED_TOLERANCE_RAD = 1e-9
+"""The same in the queue, where it follows another motion without a rest: more than arithmetic leaves."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A plan that can be run.
+
+    Attributes:
+        start: where it begins, shape (dof,), rad.
+        limits: of the joints, as they were when it was made.
+        made_s: when that was, on the service's clock.
+        scene: the version of the scene that it was made for.
+        tool: that of the tool.
+        planners: that it was asked of.
+        by: who has asked.
+        motions: how many it was made of.
+    """
+
+    plan_id: str
+    start: Array
+    forecast: Forecast
+    limits: JointLimits
+    made_s: float
+    scene: int = 0
+    tool: int = 0
+    planners: frozenset[str] = frozenset()
+    by: str = ""
+    motions: int = 1
+
+    def require_unchanged(self, robot: RobotDescription) -> None:
+        """The limits, the scene and the tool are those that it was made for.
+
+        Raises:
+            ConflictError: one is not; with what, and how it was.
+        """
+        for quantity in JointLimits.QUANTITIES:
+            before, now = getattr(self.limits, quantity), getattr(robot.limits, quantity)
+            for joint in np.flatnonzero(before != now)[:1]:
+                name = self.limits.names[int(joint)]
+                raise ConflictError(
+                    f"plan {self.plan_id}: {quantity} of {name} was {before[joint]:g} when it was "
+                    f"made and is {now[joint]:g} now; allowed is no difference; plan again"
+                )
+        for what, before, now in (
+            ("scene", self.scene, robot.collision.scene.version),
+            ("tool", self.tool, robot.model.tool.version),
+        ):
+            if before != now:
+                raise ConflictError(
+                    f"plan {self.plan_id}: the {what} had version {before} when it was made and has version "
+                    f"{now} now; plan again"
+                )
+
+    def require_start(self, joints: Array, where: str = "is", most_rad: float = START_TOLERANCE_RAD) -> None:
+        """These joints, shape (dof,), rad, are where it begins; raises `ConflictError` otherwise.
+
+        Args:
+            where: the arm is there, or will be.
+        """
+        off = joints - self.start
+        worst = int(np.abs(off).argmax())
+        if abs(off[worst]) > most_rad:
+            unit = self.limits.unit(worst)
+            raise ConflictError(
+                f"plan {self.plan_id}: {self.limits.names[worst]} {where} at {joints[worst]:.6f} {unit}, "
+                f"{abs(off[worst]):.3g} {unit} from {self.start[worst]:.6f} {unit} where the plan begins; "
+                f"allowed are {most_rad:g} {unit}; go there, or plan again"
+            )

@@ -1,0 +1,210 @@
+"""Moves of the queue: what is asked for, what is planned, what is left."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TypeVar
+
+from app.services.jobs.job import Job
+from app.services.motion.execution import MotionService
+from app.services.motion.ownership import Claim
+from app.services.motion.planning import PlanningService
+from app.services.motion.planning_tasks import LegRequest, begun, leg, prolonged
+from app.services.motion.tool_and_limits import RobotSettings
+from cobot.clock import Clock
+from cobot.errors import CobotError, CollisionError, InputError, PlanningError
+from cobot.motions.stretches import Leg, Stretch
+from cobot.robot.description import RobotDescription
+from cobot.types import Array
+
+PLAN_TIMEOUT_S = 20.0
+
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True, slots=True)
+class QueueRequest:
+    """What the queue is asked for.
+
+    Attributes:
+        name: for people.
+        parts: the motions that it consists of, one after the other: each, from where it starts, as it is to
+            be planned, or as it has been planned; None if the arm is there already.
+        radius_m: how far from its end the arm may leave its path, if another move follows in time.
+        inner_radii_m: the same of each part but the last.
+        job: that it is; None for the vendor services, whose moves are one job together.
+        exact: a round corner would spoil it, so the arm stops before and after it: it keeps constraints, or
+            is a plan, which is run as it was looked at.
+        anywhere: it means the same wherever it begins, as a pose does, and an angle about an axis does not.
+        midway: it can be begun once more from a place on its path, as a line can, and an arc cannot.
+        count: how many motions it is, of those that may wait.
+        require_valid: raises `ConflictError` if it is no more what it was when it was queued.
+    """
+
+    name: str
+    parts: Sequence[Callable[[Array], LegRequest | Leg | None]]
+    radius_m: float
+    inner_radii_m: Sequence[float] = ()
+    job: Job | None = None
+    exact: bool = False
+    anywhere: bool = True
+    midway: bool = True
+    count: int = 1
+    require_valid: Callable[[], None] = lambda: None
+
+
+@dataclass(frozen=True, slots=True)
+class QueuedMove:
+    """A planned move.
+
+    Attributes:
+        legs: what moves the arm; none when it is there already.
+        radii_m: how far from the end of each the arm may leave its path.
+        since_s: when it was planned.
+    """
+
+    number: int
+    request: QueueRequest
+    legs: tuple[Leg, ...]
+    radii_m: tuple[float, ...]
+    since_s: float
+
+    @property
+    def name(self) -> str:
+        return self.request.name
+
+    @property
+    def duration_s(self) -> float:
+        """How long it takes at full speed, without blends."""
+        return sum((leg.motion.duration_s for leg in self.legs), 0.0)
+
+    @property
+    def stops_before(self) -> bool:
+        """Whether the arm has to rest before it."""
+        return not self.legs or self.request.exact
+
+
+@dataclass(frozen=True, slots=True)
+class Left:
+    """Moves of a motion that was cut off, in their order, and whether the first of them has begun."""
+
+    moves: list[QueuedMove]
+    begun: bool
+
+
+def to_go(chain: Sequence[QueuedMove]) -> tuple[list[QueuedMove], list[Leg], list[float]]:
+    """What moves anything, of which move it is, and its radius; before one that does not, the arm stops."""
+    moves: list[QueuedMove] = []
+    legs: list[Leg] = []
+    radii: list[float] = []
+    for move in chain:
+        if move.stops_before and radii:
+            radii[-1] = 0.0
+        moves += [move] * len(move.legs)
+        legs += move.legs
+        radii += move.radii_m
+    return moves, legs, radii
+
+
+def head(waiting: Iterable[QueuedMove], most: int) -> list[QueuedMove]:
+    """The first moves, of so many legs together at the most; one of more legs alone."""
+    found: list[QueuedMove] = []
+    for move in waiting:
+        most -= max(len(move.legs), 1)
+        if found and most < 0:
+            break
+        found.append(move)
+    return found
+
+
+class MovePlanner:
+    """Plans the moves of one robot's queue, each alone and together."""
+
+    def __init__(
+        self, clock: Clock, motion: MotionService, planning: PlanningService, settings: RobotSettings
+    ) -> None:
+        self._clock = clock
+        self._motion = motion
+        self._planning = planning
+        self._settings = settings
+
+    async def planned(self, claim: Claim, number: int, request: QueueRequest, start: Array) -> QueuedMove:
+        """A move that begins there.
+
+        Raises:
+            CobotError: see `PlanningService.compute`; of several parts, it says which.
+        """
+        legs: list[Leg] = []
+        radii: list[float] = []
+        radii_m = (*request.inner_radii_m, request.radius_m)
+        for part, (make, radius_m) in enumerate(zip(request.parts, radii_m, strict=True), start=1):
+            try:
+                found = await self._leg(claim, make(start))
+            except (PlanningError, InputError) as exc:
+                if len(radii_m) == 1:
+                    raise
+                raise exc.said(f"motion {part}: {exc}") from exc
+            if found is not None:
+                legs.append(found)
+                radii.append(radius_m)
+                start = found.motion.end
+            elif radii:  # it ends where the one before does: who wants to be there, stops
+                radii[-1] = min(radii[-1], radius_m)
+        return QueuedMove(number, request, tuple(legs), tuple(radii), self._clock.now_s())
+
+    async def valid(self, chain: Sequence[QueuedMove]) -> list[QueuedMove]:
+        """Those of these moves before the first that has become impossible since it was planned.
+
+        Raises:
+            ConflictError, CollisionError: the first of all has.
+        """
+        for index, move in enumerate(chain):
+            try:
+                await self._require_valid(move)
+            except CobotError:
+                if index == 0:
+                    raise
+                return list(chain[:index])
+        return list(chain)
+
+    async def _require_valid(self, move: QueuedMove) -> None:
+        move.request.require_valid()
+        for each in move.legs:
+            try:
+                await self._motion.require_free_since(move.since_s, each.motion)
+            except CollisionError as exc:
+                raise exc.said(f"the scene has changed since it was queued: {exc}") from exc
+
+    async def begun(self, claim: Claim, legs: Sequence[Leg], radii_m: Sequence[float]) -> Stretch:
+        """See `planning_tasks.begun`; raises as `PlanningService.compute`."""
+        envelope = self._settings.envelope
+        return await self._compute(claim, partial(begun, legs=legs, radii_m=radii_m, envelope=envelope))
+
+    async def prolonged(
+        self,
+        claim: Claim,
+        under_way: Stretch,
+        legs: Sequence[Leg],
+        radii_m: Sequence[float],
+        times_s: tuple[float, float],
+    ) -> Stretch:
+        """See `planning_tasks.prolonged`; raises as `PlanningService.compute`."""
+        work = partial(
+            prolonged,
+            under_way=under_way,
+            legs=legs,
+            radii_m=radii_m,
+            times_s=times_s,
+            envelope=self._settings.envelope,
+        )
+        return await self._compute(claim, work)
+
+    async def _leg(self, claim: Claim, made: LegRequest | Leg | None) -> Leg | None:
+        if made is None or isinstance(made, Leg):
+            return made
+        return await self._compute(claim, partial(leg, request=made, envelope=self._settings.envelope))
+
+    async def _compute(self, claim: Claim, work: Callable[[RobotDescription], Result]) -> Result:
+        return await claim.unless_interrupted(self._planning.compute(work, PLAN_TIMEOUT_S))

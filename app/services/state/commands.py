@@ -1,0 +1,224 @@
+"""What the service asks of rtloop: every command, and its acknowledgement, is here."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING
+
+from cobot.errors import CobotError, ConflictError, ExecutionError, NotReadyError, UnavailableError
+from cobot.ipc.layout import LOADED_SEGMENTS, RING, SLOTS, Ack, Command, text
+from cobot.ipc.tool_record import fill
+from cobot.motions.fence import Fence
+from cobot.robot.tool import Tool
+from cobot.trajectory import Trajectory
+from cobot.types import LoopMode
+
+if TYPE_CHECKING:
+    from app.services.state.link import RobotLink
+
+ACKNOWLEDGE_S = 3.0
+"""rtloop verifies the largest trajectory in about a second."""
+POLL_S = 0.001
+IN_THREAD_SEGMENTS = 2000
+"""A longer trajectory is copied in a thread, so that nobody else waits."""
+
+
+class Commands:
+    """Sends commands, one after the other, and waits for what rtloop says to each.
+
+    Attributes:
+        handed_over: the number of the motion that rtloop was given last, and its trajectory.
+    """
+
+    def __init__(self, link: RobotLink) -> None:
+        self._link = link
+        self._memory = link.memory
+        self._turn = asyncio.Lock()
+        self._last_motion = 0
+        self._slot = 0
+        self.handed_over: tuple[int, Trajectory] | None = None
+
+    async def start(
+        self, trajectory: Trajectory, stops: int, tool: int = 0, fence: Fence | None = None
+    ) -> int:
+        """Hand a motion over and have it started.
+
+        Args:
+            stops: `RobotLink.stops` as it was when the motion was asked for.
+            tool: the version of the tool that it was planned with.
+            fence: that the TCP may not leave.
+
+        Returns:
+            The motion's number.
+
+        Raises:
+            ExecutionError: rtloop refuses it, with its reason.
+            UnavailableError: rtloop does not answer, or see `Heartbeat.require_awake`.
+            InputError: the motion is larger than a slot.
+        """
+        async with self._turn:
+            # The state may be of the cycle before the last acknowledgement.
+            self._last_motion = max(self._last_motion, self._link.state().motion_id) + 1
+            motion_id, number = self._last_motion, self._last_motion % SLOTS
+            self._slot, self.handed_over = number, (motion_id, trajectory)
+            motions = self._link.motions
+            motions.prepare(motion_id, trajectory.duration_s)
+            await self._write(number, motion_id, trajectory, fence)
+            try:
+                self._link.heartbeat.require_awake()
+                await self._send(
+                    Command.START,
+                    slot=number,
+                    motion_id=motion_id,
+                    stops=stops,
+                    tool=tool,
+                    timeout_s=ACKNOWLEDGE_S + loading_s(trajectory.segments, self._memory.period_s),
+                )
+            except CobotError:
+                self.handed_over = None
+                motions.refused()
+                raise
+            motions.begun()
+        return motion_id
+
+    async def replace(self, trajectory: Trajectory, offset_s: float, stops: int, tool: int = 0) -> None:
+        """Have the motion under way go on with another trajectory, as the same motion, within the same fence.
+
+        Args:
+            trajectory: the same as the one under way up to where the arm is when rtloop has read it.
+            offset_s: the path time of the one under way at which it begins.
+            stops, tool: see `start`.
+
+        Raises:
+            ExecutionError: rtloop refuses it, with its reason; the motion goes on as it was.
+            UnavailableError, InputError: see `start`.
+        """
+        async with self._turn:
+            number = (self._slot + 1) % SLOTS
+            await self._write(number, self._last_motion, trajectory)
+            self._link.heartbeat.require_awake()
+            await self._send(
+                Command.REPLACE,
+                slot=number,
+                motion_id=self._last_motion,
+                stops=stops,
+                value=offset_s,
+                tool=tool,
+                timeout_s=ACKNOWLEDGE_S + loading_s(trajectory.segments, self._memory.period_s),
+            )
+            self._slot, self.handed_over = number, (self._last_motion, trajectory)
+
+    async def _write(
+        self, number: int, motion_id: int, trajectory: Trajectory, fence: Fence | None = None
+    ) -> None:
+        slot = self._memory.slots[number]
+        if trajectory.segments > IN_THREAD_SEGMENTS:
+            await asyncio.to_thread(slot.write, motion_id, trajectory, fence)
+        else:
+            slot.write(motion_id, trajectory, fence)
+
+    async def set_rate(self, rate: float) -> None:
+        """Go over to another path time per clock time, 0 (pause) to 1, of the motion that runs.
+
+        Raises:
+            ExecutionError: no motion is running.
+            UnavailableError: rtloop does not answer.
+        """
+        async with self._turn:
+            await self._send(Command.SET_RATE, stops=self._link.stops, value=rate)
+
+    async def set_tool(self, tool: Tool, scene_version: int) -> None:
+        """Have rtloop, and the simulation, carry this tool from now on, and read the scene's file.
+
+        Raises:
+            ExecutionError: rtloop refuses it, with its reason: the arm moves.
+            UnavailableError: rtloop does not answer.
+        """
+        async with self._turn:
+            fill(self._memory.tool.data, tool)
+            self._memory.tool.publish()
+            await self._send(Command.TOOL, stops=self._link.stops, tool=tool.version, scene=scene_version)
+
+    async def read_scene(self, version: int) -> None:
+        """Have rtloop read the scene's file, before the next stream begins.
+
+        Raises:
+            ExecutionError: rtloop refuses it, with its reason: somebody streams.
+            UnavailableError: rtloop does not answer.
+        """
+        async with self._turn:
+            await self._send(Command.SCENE, stops=self._link.stops, scene=version)
+
+    async def reset(self, timeout_s: float) -> None:
+        """Leave ESTOP or FAULT. What was asked for before, and waits for something, moves nothing any more.
+
+        Raises:
+            ConflictError: the arm moves, so there is nothing to reset.
+            NotReadyError: the cause persists, with rtloop's reason.
+            UnavailableError: rtloop does not answer.
+        """
+        state = await self._link.fresh_state(timeout_s)
+        if state.mode in (LoopMode.TRAJECTORY, LoopMode.STOPPING):
+            raise ConflictError(f"motion {state.motion_id} is {state.mode.name}: there is nothing to reset")
+        if state.mode in (LoopMode.ESTOP, LoopMode.FAULT):
+            self._link.request_stop()
+        async with self._turn:
+            try:
+                await self._send(Command.RESET, stops=self._link.stops, timeout_s=timeout_s)
+            except ExecutionError as exc:
+                raise NotReadyError(str(exc)) from exc
+
+    async def acknowledge(self) -> None:
+        """Have rtloop know that somebody has compared what the first contact has found with the arm.
+
+        Raises:
+            UnavailableError: rtloop does not answer.
+        """
+        async with self._turn:
+            await self._send(Command.ACKNOWLEDGE, stops=self._link.stops)
+
+    async def _send(
+        self,
+        kind: Command,
+        *,
+        stops: int,
+        slot: int = 0,
+        motion_id: int = 0,
+        value: float = 0.0,
+        tool: int = 0,
+        scene: int = 0,
+        timeout_s: float = ACKNOWLEDGE_S,
+    ) -> None:
+        """Have a command carried out, now or never: rtloop refuses one that a stop has overtaken."""
+        number = int(self._memory.head.data["id"]) + 1
+        command = self._memory.commands[number % RING]
+        command.data["id"] = number
+        command.data["kind"] = kind
+        command.data["slot"] = slot
+        command.data["motion_id"] = motion_id
+        command.data["stops"] = stops
+        command.data["value"] = value
+        command.data["tool"] = tool
+        command.data["scene"] = scene
+        command.publish()
+        self._memory.head.data["id"] = number
+        self._memory.head.publish()
+        ack = self._memory.acks[number % RING]
+        deadline_s = self._link.clock.now_s() + timeout_s
+        answered = False
+        try:
+            while not (answered := ack.try_read() and int(ack.data["id"]) == number):
+                if self._link.clock.now_s() > deadline_s:
+                    rtloop = f"rtloop (pid {self._link.rtloop_pid()})"
+                    raise UnavailableError(f"{rtloop} has not answered a {kind.name} for {timeout_s:.2g} s")
+                await asyncio.sleep(POLL_S)
+        finally:
+            if not answered:
+                self._link.request_stop()
+        if int(ack.data["result"]) != Ack.ACCEPTED:
+            raise ExecutionError(text(ack.data["message"]))
+
+
+def loading_s(segments: int, period_s: float) -> float:
+    """How long rtloop may take to load a motion: a busy computer may miss as many cycles again."""
+    return 2.0 * period_s * segments / LOADED_SEGMENTS

@@ -1,0 +1,250 @@
+"""Freedrive: the arm goes where a hand pushes it, and stays where it is let go.
+
+A streaming session with soft springs, so that the arm gives way at once; here, its targets follow the hand:
+what the surroundings exert on a joint, beyond a threshold, becomes that joint's velocity, as with a damper
+(admittance control). The velocity is made smaller the nearer the arm, as measured, is to a joint's limit or
+to an obstacle, as of a jog (`jog_limits`); who pushes a joint beyond that is pushed back.
+
+It ends when it is switched off, by a stop, and when nobody has renewed it for its time: whoever has it has to
+be there. What has ended is not taken up again by a renewal.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+
+import numpy as np
+
+from app.services.state.link import RobotLink
+from app.services.streaming.jog import MAX_STEP_S, PERIOD_S
+from app.services.streaming.jog_limits import JOINT_ROOM, RATE_PER_S, JogLimits
+from app.services.streaming.sessions import Session, StreamService
+from cobot.errors import CobotError, ConflictError, NotSupportedError
+from cobot.ipc.layout import Interpolation, Stream
+from cobot.ipc.session_rules import decimation, nominal_session
+from cobot.robot.description import RobotDescription
+from cobot.types import Array
+
+TIMEOUTS_S = (0.5, 60.0)
+"""The shortest and the longest time after which freedrive has to be renewed."""
+TIMEOUT_S = 3.0
+SOFTNESS = 16.0
+"""The springs are so many times as soft as the robot's nominal ones: a quarter of their frequency."""
+FOLLOW_S = 0.15
+"""A hand that moves the arm steadily is ahead of it by what the springs give way, the way of this time. Less
+would make it lighter, and unstable against something hard: it has to outlast `SMOOTHING_S` and the cycle."""
+SMOOTHING_S = 0.1
+"""Time constant with which the velocity follows the hand."""
+TOUCH_SHARE = 0.005
+"""What is exerted on a joint counts beyond this share of its effort limit: no estimate is exact."""
+PUSHED_SHARE = 0.02
+"""More than this share, while nobody has taken hold of the arm yet, and it would go off by itself."""
+ROOM_RAD = 0.05
+"""From a joint's limit, rad or m, this much stays free: soft springs yield to a hand that does not stop."""
+MAX_LEAD_RAD = 0.05
+"""No target is further ahead of what rtloop commands, which may have to wait for it, rad or m."""
+OFF = "freedrive was switched off"
+
+
+@dataclass(frozen=True, slots=True)
+class FreedriveState:
+    """How freedrive stands.
+
+    Attributes:
+        session: the session's number while it is on, else None.
+        left_s: after which it ends unless it is renewed; 0 while it is off.
+        limited_by: why the arm does not go where it is pushed, "" if it does.
+        ended: why it has ended the last time, "" for never.
+    """
+
+    session: int | None
+    left_s: float
+    limited_by: str
+    ended: str
+
+
+class Guidance:
+    """What a hand's push becomes, for one robot.
+
+    Attributes:
+        velocity: of the newest target, rad/s or m/s, shape (dof,).
+    """
+
+    def __init__(self, robot: RobotDescription, stiffness: Array) -> None:
+        """stiffness: of the springs in freedrive, shape (dof,), N·m/rad."""
+        self._bounds = robot.limits
+        self._limits = JogLimits(robot)
+        self._damping = stiffness * FOLLOW_S
+        self._touch = TOUCH_SHARE * robot.limits.max_effort
+        self.velocity = self._wanted = np.zeros(robot.limits.dof)
+
+    def step(self, target: Array, position: Array, external: Array, step_s: float) -> tuple[Array, str]:
+        """The next target.
+
+        Args:
+            target: the last one, rad or m, shape (dof,).
+            position: where the arm is, as measured.
+            external: what the surroundings exert on the joints, N·m or N.
+            step_s: since the last one.
+
+        Returns:
+            The target, and why the arm does not go where it is pushed, "" if it does.
+        """
+        asked = (external - np.clip(external, -self._touch, self._touch)) / self._damping
+        bounded, why = self._within_limits(asked, position)
+        wanted = self._limits.wanted(bounded, None, position, in_tool=False).velocity
+        self._wanted += step_s / (SMOOTHING_S + step_s) * (wanted - self._wanted)
+        share, near = self._limits.of_obstacles(position, self._wanted)
+        self.velocity = share * self._wanted
+        low, high = self._bounds.min_position + JOINT_ROOM, self._bounds.max_position - JOINT_ROOM
+        return np.clip(target + step_s * self.velocity, low, high), near or why
+
+    def _within_limits(self, asked: Array, position: Array) -> tuple[Array, str]:
+        """Each joint slows down before its own limit; pushed beyond, it goes back."""
+        bounds = self._bounds
+        up = RATE_PER_S * (bounds.max_position - ROOM_RAD - position)
+        down = RATE_PER_S * (bounds.min_position + ROOM_RAD - position)
+        back = np.where(asked < 0.0, np.maximum(asked, down), 0.0)
+        allowed = np.where(asked > 0.0, np.minimum(asked, up), back)
+        beyond = np.abs(asked - allowed)
+        joint = int(beyond.argmax())
+        if beyond[joint] <= 0.0:
+            return allowed, ""
+        end = bounds.max_position[joint] if asked[joint] > 0.0 else bounds.min_position[joint]
+        unit, name = bounds.unit(joint), bounds.names[joint]
+        return allowed, f"{name} is at {position[joint]:.2f} {unit}, near its limit of {end:.2f} {unit}"
+
+
+class FreedriveService:
+    """Freedrive of one robot."""
+
+    def __init__(self, robot: RobotDescription, link: RobotLink, streams: StreamService) -> None:
+        self._robot = robot
+        self._link = link
+        self._streams = streams
+        self._session: Session | None = None
+        self._number = 0
+        self._until_s = 0.0
+        self._timeout_s = TIMEOUT_S
+        self._limited_by = self._ended = ""
+        self._task: asyncio.Task[None] | None = None
+
+    @property
+    def state(self) -> FreedriveState:
+        """How it stands."""
+        if self._session is None or self._session.over:
+            return FreedriveState(None, 0.0, "", self._ended if self._session is None else self._session.over)
+        left_s = max(self._until_s - self._link.clock.now_s(), 0.0)
+        return FreedriveState(self._session.number, left_s, self._limited_by, self._ended)
+
+    async def begin(self, name: str, timeout_s: float, answer_s: float) -> None:
+        """Switch it on.
+
+        Args:
+            name: of who asks, for people.
+            timeout_s: after which it ends unless `renew` is called.
+            answer_s: for rtloop's answer.
+
+        Raises:
+            NotSupportedError: the backend cannot, by its name.
+            ConflictError: somebody else moves the arm, or may alone; or something pushes it already.
+            NotReadyError, ExecutionError, UnavailableError: see `StreamService.open`.
+        """
+        self._require_able()
+        self._streams.require_control()
+        self._require_untouched()
+        info = self._streams.info
+        request = nominal_session(info)
+        request["stream"], request["interpolation"] = Stream.JOINT_IMPEDANCE, Interpolation.RUCKIG
+        request["decimation"] = decimation(1.0 / PERIOD_S, self._streams.period_s)
+        request["stiffness"] = info["stiffness"] / SOFTNESS
+        request["damping_ratio"] = 1.0
+        session = await self._streams.open(request, name, answer_s)
+        self._session, self._number, self._limited_by = session, session.number, ""
+        self._hold(timeout_s)
+        guidance = Guidance(self._robot, request["stiffness"])
+        self._task = asyncio.create_task(self._run(session, guidance), name="freedrive")
+
+    def renew(self, session: int, timeout_s: float) -> None:
+        """Go on for so long.
+
+        Args:
+            session: its number.
+
+        Raises:
+            ConflictError: it has ended, with why; or it is not this one that is on.
+        """
+        if session != self._number:
+            raise ConflictError(f"there is no freedrive session {session}: begin one without `session`")
+        if self.state.session is None:
+            raise ConflictError(f"freedrive has ended: {self.state.ended}")
+        self._hold(timeout_s)
+
+    async def end(self, reason: str = OFF) -> None:
+        """Switch it off; returns when the arm rests. Nothing happens if it is off."""
+        if (session := self._session) is not None:
+            session.end(reason)
+            await asyncio.shield(session.ended)
+
+    def close(self) -> None:
+        """Let go; rtloop ends the session with this process."""
+        if self._task is not None:
+            self._task.cancel()
+
+    def _hold(self, timeout_s: float) -> None:
+        self._timeout_s = timeout_s
+        self._until_s = self._link.clock.now_s() + timeout_s
+
+    def _require_able(self) -> None:
+        named = self._link.device()
+        if named is None:
+            raise ConflictError("freedrive: what the robot's backend can do cannot be read")
+        backend, device = named
+        refusal = device.capabilities.lacks("freedrive", backend, "the arm cannot be guided by hand")
+        if refusal:
+            raise NotSupportedError(refusal)
+
+    def _require_untouched(self) -> None:
+        """Whatever the arm feels before anybody has taken hold of it would move it."""
+        external, limits = self._link.state().record["external_effort"], self._robot.limits
+        shares = np.abs(external) / limits.max_effort
+        joint = int(shares.argmax())
+        if shares[joint] > PUSHED_SHARE:
+            raise ConflictError(
+                f"freedrive: {limits.names[joint]} feels {external[joint]:.1f} N·m already, allowed are "
+                f"{PUSHED_SHARE * limits.max_effort[joint]:.1f} N·m: let go of the arm, and see that its "
+                "tool is set (POST /robot/tool)"
+            )
+
+    async def _run(self, session: Session, guidance: Guidance) -> None:
+        """Sends targets until the session is over, then waits until the arm rests."""
+        try:
+            await self._guide(session, guidance)
+        except CobotError as exc:
+            session.end(str(exc))
+        finally:
+            session.end("freedrive has failed")  # it is over already, unless something unforeseen was raised
+        reason = await asyncio.shield(session.ended)
+        self._ended = reason
+        if self._session is session:  # else the next one has begun
+            self._session = None
+
+    async def _guide(self, session: Session, guidance: Guidance) -> None:
+        before_s, sequence = self._link.clock.now_s(), 0
+        target = self._link.state().commanded_position.copy()
+        while not session.over:
+            await asyncio.sleep(PERIOD_S)
+            now_s, state = self._link.clock.now_s(), self._link.state()
+            if now_s > self._until_s:
+                session.end(f"freedrive was not renewed for {self._timeout_s:g} s")
+                return
+            lead = np.clip(target - state.commanded_position, -MAX_LEAD_RAD, MAX_LEAD_RAD)
+            external, step_s = state.record["external_effort"], min(now_s - before_s, MAX_STEP_S)
+            held = state.commanded_position + lead
+            target, self._limited_by = guidance.step(held, state.position, external, step_s)
+            before_s, sequence = now_s, sequence + 1
+            setpoint = session.setpoint.copy()
+            setpoint["joints"], setpoint["joint_velocity"] = target, guidance.velocity
+            setpoint["feed_forward"], setpoint["number"] = True, sequence
+            session.take_setpoint(sequence, setpoint)

@@ -1,0 +1,84 @@
+"""Which endpoints there are, their names, and those that are switched off.
+
+Oracle: api_endpoints.yaml as read by PyYAML; httpx as the client, without a network.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from asgi import ask
+from fastapi import FastAPI
+
+from app.main import create_app
+from cobot.config import Settings
+
+CONFIG = Path(__file__).parents[2] / "config"
+OF_THE_SERVICE = {"/audit", "/metrics", "/health/live", "/admin/reload"}
+
+
+@pytest.fixture(scope="module")
+def schema(settings: Settings) -> dict[str, Any]:
+    return create_app(settings, None, "http://robot.test").openapi()
+
+
+def without(settings: Settings, folder: Path, *endpoints: str) -> FastAPI:
+    content = yaml.safe_load((CONFIG / "api_endpoints.yaml").read_text(encoding="utf-8"))
+    for name in endpoints:
+        content["endpoints"][name]["enabled"] = False
+    file = folder / "endpoints.yaml"
+    file.write_text(yaml.safe_dump(content), encoding="utf-8")
+    web = settings.web.model_copy(update={"endpoints": file})
+    return create_app(settings.model_copy(update={"web": web}), None, "http://robot.test")
+
+
+def test_the_schema_has_exactly_the_configured_endpoints(schema: dict[str, Any]) -> None:
+    configured = yaml.safe_load((CONFIG / "api_endpoints.yaml").read_text(encoding="utf-8"))["endpoints"]
+    found = {f"{method.upper()} {path}" for path, methods in schema["paths"].items() for method in methods}
+    plain = {name for name in found if "{robot}" not in name}
+    # OpenAPI knows no WebSockets, and each vendor service has a path of its own
+    assert plain == {name for name in configured if not name.startswith("WS ") and "{robot}" not in name}
+
+
+def test_every_endpoint_about_a_robot_is_there_for_a_robot_by_name(schema: dict[str, Any]) -> None:
+    paths = set(schema["paths"])
+    assert paths >= OF_THE_SERVICE
+    plain = [path for path in paths - OF_THE_SERVICE if "{robot}" not in path and path != "/robots"]
+    named = {path for path in schema["paths"] if path.startswith("/robots/{robot}/")}
+    assert named == {
+        f"/robots/{{robot}}{re.sub('^/robot/', '/', path)}" for path in plain if "{robot}" not in path
+    }
+    for path in named:
+        for operation in schema["paths"][path].values():
+            by_name = {each["name"]: each for each in operation["parameters"] if each["in"] == "path"}
+            assert by_name["robot"]["schema"]["enum"] == ["iiwa"]
+            assert "404" in operation["responses"]
+
+
+def test_operations_are_named_after_what_they_do(schema: dict[str, Any]) -> None:
+    operations = [operation for methods in schema["paths"].values() for operation in methods.values()]
+    names = [operation["operationId"] for operation in operations]
+    assert len(set(names)) == len(names)
+    assert {"joint_states", "move_joints", "stop"} <= set(names)
+    assert len({operation["summary"] for operation in operations}) == len(operations)
+
+
+def test_an_endpoint_that_is_switched_off_is_not_there(settings: Settings, tmp_path: Path) -> None:
+    app = without(settings, tmp_path, "POST /robot/move/pose", "GET /trajectory/logs")
+    assert "/robot/move/pose" not in app.openapi()["paths"]
+    assert "/robot/move/joints" in app.openapi()["paths"]
+    assert "/robots/{robot}/move/pose" not in app.openapi()["paths"]
+    for path in ("/robot/move/pose", "/robots/iiwa/move/pose"):
+        answer = ask(app, "POST", path)
+        assert (answer.status_code, answer.json()["code"]) == (404, "not_found")
+
+
+def test_a_schema_of_nothing_but_the_stop_is_a_schema(settings: Settings, tmp_path: Path) -> None:
+    everything = yaml.safe_load((CONFIG / "api_endpoints.yaml").read_text(encoding="utf-8"))["endpoints"]
+    everything.pop("POST /stop")
+    paths = list(without(settings, tmp_path, *everything).openapi()["paths"])
+    assert paths == ["/stop", "/robots/{robot}/stop"]
