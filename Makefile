@@ -17,9 +17,13 @@ COMPILED := $(sort $(foreach file,$(shell find $(PACKAGES) -name '*.so'),$(first
 # Python is started some hundred times: it shall not compile everything each time.
 unexport PYTHONDONTWRITEBYTECODE
 
-PARALLEL := --numprocesses 2 --dist loadfile --no-loadscope-reorder
+# Tests of what happens in real time wait for a third of it: three processes keep two processors busy.
+PARALLEL := --numprocesses 3 --dist loadfile --no-loadscope-reorder
 
-.PHONY: run setup setup-dev client-wheel test lint bench docs lock clean help FORCE
+# What has to be there before the tests, for whoever has not seen to it.
+SETUP := setup-dev
+
+.PHONY: run setup setup-dev client-wheel test tests lint bench docs lock clean help FORCE
 
 run: setup ## start the service and the simulated robot on http://localhost:8007
 	$(BIN)/cobot run
@@ -31,11 +35,14 @@ setup-dev: setup $(VENV)/.dev-stamp $(ROS_STAMP) ## add what the tests and bench
 client-wheel: $(VENV)/.run-stamp ## build dist/cobot_client-*.whl, which any computer with Python can install
 	$(PIP) wheel --no-deps --no-build-isolation --wheel-dir dist ./cobot-client
 
-test: setup-dev lint ## lint, types, import contract, unit, property and end-to-end tests
+test: setup-dev ## lint, types, import contract, unit, property and end-to-end tests
+	+@$(MAKE) --no-print-directory --jobs 2 lint tests SETUP=
+
+tests: $(SETUP)
 	$(BIN)/python -m pytest $(PARALLEL) || { echo "cobot: what has failed runs once more, alone"; \
 	    $(BIN)/python -m pytest --last-failed --last-failed-no-failures none; }
 
-lint: setup-dev
+lint: $(SETUP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	PATH="$(BIN):$$PATH" cython-lint $(CYTHON)
@@ -55,9 +62,10 @@ COMPILE_LOCK = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 -
 lock: setup-dev ## resolve versions and hashes anew; UPGRADE=--upgrade for the newest within the ranges
 	$(COMPILE_LOCK) pyproject.toml -o requirements.lock
 	$(BIN)/python setup.py requirements | $(COMPILE_LOCK) -c requirements.lock - -o requirements-build.lock
-	$(COMPILE_LOCK) --extra dev -c requirements.lock -c requirements-build.lock pyproject.toml -o requirements-dev.lock
+	$(COMPILE_LOCK) --extra dev --extra learning --extra franka -c requirements.lock -c requirements-build.lock pyproject.toml -o requirements-dev.lock
 	$(COMPILE_LOCK) --extra docs -c requirements-dev.lock pyproject.toml -o requirements-docs.lock
 	$(COMPILE_LOCK) --group ros -o requirements-ros.lock
+	$(COMPILE_LOCK) --no-deps --group peers -o requirements-peers.lock
 
 clean:
 	rm -rf $(VENV) .cache build dist *.egg-info cobot-client/build cobot-client/*.egg-info
@@ -84,9 +92,10 @@ $(VENV)/.install-stamp: $(VENV)/.run-stamp | $(VENV)/.build-stamp
 	@$(PIP) install --no-build-isolation --no-deps --editable .
 	@touch $@
 
-$(VENV)/.dev-stamp: $(VENV)/.run-stamp requirements-dev.lock
+$(VENV)/.dev-stamp: $(VENV)/.run-stamp requirements-dev.lock requirements-peers.lock
 	@echo "cobot: installing what the tests and benchmarks need"
 	@$(PIP) install --require-hashes --requirement requirements-dev.lock
+	@$(PIP) install --require-hashes --no-deps --requirement requirements-peers.lock || echo "cobot: without the peers of requirements-peers.lock: their wheels do not fit here"
 	@touch $@
 
 $(VENV)/.docs-stamp: $(VENV)/.run-stamp requirements-docs.lock

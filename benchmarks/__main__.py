@@ -21,14 +21,19 @@ from benchmarks import (
     events,
     explanations,
     floods,
+    franka,
+    fri,
     hot,
     idle,
     inverse,
     latency,
     lines,
+    memory,
     modes,
     pages,
+    panel,
     planning,
+    policy,
     recording,
     servo,
     smoothness,
@@ -71,10 +76,18 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "requests": lambda quick: web.requests_per_second(2 if quick else 8, 2.0 if quick else 4.0),
     "stop": lambda quick: web.stop(10 if quick else 100),
     "events": lambda quick: events.events(*(5, 15.0) if quick else (60, 300.0)),
+    "panel": lambda quick: panel.panel(*(2, 5.0, 20.0) if quick else (20, 30.0, 600.0)),
+    "fri": lambda quick: fri.fri(*(2000, 4, 2) if quick else (20_000, 40, 10)),
+    "franka": lambda quick: franka.franka(2000 if quick else 20_000),
+    "policy": lambda quick: policy.policy(*(100, 2) if quick else (1000, 10)),
     "floods": lambda quick: floods.floods(3 if quick else 40),
+    "memory": lambda quick: memory.memory(2.0 if quick else 10.0),
 }
 
-FULL: dict[str, Callable[[], Iterator[Row]]] = {"clutter": lambda: clutter.clutter(125, 2, 10.0)}
+FULL: dict[str, Callable[[], Iterator[Row]]] = {
+    "clutter": lambda: clutter.clutter(125, 2, 10.0),
+    "fri": lambda: fri.fri(100_000, 100, 20),
+}
 """What --full does instead, where it does something else."""
 
 
@@ -86,7 +99,11 @@ def main() -> None:
         "names", nargs="*", metavar="NAME", help=f"of {', '.join(BENCHMARKS)}; all without one"
     )
     parser.add_argument("--quick", action="store_true", help="three minutes, not twenty: tails mean little")
-    parser.add_argument("--full", action="store_true", help="500 motions through clutter: half an hour more")
+    parser.add_argument(
+        "--full",
+        action="store_true",
+        help="500 motions through clutter, 100,000 answers of FRI: an hour more",
+    )
     arguments = parser.parse_args()
     unknown = set(arguments.names) - set(BENCHMARKS)
     if unknown:

@@ -37,7 +37,7 @@ def mapped(path: str) -> tuple[Block, Block]:
 def main(path: str) -> None:
     question, answer = mapped(path)
     settings = load_settings(None)
-    prepare(settings.rt.priority, settings.rt.cpu)
+    prepare(settings.rt.priority, settings.rt.cpu, settings.rt.cpu_latency_us)
     freeze_garbage()
     clock = RealtimeClock(settings.rt.period_s)
     while True:

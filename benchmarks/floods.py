@@ -1,6 +1,6 @@
-"""POST /stop to the first cycle that decelerates while somebody floods the service, and the memory it takes.
+"""POST /stop to the first cycle that decelerates while somebody floods the service.
 
-Beside it: the answer of a bare FastAPI route under the same flood.
+Beside it: the answer of a bare FastAPI route under the same flood. The memory it takes: benchmarks/memory.py.
 """
 
 from __future__ import annotations
@@ -31,9 +31,6 @@ FLOOR_BYTES = 2 * 2**30
 """A bare server may take so much memory: without a limit an endless header would take all there is."""
 RISES_S = 0.5
 """So long a flood goes on before each stop."""
-CALM_S = 30.0
-"""So long after a flood memory is looked at, or as soon as it has come back."""
-BACK = 1.1
 
 
 def floods(repetitions: int) -> Iterator[Row]:
@@ -44,14 +41,9 @@ def floods(repetitions: int) -> Iterator[Row]:
         memory = reader(run)
         _stops(run, memory, 2)  # what is made at the first use only is no growth
         for kind in FLOODS:
-            before = process.memory_info().rss
-            with _flood(run.url, kind) as flood:
+            with flooding(run.url, kind) as flood:
                 flood.send_signal(signal.SIGSTOP)
                 delays = _stops(run, memory, repetitions, flood)
-                during = process.memory_info().rss
-            calm_s = time.monotonic() + CALM_S
-            while (after := process.memory_info().rss) > BACK * before and time.monotonic() < calm_s:
-                time.sleep(1.0)
             assert run.child("app") == process, "the service has died"
             yield row(
                 f"POST /stop to the first decelerating cycle, {kind}",
@@ -61,16 +53,6 @@ def floods(repetitions: int) -> Iterator[Row]:
                 percentiles(_floor(kind, repetitions)),
                 ratio_of="p99",
                 aim="50 ms at p99",
-            )
-            yield row(
-                f"memory of the service, {kind}",
-                "MB",
-                (during / 1e6, after / 1e6),
-                "before",
-                (before / 1e6, before / 1e6),
-                columns=("during", "after"),
-                ratio_of="after",
-                aim="1.1 or less after",
             )
 
 
@@ -109,7 +91,7 @@ def _floor(kind: str, repetitions: int) -> list[float]:
     )
     try:
         url = address(bare)
-        with _flood(url, kind):
+        with flooding(url, kind):
             time.sleep(RISES_S)
             return [_answer_ms(url) for _ in range(min(repetitions, 20))]
     finally:
@@ -130,7 +112,7 @@ def _answer_ms(url: str) -> float:
 
 
 @contextlib.contextmanager
-def _flood(url: str, kind: str) -> Iterator[subprocess.Popen[str]]:
+def flooding(url: str, kind: str) -> Iterator[subprocess.Popen[str]]:
     """From all its connections, once they have been tried."""
     command = [sys.executable, "-m", "floods", url, kind, "3600"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=HELPER_ENVIRONMENT)

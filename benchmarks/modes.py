@@ -157,5 +157,7 @@ def modes(slices: int, slice_s: float) -> Iterator[Row]:
 
 
 def go_home(run: Run) -> None:
+    """Also while the arm brakes, because rtloop was silent in the middle of a motion."""
     with Client(run.url, motion_timeout_s=30.0) as client:
+        client.stop()
         client.move_named("home", speed=0.5)

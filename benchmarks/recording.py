@@ -22,10 +22,10 @@ def recording(cycles: int, slice_s: float) -> Iterator[Row]:
     """A cycle with and without a record, in turn; and the recorder at rest and while it writes everything."""
     yield _cycle(cycles)
     with service() as run:
-        rtloop, recorder = _process(run, "rtloop"), _process(run, "recorder")
-        rest = _shares([recorder, rtloop], slice_s)
+        rtloop, recorder = process(run, "rtloop"), process(run, "recorder")
+        rest = shares([recorder, rtloop], slice_s)
         httpx.post(f"{run.url}/recordings", json={"action": "start"}, timeout=30.0).raise_for_status()
-        busy = _shares([recorder, rtloop], slice_s)
+        busy = shares([recorder, rtloop], slice_s)
         httpx.post(f"{run.url}/recordings", json={"action": "stop"}, timeout=120.0).raise_for_status()
         state = httpx.get(f"{run.url}/recordings", timeout=30.0).json()["recorder"]
     yield row(
@@ -68,13 +68,13 @@ def _cycle(cycles: int) -> Row:
     )
 
 
-def _process(run: Run, module: str) -> psutil.Process:
+def process(run: Run, module: str) -> psutil.Process:
     found = run.child(module)
     assert found is not None
     return found
 
 
-def _shares(processes: list[psutil.Process], duration_s: float) -> list[float]:
+def shares(processes: list[psutil.Process], duration_s: float) -> list[float]:
     """Of a core."""
     before = [sum(process.cpu_times()[:2]) for process in processes]
     time.sleep(duration_s)

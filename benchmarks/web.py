@@ -10,6 +10,8 @@ import threading
 import time
 from collections.abc import Iterator
 
+import psutil
+
 from benchmarks.service import background, reader, service
 from benchmarks.table import Row, percentiles, row
 from cobot.client import Client
@@ -32,11 +34,14 @@ def requests_per_second(slices: int, slice_s: float) -> Iterator[Row]:
     for tokens in (0, TOKENS):
         ours, theirs = Answers(), Answers()
         with service(tokens=tokens) as run, background("benchmarks.bare") as bare:
-            bare_url = address(bare)
+            bare_url, app, floor = address(bare), run.child("app"), psutil.Process(bare.pid)
+            assert app is not None
             shown = [run.asking["headers"]["Authorization"].removeprefix("Bearer ")] if tokens else []
+            ours.rest(app, slice_s)
+            theirs.rest(floor, slice_s)
             for _ in range(slices):
-                ours.collect(run.url, slice_s, *shown)
-                theirs.collect(bare_url, slice_s)
+                ours.collect(app, run.url, slice_s, *shown)
+                theirs.collect(floor, bare_url, slice_s)
         asked = (
             f"GET {JOINT_STATES}, {CLIENTS} connections{f', with one of {tokens} tokens' if tokens else ''}"
         )
@@ -55,6 +60,14 @@ def requests_per_second(slices: int, slice_s: float) -> Iterator[Row]:
             "bare FastAPI route",
             percentiles(theirs.took_ms),
             ratio_of="p99",
+        )
+        yield row(
+            f"{asked}: computing time of the service for an answer",
+            "µs",
+            percentiles(ours.cpu_us),
+            "bare FastAPI route",
+            percentiles(theirs.cpu_us),
+            aim="1.43 times or less",
         )
 
 
@@ -124,18 +137,36 @@ def until_cruising(memory: RobotMemory) -> None:
 
 
 class Answers:
-    """Of a server under as much load as it takes: how many a second, and how long each took."""
+    """Of a server under as much load as it takes: how many a second, how long each took, and what it has cost
+    the server, which other work on the computer hardly changes.
+    """
 
     def __init__(self) -> None:
         self.rates: list[float] = []
         self.took_ms: list[float] = []
+        self.cpu_us: list[float] = []
+        self._idle = 0.0
 
-    def collect(self, url: str, duration_s: float, *token: str) -> None:
+    def rest(self, server: psutil.Process, duration_s: float) -> None:
+        """See what it computes without anybody who asks: that is no part of an answer."""
+        before_s = _computed_s(server)
+        time.sleep(duration_s)
+        self._idle = (_computed_s(server) - before_s) / duration_s
+
+    def collect(self, server: psutil.Process, url: str, duration_s: float, *token: str) -> None:
         asked = (url + JOINT_STATES, str(CLIENTS), "0", str(duration_s), *token)
         command = [sys.executable, "-m", "benchmarks.load", *asked]
+        before_s = _computed_s(server)
         said = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
+        computed_s = _computed_s(server) - before_s - self._idle * duration_s
+        self.cpu_us.append(1e6 * computed_s / int(said[0]))
         self.rates.append(float(said[0]) / duration_s)
         self.took_ms += map(float, said[1:])
+
+
+def _computed_s(process: psutil.Process) -> float:
+    times = process.cpu_times()
+    return float(times.user + times.system)
 
 
 def _low_tail(rates: list[float]) -> tuple[float, float, float]:

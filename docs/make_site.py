@@ -1,6 +1,7 @@
 """The documents as a site, for `make docs`.
 
-    python docs/make_site.py            lays out all pages in one folder, with what else they link to
+    python docs/make_site.py            lays out all pages in one folder, with what else they link to and the
+                                        pages that are made of the code (reference.py)
     python docs/make_site.py check      looks whether the site that was built of it is whole
 
 On a site there is nothing beside it: a link out of `docs/` leads to a copy. Nothing is fetched from
@@ -26,13 +27,25 @@ LINK = re.compile(r"(?<=\]\()(?![a-z]+:|#)([^)\s#]+)")
 def stage(folder: Path) -> None:
     """Fill a folder anew."""
     shutil.rmtree(folder, ignore_errors=True)
-    for source in sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "docs").glob("*.png")]):
+    for source in sorted(
+        [
+            *ROOT.glob("*.md"),
+            *(ROOT / "docs").glob("*.md"),
+            *(ROOT / "docs").glob("*.png"),
+            *(ROOT / "docs").glob("*.gif"),
+        ]
+    ):
         target = folder / staged(source)
         target.parent.mkdir(parents=True, exist_ok=True)
         if source.suffix == ".md":
             target.write_text(_with_links(source, folder), encoding="utf-8")
         else:
             shutil.copyfile(source, target)
+    sys.path[:0] = [str(ROOT / "docs"), str(ROOT)]
+    from reference import pages
+
+    for name, text in pages().items():
+        (folder / name).write_text(text, encoding="utf-8")
 
 
 def staged(source: Path) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import os
 import threading
@@ -32,6 +33,7 @@ GRACE_S = 2.0
 """A recording that waits for cycles which do not come, because rtloop is dead, ends so much later."""
 LIST_S = 1.0
 """So often the folder is looked through."""
+LATEST_WALL_NS = 2_100_000_000 * 10**9
 LEFT = ".left"
 """Ends the name of what a killed recorder has left of a continuous recording, while it is taken over."""
 
@@ -264,6 +266,9 @@ class RobotRecorder:
                 self._end(writing)
         except OSError as exc:
             self._fail(writing, exc)
+        except Exception as exc:  # the same again next time: nobody is to wait for that
+            log.error("%s: the recorder failed", self.robot, exc_info=exc)
+            self._fail(writing, OSError(f"the recorder failed: {exc}"))
 
     def _is_overdue(self, writing: Writing) -> bool:
         """Whether the cycles that it waits for do not come."""
@@ -322,9 +327,16 @@ class RobotRecorder:
         if recordings is not None:
             self._listed_s = time.monotonic()
             status["files"], status["bytes"] = len(recordings), sum(each.size for each in recordings)
+            if status["problem"]:
+                with contextlib.suppress(OSError):
+                    self._store.try_out()
+                    status["problem"] = b""
         self._memory.status.publish()
 
 
 def _ahead_ns() -> int:
-    """By how much the clock of the wall is ahead of CLOCK_MONOTONIC."""
-    return time.time_ns() - time.monotonic_ns()
+    """By how much the clock of the wall is ahead of CLOCK_MONOTONIC. However it was set, what is recorded has
+    times that its messages can hold: from 1970 on, and before 2038.
+    """
+    now_ns = time.monotonic_ns()
+    return min(max(time.time_ns() - now_ns, 0), LATEST_WALL_NS - now_ns)

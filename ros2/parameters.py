@@ -13,6 +13,7 @@ from enum import IntEnum
 from typing import Any
 
 from cobot.errors import CobotError
+from cobot.ros.messages import ros_time
 from ros2.node import Message, Node
 
 Value = bool | int | float | str
@@ -167,10 +168,9 @@ class Parameters:
         return _result("")
 
     def _tell(self, changed: Parameter) -> None:
-        sec, nanosec = divmod(time.time_ns(), 1_000_000_000)
         self._events.publish(
             {
-                "stamp": {"sec": sec, "nanosec": nanosec},
+                "stamp": ros_time(time.time_ns()),
                 "node": self._node.name.full,
                 "changed_parameters": [changed.message],
             }

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import logging
 
+from cobot.ros.messages import ros_time
 from ros2.node import Node
 
 TYPE = "rcl_interfaces/msg/Log"
-_SECOND_NS = 1_000_000_000
 
 
 class RosoutHandler(logging.Handler):
@@ -19,9 +19,8 @@ class RosoutHandler(logging.Handler):
         self._publisher = node.publisher("/rosout", TYPE, depth=1000)
 
     def emit(self, record: logging.LogRecord) -> None:
-        sec, nanosec = divmod(int(record.created * _SECOND_NS), _SECOND_NS)
         message = {
-            "stamp": {"sec": sec, "nanosec": nanosec},
+            "stamp": ros_time(int(record.created * 1e9)),
             "level": record.levelno // 10 * 10,
             "name": self._name,
             "msg": record.getMessage(),

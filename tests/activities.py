@@ -84,23 +84,35 @@ class Servo(OverRosbridge):
             send(type="servo_point", position=[turned, *begin[1:]], **where)
 
 
+def goal_asked(run: Run, there: list[float], time_s: int) -> str:
+    """To be sent over rosbridge for a goal of FollowJointTrajectory."""
+    point = {"positions": there, "time_from_start": {"sec": time_s, "nanosec": 0}}
+    joints = [f"joint{number}" for number in range(1, 8)]
+    asked = {
+        "op": "send_action_goal",
+        "id": "goal",
+        "action": f"/{run.name}/follow_joint_trajectory",
+        "action_type": "control_msgs/action/FollowJointTrajectory",
+        "args": {"trajectory": {"joint_names": joints, "points": [point]}},
+    }
+    return json.dumps(asked)
+
+
+def followed(run: Run, there: list[float], time_s: int = 2) -> tuple[bool, str]:
+    """Whether a goal of FollowJointTrajectory arrives, and what was answered."""
+    with connect(run.url.replace("http", "ws") + "/rosbridge") as socket:
+        socket.send(goal_asked(run, there, time_s))
+        said = str(socket.recv(WAIT_S))
+    return bool(json.loads(said)["values"]["error_code"] == 0), said
+
+
 class Goal(OverRosbridge):
     """A goal of FollowJointTrajectory."""
 
     def _do(self, socket: Any) -> None:
         here = self._run.joints()
         there = AWAY if abs(here[0] - AWAY[0]) > 0.1 else HOME
-        points = [{"positions": there, "time_from_start": {"sec": 20, "nanosec": 0}}]
-        joints = [f"joint{number}" for number in range(1, 8)]
-        goal = {"trajectory": {"joint_names": joints, "points": points}}
-        asked = {
-            "op": "send_action_goal",
-            "id": "goal",
-            "action": f"/{self._run.name}/follow_joint_trajectory",
-            "action_type": "control_msgs/action/FollowJointTrajectory",
-            "args": goal,
-        }
-        socket.send(json.dumps(asked))
+        socket.send(goal_asked(self._run, there, 20))
         while not self._over.is_set() and not self.answers:
             self._take(socket, 0.05)
 

@@ -19,6 +19,17 @@ if TYPE_CHECKING:
     from virtual import VirtualService
 
 
+def ask(app: FastAPI, method: str, path: str, **content: Any) -> httpx.Response:
+    """What an application that has not been started answers."""
+
+    async def request() -> httpx.Response:
+        transport = httpx.ASGITransport(app)
+        async with httpx.AsyncClient(transport=transport, base_url="http://robot.test") as client:
+            return await client.request(method, path, **content)
+
+    return asyncio.run(request())
+
+
 class Anybody:
     """For an application without `app.api.access.Access`: who asks may do everything."""
 

@@ -99,7 +99,11 @@ class Page:
 
     def picture(self, file: Path) -> None:
         """What it shows, as PNG."""
-        file.write_bytes(base64.b64decode(self.ask("Page.captureScreenshot")["data"]))
+        file.write_bytes(self.shot())
+
+    def shot(self) -> bytes:
+        """What it shows, as the bytes of a PNG."""
+        return base64.b64decode(self.ask("Page.captureScreenshot")["data"])
 
     def run(self, script: str) -> Any:
         found = self.ask("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)

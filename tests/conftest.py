@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,12 +23,23 @@ hypothesis.settings.load_profile("cobot")
 os.environ.pop("SSL_CERT_FILE", None)
 os.environ["SSL_CERT_DIR"] = str(Path(__file__).parent)
 
+# Half a million objects come into being while tests are imported and collected, and stay until all have run:
+# the collector walks through them neither then nor with each of its turns later.
+gc.disable()
+
 LONG = ("test_sanitizers.py", "test_schema.py", "test_supervisor.py", "test_ros2.py")
 """What takes longest begins first, or one process would be busy with it when all others have ended."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: item.path.name not in LONG)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtestloop() -> None:
+    gc.collect()
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,4 @@
-"""A backend of somebody's own, `rt.backend: own_arm:Arm`: plain Python, always where it is told to be."""
+"""A backend of somebody's own, `robot.backend: own_arm:Arm`: plain Python, always where it is told to be."""
 
 from __future__ import annotations
 

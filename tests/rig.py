@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from functools import cached_property
 from pathlib import Path
 
 import mujoco
@@ -82,7 +83,14 @@ class Rig:
         memory: RobotMemory | None = None,
         start: Array | None = None,
         recording: RecordingMemory | None = None,
+        backend: Backend | None = None,
+        acknowledged: bool = True,
     ) -> None:
+        """
+        Args:
+            backend: in place of the loopback and the simulation.
+            acknowledged: whether somebody has acknowledged the first contact with it.
+        """
         capacity = CAPACITY if memory is None else len(memory.slots[0].coefficients)
         rt = settings.rt.model_copy(update={"trajectory_capacity": capacity})
         self.settings = settings.model_copy(update={"rt": rt})
@@ -90,17 +98,23 @@ class Rig:
         self.limits = robot.limits
         self.memory = memory or RobotMemory.create(unique_name(), robot.limits.dof, rt.period_s, CAPACITY)
         self.loopback = Loopback(robot.limits.dof)
-        self.simulation = MujocoBackend(self.settings, robot.limits)
-        backend: Backend = self.simulation if simulated else self.loopback
+        backend = backend or (self.simulation if simulated else self.loopback)
         clock = FastClock(rt.period_s)
         self.loop = ControlLoop(self.settings, robot.model, self.memory, backend, clock, recording)
         self.home = np.array(robot.positions["home"].joints)
         self.loop.open(self.home if start is None else start)
+        if acknowledged:
+            self.loop.controller.acknowledge()
         self.commanded: list[Array] = []
         self.path_times: list[float] = []
         self._command = int(self.memory.head.data["id"])
         self._motion = 0
         self.beat()
+
+    @cached_property
+    def simulation(self) -> MujocoBackend:
+        """For who needs it: MuJoCo compiles its model."""
+        return MujocoBackend(self.settings, self.robot.limits)
 
     def close(self) -> None:
         self.memory.unlink()

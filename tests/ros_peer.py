@@ -32,12 +32,11 @@ class Peer:
 
     Attributes:
         messages: the types, for CDR.
-        found: (kind, topic, type) of each endpoint that was discovered and is still there; kind is w or r.
     """
 
     def __init__(self, domain: int, messages: Messages) -> None:
         self.messages = messages
-        self.found: set[tuple[str, str, str]] = set()
+        self._found: set[tuple[str, str, str]] = set()
         self._samples: dict[str, queue.Queue[Arrival]] = {}
         self._replies: dict[str, queue.Queue[bytes]] = {}
         self._matched: queue.Queue[tuple[int, int]] = queue.Queue()
@@ -102,6 +101,11 @@ class Peer:
         self.tell(f"matched {number}")
         return self._matched.get(timeout=WAIT_S)
 
+    @property
+    def found(self) -> set[tuple[str, str, str]]:
+        """(kind, topic, type) of each endpoint that was discovered and is still there; kind is w or r."""
+        return self._found.copy()  # a thread goes on adding to it
+
     def until_matched(self, number: str, *, writers: int = 0, readers: int = 0) -> None:
         until(
             lambda: all(
@@ -142,9 +146,9 @@ class Peer:
             case "matched":
                 self._matched.put((int(words[1]), int(words[2])))
             case "found":
-                self.found.add((words[0], words[1], words[2]))
+                self._found.add((words[0], words[1], words[2]))
             case "lost":
-                self.found.discard((words[0], words[1], words[2]))
+                self._found.discard((words[0], words[1], words[2]))
             case _:
                 self.failures.append(" ".join((verb, *words)))
 

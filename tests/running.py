@@ -26,6 +26,8 @@ about something else, a busy computer shall not make that happen. These are as p
 but for a service that was killed, which is to be missed before there is another."""
 PATIENT_PLANNING = "timeout_s: 60.0"
 """Planners that search look at the clock on the wall: a busy computer shall not have them give up."""
+BRIEF_RECORDING = "recording: {before_s: 1.0, after_s: 0.2}\n"
+"""Each fault leaves a recording, of 35 s as shipped: in tests that have many of them that takes a while."""
 TESTS = Path(__file__).parent
 # For a process that runs a module of tests/: the packages come before the folders of tests that mirror them.
 HELPER_ENVIRONMENT = os.environ | {"PYTHONPATH": os.pathsep.join([str(TESTS.parent), str(TESTS)])}
@@ -88,7 +90,7 @@ class Run:
         self.config = folder / f"{robot}.yaml"
         self.config.write_text(
             f"robot: {{name: {robot}}}\nlogs: logs\n"
-            "sequences: {recordings: recordings, programs: programs}\n"
+            f"sequences: {{recordings: recordings, programs: programs}}\n{BRIEF_RECORDING}"
             f"rt: {{trajectory_capacity: 200000, clock: {clock}{', ' + PATIENT if patient else ''}}}\n"
             f"web: {{port: 0{web}}}\nplanning: {{workers: 1, {planning}}}\n"
             f"ros: {{enabled: {str(ros_domain is not None).lower()}, domain_id: {ros_domain or 0}, "
@@ -161,11 +163,18 @@ class Run:
         return response.json()["position"]
 
     def go_home(self) -> None:
-        """Also from a motion; it ends what else moves the arm."""
+        """Also from a motion; it ends what else moves the arm. A service that was kept from running for a
+        second moves nothing that waited meanwhile: 503.
+        """
+
+        def answered() -> httpx.Response | None:
+            answer = httpx.post(f"{self.url}/robot/move/named", json=named, timeout=WAIT_S, **self.asking)
+            return None if answer.status_code == 503 else answer
+
         httpx.post(f"{self.url}/stop", timeout=WAIT_S, **self.asking).raise_for_status()
         named = {"name": "home", "speed": 1.0}
-        home = httpx.post(f"{self.url}/robot/move/named", json=named, timeout=WAIT_S, **self.asking)
-        assert home.json()["success"], home.text
+        home = self.until(answered)
+        assert home.json().get("success"), home.text
 
     def end(self) -> None:
         if self.process.poll() is None:
@@ -183,7 +192,8 @@ class Pair(Run):
         self.programs.mkdir()
         self.config = folder / f"{self.left}.yaml"
         self.config.write_text(
-            "logs: logs\nsequences: {recordings: recordings, programs: programs}\nweb: {port: 0}\n"
+            f"logs: logs\nsequences: {{recordings: recordings, programs: programs}}\n{BRIEF_RECORDING}"
+            "web: {port: 0}\n"
             f"rt: {{trajectory_capacity: 20000, {PATIENT}}}\nplanning: {{workers: 1, {PATIENT_PLANNING}}}\n"
             f"robots: [{{name: {self.left}}}, {{name: {self.right}{second}}}]\nros: {{enabled: false}}\n",
             encoding="utf-8",

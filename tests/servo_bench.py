@@ -35,7 +35,7 @@ class Bench:
         self.rig, self.link = rig, link
         self.ownership = Ownership(link)
         self.planning = PlanningService(None, 1)
-        motion = MotionService(robot, link, self.ownership, self.planning, settings.planning)
+        motion = MotionService(robot, link, self.planning)
         self.streams = StreamService(link, self.ownership, motion, 0.5)
         info = self.streams.info
         info["stiffness"], info["cartesian_stiffness"] = 500.0, [3000.0] * 3 + [200.0] * 3

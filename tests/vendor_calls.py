@@ -18,9 +18,13 @@ from cobot.robot.tool import Tool, check_tool
 
 
 class Caller:
-    """Calls services of one class; keyword arguments are the fields of the request."""
+    """Calls services of one class; keyword arguments are the fields of the request. Nobody has the control of
+    a robot that has nothing to say about it.
+    """
 
     def __init__(self, robot: Any, robot_class: str) -> None:
+        if not hasattr(robot, "ownership"):
+            robot.ownership = SimpleNamespace(stops=0, require_control=lambda: None)
         self._robot = robot
         self._class = robot_class
         assert any(key[0] == robot_class for key in REGISTRY)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import selectors
 import time
 from collections.abc import Callable
@@ -22,14 +23,21 @@ class _NoFiles(selectors.DefaultSelector):
 
 
 class VirtualLoop(asyncio.SelectorEventLoop):
-    """An event loop that never waits: when nothing is ready, its time jumps to its next timer."""
+    """An event loop that never waits: when nothing is ready, its time jumps to its next timer or beat."""
 
     def __init__(self) -> None:
         self._now_s = 1000.0
+        self._beats: list[Beat] = []
         super().__init__(_NoFiles(self._pass))
 
     def time(self) -> float:
         return self._now_s
+
+    def every(self, period_s: float, call: Callable[[], None]) -> Beat:
+        """Have something called once a period, from now on; it costs less than timers."""
+        beat = Beat(self._beats, period_s, self._now_s, call)
+        self._beats.append(beat)
+        return beat
 
     def run_in_executor(self, executor: Any, function: Any, *arguments: Any) -> Any:  # type: ignore[override]
         """At once, in this thread: no time goes by."""
@@ -41,8 +49,34 @@ class VirtualLoop(asyncio.SelectorEventLoop):
         return future
 
     def _pass(self, timeout: float | None) -> None:
-        assert timeout is not None, "nothing will ever happen: everybody waits for somebody else"
-        self._now_s += timeout
+        assert timeout is not None or self._beats, (
+            "nothing will ever happen: everybody waits for somebody else"
+        )
+        end_s = math.inf if timeout is None else self._now_s + timeout
+        while self._beats and (beat := min(self._beats)).due_s <= end_s:
+            self._now_s = max(self._now_s, beat.due_s)
+            beat()
+            if self._ready or timeout is None:  # Somebody has been woken, or may have set a timer.
+                return
+        self._now_s = end_s
+
+
+class Beat:
+    """What a virtual loop calls again and again, until it is closed."""
+
+    def __init__(self, beats: list[Beat], period_s: float, due_s: float, call: Callable[[], None]) -> None:
+        self.due_s = due_s
+        self._beats, self._period_s, self._call = beats, period_s, call
+
+    def __lt__(self, other: Beat) -> bool:
+        return self.due_s < other.due_s
+
+    def __call__(self) -> None:
+        self.due_s += self._period_s
+        self._call()
+
+    def close(self) -> None:
+        self._beats.remove(self)
 
 
 class VirtualClock:

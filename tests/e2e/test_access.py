@@ -256,8 +256,11 @@ def test_who_comes_over_ros_may_move_and_change_nothing(locked: Locked) -> None:
 
 def test_a_websocket_ends_with_its_token_and_its_address_is_in_no_log(locked: Locked) -> None:
     token = locked.file.create("passing", Role.OBSERVER)
-    time.sleep(1.0)  # the service looks every half second
     context = tls_context(locked.trusted)
+    bearer = {"Authorization": f"Bearer {token}"}
+    state = f"{locked.run.url}/robot/joint_states"
+    # The service looks at the file every half second.
+    locked.run.until(lambda: httpx.get(state, headers=bearer, verify=context, timeout=WAIT_S).is_success)
     url = locked.run.url.replace("https", "wss")
     with connect(f"{url}/rosbridge?token={token}", ssl=context) as socket_:
         socket_.send(json.dumps({"op": "call_service", "service": "/rosapi/nodes"}))

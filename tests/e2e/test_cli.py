@@ -14,7 +14,7 @@ from typing import Any
 
 import httpx
 import pytest
-from running import WAIT_S, Run
+from running import WAIT_S, Run, until
 
 from cobot.launch.cli import main
 
@@ -74,6 +74,18 @@ def test_a_move_ends_when_the_arm_has_arrived(shell: Shell, goal: list[str]) -> 
     assert shell.run.joints() != pytest.approx(before, abs=0.01)
     status, out, _ = shell("move", "home", "--speed", "1")
     assert (status, out.startswith("arrived after ")) == (0, True)
+
+
+def test_moves_are_queued_and_followed_as_jobs(shell: Shell) -> None:
+    first = shell.json("move", "work", "--speed", "0.5", "--queue", "--blend-radius", "0.05")
+    status, out, _ = shell("move", "0.1", "0.5", "0", "-1.2", "0", "1.4", "0", "--queue")
+    assert (status, out.startswith("job ")) == (0, True)
+    job = out.split()[1]
+    assert first["parent"] == shell.json("jobs", job)["parent"] is not None
+    until(lambda: shell.json("jobs", job)["state"] == "finished")
+    assert shell.json("jobs", first["id"])["state"] == "finished"
+    status, _, err = shell("move", "home", "--blend-radius", "0.1")
+    assert (status, "--queue" in err) == (1, True)
 
 
 def test_what_the_service_refuses_is_said_in_its_words_with_status_1(shell: Shell) -> None:
@@ -194,3 +206,26 @@ def test_bash_completes_commands_and_their_options(capsys: pytest.CaptureFixture
     for shell in ("zsh", "fish"):
         assert main(["completion", shell]) == 0
         assert "--state-hz" in (text := capsys.readouterr().out) or "-l state-hz" in text
+
+
+def test_a_stop_of_category_1_switches_the_drives_off_until_a_reset(shell: Shell) -> None:
+    stopped = shell.json("stop", "--category", "1")
+    assert (stopped["success"], stopped["category"]) == (True, 1)
+    assert shell.json("state")["robot"]["mode"] == "ESTOP"
+    httpx.post(f"{shell.run.url}/robot/reset", timeout=WAIT_S).raise_for_status()
+    assert shell.json("stop")["category"] == 2
+    assert shell.json("state")["robot"]["mode"] == "HOLD"
+
+
+def test_a_stop_of_another_category_or_without_a_service_is_wrong_usage(shell: Shell) -> None:
+    for words in (["stop", "--category", "0", "--url", shell.run.url], ["stop", "--category", "1"]):
+        with pytest.raises(SystemExit) as ended:
+            main(words)
+        assert ended.value.code == 2
+
+
+def test_there_is_nothing_to_acknowledge_of_a_simulation(shell: Shell) -> None:
+    """With hardware: tests/app/api/routers/test_robots.py has what is found."""
+    status, out, err = shell("acknowledge", "--payload-checked")
+    assert status == 0, err
+    assert "nothing to acknowledge" in out

@@ -16,6 +16,7 @@ import psutil
 import pytest
 from running import HELPER_ENVIRONMENT, WAIT_S, Run, answering
 
+from cobot.errors import BusyError
 from cobot.launch.process import Niceness, be
 
 KINDS = (
@@ -34,10 +35,18 @@ LASTS_S = 1.5
 TRIES = 5
 GROWTH_BYTES = 200e6
 """An endless header or trailer would reach it within the time that a flood lasts."""
+KEPT_BYTES = 80e6
+"""More than what is imported and cached at the first use, and less than any flood takes while it lasts."""
 
 
 class Narrow(Run):
-    """With 256 descriptors for each of its processes, and little patience for slow clients."""
+    """With 256 descriptors for each of its processes, and little patience for slow clients.
+
+    Attributes:
+        begun_bytes: what its service took before the first flood.
+    """
+
+    begun_bytes = 0
 
     def command(self) -> list[str]:
         content = self.config.read_text(encoding="utf-8")
@@ -51,6 +60,9 @@ class Narrow(Run):
 @pytest.fixture(scope="module")
 def narrow(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Narrow]:
     with answering(Narrow(tmp_path_factory.mktemp("narrow"))) as started:
+        service = started.child("app")
+        assert service is not None
+        started.begun_bytes = service.memory_info().rss
         yield started
 
 
@@ -82,13 +94,15 @@ def move_slowly(run: Run) -> None:
 
 def ask(run: Run, method: str, path: str) -> httpx.Response:
     """As a client on another computer, whose processor is its own: one that was let in but spoke too
-    late comes again.
+    late, and had to make room, comes again.
     """
     be(Niceness.PROMPT)
     try:
         for _ in range(TRIES):
             try:
-                return httpx.request(method, f"{run.url}{path}", timeout=WAIT_S)
+                answer = httpx.request(method, f"{run.url}{path}", timeout=WAIT_S)
+                if answer.status_code != 503 or answer.json()["code"] != BusyError.code:
+                    return answer
             except (httpx.RemoteProtocolError, httpx.ReadError):
                 continue
     finally:
@@ -122,6 +136,13 @@ def test_the_arm_stops_and_nothing_dies_under_a_flood(narrow: Narrow, kind: str)
     narrow.until(narrow.healthy)
     assert family(narrow) == before
     assert "Traceback" not in narrow.output, narrow.output
+
+
+def test_what_the_floods_took_comes_back(narrow: Narrow) -> None:
+    """All of them, one after the other. Beside it: `python -m benchmarks memory`."""
+    service = narrow.child("app")
+    assert service is not None
+    narrow.until(lambda: service.memory_info().rss - narrow.begun_bytes < KEPT_BYTES)
 
 
 def cobot_stop(*arguments: str) -> subprocess.CompletedProcess[str]:

@@ -1,13 +1,15 @@
 """The operator panel in a headless Chromium, as a person uses it; the arm's reaction is asked of REST.
 
-With COBOT_PICTURES=FOLDER it writes the documents' picture of the panel there.
+With COBOT_PICTURES=FOLDER it writes the documents' pictures of the panel there, one of them moving.
 """
 
 from __future__ import annotations
 
+import io
 import json
 import os
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +18,13 @@ import jsonschema_rs
 import numpy as np
 import pytest
 from chromium import CHROMIUM, Page, browsing
+from PIL import Image
 from running import WAIT_S, Run, until
 from scipy.interpolate import CubicSpline
 from streaming_client import StreamClient
 from websockets.sync.client import connect
+
+from cobot.clock import SYSTEM
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 MOVED_RAD = 0.02
@@ -41,14 +46,7 @@ class Panel:
 
     def __init__(self, page: Page, run: Run) -> None:
         self.page, self.run = page, run
-        width, height = SIZE
-        page.ask(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=height,
-            deviceScaleFactor=1,
-            mobile=False,
-        )
+        size(self, *SIZE)
         page.ask("Page.enable")
         page.ask("Page.addScriptToEvaluateOnNewDocument", source=WATCH)
         self.load()
@@ -106,6 +104,12 @@ class Panel:
         return before
 
 
+def size(panel: Panel, width: int, height: int, *, mobile: bool = False) -> None:
+    """What the page has to show itself in."""
+    how = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": mobile}
+    panel.page.ask("Emulation.setDeviceMetricsOverride", **how)
+
+
 @pytest.fixture(scope="module")
 def opened(service: Run, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Panel]:
     if CHROMIUM is None:
@@ -151,6 +155,25 @@ def test_it_shows_the_arm_where_it_is_and_asks_nobody_else(panel: Panel) -> None
     print(f"first paint after {painted:.0f} ms")
 
 
+def test_a_robot_that_says_how_it_is_is_shown_and_a_simulation_is_not(panel: Panel) -> None:
+    said = {"connection": "COMMANDING_ACTIVE", "quality": "GOOD", "operation_mode": "T1", "drives": "on"}
+
+    def shown(status: object) -> list[object]:
+        device = "document.querySelector('#device')"
+        told = f"cobotPanel.status.tell({json.dumps(status)})"
+        seen = ", ".join(
+            f"{device}.{each}" for each in ("closest('div').hidden", "textContent", "title", "dataset.level")
+        )
+        return list(panel.page.run(f"({told}, [{seen}])"))
+
+    assert panel.page.run("document.querySelector('#device').closest('div').hidden")
+    good = {**said, "safety_stop": "", "text": "FRI 1.x"}
+    assert shown(good) == [False, "T1, COMMANDING_ACTIVE, GOOD, drives on", "FRI 1.x", ""]
+    stopped = {**said, "safety_stop": "safety stop 1: at rest", "text": ""}
+    assert shown(stopped) == [False, "T1, safety stop 1: at rest", "", "bad"]
+    assert shown(None)[0] is True
+
+
 def test_a_joint_moves_while_its_button_is_held(panel: Panel) -> None:
     plus = button("joint", 0, 1)
     panel.hold(plus, away(panel, 0, 1, 0.0))
@@ -168,6 +191,15 @@ def test_a_page_that_loses_the_focus_lets_go(panel: Panel) -> None:
     panel.stays()
     assert not panel.page.run("!!cobotPanel.jog.held")
     panel.let_go(minus)
+
+
+def test_without_a_connection_nothing_is_held(panel: Panel) -> None:
+    panel.page.run("cobotPanel.stream.socket.close()")
+    panel.page.click(button("joint", 0, 1))
+    assert not panel.page.run("!!cobotPanel.jog.held")
+    panel.until("cobotPanel.stream.ready && document.querySelector('#connection').innerText === 'connected'")
+    panel.stays()
+    assert is_at(panel, HOME)
 
 
 def test_a_page_that_falls_silent_is_stopped_by_the_service(panel: Panel) -> None:
@@ -248,6 +280,38 @@ def test_a_motion_is_shown_before_it_is_run(panel: Panel) -> None:
     np.testing.assert_allclose(panel.run.joints(), goals["work"], atol=5e-3)
 
 
+@pytest.mark.skipif("COBOT_PICTURES" not in os.environ, reason="no pictures are asked for")
+def test_the_moving_picture_of_the_documents(panel: Panel) -> None:
+    """A motion is planned, its ghost goes the way, the arm follows: slowly, so that a busy computer has many
+    pictures of it, which are then shown faster.
+    """
+    shots: list[Image.Image] = []
+
+    def shoot(least: int, goes_on: Callable[[], bool] = lambda: False) -> None:
+        begun = len(shots)
+        while len(shots) < begun + least or goes_on():
+            shots.append(Image.open(io.BytesIO(panel.page.shot())).convert("RGB").resize((800, 500)))
+            SYSTEM.sleep(0.3)
+
+    panel.page.run("document.querySelector('#motion-speed').value = 5")
+    panel.until("document.querySelector('#control').innerText === 'nobody'")
+    shoot(3)
+    planned(panel, "work")
+    shoot(12)
+    panel.page.click("#execute")
+    shoot(1, lambda: panel.text("#plan") != "The arm has arrived.")
+    shoot(1)
+    file = Path(os.environ["COBOT_PICTURES"]) / "panel.gif"
+    together = Image.new("RGB", (800, 500 * len(shots)))
+    for index, shot in enumerate(shots):
+        together.paste(shot, (0, 500 * index))
+    colours = together.quantize(128, Image.Quantize.MAXCOVERAGE)  # one palette, or they would flicker
+    few = [shot.quantize(palette=colours, dither=Image.Dither.NONE) for shot in shots]
+    lasts_ms = [120] * (len(few) - 1) + [1500]
+    few[0].save(file, save_all=True, append_images=few[1:], duration=lasts_ms, loop=0, optimize=False)
+    assert file.stat().st_size < 1_500_000
+
+
 def slowly(panel: Panel) -> None:
     """The arm goes to "work", for a minute or so."""
     body = {"points": [{"positions": [0.6, *HOME[1:]], "time_from_start": 60.0}]}
@@ -321,6 +385,181 @@ def test_plans_of_others_are_approved_and_taken_back(panel: Panel) -> None:
     panel.page.click(f"{row} button")
     panel.until(f"document.querySelector('{row} button').innerText === 'Approve'")
     assert approved_by() is None
+
+
+def test_a_plan_of_somebody_else_is_shown_before_it_is_approved(panel: Panel) -> None:
+    body = {"joints": [0.4, *HOME[1:]], "speed": 0.5}
+    answer = httpx.post(f"{panel.run.url}/robot/plan/joints", json=body, timeout=WAIT_S).json()
+    row = f'[data-plan="{answer["plan_id"]}"]'
+    panel.until(f"document.querySelector('{row}')")
+    panel.page.click(f"{row} button:nth-of-type(2)")
+    panel.until("cobotPanel.view.ghost && document.querySelector('#plan').innerText.includes('Takes')")
+    assert panel.page.run("cobotPanel.view.plan.plan_id") == answer["plan_id"]
+    assert panel.page.run("document.querySelector('#execute').disabled"), "it is not the panel's to run"
+    panel.page.click("#discard")
+    panel.until("!cobotPanel.view.ghost")
+
+
+def test_the_speed_that_somebody_else_sets_is_heard_of(panel: Panel) -> None:
+    try:
+        for fraction in (0.4, 1.0):
+            body = {"fraction": fraction}
+            httpx.post(f"{panel.run.url}/robot/speed_override", json=body, timeout=WAIT_S).raise_for_status()
+            panel.until(f"document.querySelector('#override-shown').innerText === '{100 * fraction:.0f} %'")
+    finally:
+        httpx.post(f"{panel.run.url}/robot/speed_override", json={"fraction": 1.0}, timeout=WAIT_S)
+
+
+def test_what_waits_in_the_queue_is_listed_and_taken_out(panel: Panel) -> None:
+    with httpx.Client(base_url=panel.run.url, timeout=WAIT_S) as http:
+        try:
+            http.post("/robot/speed_override", json={"fraction": 0.0}).raise_for_status()
+            jobs = []
+            for angle in (0.2, 0.4, 0.6):
+                body = {"joints": [angle, *HOME[1:]], "speed": 1.0}
+                jobs.append(
+                    http.post("/robot/move/joints?queue=true", json=body).raise_for_status().json()["id"]
+                )
+            panel.until("document.querySelectorAll('#queue li').length === 3")
+            listed = panel.page.run(
+                "[...document.querySelectorAll('#queue li')].map((each) => each.dataset.job)"
+            )
+            assert listed == jobs
+            panel.page.click(f'[data-job="{jobs[1]}"] button')
+            panel.until("document.querySelectorAll('#queue li').length === 2")
+            assert http.get(f"/jobs/{jobs[1]}").json()["state"] == "cancelled"
+            panel.page.click("#stop")
+            panel.until("document.querySelector('#queue').hidden")
+            until(lambda: http.get(f"/jobs/{jobs[2]}").json()["state"] == "cancelled")
+        finally:
+            http.post("/robot/speed_override", json={"fraction": 1.0}).raise_for_status()
+
+
+def test_a_place_is_taught_gone_to_and_forgotten(panel: Panel) -> None:
+    with httpx.Client(base_url=panel.run.url, timeout=WAIT_S) as http:
+        place = [0.25, *HOME[1:]]
+        assert http.post("/robot/move/joints", json={"joints": place, "speed": 1.0}).json()["success"]
+        panel.until("Math.abs(cobotPanel.state.commanded_position[0] - 0.25) < 1e-4")
+        set_to(panel, "#position-name", "bench")
+        panel.page.click("#position-teach")
+        panel.until("document.querySelector('[data-position=bench]')")
+        taught = {each["name"]: each for each in http.get("/robot/positions").json()}["bench"]
+        assert taught["taught"]
+        np.testing.assert_allclose(taught["joints"], place, atol=1e-4)
+        panel.run.go_home()
+        panel.page.run("document.querySelector('#motion-speed').value = 100")
+        planned(panel, "bench")
+        panel.page.click("#execute")
+        panel.until("document.querySelector('#plan').innerText === 'The arm has arrived.'")
+        np.testing.assert_allclose(panel.run.joints(), place, atol=5e-3)
+        set_to(panel, "#position-name", "home")
+        panel.page.click("#position-teach")
+        panel.until("document.querySelector('#plan').innerText.includes('SRDF')")
+        assert panel.page.run("document.querySelector('#position-forget').disabled")
+        set_to(panel, "#position-name", "bench")
+        panel.page.click("#position-forget")
+        panel.until("!document.querySelector('[data-position=bench]')")
+        assert "bench" not in [each["name"] for each in http.get("/robot/positions").json()]
+        while panel.problems():  # Chromium says of each refusal that a resource has not been loaded
+            assert "409" in panel.problems()[0]
+            panel.page.run("problems.shift()")
+
+
+def opened_card(panel: Panel, card: str) -> None:
+    panel.page.run(f"document.querySelector('#{card}').open = true")
+
+
+def test_a_lua_program_is_run_and_its_mistakes_are_marked(panel: Panel) -> None:
+    opened_card(panel, "lua")
+    try:
+        program = "movej({ 0.2, 0, 0, -1.57, 0, 1.57, 0 }, 1.0)\nprint('there')\n"
+        set_to(panel, "#lua-text", program)
+        assert panel.text("#lua-lines").split() == ["1", "2", "3"]
+        panel.page.click("#lua-run")
+        panel.until("document.querySelector('#lua-why').innerText === 'Has ended well.'")
+        assert "there" in panel.text("#lua-log")
+        np.testing.assert_allclose(panel.run.joints(), [0.2, *HOME[1:]], atol=5e-3)
+        set_to(panel, "#lua-text", "print('one')\nmovej({ 9, 0, 0, 0, 0, 0, 0 })\n")
+        panel.page.click("#lua-run")
+        panel.until("document.querySelector('#lua-why').innerText.startsWith('Ended with 2')")
+        assert "joint1" in panel.text("#lua-why")
+        begin = panel.page.run("document.querySelector('#lua-text').selectionStart")
+        assert begin == len("print('one')\n"), "the second line is selected"
+    finally:
+        panel.page.run("document.querySelector('#lua').open = false; localStorage.removeItem('cobot.lua')")
+
+
+def test_outputs_are_switched_and_registers_written(panel: Panel) -> None:
+    """Oracle: the vendor services of the same robot."""
+    name = httpx.get(f"{panel.run.url}/robots", timeout=WAIT_S).json()[0]["name"]
+
+    def called(method: str, **fields: Any) -> Any:
+        answer = httpx.post(f"{panel.run.url}/{name}/{method}", json=fields, timeout=WAIT_S).json()
+        assert answer["code"] == 0, answer
+        return answer["result"]
+
+    opened_card(panel, "io")
+    try:
+        third = "#io-Output button:nth-of-type(3)"
+        panel.until(f"document.querySelector('{third}')")
+        panel.page.click(third)
+        until(lambda: called("IoControl/getStandardDigitalOutput", index=2))
+        panel.until(f"document.querySelector('{third}').getAttribute('aria-pressed') === 'true'")
+        panel.page.click(third)
+        until(lambda: not called("IoControl/getStandardDigitalOutput", index=2))
+        called("IoControl/setStandardDigitalInput", index=1, value=True)
+        panel.until("document.querySelector('#io-Input button:nth-of-type(2)').ariaPressed === 'true'")
+        called("IoControl/setStandardDigitalInput", index=1, value=False)
+        for selector, value in (("bank", "Output"), ("kind", "Int32"), ("index", "7"), ("value", "-12")):
+            set_to(panel, f"#register-{selector}", value)
+        panel.page.click("#register-write")
+        until(lambda: called("RegisterControl/getInt32Output", index=7) == -12)
+        panel.until("document.querySelector('#register-shown').innerText === '-12'")
+        called("RegisterControl/setInt32Output", index=7, value=0)
+    finally:
+        panel.page.run("document.querySelector('#io').open = false")
+
+
+def test_recordings_are_made_and_listed_over_their_time(panel: Panel) -> None:
+    opened_card(panel, "recordings")
+    with httpx.Client(base_url=panel.run.url, timeout=WAIT_S) as http:
+
+        def names() -> list[str]:
+            return [each["name"] for each in http.get("/recordings").json()["recordings"]]
+
+        before = names()
+        try:
+            panel.page.click("#rec-dump")
+            until(lambda: len(names()) > len(before))
+            made = next(name for name in names() if name not in before)
+            panel.until(f"document.querySelector('[data-recording=\"{made}\"] button')")
+            assert "asked for" in panel.text(f'[data-recording="{made}"]')
+            panel.page.click(f'[data-recording="{made}"] button')
+            panel.until("!document.querySelector('#rec-shown').hidden && cobotPanel.view.still !== null")
+            path = http.get(f"/recordings/{made}/path?samples=400").json()
+            assert panel.page.run("cobotPanel.view.still") == pytest.approx(path["duration_s"])
+            assert panel.page.run("cobotPanel.recordings.shown.path") == path["path"]
+            events = panel.page.run("document.querySelectorAll('#rec-events li').length")
+            assert events == len(path["events"][-100:]) > 0
+            panel.page.click("#rec-events button")
+            first = path["events"][-100:][0]["time_s"]
+            panel.until(f"Math.abs(cobotPanel.view.still - {first}) < 1e-6")
+            set_to(panel, "#rec-time", "0.5")
+            panel.until("cobotPanel.view.still === 0.5")
+            panel.page.click("#rec-close")
+            panel.until("!cobotPanel.view.ghost && document.querySelector('#rec-shown').hidden")
+            count = panel.page.run("document.querySelectorAll('#rec-line line').length")
+            assert count == len(names())
+            panel.page.click("#rec-run")
+            panel.until("document.querySelector('#rec-run').innerText === 'End the recording'")
+            assert http.get("/recordings").json()["recorder"]["recording"]
+            panel.page.click("#rec-run")
+            panel.until("document.querySelector('#rec-run').innerText === 'Record'")
+            assert not http.get("/recordings").json()["recorder"]["recording"]
+        finally:
+            panel.page.run("document.querySelector('#recordings').open = false")
+            for name in set(names()) - set(before):
+                http.delete(f"/recordings/{name}").raise_for_status()
 
 
 def happened(panel: Panel) -> list[dict[str, Any]]:
@@ -425,6 +664,21 @@ def test_the_last_seconds_of_each_joint_are_drawn(panel: Panel) -> None:
         ".getImageData(0, 0, each.width, each.height).data.some((value) => value))"
     )
     panel.until(coloured)
+    before = panel.run.health()["rtloop"]["overruns"]  # type: ignore[index]
+    for quantity, lanes, shown in (("error", 7, " °"), ("wrench", 6, " N"), ("cycle", 2, " µs")):
+        set_to(panel, "#live-what", quantity)
+        panel.until(f"document.querySelectorAll('#live b').length === {lanes}")
+        panel.until(f"document.querySelector('#live b').innerText.endsWith('{shown}')")
+        panel.until(coloured)
+    newest = "cobotPanel.live.states.at(-1)"
+    panel.until(f"{newest}.cycle[0] > 0 && {newest}.cycle[1] >= {before}")
+    assert (
+        panel.page.run("document.querySelector('#live canvas').ariaLabel")
+        == "cycle time of period, the last 20 s"
+    )
+    error = f"{newest}.error.every((each, joint) => Math.abs(each) < 0.02)"
+    panel.until(f"{error} && {newest}.wrench.length === 6")
+    set_to(panel, "#live-what", "position")
     span = "cobotPanel.live.states.at(-1).time - cobotPanel.live.states[0].time"
     assert panel.page.run(f"{span} < 20.1 && {span} > 0")
     assert panel.page.run("cobotPanel.live.lanes.length") == 7
@@ -508,6 +762,52 @@ def test_who_has_taken_the_control_moves_the_arm_alone(panel: Panel) -> None:
     assert answer.json()["success"], answer.text
 
 
+def freedriven(panel: Panel) -> dict[str, Any]:
+    return dict(httpx.get(f"{panel.run.url}/robot/freedrive", timeout=WAIT_S).json())
+
+
+def test_the_arm_is_guided_by_hand_while_the_page_is_there(panel: Panel) -> None:
+    """That a push moves it: tests/app/services/streaming/test_freedrive.py. Here nobody pushes."""
+    pressed = "document.querySelector('#freedrive').ariaPressed === 'true'"
+
+    def switched_on() -> int:
+        panel.page.click("#freedrive")
+        panel.until(pressed)
+        found = freedriven(panel)["session"]
+        assert found
+        return int(found)
+
+    session = switched_on()
+    assert panel.text("#freedrive-why").startswith("Push the arm")
+    panel.page.click("#teach")
+    panel.until("document.querySelectorAll('#points li').length === 1")
+    taught = panel.page.run("cobotPanel.waypoints.list[0].joints")
+    np.testing.assert_allclose(taught, HOME, atol=5e-3)
+    panel.page.click("#points li:nth-child(1) button:nth-of-type(3)")
+    until(lambda: freedriven(panel)["left_s"] > 1.0)
+    assert freedriven(panel)["session"] == session, "renewed"
+    panel.page.click("#freedrive")
+    panel.until(f"!({pressed})")
+    until(lambda: freedriven(panel)["ended"] == "freedrive was switched off")
+    panel.stays()
+
+    switched_on()
+    panel.page.click("#stop")
+    panel.until(f"!({pressed}) && document.querySelector('#freedrive-why').innerText.includes('stop')")
+
+    switched_on()
+    panel.page.run("clearTimeout(cobotPanel.freedrive.timer)")
+    until(lambda: freedriven(panel)["session"] is None)
+    assert freedriven(panel)["ended"] == "freedrive was not renewed for 2 s"
+
+    panel.load()
+    switched_on()
+    panel.load()
+    until(lambda: freedriven(panel)["session"] is None)
+    assert freedriven(panel)["ended"] in ("freedrive was switched off", "freedrive was not renewed for 2 s")
+    panel.stays()
+
+
 def test_waypoints_are_taught_shown_run_and_saved_as_a_sequence(panel: Panel) -> None:
     """Oracle: the published schema of sequences, in another implementation of JSON Schema."""
     places = [[0.2, *HOME[1:]], [0.2, 0.2, *HOME[2:]], [0.0, 0.2, *HOME[2:]]]
@@ -523,6 +823,7 @@ def test_waypoints_are_taught_shown_run_and_saved_as_a_sequence(panel: Panel) ->
     panel.page.run(f"({set_to})(document.querySelector('#points li:nth-child(1) input'), '20')")
     panel.page.run(f"({set_to})(document.querySelector('#points li:nth-child(2) select'), 'lin')")
     panel.page.click("#points li:nth-child(3) button:nth-of-type(1)")
+    panel.page.run(f"({set_to})(document.querySelector('#points li:nth-child(2) select'), 'auto')")
     panel.page.click("#points-show")
     panel.until("!document.querySelector('#execute').disabled")
     panel.page.click("#execute")
@@ -531,6 +832,7 @@ def test_waypoints_are_taught_shown_run_and_saved_as_a_sequence(panel: Panel) ->
     sequence = panel.page.run("cobotPanel.waypoints.sequence()")
     last = sequence["waypoints"][2]
     assert last.get("planner") == "lin", f"the second one was moved to the end: {sequence}"
+    assert sequence["waypoints"][1]["planner"] == "auto"
     np.testing.assert_allclose([position[k] for k in "xyz"], [last[k] for k in "xyz"], atol=5e-3)
     schema = Path(__file__).parents[2] / "sequences" / "sequence.schema.json"
     jsonschema_rs.validator_for(json.loads(schema.read_text())).validate(sequence)
@@ -542,14 +844,122 @@ def test_waypoints_are_taught_shown_run_and_saved_as_a_sequence(panel: Panel) ->
     drop(panel, "#points", "a.json", json.dumps(sequence))
     panel.until("document.querySelectorAll('#points li').length === 3")
     assert panel.page.run("cobotPanel.waypoints.sequence()") == sequence
-    drop(panel, "#points", "a.json", '{"waypoints": [{"named": "work"}]}')
-    panel.until("document.querySelector('#points-why').innerText.includes('POST /sequences/start')")
+    drop(panel, "#points", "a.json", '{"points": []}')
+    panel.until("document.querySelector('#points-why').innerText.startsWith('a.json is no sequence')")
     assert panel.page.run("document.querySelectorAll('#points li').length") == 3
     panel.page.run("localStorage.clear()")
 
 
+def newest_job(panel: Panel) -> dict[str, Any]:
+    """Of those that belong to no other."""
+    jobs = httpx.get(f"{panel.run.url}/jobs?n=10", timeout=WAIT_S).json()["jobs"]
+    return dict(next(each for each in jobs if each["parent"] is None))
+
+
+def is_at(panel: Panel, joints: list[float]) -> bool:
+    return bool(np.abs(np.subtract(panel.run.joints(), joints)).max() < 5e-3)
+
+
+def test_waypoints_are_run_step_by_step_paused_and_ended(panel: Panel) -> None:
+    places = [[0.2, *HOME[1:]], [0.2, 0.2, *HOME[2:]], [0.0, 0.2, *HOME[2:]]]
+    sequence = {"waypoints": [{"joints": each, "speed": 1.0, "radius": 0.0} for each in places]}
+    drop(panel, "#points", "a.json", json.dumps(sequence))
+    panel.until("document.querySelectorAll('#points li').length === 3")
+    panel.until("!document.querySelector('#execute').disabled && cobotPanel.view.ghost")
+    assert panel.page.run("document.querySelector('#motion-speed').value") == "100"
+    assert panel.page.run("document.querySelector('#step').disabled")
+    panel.page.click("#points-step")
+    until(lambda: newest_job(panel)["state"] == "paused")
+    assert is_at(panel, HOME)
+    for place in places[:2]:
+        panel.until("!document.querySelector('#step').disabled")
+        panel.until("document.querySelector('#pause').innerText === 'Resume'")
+        panel.page.click("#step")
+        until(lambda place=place: is_at(panel, place) and newest_job(panel)["state"] == "paused")
+    panel.until("document.querySelectorAll('#points li[data-next]').length === 1")
+    panel.until("document.querySelector('#pause').innerText === 'Resume'")
+    panel.page.click("#pause")
+    panel.until("document.querySelector('#points-why').innerText === 'Has come to its end.'")
+    assert is_at(panel, places[2])
+    assert panel.page.run("document.querySelectorAll('#points li[data-next]').length") == 0
+
+    set_to(panel, "#motion-speed", "5")
+    set_to(panel, "#points-rounds", "3")
+    panel.page.click("#points-run")
+    until(lambda: newest_job(panel)["state"] == "running" and panel.mode() == "TRAJECTORY")
+    panel.until("!document.querySelector('#end').disabled")
+    panel.page.click("#end")
+    panel.until("document.querySelector('#points-why').innerText.includes('was cancelled by')")
+    assert newest_job(panel)["state"] == "cancelled"
+    panel.stays()
+    set_to(panel, "#points-rounds", "1")
+    panel.page.run("localStorage.clear()")
+
+
+def test_a_sequence_that_the_list_cannot_edit_is_shown_with_its_curves_and_run_as_it_is(panel: Panel) -> None:
+    """Oracle: of velocities differences of the positions; of what is run, where the arm gets to."""
+    end = [0.1, 0.2, *HOME[2:]]
+    sequence = {
+        "home": {"named": "home", "speed": 1.0},
+        "waypoints": [
+            {"named": "work", "speed": 0.5, "radius": 0.02, "label": "above the bench"},
+            {"joints": end, "speed": 1.0},
+        ],
+    }
+    drop(panel, "#points", "cell.json", json.dumps(sequence))
+    panel.until("document.querySelector('[data-file=\"cell.json\"]')")
+    assert "cell.json: 2 waypoints" in panel.text("#points")
+    panel.until("document.querySelectorAll('#planned-plots svg').length === 14")
+    assert panel.rests()
+    assert is_at(panel, HOME), "nothing has moved"
+    path = panel.page.run("cobotPanel.planned.plan.path")
+    times, places, rates = (
+        np.array([each[name] for each in path]) for name in ("time_s", "joints", "velocities")
+    )
+    np.testing.assert_allclose(rates, np.gradient(places, times, axis=0), atol=0.05)
+    np.testing.assert_allclose(places[-1], end, atol=1e-6)
+    assert panel.page.run("document.querySelectorAll('#planned-plots .beyond').length") == 0
+    assert "%" in panel.text("#planned-plots b")
+    panel.page.click("#points-run")
+    panel.until("document.querySelector('#points-why').innerText === 'Has come to its end.'")
+    assert is_at(panel, end)
+    panel.until("document.querySelector('#planned').hidden")
+    panel.page.click("#points button")
+    panel.until("!document.querySelector('[data-file]')")
+
+    wrong = {"waypoints": [{"joints": [9.0, *HOME[1:]], "speed": 1.0, "label": "too far"}]}
+    drop(panel, "#points", "wrong.json", json.dumps(wrong))
+    panel.until("document.querySelector('#plan').innerText.includes('joint1')")
+    panel.page.click("#points button")
+    while panel.problems():  # Chromium says of each refusal that a resource has not been loaded
+        assert "422" in panel.problems()[0]
+        panel.page.run("problems.shift()")
+
+
+def test_a_long_sequence_is_planned_in_parts_that_end_where_the_arm_stops(panel: Panel) -> None:
+    """120 waypoints, one in three with a radius; and two plans as one."""
+    radii = "Array.from({length: 120}, (_, n) => ({joints: [n], radius: n % 3 ? 0.01 : 0}))"
+    parts = panel.page.run(f"import('/panel/sequence.js').then((all) => all.partsOf({{waypoints: {radii}}}))")
+    counts = [len(each["motions"]) for each in parts]
+    assert counts == [49, 48, 23]
+    assert [each["motions"][0]["joints"][0] for each in parts] == [0, 49, 97]
+    assert all(len(each["radii"]) == len(each["motions"]) - 1 for each in parts)
+    assert parts[0]["radii"][:4] == [0, 0.01, 0.01, 0]
+    with httpx.Client(base_url=panel.run.url, timeout=WAIT_S) as http:
+        there = {"joints": [0.2, *HOME[1:]], "speed": 1.0, "samples": 5}
+        back = {"joints": HOME, "speed": 0.5, "start": there["joints"], "samples": 5}
+        plans = [http.post("/robot/plan/joints", json=body).json() for body in (there, back)]
+    one_after_the_other = f"all.followed({json.dumps(plans[0])}, {json.dumps(plans[1])})"
+    both = panel.page.run(f"import('/panel/sequence.js').then((all) => {one_after_the_other})")
+    assert both["duration_s"] == pytest.approx(sum(each["duration_s"] for each in plans))
+    assert [each["time_s"] for each in both["path"]] == sorted(each["time_s"] for each in both["path"])
+    nearest = min(each["closest_self"]["distance_m"] for each in plans)
+    assert both["closest_self"]["distance_m"] == nearest
+
+
 NAMELESS = """
-[...document.querySelectorAll("button, input, select, progress, a, [role=meter]")].filter((each) => {
+[...document.querySelectorAll("button, input, textarea, select, progress, a, [role=meter]")]
+.filter((each) => {
     const named = each.getAttribute("aria-label") || each.innerText?.trim() || each.labels?.length;
     return !named;
 }).map((each) => each.outerHTML)
@@ -585,29 +995,84 @@ CONTRAST = """
 """
 
 
+VIOLATIONS = """
+axe.run(document, {resultTypes: ["violations"], ...$MORE}).then((found) => found.violations.map((each) => {
+    const where = each.nodes.map((node) => `${node.html} ${node.failureSummary}`);
+    return `${each.id} (${each.impact}): ${each.help}: ${where.join("; ")}`;
+}))
+"""
+
+
+@pytest.fixture(scope="module")
+def axe() -> str:
+    """The script of axe-core. What brings it along would import a browser's driver, so it is not imported."""
+    spec = find_spec("axe_playwright_python")
+    if spec is None or not spec.submodule_search_locations:
+        pytest.skip("axe-playwright-python is not installed: see requirements-peers.lock")
+    return (Path(spec.submodule_search_locations[0]) / "axe.min.js").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_nothing_in_any_view(panel: Panel, axe: str, scheme: str) -> None:
+    """Oracle: all rules of axe-core, WCAG's and its own; in the dark those of colours."""
+    panel.page.run(axe)
+    rules = "{}" if scheme == "light" else "{runOnly: ['color-contrast']}"
+
+    found: dict[str, list[str]] = {}
+
+    def look(view: str) -> None:
+        if violations := panel.page.run(VIOLATIONS.replace("$MORE", rules)):
+            found[view] = violations
+
+    features = [{"name": "prefers-color-scheme", "value": scheme}]
+    panel.page.ask("Emulation.setEmulatedMedia", features=features)
+    try:
+        look("as it opens")
+        planned(panel, "work")
+        panel.page.run("cobotPanel.view.preview(null)")  # else the ghost is drawn all the time
+        panel.page.click("#teach")
+        drop(panel, "#csv-why", "fast.csv", rows_of([0.0, 0.05], [0.1, 4.0]))
+        panel.until("document.querySelectorAll('#csv-plots .beyond').length")
+        body = {"joints": [0.4, *HOME[1:]], "speed": 0.5}
+        plan = httpx.post(f"{panel.run.url}/robot/plan/joints", json=body, timeout=WAIT_S).json()["plan_id"]
+        panel.until(f"document.querySelector('[data-plan=\"{plan}\"]')")
+        panel.page.run("document.querySelectorAll('details').forEach((each) => (each.open = true))")
+        panel.until("document.querySelector('#io-Output button')")
+        look("with all cards open and full")
+        panel.page.run(
+            "for (const each of ['banner', 'token-form', 'queue']) "
+            "document.querySelector(`#${each}`).hidden = false"
+        )
+        panel.page.run("cobotPanel.banner.show({mode: 'FAULT', reason: 'a drive fails'})")
+        panel.page.run("cobotPanel.tabs([{name: 'one', path: ''}, {name: 'two', path: ''}])")
+        look("with a fault, a token that is asked for, and two robots")
+        size(panel, 768, 1024, mobile=True)
+        look("on a tablet")
+        assert not found, json.dumps(found, indent=1)
+    finally:
+        size(panel, *SIZE)
+        panel.page.ask("Emulation.setEmulatedMedia", features=[])
+        panel.page.run("localStorage.clear()")
+        panel.load()
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_everything_has_a_name_and_can_be_read(panel: Panel, scheme: str) -> None:
     """WCAG 2.1: 4.1.2 (names), 1.4.3 (a contrast of 4.5), 2.5.5 (targets); on a tablet nothing is cut off."""
     features = [{"name": "prefers-color-scheme", "value": scheme}]
     panel.page.ask("Emulation.setEmulatedMedia", features=features)
     panel.page.run("document.querySelector('#banner').hidden = false")
+    panel.page.run("document.querySelectorAll('details').forEach((each) => (each.open = true))")
+    panel.until("document.querySelector('#io-Output button')")
     try:
         assert panel.page.run(NAMELESS) == []
         assert panel.page.run(CONTRAST) == []
         small = "filter((each) => each.checkVisibility() && each.offsetHeight < 32)"
         assert panel.page.run(f"[...document.querySelectorAll('button')].{small}.length") == 0
-        panel.page.ask(
-            "Emulation.setDeviceMetricsOverride", width=768, height=1024, deviceScaleFactor=1, mobile=True
-        )
+        size(panel, 768, 1024, mobile=True)
         assert panel.page.run("document.documentElement.scrollWidth <= innerWidth")
     finally:
         panel.page.run("document.querySelector('#banner').hidden = true")
+        panel.page.run("document.querySelectorAll('details').forEach((each) => (each.open = false))")
         panel.page.ask("Emulation.setEmulatedMedia", features=[])
-        width, height = SIZE
-        panel.page.ask(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=height,
-            deviceScaleFactor=1,
-            mobile=False,
-        )
+        size(panel, *SIZE)

@@ -26,6 +26,7 @@ MANUAL = {
     ("get", "/robot/joint_states"),
     ("get", "/robot/pose"),
     ("get", "/robot/positions"),
+    ("post", "/robot/positions"),
     ("post", "/robot/move/named"),
     ("post", "/robot/move/pose"),
     ("post", "/robot/move/arc"),
@@ -48,7 +49,9 @@ MANUAL = {
     ("get", "/sequences/logs"),
     ("post", "/stop"),
 }
-CONTROL = {(method, "/robot/control") for method in ("get", "post", "delete")}
+CONTROL = {
+    (method, path) for path in ("/robot/control", "/robot/freedrive") for method in ("get", "post", "delete")
+}
 OPERATIONS = {
     ("get", "/audit"),
     ("get", "/health/live"),
@@ -81,7 +84,7 @@ def test_every_endpoint_of_the_manual_is_in_the_schema(http: httpx.Client) -> No
     paths = http.get("/openapi.json").json()["paths"]
     served = {(method, path) for path, methods in paths.items() if "{" not in path for method in methods}
     more = {("get", "/health"), ("get", "/robots"), ("get", "/events"), ("get", "/robot/geometry")}
-    more.add(("post", "/robot/reset"))
+    more |= {("post", "/robot/reset"), ("post", "/robot/acknowledge")}
     assert served == MANUAL | more | CONTROL | OPERATIONS | SCENE | JOBS | RECORDINGS
 
 
@@ -120,7 +123,9 @@ def test_the_pose_states_one_orientation_in_three_ways(http: httpx.Client) -> No
 def test_the_named_positions_are_those_of_the_srdf(http: httpx.Client) -> None:
     positions = http.get("/robot/positions").json()
     assert [position["name"] for position in positions] == ["home", "work", "transport"]
-    assert all(set(position) == {"name", "group", "description", "joints"} for position in positions)
+    assert all(
+        set(position) == {"name", "group", "description", "joints", "taught"} for position in positions
+    )
     assert positions[0]["joints"] == HOME
 
 
@@ -467,10 +472,13 @@ def test_every_example_of_the_schema_works_unedited(http: httpx.Client) -> None:
                 assert answer.json().get("success", True), answer.text
                 if "token" in answer.json():  # the next one is somebody without it
                     http.delete(path, headers={"X-Control-Token": answer.json()["token"]}).raise_for_status()
+                if path.endswith("/freedrive"):  # nor does anybody hold the arm
+                    http.delete(path).raise_for_status()
                 until(lambda: motion(http)["mode"] == "HOLD")
                 tried += 1
     http.post("/robot/tool", json={"clear": True}).raise_for_status()
-    assert tried == 2 * 19, "of the default robot, and of a robot by name"
+    http.delete("/robot/positions/beside").raise_for_status()
+    assert tried == 2 * 22, "of the default robot, and of a robot by name"
 
 
 def test_a_second_motion_is_refused_with_the_name_of_the_first(http: httpx.Client) -> None:
@@ -677,6 +685,12 @@ def test_a_recording_is_made_fetched_and_removed(http: httpx.Client) -> None:
     assert fetched.headers["content-disposition"] == f'attachment; filename="{name}"'
     found = make_reader(io.BytesIO(fetched.content), validate_crcs=True).iter_messages(topics="/joint_states")
     assert 1 <= len(list(found)) <= 500
+    shown = http.get(f"/recordings/{name}/path?samples=5").json()
+    assert len(shown["path"]) == 5
+    assert shown["path"][-1]["time_s"] == shown["duration_s"]
+    np.testing.assert_allclose(shown["path"][-1]["joints"], joints(http), atol=1e-3)
+    place = http.get("/robot/pose").json()["position"]
+    np.testing.assert_allclose(shown["path"][-1]["position"], [place[axis] for axis in "xyz"], atol=1e-3)
     assert http.delete(f"/recordings/{name}").status_code == 200
     for gone in (http.get(f"/recordings/{name}"), http.delete(f"/recordings/{name}")):
         assert (gone.status_code, gone.json()["code"]) == (404, "not_found")

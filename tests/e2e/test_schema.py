@@ -5,6 +5,7 @@ It finds statuses that are not documented, answers that do not fit their schema,
 
 from __future__ import annotations
 
+import contextlib
 import re
 import subprocess
 import sys
@@ -63,6 +64,7 @@ def restless(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
 def stopped_again_and_again(service: Run) -> Iterator[None]:
     """A motion that the fuzzer finds may take hours, and while it lasts others are only refused.
 
+    So may a recording, of more cycles than there are in real time: its end waits for what is written still.
     What is still being planned is let be: a stop would have the planning process replaced.
     """
     ended = threading.Event()
@@ -75,8 +77,14 @@ def stopped_again_and_again(service: Run) -> Iterator[None]:
                     client.post("/stop").raise_for_status()
             client.post("/stop").raise_for_status()
 
-    with ThreadPoolExecutor(1) as pool:
-        stopped = pool.submit(stop)
+    def stop_recordings() -> None:
+        with httpx.Client(base_url=service.url, timeout=WAIT_S, **service.asking) as client:
+            while not ended.wait(LOOK_EVERY_S):
+                with contextlib.suppress(httpx.TransportError):
+                    client.post("/recordings", json={"action": "stop"})  # It is refused while there is none.
+
+    with ThreadPoolExecutor(2) as pool:
+        stopped, _ = pool.submit(stop), pool.submit(stop_recordings)
         try:
             yield
         finally:
@@ -105,6 +113,10 @@ def fuzzed(service: Run, folder: Path, *options: str, document: str = "/openapi.
     # What it has put there would be in the way of the tests that follow.
     for path in ("/scene", "/robot/tool"):
         httpx.post(f"{service.url}{path}", json={"clear": True}, timeout=WAIT_S)
+    positions = httpx.get(f"{service.url}/robot/positions", timeout=WAIT_S)
+    for each in positions.json() if positions.is_success else []:  # without a token there are none
+        if each["taught"]:
+            httpx.delete(f"{service.url}/robot/positions/{each['name']}", timeout=WAIT_S)
     assert result.returncode == 0, result.stdout[-6000:] + result.stderr[-2000:]
     assert re.search(r"\d+ passed", result.stdout)
 

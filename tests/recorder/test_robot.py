@@ -22,7 +22,7 @@ from running import WAIT_S
 from cobot.errors import ConflictError, UnavailableError
 from cobot.ipc.layout import text
 from cobot.ipc.recording_memory import RecordingMemory
-from cobot.recording.store import RecordingStore
+from cobot.recording.store import TRIAL_BYTES, RecordingStore
 from cobot.types import LoopMode
 from recorder import files
 from recorder.robot import RobotRecorder
@@ -234,8 +234,49 @@ class FullDisk:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         return int(self._file.write(data))
 
+    def __enter__(self) -> FullDisk:
+        return self
+
+    def __exit__(self, *how: object) -> None:
+        self._file.close()
+
     def __getattr__(self, name: str) -> Any:
         return getattr(self._file, name)
+
+
+@pytest.mark.parametrize("wall_s", [-1e9, 10.0, 2.5e9, 9e9])
+def test_a_clock_that_is_set_anywhere_keeps_nothing_from_being_recorded(
+    cycles: Cycles, monkeypatch: pytest.MonkeyPatch, wall_s: float
+) -> None:
+    """ROS counts seconds in 32 bits, MCAP from 1970: the recorder tried for ever. Oracle: both readers."""
+    recorder = cycles.recorder()
+    cycles.write(1500, LoopMode.FAULT, "in between")
+    monkeypatch.setattr("time.time_ns", lambda: int(wall_s * 1e9))
+    (name,) = ask(recorder, "dump", seconds=1.0)
+    with (cycles.folder / name).open("rb") as file:
+        times = [message.log_time for _, _, message in make_reader(file).iter_messages("/cycle")]
+    assert len(times) == 1000
+    stamps = [message.header.stamp for message in messages(cycles.folder / name)["/cycle"]]
+    assert [stamp.sec * 10**9 + stamp.nanosec for stamp in stamps] == times
+
+
+def test_what_cannot_be_put_into_words_keeps_nobody_waiting(
+    cycles: Cycles, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorder = cycles.recorder()
+    cycles.write(1500)
+    with monkeypatch.context() as broken:
+        broken.setattr(files.RecordingFile, "write", lambda *records: 1 // 0)
+        with pytest.raises(UnavailableError, match="the recorder failed: integer division"):
+            ask(recorder, "dump", seconds=1.0)
+        assert list(cycles.folder.iterdir()) == []
+    assert ask(recorder, "dump", seconds=1.0)
+
+
+def look_again(recorder: RobotRecorder) -> None:
+    """As it does once a second."""
+    recorder._listed_s = float("-inf")
+    stepped(recorder)
 
 
 @pytest.mark.parametrize("room", [0, 2000, 300_000])
@@ -264,9 +305,13 @@ def test_a_full_disk_is_said_and_over_when_there_is_room(
             with pytest.raises(UnavailableError, match="a disk is full"):
                 ask(recorder, "stop")
         assert not recorder._status["recording"]
+        FullDisk.room = room
+        look_again(recorder)
+        assert ("a disk is full" in text(recorder._status["problem"])) == (room < TRIAL_BYTES)
         assert list(cycles.folder.iterdir()) == []
+    look_again(recorder)
+    assert text(recorder._status["problem"]) == "", "though nobody records anything"
     (name,) = ask(recorder, "dump", seconds=1.0)
-    assert text(recorder._status["problem"]) == ""
     assert len(cycles_in(cycles.folder / name)) == 1000
 
 

@@ -22,6 +22,8 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 SCRIPT = Path(__file__).parents[2] / "roslibpy_client.py"
+SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
+HOME = np.array([0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0])
 
 
 @pytest.fixture
@@ -135,6 +137,21 @@ def test_roslibpy_calls_services_and_asks_rosapi(run: Run) -> None:
         "effort",
     ]
     assert found["request"]["typedefs"][0]["fieldtypes"] == ["bool"]
+
+
+def test_roslibpy_follows_and_cancels_trajectories(run: Run) -> None:
+    found = roslibpy(run, "follow")
+    followed, cancelled, strange = found["followed"], found["cancelled"], found["strange"]
+    assert (followed["status"], followed["values"]["error_code"]) == (SUCCEEDED, 0)
+    turned = [told["actual"]["positions"][0] for told in followed["feedback"]]
+    assert len(turned) > 10
+    np.testing.assert_allclose(turned[-1], 0.2, atol=2e-3)
+    assert cancelled["status"] == CANCELED
+    assert "cancelled: the arm came to rest on its path" in cancelled["values"]["error_string"]
+    assert (strange["status"], strange["values"]["error_code"]) == (ABORTED, -2)
+    at_rest = run.joints()
+    assert 0.2 < at_rest[0] < 0.8
+    np.testing.assert_allclose(at_rest[1:], HOME[1:], atol=2e-3)
 
 
 def test_roslibpy_holds_a_servo_session_with_feedback_and_cancels_it(run: Run) -> None:

@@ -187,7 +187,7 @@ def test_a_robot_that_cannot_start_does_not_keep_the_other_from_starting(tmp_pat
             assert answer.json().get("success"), answer.text + run.output
             assert client.get(f"/robots/{run.right}/joint_states").status_code == 503
             assert robot_health(client, run.right)["problems"] == ["rtloop has not started yet"]
-        assert f"rtloop {run.right}: ERROR rt.backend: cannot load 'no.such:Arm'" in run.output
+        assert f"rtloop {run.right}: ERROR robot.backend: cannot load 'no.such:Arm'" in run.output
     finally:
         run.end()
     for name in (run.left, run.right):

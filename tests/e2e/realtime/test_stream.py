@@ -7,6 +7,7 @@ joint_limits.yaml, and numpy's differences of what was commanded in consecutive 
 from __future__ import annotations
 
 import contextlib
+import re
 import signal
 import socket
 import subprocess
@@ -117,7 +118,8 @@ def test_a_killed_clients_arm_comes_to_rest_within_its_limits(client: StreamClie
     with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as other:
         assert other.stdout is not None
         assert other.stdout.readline() == "ready\n"
-        states = record_until(client, lambda state: abs(float(state["commanded_velocity"][0])) > 0.3)
+        # On a busy computer many states do not reach this client: until enough have come in step.
+        states = record_until(client, lambda state: abs(float(state["commanded_velocity"][0])) > 0.3, 150)
         other.send_signal(signal.SIGKILL)
     states += record_until(client, lambda state: int(state["session"]) == 0)
     run.until(lambda: "has ended: the connection to the client was lost" in run.output)
@@ -126,13 +128,17 @@ def test_a_killed_clients_arm_comes_to_rest_within_its_limits(client: StreamClie
     assert health(run)["robot"]["mode"] == "HOLD"
 
 
-def record_until(client: StreamClient, condition: Any) -> list[np.ndarray]:
+def record_until(client: StreamClient, condition: Any, in_step: int = 0) -> list[np.ndarray]:
+    """What comes until a state meets the condition and so many in a session followed the cycle before."""
     states: list[np.ndarray] = []
+    followed = 0
     deadline_s = time.monotonic() + WAIT_S
     while time.monotonic() < deadline_s:
         frame = client.socket.recv(WAIT_S)
         states.append(np.frombuffer(frame, state_dtype(7), 1, 16))
-        if condition(states[-1][0]):
+        if len(states) > 1 and states[-2]["session"][0]:
+            followed += int(states[-1]["cycle"][0] - states[-2]["cycle"][0] == 1)
+        if followed >= in_step and condition(states[-1][0]):
             return states
     raise AssertionError("did not happen")
 
@@ -224,11 +230,10 @@ def test_a_lost_rtloop_ends_the_session(run: Run) -> None:
         rtloop = run.child("rtloop")
         assert rtloop is not None
         rtloop.kill()
-        # On a busy computer the service misses it before there is another.
+        # The service misses it, or first its successor, which on a busy computer takes its time to begin.
         reason = client.until_ended()["reason"]
-        assert (
-            reason == "rtloop was restarted" or f"rtloop (pid {rtloop.pid}) has published nothing" in reason
-        )
+        missed = r"rtloop \(pid \d+\) (is gone|has published nothing for .* s); cobot run restarts it .*"
+        assert reason == "rtloop was restarted" or re.fullmatch(missed, reason), reason
         run.until(run.healthy)
         client.session()
         client.ended()
@@ -306,12 +311,18 @@ def reaches(run: Run, joint1_rad: float) -> float:
     run.go_home()
     with StreamClient(run.url) as client:
         client.session(inner_control_hz=50)
-        for step in range(150):
-            client.target([joint1_rad * min(1.0, step / 100), *HOME[1:]])
+        for step in range(100):
+            client.target([joint1_rad * step / 100, *HOME[1:]])
             time.sleep(0.02)
-        reached = run.joints()[0]
-        client.ended()
+        before, reached = -1.0, 0.0
+        while abs(reached - before) > 1e-3:  # until it rests
+            for _ in range(50):
+                client.target([joint1_rad, *HOME[1:]])
+                time.sleep(0.02)
+            before, reached = reached, run.joints()[0]
+        ended = client.ended()
     run.go_home()
+    assert ended["reason"] == "the client has ended the session"
     return reached
 
 
