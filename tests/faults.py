@@ -57,7 +57,7 @@ class Record:
     """What the arm was told and where it was.
 
     A command may leave the limits behind in one case only: the arm rests and is taken over where it is, after
-    a session, a reset, or an rtloop or a device that has been gone.
+    a session, a reset, or an rtloop or a device that has been gone, or because its drives are off.
     """
 
     def __init__(self, limits: JointLimits, period_s: float) -> None:
@@ -149,7 +149,7 @@ class Record:
         found[1:] = (sessions[:-1] != 0) & (sessions[1:] == 0)
         found[1:] |= latched[:-1] & held[1:]
         found[1:] |= starts[:-1] != starts[1:]
-        found |= np.array(self._unwritten) & (commanded == measured).all(axis=1)
+        found |= (np.array(self._unwritten) | latched) & (commanded == measured).all(axis=1)
         return found
 
     def _not_at_rest(self, commanded: Array, measured: Array, taken_over: Array) -> list[str]:

@@ -128,7 +128,8 @@ def require_recovery(run: Run, record: Record, *tasks: str) -> None:
             pass
         assert BUSY & set(record.modes[before:])
         run.until(lambda: robot_health(run).get("mode") == "HOLD")
-    assert record.violations() == []
+    violations = record.violations()
+    assert violations == [], violations
     assert len(record.cycles) > 500
 
 

@@ -32,6 +32,7 @@ WALL = {
     "ros2/rtps/discovery.py": "time stamps of RTPS",
     "ros2/rtps/writer.py": "time stamps of RTPS",
     "ros2/telemetry.py": "time stamps of ROS",
+    "rtloop/backends/fri/simulator/server.py": "how long ago the kernel got a packet, by its stamp",
     "rtloop/main.py": "when it was started",
     "sequences/recorder.py": "time stamps in recordings",
     "sequences/runner.py": "time stamps of lines",

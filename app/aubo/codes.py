@@ -33,6 +33,7 @@ class Code(IntEnum):
     SHARED_MEMORY = 52
     LAYOUT = 53
     TORN_READ = 54
+    BUSY = 55
     NOT_SUPPORTED = 60
     DEVICE = 61
     DEVICE_TIMEOUT = 62
@@ -63,6 +64,7 @@ MEANINGS: dict[Code, str] = {
     Code.SHARED_MEMORY: "shared memory is not what this program expects",
     Code.LAYOUT: "shared memory of another version or another robot",
     Code.TORN_READ: "no consistent copy of the state could be read",
+    Code.BUSY: "too many connections are open for this one to be served; try again",
     Code.NOT_SUPPORTED: "this product cannot honour the call; the message says why",
     Code.DEVICE: "a device, a port or a peer refused or broke off",
     Code.DEVICE_TIMEOUT: "a device, a port or a peer did not answer in the time given",
@@ -97,6 +99,7 @@ OF_ERROR: dict[type[CobotError], Code] = {
     errors.SharedMemoryError: Code.SHARED_MEMORY,
     errors.LayoutError: Code.LAYOUT,
     errors.TornReadError: Code.TORN_READ,
+    errors.BusyError: Code.BUSY,
     errors.NotSupportedError: Code.NOT_SUPPORTED,
     errors.DeviceError: Code.DEVICE,
     errors.DeviceTimeout: Code.DEVICE_TIMEOUT,

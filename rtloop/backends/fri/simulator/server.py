@@ -55,7 +55,7 @@ class CabinetServer:
         self._control = Control(control_port, cabinet, network, self._times)
         self._answer_times = Times()
         self._deaf = True  # nobody has answered yet, or since the patience ran out
-        self._sent_s, self._sent_ns = time.monotonic(), time.time_ns()
+        self._sent_s = time.monotonic()
         self._lateness = Times()
 
     @property
@@ -91,7 +91,7 @@ class CabinetServer:
         message = self._cabinet.packet()
         sent = self._network.to_client(message)
         # Before it is sent: the client may be at it before this process goes on.
-        self._sent_s, self._sent_ns = time.monotonic(), time.time_ns()
+        self._sent_s = time.monotonic()
         for packet in sent:
             with contextlib.suppress(OSError):  # nobody is there: an answer that does not come tells it
                 self._socket.sendto(self._network.spoiled(packet), self._client)
@@ -121,12 +121,12 @@ class CabinetServer:
             )
         except OSError:
             return False
-        arrived_ns = time.time_ns()
+        arrived_s = time.monotonic()
         for _, kind, content in more:
             if kind == _STAMP:
                 seconds, nanoseconds = _TIMESPEC.unpack_from(content)
-                arrived_ns = 1_000_000_000 * seconds + nanoseconds
-        self._answer(packet, sender, 1e-9 * (arrived_ns - self._sent_ns))
+                arrived_s -= max(0.0, 1e-9 * (time.time_ns() - 1_000_000_000 * seconds - nanoseconds))
+        self._answer(packet, sender, arrived_s - self._sent_s)
         return True
 
     def _answer(self, packet: bytes, sender: tuple[str, int], took_s: float) -> None:
