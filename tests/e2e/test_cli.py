@@ -77,7 +77,7 @@ def test_a_move_ends_when_the_arm_has_arrived(shell: Shell, goal: list[str]) -> 
 
 
 def test_moves_are_queued_and_followed_as_jobs(shell: Shell) -> None:
-    override = f"{shell.run.url}/speed_override"
+    override = f"{shell.run.url}/robot/speed_override"
     httpx.post(override, json={"fraction": 0.0}, timeout=WAIT_S).raise_for_status()  # until both are queued
     first = shell.json("move", "work", "--speed", "0.5", "--queue", "--blend-radius", "0.05")
     status, out, _ = shell("move", "0.1", "0.5", "0", "-1.2", "0", "1.4", "0", "--queue")
