@@ -123,10 +123,10 @@ def _core(cpu: int | None) -> str:
 
 
 def _folder(folder: Path) -> str:
-    """It is made if it is not there: only then it is known that it can be."""
+    """Nothing is made: it would be of who checks, and the service perhaps of another user."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
+        there = next(each for each in (folder, *folder.absolute().parents) if each.exists())
+        with tempfile.TemporaryFile(dir=there):
             return str(folder)
     except OSError as exc:
         raise ConfigError(f"{folder}: cannot be written to: {exc.strerror}") from exc
@@ -137,10 +137,11 @@ def _log(settings: Settings) -> str:
     if settings.kept:
         _folder(settings.kept)
     try:
-        with settings.log_file.open("a"):
-            return str(settings.log_file)
+        if settings.log_file.exists():
+            settings.log_file.open("a").close()
     except OSError as exc:
         raise ConfigError(f"{settings.log_file}: cannot be written to: {exc.strerror}") from exc
+    return str(settings.log_file)
 
 
 def _backend(settings: Settings, config: Path | None) -> str:

@@ -24,6 +24,7 @@ from cobot.errors import CobotError
 USER = "cobot"
 SETTINGS = Path("/etc/cobot/cobot-setting.yaml")
 UNIT = Path("/etc/systemd/system/cobot.service")
+ENABLED = Path("/etc/systemd/system/multi-user.target.wants/cobot.service")
 JOURNAL = Path("/etc/systemd/journald@cobot.conf")
 UDEV = Path("/etc/udev/rules.d/90-cobot.rules")
 SYSUSERS = Path("/etc/sysusers.d/cobot.conf")
@@ -67,10 +68,8 @@ def files(command: Sequence[str]) -> list[File]:
     ]
 
 
-def commands(changed: bool) -> list[list[str]]:
-    """What makes the system know the files; none where nothing has changed."""
-    if not changed:
-        return []
+def commands() -> list[list[str]]:
+    """What makes the system know the files."""
     return [
         ["systemd-sysusers", str(SYSUSERS)],
         ["udevadm", "control", "--reload"],
@@ -96,10 +95,13 @@ def install(out: TextIO, prefix: Path | None, *, dry_run: bool, command: Sequenc
     if prefix is None and not dry_run:
         _require_system("cobot install")
     changed = [_write(file, out, prefix or Path("/"), dry_run) for file in files(command)]
-    if prefix is None:
-        _run(commands(any(changed)), out, dry_run, subprocess.run)
+    if prefix is None and (any(changed) or not os.path.lexists(_below(Path("/"), ENABLED))):
+        _run(commands(), out, dry_run, subprocess.run)
     if not dry_run:
-        print(f"next: edit {SETTINGS}, then: systemctl restart cobot; cobot doctor", file=out)
+        print(
+            f"next: edit {SETTINGS}, then: systemctl restart cobot; cobot doctor --config {SETTINGS}",
+            file=out,
+        )
 
 
 def uninstall(out: TextIO, prefix: Path | None, *, dry_run: bool) -> None:
@@ -157,7 +159,10 @@ def _run(
             continue
         done = run(line, capture_output=True, text=True, check=False)
         if done.returncode != 0:
-            raise InstallError(f"{shlex.join(line)}: {(done.stderr or done.stdout).strip()}")
+            failure = f"{shlex.join(line)}: {(done.stderr or done.stdout).strip()}"
+            if line[0] != "udevadm":
+                raise InstallError(failure)
+            print(f"warning   {failure}; the next start of the computer does it", file=out)
 
 
 def _below(root: Path, path: Path) -> Path:
@@ -232,7 +237,7 @@ StateDirectory={USER}
 LogsDirectory={USER}
 ConfigurationDirectory={USER}
 ExecStart={start} run --config {SETTINGS}
-ExecReload=/bin/kill -HUP $MAINPID
+ExecReload=/bin/sh -c "kill -HUP $MAINPID"
 
 # The supervisor brings the arm to rest before it ends its children, so only it is told to.
 KillMode=mixed

@@ -201,6 +201,15 @@ def test_each_of_several_robots_is_checked(tmp_path: Path, capsys: pytest.Captur
     assert failed[1].startswith("FAILED  c: backend: robot.backend: cannot load 'no.such:Arm'")
 
 
+def test_nothing_is_made_not_even_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What root had made, a service of another user could not write to."""
+    state = tmp_path / "state"
+    text = f"logs: {state}/logs\nkept: {state}/kept\nrecording: {{folder: {state}/mcap}}\n"
+    text += f"sequences: {{recordings: {state}/recordings, programs: {state}/programs}}\n"
+    assert main(config(tmp_path, text)) == 0, capsys.readouterr().out
+    assert [each.name for each in tmp_path.iterdir()] == ["mine.yaml"]
+
+
 def test_help_names_both_commands_and_the_page_to_open(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         main(["--help"])

@@ -12,7 +12,7 @@ import pytest
 from cobot.config import load_settings
 from cobot.launch import install as module
 from cobot.launch.cli import main
-from cobot.launch.install import InstallError, install, uninstall
+from cobot.launch.install import ENABLED, InstallError, install, uninstall
 
 COMMAND = ["/opt/cobot/bin/python", "-P", "-m", "cobot"]
 UNIT = "etc/systemd/system/cobot.service"
@@ -120,7 +120,7 @@ def test_the_unit_gives_what_a_punctual_cycle_needs_and_no_more(tmp_path: Path) 
         *("Type=notify", "WatchdogSec=10", "User=cobot", "LimitRTPRIO=98", "LimitMEMLOCK=infinity"),
         *("LimitNICE=-10", "KillMode=mixed", "CapabilityBoundingSet=", "NoNewPrivileges=yes"),
         "ExecStart=/opt/cobot/bin/python -P -m cobot run --config /etc/cobot/cobot-setting.yaml",
-        "ExecReload=/bin/kill -HUP $MAINPID",
+        'ExecReload=/bin/sh -c "kill -HUP $MAINPID"',
     ):
         assert line in lines
     assert not any(line.startswith("CPUScheduling") for line in lines)  # rtloop alone asks for it
@@ -130,9 +130,16 @@ def test_the_system_is_told_only_of_what_has_changed(tmp_path: Path, monkeypatch
     """With a system that is a folder, and commands that are only written down."""
     ran: list[list[str]] = []
 
+    fails = [True]
+
     def run(command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
         ran.append(command)
-        return subprocess.CompletedProcess(command, 0, "", "")
+        enabling = command[1] == "enable"
+        if enabling and not fails[0]:
+            link = tmp_path / ENABLED.relative_to("/")
+            link.parent.mkdir()
+            link.symlink_to(UNIT)
+        return subprocess.CompletedProcess(command, int(enabling and fails[0]), "", "no bus\n")
 
     monkeypatch.setattr(subprocess, "run", run)
     monkeypatch.setattr(module, "_below", lambda _, path: tmp_path / path.relative_to("/"))
@@ -141,7 +148,8 @@ def test_the_system_is_told_only_of_what_has_changed(tmp_path: Path, monkeypatch
     out = io.StringIO()
     install(out, None, dry_run=True, command=COMMAND)
     assert ran == []
-    install(io.StringIO(), None, dry_run=False, command=COMMAND)
+    with pytest.raises(InstallError, match=r"systemctl enable cobot\.service: no bus"):
+        install(io.StringIO(), None, dry_run=False, command=COMMAND)
     lines = [
         line.removeprefix("run       ") for line in out.getvalue().splitlines() if line.startswith("run")
     ]
@@ -153,10 +161,13 @@ def test_the_system_is_told_only_of_what_has_changed(tmp_path: Path, monkeypatch
         "systemctl daemon-reload",
         "systemctl enable cobot.service",
     ]
+    fails[0] = False
+    install(io.StringIO(), None, dry_run=False, command=COMMAND)  # what has failed is done now
+    assert ran[5:] == ran[:5]
     install(io.StringIO(), None, dry_run=False, command=COMMAND)
-    assert len(ran) == 5
+    assert len(ran) == 10
     uninstall(io.StringIO(), None, dry_run=False)
-    assert [" ".join(command) for command in ran[5:]] == [
+    assert [" ".join(command) for command in ran[10:]] == [
         "systemctl disable --now cobot.service",
         "systemctl daemon-reload",
     ]
@@ -168,6 +179,9 @@ def test_a_command_that_fails_is_named_with_what_it_said(monkeypatch: pytest.Mon
 
     with pytest.raises(InstallError, match="systemctl daemon-reload: no bus"):
         module._run([["systemctl", "daemon-reload"]], io.StringIO(), False, run)
+    out = io.StringIO()
+    module._run([["udevadm", "control", "--reload"]], out, False, run)  # a container has no udev
+    assert "warning   udevadm control --reload: no bus" in out.getvalue()
 
 
 def test_an_installation_that_the_service_could_not_read_is_refused(tmp_path: Path) -> None:
