@@ -346,6 +346,17 @@ def user_of(robot: str, role: MemoryRole) -> int:
         os.close(descriptor)
 
 
+def is_gone(pid: int) -> bool:
+    """Whether there is no such process any more."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return True
+    except PermissionError:  # somebody else's, who lives
+        pass
+    return False
+
+
 def encoded(message: str, size: int = np.dtype(TEXT).itemsize) -> bytes:
     """A message cut to fit a text field, never inside a character."""
     return message.encode()[:size].decode("utf-8", "ignore").encode()

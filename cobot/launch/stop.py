@@ -18,7 +18,7 @@ from cobot.access.authentication import is_loopback
 from cobot.commands.options import URL_VARIABLE
 from cobot.errors import CobotError, TornReadError
 from cobot.ipc.layout import MotionResult, text
-from cobot.ipc.shm import MemoryRole, RobotMemory, robots_running
+from cobot.ipc.shm import MemoryRole, RobotMemory, is_gone, robots_running
 from cobot.types import RESTING, LoopMode
 
 REST_S = 5.0
@@ -124,6 +124,8 @@ def _until_rest(stop: StopRequest, deadline_s: float, *, latched: bool) -> str:
             seen = int(state["estops_seen" if latched else "stops_seen"]) >= stop.count
             if age_s > STALE_S:
                 problem = f"rtloop has published nothing for {age_s:.1f} s"
+                if _has_ended(stop.memory):
+                    return f"{problem}: it does not run"
             elif measured_s > STALE_S:
                 problem = f"not measured for {measured_s:.1f} s: {text(state['reason'])}"
             elif seen and not _moving(state) and state["settled"]:
@@ -132,6 +134,14 @@ def _until_rest(stop: StopRequest, deadline_s: float, *, latched: bool) -> str:
                 problem = f"it still moves after {REST_S:g} s"
         time.sleep(POLL_S)
     return problem
+
+
+def _has_ended(memory: RobotMemory) -> bool:
+    """Whether rtloop is no process any more, so that nothing is to be waited for."""
+    try:
+        return is_gone(int(memory.statistics.read()["pid"]))
+    except TornReadError:
+        return False
 
 
 def _state(memory: RobotMemory) -> np.ndarray | None:

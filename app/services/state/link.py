@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import os
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from cobot.errors import (
 )
 from cobot.ipc.device_record import Device, device_of
 from cobot.ipc.layout import MotionResult, record_of, text
-from cobot.ipc.shm import MemoryRole, RobotMemory
+from cobot.ipc.shm import MemoryRole, RobotMemory, is_gone
 from cobot.types import LoopMode
 
 POLL_S = 0.002
@@ -105,7 +104,7 @@ class RobotLink:
         pid = self.rtloop_pid()
         if state.age_s > self._stale_after_s:
             return f"rtloop (pid {pid}) has published nothing for {state.age_s:.1f} s"
-        return f"rtloop (pid {pid}) is gone" if _is_gone(pid) else ""
+        return f"rtloop (pid {pid}) is gone" if is_gone(pid) else ""
 
     def record_since(self, publication: int) -> tuple[int, np.ndarray | None]:
         """The newest publication's number, and a copy of all of it if it is newer than this one."""
@@ -253,13 +252,3 @@ class RobotLink:
     def rtloop_pid(self) -> int:
         """Raises as `statistics`."""
         return int(self.statistics()["pid"])
-
-
-def _is_gone(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return True
-    except PermissionError:  # somebody else's, who lives
-        pass
-    return False

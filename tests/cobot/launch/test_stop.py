@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -83,6 +85,18 @@ def test_without_a_cycle_nobody_says_that_the_arm_rests(rig: Rig, monkeypatch: p
     assert text.startswith("told to stop; motion 1; the arm is NOT known to be at rest: rtloop has published")
     rig.run()
     assert rig.result is MotionResult.STOPPED, "the stop waits for rtloop"
+
+
+def test_an_rtloop_that_has_ended_is_not_waited_for(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    monkeypatch.setattr(command, "REST_S", 60.0)
+    start_motion(rig)
+    rig.memory.statistics.data["pid"] = ended.pid
+    rig.memory.statistics.publish()
+    at_rest, text = said(rig)
+    assert not at_rest
+    assert text.endswith(": it does not run")
 
 
 def test_several_stop_at_once_and_one_that_does_not_run_fails_all(rig: Rig) -> None:
