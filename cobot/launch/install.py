@@ -242,7 +242,7 @@ ExecReload=/bin/sh -c "kill -HUP $MAINPID"
 # The supervisor brings the arm to rest before it ends its children, so only it is told to. Where it cannot,
 # rtloop does so by itself as soon as it is gone, and is waited for before the rest is killed.
 KillMode=mixed
-ExecStopPost=-{start} stop --config {SETTINGS}
+ExecStopPost=-/bin/sh -c '[ "$$SERVICE_RESULT" = success ] || exec {start} stop --config {SETTINGS}'
 TimeoutStartSec=60
 TimeoutStopSec=20
 WatchdogSec=10
