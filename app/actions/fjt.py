@@ -213,7 +213,8 @@ class FollowJointTrajectory:
 
     async def _watch(self, claim: Claim, goal: FjtGoal, trajectory: Trajectory, handle: GoalHandle) -> None:
         """Tell the client, and end the motion where it leaves the tolerances."""
-        begun_s, paused_s = self._link.clock.now_s(), claim.speed_override.paused_s
+        override = claim.speed_override
+        begun_s, longer_s = self._link.clock.now_s(), override.paused_s + override.slowed_s
         latest_s = self._latest_s(goal, trajectory)
         for turn in itertools.count():
             with contextlib.suppress(CobotError):
@@ -224,9 +225,8 @@ class FollowJointTrajectory:
                     self._judge(claim, goal, progress)
                     if turn % FEEDBACK_EVERY == 0:
                         handle.feedback(progress.feedback(self._limits.names))
-                    elapsed_s = (
-                        self._link.clock.now_s() - begun_s - (claim.speed_override.paused_s - paused_s)
-                    )
+                    slower_s = override.paused_s + override.slowed_s - longer_s
+                    elapsed_s = self._link.clock.now_s() - begun_s - slower_s
                     if elapsed_s > latest_s and self._under_way(goal, trajectory, state):
                         claim.interrupt(GoalViolated(goal.late))
             await asyncio.sleep(WATCH_S)

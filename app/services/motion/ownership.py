@@ -367,14 +367,16 @@ class Ownership:
 def watching(claim: Claim, caller: Caller) -> Iterator[None]:
     """Interrupt the motion, or what comes before it, when its client goes away or its time is up.
 
-    While motions are paused, the time does not go on.
+    The time is that of full speed: while motions are slowed down it goes on as slowly, and while they are
+    paused not at all.
     """
-    before_s = claim.speed_override.paused_s
+    override = claim.speed_override
+    paused_s, slowed_s = override.paused_s, override.slowed_s
     begun_s = claim.clock.now_s()
 
     def left_s() -> float:
-        paused_s = min(claim.speed_override.paused_s - before_s, MAX_PAUSE_S)
-        return begun_s + caller.timeout_s + paused_s - claim.clock.now_s()
+        longer_s = min(override.paused_s - paused_s, MAX_PAUSE_S) + override.slowed_s - slowed_s
+        return begun_s + caller.timeout_s + longer_s - claim.clock.now_s()
 
     async def watch() -> None:
         while not caller.gone.is_set() and left_s() > 0.0:
