@@ -160,7 +160,7 @@ def test_a_robot_that_says_how_it_is_is_shown_and_a_simulation_is_not(panel: Pan
 
     def shown(status: object) -> list[object]:
         device = "document.querySelector('#device')"
-        told = f"cobotPanel.status.tell({json.dumps(status)})"
+        told = f"cobotPanel.device.tell({{...cobotPanel.device.told, status: {json.dumps(status)}}})"
         seen = ", ".join(
             f"{device}.{each}" for each in ("closest('div').hidden", "textContent", "title", "dataset.level")
         )
@@ -1044,7 +1044,7 @@ def test_axe_finds_nothing_in_any_view(panel: Panel, axe: str, scheme: str) -> N
             "document.querySelector(`#${each}`).hidden = false"
         )
         panel.page.run("cobotPanel.banner.show({mode: 'FAULT', reason: 'a drive fails'})")
-        panel.page.run("cobotPanel.tabs([{name: 'one', path: ''}, {name: 'two', path: ''}])")
+        panel.page.run("new cobotPanel.tabs.constructor([{name: 'one'}, {name: 'two'}], () => {})")
         look("with a fault, a token that is asked for, and two robots")
         size(panel, 768, 1024, mobile=True)
         look("on a tablet")

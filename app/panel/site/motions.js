@@ -1,5 +1,8 @@
 // Go to a named position: plan, look at it, execute.
+import { moved } from "./follow.js";
+import { oneAtATime } from "./once.js";
 import { followed } from "./sequence.js";
+import { keep, keptList } from "./store.js";
 import { inEachLanguage, word } from "./words.js";
 
 const SAMPLES = 100;
@@ -17,7 +20,8 @@ export class Motions {
     this.name = null;
     this.again = null;
     this.asked = 0;
-    this.made = JSON.parse(sessionStorage.getItem(MADE) ?? "[]");
+    this.made = keptList("sessionStorage", MADE);
+    this.renew = oneAtATime(() => this.load());
     this.words = () => word("plan_hint");
     element("execute").addEventListener("click", () => this.execute());
     element("discard").addEventListener("click", () => this.discard());
@@ -32,8 +36,18 @@ export class Motions {
     return this.made.includes(id);
   }
 
+  hear(event) {
+    if (event.type === "positions" || event.type === "hello") this.renew();
+  }
+
   async load() {
-    this.offer(await this.api.get("/positions"));
+    const { robot } = this.api;
+    try {
+      const positions = await this.api.get("/positions");
+      if (robot === this.api.robot) this.offer(positions);
+    } catch (error) {
+      this.say(() => error.message);
+    }
   }
 
   offer(positions) {
@@ -57,7 +71,8 @@ export class Motions {
   async teach() {
     const name = element("position-name").value.trim();
     try {
-      const joints = [...this.state().commanded_position];
+      const joints = this.state()?.commanded_position;
+      if (!joints) return; // nobody knows where the arm is
       await this.api.post("/positions", { name, joints });
       await this.load();
       this.say(() => word("position_taught", { name }));
@@ -120,7 +135,7 @@ export class Motions {
   async planned(path, body) {
     const plan = await this.api.post(path, body);
     this.made = [...this.made, plan.plan_id].slice(-1000);
-    sessionStorage.setItem(MADE, JSON.stringify(this.made));
+    keep("sessionStorage", MADE, JSON.stringify(this.made));
     return plan;
   }
 
@@ -157,18 +172,12 @@ export class Motions {
     const plan = this.plan;
     this.plan = null;
     this.mark();
-    this.say(() => word("moving", { name: this.name ?? "" }));
-    try {
-      const answer = await this.api.post("/execute", { plan_id: plan.plan_id });
-      this.end(() => (answer.success ? word("arrived") : answer.message));
-    } catch (error) {
-      this.end(() => error.message);
-    }
-  }
-
-  end(words) {
+    const { asked, name } = this;
+    this.say(() => word("moving", { name: name ?? "" }));
+    const why = await moved(this.api, "/execute", { plan_id: plan.plan_id }).catch((error) => error.message);
+    if (asked !== this.asked) return; // somebody looks at another plan by now
     this.discard();
-    this.say(words);
+    this.say(() => why || word("arrived"));
   }
 
   discard() {

@@ -1,0 +1,19 @@
+// A motion that is asked for without waiting, as it may take longer than any request: its job is followed.
+const ENDS = ["finished", "failed", "cancelled", "interrupted"];
+const WAIT_S = 2;
+const AGAIN_MS = 1000;
+
+// "" once the arm has arrived, or why it has not; a lost connection is waited for, as the motion goes on.
+export async function moved(api, path, body) {
+  const { robot } = api;
+  let job = await api.post(`${path}?wait=false`, body);
+  while (!ENDS.includes(job.state)) {
+    try {
+      job = await (await api.ask("GET", `${robot.path}/jobs/${job.id}?wait_s=${WAIT_S}`)).json();
+    } catch (error) {
+      if (error.status) throw error;
+      await new Promise((resolve) => setTimeout(resolve, AGAIN_MS));
+    }
+  }
+  return job.state === "finished" ? "" : job.error?.detail ?? job.state;
+}
