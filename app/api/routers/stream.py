@@ -228,7 +228,7 @@ class Connection:
         audit.note("estop", session=self._required.number)
 
     def _stop(self) -> None:
-        """Nobody is waited for here: what comes after it may be an e-stop. One that comes while another one is
+        """Nobody is waited for here: what comes after it may be an e-stop. One that comes while another is
         under way follows it, so that who floods this connection keeps one task busy, not thousands.
         """
         self._stop_wanted = True

@@ -65,7 +65,7 @@ class SpeedOverride:
 
     @property
     def slowed_s(self) -> float:
-        """How much longer motions have taken, in all, because the fraction was less than 1; without pauses."""
+        """How much longer motions have taken in all because the fraction was below 1; without pauses."""
         return self._slowed_s + (0.0 if self.paused else (1.0 - self._fraction) * self._lasts_s)
 
     @property

@@ -145,7 +145,9 @@ def test_each_control_is_used_in_a_real_browser() -> None:
     assert all(controls.ids), "one without an id cannot be looked for"
     assert len(controls.ids) > 50
     tests = (REPOSITORY / "tests/e2e/test_panel.py").read_text(encoding="utf-8")
-    named = set(re.findall(r"#([a-z][\w-]*)", tests)) | set(re.findall(r'opened_card\(panel, "(\w[\w-]*)"', tests))
+    named = set(re.findall(r"#([a-z][\w-]*)", tests)) | set(
+        re.findall(r'opened_card\(panel, "(\w[\w-]*)"', tests)
+    )
     assert set(controls.ids) <= named, set(controls.ids) - named
 
 
