@@ -496,7 +496,12 @@ def test_motions_are_slowed_paused_and_followed(panel: Panel) -> None:
         panel.until("document.querySelector('#pause').innerText === 'Pause'")
         before = panel.run.joints()[0]
         until(lambda: panel.run.joints()[0] > before + 1e-3)
+        panel.until("cobotPanel.view.way")
+        ends = "cobotPanel.view.way.geometry.attributes.position.array.slice(-3)"
+        end = [0.6, *HOME[1:]]
+        np.testing.assert_allclose(panel.page.run(f"[...{ends}]"), tcp_at(panel, end), atol=1e-5)
         panel.page.click("#stop")
+        panel.until("!cobotPanel.view.way")
         panel.until("document.querySelector('#job').innerText.startsWith('Was stopped')")
         assert panel.page.run("document.querySelector('#pause').disabled")
         httpx.post(f"{panel.run.url}/robot/speed_override", json={"fraction": 0.0}, timeout=WAIT_S)
@@ -660,8 +665,10 @@ def test_outputs_are_switched_and_registers_written(panel: Panel) -> None:
         called("IoControl/setStandardDigitalInput", index=1, value=True)
         panel.until("document.querySelector('#io-Input button:nth-of-type(2)').ariaPressed === 'true'")
         called("IoControl/setStandardDigitalInput", index=1, value=False)
-        for selector, value in (("bank", "Output"), ("kind", "Int32"), ("index", "7"), ("value", "-12")):
-            set_to(panel, f"#register-{selector}", value)
+        set_to(panel, "#register-bank", "Output")
+        set_to(panel, "#register-kind", "Int32")
+        set_to(panel, "#register-index", "7")
+        set_to(panel, "#register-value", "-12")
         panel.page.click("#register-write")
         until(lambda: called("RegisterControl/getInt32Output", index=7) == -12)
         panel.until("document.querySelector('#register-shown').innerText === '-12'")

@@ -23,10 +23,12 @@ import { Status } from "./status.js";
 import { Stream } from "./stream.js";
 import { Tabs } from "./tabs.js";
 import { Waypoints } from "./waypoints.js";
+import { Way } from "./way.js";
 import { installLanguages, word } from "./words.js";
 
 const GEOMETRY_EVERY_MS = 30_000; // the limits are no event
 const AGAIN_MS = 1000;
+const DOORS = [401, 403];
 const LOOKED_AT = ["hello", "scene", "tool", "service"];
 const element = (id) => document.getElementById(id);
 
@@ -60,6 +62,7 @@ class Panel {
     this.events = new Events(api, (event) => this.hear(event));
     this.jog = new Jog(api, this.stream, this.readouts, () => this);
     this.lease = new Lease(api, this.stream);
+    this.way = new Way(api, () => this.view);
     this.lookAgain = oneAtATime(() => this.look());
     document.addEventListener("cobot-stop", () => {
       this.jog.release();
@@ -74,6 +77,7 @@ class Panel {
       this.tabs = new Tabs(await this.api.robots(), (robot) => this.choose(robot));
       this.silent(false);
     } catch (error) {
+      if (DOORS.includes(error.status)) return; // with a token the page is loaded again
       this.silent(true, error.message);
       setTimeout(() => this.begin(), AGAIN_MS);
       return;
@@ -137,6 +141,7 @@ class Panel {
       const { View } = await import("./view.js");
       this.view = new View(element("view"));
       if (this.geometry) this.view.describe(this.geometry);
+      this.way.look();
       if (this.state) this.view.show(this.state);
       why.hidden = true;
     } catch (error) {
@@ -146,7 +151,7 @@ class Panel {
   }
 
   hear(event) {
-    const heard = [this.job, this.queue, this.approvals, this.motions, this.lua, this.waypoints, this.recordings, this.log, this.status];
+    const heard = [this.job, this.queue, this.approvals, this.motions, this.lua, this.waypoints, this.recordings, this.log, this.status, this.way];
     for (const each of heard) each.hear(event);
     if (LOOKED_AT.includes(event.type)) this.lookAgain();
   }

@@ -23,6 +23,7 @@ export class Status {
     inEachLanguage(() => {
       if (this.mode) this.write();
       if (this.line !== null) this.connected(this.line);
+      this.look();
     });
     setInterval(() => this.look(), EVERY_MS);
   }

@@ -17,6 +17,7 @@ from app.services.state.link import RobotLink
 from cobot import logs
 from cobot.clock import Clock
 from cobot.errors import ConflictError, ExecutionError, MotionStopped, MotionTimeout
+from cobot.trajectory import Trajectory
 
 Result = TypeVar("Result")
 LONGEST_WAIT_S = 3600.0
@@ -61,6 +62,7 @@ class Claim:
         job: see `Caller`.
         timeout_s, left_s: its time, and how much of it is left, s.
         motion_id: once it runs.
+        trajectory: what it runs along, once it does.
         interruption: why it has to end early, once it has to; then `interrupted` is set.
         ended: set when it has.
     """
@@ -75,6 +77,7 @@ class Claim:
     timeout_s: float = math.inf
     left_s: Callable[[], float] = field(default=lambda: math.inf)
     motion_id: int | None = None
+    trajectory: Trajectory | None = None
     interruption: ExecutionError | None = None
     interrupted: asyncio.Event = field(default_factory=asyncio.Event)
     ended: asyncio.Event = field(default_factory=asyncio.Event)
@@ -183,6 +186,14 @@ class Ownership:
     def moving(self) -> Claim | SequenceClaim | None:
         """The motion that is under way, or else the sequence."""
         return self._claim or self._sequence
+
+    @property
+    def motion(self) -> tuple[int, Trajectory] | None:
+        """What the arm moves along, and its number; None while it follows no planned path."""
+        claim = self._claim
+        if claim is None or claim.motion_id is None or claim.trajectory is None:
+            return None
+        return claim.motion_id, claim.trajectory
 
     @property
     def in_motion(self) -> bool:

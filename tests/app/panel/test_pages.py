@@ -21,6 +21,8 @@ from cobot.robot.device import FLAGS, MEASURED_NAMES
 REPOSITORY = Path(__file__).parents[3]
 SCRIPTS = sorted(pages.SITE.glob("*.js"))
 LANGUAGES = ("en", "de", "zh")
+NAMED = (r"#([a-z][\w-]*)", r'opened_card\(panel, "([\w-]+)"')
+"""How tests with a browser name a control."""
 MADE = ("mode_", "way_", "able_", "measured_")
 """So begin names of words that are put together."""
 
@@ -144,10 +146,9 @@ def test_each_control_is_used_in_a_real_browser() -> None:
     controls.feed((pages.SITE / "index.html").read_text(encoding="utf-8"))
     assert all(controls.ids), "one without an id cannot be looked for"
     assert len(controls.ids) > 50
-    tests = (REPOSITORY / "tests/e2e/test_panel.py").read_text(encoding="utf-8")
-    named = set(re.findall(r"#([a-z][\w-]*)", tests)) | set(
-        re.findall(r'opened_card\(panel, "(\w[\w-]*)"', tests)
-    )
+    files = [REPOSITORY / "tests/e2e" / name for name in ("test_panel.py", "test_access.py")]
+    tests = "".join(file.read_text(encoding="utf-8") for file in files)
+    named = {each for pattern in NAMED for each in re.findall(pattern, tests)}
     assert set(controls.ids) <= named, set(controls.ids) - named
 
 
