@@ -116,38 +116,22 @@ PICTURES = os.environ.get("COBOT_PICTURES")
 
 
 @pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
-    """One in real time, whose arm seems to be a real one; on pictures it is what it is, a simulated one."""
-    backend = "" if PICTURES else "panel_arm:PanelArm"
-    with answering(Run(tmp_path_factory.mktemp("service"), clock="realtime", backend=backend)) as started:
-        yield started
-
-
-@pytest.fixture(scope="module")
 def opened(service: Run, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Panel]:
-    """With the first contact acknowledged, as a person does it: until then the arm goes slowly."""
     if CHROMIUM is None:
         pytest.skip("chromium is not installed")
     folder = tmp_path_factory.mktemp("browser")
     with browsing(folder, "--enable-unsafe-swiftshader", "--lang=en") as tools:
-        panel = Panel(Page(tools), service)
-        if not PICTURES:
-            acknowledge(panel)
+        yield Panel(Page(tools), service)
+
+
+@pytest.fixture
+def real(opened: Panel, tmp_path: Path) -> Iterator[Panel]:
+    """The same page with an arm that seems to be a real one, and can fail."""
+    with answering(Run(tmp_path, clock="realtime", backend="panel_arm:PanelArm")) as started:
+        panel = Panel(opened.page, started)
         yield panel
-
-
-def acknowledge(panel: Panel) -> None:
-    """Only who has seen to the payload may; what was found is there to be read."""
-    panel.until("!document.querySelector('#contact').hidden")
-    assert "joint4 -90.0 degrees" in panel.text("#contact-found")
-    panel.page.click("#acknowledge")
-    panel.until("document.querySelector('#contact-why').innerText.startsWith('payload_checked')")
-    panel.page.click("#contact-payload")
-    panel.page.click("#acknowledge")
-    panel.until("document.querySelector('#contact').hidden")
-    device = httpx.get(f"{panel.run.url}/robots", timeout=WAIT_S).json()[0]["device"]
-    assert (device["unacknowledged"], device["speed_share"]) == ("", 1.0)
-    forget(panel, "422")
+        assert panel.problems() == []
+    opened.load()
 
 
 def forget(panel: Panel, *codes: str) -> None:
@@ -193,41 +177,80 @@ def test_it_shows_the_arm_where_it_is_and_asks_nobody_else(panel: Panel) -> None
     print(f"first paint after {painted:.0f} ms")
 
 
-def test_a_robot_that_says_how_it_is_is_shown_and_a_simulation_is_not(panel: Panel) -> None:
-    """Oracle: what the arm of these tests says, and REST."""
-    panel.until("!document.querySelector('#device').closest('div').hidden")
+def test_a_simulation_says_nothing_of_itself(panel: Panel) -> None:
+    panel.until("cobotPanel.device.told")
+    assert panel.page.run("document.querySelector('#device').closest('div').hidden")
+    assert panel.page.run("document.querySelector('#contact').hidden")
+
+
+def test_a_real_robot_is_acknowledged_and_says_how_it_is_and_why_it_has_failed(real: Panel) -> None:
+    """Oracle: what that arm says, and REST."""
+    acknowledge(real)
+    says_how_it_is(real)
+    fails_in_words(real)
+
+
+def device(panel: Panel) -> dict[str, Any]:
+    """As REST has it."""
+    return dict(httpx.get(f"{panel.run.url}/robots", timeout=WAIT_S).json()[0]["device"])
+
+
+def acknowledge(panel: Panel) -> None:
+    """Only who has seen to the payload may; what was found is there to be read."""
+    panel.until("!document.querySelector('#contact').hidden")
+    assert "joint4 -90.0 degrees" in panel.text("#contact-found")
+    panel.page.click("#acknowledge")
+    panel.until("document.querySelector('#contact-why').innerText.startsWith('payload_checked')")
+    panel.page.click("#contact-payload")
+    panel.page.click("#acknowledge")
+    panel.until("document.querySelector('#contact').hidden")
+    assert (device(panel)["unacknowledged"], device(panel)["speed_share"]) == ("", 1.0)
+    forget(panel, "422")
+
+
+def says_how_it_is(panel: Panel) -> None:
     assert panel.text("#device") == "T1, COMMANDING_ACTIVE, GOOD, drives on"
     opened_card(panel, "device-card")
-    told = httpx.get(f"{panel.run.url}/robots", timeout=WAIT_S).json()[0]["device"]
-    rows = panel.page.run(
-        "[...document.querySelectorAll('#device-all dd')].map((e) => [e.dataset.about, e.innerText])"
+    told, rows = device(panel), "[...document.querySelectorAll('#device-all dd')]"
+    shown = dict(panel.page.run(f"{rows}.map((each) => [each.dataset.about, each.innerText])"))
+    assert shown["device_backend"] == f"{told['backend']}: a real robot"
+    assert shown["device_brakes"] == told["status"]["brakes"] == "released"
+    assert shown["device_lost"] == str(told["status"]["packets_lost"]) == "7"
+    assert shown["device_able"].count(",") == len(told["able"]) - 1
+    assert "control of its brakes" in shown["device_able"]
+    assert shown["device_stops"] == "1, 2"
+    stopped = json.dumps(told | {"status": told["status"] | {"safety_stop": "safety stop 1: at rest"}})
+    header = "document.querySelector('#device')"
+    seen = panel.page.run(
+        f"(cobotPanel.device.tell({stopped}), [{header}.textContent, {header}.dataset.level])"
     )
-    shown_rows = dict(rows)
-    assert shown_rows["device_backend"] == f"{told['backend']}: a real robot"
-    assert shown_rows["device_brakes"] == told["status"]["brakes"] == "released"
-    assert shown_rows["device_lost"] == str(told["status"]["packets_lost"]) == "7"
-    assert shown_rows["device_able"].count(",") == len(told["able"]) - 1
-    assert "control of its brakes" in shown_rows["device_able"]
-    assert shown_rows["device_stops"] == "1, 2"
-    panel.page.run("document.querySelector('#device-card').open = false")
+    assert seen == ["T1, safety stop 1: at rest", "bad"]
 
-    said = {"connection": "COMMANDING_ACTIVE", "quality": "GOOD", "operation_mode": "T1", "drives": "on"}
 
-    def shown(status: object) -> list[object]:
-        device = "document.querySelector('#device')"
-        told = f"cobotPanel.device.tell({{...cobotPanel.device.told, status: {json.dumps(status)}}})"
-        seen = ", ".join(
-            f"{device}.{each}" for each in ("closest('div').hidden", "textContent", "title", "dataset.level")
-        )
-        return list(panel.page.run(f"({told}, [{seen}])"))
+def fails_in_words(panel: Panel) -> None:
+    """In each language, and why a reset is refused."""
+    file = fault_file(panel.run.name)
+    file.write_text("drive 3 is too hot", encoding="utf-8")
+    try:
+        panel.until("document.querySelector('#banner-title').innerText === 'Fault'")
+        assert panel.text("#banner-reason") == "reading from the robot failed: drive 3 is too hot"
+        causes = {"de": "Der Roboter sagt nicht", "zh": "无法读取", "en": "The robot does not tell"}
+        for language, cause in causes.items():
+            set_to(panel, "#language", language)
+            assert panel.text("#banner-cause").startswith(cause)
+        panel.page.click("#reset")
+        panel.until("document.querySelector('#banner-way').innerText.includes('drive 3 is too hot')")
+        panel.until("document.querySelector('#log [data-problem][data-type=fault]')")
+    finally:
+        file.unlink()
 
-    good = {**said, "safety_stop": "", "text": "FRI 1.x"}
-    assert shown(good) == [False, "T1, COMMANDING_ACTIVE, GOOD, drives on", "FRI 1.x", ""]
-    stopped = {**said, "safety_stop": "safety stop 1: at rest", "text": ""}
-    assert shown(stopped) == [False, "T1, safety stop 1: at rest", "", "bad"]
-    assert shown(None)[0] is True
-    panel.page.run("cobotPanel.status.look()")
-    panel.until("!document.querySelector('#device').closest('div').hidden")
+    def reset() -> bool:
+        panel.page.click("#reset")
+        return bool(panel.page.run("document.querySelector('#banner').hidden"))
+
+    until(reset)
+    until(panel.rests)
+    forget(panel, "409", "503")
 
 
 def test_a_joint_moves_while_its_button_is_held(panel: Panel) -> None:
@@ -883,37 +906,6 @@ def test_after_an_estop_a_banner_says_why_and_the_way_out(panel: Panel) -> None:
     panel.page.click("#reset")
     panel.until("document.querySelector('#banner').hidden")
     until(panel.rests)
-
-
-def test_after_a_fault_a_banner_says_why_in_each_language_and_what_keeps_it(panel: Panel) -> None:
-    file = fault_file(panel.run.name)
-    file.write_text("drive 3 is too hot", encoding="utf-8")
-    try:
-        panel.until(
-            "!document.querySelector('#banner').hidden && document.querySelector('#banner-cause').innerText"
-        )
-        assert panel.text("#banner-title") == "Fault"
-        assert panel.text("#banner-reason") == "reading from the robot failed: drive 3 is too hot"
-        for language, cause in (
-            ("de", "Der Roboter sagt nicht"),
-            ("zh", "无法读取"),
-            ("en", "The robot does not tell"),
-        ):
-            set_to(panel, "#language", language)
-            assert panel.text("#banner-cause").startswith(cause)
-        panel.page.click("#reset")
-        panel.until("document.querySelector('#banner-way').innerText.includes('drive 3 is too hot')")
-        panel.until("document.querySelector('#log [data-problem][data-type=fault]')")
-    finally:
-        file.unlink()
-
-    def reset() -> bool:
-        panel.page.click("#reset")
-        return bool(panel.page.run("document.querySelector('#banner').hidden"))
-
-    until(reset)
-    until(panel.rests)
-    forget(panel, "409", "503")
 
 
 def test_it_speaks_german_and_chinese(panel: Panel) -> None:

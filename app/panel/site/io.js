@@ -25,8 +25,8 @@ export class Io {
   // What a vendor's method gives.
   async call(method, fields = {}) {
     const answer = await this.api.ask("POST", `/${encodeURIComponent(this.api.robot.name)}/${method}`, fields);
-    const { code, msg, result } = await answer.json();
-    if (code) throw new Error(msg || `code ${code}`);
+    const { code, message, result } = await answer.json();
+    if (code) throw new Error(message || `code ${code}`);
     return result;
   }
 
