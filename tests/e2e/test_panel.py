@@ -1363,12 +1363,13 @@ def test_axe_finds_nothing_in_any_view(panel: Panel, axe: str, scheme: str) -> N
         panel.until("document.querySelector('#io-Output button')")
         look("with all cards open and full")
         panel.page.run(
-            "for (const each of ['banner', 'token-form', 'queue']) "
+            "for (const each of ['banner', 'stop-why', 'contact', 'token-form', 'queue']) "
             "document.querySelector(`#${each}`).hidden = false"
         )
         panel.page.run("cobotPanel.banner.show({mode: 'FAULT', reason: 'a drive fails'})")
         panel.page.run("new cobotPanel.tabs.constructor([{name: 'one'}, {name: 'two'}], () => {})")
-        look("with a fault, a token that is asked for, and two robots")
+        panel.page.run("document.body.toggleAttribute('data-silent', true)")
+        look("with all that can be said at once, and two robots")
         size(panel, 768, 1024, mobile=True)
         look("on a tablet")
         assert not found, json.dumps(found, indent=1)
