@@ -213,8 +213,7 @@ class FollowJointTrajectory:
 
     async def _watch(self, claim: Claim, goal: FjtGoal, trajectory: Trajectory, handle: GoalHandle) -> None:
         """Tell the client, and end the motion where it leaves the tolerances."""
-        override = claim.speed_override
-        begun_s, longer_s = self._link.clock.now_s(), override.paused_s + override.slowed_s
+        begun_s, paused_s = self._link.clock.now_s(), claim.speed_override.paused_s
         latest_s = self._latest_s(goal, trajectory)
         for turn in itertools.count():
             with contextlib.suppress(CobotError):
@@ -225,8 +224,9 @@ class FollowJointTrajectory:
                     self._judge(claim, goal, progress)
                     if turn % FEEDBACK_EVERY == 0:
                         handle.feedback(progress.feedback(self._limits.names))
-                    slower_s = override.paused_s + override.slowed_s - longer_s
-                    elapsed_s = self._link.clock.now_s() - begun_s - slower_s
+                    elapsed_s = (
+                        self._link.clock.now_s() - begun_s - (claim.speed_override.paused_s - paused_s)
+                    )
                     if elapsed_s > latest_s and self._under_way(goal, trajectory, state):
                         claim.interrupt(GoalViolated(goal.late))
             await asyncio.sleep(WATCH_S)

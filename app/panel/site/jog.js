@@ -107,8 +107,12 @@ export class Jog {
   // arm is commanded to be: what is measured beside that would add up.
   async step(button, angle, way) {
     const { jog, index, sign } = button.dataset;
+    if (this.pending) return;
     const { state, geometry } = this.now();
-    if (this.pending || !state || !geometry) return;
+    if (!state || !geometry) {
+      this.say(word("silence"));
+      return;
+    }
     this.pending = true;
     this.say(word("jog_moves"));
     const joints = [...state.commanded_position];

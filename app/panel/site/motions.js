@@ -70,9 +70,12 @@ export class Motions {
   // Where the arm is gets a name, which is kept by the service; one that was taught before may be moved.
   async teach() {
     const name = element("position-name").value.trim();
+    const joints = this.state()?.commanded_position;
+    if (!joints) {
+      this.say(() => word("silence"));
+      return;
+    }
     try {
-      const joints = this.state()?.commanded_position;
-      if (!joints) return; // nobody knows where the arm is
       await this.api.post("/positions", { name, joints });
       await this.load();
       this.say(() => word("position_taught", { name }));

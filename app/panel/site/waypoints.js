@@ -59,14 +59,16 @@ export class Waypoints {
 
   teach() {
     const { state, geometry } = this.now();
-    if (!state || !geometry) return;
+    // In a hand the arm is where it is held, and not where its springs would have it.
+    const joints = this.freedrive.on ? state?.position : state?.commanded_position;
+    if (!geometry || !numbers(joints, geometry.joints.length)) {
+      this.say(() => word("silence"));
+      return;
+    }
     if (this.list.length >= MOST) {
       this.say(() => word("points_max"));
       return;
     }
-    // In a hand the arm is where it is held, and not where its springs would have it.
-    const joints = this.freedrive.on ? state.position : state.commanded_position;
-    if (!numbers(joints, geometry.joints.length)) return; // nobody knows where it is
     const { position, quaternion } = tcpOf(geometry, joints);
     this.file = null;
     this.list.push({ way: "ptp", radius: 0, joints: [...joints], pose: [...position, ...abcOf(quaternion)] });
