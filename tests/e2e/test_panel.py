@@ -471,7 +471,7 @@ def test_the_moving_picture_of_the_documents(panel: Panel) -> None:
     together = Image.new("RGB", (800, 500 * len(shots)))
     for index, shot in enumerate(shots):
         together.paste(shot, (0, 500 * index))
-    colours = together.quantize(128, Image.Quantize.MAXCOVERAGE)  # one palette, or they would flicker
+    colours = together.quantize(128, Image.Quantize.MAXCOVERAGE, kmeans=1)  # one for all, or they flicker
     few = [shot.quantize(palette=colours, dither=Image.Dither.NONE) for shot in shots]
     lasts_ms = [120] * (len(few) - 1) + [1500]
     few[0].save(file, save_all=True, append_images=few[1:], duration=lasts_ms, loop=0, optimize=False)
