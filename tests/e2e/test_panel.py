@@ -1165,7 +1165,7 @@ def test_a_stop_that_one_way_does_not_take_goes_the_other_and_one_that_fails_is_
         panel.page.block("*/stop")
         panel.page.click("#stop")
         until(panel.rests)
-        panel.until(f"{why}.hidden && {why}.innerText")
+        panel.until(f"{why}.hidden")
         panel.page.run("cobotPanel.stream.send = () => false")
         panel.page.click("#stop")
         panel.until(f"!{why}.hidden")

@@ -15,6 +15,7 @@ export class Motions {
     this.api = api;
     this.state = state;
     this.taught = [];
+    this.offered = "";
     this.preview = preview;
     this.plan = null;
     this.name = null;
@@ -50,7 +51,11 @@ export class Motions {
     }
   }
 
+  // The buttons stay as they are while nothing has changed: one may be under a finger.
   offer(positions) {
+    const offered = JSON.stringify(positions);
+    if (offered === this.offered) return;
+    this.offered = offered;
     this.taught = positions.filter((position) => position.taught).map((position) => position.name);
     element("positions").replaceChildren(
       ...positions.map(({ name, description }) => {
