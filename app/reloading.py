@@ -194,7 +194,9 @@ class Reloading:
         self._state.web = read.settings.web
         self._state.origins.take_over(read.settings.web)
         for name, services in robots.items():
-            services.robot.rename(read.robots[name].positions)
+            if services.robot.positions != read.robots[name].positions:
+                services.robot.rename(read.robots[name].positions)
+                services.link.events.publish("positions", what="read again", name="")
         for name in read.new_limits:
             robots[name].robot.limits.take_over(read.robots[name].limits)
             robots[name].settings.restore_limits()

@@ -27,7 +27,7 @@ from app.services.motion.plans import PlanService
 from app.services.motion.positions import PositionService
 from app.services.motion.queue import MotionQueue
 from app.services.motion.scene import SceneService
-from app.services.motion.speed_override import MAX_PAUSE_S
+from app.services.motion.speed_override import FRACTIONS, MAX_PAUSE_S
 from app.services.motion.stopping import StopService
 from app.services.motion.synchronous import SyncService
 from app.services.motion.tool import ToolService
@@ -154,7 +154,8 @@ def _services(
     ends = shared.endpoints.items()
     slowest_s = max(end.timeout_s for name, end in ends if name.startswith("POST /robot/move/"))
     longest_s = loading_s(settings.rt.trajectory_capacity, settings.rt.period_s)
-    latest_s = slowest_s + longest_s + LATEST_ANSWER_S + MAX_PAUSE_S
+    # The time of a motion is that of full speed.
+    latest_s = slowest_s / FRACTIONS[0] + longest_s + LATEST_ANSWER_S + MAX_PAUSE_S
     url = address(shared.base_url, robot.name) if shared.several else shared.base_url
     tolerance_rad, smoothing_rad = settings.planning.start_tolerance_rad, settings.planning.smoothing_rad
     jobs = JobBook(link, settings.jobs_file)

@@ -8,6 +8,7 @@ import json
 import re
 import shutil
 import subprocess
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,7 +17,7 @@ from typing import Any
 from running import WAIT_S, until
 from websockets.sync.client import ClientConnection, connect
 
-CODES = {"Escape": 27, "Enter": 13, "PageDown": 34}
+CODES = {"Escape": 27, "Enter": 13, "PageDown": 34, "ArrowRight": 39, "ArrowLeft": 37, "End": 35}
 CHROMIUM = shutil.which("chromium")
 
 
@@ -49,6 +50,7 @@ class Page:
     def __init__(self, tools: ClientConnection) -> None:
         self._tools = tools
         self._numbers = itertools.count(1)
+        self._events: deque[dict[str, Any]] = deque(maxlen=1000)
         self._session: dict[str, str] = {}
         target = self.ask("Target.createTarget", url="about:blank")["targetId"]
         attached = self.ask("Target.attachToTarget", targetId=target, flatten=True)
@@ -58,9 +60,54 @@ class Page:
         number = next(self._numbers)
         self._tools.send(json.dumps({"id": number, "method": method, "params": params, **self._session}))
         while (answer := json.loads(self._tools.recv(WAIT_S))).get("id") != number:
-            pass
+            self._events.append(answer)
+        assert "result" in answer, (method, answer)
         result: dict[str, Any] = answer["result"]
         return result
+
+    def event(self, method: str) -> dict[str, Any]:
+        """What the next event of the DevTools of this name says; older ones of other names are forgotten."""
+        while True:
+            found = self._events.popleft() if self._events else json.loads(self._tools.recv(WAIT_S))
+            if found.get("method") == method:
+                said: dict[str, Any] = found["params"]
+                return said
+
+    def choose(self, selector: str, file: Path) -> None:
+        """A file in the dialogue that a button opens."""
+        self.ask("Page.setInterceptFileChooserDialog", enabled=True)
+        self._events.clear()
+        self.click(selector)
+        node = self.event("Page.fileChooserOpened")["backendNodeId"]
+        self.ask("DOM.setFileInputFiles", files=[str(file)], backendNodeId=node)
+        self.ask("Page.setInterceptFileChooserDialog", enabled=False)
+
+    def save(self, selector: str, folder: Path) -> Path:
+        """The file that a button gives to who presses it."""
+        self.ask(
+            "Browser.setDownloadBehavior", behavior="allow", downloadPath=str(folder), eventsEnabled=True
+        )
+        self._events.clear()
+        self.click(selector)
+        file = folder / self.event("Browser.downloadWillBegin")["suggestedFilename"]
+        while self.event("Browser.downloadProgress")["state"] == "inProgress":
+            pass
+        return file
+
+    def touch(self, selector: str) -> None:
+        """A finger on it, which stays there until `lift`."""
+        x, y = self.place(selector)
+        self.ask("Emulation.setTouchEmulationEnabled", enabled=True)
+        self.ask("Input.dispatchTouchEvent", type="touchStart", touchPoints=[{"x": x, "y": y}])
+
+    def lift(self) -> None:
+        self.ask("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+        self.ask("Emulation.setTouchEmulationEnabled", enabled=False)
+
+    def block(self, *addresses: str) -> None:
+        """What is asked for at these, with `*` for anything, is not answered; none: all is again."""
+        self.ask("Network.enable")
+        self.ask("Network.setBlockedURLs", urls=list(addresses))
 
     def visit(self, url: str) -> None:
         """Until it is loaded."""

@@ -64,6 +64,8 @@ def require_quick(measure: Callable[[], float], limit_s: float) -> None:
 class Run:
     """One `cobot run` with a robot name, a port and folders of its own."""
 
+    environment: dict[str, str] | None = None
+
     def __init__(
         self,
         folder: Path,
@@ -75,6 +77,7 @@ class Run:
         web: str = "",
         planning: str = PATIENT_PLANNING,
         asking: dict[str, Any] | None = None,
+        backend: str = "",
     ) -> None:
         """With a ROS domain it is on ROS 2 too, which takes the start a second.
 
@@ -83,13 +86,15 @@ class Run:
         web: more about the web service, as YAML that begins with a comma.
         planning: about the planners, as YAML.
         asking: what its own requests need: headers, verify.
+        backend: of the robot: a class in a module of tests/.
         """
         self.asking = asking or {}
+        self.environment = HELPER_ENVIRONMENT if backend else None
         self.name = robot = unique_name()
         self.memory = Path("/dev/shm") / f"cobot-{robot}"
         self.config = folder / f"{robot}.yaml"
         self.config.write_text(
-            f"robot: {{name: {robot}}}\nlogs: logs\n"
+            f"robot: {{name: {robot}{f', backend: {backend}' if backend else ''}}}\nlogs: logs\n"
             f"sequences: {{recordings: recordings, programs: programs}}\n{BRIEF_RECORDING}"
             f"rt: {{trajectory_capacity: 200000, clock: {clock}{', ' + PATIENT if patient else ''}}}\n"
             f"web: {{port: 0{web}}}\nplanning: {{workers: 1, {planning}}}\n"
@@ -106,7 +111,7 @@ class Run:
     def start(self) -> subprocess.Popen[str]:
         self.lines.clear()
         self.process = subprocess.Popen(
-            self.command(), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+            self.command(), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=self.environment
         )
         threading.Thread(target=self._collect, args=(self.process,), daemon=True).start()
         return self.process

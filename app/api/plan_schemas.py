@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import BaseModel, BeforeValidator, FailFast, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, FailFast, Field
 
 from cobot.motions.bodies import (
     HOME,
@@ -198,6 +198,30 @@ class PlanPoint(BaseModel):
     velocities: list[float] = Field(description="Of the joints, rad/s.")
     position: list[float] = Field(description="Of the TCP in the base frame: x, y, z, m.")
     quaternion: list[float] = Field(description="Of the TCP in the base frame: x, y, z, w.")
+
+
+class MotionQuery(StrictModel):
+    """How closely its path is told."""
+
+    model_config = ConfigDict(strict=False)
+
+    samples: Samples = 100
+
+
+class MotionPoint(BaseModel):
+    """Where the arm is to be."""
+
+    time_s: float = Field(description="Of the path, s: at full speed since its beginning.")
+    joints: list[float] = Field(description="rad")
+
+
+class MotionAnswer(BaseModel):
+    """What the arm moves along, whoever has asked for it."""
+
+    motion_id: int | None = Field(description="Of the motion that runs; null while none does.")
+    duration_s: float = Field(description="Of its path at full speed, s.")
+    note: str = Field(description="How it differs from what was asked for.")
+    path: list[MotionPoint] = Field(description="Evenly over its time, both ends included.")
 
 
 class PlanUse(BaseModel):

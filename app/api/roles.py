@@ -42,6 +42,7 @@ ROLES: dict[str, Role] = {
     "POST /robot/plan/path": Role.AGENT,
     "POST /robot/plan/sequence": Role.AGENT,
     "POST /robot/execute": Role.OPERATOR,
+    "GET /robot/motion": Role.OBSERVER,
     "GET /robot/plans": Role.OBSERVER,
     "GET /robot/plans/{plan}": Role.OBSERVER,
     "POST /robot/approve": Role.OPERATOR,

@@ -149,6 +149,12 @@ class End(StrictModel):
     type: Literal["end"]
 
 
+class Stop(StrictModel):
+    """As `POST /stop`: every robot of the service."""
+
+    type: Literal["stop"]
+
+
 class Control(StrictModel):
     type: Literal["control"]
     timeout_s: float = Field(TIMEOUT_S, ge=TIMEOUTS_S[0], le=TIMEOUTS_S[1])
@@ -193,6 +199,7 @@ TextFrame = (
     | Chunk
     | Estop
     | End
+    | Stop
     | Control
     | Release
     | JogFrame
@@ -205,6 +212,7 @@ MODELS: dict[str, type[TextFrame]] = {
     "chunk": Chunk,
     "estop": Estop,
     "end": End,
+    "stop": Stop,
     "control": Control,
     "release": Release,
     "jog": JogFrame,

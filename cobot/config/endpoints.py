@@ -37,6 +37,7 @@ ENDPOINTS = (
     "POST /robot/plan/path",
     "POST /robot/plan/sequence",
     "POST /robot/execute",
+    "GET /robot/motion",
     "GET /robot/plans",
     "GET /robot/plans/{plan}",
     "POST /robot/approve",

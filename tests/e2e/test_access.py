@@ -171,7 +171,8 @@ def test_the_panel_asks_for_the_token_and_keeps_it(locked: Locked, tmp_path: Pat
         until(lambda: page.run("document.querySelector('#token-form').checkVisibility()"))
         page.run("document.querySelector('#token').focus()")
         page.ask("Input.insertText", text=locked.tokens[Role.OBSERVER])
-        page.run("document.querySelector('#token-form').requestSubmit()")
+        assert page.run("document.querySelector('#banner').hidden"), "nobody is silent"
+        page.click("#use-token")
         until(lambda: page.run("!!window.cobotPanel?.state && !!document.querySelector('[data-jog=joint]')"))
         assert not page.run("document.querySelector('#token-form').checkVisibility()")
         page.click('[data-jog="joint"]')

@@ -39,6 +39,7 @@ MANUAL = {
     ("post", "/robot/plan/path"),
     ("post", "/robot/plan/sequence"),
     ("post", "/robot/execute"),
+    ("get", "/robot/motion"),
     ("get", "/robot/plans"),
     ("post", "/robot/approve"),
     ("post", "/trajectory/send"),

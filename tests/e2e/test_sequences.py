@@ -267,9 +267,10 @@ def test_a_sequence_waits_at_waypoints_steps_and_goes_on_from_any_of_them(http: 
 
 
 def test_a_held_sequence_ends_with_a_stop(http: httpx.Client) -> None:
-    job = start(http, SHORT, "/sequences/start?wait=false").json()
-    http.post(f"/jobs/{job['id']}/pause", params={"at_waypoint": 0}).raise_for_status()
+    before = http.get("/robot/joint_states").json()["position"]
+    job = start(http, SHORT, "/sequences/start?wait=false", hold=True).json()
     until(lambda: http.get(f"/jobs/{job['id']}").json()["state"] == "paused")
+    assert http.get("/robot/joint_states").json()["position"] == pytest.approx(before, abs=1e-3)
     assert http.post("/stop").json()["success"]
     ended = http.get(f"/jobs/{job['id']}").json()
     assert (ended["state"], ended["error"]["code"]) == ("cancelled", "stopped")

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated, Any, cast
 
-from fastapi import APIRouter, Depends, Path, Request, Response
+import numpy as np
+from fastapi import APIRouter, Depends, Path, Query, Request, Response
 
 from app.api.access import identity_of
 from app.api.costly import Costly
@@ -17,6 +18,9 @@ from app.api.plan_schemas import (
     Approve,
     Execute,
     KeptPlan,
+    MotionAnswer,
+    MotionPoint,
+    MotionQuery,
     PlanAnswer,
     PlanArc,
     PlanDistance,
@@ -101,6 +105,26 @@ async def execute(body: Execute, request: Request, gone: Gone, how: How) -> Move
     assert job is not None
     queued = plans.queued(body.plan_id, job, how.blend_radius)
     return accepted(call, await call.services.jobs.enqueue(job, queued, caller))
+
+
+@router.get("/motion", responses=responses(422))
+async def running_motion(query: Annotated[MotionQuery, Query()], request: Request) -> MotionAnswer:
+    """The path of the motion that runs, as it was planned, whoever has asked for it; none while nothing does.
+
+    A stream has no path. A motion that goes on into the next one of the queue tells of both.
+    """
+    found = Call(request).services.ownership.motion
+    if found is None:
+        return MotionAnswer(motion_id=None, duration_s=0.0, note="", path=[])
+    motion_id, trajectory = found
+    times_s = np.linspace(0.0, trajectory.duration_s, query.samples)
+    points = zip(times_s.tolist(), trajectory.sample(times_s).tolist(), strict=True)
+    return MotionAnswer(
+        motion_id=motion_id,
+        duration_s=trajectory.duration_s,
+        note=trajectory.note,
+        path=[MotionPoint(time_s=time_s, joints=joints) for time_s, joints in points],
+    )
 
 
 @router.get("/plans", responses=responses(503))

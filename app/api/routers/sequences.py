@@ -53,6 +53,9 @@ async def start_sequence(
         str, _text("A new folder below the recordings folder, for a recording; empty for none.")
     ] = "",
     topics: Annotated[str, _text("What is recorded, comma separated; empty for all.")] = "",
+    hold: Annotated[
+        bool, Form(description="It waits before its first motion, until its job is resumed or stepped.")
+    ] = False,
     joints_action: Annotated[str, _text(ACTION)] = "cobot/move_to_joints",
     pose_action: Annotated[str, _text(ACTION)] = "cobot/move_to_pose",
     wait: Wait = True,
@@ -72,6 +75,7 @@ async def start_sequence(
         pose_action=pose_action,
         name=config.filename or "",
         from_waypoint=from_waypoint,
+        hold=hold,
     )
     status = await call.services.sequences.start(order, call.stops)
     assert status.sequence_id is not None

@@ -12,7 +12,7 @@ from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 from fastapi.responses import JSONResponse
 
 from app.api.access import identity_of
-from app.api.dependencies import decoded, services_of
+from app.api.dependencies import decoded, robots_of, services_of
 from app.api.errors import status_of
 from app.api.stream_frames import (
     Chunk,
@@ -23,6 +23,7 @@ from app.api.stream_frames import (
     JogFrame,
     OpenSession,
     Release,
+    Stop,
     Subscribe,
     TextFrame,
     hello_frame,
@@ -31,6 +32,7 @@ from app.api.stream_frames import (
 )
 from app.robot_services import Services
 from app.services.motion.lease import CLIENT
+from app.services.motion.stopping import together
 from app.services.streaming.jog import Jog
 from app.services.streaming.sessions import Session
 from cobot import audit
@@ -67,6 +69,10 @@ class Connection:
         self._socket = socket
         self._streams = services.streams
         self._control = services.control
+        self._robots = {name: each.stopping for name, each in robots_of(socket).items()}
+        self._stop_s = float(socket.app.state.endpoints["POST /stop"].timeout_s)
+        self._stopping: asyncio.Task[None] | None = None
+        self._stop_wanted = False
         self._timeout_s = timeout_s
         self._session: Session | None = None
         self._jog = Jog(services.robot, services.link, services.streams, self._jog_ended)
@@ -177,6 +183,8 @@ class Connection:
                 self._estop()
             case End():
                 self._required.end()
+            case Stop():
+                self._stop()
             case Control():
                 self._require_operator("control")
                 taken = await self._control.take(frame.timeout_s)
@@ -218,6 +226,24 @@ class Connection:
     def _estop(self) -> None:
         self._streams.estop(self._required)
         audit.note("estop", session=self._required.number)
+
+    def _stop(self) -> None:
+        """Nobody is waited for here: what comes after it may be an e-stop. One that comes while another is
+        under way follows it, so that who floods this connection keeps one task busy, not thousands.
+        """
+        self._stop_wanted = True
+        if self._stopping is None or self._stopping.done():
+            self._stopping = asyncio.create_task(self._stopped())
+
+    async def _stopped(self) -> None:
+        """It goes on to its end when the connection is lost."""
+        reason = f"stopped by {self._name}"
+        while self._stop_wanted:
+            self._stop_wanted = False
+            stops = (each.stop(self._stop_s, reason) for each in self._robots.values())
+            done = together(dict(zip(self._robots, await asyncio.gather(*stops), strict=True)))
+            audit.note("stop", message=done.message)
+            self._answer("stopped", success=done.success, message=done.message)
 
     @property
     def _required(self) -> Session:

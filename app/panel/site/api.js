@@ -1,6 +1,13 @@
-// REST: one place for addresses, the token and errors.
-const STORED = "cobot.token";
+// REST: one place for addresses, the token, errors and how long an answer is waited for. A browser has six
+// connections to a service: an answer that does not come shall not keep one for ever.
+import { word } from "./words.js";
 
+const STORED = "cobot.token";
+const READ_MS = 10_000;
+const WRITE_MS = 30_000; // planning is given 20 s by the service
+export const LONG_MS = 130_000; // what writes or reads a long file
+
+// status: of HTTP; 0 if nobody has answered.
 export class Refused extends Error {
   constructor(status, detail) {
     super(detail);
@@ -22,7 +29,11 @@ export class Api {
   }
 
   get token() {
-    return sessionStorage.getItem(STORED) || "";
+    try {
+      return sessionStorage.getItem(STORED) || "";
+    } catch {
+      return ""; // a browser that keeps nothing
+    }
   }
 
   // Of a WebSocket, which has no other place for a token.
@@ -35,8 +46,8 @@ export class Api {
     return this.robot ? `${this.robot.path}${path}` : path;
   }
 
-  async ask(method, address, body, headers = {}, keepalive = false) {
-    const options = { method, headers: { ...headers }, keepalive };
+  async ask(method, address, body, { headers = {}, keepalive = false, waitMs = method === "GET" ? READ_MS : WRITE_MS } = {}) {
+    const options = { method, headers: { ...headers }, keepalive, signal: AbortSignal.timeout(waitMs) };
     if (this.token) options.headers.Authorization = `Bearer ${this.token}`;
     if (this.control && method !== "GET") options.headers["X-Control-Token"] = this.control;
     if (body instanceof FormData) options.body = body;
@@ -44,7 +55,9 @@ export class Api {
       options.headers["Content-Type"] = "application/json";
       options.body = JSON.stringify(body);
     }
-    const answer = await fetch(address, options);
+    const answer = await fetch(address, options).catch((error) => {
+      throw new Refused(0, word("unanswered", { address, why: error.message }));
+    });
     if (answer.ok || answer.status === 304) return answer;
     const said = await answer.json().catch(() => ({}));
     const why = typeof said.detail === "string" ? said.detail : `HTTP ${answer.status}`;
@@ -52,26 +65,22 @@ export class Api {
     throw new Refused(answer.status, why);
   }
 
-  async get(path) {
-    return (await this.ask("GET", this.address(path))).json();
+  async get(path, options) {
+    return (await this.ask("GET", this.address(path), undefined, options)).json();
   }
 
-  async post(path, body) {
-    return (await this.ask("POST", this.address(path), body)).json();
+  async post(path, body, options) {
+    return (await this.ask("POST", this.address(path), body, options)).json();
   }
 
   async robots() {
     return (await this.ask("GET", "/robots")).json();
   }
 
-  // All robots, whichever is shown.
-  stop() {
-    return this.ask("POST", "/stop");
-  }
-
   // null if it is still what the tag says.
   async geometry(tag) {
-    const answer = await this.ask("GET", this.address("/geometry"), undefined, tag ? { "If-None-Match": tag } : {});
+    const headers = tag ? { "If-None-Match": tag } : {};
+    const answer = await this.ask("GET", this.address("/geometry"), undefined, { headers });
     if (answer.status === 304) return null;
     return { tag: answer.headers.get("ETag"), geometry: await answer.json() };
   }

@@ -1,4 +1,5 @@
 // A trajectory out of a CSV file: looked at first, joint by joint against the limits, and then sent.
+import { LONG_MS } from "./api.js";
 import { row } from "./plots.js";
 import { fromRest, read, velocityCurve } from "./points.js";
 import { inEachLanguage, word } from "./words.js";
@@ -54,12 +55,12 @@ export class Csv {
       this.say(() => word("csv_none", { name: file.name, count: ranges.length }));
       return;
     }
-    const { times, positions, velocities } = fromRest(found, state.commanded_position);
+    const { times, positions, velocities, accelerations } = fromRest(found, state.commanded_position);
     this.file = file;
     this.shown = ranges.map((range, joint) => ({
       range,
       positions: times.map((time, index) => [time, positions[joint][index]]),
-      velocities: velocityCurve(times, positions[joint], velocities?.[joint]),
+      velocities: velocityCurve(times, positions[joint], velocities?.[joint], accelerations?.[joint]),
     }));
     const count = found.times.length;
     this.say(() => [word("csv_read", { name: file.name, count, seconds: times.at(-1).toFixed(2) }), ...this.beyond()].join(" "));
@@ -90,7 +91,7 @@ export class Csv {
     element("csv-send").disabled = true;
     this.say(() => word("csv_sending"));
     try {
-      const sent = await this.api.post(`/trajectory/send_csv?${query}`, body);
+      const sent = await this.api.post(`/trajectory/send_csv?${query}`, body, { waitMs: LONG_MS });
       this.say(() => word("csv_sent", { seconds: sent.duration_s.toFixed(1), note: sent.note }));
     } catch (error) {
       this.say(() => error.message);

@@ -63,7 +63,7 @@ export class Freedrive {
 
   // Also while the page goes away: `keepalive` has the browser send it all the same.
   leave(robot) {
-    this.api.ask("DELETE", `${robot.path}/freedrive`, undefined, {}, true).catch((error) => this.say(error.message));
+    this.api.ask("DELETE", `${robot.path}/freedrive`, undefined, { keepalive: true }).catch((error) => this.say(error.message));
   }
 
   write() {

@@ -10,7 +10,8 @@ export class Io {
   constructor(api) {
     this.api = api;
     this.masks = { Input: 0, Output: 0 };
-    this.counts = null;
+    this.counts = null; // of `robot`
+    this.robot = null;
     this.look = oneAtATime(() => this.ask());
     element("io").addEventListener("toggle", () => this.look());
     setInterval(() => this.look(), EVERY_MS);
@@ -24,8 +25,8 @@ export class Io {
   // What a vendor's method gives.
   async call(method, fields = {}) {
     const answer = await this.api.ask("POST", `/${encodeURIComponent(this.api.robot.name)}/${method}`, fields);
-    const { code, msg, result } = await answer.json();
-    if (code) throw new Error(msg || `code ${code}`);
+    const { code, message, result } = await answer.json();
+    if (code) throw new Error(message || `code ${code}`);
     return result;
   }
 
@@ -37,15 +38,17 @@ export class Io {
   async ask() {
     if (!element("io").open || document.hidden || !this.api.robot) return;
     const { name, index } = this.register;
+    const { robot } = this.api;
     try {
       const [inputs, outputs, value] = await Promise.all([
         ...WAYS.map((way) => this.call(`IoControl/getStandardDigital${way}s`)),
         this.call(`RegisterControl/get${name}`, { index }),
       ]);
-      this.masks = { Input: inputs, Output: outputs };
+      const counts = robot === this.robot ? this.counts : await this.count();
+      if (robot !== this.api.robot) return;
+      [this.robot, this.counts, this.masks] = [robot, counts, { Input: inputs, Output: outputs }];
       element("register-shown").textContent = String(value);
       element("io-why").textContent = "";
-      this.counts ??= await this.count();
       this.write();
     } catch (error) {
       element("io-why").textContent = error.message;
@@ -82,6 +85,7 @@ export class Io {
     if (!this.counts) return;
     for (const way of WAYS) {
       const place = element(`io-${way}`);
+      while (place.children.length > this.counts[way]) place.lastElementChild.remove();
       while (place.children.length < this.counts[way]) place.append(this.button(way, place.children.length));
       for (const [index, button] of [...place.children].entries()) {
         button.setAttribute("aria-pressed", String(Boolean((this.masks[way] >> index) & 1)));

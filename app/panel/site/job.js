@@ -8,6 +8,8 @@ const STATES = {
   failed: "job_failed", cancelled: "job_cancelled", interrupted: "job_interrupted",
 };
 const GOING = ["planning", "running"];
+const OVER = ["finished", "failed", "cancelled", "interrupted"];
+const among = (states) => states.map((state) => `&state=${state}`).join("");
 const WITH_STEPS = ["sequence", "program"];
 const element = (id) => document.getElementById(id);
 
@@ -42,15 +44,27 @@ export class Job {
 
   async ask() {
     clearTimeout(this.timer);
+    const { robot } = this.api;
     try {
-      const [{ jobs }, { fraction }] = await Promise.all([this.api.get("/jobs?n=10"), this.api.get("/speed_override")]);
-      this.job = jobs.find((job) => job.parent === null) ?? null;
+      const [job, { fraction }] = await Promise.all([this.newest(), this.api.get("/speed_override")]);
+      if (robot !== this.api.robot) return;
+      this.job = job;
       this.show(fraction);
       this.write();
     } catch (error) {
       write("job-why", error.message);
     }
     if (this.job?.state === "running") this.timer = setTimeout(() => this.look(), EVERY_MS);
+  }
+
+  // The one that goes on, or else the last one: those that wait in the queue are newer than both, and may be many.
+  async newest() {
+    for (const states of [["paused", ...GOING], OVER]) {
+      const { jobs } = await this.api.get(`/jobs?n=10${among(states)}`);
+      const found = jobs.find((job) => job.parent === null);
+      if (found) return found;
+    }
+    return null;
   }
 
   show(fraction) {

@@ -1,6 +1,7 @@
 // Hold to move: frames go out as long as a button is held. Whatever ends the holding, they end; the service
 // stops the arm when it is told so, or when it hears nothing for 200 ms.
-import { abcOf, stepped } from "./kinematics.js";
+import { moved } from "./follow.js";
+import { abcOf, stepped, tcpOf } from "./kinematics.js";
 import { word } from "./words.js";
 
 const EVERY_MS = 50;
@@ -11,10 +12,12 @@ const STEPS = { small: [0.5, 0.001], middle: [2, 0.01], large: [10, 0.05] };
 const element = (id) => document.getElementById(id);
 
 export class Jog {
-  constructor(api, stream, readouts) {
+  // now: {state, geometry}, of which one may be missing.
+  constructor(api, stream, readouts, now) {
     this.api = api;
     this.stream = stream;
     this.readouts = readouts;
+    this.now = now;
     this.held = null;
     this.timer = 0;
     this.pending = false;
@@ -29,6 +32,11 @@ export class Jog {
       if (!event.repeat) this.press(event, button);
     });
     document.addEventListener("keyup", () => this.release());
+    // What is pressed without a pointer or a key, as a screen reader does: a step can be taken so, nothing held.
+    document.addEventListener("click", (event) => {
+      const button = event.target.closest?.("[data-jog]");
+      if (button && !event.detail && !this.held) this.press(event, button, { held: false });
+    });
     document.addEventListener("contextmenu", (event) => {
       if (event.target.closest?.("[data-jog]")) event.preventDefault();
     });
@@ -40,12 +48,16 @@ export class Jog {
     });
   }
 
-  press(event, button) {
+  press(event, button, { held = true } = {}) {
     if (!button || (event.button ?? 0) !== 0) return;
     const how = element("jog-how").value;
     this.release();
     if (how !== "hold") {
       this.step(button, ...STEPS[how]);
+      return;
+    }
+    if (!held) {
+      this.say(word("jog_steps"));
       return;
     }
     if (event.pointerId !== undefined) button.setPointerCapture(event.pointerId);
@@ -91,17 +103,29 @@ export class Jog {
     return word("jog_limited", { percent: Math.round(100 * frame.share), why: frame.limited_by });
   }
 
-  // An increment is a motion like any other: planned, checked, and refused with the reason.
+  // An increment is a motion like any other: planned, checked, and refused with the reason. It begins where the
+  // arm is commanded to be: what is measured beside that would add up.
   async step(button, angle, way) {
     const { jog, index, sign } = button.dataset;
     if (this.pending) return;
+    const { state, geometry } = this.now();
+    if (!state || !geometry) {
+      this.say(word("silence"));
+      return;
+    }
     this.pending = true;
     this.say(word("jog_moves"));
+    const joints = [...state.commanded_position];
+    const speed = element("jog-speed").value / 200;
+    const [turn, line] = [Number(sign) * angle * (Math.PI / 180), Number(sign) * way];
     try {
-      const answer = await (jog === "joint" ? this.stepJoint : this.stepTcp).call(
-        this, Number(index), Number(sign) * angle * (Math.PI / 180), Number(sign) * way,
-      );
-      this.say(answer.success ? word("jog_hint") : answer.message);
+      if (jog === "joint") {
+        joints[index] += geometry.joints[index].slides ? line : turn;
+        this.say((await moved(this.api, "/move/joints", { joints, speed })) || word("jog_hint"));
+      } else {
+        const goal = this.beside(tcpOf(geometry, joints), Number(index), turn, line);
+        this.say((await moved(this.api, "/move/pose", { ...goal, planner: "lin", speed })) || word("jog_hint"));
+      }
     } catch (error) {
       this.say(error.message);
     } finally {
@@ -109,22 +133,13 @@ export class Jog {
     }
   }
 
-  async stepJoint(index, angle, way) {
-    const joints = (await this.api.get("/joint_states")).position;
-    joints[index] += this.readouts.ranges[index].slides ? way : angle;
-    return this.api.post("/move/joints", { joints, speed: element("jog-speed").value / 200 });
-  }
-
-  async stepTcp(index, angle, way) {
-    const { position, orientation } = await this.api.get("/pose");
-    const turn = orientation.quaternion;
+  beside({ position, quaternion }, index, turn, line) {
     const step = [0, 0, 0, 0, 0, 0];
-    step[index] = index < 3 ? way : angle;
-    const inTool = element("jog-frame").value === "tool";
-    const goal = stepped([position.x, position.y, position.z], [turn.x, turn.y, turn.z, turn.w], step, inTool);
+    step[index] = index < 3 ? line : turn;
+    const goal = stepped(position, quaternion, step, element("jog-frame").value === "tool");
     const [x, y, z] = goal.position;
     const [a, b, c] = abcOf(goal.quaternion);
-    return this.api.post("/move/pose", { x, y, z, a, b, c, planner: "lin", speed: element("jog-speed").value / 200 });
+    return { x, y, z, a, b, c };
   }
 
   say(text) {

@@ -41,6 +41,28 @@ export function localPose(body, joints) {
   return { position, quaternion };
 }
 
+// The TCP in the base frame, of GET /robot/geometry and joints: {position, quaternion}.
+export function tcpOf({ bodies, base, tcp }, joints) {
+  const placed = []; // each body in the frame of the world
+  bodies.forEach((body, index) => {
+    const own = localPose(body, joints);
+    placed[index] = index ? chained(placed[body.parent], own) : own;
+  });
+  return chained(inverse(placed[base]), chained(placed[tcp.body], tcp));
+}
+
+function chained(outer, inner) {
+  return {
+    position: plus(outer.position, rotate(outer.quaternion, inner.position)),
+    quaternion: multiply(outer.quaternion, inner.quaternion),
+  };
+}
+
+function inverse({ position, quaternion: [x, y, z, w] }) {
+  const back = [-x, -y, -z, w];
+  return { position: rotate(back, position).map((each) => -each), quaternion: back };
+}
+
 // KUKA's angles A, B, C (about z, the new y, the newest x), rad, of a quaternion x, y, z, w.
 export function abcOf([x, y, z, w]) {
   const sine = Math.max(-1, Math.min(1, 2 * (w * y - z * x)));

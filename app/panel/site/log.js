@@ -2,7 +2,10 @@
 import { inEachLanguage, word } from "./words.js";
 
 const MOST = 100;
-const LEVELS = { fault: "bad", estop: "bad", lost: "bad", log: "warn", intervention: "warn", rtloop: "warn", stop: "warn" };
+const LEVELS = { fault: "bad", estop: "bad", lost: "bad", log: "warn", intervention: "warn", rtloop: "warn", stop: "warn", planning: "warn" };
+const FAILURES = ["failed", "interrupted"];
+const LATCHED = ["ESTOP", "FAULT"];
+const LOST_CONTROL = ["taken over", "disconnected"];
 const QUIET = ["alive", "hello", "state"];
 const element = (id) => document.getElementById(id);
 
@@ -10,6 +13,17 @@ const element = (id) => document.getElementById(id);
 function said(data) {
   const shown = Object.entries(data).filter(([, value]) => value !== null && value !== "");
   return shown.map(([name, value]) => `${name} ${typeof value === "object" ? JSON.stringify(value) : value}`).join(", ");
+}
+
+// "bad", "warn", or "" for what is no problem.
+export function levelOf({ type, data }) {
+  if (type === "log" && data.level !== "warning") return "bad";
+  if (type === "job") return FAILURES.includes(data.state) ? "bad" : "";
+  if (type === "motion") return data.what === "failed" ? "bad" : "";
+  if (type === "mode") return LATCHED.includes(data.mode) ? "bad" : "";
+  if (type === "sequence") return data.what === "ended" && data.returncode ? "bad" : "";
+  if (type === "lease") return LOST_CONTROL.includes(data.what) ? "warn" : "";
+  return LEVELS[type] ?? "";
 }
 
 export class Log {
@@ -41,16 +55,18 @@ export class Log {
     while (element("log").children.length > MOST) element("log").lastElementChild.remove();
   }
 
-  row({ time, type, data }) {
+  row(event) {
+    const { time, type, data } = event;
+    const level = levelOf(event);
     const made = document.createElement("li");
     const [moment, kind, text] = ["time", "b", "span"].map((tag) => document.createElement(tag));
     moment.dateTime = time;
     moment.textContent = new Date(time).toLocaleTimeString();
     kind.textContent = type;
-    kind.dataset.level = LEVELS[type] ?? "";
+    kind.dataset.level = level;
     text.textContent = said(data);
     made.dataset.type = type;
-    made.toggleAttribute("data-problem", type in LEVELS);
+    made.toggleAttribute("data-problem", Boolean(level));
     made.append(moment, kind, text);
     return made;
   }

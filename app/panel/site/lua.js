@@ -1,7 +1,9 @@
 // A Lua program: written here, kept in this browser, checked and run by the service, which says where it is wrong.
+import { keep, keptText } from "./store.js";
 import { inEachLanguage, word } from "./words.js";
 
 const STORED = "cobot.lua";
+const FIRST = 'movej({ 0, 0.4, 0, -1.57, 0, 1.2, 0 }, 0.3)\nmove_named("home", 0.3)\n';
 const NAME = "panel.lua";
 const WRONG = new RegExp(`${NAME.replace(".", "[.]")}:(\\d+):`);
 const LINES = 50;
@@ -13,7 +15,7 @@ export class Lua {
     this.own = null; // the number of the program that was started here
     this.words = () => word("lua_hint");
     this.text = element("lua-text");
-    this.text.value = localStorage.getItem(STORED) ?? "movej({ 0, 0.4, 0, -1.57, 0, 1.2, 0 }, 0.3)\nmove_named(\"home\", 0.3)\n";
+    this.text.value = keptText("localStorage", STORED) ?? FIRST;
     this.text.addEventListener("input", () => this.changed());
     this.text.addEventListener("scroll", () => (element("lua-lines").scrollTop = this.text.scrollTop));
     element("lua-run").addEventListener("click", () => this.run());
@@ -25,7 +27,7 @@ export class Lua {
   }
 
   changed() {
-    localStorage.setItem(STORED, this.text.value);
+    keep("localStorage", STORED, this.text.value);
     const count = this.text.value.split("\n").length;
     element("lua-lines").textContent = Array.from({ length: count }, (_, line) => line + 1).join("\n");
   }
@@ -52,12 +54,13 @@ export class Lua {
 
   async ended({ returncode }) {
     this.own = null;
-    const { lines } = await this.api.get(`/sequences/logs?n=${LINES}`);
+    const { lines, missing } = await this.api.get(`/sequences/logs?n=${LINES}`).catch((error) => ({ lines: [], missing: error.message }));
     element("lua-log").textContent = lines.join("\n");
     element("lua-log").scrollTop = element("lua-log").scrollHeight;
     const wrong = returncode ? lines.findLast((line) => WRONG.test(line)) : null;
     if (wrong) this.mark(Number(WRONG.exec(wrong)[1]));
-    this.say(() => (returncode ? word("lua_failed", { code: returncode, why: wrong ?? lines.at(-1) ?? "" }) : word("lua_done")));
+    const why = wrong ?? lines.at(-1) ?? missing ?? "";
+    this.say(() => (returncode ? word("lua_failed", { code: returncode, why }) : word("lua_done")));
   }
 
   // The line that is wrong, selected.

@@ -3,6 +3,7 @@ import { Api } from "./api.js";
 import { Approvals } from "./approvals.js";
 import { Banner } from "./banner.js";
 import { Csv } from "./csv.js";
+import { Device } from "./device.js";
 import { Events } from "./events.js";
 import { Freedrive } from "./freedrive.js";
 import { Io } from "./io.js";
@@ -19,37 +20,36 @@ import { Queue } from "./queue.js";
 import { Readouts } from "./readouts.js";
 import { Recordings } from "./recordings.js";
 import { Status } from "./status.js";
-import { installStop } from "./stop.js";
 import { Stream } from "./stream.js";
+import { Tabs } from "./tabs.js";
 import { Waypoints } from "./waypoints.js";
+import { Way } from "./way.js";
 import { installLanguages, word } from "./words.js";
 
 const GEOMETRY_EVERY_MS = 30_000; // the limits are no event
+const AGAIN_MS = 1000;
+const DOORS = [401, 403];
 const LOOKED_AT = ["hello", "scene", "tool", "service"];
 const element = (id) => document.getElementById(id);
 
 class Panel {
   constructor(api) {
     this.api = api;
+    this.view = this.state = this.geometry = this.tag = null;
     this.readouts = new Readouts(element("joints"), element("tcp"));
-    this.status = new Status(api);
+    this.device = new Device(api);
+    this.status = new Status(api, this.device);
     this.banner = new Banner(api);
     this.planned = new Planned(() => this.readouts.ranges);
     this.motions = new Motions(api, (plan) => this.preview(plan), () => this.state);
     this.approvals = new Approvals(api, this.motions);
     this.freedrive = new Freedrive(api);
-    this.waypoints = new Waypoints(api, this.motions, () => this.state, this.freedrive);
+    this.waypoints = new Waypoints(api, this.motions, () => this, this.freedrive);
     this.stream = new Stream(api, {
       state: (state) => this.show(state),
-      answer: (frame) => {
-        this.jog.hear(frame);
-        this.lease.hear(frame);
-      },
-      connected: (connected) => {
-        this.status.connected(connected);
-        this.lease.lost();
-        if (!connected) this.jog.release();
-      },
+      answer: (frame) => this.answered(frame),
+      connected: (connected) => this.connected(connected),
+      silent: (silent) => this.silent(silent),
     });
     this.job = new Job(api);
     this.queue = new Queue(api);
@@ -60,64 +60,73 @@ class Panel {
     this.live = new Live();
     this.log = new Log();
     this.events = new Events(api, (event) => this.hear(event));
-    this.jog = new Jog(api, this.stream, this.readouts);
+    this.jog = new Jog(api, this.stream, this.readouts, () => this);
     this.lease = new Lease(api, this.stream);
-    this.view = null;
-    this.state = null;
-    this.tag = null;
+    this.way = new Way(api, () => this.view);
     this.lookAgain = oneAtATime(() => this.look());
-  }
-
-  async begin() {
-    installStop(this.api, () => this.jog.release());
-    const robots = await this.api.robots();
-    this.tabs(robots);
-    await this.choose(robots.find((robot) => robot.default));
+    document.addEventListener("cobot-stop", () => {
+      this.jog.release();
+      this.stream.send({ type: "stop" });
+    });
     setInterval(() => this.lookAgain(), GEOMETRY_EVERY_MS);
-    await this.draw();
   }
 
-  tabs(robots) {
-    const list = element("robots");
-    list.hidden = robots.length < 2;
-    list.replaceChildren(
-      ...robots.map((robot) => {
-        const tab = document.createElement("button");
-        tab.type = "button";
-        tab.textContent = robot.name;
-        tab.dataset.robot = robot.name;
-        tab.setAttribute("role", "tab");
-        tab.addEventListener("click", () => this.choose(robot));
-        return tab;
-      }),
-    );
+  // As soon as the service answers.
+  async begin() {
+    try {
+      this.tabs = new Tabs(await this.api.robots(), (robot) => this.choose(robot));
+      this.silent(false);
+    } catch (error) {
+      if (DOORS.includes(error.status)) return; // with a token the page is loaded again
+      this.silent(true, error.message);
+      setTimeout(() => this.begin(), AGAIN_MS);
+      return;
+    }
+    await Promise.all([this.tabs.begin(), this.draw()]);
   }
 
   async choose(robot) {
     this.jog.release();
     this.freedrive.end();
     this.api.robot = robot;
-    for (const tab of element("robots").children) {
-      tab.setAttribute("aria-selected", String(tab.dataset.robot === robot.name));
-    }
     this.motions.discard();
     this.waypoints.load(robot.name);
     this.csv.forget();
     this.recordings.close();
-    this.tag = this.state = null;
+    this.tag = this.state = this.geometry = null;
     await this.look();
-    await this.motions.load();
+    if (robot !== this.api.robot) return; // another one was chosen meanwhile
     this.stream.open();
     this.log.clear();
     this.live.clear();
-    this.events.open();
-    this.approvals.look();
+    this.events.open(); // which tells what else there is to look at
+  }
+
+  connected(connected) {
+    this.status.connected(connected);
+    this.lease.lost();
+    if (!connected) this.jog.release();
+    else if (!this.tag) this.lookAgain();
+  }
+
+  // What is shown is old: nobody tells how the arm is now.
+  silent(silent, why) {
+    document.body.toggleAttribute("data-silent", silent);
+    this.banner.silent(silent, why);
+    if (silent) this.jog.release();
+  }
+
+  answered(frame) {
+    if (frame.type === "stopped") document.dispatchEvent(new CustomEvent("cobot-stopped", { detail: frame }));
+    this.jog.hear(frame);
+    this.lease.hear(frame);
   }
 
   // What stands around the arm, its tool and its limits may change at any time.
   async look() {
-    const found = await this.api.geometry(this.tag).catch(() => null);
-    if (!found) return;
+    const { robot } = this.api;
+    const found = robot && (await this.api.geometry(this.tag).catch(() => null));
+    if (!found || robot !== this.api.robot) return;
     this.tag = found.tag;
     this.geometry = found.geometry;
     this.readouts.describe(found.geometry.joints);
@@ -132,6 +141,7 @@ class Panel {
       const { View } = await import("./view.js");
       this.view = new View(element("view"));
       if (this.geometry) this.view.describe(this.geometry);
+      this.way.look();
       if (this.state) this.view.show(this.state);
       why.hidden = true;
     } catch (error) {
@@ -141,9 +151,8 @@ class Panel {
   }
 
   hear(event) {
-    for (const each of [this.job, this.queue, this.approvals, this.lua, this.waypoints, this.recordings]) each.hear(event);
-    this.log.hear(event);
-    this.status.hear(event);
+    const heard = [this.job, this.queue, this.approvals, this.motions, this.lua, this.waypoints, this.recordings, this.log, this.status, this.way];
+    for (const each of heard) each.hear(event);
     if (LOOKED_AT.includes(event.type)) this.lookAgain();
   }
 
@@ -163,13 +172,9 @@ class Panel {
   }
 }
 
-await installLanguages();
 const api = new Api();
+api.onToken = () => location.reload();
+await installLanguages();
 const panel = new Panel(api);
 window.cobotPanel = panel; // for the browser's console and the tests
-api.onToken = () => location.reload();
-try {
-  await panel.begin();
-} catch (error) {
-  element("view-why").textContent = error.message;
-}
+await panel.begin();

@@ -1,5 +1,8 @@
 // Go to a named position: plan, look at it, execute.
+import { moved } from "./follow.js";
+import { oneAtATime } from "./once.js";
 import { followed } from "./sequence.js";
+import { keep, keptList } from "./store.js";
 import { inEachLanguage, word } from "./words.js";
 
 const SAMPLES = 100;
@@ -12,12 +15,14 @@ export class Motions {
     this.api = api;
     this.state = state;
     this.taught = [];
+    this.offered = "";
     this.preview = preview;
     this.plan = null;
     this.name = null;
     this.again = null;
     this.asked = 0;
-    this.made = JSON.parse(sessionStorage.getItem(MADE) ?? "[]");
+    this.made = keptList("sessionStorage", MADE);
+    this.renew = oneAtATime(() => this.load());
     this.words = () => word("plan_hint");
     element("execute").addEventListener("click", () => this.execute());
     element("discard").addEventListener("click", () => this.discard());
@@ -32,11 +37,25 @@ export class Motions {
     return this.made.includes(id);
   }
 
-  async load() {
-    this.offer(await this.api.get("/positions"));
+  hear(event) {
+    if (event.type === "positions" || event.type === "hello") this.renew();
   }
 
+  async load() {
+    const { robot } = this.api;
+    try {
+      const positions = await this.api.get("/positions");
+      if (robot === this.api.robot) this.offer(positions);
+    } catch (error) {
+      this.say(() => error.message);
+    }
+  }
+
+  // The buttons stay as they are while nothing has changed: one may be under a finger.
   offer(positions) {
+    const offered = JSON.stringify(positions);
+    if (offered === this.offered) return;
+    this.offered = offered;
     this.taught = positions.filter((position) => position.taught).map((position) => position.name);
     element("positions").replaceChildren(
       ...positions.map(({ name, description }) => {
@@ -56,8 +75,12 @@ export class Motions {
   // Where the arm is gets a name, which is kept by the service; one that was taught before may be moved.
   async teach() {
     const name = element("position-name").value.trim();
+    const joints = this.state()?.commanded_position;
+    if (!joints) {
+      this.say(() => word("silence"));
+      return;
+    }
     try {
-      const joints = [...this.state().commanded_position];
       await this.api.post("/positions", { name, joints });
       await this.load();
       this.say(() => word("position_taught", { name }));
@@ -120,7 +143,7 @@ export class Motions {
   async planned(path, body) {
     const plan = await this.api.post(path, body);
     this.made = [...this.made, plan.plan_id].slice(-1000);
-    sessionStorage.setItem(MADE, JSON.stringify(this.made));
+    keep("sessionStorage", MADE, JSON.stringify(this.made));
     return plan;
   }
 
@@ -157,18 +180,12 @@ export class Motions {
     const plan = this.plan;
     this.plan = null;
     this.mark();
-    this.say(() => word("moving", { name: this.name ?? "" }));
-    try {
-      const answer = await this.api.post("/execute", { plan_id: plan.plan_id });
-      this.end(() => (answer.success ? word("arrived") : answer.message));
-    } catch (error) {
-      this.end(() => error.message);
-    }
-  }
-
-  end(words) {
+    const { asked, name } = this;
+    this.say(() => word("moving", { name: name ?? "" }));
+    const why = await moved(this.api, "/execute", { plan_id: plan.plan_id }).catch((error) => error.message);
+    if (asked !== this.asked) return; // somebody looks at another plan by now
     this.discard();
-    this.say(words);
+    this.say(() => why || word("arrived"));
   }
 
   discard() {

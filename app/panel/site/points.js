@@ -2,8 +2,10 @@
 // which reads it again when it is sent: docs/api.md, section 3.
 const SEPARATORS = [";", "\t", ","];
 const TIMES = ["t", "time", "time_from_start"];
+const [PLACES, HALVINGS] = [4, 30];
 
-// {times, positions, velocities}, of each joint a list; velocities is null if the file has none. null: no points.
+// {times, positions, velocities, accelerations}, of each joint a list; the last two are null if the file has none.
+// null: no points.
 export function read(text, joints) {
   const lines = text.replace(/^\uFEFF/, "").split(/\r\n|\r|\n/).filter((line) => line.trim());
   if (lines.length < 2) return null;
@@ -15,22 +17,25 @@ export function read(text, joints) {
   const column = (name) => names.indexOf(name);
   const all = (kind) => Array.from({ length: joints }, (_, joint) => column(`${kind}${joint + 1}`));
   const time = names.findIndex((name) => TIMES.includes(name));
-  const [places, rates] = [all("joint"), all("velocity")];
+  const [places, rates, bends] = ["joint", "velocity", "acceleration"].map(all);
   const whole = rows.every((row) => row.length === names.length && row.every(Number.isFinite));
   if (time < 0 || places.includes(-1) || !whole) return null;
   const of = (index) => rows.map((row) => row[index]);
   const times = of(time);
   if (times.some((value, index) => value < 0 || (index && value <= times[index - 1]))) return null;
-  return { times, positions: places.map(of), velocities: rates.includes(-1) ? null : rates.map(of) };
+  const given = (columns) => (columns.includes(-1) ? null : columns.map(of));
+  return { times, positions: places.map(of), velocities: given(rates), accelerations: given(bends) };
 }
 
 // With where the arm is now before a first point that is later.
-export function fromRest({ times, positions, velocities }, now) {
-  if (times[0] === 0) return { times, positions, velocities };
+export function fromRest(found, now) {
+  if (found.times[0] === 0) return found;
+  const resting = (values) => [0, ...values];
   return {
-    times: [0, ...times],
-    positions: positions.map((values, joint) => [now[joint], ...values]),
-    velocities: velocities?.map((values) => [0, ...values]) ?? null,
+    times: [0, ...found.times],
+    positions: found.positions.map((values, joint) => [now[joint], ...values]),
+    velocities: found.velocities?.map(resting) ?? null,
+    accelerations: found.accelerations?.map(resting) ?? null,
   };
 }
 
@@ -50,19 +55,53 @@ export function slopes(times, values) {
   return found;
 }
 
-// [time, velocity] at the points and between them, where a cubic piece is fastest if that is within it.
-export function velocityCurve(times, values, given) {
-  const rates = given ?? slopes(times, values);
+// Accelerations of that spline at its points.
+function curvatures(times, values, rates) {
+  const last = times.length - 1;
+  return times.map((_, index) => {
+    const [from, sign] = index < last ? [index, 1] : [last - 1, -1];
+    const step = times[from + 1] - times[from];
+    const [mean, begin, end] = [(values[from + 1] - values[from]) / step, rates[from], rates[from + 1]];
+    return (sign * (6 * mean - (sign > 0 ? 4 : 2) * begin - (sign > 0 ? 2 : 4) * end)) / step;
+  });
+}
+
+// Where in a piece, from 0 to 1, a polynomial passes through 0; found by halving, between places that see it.
+function zeros(polynomial) {
+  const found = [];
+  for (let place = 0; place < PLACES; place += 1) {
+    let [low, high] = [place / PLACES, (place + 1) / PLACES];
+    const rising = polynomial(low) < polynomial(high);
+    if (polynomial(low) * polynomial(high) >= 0) continue;
+    for (let turn = 0; turn < HALVINGS; turn += 1) {
+      const middle = (low + high) / 2;
+      if (polynomial(middle) < 0 === rising) low = middle;
+      else high = middle;
+    }
+    found.push(low);
+  }
+  return found;
+}
+
+// [time, velocity] at the points and between them, where a piece is fastest or slowest. A piece is of the fifth
+// degree, with the velocities and accelerations that are given; what is not given is that of the cubic spline.
+export function velocityCurve(times, values, givenRates, givenBends) {
+  if (times.length < 2) return [[times[0], 0]];
+  const smooth = slopes(times, values);
+  const [rates, bends] = [givenRates ?? smooth, givenBends ?? curvatures(times, values, smooth)];
   const found = [[times[0], rates[0]]];
   for (let index = 1; index < times.length; index += 1) {
-    const [step, begin, end] = [times[index] - times[index - 1], rates[index - 1], rates[index]];
-    const mean = (values[index] - values[index - 1]) / step;
-    const bend = 3 * (begin + end - 2 * mean); // of the velocity: begin + 2 (3 mean − 2 begin − end) s + bend s²
-    const rise = 3 * mean - 2 * begin - end;
-    const share = bend ? -rise / bend : -1;
-    for (const each of share > 0 && share < 1 ? [share, 1] : [0.5, 1]) {
-      found.push([times[index - 1] + each * step, begin + 2 * rise * each + bend * each * each]);
-    }
+    const step = times[index] - times[index - 1];
+    const [begin, bend] = [rates[index - 1] * step, bends[index - 1] * step * step];
+    const way = values[index] - values[index - 1] - begin - bend / 2;
+    const faster = rates[index] * step - begin - bend;
+    const change = bends[index] * step * step - bend;
+    const [third, fourth, fifth] = [
+      3 * (10 * way - 4 * faster + change / 2), 4 * (7 * faster - 15 * way - change), 5 * (6 * way - 3 * faster + change / 2),
+    ];
+    const velocity = (s) => (begin + s * (bend + s * (third + s * (fourth + s * fifth)))) / step;
+    const extremes = zeros((s) => bend + s * (2 * third + s * (3 * fourth + s * 4 * fifth)));
+    for (const each of extremes.length ? [...extremes, 1] : [0.5, 1]) found.push([times[index - 1] + each * step, velocity(each)]);
   }
   return found;
 }

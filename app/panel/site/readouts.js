@@ -4,7 +4,9 @@ import { abcOf } from "./kinematics.js";
 
 const AXES = ["X", "Y", "Z", "C, Rx", "B, Ry", "A, Rz"];
 const NEAR = 0.03; // of the range, from a limit
-const fixed = (value) => value.toFixed(1).replace(/^-(0\.0)$/, "$1");
+const UNKNOWN = "?";
+const fixed = (value) => (Number.isFinite(value) ? value.toFixed(1).replace(/^-(0\.0)$/, "$1") : UNKNOWN);
+const number = (value) => value ?? NaN; // what is no number is null in JSON
 const degrees = (rad) => (rad * 180) / Math.PI;
 
 function button(sign, kind, index) {
@@ -67,15 +69,15 @@ export class Readouts {
   show(state) {
     this.rows.forEach((each, index) => {
       const { slides, min_position: low, max_position: high } = this.ranges[index];
-      const position = state.position[index];
-      const share = Math.max(0, Math.min(1, (position - low) / (high - low)));
+      const position = number(state.position[index]);
+      const share = Math.max(0, Math.min(1, (position - low) / (high - low))) || 0;
       const shown = fixed(slides ? 1000 * position : degrees(position));
       write(each.value, `${shown} ${slides ? "mm" : "°"}`);
-      each.meter.setAttribute("aria-valuenow", shown);
+      each.meter.setAttribute("aria-valuenow", Number.isFinite(position) ? shown : "");
       each.fill.style.setProperty("--share", share.toFixed(4));
-      each.meter.toggleAttribute("data-near", share < NEAR || share > 1 - NEAR);
+      each.meter.toggleAttribute("data-near", Number.isFinite(position) && (share < NEAR || share > 1 - NEAR));
     });
-    const [x, y, z, w, i, j, k] = state.tcp;
+    const [x, y, z, w, i, j, k] = state.tcp.map(number);
     const angles = abcOf([i, j, k, w]).reverse();
     [x, y, z].forEach((value, index) => write(this.tcp[index].value, `${fixed(1000 * value)} mm`));
     angles.forEach((value, index) => write(this.tcp[3 + index].value, `${fixed(degrees(value))} °`));

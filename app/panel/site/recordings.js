@@ -1,5 +1,6 @@
 // Recordings over their time: what a fault or an e-stop has left, and what somebody has asked for. One of them is
 // shown as a ghost along its own time, with what happened.
+import { LONG_MS } from "./api.js";
 import { oneAtATime } from "./once.js";
 import { inEachLanguage, word } from "./words.js";
 
@@ -51,7 +52,7 @@ export class Recordings {
   async act(body, button) {
     button.disabled = true;
     try {
-      await this.api.post("/recordings", body);
+      await this.api.post("/recordings", body, { waitMs: LONG_MS });
       await this.look();
     } catch (error) {
       this.say(error.message);
@@ -62,7 +63,7 @@ export class Recordings {
   // As a file, with the token if there is one.
   async fetch(name) {
     try {
-      const answer = await this.api.ask("GET", this.api.address(`/recordings/${encodeURIComponent(name)}`));
+      const answer = await this.api.ask("GET", this.api.address(`/recordings/${encodeURIComponent(name)}`), undefined, { waitMs: LONG_MS });
       const link = document.createElement("a");
       link.href = URL.createObjectURL(await answer.blob());
       link.download = name;
@@ -77,7 +78,7 @@ export class Recordings {
   async open(name) {
     try {
       this.say("");
-      const shown = await this.api.get(`/recordings/${encodeURIComponent(name)}/path?samples=${SAMPLES}`);
+      const shown = await this.api.get(`/recordings/${encodeURIComponent(name)}/path?samples=${SAMPLES}`, { waitMs: LONG_MS });
       this.motions.discard();
       this.shown = shown;
       element("rec-name").textContent = name;

@@ -1,4 +1,4 @@
-// Mode, who has the control, speed override, how the cycle and the robot are, and whether anybody answers.
+// Mode, who has the control, speed override, how the cycle is, and whether anybody answers.
 import { oneAtATime } from "./once.js";
 import { inEachLanguage, word } from "./words.js";
 
@@ -14,14 +14,16 @@ function say(id, text, level = "") {
 }
 
 export class Status {
-  constructor(api) {
+  constructor(api, device) {
     this.api = api;
+    this.device = device;
     this.mode = null;
     this.line = null;
     this.look = oneAtATime(() => this.ask());
     inEachLanguage(() => {
       if (this.mode) this.write();
       if (this.line !== null) this.connected(this.line);
+      this.look();
     });
     setInterval(() => this.look(), EVERY_MS);
   }
@@ -47,36 +49,27 @@ export class Status {
     if (CHANGES.includes(event.type)) this.look();
   }
 
-  // What the robot says of itself, of which a simulation says nothing.
-  tell(device) {
-    const shown = element("device");
-    shown.closest("div").hidden = !device;
-    if (!device) return;
-    const { connection, quality, operation_mode: mode, drives, safety_stop: stop, text } = device;
-    const drive = drives && `drives ${drives}`;
-    const parts = stop ? [mode, stop] : [mode, connection, quality, drive];
-    say("device", parts.filter(Boolean).join(", "), stop ? "bad" : "");
-    shown.title = text;
-  }
-
   async ask() {
-    if (!this.api.robot || document.hidden) return;
+    const { robot } = this.api;
+    if (!robot || document.hidden) return;
     try {
       const [control, health, robots] = await Promise.all([
         this.api.get("/control"),
         this.api.get("/health"),
-        this.api.robots().catch(() => []),
+        this.api.robots(),
       ]);
-      this.tell(robots.find((robot) => robot.name === this.api.robot.name)?.device?.status);
+      if (robot !== this.api.robot) return;
+      this.device.tell(robots.find(({ name }) => name === robot.name)?.device);
       const holder = control.holder ? `${control.holder} (${control.address})` : control.what;
       say("control", control.held ? `${holder ?? ""}${control.what ? `: ${control.what}` : ""}` : word("nobody"));
       element("control").title = element("control").textContent;
       say("override", `${Math.round(100 * control.speed_fraction)} %`);
-      const cycle = health.cycle_us.total;
-      const level = health.rtloop.alive ? "good" : "bad";
-      if (cycle) say("cycle", word("cycle_times", { p99: cycle.p99_us, late: health.rtloop.overruns }), level);
+      const { total } = health.cycle_us ?? {};
+      const level = health.rtloop?.alive ? "good" : "bad";
+      say("cycle", total ? word("cycle_times", { p99: total.p99_us, late: health.rtloop.overruns }) : "?", level);
     } catch (error) {
-      say("control", "?");
+      for (const id of ["control", "override", "cycle"]) say(id, "?", "bad");
+      element("control").title = error.message;
     }
   }
 }

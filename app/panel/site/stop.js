@@ -1,33 +1,78 @@
-// One stop, on every page: the button, Space and Escape. It asks for nothing and waits for nothing.
+// One stop, on every page: the button, Space and Escape. It asks for nothing and waits for nothing: it is a script
+// of its own, loaded first and in need of no other one, so that nothing that goes wrong elsewhere takes it away.
 const WRITING = "input:not([type=range]), textarea, [contenteditable]";
+const UNSURE_MS = 3000; // an arm comes to rest sooner
+const GIVE_UP_MS = 11_000; // the service gives itself 10 s
+const button = document.getElementById("stop");
+const why = document.getElementById("stop-why");
+let pressed = 0; // how often
+let confirmed = 0; // the newest press after which the arm is known to be at rest
+let failed = 0; // and the newest one that is told to have failed
 
-export function installStop(api, before) {
-  const button = document.getElementById("stop");
-  const stop = () => {
-    before();
-    button.dataset.pressed = String(Number(button.dataset.pressed || 0) + 1);
-    api.stop().catch((error) => {
-      document.getElementById("connection").textContent = error.message;
-    });
-  };
-  button.addEventListener("click", stop);
-  // First of all listeners, and on keydown: Space on a focused button shall stop, not press it.
-  document.addEventListener(
-    "keydown",
-    (event) => {
-      const space = event.code === "Space" && !event.target.closest?.(WRITING);
-      if (!space && event.key !== "Escape") return;
-      event.preventDefault();
-      event.stopImmediatePropagation();
-      if (!event.repeat) stop();
-    },
-    { capture: true },
-  );
-  document.addEventListener(
-    "keyup",
-    (event) => {
-      if (event.code === "Space" && !event.target.closest?.(WRITING)) event.preventDefault();
-    },
-    { capture: true },
-  );
+function succeed(press) {
+  confirmed = Math.max(confirmed, press);
+  if (confirmed >= failed) why.hidden = true;
 }
+
+function fail(press, reason) {
+  if (press <= confirmed) return; // another way has got there
+  failed = Math.max(failed, press);
+  why.hidden = false;
+  why.querySelector("span").textContent = reason;
+}
+
+function headers() {
+  try {
+    const token = sessionStorage.getItem("cobot.token");
+    return token ? { Authorization: `Bearer ${token}` } : {};
+  } catch {
+    return {}; // a browser that keeps nothing
+  }
+}
+
+// Every robot, whichever is shown.
+async function send(press) {
+  const unsure = setTimeout(() => fail(press, `no answer for ${UNSURE_MS / 1000} s`), UNSURE_MS);
+  try {
+    const answer = await fetch("/stop", { method: "POST", headers: headers(), signal: AbortSignal.timeout(GIVE_UP_MS) });
+    const said = await answer.json();
+    if (answer.ok && said.success) succeed(press);
+    else fail(press, said.message ?? said.detail ?? `HTTP ${answer.status}`);
+  } catch (error) {
+    fail(press, error.message);
+  } finally {
+    clearTimeout(unsure);
+  }
+}
+
+function stop() {
+  pressed += 1;
+  button.dataset.pressed = String(pressed);
+  send(pressed);
+  document.dispatchEvent(new CustomEvent("cobot-stop")); // the rest of the page tells the service its own way
+}
+
+document.addEventListener("cobot-stopped", ({ detail }) => {
+  if (detail.success) succeed(pressed);
+  else fail(pressed, detail.message);
+});
+button.addEventListener("click", stop);
+// First of all listeners, and on keydown: Space on a focused button shall stop, not press it.
+document.addEventListener(
+  "keydown",
+  (event) => {
+    const space = event.code === "Space" && !event.target.closest?.(WRITING);
+    if (!space && event.key !== "Escape") return;
+    event.preventDefault();
+    event.stopImmediatePropagation();
+    if (!event.repeat) stop();
+  },
+  { capture: true },
+);
+document.addEventListener(
+  "keyup",
+  (event) => {
+    if (event.code === "Space" && !event.target.closest?.(WRITING)) event.preventDefault();
+  },
+  { capture: true },
+);

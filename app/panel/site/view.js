@@ -2,6 +2,7 @@
 import { OrbitControls, THREE } from "/three.js";
 import { Drawn } from "./shapes.js";
 
+const [PLANNED, RUNNING] = [0x12a150, 0xc2410c];
 const UP = new THREE.Vector3(0, 0, 1);
 
 export class View {
@@ -22,7 +23,7 @@ export class View {
     this.controls.target.set(0, 0, 0.5);
     this.controls.addEventListener("change", () => this.draw());
     this.controls.update();
-    this.arm = this.ghost = this.path = this.plan = this.still = this.joints = null;
+    this.arm = this.ghost = this.path = this.way = this.plan = this.still = this.joints = null;
     this.frames = 0;
     this.asked = false;
     new ResizeObserver(() => this.resize()).observe(place);
@@ -67,6 +68,21 @@ export class View {
     this.draw();
   }
 
+  line(points, color) {
+    const shape = new THREE.BufferGeometry().setFromPoints(points.map((point) => new THREE.Vector3(...point)));
+    const made = new THREE.Line(shape, new THREE.LineBasicMaterial({ color }));
+    this.scene.add(made);
+    return made;
+  }
+
+  // The way of the motion that runs: points of the TCP; none for no motion.
+  follow(points) {
+    this.way?.removeFromParent();
+    this.way?.geometry.dispose();
+    this.way = points.length ? this.line(points, RUNNING) : null;
+    this.draw();
+  }
+
   // The planned path, and a ghost that goes along it again and again; null for none.
   preview(plan) {
     this.ghost?.dispose();
@@ -77,10 +93,8 @@ export class View {
     if (plan?.duration_s && this.geometry) {
       this.plan = plan;
       this.ghost = new Drawn(this.geometry, true);
-      const points = plan.path.map((point) => new THREE.Vector3(...point.position));
-      const line = new THREE.BufferGeometry().setFromPoints(points);
-      this.path = new THREE.Line(line, new THREE.LineBasicMaterial({ color: 0x12a150 }));
-      this.scene.add(this.ghost.root, this.path);
+      this.path = this.line(plan.path.map((point) => point.position), PLANNED);
+      this.scene.add(this.ghost.root);
     }
     this.draw();
   }

@@ -1,8 +1,9 @@
 // A list of places that are taught, gone through with round corners, run as a sequence and kept as its file.
 // What is in the list is kept in this browser. A sequence that has more than the list can say is shown and run
 // as it is.
-import { abcOf } from "./kinematics.js";
+import { abcOf, tcpOf } from "./kinematics.js";
 import { partsOf } from "./sequence.js";
+import { keep, keptList } from "./store.js";
 import { inEachLanguage, word } from "./words.js";
 
 const MOST = 50;
@@ -14,6 +15,13 @@ const ENDS = ["finished", "failed", "cancelled", "interrupted"];
 const element = (id) => document.getElementById(id);
 const numbers = (values, count) => Array.isArray(values) && values.length >= count && values.every(Number.isFinite);
 
+// Whether it can be a line of the list: joints, or a pose, or both.
+function whole(point) {
+  const { way, radius, joints, pose } = point ?? {};
+  const there = way === "lin" ? numbers(pose, 6) : numbers(joints, 1) && JOINT_WAYS.includes(way);
+  return there && Number.isFinite(radius);
+}
+
 // What the service plans: a straight line ends at a pose, every other way at joints.
 function motion({ way, joints, pose }, speed) {
   if (way === "lin") return { ...Object.fromEntries(POSE.map((name, index) => [name, pose[index]])), planner: "lin", speed };
@@ -21,10 +29,11 @@ function motion({ way, joints, pose }, speed) {
 }
 
 export class Waypoints {
-  constructor(api, motions, state, freedrive) {
+  // now: {state, geometry}, of which one may be missing.
+  constructor(api, motions, now, freedrive) {
     this.api = api;
     this.motions = motions;
-    this.state = state;
+    this.now = now;
     this.freedrive = freedrive;
     this.key = "";
     this.list = [];
@@ -35,36 +44,39 @@ export class Waypoints {
     element("points-show").addEventListener("click", () => this.show());
     element("points-save").addEventListener("click", () => this.save());
     element("points-run").addEventListener("click", () => this.run());
-    element("points-step").addEventListener("click", () => this.run("?at_waypoint=0"));
+    element("points-step").addEventListener("click", () => this.run(true));
     this.acceptFiles(element("points").closest(".card"));
     inEachLanguage(() => this.write());
   }
 
   load(robot) {
     this.key = `cobot.waypoints.${robot}`;
-    this.list = JSON.parse(localStorage.getItem(this.key) ?? "[]");
+    this.list = keptList("localStorage", this.key).filter(whole).slice(0, MOST);
     this.file = this.job = null;
     this.say(() => word("points_hint"));
     this.write();
   }
 
   teach() {
-    const state = this.state();
-    if (!state) return;
+    const { state, geometry } = this.now();
+    // In a hand the arm is where it is held, and not where its springs would have it.
+    const joints = this.freedrive.on ? state?.position : state?.commanded_position;
+    if (!geometry || !numbers(joints, geometry.joints.length)) {
+      this.say(() => word("silence"));
+      return;
+    }
     if (this.list.length >= MOST) {
       this.say(() => word("points_max"));
       return;
     }
-    const [x, y, z, w, i, j, k] = state.tcp;
-    // In a hand the arm is where it is held, and not where its springs would have it.
-    const joints = this.freedrive.on ? state.position : state.commanded_position;
+    const { position, quaternion } = tcpOf(geometry, joints);
     this.file = null;
-    this.list.push({ way: "ptp", radius: 0, joints: [...joints], pose: [x, y, z, ...abcOf([i, j, k, w])] });
+    this.list.push({ way: "ptp", radius: 0, joints: [...joints], pose: [...position, ...abcOf(quaternion)] });
     this.changed();
   }
 
   changed() {
-    localStorage.setItem(this.key, JSON.stringify(this.list));
+    keep("localStorage", this.key, JSON.stringify(this.list));
     this.motions.discard();
     this.write();
   }
@@ -96,17 +108,17 @@ export class Waypoints {
     URL.revokeObjectURL(link.href);
   }
 
-  // As a job of the service, which goes on without this page; hold: where it waits first.
-  async run(hold) {
+  // As a job of the service, which goes on without this page; hold: it waits before its first motion.
+  async run(hold = false) {
     const body = new FormData();
     body.append("config", new File([this.text], this.file?.name ?? "waypoints.json"));
     body.append("n_iterations", element("points-rounds").value || "1");
     body.append("delay_between_iterations", "0");
+    body.append("hold", String(hold));
     this.motions.discard();
     try {
       this.job = (await this.api.post("/sequences/start?wait=false", body)).id;
       this.say(() => word(hold ? "points_steps" : "points_runs"));
-      if (hold) await this.api.post(`/jobs/${this.job}/pause${hold}`);
       await this.look();
     } catch (error) {
       this.say(() => error.message);
@@ -167,10 +179,10 @@ export class Waypoints {
     const list = waypoints.map((each) => this.opened(each ?? {}));
     const [speed, ...others] = new Set(waypoints.map((each) => each?.speed ?? 0.1));
     const editable = !Object.keys(more).length && !list.includes(null) && list.length <= MOST && !others.length;
-    const whole = editable && this.motions.choosesSpeed(speed);
-    this.file = whole ? null : { name, text, content };
-    if (whole) this.list = list;
-    this.say(() => word(whole ? "points_hint" : "points_as_it_is"));
+    const taken = editable && this.motions.choosesSpeed(speed);
+    this.file = taken ? null : { name, text, content };
+    if (taken) this.list = list;
+    this.say(() => word(taken ? "points_hint" : "points_as_it_is"));
     this.changed();
     this.show();
   }
@@ -180,8 +192,8 @@ export class Waypoints {
     if (!Number.isFinite(radius)) return null;
     const radiusMm = Math.round(1000 * radius);
     if (joints) {
-      const whole = numbers(joints, 1) && JOINT_WAYS.includes(planner) && !Object.keys(pose).length;
-      return whole ? { way: planner, radius: radiusMm, joints, pose: null } : null;
+      const known = numbers(joints, 1) && JOINT_WAYS.includes(planner) && !Object.keys(pose).length;
+      return known ? { way: planner, radius: radiusMm, joints, pose: null } : null;
     }
     const values = POSE.map((name) => pose[name] ?? 0);
     const known = Object.keys(pose).every((name) => POSE.includes(name));

@@ -1,5 +1,8 @@
 // Words in the language that was chosen, or that the browser prefers; the catalogue is words.json.
+import { keep, keptText } from "./store.js";
+
 const STORED = "cobot.language";
+const AGAIN_MS = 2000;
 let catalogue = { en: {} };
 let language = "en";
 const listeners = new Set();
@@ -15,14 +18,20 @@ export function inEachLanguage(write) {
   write();
 }
 
+// A page without its words works; it gets them later.
 export async function installLanguages() {
-  catalogue = await (await fetch("/panel/words.json")).json();
+  try {
+    catalogue = await (await fetch("/panel/words.json", { signal: AbortSignal.timeout(AGAIN_MS) })).json();
+  } catch {
+    setTimeout(installLanguages, AGAIN_MS);
+    return;
+  }
   const select = document.getElementById("language");
-  const wanted = [localStorage.getItem(STORED), ...navigator.languages.map((each) => each.slice(0, 2))];
+  const wanted = [keptText("localStorage", STORED), ...navigator.languages.map((each) => each.slice(0, 2))];
   choose(wanted.find((each) => each in catalogue) ?? "en");
   select.value = language;
   select.addEventListener("change", () => {
-    localStorage.setItem(STORED, select.value);
+    keep("localStorage", STORED, select.value);
     choose(select.value);
   });
 }

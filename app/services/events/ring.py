@@ -41,6 +41,7 @@ TYPES = {
     "speed": "the speed override is another one",
     "scene": "the scene has changed",
     "tool": "the tool has changed",
+    "positions": "the named positions have changed",
     "planning": "a planning process was replaced",
     "log": "a line of the service's log of the level warning or above",
 }

@@ -85,6 +85,7 @@ class MotionService:
         claim.proceed()
         tool = self._robot.model.carried.version  # it cannot change while somebody has a claim
         claim.motion_id = await self._link.commands.start(trajectory, claim.stops, tool, fence)
+        claim.trajectory = trajectory
         logs.bind(motion=claim.motion_id)
         if claim.job is not None:
             claim.job.started(claim.motion_id, trajectory)
@@ -108,6 +109,7 @@ class MotionService:
         await self._link.commands.replace(
             trajectory, offset_s, claim.stops, self._robot.model.carried.version
         )
+        claim.trajectory = trajectory
         if claim.job is not None:
             claim.job.prolonged(trajectory)
         if checked_s <= self.scene_changed_s:  # who has changed it may have looked at the one before

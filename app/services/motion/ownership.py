@@ -17,6 +17,7 @@ from app.services.state.link import RobotLink
 from cobot import logs
 from cobot.clock import Clock
 from cobot.errors import ConflictError, ExecutionError, MotionStopped, MotionTimeout
+from cobot.trajectory import Trajectory
 
 Result = TypeVar("Result")
 LONGEST_WAIT_S = 3600.0
@@ -61,6 +62,7 @@ class Claim:
         job: see `Caller`.
         timeout_s, left_s: its time, and how much of it is left, s.
         motion_id: once it runs.
+        trajectory: what it runs along, once it does.
         interruption: why it has to end early, once it has to; then `interrupted` is set.
         ended: set when it has.
     """
@@ -75,6 +77,7 @@ class Claim:
     timeout_s: float = math.inf
     left_s: Callable[[], float] = field(default=lambda: math.inf)
     motion_id: int | None = None
+    trajectory: Trajectory | None = None
     interruption: ExecutionError | None = None
     interrupted: asyncio.Event = field(default_factory=asyncio.Event)
     ended: asyncio.Event = field(default_factory=asyncio.Event)
@@ -183,6 +186,14 @@ class Ownership:
     def moving(self) -> Claim | SequenceClaim | None:
         """The motion that is under way, or else the sequence."""
         return self._claim or self._sequence
+
+    @property
+    def motion(self) -> tuple[int, Trajectory] | None:
+        """What the arm moves along, and its number; None while it follows no planned path."""
+        claim = self._claim
+        if claim is None or claim.motion_id is None or claim.trajectory is None:
+            return None
+        return claim.motion_id, claim.trajectory
 
     @property
     def in_motion(self) -> bool:
@@ -367,14 +378,16 @@ class Ownership:
 def watching(claim: Claim, caller: Caller) -> Iterator[None]:
     """Interrupt the motion, or what comes before it, when its client goes away or its time is up.
 
-    While motions are paused, the time does not go on.
+    The time is that of full speed: while motions are slowed down it goes on as slowly, and while they are
+    paused not at all.
     """
-    before_s = claim.speed_override.paused_s
+    override = claim.speed_override
+    paused_s, slowed_s = override.paused_s, override.slowed_s
     begun_s = claim.clock.now_s()
 
     def left_s() -> float:
-        paused_s = min(claim.speed_override.paused_s - before_s, MAX_PAUSE_S)
-        return begun_s + caller.timeout_s + paused_s - claim.clock.now_s()
+        longer_s = min(override.paused_s - paused_s, MAX_PAUSE_S) + override.slowed_s - slowed_s
+        return begun_s + caller.timeout_s + longer_s - claim.clock.now_s()
 
     async def watch() -> None:
         while not caller.gone.is_set() and left_s() > 0.0:

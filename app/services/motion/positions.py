@@ -69,6 +69,7 @@ class PositionService:
                 raise ConflictError(f"{MOST} positions are taught already; remove one")
             made = taught[name] = NamedPosition(name, TAUGHT, tuple(joints), description)
             await self._keep(taught)
+        self._link.events.publish("positions", what="taught", name=name)
         return made
 
     async def forget(self, name: str) -> None:
@@ -83,6 +84,7 @@ class PositionService:
             if taught.pop(name, None) is None:
                 raise NotFoundError(f"no position {shown(name)} was taught; GET /robot/positions lists them")
             await self._keep(taught)
+        self._link.events.publish("positions", what="forgotten", name=name)
 
     async def _keep(self, taught: dict[str, NamedPosition]) -> None:
         content = _FILE.dump_json(taught, indent=1)

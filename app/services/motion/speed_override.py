@@ -41,7 +41,8 @@ class SpeedOverride:
         self._asked = False
         self._fraction = 1.0
         self._paused_s = 0.0
-        self._since_s = 0.0
+        self._slowed_s = 0.0
+        self._since_s = link.clock.now_s()
         self._restoring: asyncio.Task[None] | None = None
         self.opened = asyncio.Event()
         self.opened.set()
@@ -60,7 +61,17 @@ class SpeedOverride:
     @property
     def paused_s(self) -> float:
         """How long all pauses were together, the present one included."""
-        return self._paused_s + (self._link.clock.now_s() - self._since_s if self.paused else 0.0)
+        return self._paused_s + (self._lasts_s if self.paused else 0.0)
+
+    @property
+    def slowed_s(self) -> float:
+        """How much longer motions have taken in all because the fraction was below 1; without pauses."""
+        return self._slowed_s + (0.0 if self.paused else (1.0 - self._fraction) * self._lasts_s)
+
+    @property
+    def _lasts_s(self) -> float:
+        """How long it has been as it is."""
+        return self._link.clock.now_s() - self._since_s
 
     async def set_fraction(self, fraction: float) -> None:
         """Go along the path faster or slower: the motion that runs, and all that follow.
@@ -89,6 +100,7 @@ class SpeedOverride:
 
     def _take(self, fraction: float) -> None:
         if fraction != self._fraction:
+            self._account()
             self._fraction = fraction
             self._link.events.publish("speed", fraction=fraction)
         self._settle()
@@ -152,13 +164,17 @@ class SpeedOverride:
         held = self._asked or self._fraction == 0.0
         if held == self.paused:
             return
+        self._account()
         if held:
-            self._since_s = self._link.clock.now_s()
             self.opened.clear()
         else:
-            self._paused_s = self.paused_s
             self.opened.set()
         self._changed()
+
+    def _account(self) -> None:
+        """It becomes another one now."""
+        self._paused_s, self._slowed_s = self.paused_s, self.slowed_s
+        self._since_s = self._link.clock.now_s()
 
     async def begun(self) -> None:
         """A motion has just begun, as every motion at its full rate."""

@@ -55,6 +55,7 @@ class SequenceOrder:
             no actions to choose from.
         name: of the uploaded file, for messages; what is named *.lua is a Lua program.
         from_waypoint: where the first iteration begins; None for its beginning, home included.
+        hold: it waits before its first motion, until its job is resumed or stepped.
     """
 
     config: bytes
@@ -66,6 +67,7 @@ class SequenceOrder:
     pose_action: str = ""
     name: str = ""
     from_waypoint: int | None = None
+    hold: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,7 +156,7 @@ class SequenceService:
         finally:
             self._starting = False
         self._process, self._stopped = process, ""
-        self._steps = Steps(answers, order.from_waypoint, self._held)
+        self._steps = Steps(answers, order.from_waypoint, self._held, hold=order.hold)
         self.status = SequenceStatus(
             status="running",
             sequence_id=number,

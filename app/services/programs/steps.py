@@ -23,13 +23,17 @@ class Steps:
         descriptor: of the pipe that it reads; it is closed by `close`.
         first: the waypoint to begin with, None for the beginning.
         changed: called with whether the runner is held.
+        hold: it waits before its first motion.
     """
 
-    def __init__(self, descriptor: int, first: int | None, changed: Callable[[bool], None]) -> None:
+    def __init__(
+        self, descriptor: int, first: int | None, changed: Callable[[bool], None], *, hold: bool = False
+    ) -> None:
         self._descriptor = descriptor
         self._first = first
         self._changed = changed
         self._hold_at: int | None = None
+        self._hold_first = hold
         self._n_waypoints: int | None = None  # until it has asked
         self.held = False
 
@@ -41,12 +45,12 @@ class Steps:
             n_waypoints: how many there are, 0 for a program.
         """
         self._n_waypoints = n_waypoints
-        first, self._first = self._first, None
-        if first is None and self._hold_at is not None and behind >= self._hold_at:
-            self._hold_at, self.held = None, True
+        due = self._first is None and self._hold_at is not None and behind >= self._hold_at
+        if self._hold_first or due:
+            self._hold_first, self._hold_at, self.held = False, None, True
             self._changed(True)
         else:
-            self._answer(first)
+            self._answer(None)
 
     def hold(self, waypoint: int) -> None:
         """Have it wait once it has reached this waypoint, or has passed it without a stop.
@@ -61,7 +65,7 @@ class Steps:
             self._hold_at = waypoint
 
     def go_on(self, waypoint: int | None = None, *, step: bool = False) -> None:
-        """Go on, if it waits; what it was to wait for is forgotten.
+        """Go on, if it waits or is to wait; what it was to wait for is forgotten.
 
         Args:
             waypoint: to go to; None for the next one.
@@ -75,7 +79,7 @@ class Steps:
             if not self.held:
                 raise ConflictError("it is not at a waypoint: pause with at_waypoint, and wait until it is")
             self._require(waypoint, 1)
-        self._hold_at = NEXT if step else None
+        self._hold_first, self._hold_at = False, NEXT if step else None
         if self.held:
             self.held = False
             self._changed(False)
@@ -91,5 +95,7 @@ class Steps:
             raise InputError(f"waypoint: there are {self._n_waypoints}, from 1 on; got {waypoint}")
 
     def _answer(self, waypoint: int | None) -> None:
+        first, self._first = self._first, None
+        waypoint = first if waypoint is None else waypoint
         with contextlib.suppress(OSError):  # it has ended
             os.write(self._descriptor, json.dumps({"waypoint": waypoint}).encode() + b"\n")

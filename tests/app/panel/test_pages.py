@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import re
+from html.parser import HTMLParser
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -15,9 +16,15 @@ from fastapi import FastAPI
 from app.main import create_app
 from app.panel import pages
 from cobot.config import Settings
+from cobot.robot.device import FLAGS, MEASURED_NAMES
 
+REPOSITORY = Path(__file__).parents[3]
 SCRIPTS = sorted(pages.SITE.glob("*.js"))
 LANGUAGES = ("en", "de", "zh")
+NAMED = (r"#([a-z][\w-]*)", r'opened_card\(panel, "([\w-]+)"')
+"""How tests with a browser name a control."""
+MADE = ("mode_", "way_", "able_", "measured_")
+"""So begin names of words that are put together."""
 
 
 @pytest.fixture(scope="module")
@@ -95,8 +102,61 @@ def test_each_word_is_there_in_each_language() -> None:
     assert holes["en"] == holes["de"] == holes["zh"], "the same values stand in each"
     asked = used(r'\bword\("(\w+)"') | used(r'data-word(?:-label)?="(\w+)"')
     assert asked <= names["en"], asked - names["en"]
-    spoken = asked | used(r'"(\w+)"') | {name for name in names["en"] if name.startswith(("mode_", "way_"))}
+    spoken = asked | used(r'"(\w+)"') | {name for name in names["en"] if name.startswith(MADE)}
     assert names["en"] <= spoken, names["en"] - spoken
+
+
+def test_each_cause_of_a_fault_has_words() -> None:
+    """Oracle: the reasons as they stand in the real-time process."""
+    latching = r'(?s)self\.(?:controller\.)?(?:fault|estop|fast_stop)\(\s*f?"([^"]+)"'
+    files = [REPOSITORY / "rtloop" / name for name in ("controller.pyx", "loop.pyx")]
+    reasons = [each for file in files for each in re.findall(latching, file.read_text(encoding="utf-8"))]
+    assert len(reasons) > 9
+    script = (pages.SITE / "banner.js").read_text(encoding="utf-8")
+    patterns = re.findall(r"\[/(.+)/, \"cause_\w+\"\]", script)
+    for reason in reasons:
+        assert any(re.search(pattern, reason) for pattern in patterns), reason
+    for pattern in patterns:
+        assert any(re.search(pattern, reason) for reason in reasons), pattern
+
+
+def test_each_ability_and_measurement_has_a_word() -> None:
+    words = json.loads((pages.SITE / "words.json").read_text(encoding="utf-8"))["en"]
+    assert {f"able_{name}" for name in FLAGS} == {name for name in words if name.startswith("able_")}
+    measured = {f"measured_{name}" for name in MEASURED_NAMES}
+    assert measured == {name for name in words if name.startswith("measured_")}
+
+
+class Controls(HTMLParser):
+    """What a person can use, by id; "" for what has none."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.ids: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = dict(attrs)
+        if tag in ("button", "input", "select", "textarea", "details"):
+            self.ids.append(given.get("id") or "")
+
+
+def test_each_control_is_used_in_a_real_browser() -> None:
+    """That it is named there by what a person would press or write into, at least."""
+    controls = Controls()
+    controls.feed((pages.SITE / "index.html").read_text(encoding="utf-8"))
+    assert all(controls.ids), "one without an id cannot be looked for"
+    assert len(controls.ids) > 50
+    files = [REPOSITORY / "tests/e2e" / name for name in ("test_panel.py", "test_access.py")]
+    tests = "".join(file.read_text(encoding="utf-8") for file in files)
+    named = {each for pattern in NAMED for each in re.findall(pattern, tests)}
+    assert set(controls.ids) <= named, set(controls.ids) - named
+
+
+def test_the_stop_needs_no_other_script() -> None:
+    script = (pages.SITE / "stop.js").read_text(encoding="utf-8")
+    assert "import" not in script
+    page = (pages.SITE / "index.html").read_text(encoding="utf-8")
+    assert re.findall(r'<script[^>]*src="([^"]+)"', page) == ["/panel/stop.js", "/panel/main.js"]
 
 
 def test_modules_stay_small() -> None:

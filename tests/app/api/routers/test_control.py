@@ -254,6 +254,31 @@ def test_a_stream_takes_it_and_loses_it_with_its_connection(run: VirtualService)
     assert move(run).json()["success"]
 
 
+def test_who_only_looks_stops_the_arm_over_the_stream(run: VirtualService) -> None:
+    """Whosever the control is. One that comes while another one is under way follows it."""
+    token = take(run)
+    body = {"joints": AWAY, "speed": 0.1}
+    moving = run.begin(run.asking("POST", "/robot/move/joints", json=body, headers=shown(token)))
+    run.until(lambda: run.health()["robot"]["mode"] == "TRAJECTORY")
+    with run.connect(f"/robots/{run.name}/stream") as socket:
+        for _ in range(100):
+            socket.send('{"type": "stop"}')
+        socket.send('{"type": "stop", "category": 1}')
+        refused = heard(socket, "error")
+        assert (refused["code"], refused["about"]) == ("input", "stop")
+        stopped = [heard(socket, "stopped") for _ in range(2)]
+        socket.send('{"type": "control"}')
+        assert heard(socket, "error")["about"] == "control", "no third stop is answered before it"
+    assert all(each["success"] for each in stopped)
+    assert "the arm is at rest" in stopped[0]["message"]
+    ended = run.end(moving).json()
+    assert ended["code"] == "stopped"
+    assert f"stopped by WS /robots/{run.name}/stream from 127.0.0.1" in ended["message"]
+    entries = [each for each in run.get("/audit").json()["entries"] if each["what"] == "stop"]
+    assert len(entries) == 2
+    assert entries[0]["who"] == "anonymous"
+
+
 def test_a_stream_is_told_when_it_is_taken_over(run: VirtualService) -> None:
     with run.connect("/robot/stream") as socket:
         socket.send('{"type": "session"}')

@@ -116,8 +116,8 @@ def test_the_control_is_told_as_it_changes_hands(run: VirtualService) -> None:
         assert first not in str(run.app.state.events.since(0, 5000)), "a token is nobody else's business"
 
 
-def test_scene_tool_and_sessions_are_told(run: VirtualService) -> None:
-    with run.listen("/events?types=scene,tool,session") as events:
+def test_scene_tool_positions_and_sessions_are_told(run: VirtualService) -> None:
+    with run.listen("/events?types=scene,tool,positions,session") as events:
         box = {"shape": "box", "size": [0.1, 0.1, 0.1], "x": 2.0, "y": 0, "z": 0}
         run.post("/scene", {"objects": {"box": box}}).raise_for_status()
         assert events.event()["type"] == "hello"
@@ -127,6 +127,10 @@ def test_scene_tool_and_sessions_are_told(run: VirtualService) -> None:
         run.post("/robot/tool", {"name": "gripper", "mass": 0.5}).raise_for_status()
         assert events.event("tool")["data"]["name"] == "gripper"
         run.post("/robot/tool", {"clear": True}).raise_for_status()
+        run.post("/robot/positions", {"name": "beside"}).raise_for_status()
+        assert events.event("positions")["data"] == {"what": "taught", "name": "beside"}
+        run.ask("DELETE", "/robot/positions/beside").raise_for_status()
+        assert events.event("positions")["data"] == {"what": "forgotten", "name": "beside"}
         with run.connect("/robot/stream") as socket:
             socket.send(json.dumps({"type": "session"}))
             begun = events.event("session")["data"]

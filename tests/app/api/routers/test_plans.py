@@ -70,6 +70,27 @@ def test_a_plan_moves_nothing_and_runs_as_it_says(service: VirtualService) -> No
     np.testing.assert_allclose(joints(service), THERE, atol=5e-3)
 
 
+def test_the_path_of_the_motion_that_runs_is_told_to_everybody(service: VirtualService) -> None:
+    """Oracle: the plan that it is."""
+    at_home(service)
+    nothing = {"motion_id": None, "duration_s": 0.0, "note": "", "path": []}
+    assert service.get("/robot/motion").json() == nothing
+    plan = planned(service, samples=7)
+    job = post(service, "/robot/execute?wait=false", {"plan_id": plan["plan_id"]}).json()
+    service.until(lambda: service.get("/robot/motion").json()["motion_id"])
+    told = service.get(f"/robots/{service.name}/motion?samples=7").json()
+    assert told["motion_id"] == service.get(f"/jobs/{job['id']}").json()["motion_id"]
+    assert told["duration_s"] == plan["duration_s"]
+    assert [list(point) for point in told["path"]] == [["time_s", "joints"]] * 7
+    for name in ("time_s", "joints"):
+        there, here = ([point[name] for point in each["path"]] for each in (plan, told))
+        np.testing.assert_allclose(here, there, atol=1e-12)
+    refused = service.get("/robot/motion?samples=1")
+    assert (refused.status_code, refused.json()["code"]) == (422, "input")
+    service.until(lambda: service.get(f"/jobs/{job['id']}").json()["state"] == "finished")
+    assert service.get("/robot/motion").json() == nothing
+
+
 def test_a_second_execute_says_how_far_the_arm_is_from_the_start(service: VirtualService) -> None:
     at_home(service)
     body = {"plan_id": planned(service)["plan_id"]}

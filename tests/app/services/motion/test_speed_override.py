@@ -176,6 +176,25 @@ def test_the_time_of_a_pause_does_not_count(bench: Bench) -> None:
     asyncio.run(check())
 
 
+def test_the_time_of_a_slow_motion_goes_on_as_slowly(bench: Bench) -> None:
+    """Oracle: the share of the speed, of the clock of the service."""
+
+    async def check() -> None:
+        override, caller = bench.ownership.speed_override, bench.caller(100.0)
+        with bench.ownership.claim(caller) as claim, watching(claim, caller):
+            await bench.during(override.set_fraction(0.1))
+            begun_s, left_s = claim.clock.now_s(), claim.left_s()
+            await asyncio.sleep(0.2)
+            at_full_speed_s = 0.1 * (claim.clock.now_s() - begun_s)
+            assert left_s - claim.left_s() == pytest.approx(at_full_speed_s, abs=0.01)
+            await bench.during(override.set_fraction(1.0))
+            begun_s, left_s = claim.clock.now_s(), claim.left_s()
+            await asyncio.sleep(0.05)
+            assert left_s - claim.left_s() == pytest.approx(claim.clock.now_s() - begun_s, abs=0.01)
+
+    asyncio.run(check())
+
+
 def test_a_fraction_of_the_speed_counts_for_motions_that_begin_later(bench: Bench) -> None:
     async def check() -> None:
         rig, override = bench.rig, bench.ownership.speed_override

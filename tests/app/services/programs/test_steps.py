@@ -15,11 +15,11 @@ from cobot.errors import ConflictError, InputError
 class Bench:
     """A runner's end of the pipe."""
 
-    def __init__(self, first: int | None = None) -> None:
+    def __init__(self, first: int | None = None, *, hold: bool = False) -> None:
         self._read_end, write_end = os.pipe()
         os.set_blocking(self._read_end, False)
         self.held: list[bool] = []
-        self.steps = Steps(write_end, first, self.held.append)
+        self.steps = Steps(write_end, first, self.held.append, hold=hold)
 
     def answers(self) -> list[int | None]:
         try:
@@ -91,6 +91,26 @@ def test_it_begins_where_it_is_told_to() -> None:
     assert bench.ask(0) == [3]
     assert bench.ask(3) == []
     bench.close()
+
+
+@pytest.mark.parametrize("first", [None, 3])
+def test_it_waits_before_its_first_motion_if_it_is_to(first: int | None) -> None:
+    bench = Bench(first, hold=True)
+    assert bench.ask(0) == []
+    assert bench.steps.held
+    bench.steps.go_on(step=True)
+    assert bench.answers() == [first]
+    assert bench.ask(first or 1) == []
+    bench.steps.go_on()
+    assert bench.answers() == [None]
+    bench.close()
+
+
+def test_a_beginning_that_was_to_wait_goes_on_if_it_is_resumed_before() -> None:
+    waiting = Bench(hold=True)
+    waiting.steps.go_on()
+    assert waiting.ask(0) == [None]
+    waiting.close()
 
 
 def test_a_program_waits_before_its_next_motion_only(bench: Bench) -> None:
