@@ -133,7 +133,7 @@ class Arm:
         return self.connection
 
     def knock(self, address: str) -> Arm:
-        """In place of `rtloop.backends.franka.reach.Knock`."""
+        """In place of `rtloop.backends.franka.link.Knock`."""
         return self
 
     def answered(self, wait_s: float = 0.0) -> bool:

@@ -68,7 +68,7 @@ class FriBackend:
         self._answers = Answers(options, limits.names, self._period_s)
         self._heard_s = self._asked_s = 0.0
         self._join_until_s = 0.0  # so long after it was enabled the session may begin anew without a fault
-        self._enabled = self._asking = self._unread = self._joins = False
+        self._enabled = self._asking = self._joins = False
         self._answered = True  # the newest packet, which has one answer
         self._starts = True
         self._refused = ""
@@ -82,25 +82,20 @@ class FriBackend:
         while not self.wait(options.silence_s):
             if self._clock() - self._asked_s > options.connect_s:
                 raise BackendError(self._nobody())
-        self._channel.keep_to_sender()
         problem = misfit(self._newest, options, self._period_s)
         if problem:
             raise BackendError(problem)
 
     def wait(self, timeout_s: float) -> bool:
-        """The controller's next packet, or the next cycle of one that was lost."""
-        if self._beat.is_made_up:
-            self._beat.go_on()
-            return True
+        """The controller's next packet, or the cycle of one that was lost or has piled up."""
         deadline_s = self._clock() + timeout_s
-        while True:
+        while not self._beat.due:
             for packet in self._open_channel.receive(deadline_s - self._clock()):
                 self._take(packet)
-            if self._unread:
-                self._unread = False
-                return True
-            if self._clock() >= deadline_s:
+            if not self._beat.due and self._clock() >= deadline_s:
                 return False
+        self._beat.go_on()
+        return True
 
     def read(self, measured: Measured) -> None:
         message = self._beat.newest
@@ -121,7 +116,7 @@ class FriBackend:
 
     def write(self, command: Array) -> None:
         message = self._beat.newest
-        if message is None or self._beat.is_made_up or self._answered:
+        if message is None or self._beat.due or self._answered:
             return
         self._answered = True
         reason = obstacle(message) or wrong_overlay(message, self._options)
@@ -208,7 +203,7 @@ class FriBackend:
             brakes=brakes,
             packets_lost=self._beat.lost,
             device_time_s=message.time_s,
-            text=text or f"FRI {message.version}".strip(),
+            text=(text or f"FRI {message.version}".strip()) + self._strangers(),
         )
 
     def write_torque(self, torque: Array) -> None:
@@ -246,6 +241,10 @@ class FriBackend:
         soon = self._joins and self._clock() < self._join_until_s
         return soon and message.safety == SafetyState.NORMAL_OPERATION
 
+    def _strangers(self) -> str:
+        count = self._open_channel.strangers
+        return f"; {count} packets of others than the controller did not count" if count else ""
+
     @property
     def _newest(self) -> Monitoring:
         if self._beat.newest is None:
@@ -280,7 +279,7 @@ class FriBackend:
         before = self._beat.newest
         if not self._beat.take(message):
             return
-        self._unread, self._answered, self._heard_s = True, False, self._clock()
+        self._answered, self._heard_s = False, self._clock()
         active = SessionState.COMMANDING_ACTIVE
         if before is not None and before.state == active and message.state != active:
             self._answers.forget()

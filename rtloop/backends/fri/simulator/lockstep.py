@@ -28,36 +28,41 @@ class LockStep:
     Attributes:
         time_s: the cabinet's, which the backend takes for its own.
         off: whether the cable is pulled.
+        strangers: none: there is nobody else.
+        pause: so many periods pass before the next packet is looked for, as on a busy computer.
     """
+
+    strangers = 0
 
     def __init__(self, cabinet: Cabinet, network: Network) -> None:
         self.cabinet, self.network = cabinet, network
         self.time_s = 0.0
         self.off = False
+        self.pause = 0
         self.answers: list[bytes] = []
         self.injected: list[bytes] = []
 
     def receive(self, timeout_s: float) -> list[bytes]:
         end_s = self.time_s + max(timeout_s, 0.0)
+        waiting: list[bytes] = []
         while True:
             self.time_s += self.cabinet.period_s
             for packet in self.network.arrived():
                 self.cabinet.answer(packet)
             packets = self.network.to_client(self.cabinet.packet())
             packets, self.injected = self.injected + packets, []
-            if packets and not self.off:
-                return [self.network.spoiled(packet) for packet in packets]
-            if self.time_s >= end_s:
-                return []
+            if not self.off:
+                waiting += [self.network.spoiled(packet) for packet in packets]
+            if self.pause:
+                self.pause -= 1
+            elif waiting or self.time_s >= end_s:
+                return waiting
 
     def send(self, packet: bytes) -> None:
         self.answers.append(packet)
         if not self.off:
             for arrived in self.network.from_client(packet):
                 self.cabinet.answer(arrived)
-
-    def keep_to_sender(self) -> None:
-        pass
 
     def close(self) -> None:
         pass

@@ -18,6 +18,7 @@ from cobot.robot.description import RobotDescription
 from cobot.types import Array
 from rtloop.backends import BackendError, Measured, Paced, Reporting, Stepwise, TorqueControlled
 from rtloop.backends.fri import FriBackend
+from rtloop.backends.fri.beat import Entry
 from rtloop.backends.fri.codec import decode_command
 from rtloop.backends.fri.encoding import encode_command
 from rtloop.backends.fri.messages import (
@@ -375,15 +376,42 @@ def test_a_cycle_runs_for_every_packet_that_was_lost(make: Make) -> None:
     assert len(set(seen)) == len(seen)  # none of them stands still
 
 
-def test_a_long_gap_is_not_caught_up_with(make: Make) -> None:
-    driven = make(silence_s=5.0)
+@pytest.mark.parametrize("period_ms", [1, 2, 5])
+@pytest.mark.parametrize("pause", [1, 12])
+def test_packets_that_pile_up_get_a_cycle_each(make: Make, period_ms: int, pause: int) -> None:
+    """On the wire: what was commanded of each packet is where the path is at that packet's time."""
+    driven = make(CabinetOptions(period_ms))
     driven.enable()
-    driven.network.drop = 40
+    path = driven.command[0, 0]
+    for _ in range(int(Entry.FADE_S / driven.cabinet.period_s)):
+        driven.cycle()
+    first, step = driven.cabinet.sequence, 0.5 * driven.cabinet.period_s
+    driven.channel.answers.clear()
+    for cycle in range(60):
+        driven.channel.pause = pause if cycle in (20, 40) else 0
+        driven.command[0, 0] += min(cycle + 1, 10) / 10 * step
+        assert driven.cycle()
+    assert not driven.problems
+    sent = [answered_by(packet) for packet in driven.channel.answers]
+    assert len(sent) == 60 - 2 * pause
+    for answer in sent:
+        cycles = np.arange(1, answer.header.reflected - first + 1)
+        assert answer.position[0] == pytest.approx(path + (np.minimum(cycles, 10) / 10 * step).sum())
+
+
+@pytest.mark.parametrize("period_ms", [1, 10])
+def test_a_long_gap_is_not_caught_up_with(make: Make, period_ms: int) -> None:
+    driven = make(CabinetOptions(period_ms), silence_s=5.0)
+    driven.enable()
     driven.cabinet.connection._close_after = 1000
-    sequence = driven.cabinet.sequence
-    driven.backend.wait(5.0)
-    assert driven.cabinet.sequence - sequence == 41
-    assert not driven.backend._beat.is_made_up
+    most = 100 // period_ms
+    for gap, due in ((most - 1, most - 1), (most, 0)):
+        sequence, driven.network.drop = driven.cabinet.sequence, gap
+        driven.backend.wait(5.0)
+        assert driven.cabinet.sequence - sequence == gap + 1
+        assert driven.backend._beat.due == due
+        for _ in range(due):
+            driven.backend.wait(5.0)
 
 
 def test_silence_is_a_fault_until_packets_come_again(make: Make) -> None:
