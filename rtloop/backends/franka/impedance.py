@@ -45,14 +45,13 @@ class GivingWay:
         """These springs from the next cycle on."""
         self._springs.use(impedance)
 
-    def torques(self, command: Array, position: Array, velocity: Array, overlay: Array) -> Array:
+    def torques(self, command: Array, position: Array, velocity: Array) -> Array:
         """What to command now, without gravity, which the robot makes up for itself, shape (dof,), N·m.
 
         It never changes faster than the robot permits.
 
         Args:
             command: shape (3, dof).
-            overlay: torques to be added.
         """
         data = self._data
         data.qpos[:], data.qvel[:] = position, 0.0
@@ -63,7 +62,7 @@ class GivingWay:
         self._find_jacobian()
         inertial = np.zeros(len(position))
         mujoco.mj_mulM(self._model, data, inertial, command[2])
-        wanted = self._springs.torques(command) + data.qfrc_bias - self._gravity + inertial + overlay
+        wanted = self._springs.torques(command) + data.qfrc_bias - self._gravity + inertial
         np.clip(wanted, -self._max_effort, self._max_effort, out=wanted)
         self.torque += np.clip(wanted - self.torque, -self._step, self._step)
         return self.torque

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cobot.config import Settings
+from cobot.robot.device import MEASURED_NAMES
 from cobot.types import Array, JointLimits
 from rtloop.backends import BackendError, Capabilities, DeviceStatus, Measured
 from rtloop.backends.fri.answers import Answers
@@ -41,6 +42,7 @@ class FriBackend:
     Options = FriOptions
     capabilities = Capabilities(
         periods_s=(0.001, 0.002, 0.004, 0.005, 0.01),
+        measured=frozenset(MEASURED_NAMES) - {"wrench"},
         torque=True,
         wrench=True,
         io=True,

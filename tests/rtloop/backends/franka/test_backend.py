@@ -6,6 +6,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +23,6 @@ from cobot.trajectory import Trajectory
 from cobot.types import LoopMode
 from rtloop.backends import (
     BackendError,
-    Impedance,
     ImpedanceControlled,
     Measured,
     Paced,
@@ -172,6 +172,39 @@ def test_a_reflex_is_a_fault_in_words_and_a_reset_recovers(rig: Rig) -> None:
     require_published_limits(rig.arm.positions)
 
 
+def test_no_cycle_of_a_reset_waits_for_more_than_one_reply(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The robot takes tens of milliseconds to reply to each."""
+    replies: list[str] = []
+    connection = type(rig.arm.connection)
+
+    def note(name: str) -> None:
+        inner: Any = getattr(connection, name)
+
+        def noted(self: object, *values: object) -> object:
+            replies.append(name)
+            return inner(self, *values)
+
+        monkeypatch.setattr(connection, name, noted)
+
+    note("set_collision_behavior")
+    note("set_joint_impedance")
+    note("set_load")
+    note("automatic_error_recovery")
+    note("start_joint_position_control")
+    backend = rig_backend(rig)
+    backend._options = backend._options.model_copy(update={"joint_stiffness": [3000.0] * 7})
+    rig.arm.stop_by("joint_reflex")
+    rig.step(200)
+    command, counts = rig.send(Command.RESET), []
+    while rig.mode is LoopMode.FAULT:
+        before = len(replies)
+        rig.step()
+        counts.append(len(replies) - before)
+    assert rig.answer(command) == ""
+    assert len(set(replies)) == len(replies) == 5
+    assert max(counts) == 1
+
+
 def reset(rig: Rig) -> str:
     return rig.answer(rig.send(Command.RESET))
 
@@ -255,19 +288,6 @@ def test_a_robot_that_cannot_be_held_after_a_session_is_a_fault(rig: Rig) -> Non
     rig.step(500)
     assert rig.mode is LoopMode.HOLD
     assert rig.arm.controlled == "positions"
-
-
-def test_torques_are_added_to_the_springs_and_to_them_alone(rig: Rig) -> None:
-    backend = rig_backend(rig)
-    with pytest.raises(BackendError, match="torques need an impedance"):
-        backend.write_torque(np.ones(7))
-    backend.set_impedance(Impedance(False, np.full(7, 100.0), np.full(7, 0.7)))
-    still = np.array([rig.arm.q, np.zeros(7), np.zeros(7)])
-    backend.write_torque(np.array([3.0, 0, 0, 0, 0, 0, 0]))
-    for _ in range(10):
-        assert backend.wait(1.0)
-        backend.write(still)
-    assert rig.arm.torques[-1][0] == pytest.approx(3.0, abs=0.2)
 
 
 def test_it_is_told_its_load_while_nobody_controls_it(rig: Rig) -> None:

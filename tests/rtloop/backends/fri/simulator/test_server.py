@@ -33,8 +33,3 @@ def test_a_client_is_known_by_name_and_by_address(
             assert cabinet.connection.reflected == sequence
         finally:
             server.close()
-
-
-def test_a_client_that_nobody_knows_is_refused(settings: Settings, robot: RobotDescription) -> None:
-    with pytest.raises(OSError):
-        CabinetServer(made_cabinet(settings, robot), Network(), ("no-such-host.invalid", 30200))
