@@ -67,21 +67,20 @@ class Capabilities:
         valid = ", ".join(f"{each:g}" for each in self.periods_s)
         return f"rt.period_s is {period_s:g} s; the device can be driven every {valid} s"
 
-    def lacks(self, names: str | tuple[str, ...], backend: str, what: str) -> str:
+    def lacks(self, backend: str, what: str, *names: str) -> str:
         """Why what somebody asks for is refused; "" where the device can.
 
         Args:
-            names: of `FLAGS`, any of which will do.
             backend: its name, for people.
             what: needs it, as the beginning of a sentence.
+            names: of `FLAGS`, any of which will do.
         """
-        names = (names,) if isinstance(names, str) else names
         if any(getattr(self, name) for name in names):
             return ""
         needed = " or ".join(WORDS[name] for name in names)
         return f"{what} needs {needed}, which the backend {backend} does not have; it {self._able}"
 
-    def does_not_measure(self, row: str, backend: str, what: str) -> str:
+    def does_not_measure(self, backend: str, what: str, row: str) -> str:
         """Likewise, of what needs one of `MEASURED_NAMES`."""
         if row in self.measured:
             return ""

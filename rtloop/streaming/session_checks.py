@@ -70,17 +70,17 @@ def _unable(request: np.ndarray, device: Capabilities, name: str) -> str:
     soft = bool(request["stiffness"].any() or request["cartesian_stiffness"].any())
     feels = torques or bool(np.isfinite(request["max_contact_torque"]).any())
     needed = {
-        "a stream of torques": ("torque", torques),
+        "a stream of torques": (("torque",), torques),
         "force control": (("impedance", "wrench"), force),
-        "a stiffness": ("impedance", soft),
+        "a stiffness": (("impedance",), soft),
     }
     felt = {
         "a stream of torques" if torques else "max_contact_torque": ("external_effort", feels),
         "max_contact_wrench": ("wrench", wrench),
         "force control": ("wrench", force and device.impedance),  # the others exert what they are told
     }
-    refusals = [device.lacks(flags, name, what) for what, (flags, asked) in needed.items() if asked]
-    refusals += [device.does_not_measure(row, name, what) for what, (row, asked) in felt.items() if asked]
+    refusals = [device.lacks(name, what, *flags) for what, (flags, asked) in needed.items() if asked]
+    refusals += [device.does_not_measure(name, what, row) for what, (row, asked) in felt.items() if asked]
     return next((refusal for refusal in refusals if refusal), "")
 
 

@@ -185,7 +185,7 @@ class Arm:
             dq=self.velocity(),
             q_d=self.q_d.tolist(),
             tau_J=[1.0] * 7,
-            tau_J_d=[0.5] * 7,
+            tau_J_d=self.torques[-1].tolist() if self.torques else [0.5] * 7,
             tau_ext_hat_filtered=[0.25] * 7,
             O_F_ext_hat_K=[1.0, 2.0, 3.0, 4.0, 5.0, 6.0],
             robot_mode=self.mode,
@@ -268,8 +268,8 @@ class Connection:
     def readOnce(self) -> tuple[SimpleNamespace, Duration]:  # noqa: N802 - theirs
         arm = self._arm
         lost, arm.lose = arm.lose, 0
-        if {"loss", "reorder"} & arm.faults and arm.cycles % LOST == 0:
-            lost = 1  # what was overtaken counts as lost: libfranka takes no older state
+        if {"loss", "reorder", "pile_up"} & arm.faults and arm.cycles % LOST == 0:
+            lost = 1  # what was overtaken counts as lost, too: libfranka takes no older state
         for _ in range(lost):
             arm.go_on()
         arm.cycles += lost
