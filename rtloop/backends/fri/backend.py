@@ -11,13 +11,15 @@ import numpy as np
 
 from cobot.config import Settings
 from cobot.robot.device import MEASURED_NAMES
-from cobot.types import Array, JointLimits
+from cobot.robot.model import RobotModel
+from cobot.types import Array, JointLimits, Pose
 from rtloop.backends import BackendError, Capabilities, DeviceStatus, Measured
+from rtloop.backends.agreement import disagreement, reduced_share
 from rtloop.backends.fri.answers import Answers
 from rtloop.backends.fri.beat import Beat
 from rtloop.backends.fri.channel import Channel, UdpChannel
 from rtloop.backends.fri.codec import decode_monitoring
-from rtloop.backends.fri.messages import Monitoring, SafetyState, SessionState
+from rtloop.backends.fri.messages import Monitoring, OperationMode, SafetyState, SessionState
 from rtloop.backends.fri.options import FriOptions
 from rtloop.backends.fri.session import (
     STOPPED,
@@ -62,6 +64,8 @@ class FriBackend:
         options = settings.backend_options(FriOptions)
         self._options = options = options if options is not None else FriOptions()
         self._limits, self._period_s = limits, settings.rt.period_s
+        self._robot = settings.robot
+        self._reduced = 1.0
         self.capabilities = replace(
             type(self).capabilities, torque=options.overlay == "torque", wrench=options.overlay == "wrench"
         )
@@ -77,14 +81,22 @@ class FriBackend:
         self._malformed = 0
 
     def open(self, initial_position: Array) -> None:
-        options = self._options
+        options, robot = self._options, self._robot
         if self._channel is None:
             self._channel = UdpChannel(options.listen, options.port, options.address)
+        model = RobotModel.load(robot.model, self._limits, base=robot.base_frame, tcp=robot.tcp)
+        self._reduced = reduced_share(model)
         self._asked_s = self._clock()
         while not self.wait(options.silence_s):
             if self._clock() - self._asked_s > options.connect_s:
                 raise BackendError(self._nobody())
         problem = misfit(self._newest, options, self._period_s)
+        if problem:
+            raise BackendError(problem)
+        pose = self._newest.measured_pose
+        if pose and options.check_pose:
+            flange = Pose(1e-3 * np.array(pose[:3]), np.array(pose[3:]))
+            problem = disagreement(model, np.array(self._newest.measured_position), flange)
         if problem:
             raise BackendError(problem)
 
@@ -203,6 +215,7 @@ class FriBackend:
             safety_stop=STOPPED.get(message.safety, ""),
             drives=drives,
             brakes=brakes,
+            speed_scaling=self._reduced if message.operation_mode == OperationMode.T1 else 1.0,
             packets_lost=self._beat.lost,
             device_time_s=message.time_s,
             text=(text or f"FRI {message.version}".strip()) + self._strangers(),

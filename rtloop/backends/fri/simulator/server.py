@@ -70,6 +70,10 @@ class CabinetServer:
         return port
 
     @property
+    def period_ms(self) -> int:
+        return self._cabinet.options.period_ms
+
+    @property
     def control_port(self) -> int:
         return self._control.port
 

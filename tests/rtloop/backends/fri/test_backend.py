@@ -477,6 +477,40 @@ def test_options_are_checked(settings: Settings, robot: RobotDescription) -> Non
             FriBackend(fri_settings(settings, 5, **options), robot.limits)
 
 
+@pytest.mark.parametrize("version", ["1.x", "2.x"])
+def test_an_arm_that_is_not_where_the_model_has_it_is_refused(
+    settings: Settings, robot: RobotDescription, version: str
+) -> None:
+    """FRI 2.x tells where the flange is, 1.x does not."""
+    cell = CabinetOptions(version=version)
+    for off_mm, refused in ((3.0, False), (8.0, version == "2.x")):
+        backend, channel = joined(settings, robot, cell)
+        pose = channel.cabinet.arm.pose()
+        channel.cabinet.arm.pose = lambda pose=pose, off_mm=off_mm: (pose[0] + off_mm, *pose[1:])
+        if refused:
+            with pytest.raises(BackendError, match=r"with the same joints: 8.0 mm and 0.0 degrees apart"):
+                backend.open(np.zeros(7))
+            backend, other = joined(settings, robot, cell, check_pose=False)
+            other.cabinet.arm.pose = channel.cabinet.arm.pose
+        backend.open(np.zeros(7))
+
+
+def test_planned_motions_keep_the_reduced_speed_of_t1(make: Make, robot: RobotDescription) -> None:
+    """Oracle: no pose and direction of the joints' greatest speeds makes the TCP faster than 0.25 m/s."""
+    driven = make(CabinetOptions(operation_mode=OperationMode.T1))
+    share = driven.backend.status().speed_scaling
+    rng, limits, fastest = np.random.default_rng(7), robot.limits, 0.0
+    for joints in rng.uniform(limits.min_position, limits.max_position, (500, 7)):
+        velocity = share * limits.max_velocity * rng.choice([-1.0, 1.0], (32, 7))
+        speeds = np.linalg.norm(velocity @ robot.model.jacobian(joints)[:3].T, axis=1)
+        fastest = max(fastest, float(speeds.max()))
+    assert 0.15 < fastest < 0.25
+    driven.cabinet.switch_mode(OperationMode.T2)
+    driven.cycle()
+    driven.cycle()
+    assert driven.backend.status().speed_scaling == 1.0
+
+
 def test_says_how_it_is(make: Make) -> None:
     driven = make(CabinetOptions(operation_mode=OperationMode.T1))
     driven.enable()
