@@ -28,7 +28,7 @@ def disagreement(model: RobotModel, joints: Array, flange: Pose) -> str:
     """
     ours = _after(model.forward(joints), model.flange_in_tcp())
     off_m = float(np.linalg.norm(flange.position - ours.position))
-    off_rad = float(np.linalg.norm(quaternion.between(ours.quaternion, flange.quaternion)))
+    off_rad = float(np.linalg.norm(quaternion.between(ours.quaternion.tolist(), flange.quaternion.tolist())))
     if off_m <= OFF_M and off_rad <= OFF_RAD:
         return ""
     return (
@@ -51,9 +51,10 @@ def reduced_share(model: RobotModel) -> float:
 
 
 def _after(first: Pose, then: Array) -> Pose:
+    turn = first.quaternion.tolist()
     return Pose(
-        first.position + np.array(quaternion.rotated(first.quaternion, then[:3])),
-        np.array(quaternion.product(first.quaternion, then[3:])),
+        first.position + np.array(quaternion.rotated(turn, then[:3].tolist())),
+        np.array(quaternion.product(turn, then[3:].tolist())),
     )
 
 

@@ -19,8 +19,10 @@ from cobot.robot.device import Capabilities, DeviceStatus
 from cobot.robot.tool import BARE, Tool
 from cobot.types import Array, JointLimits
 from rtloop.backends import BackendError, Impedance, Measured
+from rtloop.backends.agreement import disagreement
 from rtloop.backends.franka.bridge import Bridge
 from rtloop.backends.franka.impedance import GivingWay
+from rtloop.backends.franka.kinematics import told_flange
 from rtloop.backends.franka.link import Knock, Knocking, Link
 from rtloop.backends.franka.options import DOF, FrankaOptions
 from rtloop.backends.franka.words import MODES, REFUSALS, in_words, present
@@ -85,6 +87,9 @@ class FrankaBackend:
         while not self._link.is_open(wait_s=0.1):
             pass
         self._receive()
+        problem = self._pose_problem()
+        if problem:
+            raise BackendError(problem)
 
     def enable(self) -> None:
         while not self.enable_step():
@@ -195,6 +200,12 @@ class FrankaBackend:
         from rtloop.backends.franka.rig import FrankaRig
 
         return FrankaRig(settings, limits)
+
+    def _pose_problem(self) -> str:
+        """Why the model is not this arm; "" if it may be."""
+        if not self._options.check_pose:
+            return ""
+        return disagreement(self._giving.robot, np.array(self._state.q), told_flange(self._state))
 
     def _prepare(self) -> Iterator[bool]:
         """See to it that the robot can be controlled, and tell it all that it has to know before: False when

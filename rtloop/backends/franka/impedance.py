@@ -18,17 +18,18 @@ MAX_TORQUE_RATE = 990.0
 class GivingWay:
     """
     Attributes:
+        robot: its model.
         nominal_stiffness, nominal_cartesian_stiffness: see `rtloop.backends.ImpedanceControlled`.
     """
 
     def __init__(self, settings: Settings, limits: JointLimits) -> None:
         names = settings.robot
-        self._robot = RobotModel.load(names.model, limits, base=names.base_frame, tcp=names.tcp)
-        self._model, self._data = self._robot.mj, mujoco.MjData(self._robot.mj)
+        self.robot = RobotModel.load(names.model, limits, base=names.base_frame, tcp=names.tcp)
+        self._model, self._data = self.robot.mj, mujoco.MjData(self.robot.mj)
         self._base = self._model.body(names.base_frame).id
         self._tcp = self._model.site(names.tcp).id
         self._jacobian = np.zeros((6, limits.dof))
-        self._springs = Springs(self._robot, self._data, self._jacobian)
+        self._springs = Springs(self.robot, self._data, self._jacobian)
         self._step = MAX_TORQUE_RATE * settings.rt.period_s
         self._max_effort = limits.max_effort
         self._zeros, self._gravity = np.zeros(limits.dof), np.zeros(limits.dof)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from cobot.config import Settings
 from cobot.types import Array, JointLimits
 from rtloop.backends.franka.backend import FrankaBackend
-from rtloop.backends.franka.stand_in import Arm, RobotMode
+from rtloop.backends.franka.stand_in import Arm
+from rtloop.backends.franka.stand_in_library import RobotMode
 from rtloop.contract import FAULTS
 
 LASTING = "joint_position_limits_violation"

@@ -29,10 +29,11 @@ from rtloop.backends import (
     Reporting,
     make_backend,
 )
-from rtloop.backends.franka import FrankaBackend
+from rtloop.backends.franka import FrankaBackend, kinematics
 from rtloop.backends.franka.bridge import Bridge
 from rtloop.backends.franka.link import Knock
-from rtloop.backends.franka.stand_in import START, Arm, NetworkException, RobotMode
+from rtloop.backends.franka.stand_in import START, Arm
+from rtloop.backends.franka.stand_in_library import NetworkException, RobotMode
 
 VELOCITY = np.array([2.175] * 4 + [2.61] * 3)
 ACCELERATION = np.array([10.0, 7.5, 10.0, 10.0, 10.0, 10.0, 10.0])
@@ -227,6 +228,26 @@ def test_what_only_a_hand_can_change_is_said(rig: Rig, mode: RobotMode, said: st
     robot.mode = RobotMode.Idle
     rig.step(5)
     assert reset(rig) == ""
+
+
+def test_a_model_of_another_arm_is_refused(
+    franka: Settings, fr3: RobotDescription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle of the right one: the kinematics that Franka Robotics publishes, in the stand-in."""
+    arm = Arm()
+    backend = FrankaBackend(franka, fr3.limits, library=arm.library, knock=arm.knock)
+    arm.q = np.array([0.4, 0.3, -0.5, -1.9, 0.6, 1.2, 0.9])
+    backend.open(arm.q)
+    monkeypatch.setattr(kinematics, "FLANGE_M", 0.127)
+    with pytest.raises(BackendError, match=r"with the same joints: 20.0 mm and 0.0 degrees apart"):
+        backend.open(arm.q)
+    told = FrankaBackend(
+        franka_settings(address="robot.test", check_pose=False),
+        fr3.limits,
+        library=arm.library,
+        knock=arm.knock,
+    )
+    told.open(arm.q)
 
 
 def test_a_lost_connection_is_named(rig: Rig) -> None:
