@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -47,7 +47,6 @@ class FriBackend:
         measured=frozenset(MEASURED_NAMES) - {"wrench"},
         torque=True,
         wrench=True,
-        io=True,
         stops={2: False},  # the drives are the cabinet's
         hardware=True,
     )
@@ -218,7 +217,9 @@ class FriBackend:
             speed_scaling=self._reduced if message.operation_mode == OperationMode.T1 else 1.0,
             packets_lost=self._beat.lost,
             device_time_s=message.time_s,
-            text=(text or f"FRI {message.version}".strip()) + self._strangers(),
+            text="; ".join(
+                each for each in (text or f"FRI {message.version}".strip(), *self._more()) if each
+            ),
         )
 
     def write_torque(self, torque: Array) -> None:
@@ -227,20 +228,6 @@ class FriBackend:
     def write_wrench(self, wrench: Array) -> None:
         """To be added at the TCP from the next `write` on, shape (6,), N and N·m. Real-time safe."""
         self._answers.wrench[:] = wrench
-
-    @property
-    def io(self) -> dict[str, float]:
-        """The inputs and outputs that the controller's program has registered, by name."""
-        message = self._beat.newest
-        return {value.name: value.value for value in message.io} if message is not None else {}
-
-    def write_io(self, name: str, value: float) -> None:
-        """Set an output with the next answer.
-
-        Raises:
-            BackendError: the controller's program has registered none of this name.
-        """
-        self._answers.set_output(self._newest.io, name, value)
 
     @staticmethod
     def contract_rig(settings: Settings, limits: JointLimits) -> ContractRig:
@@ -256,9 +243,12 @@ class FriBackend:
         soon = self._joins and self._clock() < self._join_until_s
         return soon and message.safety == SafetyState.NORMAL_OPERATION
 
-    def _strangers(self) -> str:
-        count = self._open_channel.strangers
-        return f"; {count} packets of others than the controller did not count" if count else ""
+    def _more(self) -> Iterator[str]:
+        """What else there is to say of its packets."""
+        if strangers := self._open_channel.strangers:
+            yield f"{strangers} packets of others than the controller did not count"
+        if io := self._newest.io:
+            yield "inputs and outputs: " + ", ".join(f"{each.name} {each.value:g}" for each in io)
 
     @property
     def _newest(self) -> Monitoring:

@@ -139,7 +139,11 @@ def test_what_the_overlay_does_not_take_is_refused_with_what_it_can(
     rig: FriStream, request: pytest.FixtureRequest
 ) -> None:
     overlay = request.node.callspec.params["rig"]
-    able = {"position": "has", "torque": "has torque control", "wrench": "has wrench control"}
+    able = {
+        "position": "is told positions only",
+        "torque": "has torque control",
+        "wrench": "has wrench control",
+    }
     said = f"which the backend fri does not have; it {able[overlay]}"
     if overlay != "torque":
         refusal = rig.stream(Stream.JOINT_TORQUE, **STIFF)
