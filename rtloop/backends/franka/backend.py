@@ -87,9 +87,10 @@ class FrankaBackend:
         while not self._link.is_open(wait_s=0.1):
             pass
         self._receive()
-        problem = self._pose_problem()
-        if problem:
-            raise BackendError(problem)
+        if self._options.check_pose:
+            joints, flange = np.array(self._state.q), told_flange(self._state)
+            if problem := disagreement(self._giving.robot, joints, flange):
+                raise BackendError(problem)
 
     def enable(self) -> None:
         while not self.enable_step():
@@ -97,6 +98,7 @@ class FrankaBackend:
 
     def enable_step(self) -> bool:
         if self._link.robot is None:
+            self._preparing = None
             if not self._link.is_open():
                 return False
             self._receive()
@@ -114,6 +116,7 @@ class FrankaBackend:
 
     def recover_step(self) -> bool:
         """The robot recovers as soon as it is asked to, which `enable_step` does."""
+        self._preparing = None  # of a reset that has not come to its end
         return True
 
     def read(self, measured: Measured) -> None:
@@ -200,12 +203,6 @@ class FrankaBackend:
         from rtloop.backends.franka.rig import FrankaRig
 
         return FrankaRig(settings, limits)
-
-    def _pose_problem(self) -> str:
-        """Why the model is not this arm; "" if it may be."""
-        if not self._options.check_pose:
-            return ""
-        return disagreement(self._giving.robot, np.array(self._state.q), told_flange(self._state))
 
     def _prepare(self) -> Iterator[bool]:
         """See to it that the robot can be controlled, and tell it all that it has to know before: False when

@@ -93,7 +93,8 @@ class FriBackend:
         if problem:
             raise BackendError(problem)
         pose = self._newest.measured_pose
-        if pose and options.check_pose:
+        told = len(pose) == 7 and bool(np.isfinite(pose).all()) and any(pose[3:])
+        if told and options.check_pose:
             flange = Pose(1e-3 * np.array(pose[:3]), np.array(pose[3:]))
             problem = disagreement(model, np.array(self._newest.measured_position), flange)
         if problem:

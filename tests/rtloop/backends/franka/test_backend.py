@@ -206,6 +206,18 @@ def test_no_cycle_of_a_reset_waits_for_more_than_one_reply(rig: Rig, monkeypatch
     assert max(counts) == 1
 
 
+def test_a_reset_that_was_cut_short_is_begun_anew(rig: Rig) -> None:
+    backend, arm = rig_backend(rig), rig.arm
+    arm.stop_by("joint_reflex")
+    rig.step(200)
+    backend.recover_step()
+    assert not backend.enable_step()
+    arm.stop_by("joint_reflex")
+    rig.step(5)
+    assert reset(rig) == ""
+    assert arm.recovered == 2
+
+
 def reset(rig: Rig) -> str:
     return rig.answer(rig.send(Command.RESET))
 
