@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import tempfile
 import threading
 import time
@@ -125,9 +126,11 @@ def _move(run: RunOverFri, joints: list[float]) -> bool:
 
 
 @contextlib.contextmanager
-def _moving(run: RunOverFri, joints: list[float]) -> Iterator[None]:
+def _moving(run: RunOverFri) -> Iterator[None]:
     """A motion has begun, and has ended behind the block."""
-    thread = threading.Thread(target=_move, args=(run, joints))
+    here = run.joints()
+    goal = max((GOAL, HOME), key=lambda joints: math.dist(joints, here))
+    thread = threading.Thread(target=_move, args=(run, goal))
     thread.start()
     try:
         run.until(lambda: robot_health(run).get("mode") == "TRAJECTORY")
@@ -174,8 +177,8 @@ def _recovery_row(
 ) -> Row:
     """From the end of a fault; a reset is asked for as soon as the cabinet takes commands."""
     cabinet_s, arm_s = [], []
-    for number in range(times):
-        with _moving(run, GOAL if number % 2 == 0 else HOME):
+    for _ in range(times):
+        with _moving(run):
             cabinet.ask(**fault)
             run.until(lambda: not run.healthy())
         cabinet.ask(**end)
