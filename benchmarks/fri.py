@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import tempfile
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,6 +14,7 @@ from typing import Any
 import httpx
 from fri_run import CabinetProcess, RunOverFri
 from running import WAIT_S
+from tasks import robot_health
 
 from benchmarks.idle import busy
 from benchmarks.service import background
@@ -24,12 +27,17 @@ GOAL = [0.5, 0.2, 0.0, -1.4, 0.0, 1.4, 0.2]
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 LOSS = 0.05
 FAULTS: dict[str, tuple[dict[str, Any], dict[str, Any]]] = {
+    "an emergency stop": ({"safety_stop": 0}, {"safety_stop": -1}),
     "a safety stop": ({"safety_stop": 1}, {"safety_stop": -1}),
     "a change of the operation mode": ({"mode": "T2"}, {"mode": "AUT"}),
     "a closed session": ({"close": True}, {}),
     "90 % of loss": ({"loss": 0.9}, {"loss": 0.0}),
     "answers three periods late": ({"delay": 3}, {"delay": 0}),
+    "a pulled cable": ({"loss": 1.0}, {"loss": 0.0}),
+    "values that are no numbers": ({"spoil": "nan"}, {"spoil": ""}),
+    "values that never change": ({"spoil": "frozen"}, {"spoil": ""}),
 }
+"""Each in the middle of a motion, with what ends it."""
 
 
 @contextlib.contextmanager
@@ -94,6 +102,7 @@ def _punctual_row(name: str, before: dict[str, Any], after: dict[str, Any]) -> R
         "all of them",
         (answered + missing,),
         columns=("answered",),
+        aim="all, 0 below GOOD",
     )
 
 
@@ -114,6 +123,20 @@ def _move(run: RunOverFri, joints: list[float]) -> bool:
     body = {"joints": joints, "speed": 1.0}
     answer = httpx.post(f"{run.url}/robot/move/joints", json=body, timeout=WAIT_S)
     return answer.status_code == 200 and bool(answer.json()["success"])
+
+
+@contextlib.contextmanager
+def _moving(run: RunOverFri) -> Iterator[None]:
+    """A motion has begun, and has ended behind the block."""
+    here = run.joints()
+    goal = max((GOAL, HOME), key=lambda joints: math.dist(joints, here))
+    thread = threading.Thread(target=_move, args=(run, goal))
+    thread.start()
+    try:
+        run.until(lambda: robot_health(run).get("mode") == "TRAJECTORY")
+        yield
+    finally:
+        thread.join()
 
 
 def _reset(run: RunOverFri) -> bool:
@@ -140,6 +163,7 @@ def _moves_row(cabinet: CabinetProcess, run: RunOverFri, moves: int) -> Row:
         "all of them",
         (moves,),
         columns=("arrived",),
+        aim="all",
     )
 
 
@@ -154,8 +178,9 @@ def _recovery_row(
     """From the end of a fault; a reset is asked for as soon as the cabinet takes commands."""
     cabinet_s, arm_s = [], []
     for _ in range(times):
-        cabinet.ask(**fault)
-        run.until(lambda: not run.healthy())
+        with _moving(run):
+            cabinet.ask(**fault)
+            run.until(lambda: not run.healthy())
         cabinet.ask(**end)
         begun_s = time.monotonic()
         run.until(lambda: cabinet.ask()["state"] == "COMMANDING_ACTIVE")

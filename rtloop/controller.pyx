@@ -83,7 +83,7 @@ cdef class Controller:
         self._backend = backend
         self.commands = CommandInbox(memory)
         self.safety = Safety(limits, rt.period_s)
-        self.streaming = Session(settings.streaming, model, memory, backend, self.safety, rt.period_s)
+        self.streaming = Session(settings, model, memory, backend, self.safety)
         self.surroundings = Surroundings(settings, model, self.streaming.stream_limits)
         self._surrounding = self._changed = False
         self._unseen = ""  # Why the monitor does not know what stands around the arm.
@@ -271,6 +271,10 @@ cdef class Controller:
             self._lose_track(measured.position)
         if self.c_settle(measured.c_values + self._dof, fresh):
             self._rest(measured, fresh)
+
+    def lay_over(self):
+        """What a session has the robot exert on top of the command of this cycle."""
+        self.streaming.lay_over(self._guide == STREAM)
 
     cdef bint c_moving(self) noexcept nogil:
         """`moving`."""

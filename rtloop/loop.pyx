@@ -279,6 +279,8 @@ cdef class ControlLoop:
             self._unwritten = 0
             return
         try:
+            if self.controller.streaming.overlay is not None:
+                self.controller.lay_over()
             self._backend.write(self.controller.safety.command)
             self._unwritten = 0
         except BackendError as exc:

@@ -24,6 +24,35 @@ class ClaimsTorques(ToyArm):
     capabilities = Capabilities(periods_s=(0.001,), measured=frozenset({"position", "velocity", "effort"}))
 
 
+class ClaimsAForce(ToyArm):
+    capabilities = replace(ToyArm.capabilities, wrench=True)
+
+
+class SendsTheLast(ToyArm):
+    """Has a queue of one command."""
+
+    last: Array | None = None
+
+    def write(self, command: Array) -> None:
+        if self.last is not None:
+            self._device.send(self.last)
+        self.last = command[0].copy()
+
+
+class Jumps(ToyArm):
+    """A while after a reset it sends one command that leads aside."""
+
+    cycles = -1
+
+    def enable(self) -> None:
+        self.cycles = -1 if self.cycles < 0 and not self._lost else 100
+        super().enable()
+
+    def write(self, command: Array) -> None:
+        self.cycles -= 1
+        self._device.send(command[0] + (1e-4 if self.cycles == 0 else 0.0))
+
+
 class Raises(ToyArm):
     def read(self, measured: Measured) -> None:
         raise KeyError("joint8")

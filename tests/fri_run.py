@@ -31,10 +31,14 @@ class CabinetProcess:
         port: where the client listens.
     """
 
-    def __init__(self, *options: str, period_ms: int = PERIOD_MS, patience_s: float = PATIENCE_S) -> None:
+    def __init__(
+        self, *options: str, period_ms: int | None = PERIOD_MS, patience_s: float = PATIENCE_S
+    ) -> None:
+        """period_ms: None for what it is by itself."""
         self.port = free_udp_port()
         command = [sys.executable, "-m", "cobot", "simulate", "fri", "--client", f"127.0.0.1:{self.port}"]
-        command += ["--period", str(period_ms), "--patience", str(patience_s), *options]
+        command += ["--patience", str(patience_s), *options]
+        command += ["--period", str(period_ms)] if period_ms is not None else []
         self.process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=HELPER_ENVIRONMENT
         )

@@ -11,7 +11,7 @@ from enum import IntEnum
 import numpy as np
 
 MAGIC = b"COBOTRT\0"
-LAYOUT_VERSION = 13
+LAYOUT_VERSION = 14
 RING = 32
 SLOTS = 2
 LOADED_SEGMENTS = 96
@@ -241,7 +241,7 @@ MAX_PERIODS = 8
 DEVICE = np.dtype(
     [
         ("periods_s", "f8", (MAX_PERIODS,)),  # of the cycle, that it can be driven with; the others are 0
-        ("measured", "u1", (5,)),  # 1: this row of what is measured is real
+        ("measured", "u1", (6,)),  # 1: this row of what is measured is real
         ("able", "u1", (8,)),  # as `cobot.robot.device.FLAGS`
         ("stops", "u1", (3,)),  # categories 0 to 2, as `cobot.ipc.device_record` counts
         ("hardware", "u1"),

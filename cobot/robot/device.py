@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from types import MappingProxyType
 
-MEASURED_NAMES = ("position", "velocity", "effort", "desired_effort", "external_effort")
-"""What a device may measure of its joints: the rows of `rtloop.backends.Measured`."""
+MEASURED_NAMES = ("position", "velocity", "effort", "desired_effort", "external_effort", "wrench")
+"""What a device may measure of its joints and at its TCP: the rows of `rtloop.backends.Measured`."""
 ANY_PERIOD: tuple[float, ...] = ()
 FLAGS = ("impedance", "torque", "wrench", "freedrive", "brakes", "payload", "io", "trajectories")
 STOP_CATEGORIES = (0, 1, 2)
@@ -22,7 +22,7 @@ class Capabilities:
         periods_s: of the cycle, that the device can be driven with, s; empty: any.
         measured: which rows of `Measured` are real: names of `MEASURED_NAMES`. The others are zeros.
         impedance: its drives give way as they are told.
-        torque: it takes torques on top of positions.
+        torque: its arm moves as streamed torques have it.
         wrench: it takes a force of the TCP on top of positions.
         freedrive: it can be guided by hand.
         brakes: they can be told apart from the drives.
@@ -67,21 +67,37 @@ class Capabilities:
         valid = ", ".join(f"{each:g}" for each in self.periods_s)
         return f"rt.period_s is {period_s:g} s; the device can be driven every {valid} s"
 
-    def lacks(self, name: str, backend: str, why: str) -> str:
+    def lacks(self, backend: str, what: str, *names: str) -> str:
         """Why what somebody asks for is refused; "" where the device can.
 
         Args:
-            name: one of `FLAGS`.
             backend: its name, for people.
-            why: what needs it.
+            what: needs it, as the beginning of a sentence.
+            names: of `FLAGS`, any of which will do.
         """
-        return "" if getattr(self, name) else f"{why}: the backend {backend} has no {WORDS[name]}"
+        if any(getattr(self, name) for name in names):
+            return ""
+        needed = " or ".join(WORDS[name] for name in names)
+        return f"{what} needs {needed}, which the backend {backend} does not have; it {self._able}"
+
+    def does_not_measure(self, backend: str, what: str, row: str) -> str:
+        """Likewise, of what needs one of `MEASURED_NAMES`."""
+        if row in self.measured:
+            return ""
+        return f"{what} needs {row}, which the backend {backend} does not measure; it measures {self._rows}"
+
+    @property
+    def _able(self) -> str:
+        able = ", ".join(WORDS[name] for name in FLAGS if getattr(self, name))
+        return f"has {able}" if able else "is told positions only"
+
+    @property
+    def _rows(self) -> str:
+        return ", ".join(name for name in MEASURED_NAMES if name in self.measured) or "nothing"
 
     @property
     def words(self) -> str:
         """For people, in a line."""
-        able = [WORDS[name] for name in FLAGS if getattr(self, name)]
-        rows = ", ".join(name for name in MEASURED_NAMES if name in self.measured)
         periods = ", ".join(f"{1e3 * each:g}" for each in self.periods_s)
         kind = "hardware" if self.hardware else "simulation"
         stops = ", ".join(
@@ -92,8 +108,8 @@ class Capabilities:
             [
                 kind,
                 f"every {periods} ms" if periods else "any period",
-                f"measures {rows or 'nothing'}",
-                f"can {', '.join(able)}" if able else "positions only",
+                f"measures {self._rows}",
+                self._able,
                 f"stop categories {stops}",
             ]
         )

@@ -18,6 +18,7 @@ from rtloop.backends.protocols import (
     Stepwise,
     TorqueControlled,
     TrajectoryDevice,
+    WrenchControlled,
     capabilities_of,
 )
 from rtloop.backends.registry import backend_class, backend_names, make_backend
@@ -39,6 +40,7 @@ __all__ = [
     "Stepwise",
     "TorqueControlled",
     "TrajectoryDevice",
+    "WrenchControlled",
     "backend_class",
     "backend_names",
     "capabilities_of",

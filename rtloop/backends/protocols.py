@@ -6,6 +6,7 @@
     Stepwise             enabling and recovering take time, in which its packets are answered
     ImpedanceControlled  the drives can be told how to give way
     TorqueControlled     they take torques on top of positions
+    WrenchControlled     they take a force of the TCP on top of positions
     CarriesTool          they have to know what they carry
 
 A device that takes no command a cycle, because it is slower or plans by itself, has another protocol, and is
@@ -168,10 +169,23 @@ class ImpedanceControlled(Protocol):
 
 @runtime_checkable
 class TorqueControlled(Protocol):
-    """A backend that takes torques on top of the commanded position."""
+    """A backend whose drives give way in their own manner and take torques on top of the commanded position:
+    for a stream of torques, unless it is `ImpedanceControlled`.
+    """
 
     def write_torque(self, torque: Array) -> None:
         """To be added from the next `write` on, shape (dof,), N·m. Real-time safe."""
+        ...
+
+
+@runtime_checkable
+class WrenchControlled(Protocol):
+    """Likewise of a force at the TCP: for force control in a stream of poses."""
+
+    def write_wrench(self, wrench: Array) -> None:
+        """What the TCP shall exert from the next `write` on, shape (6,), N and N·m, along the base frame's
+        axes. Real-time safe.
+        """
         ...
 
 
@@ -269,7 +283,11 @@ SIMULATED = Capabilities()
 
 
 def capabilities_of(backend: object) -> Capabilities:
-    """Of a backend or its class; `ImpedanceControlled` and the like say what they can by themselves."""
+    """Of a backend or its class; the methods of some protocols say by themselves what it can."""
     found = getattr(backend, "capabilities", SIMULATED)
     capabilities = found if isinstance(found, Capabilities) else SIMULATED
-    return replace(capabilities, trajectories=True) if isinstance(backend, TrajectoryDevice) else capabilities
+    if isinstance(backend, TrajectoryDevice):
+        return replace(capabilities, trajectories=True)
+    if hasattr(backend, "set_impedance"):
+        return replace(capabilities, impedance=True, torque=True)
+    return capabilities

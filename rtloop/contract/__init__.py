@@ -3,6 +3,8 @@
 rig         the device of a backend, in one process with it, and the faults that it can have
 driver      rtloop's own cycle around a backend, stepped without a clock
 cell        what the checks are about
+stream      a client that streams
+declared    what has to hold of what a class says of itself
 checks      what has to hold while all is well
 faults      what has to hold when something is not
 suite       all checks of a backend, and what has come of them

@@ -8,12 +8,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cobot.config import Settings
-from cobot.errors import ConfigError
 from cobot.ipc.layout import MotionResult
 from cobot.robot.device import MEASURED_NAMES, STATUS_WORDS, DeviceStatus
 from cobot.types import Array, LoopMode
-from rtloop.backends import BackendError, Measured, Reporting, capabilities_of, make_backend
+from rtloop.backends import BackendError, Measured, Reporting, capabilities_of
 from rtloop.contract.cell import REST_S, Cell, NotTested
 from rtloop.contract.driver import ContractError, Driver
 
@@ -24,33 +22,11 @@ FOLLOWED_RAD = 0.05
 SLACK = 1.0 + 1e-6
 STOPPED = (MotionResult.STOPPED, MotionResult.STOPPED_ASIDE)
 MODES = ("", "T1", "T2", "AUT")
+FADED_S = 1.5
+"""After which what a device was found beside its command has faded."""
+MAX_LAG = 4
 LATE_SHARE = 0.01
 """Of the cycles, that may take longer than their period."""
-
-
-def options(cell: Cell) -> str:
-    """An unknown option and a wrong period are refused, by name."""
-    backend = cell.settings.robot.backend
-    key = "no_such_option"
-    unknown = backend.model_copy(update={"options": {**backend.options, key: 1}})
-    robot = cell.settings.robot.model_copy(update={"backend": unknown})
-    _refused(cell, cell.settings.model_copy(update={"robot": robot}), key)
-    periods = capabilities_of(cell.kind).periods_s
-    if not periods:
-        return "an unknown option is refused; any period goes"
-    rt = cell.settings.rt.model_copy(update={"period_s": 7.7 * max(periods)})
-    _refused(cell, cell.settings.model_copy(update={"rt": rt}), "rt.period_s")
-    return "an unknown option and another period are refused"
-
-
-def _refused(cell: Cell, settings: Settings, word: str) -> None:
-    try:
-        make_backend(settings, cell.robot.limits)
-    except ConfigError as exc:
-        if word in str(exc):
-            return
-        raise ContractError(f"the refusal does not name {word}: {exc}") from exc
-    raise ContractError(f"{word} is not refused")
 
 
 def calls(cell: Cell) -> str:
@@ -180,6 +156,24 @@ def require_limits(cell: Cell, what: str, positions: list[Array]) -> list[float]
     return shares
 
 
+def staleness(cell: Cell) -> str:
+    """What is written reaches the device in the same cycle."""
+    with cell.driven() as driver:
+        if driver.wire is None:
+            raise NotTested("its rig does not say what the device is sent")
+        driver.run(FADED_S)
+        written, sent = len(driver.heard.commands), len(driver.wire)
+        driver.move()
+        commands = np.array([each[0][0] for each in driver.heard.commands[written:]])
+        wire = np.array(driver.wire[sent:])
+    length = min(len(commands), len(wire)) - MAX_LAG
+    off = [float(np.abs(wire[lag:][:length] - commands[:length]).max()) for lag in range(MAX_LAG + 1)]
+    lag = int(np.argmin(off))
+    if lag:
+        raise ContractError(f"what the device is sent is {lag} cycles older than what was written")
+    return f"up to {off[0]:.1e} rad beside what was written"
+
+
 def entry(cell: Cell) -> str:
     """The first command is what is measured, at the start and after close and open."""
     with cell.driven() as driver:
@@ -262,13 +256,13 @@ def punctuality(cell: Cell) -> str:
 
 
 CHECKS: dict[str, Callable[[Cell], str]] = {
-    "options": options,
     "calls": calls,
     "values": values,
     "status": status,
     "motion": motion,
     "stop": stop,
     "limits": limits,
+    "staleness": staleness,
     "entry": entry,
     "restart": restart,
     "device away at open": refused_open,

@@ -193,6 +193,11 @@ class Driver:
 
     def send(self, kind: int, **fields: int) -> str:
         """A command for rtloop; "" when it accepts, or why not."""
+        self.ask(kind, **fields)
+        return self.answered()
+
+    def ask(self, kind: int, **fields: int) -> None:
+        """A command that rtloop finds in its next cycle."""
         self._command += 1
         command = self.memory.commands[self._command % RING]
         command.data["id"], command.data["kind"] = self._command, kind
@@ -203,6 +208,9 @@ class Driver:
         command.publish()
         self.memory.head.data["id"] = self._command
         self.memory.head.publish()
+
+    def answered(self) -> str:
+        """Wait until rtloop has answered the last command; "" when it accepts, or why not."""
         ack = self.memory.acks[self._command % RING]
         self.until("rtloop answers a command", lambda: int(ack.data["id"]) == self._command)
         return "" if int(ack.data["result"]) == Ack.ACCEPTED else text(ack.data["message"])
@@ -213,14 +221,19 @@ class Driver:
 
     def begin_move(self) -> None:
         """Each joint a bit towards the middle of its range, from rest to rest."""
+        self.ask_move()
+        refusal = self.answered()
+        if refusal:
+            raise ContractError(f"a motion is refused: {refusal}")
+
+    def ask_move(self) -> None:
+        """The same, which rtloop finds in its next cycle, and begins to load."""
         if not self.heard.commands:
             self.first_command(0)
         start = self.heard.commands[-1][0][0]
         self._motion += 1
         self.memory.slots[0].write(self._motion, self._trajectory(start), None)
-        refusal = self.send(Command.START, slot=0, motion_id=self._motion)
-        if refusal:
-            raise ContractError(f"a motion is refused: {refusal}")
+        self.ask(Command.START, slot=0, motion_id=self._motion)
 
     def move(self) -> None:
         """A whole motion.
@@ -264,11 +277,16 @@ class Driver:
         """What has been sent to the device, if the rig says."""
         return wire_of(self.rig)
 
+    @property
+    def middle(self) -> Array:
+        """Of each joint's range, rad."""
+        with np.errstate(invalid="ignore"):  # of a joint that turns without end
+            middle: Array = (self.limits.min_position + self.limits.max_position) / 2.0
+        return middle
+
     def _trajectory(self, start: Array) -> Trajectory:
         low, high = self.limits.min_position, self.limits.max_position
-        with np.errstate(invalid="ignore"):  # of a joint that turns without end
-            middle = (low + high) / 2.0
-        goal = start + np.where(start < middle, 0.2, -0.2) * np.minimum(1.0, (high - low) / 4.0)
+        goal = start + np.where(start < self.middle, 0.2, -0.2) * np.minimum(1.0, (high - low) / 4.0)
         bounds = self.limits.max_velocity, self.limits.max_acceleration, self.limits.max_jerk
         duration_s = max(
             float(((peak * np.abs(goal - start) / (SHARE * bound)) ** (1.0 / order)).max())

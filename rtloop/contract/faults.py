@@ -7,15 +7,17 @@ from functools import partial
 
 import numpy as np
 
-from cobot.ipc.layout import MotionResult
+from cobot.ipc.layout import Command, MotionResult
 from cobot.types import LoopMode
-from rtloop.backends import BackendError, Reporting
+from rtloop.backends import BackendError, Reporting, capabilities_of
 from rtloop.contract.cell import REST_S, Cell, NotTested
 from rtloop.contract.checks import require_entry, require_limits
 from rtloop.contract.driver import ContractError, Driver
+from rtloop.contract.stream import begin_stream
 
 ENDED = (LoopMode.FAULT, LoopMode.ESTOP)
 MEANWHILE_S = 0.4
+ENABLING_CYCLES = 2
 MOTIONS_UNDER_LOSS = 3
 
 
@@ -61,6 +63,52 @@ def while_stopping(fault: str, cell: Cell) -> str:
             said = _ended(driver, fault)
         _recovers(cell, driver)
     return said
+
+
+def in_stream(fault: str, cell: Cell) -> str:
+    """The same while a client streams positions."""
+    if capabilities_of(cell.kind).trajectories:
+        raise NotTested("nothing can be streamed to a device that moves by itself")
+    with cell.driven() as driver:
+        _require(driver, fault)
+        begin_stream(driver)
+        with driver.fault(fault):
+            said = _ended(driver, fault)
+            _stays_so(driver, fault)
+        _recovers(cell, driver)
+    return said
+
+
+def while_loading(fault: str, cell: Cell) -> str:
+    """The same when a motion has just been asked for: it is refused, or ends."""
+    with cell.driven() as driver:
+        _require(driver, fault)
+        driver.ask_move()
+        with driver.fault(fault):
+            said = _ended(driver, fault)
+            driver.answered()
+            result = driver.loop.controller.motion_result
+            if result in (MotionResult.RUNNING, MotionResult.ARRIVED):
+                raise ContractError(f"{fault} while a motion is loaded: it is {result.name}")
+        _recovers(cell, driver)
+    return said
+
+
+def while_enabling(fault: str, cell: Cell) -> str:
+    """The same in the middle of a reset: it is refused, or the fault comes again."""
+    with cell.driven() as driver:
+        _require(driver, fault)
+        with driver.fault(fault):
+            said = _ended(driver, fault)
+        driver.run(MEANWHILE_S)
+        driver.ask(Command.RESET)
+        driver.step(ENABLING_CYCLES)
+        with driver.fault(fault):
+            refused = driver.answered()
+            _ended(driver, fault)
+            _stays_so(driver, fault)
+        _recovers(cell, driver)
+    return refused or said
 
 
 def twice(fault: str, cell: Cell) -> str:
@@ -140,6 +188,7 @@ def _recovers(cell: Cell, driver: Driver) -> None:
     if refusal:
         raise ContractError(f"its cause is gone, and a reset is refused: {refusal}")
     driver.until("the arm is held", lambda: driver.mode == LoopMode.HOLD)
+    sent = len(driver.wire or ())
     if driver.heard.calls.count("open") != 1:
         raise ContractError("the device was opened again")
     require_entry(cell, driver, max(before, len(driver.heard.commands) - 1))
@@ -147,6 +196,8 @@ def _recovers(cell: Cell, driver: Driver) -> None:
     if driver.mode != LoopMode.HOLD:
         raise ContractError(f"after a reset the mode becomes {driver.mode.name}: {driver.reason}")
     driver.move()
+    if driver.wire is not None:
+        require_limits(cell, "after a reset, what the device is sent", driver.wire[sent:])
 
 
 STOPPING = ("disconnect", "frozen", "nan", "e_stop", "protective_stop")
@@ -157,7 +208,11 @@ CHECKS: dict[str, Callable[[Cell], str]] = {
     **{f"{fault} at rest": partial(ends, fault, moving=False) for fault in RESTING},
     "disconnect while stopping": partial(while_stopping, "disconnect"),
     "disconnect while recovering": partial(twice, "disconnect"),
+    "disconnect while enabling": partial(while_enabling, "disconnect"),
+    "disconnect while loading": partial(while_loading, "disconnect"),
+    "disconnect in a stream": partial(in_stream, "disconnect"),
     "loss": partial(survives, "loss"),
     "reorder": partial(survives, "reorder"),
+    "pile_up": partial(survives, "pile_up"),
     "operation_mode": mode_change,
 }

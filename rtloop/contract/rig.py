@@ -19,6 +19,7 @@ FAULTS = {
     "nan": "a measured value is not a number",
     "loss": "some packets are lost, about one in twenty",
     "reorder": "some packets are overtaken by the next",
+    "pile_up": "some packets are read together with the next ones, as on a busy computer",
     "e_stop": "somebody presses the emergency stop of the device",
     "protective_stop": "the device stops by itself",
     "operation_mode": "somebody turns the key to another operation mode",

@@ -113,11 +113,11 @@ class ToyDevice:
         unlucky = packet.number % 20 == 0
         if "loss" in self.faults and unlucky:
             return []
-        if "reorder" in self.faults and unlucky:
+        if {"reorder", "pile_up"} & self.faults and unlucky:
             self._late.append(packet)
             return []
         late, self._late = self._late, []
-        return [packet, *late]
+        return [*late, packet] if "pile_up" in self.faults else [packet, *late]
 
 
 class ToyOptions(BackendOptions):

@@ -340,6 +340,21 @@ cdef class CartesianSource(Source):
             error[axis] = pose[axis] - here[axis]
         quat_between(here + 3, pose + 3, error + 3)
 
+    cdef void c_exert(self, double* rows) noexcept nogil:
+        cdef ForceControl* force = &self.force
+        cdef double moment[3]
+        cdef int part, axis, index
+        for part in range(2):
+            for axis in range(3):
+                for index in range(3):
+                    if force.axes[3 * part + index]:
+                        rows[3 * part + axis] += (
+                            force.turn[3 * axis + index] * force.wrench[3 * part + index]
+                        )
+        cross3(force.lever, rows, moment)
+        for axis in range(3):
+            rows[3 + axis] += moment[axis]
+
     cdef void c_replace_by_force(
         self, const double* here, const double* wrench, double* error
     ) noexcept nogil:

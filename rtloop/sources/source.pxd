@@ -54,3 +54,4 @@ cdef class Source:
     cdef void c_advance(self, const double* external_effort, const double* wrench) noexcept nogil
     cdef void c_follow(self, const double* command) noexcept nogil
     cdef void c_heading(self, double* step) noexcept nogil
+    cdef void c_exert(self, double* rows) noexcept nogil

@@ -108,3 +108,8 @@ cdef class Source:
 
     cdef void c_heading(self, double* step) noexcept nogil:
         """A joint step towards the last target, shape (dof,), rad: only its direction counts."""
+
+    cdef void c_exert(self, double* rows) noexcept nogil:
+        """Fill in what the client wants exerted, beside its motion, in zeros: torques of the joints (dof,),
+        N·m, or a wrench at the TCP (6,) in the base frame, N and N·m.
+        """

@@ -76,6 +76,9 @@ cdef class TorqueSource(Source):
     cdef void c_follow(self, const double* command) noexcept nogil:
         memcpy(self.ref, command, 3 * self.dof * sizeof(double))
 
+    cdef void c_exert(self, double* rows) noexcept nogil:
+        memcpy(rows, self.torque, self.dof * sizeof(double))
+
     cdef void c_heading(self, double* step) noexcept nogil:
         """The mass matrix is positive: the torque is never more than a right angle off."""
         memcpy(step, self.torque, self.dof * sizeof(double))

@@ -17,6 +17,9 @@ cdef class Session:
     cdef PointFeed points
     cdef bint has_targets, has_points
     cdef public object _backend  # Whether it can give way is asked when a session begins.
+    cdef readonly object overlay
+    cdef object _exerted, _backend_name
+    cdef double* _c_exerted
     cdef object _limits, _stream_limits, _tcp_limits, _model
     cdef double _period_s
     cdef long long _timeout_cycles, _cycle

@@ -1,4 +1,4 @@
-from cobot.config import StreamingSection
+from cobot.config import Settings
 from cobot.ipc.shm import RobotMemory
 from cobot.robot.model import RobotModel
 from cobot.types import Array, JointLimits, LoopMode
@@ -6,21 +6,24 @@ from rtloop.backends import Backend
 from rtloop.inboxes.stream import StreamInbox
 from rtloop.safety.limiter import Safety
 from rtloop.streaming.collision_monitor import CollisionMonitor
+from rtloop.streaming.overlay import Overlay
 
 class Session:
     def __init__(
         self,
-        section: StreamingSection,
+        settings: Settings,
         model: RobotModel,
         memory: RobotMemory,
         backend: Backend,
         safety: Safety,
-        period_s: float,
     ) -> None: ...
     @property
     def box(self) -> StreamInbox: ...
     @property
     def session(self) -> int: ...
+    @property
+    def overlay(self) -> Overlay | None: ...
+    def lay_over(self, streaming: bool) -> None: ...
     @property
     def mode(self) -> LoopMode: ...
     @property

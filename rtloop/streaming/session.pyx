@@ -12,8 +12,12 @@ from rtloop.sources.joint import JointSource
 from rtloop.sources.servo_force import ForceServo
 from rtloop.sources.servo_modes import make_servo
 from rtloop.sources.torque import TorqueSource
+from rtloop.streaming.overlay import overlay_of
 from rtloop.streaming.session_checks import session_refusal
 
+from libc.string cimport memset
+
+from cobot.arrays cimport doubles
 from rtloop.sources.source cimport Source
 from rtloop.streaming.feed cimport CLIENT_DIED, CLIENT_ENDED, CONTACT, NO_PROBLEM, OBSTACLE, SERVO_WATCHDOG
 
@@ -39,13 +43,22 @@ cdef class Session:
         box: the blocks of the client.
         session: number of the session that moves the arm, 0 for none.
         mode: of rtloop, for this session.
+        overlay: what it has the robot exert on top of positions, a `rtloop.streaming.overlay.Overlay`; None
+            where positions and an impedance do all of it.
     """
 
-    def __init__(self, section, model, memory, backend, Safety safety, double period_s):
+    def __init__(self, settings, model, memory, backend, Safety safety):
+        cdef double period_s = settings.rt.period_s
+        section = settings.streaming
+        self._backend_name = settings.robot.backend.type
+        self.overlay = None
+        limits = model.limits
+        self._exerted = np.zeros(max(limits.dof, 6))
+        self._c_exerted = doubles(self._exerted, len(self._exerted))
         self.box = StreamInbox(memory)
         self._queue = PointQueue(memory)
         self._model = model
-        self._limits = limits = model.limits
+        self._limits = limits
         self._backend = backend
         self._safety = safety
         self._period_s = period_s
@@ -125,7 +138,7 @@ cdef class Session:
             refusal = f"the arm is in mode {mode.name}"
         elif int(request["stops"]) != stops:
             refusal = "a stop was requested meanwhile"
-        refusal = refusal or session_refusal(request, self._backend)
+        refusal = refusal or session_refusal(request, self._backend, self._backend_name)
         refusal = refusal or self._client.begin(int(request["pid"]))
         refusal = refusal or self._begun(request, command)
         self.box.answer(Ack.REJECTED if refusal else Ack.ACCEPTED, refusal)
@@ -136,6 +149,9 @@ cdef class Session:
         self.session = 0
         self._client.end()
         self._safety.use(self._limits)
+        if self.overlay is not None:
+            self.overlay.end()
+            self.overlay = None
         try:
             if isinstance(self._backend, ImpedanceControlled):
                 self._backend.set_impedance(None)
@@ -162,6 +178,7 @@ cdef class Session:
         cdef Source source = self._source(stream, request, limits, points)
         if isinstance(self._backend, ImpedanceControlled):
             self._backend.set_impedance(self._impedance(stream, request, command))
+        self.overlay = overlay_of(request, self._backend, self._limits, self._period_s)
         self._contact_monitor.begin(request["max_contact_torque"], request["max_contact_wrench"])
         self._collision_monitor.begin(touching=bool(request["force_axes"].any()))
         self._safety.use(limits, catch_up=np.inf if joints else CATCH_UP_RAD_S)
@@ -204,6 +221,13 @@ cdef class Session:
             stiffness = self._model.mass_matrix(command[0]).diagonal() * TORQUE_FREQUENCY_RAD_S**2
             return Impedance(False, stiffness, np.ones(self._limits.dof))
         return Impedance(False, request["stiffness"].copy(), request["damping_ratio"].copy())
+
+    def lay_over(self, bint streaming):
+        """Have the robot exert what the client wants, or nothing more while the arm comes to rest."""
+        memset(self._c_exerted, 0, len(self._exerted) * sizeof(double))
+        if streaming:
+            self.feed.source.c_exert(self._c_exerted)
+        self.overlay.follow(self._exerted[:len(self.overlay.exerted)])
 
     cdef void c_advance(self, const double* external, double robot_time_s) noexcept nogil:
         """One period on; then the feed says what to do.

@@ -6,29 +6,33 @@ import numpy as np
 
 from cobot.ipc.layout import Interpolation, ServoMode, Stream
 from cobot.ipc.session_rules import MAX_DECIMATION, damping_flaw, stiffness_flaw
-from cobot.robot.device import WORDS
+from cobot.robot.device import WORDS, Capabilities
 from cobot.servo.protocol import LONGEST_WATCHDOG_S
 from rtloop.backends import Backend, ImpedanceControlled, capabilities_of
 
 UNIT_TOLERANCE = 1e-2
 
 
-def session_refusal(request: np.ndarray, backend: Backend) -> str:
-    """What is wrong with what a client wants, `cobot.ipc.layout.session_dtype`; "" if nothing is."""
+def session_refusal(request: np.ndarray, backend: Backend, name: str) -> str:
+    """What is wrong with what a client wants, `cobot.ipc.layout.session_dtype`; "" if nothing is.
+
+    Args:
+        name: of the backend, for people.
+    """
     if int(request["stream"]) not in list(Stream) or int(request["interpolation"]) not in list(Interpolation):
         return f"there is no stream {request['stream']} with interpolation {request['interpolation']}"
     if capabilities_of(backend).trajectories:
         return (
-            f"a stream needs a device that takes a command in each cycle; the backend {_named(backend)} "
-            f"takes {WORDS['trajectories']}"
+            f"a stream needs a device that takes a command in each cycle; the backend {name} takes "
+            f"{WORDS['trajectories']}"
         )
     if not 1 <= request["decimation"] <= MAX_DECIMATION:
         return f"decimation must be from 1 to {MAX_DECIMATION}, got {request['decimation']}"
     if refusal := _servo_flaw(request):
         return refusal
-    if refusal := _stiffness_flaw(request, backend):
+    if refusal := _unable(request, capabilities_of(backend), name):
         return refusal
-    if refusal := _unmeasured(request, backend):
+    if refusal := _stiffness_flaw(request, backend):
         return refusal
     for name in ("damping_ratio", "cartesian_damping_ratio"):
         if refusal := damping_flaw(name, request[name]):
@@ -42,10 +46,6 @@ def session_refusal(request: np.ndarray, backend: Backend) -> str:
     if not (request["force_velocity"] > 0.0).all():
         return f"force_velocity must be above 0, got {request['force_velocity'].tolist()}"
     return ""
-
-
-def _named(backend: Backend) -> str:
-    return type(getattr(backend, "device", backend)).__name__
 
 
 def _servo_flaw(request: np.ndarray) -> str:
@@ -62,39 +62,35 @@ def _servo_flaw(request: np.ndarray) -> str:
     return ""
 
 
+def _unable(request: np.ndarray, device: Capabilities, name: str) -> str:
+    """What the session needs and the device does not have."""
+    torques = request["stream"] == Stream.JOINT_TORQUE
+    force = bool(request["force_axes"].any())
+    wrench = bool(np.isfinite(request["max_contact_wrench"]).any())
+    soft = bool(request["stiffness"].any() or request["cartesian_stiffness"].any())
+    feels = torques or bool(np.isfinite(request["max_contact_torque"]).any())
+    needed = {
+        "a stream of torques": (("torque",), torques),
+        "force control": (("impedance", "wrench"), force),
+        "a stiffness": (("impedance",), soft),
+    }
+    felt = {
+        "a stream of torques" if torques else "max_contact_torque": ("external_effort", feels),
+        "max_contact_wrench": ("wrench", wrench),
+        "force control": ("wrench", force and device.impedance),  # the others exert what they are told
+    }
+    refusals = [device.lacks(name, what, *flags) for what, (flags, asked) in needed.items() if asked]
+    refusals += [device.does_not_measure(name, what, row) for what, (row, asked) in felt.items() if asked]
+    return next((refusal for refusal in refusals if refusal), "")
+
+
 def _stiffness_flaw(request: np.ndarray, backend: Backend) -> str:
     if not isinstance(backend, ImpedanceControlled):
-        stiff = not request["stiffness"].any() and not request["cartesian_stiffness"].any()
-        force = request["stream"] == Stream.JOINT_TORQUE or request["force_axes"].any()
-        if stiff and not force:
-            return ""
-        what = "a stream of torques" if request["stream"] == Stream.JOINT_TORQUE else "a stiffness or a force"
-        return (
-            f"{what} needs {WORDS['impedance']}, which the backend {type(backend).__name__} does not have: "
-            "this robot's drives cannot give way"
-        )
+        return ""
     for name, nominal in (
         ("stiffness", backend.nominal_stiffness),
         ("cartesian_stiffness", backend.nominal_cartesian_stiffness),
     ):
         if refusal := stiffness_flaw(name, request[name], nominal):
             return refusal
-    return ""
-
-
-def _unmeasured(request: np.ndarray, backend: Backend) -> str:
-    """Forces that a session shall heed have to be measured."""
-    if "external_effort" in capabilities_of(backend).measured:
-        return ""
-    heeded = {
-        "max_contact_torque": np.isfinite(request["max_contact_torque"]).any(),
-        "max_contact_wrench": np.isfinite(request["max_contact_wrench"]).any(),
-        "force control": request["force_axes"].any(),
-    }
-    for what, asked in heeded.items():
-        if asked:
-            return (
-                f"{what} needs external_effort to be measured, which the backend {type(backend).__name__} "
-                "does not do"
-            )
     return ""

@@ -149,8 +149,10 @@ def test_words_that_are_too_long_are_cut_and_strange_numbers_stop_the_path(rig: 
 
 def test_contact_limits_need_a_device_that_measures_forces(rig: PacedRig) -> None:
     rigid = {"stiffness": 0.0, "cartesian_stiffness": 0.0}
-    assert "max_contact_torque needs external_effort to be measured, which the backend PacedArm" in (
-        rig.stream(**rigid, max_contact_torque=5.0)
-    )
-    assert "needs impedance control, which the backend PacedArm does not have" in rig.stream()
+    for wish, row in (("max_contact_torque", "external_effort"), ("max_contact_wrench", "wrench")):
+        assert (
+            f"{wish} needs {row}, which the backend mujoco does not measure; it measures position, velocity"
+            in rig.stream(**rigid, **{wish: 5.0})
+        )
+    assert "a stiffness needs impedance control, which the backend mujoco does not have" in rig.stream()
     assert rig.stream(**rigid) == ""

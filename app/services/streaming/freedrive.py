@@ -201,7 +201,7 @@ class FreedriveService:
         if named is None:
             raise ConflictError("freedrive: what the robot's backend can do cannot be read")
         backend, device = named
-        refusal = device.capabilities.lacks("freedrive", backend, "the arm cannot be guided by hand")
+        refusal = device.capabilities.lacks(backend, "guiding the arm by hand", "freedrive")
         if refusal:
             raise NotSupportedError(refusal)
 

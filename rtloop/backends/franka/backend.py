@@ -19,8 +19,10 @@ from cobot.robot.device import Capabilities, DeviceStatus
 from cobot.robot.tool import BARE, Tool
 from cobot.types import Array, JointLimits
 from rtloop.backends import BackendError, Impedance, Measured
+from rtloop.backends.agreement import disagreement
 from rtloop.backends.franka.bridge import Bridge
 from rtloop.backends.franka.impedance import GivingWay
+from rtloop.backends.franka.kinematics import told_flange
 from rtloop.backends.franka.link import Knock, Knocking, Link
 from rtloop.backends.franka.options import DOF, FrankaOptions
 from rtloop.backends.franka.words import MODES, REFUSALS, in_words, present
@@ -34,8 +36,8 @@ REST_RAD_S = 0.02
 
 
 class FrankaBackend:
-    """See `rtloop.backends`: `Backend`, `Paced`, `Reporting`, `Stepwise`, `ImpedanceControlled`,
-    `TorqueControlled` and `CarriesTool`.
+    """See `rtloop.backends`: `Backend`, `Paced`, `Reporting`, `Stepwise`, `ImpedanceControlled` and
+    `CarriesTool`.
     """
 
     Options: ClassVar[type[FrankaOptions]] = FrankaOptions
@@ -69,11 +71,11 @@ class FrankaBackend:
         self._options = options
         self._state: Any = None
         self._fresh = False
+        self._preparing: Iterator[bool] | None = None
         self._periods = 1
         self._lost_packets = 0
         self._giving = GivingWay(settings, limits)
         self._impedance: Impedance | None = None
-        self._overlay = np.zeros(DOF)
         self._tool = BARE
         self._bridge = Bridge(DOF, PERIOD_S)
         self.nominal_stiffness = self._giving.nominal_stiffness
@@ -85,6 +87,10 @@ class FrankaBackend:
         while not self._link.is_open(wait_s=0.1):
             pass
         self._receive()
+        if self._options.check_pose:
+            joints, flange = np.array(self._state.q), told_flange(self._state)
+            if problem := disagreement(self._giving.robot, joints, flange):
+                raise BackendError(problem)
 
     def enable(self) -> None:
         while not self.enable_step():
@@ -92,19 +98,25 @@ class FrankaBackend:
 
     def enable_step(self) -> bool:
         if self._link.robot is None:
+            self._preparing = None
             if not self._link.is_open():
                 return False
             self._receive()
         if self._impedance is not None:  # whoever had it is gone
             self.set_impedance(None)
+        if self._link.control is not None:
+            return True
+        preparing, self._preparing = self._preparing or self._prepare(), None
         with self._link.in_words():
-            if self._link.control is None:
-                self._prepare()
+            if next(preparing, True):
                 self._start()
-        return True
+                return True
+        self._preparing = preparing
+        return False
 
     def recover_step(self) -> bool:
         """The robot recovers as soon as it is asked to, which `enable_step` does."""
+        self._preparing = None  # of a reset that has not come to its end
         return True
 
     def read(self, measured: Measured) -> None:
@@ -129,7 +141,7 @@ class FrankaBackend:
                 self._link.control.writeOnce(self._franka.JointPositions(sent[0].tolist()))
             else:
                 state = self._state
-                torques = self._giving.torques(command, np.array(state.q), np.array(state.dq), self._overlay)
+                torques = self._giving.torques(command, np.array(state.q), np.array(state.dq))
                 self._link.control.writeOnce(self._franka.Torques(torques.tolist()))
 
     def disable(self) -> None:
@@ -164,7 +176,7 @@ class FrankaBackend:
             text=in_words(present(self._state)),
         )
 
-    # ImpedanceControlled, TorqueControlled, CarriesTool
+    # ImpedanceControlled, CarriesTool
 
     def set_impedance(self, impedance: Impedance | None) -> None:
         """Between positions and torques the robot's control ends and another begins, at rest: some cycles."""
@@ -176,16 +188,6 @@ class FrankaBackend:
             return
         with self._paused():
             self._impedance = impedance
-            self._overlay[:] = 0.0
-
-    def write_torque(self, torque: Array) -> None:
-        """
-        Raises:
-            BackendError: the arm is held by its own controller, which takes no torques.
-        """
-        if self._impedance is None:
-            raise BackendError("the robot holds its position itself: torques need an impedance")
-        self._overlay[:] = torque
 
     def set_tool(self, tool: Tool) -> None:
         self._tool = tool
@@ -202,20 +204,27 @@ class FrankaBackend:
 
         return FrankaRig(settings, limits)
 
-    def _prepare(self) -> None:
-        """See to it that the robot can be controlled, and tell it all that it has to know before."""
+    def _prepare(self) -> Iterator[bool]:
+        """See to it that the robot can be controlled, and tell it all that it has to know before: False when
+        there is more to tell. pylibfranka holds up the whole interpreter until the robot has replied, some
+        tens of milliseconds, so each step is one command and there are cycles between.
+        """
         mode = self._state.robot_mode.name
         if mode in REFUSALS:
             raise BackendError(REFUSALS[mode])
         if mode == "Reflex" or present(self._state):
             self._link.robot.automatic_error_recovery()
+            yield False
         options = self._options
         self._link.robot.set_collision_behavior(
             options.contact_torque, options.collision_torque, options.contact_force, options.collision_force
         )
+        yield False
         if options.joint_stiffness is not None:
             self._link.robot.set_joint_impedance(options.joint_stiffness)
+            yield False
         self._tell_tool()
+        yield False
 
     def _tell_tool(self) -> None:
         """What is mounted, in the frame of the flange: the load beside what Desk calls the end effector."""

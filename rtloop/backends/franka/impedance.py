@@ -18,17 +18,18 @@ MAX_TORQUE_RATE = 990.0
 class GivingWay:
     """
     Attributes:
+        robot: its model.
         nominal_stiffness, nominal_cartesian_stiffness: see `rtloop.backends.ImpedanceControlled`.
     """
 
     def __init__(self, settings: Settings, limits: JointLimits) -> None:
         names = settings.robot
-        self._robot = RobotModel.load(names.model, limits, base=names.base_frame, tcp=names.tcp)
-        self._model, self._data = self._robot.mj, mujoco.MjData(self._robot.mj)
+        self.robot = RobotModel.load(names.model, limits, base=names.base_frame, tcp=names.tcp)
+        self._model, self._data = self.robot.mj, mujoco.MjData(self.robot.mj)
         self._base = self._model.body(names.base_frame).id
         self._tcp = self._model.site(names.tcp).id
         self._jacobian = np.zeros((6, limits.dof))
-        self._springs = Springs(self._robot, self._data, self._jacobian)
+        self._springs = Springs(self.robot, self._data, self._jacobian)
         self._step = MAX_TORQUE_RATE * settings.rt.period_s
         self._max_effort = limits.max_effort
         self._zeros, self._gravity = np.zeros(limits.dof), np.zeros(limits.dof)
@@ -45,14 +46,13 @@ class GivingWay:
         """These springs from the next cycle on."""
         self._springs.use(impedance)
 
-    def torques(self, command: Array, position: Array, velocity: Array, overlay: Array) -> Array:
+    def torques(self, command: Array, position: Array, velocity: Array) -> Array:
         """What to command now, without gravity, which the robot makes up for itself, shape (dof,), N·m.
 
         It never changes faster than the robot permits.
 
         Args:
             command: shape (3, dof).
-            overlay: torques to be added.
         """
         data = self._data
         data.qpos[:], data.qvel[:] = position, 0.0
@@ -63,7 +63,7 @@ class GivingWay:
         self._find_jacobian()
         inertial = np.zeros(len(position))
         mujoco.mj_mulM(self._model, data, inertial, command[2])
-        wanted = self._springs.torques(command) + data.qfrc_bias - self._gravity + inertial + overlay
+        wanted = self._springs.torques(command) + data.qfrc_bias - self._gravity + inertial
         np.clip(wanted, -self._max_effort, self._max_effort, out=wanted)
         self.torque += np.clip(wanted - self.torque, -self._step, self._step)
         return self.torque

@@ -22,6 +22,7 @@ class FrankaOptions(BaseModel):
         contact_torque, contact_force: beyond these, N·m for each joint and N, N·m along each axis, the robot
             reports contact.
         collision_torque, collision_force: beyond these a reflex stops it.
+        check_pose: whether the pose that the robot tells has to be that of the model.
         joint_stiffness: of its own controller, which holds positions, N·m/rad; None: the robot's default.
     """
 
@@ -33,4 +34,5 @@ class FrankaOptions(BaseModel):
     collision_torque: Seven = [40.0, 40.0, 36.0, 36.0, 12.0, 12.0, 12.0]
     contact_force: Annotated[list[Force], Field(min_length=6, max_length=6)] = [20.0] * 3 + [15.0] * 3
     collision_force: Annotated[list[Force], Field(min_length=6, max_length=6)] = [40.0] * 3 + [30.0] * 3
+    check_pose: bool = True
     joint_stiffness: Annotated[list[Stiffness], Field(min_length=DOF, max_length=DOF)] | None = None

@@ -5,16 +5,20 @@ from __future__ import annotations
 from cobot.config import Settings
 from cobot.types import Array, JointLimits
 from rtloop.backends.franka.backend import FrankaBackend
-from rtloop.backends.franka.stand_in import Arm, RobotMode
+from rtloop.backends.franka.stand_in import Arm
+from rtloop.backends.franka.stand_in_library import RobotMode
+from rtloop.contract import FAULTS
 
 LASTING = "joint_position_limits_violation"
 """A reflex that the robot recovers from only when a person has moved it back."""
 
 
 class FrankaRig:
-    """A `ContractRig`. A Franka knows no T1, T2 and AUT; libfranka itself leaves out what was overtaken."""
+    """A `ContractRig`. A Franka knows no T1, T2 and AUT; libfranka itself leaves out what was overtaken
+    or has piled up.
+    """
 
-    faults = frozenset({"disconnect", "frozen", "nan", "loss", "reorder", "e_stop", "protective_stop"})
+    faults = frozenset(FAULTS) - {"operation_mode"}
 
     def __init__(self, settings: Settings, limits: JointLimits, arm: Arm | None = None) -> None:
         self._settings, self._limits = settings, limits

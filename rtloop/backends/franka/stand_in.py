@@ -6,7 +6,6 @@ controlled, control while it is not ready. Each exchange is one period; it knows
 
 from __future__ import annotations
 
-from enum import Enum
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,6 +13,21 @@ import numpy as np
 
 from cobot.types import Array
 from rtloop.backends import BackendError
+from rtloop.backends.franka.stand_in_library import (
+    CommandException,
+    ControlException,
+    ControllerMode,
+    Duration,
+    FrankaException,
+    InvalidOperationException,
+    JointPositions,
+    NetworkException,
+    RealtimeConfig,
+    RealtimeException,
+    RobotMode,
+    State,
+    Torques,
+)
 
 PERIOD_S = 0.001
 START = (0.0, -0.7854, 0.0, -2.3562, 0.0, 1.5708, 0.7854)
@@ -21,55 +35,6 @@ REFERENCE_OFF_RAD = 2e-4
 """So far is the robot's own reference from where the arm is measured."""
 LOST = 20
 """With losses one packet in so many does not come."""
-
-
-class FrankaException(RuntimeError): ...
-
-
-class ControlException(FrankaException): ...
-
-
-class NetworkException(FrankaException): ...
-
-
-class CommandException(FrankaException): ...
-
-
-class InvalidOperationException(FrankaException): ...
-
-
-class RealtimeException(FrankaException): ...
-
-
-class RobotMode(Enum):
-    Other, Idle, Move, Guiding, Reflex, UserStopped = range(6)
-
-
-class RealtimeConfig(Enum):
-    kEnforce = 0  # noqa: N815 - theirs
-    kIgnore = 1  # noqa: N815
-
-
-class ControllerMode(Enum):
-    JointImpedance, CartesianImpedance = range(2)
-
-
-class Duration:
-    def __init__(self, seconds: float) -> None:
-        self._seconds = seconds
-
-    def to_sec(self) -> float:
-        return self._seconds
-
-
-class JointPositions:
-    def __init__(self, q: list[float]) -> None:
-        self.q, self.motion_finished = list(q), False
-
-
-class Torques:
-    def __init__(self, tau_J: list[float]) -> None:
-        self.tau_J, self.motion_finished = list(tau_J), False
 
 
 class Arm:
@@ -102,7 +67,7 @@ class Arm:
         self.recovered = self.cycles = 0
         self.controlled = ""
         self.connection: Connection | None = None
-        self._frozen: SimpleNamespace | None = None
+        self._frozen: State | None = None
 
     @property
     def library(self) -> SimpleNamespace:
@@ -133,7 +98,7 @@ class Arm:
         return self.connection
 
     def knock(self, address: str) -> Arm:
-        """In place of `rtloop.backends.franka.reach.Knock`."""
+        """In place of `rtloop.backends.franka.link.Knock`."""
         return self
 
     def answered(self, wait_s: float = 0.0) -> bool:
@@ -176,16 +141,16 @@ class Arm:
             a, b, c = self.positions[-3:]
             self.move(c + (c - b) + ((c - b) - (b - a)))
 
-    def state(self) -> SimpleNamespace:
+    def state(self) -> State:
         if "frozen" in self.faults and self._frozen is not None:
             return self._frozen
         errors = {name: name in self.errors for name in ("joint_reflex", "cartesian_reflex", *self.errors)}
-        self._frozen = SimpleNamespace(
+        self._frozen = State(
             q=[float("nan"), *self.q[1:]] if "nan" in self.faults else self.q.tolist(),
             dq=self.velocity(),
             q_d=self.q_d.tolist(),
             tau_J=[1.0] * 7,
-            tau_J_d=[0.5] * 7,
+            tau_J_d=self.torques[-1].tolist() if self.torques else [0.5] * 7,
             tau_ext_hat_filtered=[0.25] * 7,
             O_F_ext_hat_K=[1.0, 2.0, 3.0, 4.0, 5.0, 6.0],
             robot_mode=self.mode,
@@ -268,8 +233,8 @@ class Connection:
     def readOnce(self) -> tuple[SimpleNamespace, Duration]:  # noqa: N802 - theirs
         arm = self._arm
         lost, arm.lose = arm.lose, 0
-        if {"loss", "reorder"} & arm.faults and arm.cycles % LOST == 0:
-            lost = 1  # what was overtaken counts as lost: libfranka takes no older state
+        if {"loss", "reorder", "pile_up"} & arm.faults and arm.cycles % LOST == 0:
+            lost = 1  # what was overtaken counts as lost, too: libfranka takes no older state
         for _ in range(lost):
             arm.go_on()
         arm.cycles += lost

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from cobot.types import Array
-from rtloop.backends import BackendError
 from rtloop.backends.fri.beat import Entry
 from rtloop.backends.fri.encoding import encode_command
 from rtloop.backends.fri.messages import (
     COMMAND_ID,
     Command,
     Header,
-    IoDirection,
-    IoType,
-    IoValue,
     Monitoring,
     SessionState,
 )
@@ -35,7 +29,6 @@ class Answers:
         self._options, self._names = options, names
         self._entry = Entry(len(names), period_s)
         self.torque, self.wrench = np.zeros(len(names)), np.zeros(6)
-        self._outputs: dict[str, IoValue] = {}
         self._sequence = self._unanswered = 0
 
     @property
@@ -82,34 +75,14 @@ class Answers:
             return b""
         self._unanswered = 0
         self._sequence = (self._sequence + 1) % _COUNTER
-        outputs = list(self._outputs.values())
-        self._outputs.clear()
         return encode_command(
             Command(
                 Header(COMMAND_ID, self._sequence, message.header.sequence),
                 position=position,
                 torque=self._overlaid("torque", self.torque, message, command),
                 wrench=self._overlaid("wrench", self.wrench, message, command),
-                io=outputs,
             )
         )
-
-    def set_output(self, known: list[IoValue], name: str, value: float) -> None:
-        """With the next answer.
-
-        Args:
-            known: the inputs and outputs that the controller tells of.
-
-        Raises:
-            BackendError: there is no such output among them.
-        """
-        outputs = {each.name: each for each in known if each.direction == IoDirection.OUTPUT}
-        output = outputs.get(name)
-        if output is None:
-            raise BackendError(
-                f"{name!r} is no output that the controller's program has registered: {sorted(outputs)}"
-            )
-        self._outputs[name] = replace(output, value=value if output.type == IoType.ANALOG else int(value))
 
     def _overlaid(
         self, overlay: str, values: Array, message: Monitoring, command: Array | None

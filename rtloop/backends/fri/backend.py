@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cobot.config import Settings
-from cobot.types import Array, JointLimits
+from cobot.robot.device import MEASURED_NAMES
+from cobot.robot.model import RobotModel
+from cobot.types import Array, JointLimits, Pose
 from rtloop.backends import BackendError, Capabilities, DeviceStatus, Measured
+from rtloop.backends.agreement import disagreement, reduced_share
 from rtloop.backends.fri.answers import Answers
 from rtloop.backends.fri.beat import Beat
 from rtloop.backends.fri.channel import Channel, UdpChannel
 from rtloop.backends.fri.codec import decode_monitoring
-from rtloop.backends.fri.messages import Monitoring, SafetyState, SessionState
+from rtloop.backends.fri.messages import Monitoring, OperationMode, SafetyState, SessionState
 from rtloop.backends.fri.options import FriOptions
 from rtloop.backends.fri.session import (
     STOPPED,
@@ -41,9 +44,9 @@ class FriBackend:
     Options = FriOptions
     capabilities = Capabilities(
         periods_s=(0.001, 0.002, 0.004, 0.005, 0.01),
+        measured=frozenset(MEASURED_NAMES) - {"wrench"},
         torque=True,
         wrench=True,
-        io=True,
         stops={2: False},  # the drives are the cabinet's
         hardware=True,
     )
@@ -60,6 +63,8 @@ class FriBackend:
         options = settings.backend_options(FriOptions)
         self._options = options = options if options is not None else FriOptions()
         self._limits, self._period_s = limits, settings.rt.period_s
+        self._robot = settings.robot
+        self._reduced = 1.0
         self.capabilities = replace(
             type(self).capabilities, torque=options.overlay == "torque", wrench=options.overlay == "wrench"
         )
@@ -68,39 +73,43 @@ class FriBackend:
         self._answers = Answers(options, limits.names, self._period_s)
         self._heard_s = self._asked_s = 0.0
         self._join_until_s = 0.0  # so long after it was enabled the session may begin anew without a fault
-        self._enabled = self._asking = self._unread = self._joins = False
+        self._enabled = self._asking = self._joins = False
         self._answered = True  # the newest packet, which has one answer
         self._starts = True
         self._refused = ""
         self._malformed = 0
 
     def open(self, initial_position: Array) -> None:
-        options = self._options
+        options, robot = self._options, self._robot
         if self._channel is None:
             self._channel = UdpChannel(options.listen, options.port, options.address)
+        model = RobotModel.load(robot.model, self._limits, base=robot.base_frame, tcp=robot.tcp)
+        self._reduced = reduced_share(model)
         self._asked_s = self._clock()
         while not self.wait(options.silence_s):
             if self._clock() - self._asked_s > options.connect_s:
                 raise BackendError(self._nobody())
-        self._channel.keep_to_sender()
         problem = misfit(self._newest, options, self._period_s)
+        if problem:
+            raise BackendError(problem)
+        pose = self._newest.measured_pose
+        told = len(pose) == 7 and bool(np.isfinite(pose).all()) and any(pose[3:])
+        if told and options.check_pose:
+            flange = Pose(1e-3 * np.array(pose[:3]), np.array(pose[3:]))
+            problem = disagreement(model, np.array(self._newest.measured_position), flange)
         if problem:
             raise BackendError(problem)
 
     def wait(self, timeout_s: float) -> bool:
-        """The controller's next packet, or the next cycle of one that was lost."""
-        if self._beat.is_made_up:
-            self._beat.go_on()
-            return True
+        """The controller's next packet, or the cycle of one that was lost or has piled up."""
         deadline_s = self._clock() + timeout_s
-        while True:
+        while not self._beat.due:
             for packet in self._open_channel.receive(deadline_s - self._clock()):
                 self._take(packet)
-            if self._unread:
-                self._unread = False
-                return True
-            if self._clock() >= deadline_s:
+            if not self._beat.due and self._clock() >= deadline_s:
                 return False
+        self._beat.go_on()
+        return True
 
     def read(self, measured: Measured) -> None:
         message = self._beat.newest
@@ -121,7 +130,7 @@ class FriBackend:
 
     def write(self, command: Array) -> None:
         message = self._beat.newest
-        if message is None or self._beat.is_made_up or self._answered:
+        if message is None or self._beat.due or self._answered:
             return
         self._answered = True
         reason = obstacle(message) or wrong_overlay(message, self._options)
@@ -206,9 +215,12 @@ class FriBackend:
             safety_stop=STOPPED.get(message.safety, ""),
             drives=drives,
             brakes=brakes,
+            speed_scaling=self._reduced if message.operation_mode == OperationMode.T1 else 1.0,
             packets_lost=self._beat.lost,
             device_time_s=message.time_s,
-            text=text or f"FRI {message.version}".strip(),
+            text="; ".join(
+                each for each in (text or f"FRI {message.version}".strip(), *self._more()) if each
+            ),
         )
 
     def write_torque(self, torque: Array) -> None:
@@ -217,20 +229,6 @@ class FriBackend:
     def write_wrench(self, wrench: Array) -> None:
         """To be added at the TCP from the next `write` on, shape (6,), N and N·m. Real-time safe."""
         self._answers.wrench[:] = wrench
-
-    @property
-    def io(self) -> dict[str, float]:
-        """The inputs and outputs that the controller's program has registered, by name."""
-        message = self._beat.newest
-        return {value.name: value.value for value in message.io} if message is not None else {}
-
-    def write_io(self, name: str, value: float) -> None:
-        """Set an output with the next answer.
-
-        Raises:
-            BackendError: the controller's program has registered none of this name.
-        """
-        self._answers.set_output(self._newest.io, name, value)
 
     @staticmethod
     def contract_rig(settings: Settings, limits: JointLimits) -> ContractRig:
@@ -245,6 +243,13 @@ class FriBackend:
         """
         soon = self._joins and self._clock() < self._join_until_s
         return soon and message.safety == SafetyState.NORMAL_OPERATION
+
+    def _more(self) -> Iterator[str]:
+        """What else there is to say of its packets."""
+        if strangers := self._open_channel.strangers:
+            yield f"{strangers} packets of others than the controller did not count"
+        if io := self._newest.io:
+            yield "inputs and outputs: " + ", ".join(f"{each.name} {each.value:g}" for each in io)
 
     @property
     def _newest(self) -> Monitoring:
@@ -280,7 +285,7 @@ class FriBackend:
         before = self._beat.newest
         if not self._beat.take(message):
             return
-        self._unread, self._answered, self._heard_s = True, False, self._clock()
+        self._answered, self._heard_s = False, self._clock()
         active = SessionState.COMMANDING_ACTIVE
         if before is not None and before.state == active and message.state != active:
             self._answers.forget()

@@ -7,8 +7,10 @@ import numpy as np
 from cobot.types import Array
 from rtloop.backends.fri.messages import Monitoring, ahead
 
-MAX_CATCH_UP = 20
-"""Cycles that are made up for at once; after a longer gap the path goes on where it was."""
+MAX_CATCH_UP_S = 0.1
+"""That is made up for at once; after a longer gap the path goes on where it was."""
+OVERTAKEN = 20
+"""So many packets behind the newest one has been overtaken; further back the controller counts anew."""
 VELOCITY_S = 0.005
 """Time constant with which the velocity, which FRI does not tell, follows the measured positions."""
 
@@ -23,52 +25,41 @@ class Beat:
         newest: the newest packet, None before the first.
         position, velocity: of this cycle, shape (dof,), rad and rad/s.
         lost: packets that never came, or came too late.
+        due: cycles that are to be run, the one of the newest packet among them.
     """
 
     def __init__(self, dof: int, period_s: float) -> None:
         self._period_s = period_s
+        self._most = round(MAX_CATCH_UP_S / period_s)
         self.newest: Monitoring | None = None
-        self.lost = 0
+        self.lost = self.due = 0
         self.position, self.velocity = np.zeros(dof), np.zeros(dof)
-        self._step = np.zeros(dof)
-        self._left = 0
-
-    @property
-    def is_made_up(self) -> bool:
-        """Whether cycles are still to be run for packets before the newest."""
-        return self._left > 0
+        self._target = np.zeros(dof)
 
     def take(self, message: Monitoring) -> bool:
         """A packet has come; False for one that is older than the newest."""
-        position = np.array(message.measured_position)
         periods = 1
         if self.newest is not None:
             periods = ahead(message.header.sequence, self.newest.header.sequence)
-            if -MAX_CATCH_UP < periods <= 0:  # older than that: the controller counts anew
+            if -OVERTAKEN < periods <= 0:
                 return False
-        known = self.newest is not None and bool(np.isfinite(self.position).all())
-        restarted = not (known and 0 < periods <= MAX_CATCH_UP)
-        self.newest = message
-        if restarted:
             self.lost += max(periods - 1, 0)
-            self.position, self.velocity = position, np.zeros(len(position))
-            self._step, self._left = np.zeros(len(position)), 0
-            return True
-        self.lost += periods - 1
-        self._step = (position - self.position) / (periods + self._left)
-        self._left += periods - 1
-        self._count()
+        known = self.newest is not None and bool(np.isfinite(self.position).all())
+        self.newest = message
+        self._target = np.array(message.measured_position)
+        self.due += periods
+        if not (known and periods > 0 and self.due <= self._most):
+            self.position, self.velocity = self._target, np.zeros(len(self._target))
+            self.due = 1
         return True
 
     def go_on(self) -> None:
-        """The next cycle that is made up for."""
-        self._left -= 1
-        self._count()
-
-    def _count(self) -> None:
-        self.position = self.position + self._step
+        """The next cycle that is due."""
+        step = (self._target - self.position) / self.due
+        self.due -= 1
+        self.position = self.position + step
         share = 1.0 - np.exp(-self._period_s / VELOCITY_S)
-        self.velocity = self.velocity + share * (self._step / self._period_s - self.velocity)
+        self.velocity = self.velocity + share * (step / self._period_s - self.velocity)
 
 
 def smooth(share: float) -> float:

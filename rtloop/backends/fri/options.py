@@ -39,6 +39,7 @@ class FriOptions(BaseModel):
     enable_s: how long the controller may take until it takes commands.
     silence_s: without a packet for so long the robot is not there any more: a fault.
     entry_rad: how far the arm may be beside the controller's interpolator when commands begin.
+    check_pose: whether a pose that the controller tells has to be that of the model.
     min_tracking: least tracking performance then, 0 to 1.
     """
 
@@ -53,4 +54,5 @@ class FriOptions(BaseModel):
     enable_s: Annotated[float, Field(ge=0.1, le=15.0)] = 3.0
     silence_s: Annotated[float, Field(ge=0.01, le=60.0)] = 0.1
     entry_rad: Annotated[float, Field(gt=0.0, le=0.2)] = 0.05
+    check_pose: bool = True
     min_tracking: Annotated[float, Field(ge=0.0, le=1.0)] = 0.3

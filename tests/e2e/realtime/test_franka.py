@@ -85,7 +85,6 @@ def move(run: RunOfFranka, kind: str, **body: object) -> None:
     run.until(asked)
 
 
-@pytest.mark.skipif(not WHOLE, reason="that of the simulated FR3 is in tests/e2e/test_fr3.py")
 @pytest.mark.parametrize("part", rest_tour.PARTS)
 def test_the_rest_tour(run: RunOfFranka, part: str) -> None:
     rest_tour.tour(run, part)

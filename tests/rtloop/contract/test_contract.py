@@ -18,7 +18,7 @@ from rtloop.contract.suite import CHECKS, Verdict, cell_for, examined
 
 TOY = "rtloop.contract.toy:ToyArm"
 TRAJECTORY_TOY = "rtloop.contract.toy_trajectory:ToyArm"
-UNTOLD = {"status", "punctuality", "loss", "reorder", "operation_mode"} | {
+UNTOLD = {"status", "punctuality", "staleness", "loss", "reorder", "pile_up", "operation_mode"} | {
     check for check in CHECKS if "_stop" in check
 }
 """What a simulation without packets, emergency stop and key cannot be tested for."""
@@ -75,7 +75,8 @@ def test_the_toy_that_takes_whole_motions_keeps_it(capsys: pytest.CaptureFixture
     assert main(["test", TRAJECTORY_TOY, "--json"]) == 0
     results = {each["check"]: each["result"] for each in json.loads(capsys.readouterr().out)}
     untold = {check for check, result in results.items() if result == "not tested"}
-    assert untold == {"punctuality", "limits", "loss", "reorder"}
+    of_cycles = {"limits", "staleness", "disconnect in a stream", "loss", "reorder", "pile_up"}
+    assert untold == {"punctuality", *of_cycles}
     assert set(results.values()) == {"passed", "not tested"}
 
 
@@ -85,6 +86,13 @@ def test_the_toy_that_takes_whole_motions_keeps_it(capsys: pytest.CaptureFixture
         ("InDegrees", "calls", "FAULT"),
         ("ClaimsTorques", "values", "effort is claimed in capabilities.measured"),
         ("Raises", "calls", "KeyError: 'joint8'"),
+        ("ClaimsAForce", "claims", "capabilities.wrench is claimed without a method write_wrench"),
+        ("SendsTheLast", "staleness", "is 1 cycles older than what was written"),
+        (
+            "Jumps",
+            "disconnect in motion",
+            "after a reset, what the device is sent: the .* of its limit",
+        ),
         ("Coarse", "limits", "what the device is sent: the .* is .* of its limit"),
         ("StrangeMode", "status", "operation_mode is 'MANUAL'"),
         ("SaysAlwaysAuto", "operation_mode", "stays 'AUT'"),

@@ -63,7 +63,7 @@ def main() -> int:
         return 2
     print(
         f"cobot simulate fri: from {chosen.address}:{server.port} to {chosen.client[0]}:{chosen.client[1]} "
-        f"every {chosen.period} ms, control on 127.0.0.1:{server.control_port}",
+        f"every {server.period_ms} ms, control on 127.0.0.1:{server.control_port}",
         flush=True,
     )
     if chosen.priority is not None:
@@ -83,7 +83,7 @@ def _server(chosen: argparse.Namespace) -> CabinetServer:
     robot = load_robot(settings)
     mode = OVERLAYS[chosen.overlay]
     options = CabinetOptions(
-        chosen.period,
+        chosen.period if chosen.period is not None else round(settings.rt.period_s * 1e3),
         chosen.multiplier,
         f"{chosen.version}.x",
         OperationMode[chosen.mode],
@@ -123,7 +123,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="P",
         help="of the control interface; 0 picks a free one",
     )
-    add("--period", type=int, default=5, metavar="MS", help="send period, 1 to 100 ms; 5")
+    add("--period", type=int, metavar="MS", help="send period, 1 to 100 ms; rt.period_s of the settings")
     add("--multiplier", type=int, default=1, metavar="N", help="an answer is expected every N messages; 1")
     add("--version", choices=["1", "2"], default="1", help="of FRI: 1.11 to 1.17, or 2.x")
     add("--mode", choices=[each.name for each in OperationMode], default="AUT", help="operation mode; AUT")

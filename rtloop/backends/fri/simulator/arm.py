@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from cobot.config import Settings
+from cobot.robot import quaternion
 from cobot.types import Array, JointLimits
 from rtloop.backends import Impedance, Measured
 from rtloop.backends.fri.messages import ControlMode
@@ -32,6 +33,9 @@ class SimulatedArm:
         self._drives = MujocoBackend(settings.model_copy(update={"rt": rt}), limits)
         self._model, self._data = self._drives._model, self._drives._data
         self._tcp = self._model.site(settings.robot.tcp).id
+        sites = {self._model.site(index).name for index in range(self._model.nsite)}
+        self._flange = self._model.site("flange").id if "flange" in sites else self._tcp
+        self._base = self._model.body(settings.robot.base_frame).id
         self._jacobian = np.zeros((6, limits.dof))
         self.limits = limits
         self.setpoint = np.array(position, dtype=float)
@@ -63,10 +67,12 @@ class SimulatedArm:
         return float(np.linalg.norm(self._find_jacobian()[:3] @ velocity))
 
     def pose(self) -> tuple[float, ...]:
-        """Of the TCP in the world: x, y, z in mm and a quaternion (w, x, y, z)."""
-        quaternion = np.zeros(4)
-        mujoco.mju_mat2Quat(quaternion, self._data.site_xmat[self._tcp])
-        return (*(self._data.site_xpos[self._tcp] * 1e3).tolist(), *quaternion.tolist())
+        """Of the flange in the base frame: x, y, z in mm and a quaternion (w, x, y, z)."""
+        data = self._data
+        turn = data.xmat[self._base].reshape(3, 3).T
+        place = 1e3 * turn @ (data.site_xpos[self._flange] - data.xpos[self._base])
+        orientation = turn @ data.site_xmat[self._flange].reshape(3, 3)
+        return (*place.tolist(), *quaternion.from_matrix(orientation.ravel()))
 
     def _find_jacobian(self) -> Array:
         mujoco.mj_jacSite(self._model, self._data, self._jacobian[:3], self._jacobian[3:], self._tcp)

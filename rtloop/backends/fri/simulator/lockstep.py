@@ -18,6 +18,7 @@ from rtloop.contract import FAULTS
 
 UNLUCKY = 0.05
 """Share of the packets that are lost or overtaken."""
+EVERY = round(1.0 / UNLUCKY)
 RESTART_S = 1.0
 """Until rtloop has been started, in which nobody answers."""
 
@@ -28,36 +29,46 @@ class LockStep:
     Attributes:
         time_s: the cabinet's, which the backend takes for its own.
         off: whether the cable is pulled.
+        strangers: none: there is nobody else.
+        busy: whether one wait in `EVERY` finds two packets in place of one.
+        pause: so many periods pass before the next packet is looked for, as on a busy computer.
     """
+
+    strangers = 0
 
     def __init__(self, cabinet: Cabinet, network: Network) -> None:
         self.cabinet, self.network = cabinet, network
         self.time_s = 0.0
         self.off = False
+        self.busy = False
+        self.pause = self._waits = 0
         self.answers: list[bytes] = []
         self.injected: list[bytes] = []
 
     def receive(self, timeout_s: float) -> list[bytes]:
         end_s = self.time_s + max(timeout_s, 0.0)
+        waiting: list[bytes] = []
+        self._waits += 1
+        if self.busy and self._waits % EVERY == 0:
+            self.pause = 1
         while True:
             self.time_s += self.cabinet.period_s
             for packet in self.network.arrived():
                 self.cabinet.answer(packet)
             packets = self.network.to_client(self.cabinet.packet())
             packets, self.injected = self.injected + packets, []
-            if packets and not self.off:
-                return [self.network.spoiled(packet) for packet in packets]
-            if self.time_s >= end_s:
-                return []
+            if not self.off:
+                waiting += [self.network.spoiled(packet) for packet in packets]
+            if self.pause:
+                self.pause -= 1
+            elif waiting or self.time_s >= end_s:
+                return waiting
 
     def send(self, packet: bytes) -> None:
         self.answers.append(packet)
         if not self.off:
             for arrived in self.network.from_client(packet):
                 self.cabinet.answer(arrived)
-
-    def keep_to_sender(self) -> None:
-        pass
 
     def close(self) -> None:
         pass
@@ -100,6 +111,8 @@ class FriRig:
             channel.network.loss = UNLUCKY
         elif fault == "reorder":
             channel.network.reorder = UNLUCKY
+        elif fault == "pile_up":
+            channel.busy = True
         elif fault == "operation_mode":
             cabinet.switch_mode(OperationMode.T1)
         else:
@@ -113,6 +126,8 @@ class FriRig:
             channel.network.spoil = ""
         elif fault in ("loss", "reorder"):
             channel.network.loss = channel.network.reorder = 0.0
+        elif fault == "pile_up":
+            channel.busy = False
         elif fault == "operation_mode":
             cabinet.switch_mode(OperationMode.AUT)
         else:

@@ -44,8 +44,14 @@ class CabinetServer:
         control_port: int = 0,
         patience_s: float = 0.0,
     ) -> None:
-        """patience_s: how long it stands still for an answer that is late, before it counts as missing."""
-        self._cabinet, self._network, self._client = cabinet, network, client
+        """patience_s: how long it stands still for an answer that is late, before it counts as missing.
+
+        Raises:
+            OSError: the client's name is unknown, or an address or port cannot be had.
+        """
+        self._cabinet, self._network = cabinet, network
+        # Answers come from an address, whatever the name.
+        self._client = socket.gethostbyname(client[0]), client[1]
         self._patience_s = patience_s
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(address)
@@ -62,6 +68,10 @@ class CabinetServer:
     def port(self) -> int:
         port: int = self._socket.getsockname()[1]
         return port
+
+    @property
+    def period_ms(self) -> int:
+        return self._cabinet.options.period_ms
 
     @property
     def control_port(self) -> int:

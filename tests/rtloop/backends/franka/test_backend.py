@@ -6,6 +6,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,17 +23,17 @@ from cobot.trajectory import Trajectory
 from cobot.types import LoopMode
 from rtloop.backends import (
     BackendError,
-    Impedance,
     ImpedanceControlled,
     Measured,
     Paced,
     Reporting,
     make_backend,
 )
-from rtloop.backends.franka import FrankaBackend
+from rtloop.backends.franka import FrankaBackend, kinematics
 from rtloop.backends.franka.bridge import Bridge
 from rtloop.backends.franka.link import Knock
-from rtloop.backends.franka.stand_in import START, Arm, NetworkException, RobotMode
+from rtloop.backends.franka.stand_in import START, Arm
+from rtloop.backends.franka.stand_in_library import NetworkException, RobotMode
 
 VELOCITY = np.array([2.175] * 4 + [2.61] * 3)
 ACCELERATION = np.array([10.0, 7.5, 10.0, 10.0, 10.0, 10.0, 10.0])
@@ -172,6 +173,51 @@ def test_a_reflex_is_a_fault_in_words_and_a_reset_recovers(rig: Rig) -> None:
     require_published_limits(rig.arm.positions)
 
 
+def test_no_cycle_of_a_reset_waits_for_more_than_one_reply(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The robot takes tens of milliseconds to reply to each."""
+    replies: list[str] = []
+    connection = type(rig.arm.connection)
+
+    def note(name: str) -> None:
+        inner: Any = getattr(connection, name)
+
+        def noted(self: object, *values: object) -> object:
+            replies.append(name)
+            return inner(self, *values)
+
+        monkeypatch.setattr(connection, name, noted)
+
+    note("set_collision_behavior")
+    note("set_joint_impedance")
+    note("set_load")
+    note("automatic_error_recovery")
+    note("start_joint_position_control")
+    backend = rig_backend(rig)
+    backend._options = backend._options.model_copy(update={"joint_stiffness": [3000.0] * 7})
+    rig.arm.stop_by("joint_reflex")
+    rig.step(200)
+    command, counts = rig.send(Command.RESET), []
+    while rig.mode is LoopMode.FAULT:
+        before = len(replies)
+        rig.step()
+        counts.append(len(replies) - before)
+    assert rig.answer(command) == ""
+    assert len(set(replies)) == len(replies) == 5
+    assert max(counts) == 1
+
+
+def test_a_reset_that_was_cut_short_is_begun_anew(rig: Rig) -> None:
+    backend, arm = rig_backend(rig), rig.arm
+    arm.stop_by("joint_reflex")
+    rig.step(200)
+    backend.recover_step()
+    assert not backend.enable_step()
+    arm.stop_by("joint_reflex")
+    rig.step(5)
+    assert reset(rig) == ""
+    assert arm.recovered == 2
+
+
 def reset(rig: Rig) -> str:
     return rig.answer(rig.send(Command.RESET))
 
@@ -194,6 +240,26 @@ def test_what_only_a_hand_can_change_is_said(rig: Rig, mode: RobotMode, said: st
     robot.mode = RobotMode.Idle
     rig.step(5)
     assert reset(rig) == ""
+
+
+def test_a_model_of_another_arm_is_refused(
+    franka: Settings, fr3: RobotDescription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Oracle of the right one: the kinematics that Franka Robotics publishes, in the stand-in."""
+    arm = Arm()
+    backend = FrankaBackend(franka, fr3.limits, library=arm.library, knock=arm.knock)
+    arm.q = np.array([0.4, 0.3, -0.5, -1.9, 0.6, 1.2, 0.9])
+    backend.open(arm.q)
+    monkeypatch.setattr(kinematics, "FLANGE_M", 0.127)
+    with pytest.raises(BackendError, match=r"with the same joints: 20.0 mm and 0.0 degrees apart"):
+        backend.open(arm.q)
+    told = FrankaBackend(
+        franka_settings(address="robot.test", check_pose=False),
+        fr3.limits,
+        library=arm.library,
+        knock=arm.knock,
+    )
+    told.open(arm.q)
 
 
 def test_a_lost_connection_is_named(rig: Rig) -> None:
@@ -255,19 +321,6 @@ def test_a_robot_that_cannot_be_held_after_a_session_is_a_fault(rig: Rig) -> Non
     rig.step(500)
     assert rig.mode is LoopMode.HOLD
     assert rig.arm.controlled == "positions"
-
-
-def test_torques_are_added_to_the_springs_and_to_them_alone(rig: Rig) -> None:
-    backend = rig_backend(rig)
-    with pytest.raises(BackendError, match="torques need an impedance"):
-        backend.write_torque(np.ones(7))
-    backend.set_impedance(Impedance(False, np.full(7, 100.0), np.full(7, 0.7)))
-    still = np.array([rig.arm.q, np.zeros(7), np.zeros(7)])
-    backend.write_torque(np.array([3.0, 0, 0, 0, 0, 0, 0]))
-    for _ in range(10):
-        assert backend.wait(1.0)
-        backend.write(still)
-    assert rig.arm.torques[-1][0] == pytest.approx(3.0, abs=0.2)
 
 
 def test_it_is_told_its_load_while_nobody_controls_it(rig: Rig) -> None:

@@ -18,6 +18,7 @@ from cobot.robot.description import RobotDescription
 from cobot.types import Array
 from rtloop.backends import BackendError, Measured, Paced, Reporting, Stepwise, TorqueControlled
 from rtloop.backends.fri import FriBackend
+from rtloop.backends.fri.beat import Entry
 from rtloop.backends.fri.codec import decode_command
 from rtloop.backends.fri.encoding import encode_command
 from rtloop.backends.fri.messages import (
@@ -375,15 +376,42 @@ def test_a_cycle_runs_for_every_packet_that_was_lost(make: Make) -> None:
     assert len(set(seen)) == len(seen)  # none of them stands still
 
 
-def test_a_long_gap_is_not_caught_up_with(make: Make) -> None:
-    driven = make(silence_s=5.0)
+@pytest.mark.parametrize("period_ms", [1, 2, 5])
+@pytest.mark.parametrize("pause", [1, 12])
+def test_packets_that_pile_up_get_a_cycle_each(make: Make, period_ms: int, pause: int) -> None:
+    """On the wire: what was commanded of each packet is where the path is at that packet's time."""
+    driven = make(CabinetOptions(period_ms))
     driven.enable()
-    driven.network.drop = 40
+    path = driven.command[0, 0]
+    for _ in range(int(Entry.FADE_S / driven.cabinet.period_s)):
+        driven.cycle()
+    first, step = driven.cabinet.sequence, 0.5 * driven.cabinet.period_s
+    driven.channel.answers.clear()
+    for cycle in range(60):
+        driven.channel.pause = pause if cycle in (20, 40) else 0
+        driven.command[0, 0] += min(cycle + 1, 10) / 10 * step
+        assert driven.cycle()
+    assert not driven.problems
+    sent = [answered_by(packet) for packet in driven.channel.answers]
+    assert len(sent) == 60 - 2 * pause
+    for answer in sent:
+        cycles = np.arange(1, answer.header.reflected - first + 1)
+        assert answer.position[0] == pytest.approx(path + (np.minimum(cycles, 10) / 10 * step).sum())
+
+
+@pytest.mark.parametrize("period_ms", [1, 10])
+def test_a_long_gap_is_not_caught_up_with(make: Make, period_ms: int) -> None:
+    driven = make(CabinetOptions(period_ms), silence_s=5.0)
+    driven.enable()
     driven.cabinet.connection._close_after = 1000
-    sequence = driven.cabinet.sequence
-    driven.backend.wait(5.0)
-    assert driven.cabinet.sequence - sequence == 41
-    assert not driven.backend._beat.is_made_up
+    most = 100 // period_ms
+    for gap, due in ((most - 1, most - 1), (most, 0)):
+        sequence, driven.network.drop = driven.cabinet.sequence, gap
+        driven.backend.wait(5.0)
+        assert driven.cabinet.sequence - sequence == gap + 1
+        assert driven.backend._beat.due == due
+        for _ in range(due):
+            driven.backend.wait(5.0)
 
 
 def test_silence_is_a_fault_until_packets_come_again(make: Make) -> None:
@@ -412,21 +440,17 @@ def test_rubbish_between_the_packets_does_not_disturb(
     assert backend.status().connection == "MONITORING_WAIT"
 
 
-def test_inputs_and_outputs_by_name(make: Make) -> None:
+def test_inputs_and_outputs_are_shown_by_name(make: Make) -> None:
     io = (
         IoValue("Tool.Open", IoType.BOOLEAN, IoDirection.OUTPUT),
-        IoValue("Tool.Force", IoType.ANALOG, IoDirection.OUTPUT),
+        IoValue("Tool.Force", IoType.ANALOG, IoDirection.OUTPUT, 2.5),
         IoValue("Tool.Sensor", IoType.DIGITAL, IoDirection.INPUT, 5),
     )
     driven = make(CabinetOptions(io=io))
     driven.enable()
-    driven.backend.write_io("Tool.Open", 1)
-    driven.backend.write_io("Tool.Force", 12.5)
-    driven.cycle()
-    driven.cycle()
-    assert driven.backend.io == {"Tool.Open": 1, "Tool.Force": 12.5, "Tool.Sensor": 5}
-    with pytest.raises(BackendError, match=r"'Tool.Sensor' is no output .*\['Tool.Force', 'Tool.Open'\]"):
-        driven.backend.write_io("Tool.Sensor", 1)
+    assert driven.backend.status().text == (
+        "FRI 1.x; inputs and outputs: Tool.Open 0, Tool.Force 2.5, Tool.Sensor 5"
+    )
 
 
 def test_answers_as_often_as_the_multiplier_says(make: Make) -> None:
@@ -447,6 +471,40 @@ def test_options_are_checked(settings: Settings, robot: RobotDescription) -> Non
     ):
         with pytest.raises(ConfigError, match=text):
             FriBackend(fri_settings(settings, 5, **options), robot.limits)
+
+
+@pytest.mark.parametrize("version", ["1.x", "2.x"])
+def test_an_arm_that_is_not_where_the_model_has_it_is_refused(
+    settings: Settings, robot: RobotDescription, version: str
+) -> None:
+    """FRI 2.x tells where the flange is, 1.x does not."""
+    cell = CabinetOptions(version=version)
+    for off_mm, refused in ((3.0, False), (8.0, version == "2.x")):
+        backend, channel = joined(settings, robot, cell)
+        pose = channel.cabinet.arm.pose()
+        channel.cabinet.arm.pose = lambda pose=pose, off_mm=off_mm: (pose[0] + off_mm, *pose[1:])
+        if refused:
+            with pytest.raises(BackendError, match=r"with the same joints: 8.0 mm and 0.0 degrees apart"):
+                backend.open(np.zeros(7))
+            backend, other = joined(settings, robot, cell, check_pose=False)
+            other.cabinet.arm.pose = channel.cabinet.arm.pose
+        backend.open(np.zeros(7))
+
+
+def test_planned_motions_keep_the_reduced_speed_of_t1(make: Make, robot: RobotDescription) -> None:
+    """Oracle: no pose and direction of the joints' greatest speeds makes the TCP faster than 0.25 m/s."""
+    driven = make(CabinetOptions(operation_mode=OperationMode.T1))
+    share = driven.backend.status().speed_scaling
+    rng, limits, fastest = np.random.default_rng(7), robot.limits, 0.0
+    for joints in rng.uniform(limits.min_position, limits.max_position, (500, 7)):
+        velocity = share * limits.max_velocity * rng.choice([-1.0, 1.0], (32, 7))
+        speeds = np.linalg.norm(velocity @ robot.model.jacobian(joints)[:3].T, axis=1)
+        fastest = max(fastest, float(speeds.max()))
+    assert 0.15 < fastest < 0.25
+    driven.cabinet.switch_mode(OperationMode.T2)
+    driven.cycle()
+    driven.cycle()
+    assert driven.backend.status().speed_scaling == 1.0
 
 
 def test_says_how_it_is(make: Make) -> None:

@@ -1,0 +1,62 @@
+"""What a device says of its own arm, beside what the model makes of the same joints."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from cobot.robot import quaternion
+from cobot.robot.model import RobotModel
+from cobot.types import Array, Pose
+
+OFF_M, OFF_RAD = 0.005, 0.02
+"""How far the two may be apart: more than the calibration of an arm, less than any wrong axis or link."""
+REDUCED_M_S = 0.25
+"""Of the TCP by hand, ISO 10218-1 reduced speed."""
+REDUCED_SHARE = 0.9
+"""Of it, that a motion is to use at the most."""
+POSES = 500
+
+
+def disagreement(model: RobotModel, joints: Array, flange: Pose) -> str:
+    """Why model and device are not the same arm; "" if they may be.
+
+    Args:
+        joints: as the device measures them, shape (dof,), rad.
+        flange: where the device says that its flange is then, in its base frame.
+    """
+    ours = _after(model.forward(joints), model.flange_in_tcp())
+    off_m = float(np.linalg.norm(flange.position - ours.position))
+    off_rad = float(np.linalg.norm(quaternion.between(ours.quaternion.tolist(), flange.quaternion.tolist())))
+    if off_m <= OFF_M and off_rad <= OFF_RAD:
+        return ""
+    return (
+        f"the device says that its flange is at {_said(flange)} m, the model of robot.model has it at "
+        f"{_said(ours)} m with the same joints: {1e3 * off_m:.1f} mm and {np.degrees(off_rad):.1f} degrees "
+        f"apart, {1e3 * OFF_M:g} mm and {np.degrees(OFF_RAD):.1f} degrees are allowed. Another arm, zero "
+        "position or base; robot.backend.check_pose: false leaves this out"
+    )
+
+
+def reduced_share(model: RobotModel) -> float:
+    """The share of the joints' speed at which the TCP keeps the reduced speed, wherever the arm is."""
+    limits = model.limits
+    corners = np.array(list(itertools.product((-1.0, 1.0), repeat=limits.dof))) * limits.max_velocity
+    low = np.maximum(limits.min_position, -np.pi)
+    high = np.minimum(limits.max_position, np.pi)
+    places = [*np.random.default_rng(0).uniform(low, high, (POSES, limits.dof)), np.clip(0.0, low, high)]
+    fastest = max(float(np.linalg.norm(corners @ model.jacobian(q)[:3].T, axis=1).max()) for q in places)
+    return min(1.0, REDUCED_SHARE * REDUCED_M_S / fastest)
+
+
+def _after(first: Pose, then: Array) -> Pose:
+    turn = first.quaternion.tolist()
+    return Pose(
+        first.position + np.array(quaternion.rotated(turn, then[:3].tolist())),
+        np.array(quaternion.product(turn, then[3:].tolist())),
+    )
+
+
+def _said(pose: Pose) -> str:
+    return "({:.3f}, {:.3f}, {:.3f})".format(*pose.position)

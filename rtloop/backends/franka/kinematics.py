@@ -1,0 +1,41 @@
+"""Where a Franka's flange is: as Franka Robotics publishes it, and as the robot says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from cobot.robot import quaternion
+from cobot.types import Array, Pose
+
+LINKS = (
+    (0.0, 0.333, 0.0),
+    (0.0, 0.0, -np.pi / 2),
+    (0.0, 0.316, np.pi / 2),
+    (0.0825, 0.0, np.pi / 2),
+    (-0.0825, 0.384, -np.pi / 2),
+    (0.0, 0.0, np.pi / 2),
+    (0.088, 0.0, np.pi / 2),
+)
+"""Denavit and Hartenberg's a, d and alpha in Craig's convention; source: Franka Control Interface."""
+FLANGE_M = 0.107
+
+
+def flange(joints: Sequence[float]) -> Array:
+    """In the base frame, shape (4, 4)."""
+    found = np.eye(4)
+    for (a, d, alpha), angle in zip(LINKS, joints, strict=True):
+        ca, sa, c, s = np.cos(alpha), np.sin(alpha), np.cos(angle), np.sin(angle)
+        rows = [c, -s, 0.0, a], [s * ca, c * ca, -sa, -d * sa], [s * sa, c * sa, ca, d * ca]
+        found = found @ np.array([*rows, [0.0, 0.0, 0.0, 1.0]])
+    found[:3, 3] += FLANGE_M * found[:3, 2]
+    return found
+
+
+def told_flange(state: Any) -> Pose:
+    """In the base frame, of a state of libfranka's: whatever end effector was set in Desk."""
+    effector, in_flange = (np.array(each).reshape(4, 4, order="F") for each in (state.O_T_EE, state.F_T_EE))
+    found = effector @ np.linalg.inv(in_flange)
+    return Pose(found[:3, 3], np.array(quaternion.from_matrix(found[:3, :3].ravel().tolist())))

@@ -1,0 +1,61 @@
+"""What has to hold of what a class says of itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from cobot.config import Settings
+from cobot.errors import ConfigError
+from rtloop.backends import Reporting, capabilities_of, make_backend
+from rtloop.contract.cell import Cell
+from rtloop.contract.driver import ContractError
+
+CLAIMS = {
+    "impedance": ("set_impedance",),
+    "torque": ("write_torque", "set_impedance"),
+    "wrench": ("write_wrench",),
+    "freedrive": ("set_impedance",),
+    "payload": ("set_tool",),
+}
+"""Each of these capabilities, with the methods of which it needs one."""
+
+
+def options(cell: Cell) -> str:
+    """An unknown option and a wrong period are refused, by name."""
+    backend = cell.settings.robot.backend
+    key = "no_such_option"
+    unknown = backend.model_copy(update={"options": {**backend.options, key: 1}})
+    robot = cell.settings.robot.model_copy(update={"backend": unknown})
+    _refused(cell, cell.settings.model_copy(update={"robot": robot}), key)
+    periods = capabilities_of(cell.kind).periods_s
+    if not periods:
+        return "an unknown option is refused; any period goes"
+    rt = cell.settings.rt.model_copy(update={"period_s": 7.7 * max(periods)})
+    _refused(cell, cell.settings.model_copy(update={"rt": rt}), "rt.period_s")
+    return "an unknown option and another period are refused"
+
+
+def _refused(cell: Cell, settings: Settings, word: str) -> None:
+    try:
+        make_backend(settings, cell.robot.limits)
+    except ConfigError as exc:
+        if word in str(exc):
+            return
+        raise ContractError(f"the refusal does not name {word}: {exc}") from exc
+    raise ContractError(f"{word} is not refused")
+
+
+def claims(cell: Cell) -> str:
+    """What `capabilities` says, the class has methods for."""
+    with cell.closed() as driver:
+        backend = driver.rig.backend()
+    able = capabilities_of(backend)
+    for flags, methods in CLAIMS.items():
+        if getattr(able, flags) and not any(hasattr(backend, method) for method in methods):
+            raise ContractError(f"capabilities.{flags} is claimed without a method {' or '.join(methods)}")
+    if able.hardware and not isinstance(backend, Reporting):
+        raise ContractError("capabilities.hardware is claimed without a method status")
+    return able.words
+
+
+CHECKS: dict[str, Callable[[Cell], str]] = {"options": options, "claims": claims}

@@ -1,0 +1,57 @@
+"""A client that streams positions, in one process with the cycle."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+
+from cobot.ipc.layout import Ack, Interpolation, ServoMode, Stream, text
+from rtloop.backends import ImpedanceControlled
+from rtloop.contract.driver import ContractError, Driver
+
+STREAMED_RAD, STREAM_S = 0.02, 0.3
+"""How far the stream leads each joint, and for how long."""
+
+
+def begin_stream(driver: Driver) -> None:
+    """Open a session, whose targets lead the arm on its way.
+
+    Raises:
+        ContractError: it is refused.
+    """
+    memory = driver.memory
+    session, block, ack = memory.session.data, memory.setpoint, memory.session_ack
+    session["number"] += 1
+    _fill_in(session, driver)
+    memory.session.publish()
+    driver.until(
+        "rtloop answers a session",
+        lambda: ack.try_read() and int(ack.data["session"]) == int(session["number"]),
+    )
+    if int(ack.data["result"]) != Ack.ACCEPTED:
+        raise ContractError(f"a stream is refused: {text(ack.data['message'])}")
+    start = driver.heard.commands[-1][0][0]
+    goal = start + np.sign(driver.middle - start) * STREAMED_RAD
+    for share in np.linspace(0.0, 1.0, round(STREAM_S / driver.period_s)):
+        block.data["session"], block.data["number"] = session["number"], block.data["number"] + 1
+        block.data["joints"] = start + share**2 * (goal - start)
+        block.publish()
+        driver.step()
+
+
+def _fill_in(session: np.ndarray, driver: Driver) -> None:
+    session["open"], session["pid"] = 1, os.getpid()
+    session["stops"] = driver.memory.requests.data["stops"]
+    session["stream"], session["interpolation"] = Stream.JOINT_IMPEDANCE, Interpolation.LINEAR
+    session["decimation"] = 1
+    session["stiffness"] = session["cartesian_stiffness"] = 0.0
+    backend = driver.backend
+    if isinstance(backend, ImpedanceControlled):
+        session["stiffness"] = backend.nominal_stiffness
+        session["cartesian_stiffness"] = backend.nominal_cartesian_stiffness
+    session["damping_ratio"] = session["cartesian_damping_ratio"] = 0.7
+    session["max_contact_torque"] = session["max_contact_wrench"] = np.inf
+    session["force_axes"], session["force_velocity"] = 0.0, 1.0
+    session["force_frame"] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+    session["posture"], session["servo_mode"] = np.nan, ServoMode.NONE
