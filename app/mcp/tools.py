@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from functools import partial
 from http import HTTPStatus
 from typing import Annotated, Any
 
@@ -22,7 +21,6 @@ from app.mcp.own_rest import OwnRest
 from app.services.jobs.job import JobKind
 from app.services.motion.lease import CLIENT
 from app.services.motion.ownership import Caller
-from app.services.motion.planning_tasks import pictured
 from cobot.access.roles import Role, acting
 from cobot.config import Endpoint
 from cobot.errors import CobotError
@@ -132,11 +130,7 @@ async def preview(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> list[Any]:
     """A picture of a plan: the arm at its end, faintly at its start, the way of the TCP in blue."""
     rest = _Rest(ctx, robot)
     try:
-        plan = rest.services.plans.get(plan_id)
-        found = plan.forecast
-        png = await rest.services.planning.compute(
-            partial(pictured, joints=found.joints, poses=found.poses), 20.0
-        )
+        png = await rest.services.plans.picture(plan_id)
     except CobotError as exc:
         raise ToolError(str(exc)) from exc
     return [Image(data=png, format="png"), f"plan {plan_id}"]

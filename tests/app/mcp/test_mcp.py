@@ -5,12 +5,13 @@ Oracles: that client, which knows nothing of us, and where rtloop says the arm i
 
 from __future__ import annotations
 
+import asyncio
 import base64
 import io
 import json
 import struct
 import zlib
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable, Coroutine, Iterator
 from typing import Any, TypeVar
 
 import httpx2
@@ -105,7 +106,7 @@ def test_nothing_but_post_is_taken(service: VirtualService, method: str) -> None
     assert (answer.status_code, answer.headers["allow"]) == (405, "POST")
 
 
-def rpc(service: VirtualService, method: str, params: Any = None, **headers: str) -> Awaitable[Any]:
+def rpc(service: VirtualService, method: str, params: Any = None, **headers: str) -> Coroutine[Any, Any, Any]:
     """A request without a client."""
     accept = {"accept": "application/json, text/event-stream", **headers}
     body = {"jsonrpc": "2.0", "id": 1, "method": method, "params": params or {}}
@@ -158,6 +159,29 @@ def test_a_plan_can_be_looked_at(service: VirtualService) -> None:
     assert blue.sum() > 20, "the way of the TCP is not to be seen"
     assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 50
     assert service.joints() == before
+
+
+def test_a_crowd_of_previews_takes_one_planning_process_and_does_not_wait_for_ever(
+    service: VirtualService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    agent = Agent(service)
+    plan = agent.call("plan_to_joints", joints=NEAR, speed=0.5)["plan_id"]
+    drawn = [0, 0]
+
+    async def slowly(*_: Any) -> bytes:
+        drawn[0] += 1
+        drawn[1] = max(drawn)
+        await asyncio.sleep(4.0)
+        drawn[0] -= 1
+        return b"a picture"
+
+    monkeypatch.setattr(service.app.state.services.planning, "compute", slowly)
+    asked = {"name": "preview", "arguments": {"plan_id": plan}}
+    crowd = [service.begin(rpc(service, "tools/call", asked)) for _ in range(5)]
+    answers = [service.end(each).json()["result"] for each in crowd]
+    assert drawn == [0, 1]
+    assert [answer["isError"] for answer in answers] == [False, False, False, True, True]
+    assert "not drawn within 10 s: other plans are being drawn" in answers[-1]["content"][0]["text"]
 
 
 def test_off_is_off(service: VirtualService) -> None:
