@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import logging
+import math
+from itertools import count, islice
 from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
 from app.services.motion.goals import Goals
 from app.services.state.link import RobotLink
-from cobot.errors import ConfigError, ConflictError, NotFoundError
+from cobot.errors import CobotError, ConflictError, NotFoundError
 from cobot.robot.description import RobotDescription
 from cobot.robot.kept import keep
 from cobot.strict import sentences, shown
@@ -21,6 +24,8 @@ TAUGHT = "taught"
 STATE_TIMEOUT_S = 1.5
 _FILE = TypeAdapter(dict[str, NamedPosition])
 
+log = logging.getLogger("cobot.positions")
+
 
 class PositionService:
     """The positions of one robot.
@@ -28,8 +33,8 @@ class PositionService:
     Args:
         file: where those that were taught are kept.
 
-    Raises:
-        ConfigError: that file cannot be read, or has something else in it.
+    Attributes:
+        problem: what was wrong with that file, and what has become of it; "" if nothing was.
     """
 
     def __init__(self, robot: RobotDescription, link: RobotLink, goals: Goals, file: Path) -> None:
@@ -38,6 +43,7 @@ class PositionService:
         self._goals = goals
         self._file = file
         self._turn = asyncio.Lock()
+        self.problem = ""
         goals.taught = self._read()
 
     def all(self) -> list[NamedPosition]:
@@ -90,11 +96,48 @@ class PositionService:
         self._goals.taught = taught
 
     def _read(self) -> dict[str, NamedPosition]:
+        """What is kept. A file that is spoilt is set aside, and what is good in it is kept anew: the arm can
+        be moved without it, so it is no reason not to start.
+        """
         try:
-            return _FILE.validate_json(self._file.read_bytes())
+            found = _FILE.validate_json(self._file.read_bytes())
         except FileNotFoundError:
             return {}
         except ValidationError as exc:
-            raise ConfigError(f"{self._file}: has no positions: {sentences(exc.errors())}") from exc
+            self._set_aside(sentences(exc.errors()))
+            return {}
         except OSError as exc:
-            raise ConfigError(f"{self._file}: cannot be read: {exc.strerror}") from exc
+            self._set_aside(f"cannot be read: {exc.strerror}")
+            return {}
+        flaws = {name: flaw for name, each in found.items() if (flaw := self._flaw(name, each))}
+        if not flaws:
+            return found
+        self._set_aside("; ".join(f"{shown(name)} {flaw}" for name, flaw in islice(flaws.items(), 3)))
+        good = {name: each for name, each in found.items() if name not in flaws}
+        try:
+            keep(self._file, _FILE.dump_json(good, indent=1), "the taught positions")
+        except CobotError as exc:
+            self.problem += f"; {exc}"
+        return good
+
+    def _flaw(self, name: str, position: NamedPosition) -> str:
+        dof = self._robot.limits.dof
+        if len(position.joints) != dof:
+            return f"has {len(position.joints)} joints, this arm has {dof}"
+        if not all(map(math.isfinite, position.joints)):
+            return f"has joints that are no numbers: {shown(position.joints)}"
+        return "" if position.name == name else f"is called {shown(position.name)} too"
+
+    def _set_aside(self, why: str) -> None:
+        self.problem = f"taught positions: {self._file}: {why}"
+        aside = next(
+            file
+            for number in count(1)
+            if not (file := self._file.with_name(f"{self._file.name}.spoilt-{number}")).exists()
+        )
+        try:
+            self._file.rename(aside)
+            self.problem += f"; it was set aside as {aside.name}"
+        except OSError as exc:
+            self.problem += f"; it cannot be set aside: {exc.strerror}"
+        log.error("%s", self.problem)
