@@ -22,6 +22,7 @@ MOST = 200
 TAUGHT = "taught"
 """The group of a position that is in no SRDF."""
 STATE_TIMEOUT_S = 1.5
+SPOILT = ".spoilt-"
 _FILE = TypeAdapter(dict[str, NamedPosition])
 
 log = logging.getLogger("cobot.positions")
@@ -32,9 +33,6 @@ class PositionService:
 
     Args:
         file: where those that were taught are kept.
-
-    Attributes:
-        problem: what was wrong with that file, and what has become of it; "" if nothing was.
     """
 
     def __init__(self, robot: RobotDescription, link: RobotLink, goals: Goals, file: Path) -> None:
@@ -43,8 +41,15 @@ class PositionService:
         self._goals = goals
         self._file = file
         self._turn = asyncio.Lock()
-        self.problem = ""
+        self._problem = ""
+        self._aside: Path | None = None
         goals.taught = self._read()
+        self._set_aside_before()
+
+    @property
+    def problem(self) -> str:
+        """What was wrong with the file, as long as what was set aside lies there; "" if nothing was."""
+        return self._problem if self._aside is not None and self._aside.exists() else ""
 
     def all(self) -> list[NamedPosition]:
         """Those of the SRDF first. One that has come into it since it was taught is that of the SRDF."""
@@ -117,7 +122,7 @@ class PositionService:
         try:
             keep(self._file, _FILE.dump_json(good, indent=1), "the taught positions")
         except CobotError as exc:
-            self.problem += f"; {exc}"
+            self._problem += f"; {exc}"
         return good
 
     def _flaw(self, name: str, position: NamedPosition) -> str:
@@ -129,15 +134,27 @@ class PositionService:
         return "" if position.name == name else f"is called {shown(position.name)} too"
 
     def _set_aside(self, why: str) -> None:
-        self.problem = f"taught positions: {self._file}: {why}"
         aside = next(
             file
             for number in count(1)
-            if not (file := self._file.with_name(f"{self._file.name}.spoilt-{number}")).exists()
+            if not (file := self._file.with_name(f"{self._file.name}{SPOILT}{number}")).exists()
         )
+        self._problem = f"taught positions: {self._file}: {why}"
         try:
             self._file.rename(aside)
-            self.problem += f"; it was set aside as {aside.name}"
+            self._problem += f"; it was set aside as {aside.name}: remove that when you have looked"
+            self._aside = aside
         except OSError as exc:
-            self.problem += f"; it cannot be set aside: {exc.strerror}"
-        log.error("%s", self.problem)
+            self._problem += f"; it cannot be set aside: {exc.strerror}"
+            self._aside = self._file
+        log.error("%s", self._problem)
+
+    def _set_aside_before(self) -> None:
+        """Go on telling of it, if there was a restart meanwhile."""
+        found = sorted(self._file.parent.glob(f"{self._file.name}{SPOILT}*"))
+        if found and self._aside is None:
+            self._aside = found[-1]
+            self._problem = (
+                f"taught positions: {self._aside} was set aside, for it could not be taken over; the log of "
+                "that start says why: remove it when you have looked"
+            )

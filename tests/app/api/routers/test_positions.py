@@ -160,17 +160,24 @@ def test_a_spoilt_file_is_set_aside_and_what_is_good_in_it_stays(
     made = again(run, kept)
     assert [each.name for each in made.all() if each.group == "taught"] == left
     assert said in made.problem
-    assert made.problem.endswith("it was set aside as arm.positions.json.spoilt-2")
+    assert "it was set aside as arm.positions.json.spoilt-2: remove that" in made.problem
     assert (tmp_path / "arm.positions.json.spoilt-2").read_text() == content
     once_more = again(run, kept)
-    assert once_more.problem == ""
     assert [each.name for each in once_more.all() if each.group == "taught"] == left
+    for each in (made, once_more):
+        assert "spoilt-2" in each.problem, "also after a restart"
+    (tmp_path / "arm.positions.json.spoilt-2").unlink()
+    for each in (made, once_more):
+        assert each.problem == ""
 
 
-def test_health_tells_of_a_file_that_was_set_aside(
-    run: VirtualService, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(run.app.state.services.positions, "problem", "it was set aside")
+def test_health_tells_of_a_file_that_was_set_aside(run: VirtualService, folder: Path) -> None:
+    aside = folder / "aside"
+    aside.write_text("")
+    run.app.state.services.positions._aside = aside
+    run.app.state.services.positions._problem = "it was set aside"
     health = run.health()
     assert health["problems"] == ["it was set aside"]
     assert health["status"] == "degraded"
+    aside.unlink()
+    assert run.healthy()
