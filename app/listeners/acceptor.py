@@ -34,6 +34,8 @@ LOOK_S, LOOK_AGAIN_S = 0.5, 0.02
 """So often deadlines are looked at, and after having found too many for once."""
 UNREAD_S = 10.0
 """A connection whose client reads nothing for so long is closed."""
+TCP_CLOSE, TCP_CLOSE_WAIT = 7, 8
+"""States of a connection as Linux numbers them, in the first byte of its TCP_INFO."""
 RECEIVE_BYTES = 65536
 """What the kernel keeps of a connection until it is read, which it is whole."""
 
@@ -140,6 +142,8 @@ class Acceptor:
         """Have the protocol take over, once TLS, if any, is agreed upon."""
         try:
             connection.setblocking(False)
+            if self._tls and has_gone(connection):
+                raise ConnectionResetError
             await self._loop.connect_accepted_socket(lambda: self._protocol(visit), connection, **self._tls)
         except BaseException as exc:
             self._crowd.leave(visit)
@@ -165,3 +169,8 @@ class Acceptor:
         """Accept nothing for a moment: the socket would go on to say that somebody waits."""
         self._loop.remove_reader(self._listener)
         self._pausing = self._loop.call_later(duration_s, self._loop.add_reader, self._listener, self._accept)
+
+
+def has_gone(connection: socket.socket) -> bool:
+    """Whether the client has closed it again: then a handshake would be work for nobody."""
+    return connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 1)[0] in (TCP_CLOSE, TCP_CLOSE_WAIT)
