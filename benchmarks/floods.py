@@ -44,7 +44,7 @@ def floods(repetitions: int) -> Iterator[Row]:
         assert process is not None
         memory = reader(run)
         _stops(run, memory, 2)  # what is made at the first use only is no growth
-        for kind in FLOODS.keys() - {STOPS, HANDSHAKES}:
+        for kind in (each for each in FLOODS if each not in (STOPS, HANDSHAKES)):
             with flooding(run.url, kind) as flood:
                 flood.send_signal(signal.SIGSTOP)
                 delays = _stops(run, memory, repetitions, flood)

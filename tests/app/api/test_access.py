@@ -678,6 +678,15 @@ def test_a_stop_needs_no_token_unless_the_settings_ask_for_one_and_never_on_this
     assert run.run(asked("10.0.0.9", guarded.tokens[Role.OBSERVER], "10.0.0.10")) == 200
 
 
+def test_a_stop_that_switches_the_drives_off_needs_no_token_and_its_reset_does(guarded: Guarded) -> None:
+    """Refused, it would be missed just when it is wanted."""
+    stopped = guarded.ask("POST", "/stop?category=1")
+    assert stopped.status_code == 200
+    assert guarded.ask("GET", "/health", Role.OBSERVER).json()["robot"]["mode"] == "ESTOP"
+    assert guarded.ask("POST", "/robot/reset").status_code == 401
+    assert guarded.ask("POST", "/robot/reset", Role.OPERATOR).status_code == 200
+
+
 # The schema
 
 
