@@ -654,6 +654,7 @@ def test_a_stop_needs_no_token_unless_the_settings_ask_for_one_and_never_on_this
 
     guard(app.routes, ROLES)
     run = guarded.run
+    run.get("/health/live")  # the first request builds the middleware
 
     async def asked(address: str, token: str | None = None, through: str = "", **required: bool) -> int:
         access: Any = run.app.middleware_stack
