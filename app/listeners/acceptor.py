@@ -21,6 +21,8 @@ BACKLOG = 1024
 AT_ONCE = 32
 """So many are accepted in one iteration of the event loop, or this share of the places of an address:"""
 SHARE = 1 / 8
+HANDSHAKES_AT_ONCE = 4
+"""With TLS so many: each costs a signature, and a millisecond in all."""
 GRACE_S = 0.02
 """When it is crowded, so many are accepted that a newcomer has this time to say what it wants; the others
 wait in the kernel's queue."""
@@ -153,7 +155,7 @@ class Acceptor:
 
     def _admitted(self) -> int:
         """How many may come in now."""
-        most = max(1.0, min(AT_ONCE, SHARE * self._crowd.per_address))
+        most = max(1.0, min(HANDSHAKES_AT_ONCE if self._tls else AT_ONCE, SHARE * self._crowd.per_address))
         now_s = self._loop.time()
         self._credit += (now_s - self._credited_s) * self._crowd.per_address / GRACE_S
         self._credit, self._credited_s = min(self._credit, most), now_s
