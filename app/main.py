@@ -145,7 +145,13 @@ def _add_middleware(app: FastAPI, settings: Settings, tokens: Authenticator, *, 
     app.add_middleware(Clients)
     app.add_middleware(BodyLimit, all_bytes=settings.web.limits.bodies_bytes)
     app.add_middleware(StartFailure)
-    app.add_middleware(Access, tokens=tokens, origins=app.state.origins, required=required)
+    app.add_middleware(
+        Access,
+        tokens=tokens,
+        origins=app.state.origins,
+        required=required,
+        required_of_proxies=settings.web.authentication != "none",
+    )
     app.add_middleware(Timing, times=app.state.requests)
     app.add_middleware(RequestTrail)
     errors.install(app)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import sys
 
 import uvicorn
 from fastapi import FastAPI, WebSocket, WebSocketDisconnect
@@ -38,7 +39,8 @@ async def echo(socket: WebSocket) -> None:
 
 if __name__ == "__main__":
     listening = socket.create_server(("127.0.0.1", 0))
-    print(f"http://127.0.0.1:{listening.getsockname()[1]}", flush=True)
+    folder = sys.argv[1] if sys.argv[1:] else None  # of a certificate
+    print(f"http{'s' if folder else ''}://127.0.0.1:{listening.getsockname()[1]}", flush=True)
     config = uvicorn.Config(
         app,
         loop="uvloop",
@@ -46,5 +48,7 @@ if __name__ == "__main__":
         access_log=False,
         log_level="error",
         ws_per_message_deflate=False,
+        ssl_certfile=folder and f"{folder}/service.pem",
+        ssl_keyfile=folder and f"{folder}/service.key",
     )
     uvicorn.Server(config).run(sockets=[listening])

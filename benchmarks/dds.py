@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import random
+import statistics
 import tempfile
 import threading
 import time
@@ -26,12 +27,14 @@ from benchmarks.table import Row, percentiles, row
 from cobot.ros.messages import Messages
 from ros2.names import ENCLAVE
 from ros2.rtps import Participant, Qos
+from ros2.rtps.announcements import LEASE_S
 
 JOINT_STATES = "sensor_msgs/msg/JointState"
 BYTES = 292
 """Of a JointState of seven joints."""
 POINT_PERIOD_S = 0.002
 SWING_RAD = 0.01
+RECOVERIES = 5
 LOSSES = (0.1, 0.3)
 PATIENCE_S = 20.0
 
@@ -66,13 +69,14 @@ def ros() -> Iterator[Ros]:
 
 
 def dds(seconds: float, calls: int, points: int) -> Iterator[Row]:
-    """Joint states, services, servo points, a long trajectory, and lost packets."""
+    """Joint states, services, servo points, a long trajectory, a killed process, and lost packets."""
     with ros() as running:
         for rate_hz in (200, 1000):
             yield from _joint_states(running, rate_hz, seconds)
         yield _round_trips(running, calls)
         yield _points(running, points)
         yield _long_trajectory(running)
+        yield _recoveries(running)
     for share in LOSSES:
         yield _losses(share, points // 50)
 
@@ -205,6 +209,30 @@ def _long_trajectory(running: Ros, points: int = 5000) -> Row:
         percentiles(took_ms),
         "its serialisation by the client",
         percentiles(plain_ms),
+    )
+
+
+def _recoveries(running: Ros) -> Row:
+    """A client that goes on calling: without an answer from when the process of ROS is killed to this."""
+    client = running.client("RobotConfig/getDof", "aubo_interfaces/srv/GetDof")
+    took_s = []
+    for _ in range(RECOVERIES):
+        killed = running.run.until(lambda: running.run.child("ros2"))
+        killed.kill()
+        begun_s = time.monotonic()
+        until(lambda: client.matches() == (0, 0), "the dead one is still there")
+        until(lambda: client.matches() == (1, 1), "the new process is not found")
+        client.call()
+        took_s.append(time.monotonic() - begun_s)
+    return row(
+        "the ros2 process is killed: until a service answers over DDS again",
+        "s",
+        (min(took_s), statistics.median(took_s), max(took_s)),
+        "the lease, for which nodes believe in a dead one that nobody takes leave for",
+        3 * (LEASE_S,),
+        columns=("least", "p50", "largest"),
+        ratio_of="p50",
+        aim="3 s",
     )
 
 

@@ -5,18 +5,19 @@ Beside it: the answer of a bare FastAPI route under the same flood. The memory i
 
 from __future__ import annotations
 
-import contextlib
 import resource
 import signal
+import ssl
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
+from pathlib import Path
 
 import httpx
-from floods import FLOODS
-from running import HELPER_ENVIRONMENT, Run
+from floods import FLOODS, HANDSHAKES, STOPS, flooding
+from running import Run
 
 from benchmarks.service import reader, service
 from benchmarks.table import Row, percentiles, row
@@ -29,31 +30,44 @@ TOO_LATE_S = 1.0
 """An answer that takes longer, or does not come, counts as this."""
 FLOOR_BYTES = 2 * 2**30
 """A bare server may take so much memory: without a limit an endless header would take all there is."""
+UNVERIFIED = ssl.create_default_context()
+"""Made once: it takes longer than an answer."""
+UNVERIFIED.check_hostname, UNVERIFIED.verify_mode = False, ssl.CERT_NONE
 RISES_S = 0.5
 """So long a flood goes on before each stop."""
 
 
 def floods(repetitions: int) -> Iterator[Row]:
-    """Each flood in turn, at the same service."""
+    """Each flood in turn, at the same service; that of handshakes at one with TLS."""
     with service() as run:
         process = run.child("app")
         assert process is not None
         memory = reader(run)
         _stops(run, memory, 2)  # what is made at the first use only is no growth
-        for kind in FLOODS:
+        for kind in (each for each in FLOODS if each not in (STOPS, HANDSHAKES)):
             with flooding(run.url, kind) as flood:
                 flood.send_signal(signal.SIGSTOP)
                 delays = _stops(run, memory, repetitions, flood)
-            assert run.child("app") == process, "the service has died"
-            yield row(
-                f"POST /stop to the first decelerating cycle, {kind}",
-                "ms",
-                percentiles(delays),
-                "answer of a bare FastAPI route, under the same flood",
-                percentiles(_floor(kind, repetitions)),
-                ratio_of="p99",
-                aim="50 ms at p99",
-            )
+            yield _row("to the first decelerating cycle", kind, delays, _floor(kind, repetitions))
+        yield _row("answered", STOPS, _answers(run.url, STOPS, repetitions), _floor(STOPS, repetitions))
+        assert run.child("app") == process, "the service has died"
+    with service(tls=True) as run:
+        delays = _answers(run.url, HANDSHAKES, repetitions)
+        yield _row(
+            "over TLS, answered", HANDSHAKES, delays, _floor(HANDSHAKES, repetitions, run.config.parent)
+        )
+
+
+def _row(what: str, kind: str, delays: list[float], floor: list[float]) -> Row:
+    return row(
+        f"POST /stop {what}, {kind}",
+        "ms",
+        percentiles(delays),
+        "answer of a bare FastAPI route, under the same flood",
+        percentiles(floor),
+        ratio_of="p99",
+        aim="50 ms at p99",
+    )
 
 
 def _stops(
@@ -82,44 +96,34 @@ def _stops(
     return delays
 
 
-def _floor(kind: str, repetitions: int) -> list[float]:
-    """ms, of a server of its own for each flood."""
-    command = [sys.executable, "-m", "benchmarks.bare"]
+def _floor(kind: str, repetitions: int, certificate: Path | None = None) -> list[float]:
+    """ms, of a server of its own for each flood; with the certificate of this folder over TLS."""
+    command = [sys.executable, "-m", "benchmarks.bare", *([str(certificate)] if certificate else [])]
     limited: Callable[[], None] = partial(resource.setrlimit, resource.RLIMIT_AS, (FLOOR_BYTES, FLOOR_BYTES))
     bare = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, preexec_fn=limited
     )
     try:
-        url = address(bare)
-        with flooding(url, kind):
-            time.sleep(RISES_S)
-            return [_answer_ms(url) for _ in range(min(repetitions, 20))]
+        return _answers(address(bare), kind, min(repetitions, 20))
     finally:
         bare.kill()
         bare.communicate()
+
+
+def _answers(url: str, kind: str, repetitions: int) -> list[float]:
+    """ms, each of a connection of its own."""
+    with flooding(url, kind):
+        time.sleep(RISES_S)
+        return [_answer_ms(url) for _ in range(repetitions)]
 
 
 def _answer_ms(url: str) -> float:
     begun_s = time.monotonic()
     be(Niceness.PROMPT)
     try:
-        httpx.post(f"{url}/stop", timeout=TOO_LATE_S).raise_for_status()
+        httpx.post(f"{url}/stop", timeout=TOO_LATE_S, verify=UNVERIFIED).raise_for_status()
     except httpx.HTTPError:
         return 1e3 * TOO_LATE_S
     finally:
         be(Niceness.ORDINARY)
     return 1e3 * min(time.monotonic() - begun_s, TOO_LATE_S)
-
-
-@contextlib.contextmanager
-def flooding(url: str, kind: str) -> Iterator[subprocess.Popen[str]]:
-    """From all its connections, once they have been tried."""
-    command = [sys.executable, "-m", "floods", url, kind, "3600"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=HELPER_ENVIRONMENT)
-    try:
-        assert process.stdout is not None
-        process.stdout.readline()
-        yield process
-    finally:
-        process.kill()
-        process.communicate()

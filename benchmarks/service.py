@@ -8,29 +8,38 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from certificates import certificate
 from running import Run
 
 from cobot.access.roles import Role
 from cobot.access.tokens import TokenFile
+from cobot.client.tls import tls_context
 from cobot.ipc.shm import MemoryRole, RobotMemory
 
 
 @contextlib.contextmanager
-def service(clock: str = "realtime", *, tokens: int = 0) -> Iterator[Run]:
+def service(clock: str = "realtime", *, tokens: int = 0, tls: bool = False) -> Iterator[Run]:
     """`cobot run` on a free port with a robot of its own, until the context ends.
 
     Args:
         tokens: so many there are; with any it asks for one, and its own requests show it.
+        tls: with the certificate service.pem beside its settings.
     """
     with tempfile.TemporaryDirectory(prefix="cobot-bench-") as folder:
-        web, asking = "", {}
+        web = ""
+        asking: dict[str, Any] = {}
         if tokens:
             file = TokenFile(Path(folder) / "tokens.json")
             made = [file.create(f"number-{number}", Role.OBSERVER) for number in range(tokens)]
             web = ", authentication: required, tokens: tokens.json"
             asking = {"headers": {"Authorization": f"Bearer {made[0]}"}}
+        if tls:
+            trusted = certificate(Path(folder), "service")
+            web += f", tls_certificate: {trusted.name}, tls_key: service.key"
+            asking["verify"] = tls_context(trusted)
         run = Run(Path(folder), clock, web=web, asking=asking)
         try:
             run.until(run.healthy)

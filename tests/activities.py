@@ -1,5 +1,6 @@
 """What the arm of a running service does by way of the service, beside tasks.py: servo points, a goal of
-FollowJointTrajectory, a sequence, a Lua program. Each goes on by itself until it is ended, whatever dies.
+FollowJointTrajectory, a sequence, a Lua program. Each goes on by itself until it is ended, whatever dies, and
+has `error`: what its client was told of a failure, "" for nothing yet.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from websockets.sync.client import connect
 PERIOD_S = 0.02
 WATCHDOG_S = 10.0
 """So long that a test whose client is kept waiting for the processor sees the service fall silent first."""
+ABORTED = 6
+"""The status of a goal, in action_msgs."""
 AWAY = [0.8, 0.3, -0.3, -1.2, 0.3, 1.2, 0.5]
 
 
@@ -83,6 +86,11 @@ class Servo(OverRosbridge):
             where = {"session_id": 1, "point_id": number, "time": PERIOD_S}
             send(type="servo_point", position=[turned, *begin[1:]], **where)
 
+    def error(self) -> str:
+        """A session has no end of its own: its client looks at the robot's status."""
+        health = robot_health(self._run)
+        return str(health["reason"]) if health.get("mode") == "HOLD" else ""
+
 
 def goal_asked(run: Run, there: list[float], time_s: int) -> str:
     """To be sent over rosbridge for a goal of FollowJointTrajectory."""
@@ -116,6 +124,12 @@ class Goal(OverRosbridge):
         while not self._over.is_set() and not self.answers:
             self._take(socket, 0.05)
 
+    def error(self) -> str:
+        for answer in self.answers:
+            assert answer["status"] == ABORTED
+            return str(answer["values"]["error_string"])
+        return ""
+
 
 class Program:
     """A sequence file, or a Lua program, that the runner runs."""
@@ -134,6 +148,12 @@ class Program:
     def end(self) -> None:
         with contextlib.suppress(httpx.TransportError):
             httpx.post(f"{self._run.url}/stop", timeout=WAIT_S)
+
+    def error(self) -> str:
+        if httpx.get(f"{self._run.url}/sequences/status", timeout=WAIT_S).json()["returncode"] in (0, None):
+            return ""
+        job = httpx.get(f"{self._run.url}/jobs", timeout=WAIT_S).json()["jobs"][0]
+        return str((job["error"] or {"detail": ""})["detail"])
 
 
 class Sequence(Program):

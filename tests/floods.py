@@ -8,13 +8,19 @@ Prints a line when all its connections have been tried once. A connection that i
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import math
+import ssl
 import struct
+import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from urllib.parse import urlsplit
+
+from running import HELPER_ENVIRONMENT
 
 UPGRADE = (
     "GET {} HTTP/1.1\r\nHost: localhost\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
@@ -63,7 +69,32 @@ class Flood:
 GET = b"GET /robot/joint_states HTTP/1.1\r\nHost: localhost\r\n"
 SUBSCRIBE = frame(TEXT, json.dumps({"type": "subscribe", "rate_hz": 1000}).encode())
 NUMBERS = {"data": [0.1234567890123] * 190_000}
+AGENT = json.dumps(
+    {"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": {"name": "get_state", "arguments": {}}}
+).encode()
+ASKED_BY_AGENT = JSON.format("/mcp/mcp").encode() + (
+    b"Accept: application/json, text/event-stream\r\nContent-Length: %d\r\n\r\n" % len(AGENT) + AGENT
+)
+FOXGLOVE = UPGRADE.replace("Upgrade\r\n", "Upgrade\r\nSec-WebSocket-Protocol: foxglove.sdk.v1\r\n", 1)
+CHANNELS = [{"id": number, "channelId": number % 8 + 1} for number in range(64)]
+SUBSCRIBE_CHANNELS = frame(TEXT, json.dumps({"op": "subscribe", "subscriptions": CHANNELS}).encode())
+STOP = b"POST /stop HTTP/1.1\r\nHost: localhost\r\nContent-Length: 0\r\n\r\n"
+STOPS, HANDSHAKES = "stops", "TLS handshakes"
 GIANT = json.dumps({"op": "publish", "topic": "/giant", "msg": NUMBERS}).encode()
+
+
+def client_hello() -> bytes:
+    """With which TLS begins: a server has a key exchange and a signature to compute for it."""
+    sent = ssl.MemoryBIO()
+    try:
+        ssl.create_default_context().wrap_bio(
+            ssl.MemoryBIO(), sent, server_hostname="localhost"
+        ).do_handshake()
+    except ssl.SSLWantReadError:
+        return sent.read()
+    raise AssertionError("unreachable")
+
+
 FLOODS = {
     "endless header": Flood(32, GET + b"X: ", b"x" * 65536),
     "endless headers": Flood(32, GET, b"X:\r\n" * 16384),
@@ -95,6 +126,15 @@ FLOODS = {
         answered=True,
         reads=False,
     ),
+    "agents": Flood(100, ASKED_BY_AGENT, ASKED_BY_AGENT, each=True),
+    "Foxglove clients": Flood(
+        100, FOXGLOVE.format("/foxglove?rate_hz=100").encode(), SUBSCRIBE_CHANNELS * 100, answered=True
+    ),
+    "unread events": Flood(
+        200, b"GET /events?types=state HTTP/1.1\r\nHost: localhost\r\n\r\n", answered=True, reads=False
+    ),
+    STOPS: Flood(200, STOP, STOP, each=True),
+    HANDSHAKES: Flood(300, client_hello(), closes=True, again_s=0.02),
 }
 
 
@@ -174,6 +214,20 @@ async def main(url: str, kind: str, duration_s: float) -> None:
     await asyncio.sleep(duration_s)
     for task in tasks:
         task.cancel()
+
+
+@contextlib.contextmanager
+def flooding(url: str, kind: str) -> Iterator[subprocess.Popen[str]]:
+    """Until the context ends, which begins when all connections have been tried."""
+    command = [sys.executable, "-m", "floods", url, kind, "3600"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=HELPER_ENVIRONMENT)
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "begun\n"
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
 
 
 if __name__ == "__main__":

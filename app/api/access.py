@@ -42,7 +42,11 @@ INVALID = "the token is valid no more"
 PAGES = ("/docs", "/redoc")
 UNFRAMED = [(b"x-frame-options", b"DENY"), (b"content-security-policy", b"frame-ancestors 'none'")]
 """Nobody shall lay the documentation, whose buttons move the arm, under a page of theirs."""
-_PICKED = frozenset(
+_FORWARDING = frozenset(
+    (b"forwarded", b"via", b"x-forwarded-for", b"x-forwarded-host", b"x-forwarded-proto", b"x-real-ip")
+)
+"""What a proxy adds. Nothing that it says is believed but that it is one."""
+_PICKED = _FORWARDING.union(
     (b"host", b"origin", b"authorization", b"sec-fetch-site", b"sec-fetch-mode", b"sec-fetch-dest")
 )
 
@@ -57,9 +61,19 @@ class Access:
 
     Args:
         required: whether who shows no token is nobody; else it may do everything.
+        required_of_proxies: the same of who comes through a proxy: sitting at this computer, where no token
+            is needed, is the proxy alone.
     """
 
-    def __init__(self, app: ASGIApp, tokens: Authenticator, origins: Origins, *, required: bool) -> None:
+    def __init__(
+        self,
+        app: ASGIApp,
+        tokens: Authenticator,
+        origins: Origins,
+        *,
+        required: bool,
+        required_of_proxies: bool,
+    ) -> None:
         self._app = app
         self._tokens = tokens
         self._origins = origins
@@ -72,9 +86,16 @@ class Access:
             allow_private_network=True,
             expose_headers=("WWW-Authenticate", "X-Request-Id"),
         )
-        nobody = Role.NOBODY if required else Role.ADMIN
-        self._anonymous = lru_cache(256)(lambda address: Identity(ANONYMOUS, nobody, address))
-        self._known = lru_cache(256)(lambda who, address: Identity(who.name, who.role, address))
+        role = {
+            False: Role.NOBODY if required else Role.ADMIN,
+            True: Role.NOBODY if required_of_proxies else Role.ADMIN,
+        }
+        self._anonymous = lru_cache(256)(
+            lambda address, forwarded: Identity(ANONYMOUS, role[forwarded], address, forwarded)
+        )
+        self._known = lru_cache(256)(
+            lambda who, address, forwarded: Identity(who.name, who.role, address, forwarded)
+        )
 
     def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         if scope["type"] == "lifespan":
@@ -91,14 +112,15 @@ class Access:
         client = scope.get("client")
         address = client[0] if client else ""
         websocket = scope["type"] == "websocket"
+        forwarded = not _FORWARDING.isdisjoint(scope[_HEADERS])
         token, by_protocol = _token(scope, websocket)
         holder = None if token is None else self._tokens.find(token)
         if token is None:
-            identity = self._anonymous(address)
+            identity = self._anonymous(address, forwarded)
         elif holder is None:  # whoever shows a wrong one shall learn it, wherever none is needed too
-            identity = Identity(ANONYMOUS, Role.NOBODY, address)
+            identity = Identity(ANONYMOUS, Role.NOBODY, address, forwarded)
         else:
-            identity = self._known(holder, address)
+            identity = self._known(holder, address, forwarded)
         scope[IDENTITY] = identity
         acting.set(identity)
         if websocket and token is not None and holder is not None:
@@ -121,7 +143,7 @@ class Access:
                 raise OSError(INVALID)  # as when the client has gone
             if message["type"] == "websocket.accept":
                 accepted = True
-                if by_protocol:
+                if by_protocol and message.get("subprotocol") is None:
                     message = {**message, "subprotocol": SUBPROTOCOL}
             await send(message)
 
@@ -149,7 +171,7 @@ def _picked(scope: Scope) -> dict[bytes, bytes]:
     found: dict[bytes, bytes] = {}
     for name, value in scope["headers"]:
         if name in _PICKED:
-            if name in found:
+            if name in found and name not in _FORWARDING:
                 kind = MisdirectedError if name == b"host" else PermissionDenied
                 raise kind(f"the header {name.decode()} stands twice")
             found[name] = value

@@ -1,7 +1,7 @@
 """Swagger's pages, and files to try with: /docs for the REST API, /docs/robots for the same of any robot by
 its name, /docs/vendor for the vendor services.
 
-Together they would be a page of 330 operations, which takes a browser seconds to draw, and people longer to
+Together they would be a page of 410 operations, which takes a browser seconds to draw, and people longer to
 read. /openapi.json, of which clients are generated, has the first two.
 """
 

@@ -18,11 +18,10 @@ import re
 import socket
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
-from ipaddress import IPv4Address, IPv6Address, ip_address
 
 from starlette.types import Scope
 
-from cobot.access.authentication import is_loopback
+from cobot.access.authentication import is_loopback, parsed
 from cobot.config import WebSection
 from cobot.errors import MisdirectedError, PermissionDenied
 from cobot.strict import shown
@@ -95,17 +94,8 @@ class Origins:
         name = (found[1] or found[2]).lower().removesuffix(".")
         if name in self._names:
             return True
-        address = _address(name)
-        return address is not None and (address.is_loopback or address == _address(server))
-
-
-def _address(text: str) -> IPv4Address | IPv6Address | None:
-    try:
-        address = ip_address(text.partition("%")[0])
-    except ValueError:
-        return None
-    mapped = address.ipv4_mapped if isinstance(address, IPv6Address) else None
-    return mapped or address
+        address = parsed(name)
+        return address is not None and (address.is_loopback or address == parsed(server))
 
 
 def _same(origin: bytes, host: bytes, secure: bool) -> bool:

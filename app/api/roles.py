@@ -158,9 +158,13 @@ class _Guarded:
 
     def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
         identity: Identity = scope[IDENTITY]
-        if identity.role < self._role and not (self._free_on_loopback and is_loopback(identity.address)):
+        if identity.role < self._role and not (self._free_on_loopback and _sits_here(identity)):
             try:
                 require(identity, self._role)
             except CobotError as exc:
                 return answer_to(exc)(scope, receive, send)
         return self._app(scope, receive, send)
+
+
+def _sits_here(identity: Identity) -> bool:
+    return is_loopback(identity.address) and not identity.forwarded

@@ -13,6 +13,7 @@ import asyncio
 import logging
 import uuid
 from collections.abc import Callable
+from contextvars import ContextVar
 from typing import TYPE_CHECKING
 
 from app.graph.actions import Action, CancelCode, GoalHandle, GoalStatus, Rejected
@@ -29,6 +30,9 @@ MAX_KEPT = 64
 KEPT_S = 900.0
 """The newest `MAX_KEPT` results are kept for so long, for clients that ask late, s."""
 
+ASKER: ContextVar[object] = ContextVar("asker", default=None)
+"""On whose behalf the present task asks for goals: `ActionServer.abandon` ends them when that has gone."""
+
 log = logging.getLogger("cobot.graph")
 
 
@@ -37,6 +41,7 @@ class Goal:
 
     Attributes:
         id: as chosen by who asked.
+        asker: who that is, see `ASKER`.
         status, result: the result is None until it is there.
         accepted_ns: when, ns since 1970.
         accepted: done when it was accepted, or with the exception that refused it.
@@ -45,6 +50,7 @@ class Goal:
 
     def __init__(self, goal_id: uuid.UUID, on_feedback: Callable[[Message], None] | None) -> None:
         self.id = goal_id
+        self.asker = ASKER.get()
         self.on_feedback = on_feedback
         self.status = GoalStatus.UNKNOWN
         self.result: Message = {}
@@ -136,6 +142,12 @@ class ActionServer:
             goal.status = GoalStatus.CANCELING
             self._publish_status()
         return CancelCode.NONE
+
+    def abandon(self, asker: object) -> None:
+        """Have all goals given up that somebody has asked for who is gone: nobody else can end them."""
+        for goal in list(self._goals.values()):
+            if goal.asker is asker and goal.running:
+                self.cancel(goal.id)
 
     def accepted(self, goal: Goal) -> None:
         """It is worked on."""

@@ -21,6 +21,8 @@ BACKLOG = 1024
 AT_ONCE = 32
 """So many are accepted in one iteration of the event loop, or this share of the places of an address:"""
 SHARE = 1 / 8
+HANDSHAKES_AT_ONCE = 4
+"""With TLS so many: each costs a signature, and a millisecond in all."""
 GRACE_S = 0.02
 """When it is crowded, so many are accepted that a newcomer has this time to say what it wants; the others
 wait in the kernel's queue."""
@@ -34,6 +36,8 @@ LOOK_S, LOOK_AGAIN_S = 0.5, 0.02
 """So often deadlines are looked at, and after having found too many for once."""
 UNREAD_S = 10.0
 """A connection whose client reads nothing for so long is closed."""
+TCP_CLOSE, TCP_CLOSE_WAIT = 7, 8
+"""States of a connection as Linux numbers them, in the first byte of its TCP_INFO."""
 RECEIVE_BYTES = 65536
 """What the kernel keeps of a connection until it is read, which it is whole."""
 
@@ -140,6 +144,8 @@ class Acceptor:
         """Have the protocol take over, once TLS, if any, is agreed upon."""
         try:
             connection.setblocking(False)
+            if self._tls and has_gone(connection):
+                raise ConnectionResetError
             await self._loop.connect_accepted_socket(lambda: self._protocol(visit), connection, **self._tls)
         except BaseException as exc:
             self._crowd.leave(visit)
@@ -149,7 +155,7 @@ class Acceptor:
 
     def _admitted(self) -> int:
         """How many may come in now."""
-        most = max(1.0, min(AT_ONCE, SHARE * self._crowd.per_address))
+        most = max(1.0, min(HANDSHAKES_AT_ONCE if self._tls else AT_ONCE, SHARE * self._crowd.per_address))
         now_s = self._loop.time()
         self._credit += (now_s - self._credited_s) * self._crowd.per_address / GRACE_S
         self._credit, self._credited_s = min(self._credit, most), now_s
@@ -165,3 +171,8 @@ class Acceptor:
         """Accept nothing for a moment: the socket would go on to say that somebody waits."""
         self._loop.remove_reader(self._listener)
         self._pausing = self._loop.call_later(duration_s, self._loop.add_reader, self._listener, self._accept)
+
+
+def has_gone(connection: socket.socket) -> bool:
+    """Whether the client has closed it again: then a handshake would be work for nobody."""
+    return connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 1)[0] in (TCP_CLOSE, TCP_CLOSE_WAIT)

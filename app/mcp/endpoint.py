@@ -8,16 +8,25 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
 from typing import TYPE_CHECKING
 
 from starlette.types import Message, Receive, Scope, Send
 
 from app.api.costly import Costly
+from app.api.errors import answer_to
+from app.mcp.own_rest import OwnRest
+from cobot.errors import NotFoundError, PayloadError
 
 if TYPE_CHECKING:
     from fastapi import FastAPI
     from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
 
+MAX_BODY_BYTES = 32_768
+"""Of a request: all arguments of a tool have some hundred, and what the library makes of more, in the event
+loop, takes as many microseconds."""
+STOPPED = "cobot.stopped"
+"""What came of a stop that a request has asked for: status and document."""
 REST_S = 0.02
 """From the beginning of one request to that of the next: each takes the event loop 10 ms or more."""
 
@@ -32,9 +41,14 @@ class McpEndpoint:
         self._running: asyncio.Task[None] | None = None
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        whole = await _whole(receive)
-        if whole is None:  # the library would take it for a mistake of its own, and log where
+        try:
+            body = await _body(receive)
+        except PayloadError as exc:
+            await answer_to(exc)(scope, receive, send)
             return
+        if body is None:  # the library would take it for a mistake of its own, and log where
+            return
+        await _stop(scope, body)
         async with self._turn:
             if self._manager is None:
                 manager = await asyncio.to_thread(_made, scope["app"])
@@ -43,7 +57,7 @@ class McpEndpoint:
                 await entered.wait()
                 self._manager = manager
         await self._starts.start(REST_S)
-        await self._manager.handle_request(scope, whole, send)
+        await self._manager.handle_request(scope, _again(body, receive), send)
 
     async def close(self) -> None:
         if self._running is not None:
@@ -52,22 +66,55 @@ class McpEndpoint:
                 await self._running
 
 
-async def _whole(receive: Receive) -> Receive | None:
-    """The same with the whole body in its first message; None if the client goes before it has sent that."""
-    pieces: list[bytes] = []
+async def _body(receive: Receive) -> bytes | None:
+    """The whole body; None if the client goes before it has sent that.
+
+    Raises:
+        PayloadError: it is too large.
+    """
+    body = bytearray()
     more = True
     while more:
         message = await receive()
         if message["type"] == "http.disconnect":
             return None
-        pieces.append(message.get("body", b""))
+        body += message.get("body", b"")
+        if len(body) > MAX_BODY_BYTES:
+            raise PayloadError(f"the body is larger than the limit of {MAX_BODY_BYTES} bytes for agents")
         more = message.get("more_body", False)
-    first: list[Message] = [{"type": "http.request", "body": b"".join(pieces), "more_body": False}]
+    return bytes(body)
+
+
+def _again(body: bytes, receive: Receive) -> Receive:
+    """The same as a request with the whole body in its first message."""
+    first: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
 
     async def received() -> Message:
         return first.pop() if first else await receive()
 
     return received
+
+
+async def _stop(scope: Scope, body: bytes) -> None:
+    """Stop the arm, if that is what a request asks for: before it waits for its turn among all others. What
+    came of it is in the scope, for the tool to answer.
+    """
+    if b'"stop"' not in body:
+        return
+    match _decoded(body):
+        case {"method": "tools/call", "params": {"name": "stop", **asked}}:
+            arguments = asked.get("arguments")
+            robot = arguments.get("robot") if isinstance(arguments, dict) else ""
+            with contextlib.suppress(NotFoundError):  # there is no such robot, as the tool says too
+                scope[STOPPED] = await OwnRest(scope, str(robot or "")).ask("POST", "/stop")
+
+
+def _decoded(body: bytes) -> object:
+    """What it says; None if it is no JSON, which the library says better."""
+    try:
+        return json.loads(body)
+    except (ValueError, RecursionError):
+        return None
 
 
 async def _run(manager: StreamableHTTPSessionManager, entered: asyncio.Event) -> None:

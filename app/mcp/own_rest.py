@@ -1,55 +1,70 @@
-"""The REST API as a tool asks it: in this process, on behalf of who has called the tool."""
+"""The REST API as who has sent another request would ask it: in this process, on behalf of that one.
+
+Who asks, where from and with which token is what that request says: so roles, control, limits and the audit
+are those of the REST API.
+"""
 
 from __future__ import annotations
 
+import asyncio
+import json
 from typing import Any
-from urllib.parse import quote
+from urllib.parse import urlencode
 
-import httpx
-from mcp.server.mcpserver import Context
-from mcp.server.mcpserver.exceptions import ToolError
-from starlette.requests import Request
-from starlette.types import Scope
+from starlette.types import Message, Scope
 
 from app.robot_services import Services
+from cobot.addresses import address
+from cobot.errors import NotFoundError
+from cobot.strict import shown
 
-PASSED_ON = ("authorization", "host", "x-control-token", "x-request-id")
+PASSED_ON = (b"authorization", b"host", b"x-control-token", b"x-request-id")
+_OF_THE_CONNECTION = ("type", "asgi", "http_version", "scheme", "server", "client", "root_path", "app")
 
 
 class OwnRest:
-    """Who asks, where from and with which token is what the request to the tool says: so roles, control,
-    limits and the audit are those of the REST API.
+    """For one robot, or, without a name, as the plain paths are.
 
     Attributes:
         services: of the robot that is meant.
     """
 
-    def __init__(self, ctx: Context[Any, Request], robot: str) -> None:
-        """Raises ToolError: there is no such robot."""
-        request = ctx.request_context.request
-        assert request is not None  # this transport is HTTP alone
-        self.scope: Scope = request.scope
-        self._prefix = f"/robots/{quote(robot, safe='')}" if robot else ""
-        self._headers = {name: request.headers[name] for name in PASSED_ON if name in request.headers}
-        self._url = f"{request.url.scheme}://{request.url.netloc}"
-        app = self.scope["app"]
-        if robot and robot not in app.state.robots:
-            raise ToolError(f"there is no robot {robot!r}; valid are: {', '.join(app.state.robots)}")
-        self.services: Services = app.state.robots[robot] if robot else app.state.services
+    def __init__(self, scope: Scope, robot: str) -> None:
+        """Raises NotFoundError: there is no such robot."""
+        state = scope["app"].state
+        if robot and robot not in state.robots:
+            raise NotFoundError(f"there is no robot {shown(robot)}; valid are: {', '.join(state.robots)}")
+        self.services: Services = state.robots[robot] if robot else state.services
+        self._scope = scope
+        self._prefix = address("", robot) if robot else ""
 
-    async def get(self, path: str, **params: Any) -> Any:
-        return await self._ask("GET", path, params=params)
+    async def ask(self, method: str, path: str, body: Any = None, **params: Any) -> tuple[int, Any]:
+        """The status and the document of an answer."""
+        headers = [(name, value) for name, value in self._scope["headers"] if name in PASSED_ON]
+        content = b"" if body is None else json.dumps(body).encode()
+        if body is not None:
+            headers += [(b"content-type", b"application/json"), (b"content-length", b"%d" % len(content))]
+        path = self._prefix + path
+        scope = {name: self._scope[name] for name in _OF_THE_CONNECTION if name in self._scope} | {
+            "method": method,
+            "path": path,
+            "raw_path": path.encode(),
+            "query_string": urlencode(params).encode(),
+            "headers": headers,
+        }
+        coming: list[Message] = [{"type": "http.request", "body": content, "more_body": False}]
+        status, answer = 0, bytearray()
 
-    async def post(self, path: str, body: dict[str, Any] | None = None) -> Any:
-        return await self._ask("POST", path, json=body)
+        async def receive() -> Message:
+            if coming:
+                return coming.pop()
+            await asyncio.Event().wait()  # it does not go before it is answered
+            raise AssertionError("unreachable")
 
-    async def _ask(self, method: str, path: str, **content: Any) -> Any:
-        """What is answered; raises ToolError: it is no success, with the reason in words."""
-        transport = httpx.ASGITransport(self.scope["app"], client=self.scope["client"] or ("", 0))
-        async with httpx.AsyncClient(
-            transport=transport, base_url=self._url, headers=self._headers, timeout=None
-        ) as client:
-            answer = await client.request(method, self._prefix + path, **content)
-        if answer.is_success:
-            return answer.json()
-        raise ToolError(f"{answer.status_code}: {answer.json()['detail']}")
+        async def send(message: Message) -> None:
+            nonlocal status
+            status = message.get("status", status)
+            answer.extend(message.get("body", b""))
+
+        await scope["app"](scope, receive, send)
+        return status, json.loads(answer)

@@ -4,14 +4,24 @@ from __future__ import annotations
 
 import json
 from importlib.metadata import version
+from inspect import signature
 from typing import TYPE_CHECKING, Any
 
-from mcp.server.mcpserver import MCPServer
+from mcp.server.mcpserver import Context, MCPServer
+from mcp.server.mcpserver.exceptions import ToolError
 from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
 from mcp.server.transport_security import TransportSecuritySettings
+from mcp_types import CallToolResult, InputRequiredResult
+from pydantic import ValidationError
 
+from app.api.access import IDENTITY
 from app.mcp import tools
+from app.mcp.endpoint import MAX_BODY_BYTES
+from cobot.access.roles import require
 from cobot.addresses import MCP
+from cobot.audit import note
+from cobot.errors import CobotError
+from cobot.strict import sentences, shown
 
 if TYPE_CHECKING:
     from fastapi import FastAPI
@@ -35,20 +45,58 @@ arm has to be where the plan begins; limits, scene and tool have to be as they w
 5. stop brings the arm to rest. why_did_it_stop tells why it stands still."""
 
 
+class AgentServer(MCPServer[Any]):
+    """The library's, with our tools. It asks for the role before it looks at arguments, says in few words
+    what is wrong with them, and has the audit know of each call, refused ones too.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("cobot", version=version("cobot"), instructions=INSTRUCTIONS)
+        self._known = {tool.__name__: (role, signature(tool).parameters) for tool, role, _ in tools.TOOLS}
+        for tool, _, kind in tools.TOOLS:
+            self.add_tool(tool, annotations=kind, structured_output=False)
+
+    async def call_tool(
+        self, name: str, arguments: dict[str, Any], context: Context[Any, Any] | None = None
+    ) -> CallToolResult | InputRequiredResult:
+        """Raises ToolError: there is no such tool, or it refuses, with the reason in words."""
+        if name not in self._known:
+            raise ToolError(f"there is no tool {shown(name)}; valid are: {', '.join(self._known)}")
+        role, parameters = self._known[name]
+        outcome = "no answer"
+        try:
+            request = None if context is None else context.request_context.request
+            assert request is not None  # this transport is HTTP alone
+            require(request.scope[IDENTITY], role)
+            answer = await super().call_tool(name, arguments, context)
+            outcome = "ok"
+        except CobotError as exc:
+            outcome = str(exc)
+            raise ToolError(outcome) from exc
+        except ToolError as exc:
+            outcome = str(exc.__cause__ or exc)
+            if isinstance(exc.__cause__, ValidationError):  # which the library prints whole
+                outcome = sentences(exc.__cause__.errors(include_url=False))
+                raise ToolError(f"{name}: {outcome}") from exc.__cause__
+            raise
+        finally:
+            note(f"MCP {name}", outcome, **{key: arguments[key] for key in parameters if key in arguments})
+        return answer
+
+
 def session_manager(app: FastAPI) -> StreamableHTTPSessionManager:
     """What answers requests for `MCP`, each by itself: there are no sessions to be lost or stolen.
 
     Who may ask from where is settled before (`app.api.access`), so the library's own check of hosts is off.
     """
-    server = MCPServer("cobot", version=version("cobot"), instructions=INSTRUCTIONS)
-    tools.offer(server)
+    server = AgentServer()
     _offer_resources(server, app)
     _offer_prompts(server)
     server.streamable_http_app(
         streamable_http_path=MCP,
         json_response=True,
         stateless_http=True,
-        max_request_body_size=app.state.web.max_json_bytes,
+        max_request_body_size=MAX_BODY_BYTES,
         transport_security=TransportSecuritySettings(enable_dns_rebinding_protection=False),
     )
     return server.session_manager
@@ -78,7 +126,7 @@ def _offer_resources(server: MCPServer, app: FastAPI) -> None:
     def limits(robot: str) -> str:
         """The limits of a robot's joints: rad, rad/s, rad/s², rad/s³, N·m (m, N of slides)."""
         if robot not in app.state.robots:
-            raise ValueError(f"there is no robot {robot!r}; valid are: {', '.join(app.state.robots)}")
+            raise ValueError(f"there is no robot {shown(robot)}; valid are: {', '.join(app.state.robots)}")
         found = app.state.robots[robot].robot.limits
         table: dict[str, Any] = {
             name: getattr(found, name).tolist()

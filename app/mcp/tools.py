@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from functools import partial, wraps
+from http import HTTPStatus
 from typing import Annotated, Any
 
-from mcp.server.mcpserver import Context, Image, MCPServer
+from mcp.server.mcpserver import Context, Image
 from mcp.server.mcpserver.exceptions import ToolError
 from mcp_types import ToolAnnotations
 from pydantic import Field
@@ -16,29 +16,63 @@ from starlette.requests import Request
 from app.api.access import IDENTITY
 from app.api.clients import client_of
 from app.api.dependencies import BEGUN_S
+from app.mcp.endpoint import STOPPED
 from app.mcp.own_rest import OwnRest
 from app.services.jobs.job import JobKind
 from app.services.motion.lease import CLIENT
 from app.services.motion.ownership import Caller
-from app.services.motion.planning_tasks import pictured
-from cobot.access.roles import Role, acting, require
-from cobot.audit import note
+from cobot.access.roles import Role, acting
 from cobot.config import Endpoint
 from cobot.errors import CobotError
 
 Ctx = Context[Any, Request]
-Robot = Annotated[str, Field(description="Name of the robot; empty for the default one.")]
+MAX_NAME = 64
+Robot = Annotated[
+    str, Field(max_length=MAX_NAME, description="Name of the robot; empty for the default one.")
+]
+Name = Annotated[str, Field(max_length=MAX_NAME, description="As list_positions has it.")]
 Speed = Annotated[float, Field(description="Share of the joint speed limits, 0.01 to 1.")]
-PlanId = Annotated[str, Field(description="As a plan tool has answered it.")]
+PlanId = Annotated[str, Field(max_length=MAX_NAME, description="As a plan tool has answered it.")]
+Joints = Annotated[list[float], Field(min_length=1, max_length=64, fail_fast=True)]
+Lines = Annotated[int, Field(ge=1, le=300)]
 LOOKS = ToolAnnotations(read_only_hint=True, open_world_hint=False)
 PLANS = ToolAnnotations(read_only_hint=False, destructive_hint=False, open_world_hint=False)
 MOVES = ToolAnnotations(read_only_hint=False, destructive_hint=True, open_world_hint=False)
 EXECUTE = "POST /robot/execute"
 
 
+class _Rest:
+    """The REST API for a tool: what is refused there is an error of the tool, with the reason in words."""
+
+    def __init__(self, ctx: Ctx, robot: str) -> None:
+        request = ctx.request_context.request
+        assert request is not None  # this transport is HTTP alone
+        self.scope = request.scope
+        try:
+            self._own = OwnRest(request.scope, robot)
+        except CobotError as exc:
+            raise ToolError(str(exc)) from exc
+        self.services = self._own.services
+
+    async def get(self, path: str, **params: Any) -> Any:
+        await asyncio.sleep(0)  # the event loop is everybody's
+        return decided(await self._own.ask("GET", path, **params))
+
+    async def post(self, path: str, body: dict[str, Any] | None = None) -> Any:
+        return decided(await self._own.ask("POST", path, body))
+
+
+def decided(answer: tuple[int, Any]) -> Any:
+    """The document of an answer; raises ToolError: it is no success, with the reason in words."""
+    status, content = answer
+    if status == HTTPStatus.OK:
+        return content
+    raise ToolError(f"{status}: {content['detail']}")
+
+
 async def get_state(ctx: Ctx, robot: Robot = "") -> dict[str, Any]:
     """Joint angles (rad), TCP pose (m, quaternion, in the base frame), mode, who has the control, health."""
-    rest = OwnRest(ctx, robot)
+    rest = _Rest(ctx, robot)
     return {
         "joints": await rest.get("/robot/joint_states"),
         "pose": await rest.get("/robot/pose"),
@@ -49,20 +83,20 @@ async def get_state(ctx: Ctx, robot: Robot = "") -> dict[str, Any]:
 
 async def list_positions(ctx: Ctx, robot: Robot = "") -> Any:
     """The named positions that plan_to_position takes, with their joint angles in rad."""
-    return {"positions": await OwnRest(ctx, robot).get("/robot/positions")}
+    return {"positions": await _Rest(ctx, robot).get("/robot/positions")}
 
 
 async def get_scene(ctx: Ctx, robot: Robot = "") -> Any:
     """The objects around the arm and in its hand, and the named frames: every plan keeps clear of them."""
-    return await OwnRest(ctx, robot).get("/scene")
+    return await _Rest(ctx, robot).get("/scene")
 
 
-async def plan_to_position(ctx: Ctx, name: str, speed: Speed = 0.1, robot: Robot = "") -> Any:
+async def plan_to_position(ctx: Ctx, name: Name, speed: Speed = 0.1, robot: Robot = "") -> Any:
     """Plan a motion to a named position. Nothing moves; answers a plan_id."""
     return await _planned(ctx, robot, "named", {"name": name, "speed": speed})
 
 
-async def plan_to_joints(ctx: Ctx, joints: list[float], speed: Speed = 0.1, robot: Robot = "") -> Any:
+async def plan_to_joints(ctx: Ctx, joints: Joints, speed: Speed = 0.1, robot: Robot = "") -> Any:
     """Plan a motion to joint angles in rad, in the order of get_state. Nothing moves; answers a plan_id."""
     return await _planned(ctx, robot, "joints", {"joints": joints, "speed": speed})
 
@@ -76,10 +110,14 @@ async def plan_to_pose(
     b: Annotated[float, Field(description="B about the new y, rad; 3.14159 points the tool down.")] = 3.14159,
     c: Annotated[float, Field(description="C about the newest x, rad.")] = 0.0,
     planner: Annotated[
-        str, Field(description="ptp, lin (straight line), ompl (around things), auto.")
+        str,
+        Field(max_length=MAX_NAME, description="ptp, lin (straight line), ompl (around things), auto."),
     ] = "ptp",
     speed: Speed = 0.1,
-    frame_id: Annotated[str, Field(description="Empty: the base frame; or tool, world, a named frame.")] = "",
+    frame_id: Annotated[
+        str,
+        Field(max_length=MAX_NAME, description="Empty: the base frame; or tool, world, a named frame."),
+    ] = "",
     robot: Robot = "",
 ) -> Any:
     """Plan a motion of the TCP to a pose: m and rad. Nothing moves; answers a plan_id."""
@@ -91,14 +129,9 @@ async def plan_to_pose(
 
 async def preview(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> list[Any]:
     """A picture of a plan: the arm at its end, faintly at its start, the way of the TCP in blue."""
-    rest = OwnRest(ctx, robot)
+    rest = _Rest(ctx, robot)
     try:
-        require(rest.scope[IDENTITY], Role.AGENT)
-        plan = rest.services.plans.get(plan_id)
-        found = plan.forecast
-        png = await rest.services.planning.compute(
-            partial(pictured, joints=found.joints, poses=found.poses), 20.0
-        )
+        png = await rest.services.plans.picture(plan_id)
     except CobotError as exc:
         raise ToolError(str(exc)) from exc
     return [Image(data=png, format="png"), f"plan {plan_id}"]
@@ -108,7 +141,7 @@ async def execute(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> dict[str, Any
     """Run a plan that an operator has approved, or that is within the fence of this robot's settings. Answers
     when the arm has arrived; `success` says whether it has. Stops the arm if you go away meanwhile.
     """
-    rest = OwnRest(ctx, robot)
+    rest = _Rest(ctx, robot)
     identity, scope = rest.scope[IDENTITY], rest.scope
     endpoints: dict[str, Endpoint] = scope["app"].state.endpoints
     gone = asyncio.Event()
@@ -118,7 +151,6 @@ async def execute(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> dict[str, Any
     job = rest.services.ownership.new_job(JobKind.EXECUTE, f"MCP execute {plan_id}")
     caller = Caller("MCP execute", None, stops, endpoints[EXECUTE].timeout_s, gone, job)
     try:
-        require(identity, Role.AGENT)
         # Were it cancelled in here, nobody would bring the arm to rest.
         running = asyncio.create_task(rest.services.approvals.execute(plan_id, caller))
         try:
@@ -137,31 +169,33 @@ async def execute(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> dict[str, Any
 
 async def stop(ctx: Ctx, robot: Robot = "") -> Any:
     """Bring the arm to rest at once, whoever moves it. Always permitted."""
-    return await OwnRest(ctx, robot).post("/stop")
+    rest = _Rest(ctx, robot)
+    done = rest.scope.get(STOPPED)  # when the request came in
+    return await rest.post("/stop") if done is None else decided(done)
 
 
 async def list_plans(ctx: Ctx, robot: Robot = "") -> Any:
     """The plans that are kept, and who has approved them."""
-    return {"plans": await OwnRest(ctx, robot).get("/robot/plans")}
+    return {"plans": await _Rest(ctx, robot).get("/robot/plans")}
 
 
-async def get_sequence(ctx: Ctx, lines: int = 50, robot: Robot = "") -> Any:
+async def get_sequence(ctx: Ctx, lines: Lines = 50, robot: Robot = "") -> Any:
     """Whether a sequence runs or how it ended, and the last lines of its output."""
-    rest = OwnRest(ctx, robot)
+    rest = _Rest(ctx, robot)
     return {
         "status": await rest.get("/sequences/status"),
         "log": await rest.get("/sequences/logs", n=lines),
     }
 
 
-async def get_log(ctx: Ctx, lines: int = 50, robot: Robot = "") -> Any:
+async def get_log(ctx: Ctx, lines: Lines = 50, robot: Robot = "") -> Any:
     """The last lines about motions."""
-    return await OwnRest(ctx, robot).get("/trajectory/logs", n=lines)
+    return await _Rest(ctx, robot).get("/trajectory/logs", n=lines)
 
 
 async def why_did_it_stop(ctx: Ctx, robot: Robot = "") -> dict[str, Any]:
     """Why the arm stands still: mode, reason, what the safety layer has intervened in, the last motions."""
-    rest = OwnRest(ctx, robot)
+    rest = _Rest(ctx, robot)
     state = rest.services.link.state()
     return {
         "mode": state.mode.name,
@@ -173,46 +207,22 @@ async def why_did_it_stop(ctx: Ctx, robot: Robot = "") -> dict[str, Any]:
 
 
 async def _planned(ctx: Ctx, robot: str, kind: str, body: dict[str, Any]) -> Any:
-    return await OwnRest(ctx, robot).post(f"/robot/plan/{kind}", {**body, "samples": 20})
+    return await _Rest(ctx, robot).post(f"/robot/plan/{kind}", {**body, "samples": 20})
 
 
-TOOLS: tuple[tuple[Callable[..., Any], ToolAnnotations], ...] = (
-    (get_state, LOOKS),
-    (list_positions, LOOKS),
-    (get_scene, LOOKS),
-    (list_plans, LOOKS),
-    (get_sequence, LOOKS),
-    (get_log, LOOKS),
-    (why_did_it_stop, LOOKS),
-    (preview, LOOKS),
-    (plan_to_position, PLANS),
-    (plan_to_joints, PLANS),
-    (plan_to_pose, PLANS),
-    (execute, MOVES),
-    (stop, MOVES),
+TOOLS: tuple[tuple[Callable[..., Any], Role, ToolAnnotations], ...] = (
+    (get_state, Role.OBSERVER, LOOKS),
+    (list_positions, Role.OBSERVER, LOOKS),
+    (get_scene, Role.OBSERVER, LOOKS),
+    (list_plans, Role.OBSERVER, LOOKS),
+    (get_sequence, Role.OBSERVER, LOOKS),
+    (get_log, Role.OBSERVER, LOOKS),
+    (why_did_it_stop, Role.OBSERVER, LOOKS),
+    (preview, Role.AGENT, LOOKS),
+    (plan_to_position, Role.AGENT, PLANS),
+    (plan_to_joints, Role.AGENT, PLANS),
+    (plan_to_pose, Role.AGENT, PLANS),
+    (execute, Role.AGENT, MOVES),
+    (stop, Role.OBSERVER, MOVES),
 )
-
-
-def _audited(tool: Callable[..., Any]) -> Callable[..., Any]:
-    """The same tool, of whose calls the audit knows, refused ones too."""
-
-    @wraps(tool)
-    async def called(ctx: Ctx, **arguments: Any) -> Any:
-        outcome = "no answer"
-        try:
-            answer = await tool(ctx, **arguments)
-            outcome = "ok"
-        except ToolError as exc:
-            outcome = str(exc)
-            raise
-        finally:
-            note(f"MCP {tool.__name__}", outcome, **arguments)
-        return answer
-
-    return called
-
-
-def offer(server: MCPServer) -> None:
-    """Give a server the tools."""
-    for tool, kind in TOOLS:
-        server.add_tool(_audited(tool), annotations=kind, structured_output=False)
+"""Each tool, and the role without which not even its arguments are looked at."""

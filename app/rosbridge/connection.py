@@ -1,7 +1,7 @@
 """One client of rosbridge v2, apart from its WebSocket.
 
-All that it has advertised, subscribed and offered is its own and ends with it; goals that it has sent are
-cancelled then. Messages to it wait in an `Outbox`.
+All that it has advertised, subscribed and offered is its own and ends with it; goals that it has sent, as an
+operation or by the services of ROS's actions, are cancelled then. Messages to it wait in an `Outbox`.
 
 One operation is ours: `{"op": "cobot_gateway"}` says that this client mirrors the graph to another network.
 What it advertises, subscribes and offers does not show in the topic /cobot/graph, by which it knows what to
@@ -16,6 +16,7 @@ import uuid
 from collections.abc import Coroutine
 from typing import Any
 
+from app.graph.action_server import ASKER
 from app.graph.graph import Graph
 from app.graph.topics import Publisher
 from app.rosbridge import operations as op
@@ -121,9 +122,8 @@ class Connection:
     async def close(self) -> None:
         """The client is gone."""
         self.outbox.close()
-        for action, goal_id in self._goals.values():
-            if action in self._graph.actions:
-                self._graph.action(action).cancel(uuid.UUID(goal_id))
+        for server in list(self._graph.actions.values()):
+            server.abandon(self)
         for publisher, _ in self._publishers.values():
             publisher.close()
         await self._offers.close()
@@ -234,6 +234,7 @@ class Connection:
         task.add_done_callback(self._tasks.discard)
 
     async def _call(self, asked: op.CallService) -> None:
+        ASKER.set(self)
         answer: Message = {"op": "service_response", "service": asked.service}
         if asked.id is not None:
             answer["id"] = asked.id
@@ -264,6 +265,7 @@ class Connection:
         self._goals[asked.id] = asked.action, goal_id
 
     async def _pursue(self, asked: op.SendActionGoal, goal_id: str) -> None:
+        ASKER.set(self)
         about: Message = {"action": asked.action}
         if asked.id is not None:
             about["id"] = asked.id

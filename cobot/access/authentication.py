@@ -8,7 +8,7 @@ import os
 import secrets
 from dataclasses import dataclass
 from hashlib import sha256
-from ipaddress import ip_address
+from ipaddress import IPv4Address, IPv6Address, ip_address
 
 from cobot.access.roles import Role
 from cobot.access.tokens import TokenFile, Tokens
@@ -27,10 +27,18 @@ log = logging.getLogger("cobot.service")
 
 def is_loopback(address: str) -> bool:
     """Whether it is reached from this computer alone."""
+    found = parsed(address)
+    return found is not None and found.is_loopback
+
+
+def parsed(address: str) -> IPv4Address | IPv6Address | None:
+    """What is no name; ::ffff:127.0.0.1, as a socket for both families has it, is 127.0.0.1."""
     try:
-        return ip_address(address.partition("%")[0]).is_loopback
+        found = ip_address(address.partition("%")[0])
     except ValueError:
-        return False
+        return None
+    mapped = found.ipv4_mapped if isinstance(found, IPv6Address) else None
+    return mapped or found
 
 
 def authentication_required(web: WebSection, address: str) -> bool:

@@ -28,11 +28,13 @@ class Identity:
         name: of the token, "anonymous" without one.
         role: what it may do.
         address: where it comes from, as the connection has it; "" for the service itself.
+        forwarded: a proxy has passed it on, so that the address is the proxy's.
     """
 
     name: str
     role: Role
     address: str = ""
+    forwarded: bool = False
 
 
 ANONYMOUS = "anonymous"
@@ -55,8 +57,9 @@ def require(identity: Identity, role: Role) -> None:
         return
     needed = role.name.lower()
     if identity.role is Role.NOBODY:
+        proxy = "through a proxy, " if identity.forwarded else ""
         raise AuthenticationError(
-            f"a valid token of the role {needed} is needed: Authorization: Bearer TOKEN; "
+            f"{proxy}a valid token of the role {needed} is needed: Authorization: Bearer TOKEN; "
             "`cobot token create` makes one"
         )
     raise PermissionDenied(

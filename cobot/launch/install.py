@@ -198,6 +198,8 @@ sequences:
   programs: {STATE}/programs
 recording:
   folder: {STATE}/mcap
+web:
+  tokens: {STATE}/tokens.json
 """
 
 _UDEV = f"""\

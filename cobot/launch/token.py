@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import sys
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -55,6 +56,8 @@ def run(chosen: argparse.Namespace) -> None:
     config: Path | None = chosen.config
     settings = load_settings(config)
     file = TokenFile(settings.web.tokens)
+    if chosen.action != "list":  # another user has another file, unless the settings name one
+        print(f"in {file.path}", file=sys.stderr)
     match chosen.action:
         case "create":
             print(file.create(chosen.name, ROLES[chosen.role], chosen.days))

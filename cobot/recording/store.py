@@ -16,6 +16,8 @@ SUFFIX = ".mcap"
 UNFINISHED = ".part"
 TRIAL, TRIAL_BYTES = f"trial{UNFINISHED}", 65536
 REASONS = ("fault", "estop", "request", "continuous")
+ASKED_FOR = ("request", "continuous")
+"""What can be asked for again; the others explain what has happened once."""
 _NAME = re.compile(
     rf"(?P<run>[A-Za-z0-9_-]{{1,48}}-(?P<time>\d{{8}}T\d{{6}}\.\d{{3}})Z-(?P<reason>{'|'.join(REASONS)}))"
     rf"(-(?P<part>[1-9]\d{{0,5}}))?{re.escape(SUFFIX)}"
@@ -102,7 +104,8 @@ class RecordingStore:
         }
 
     def make_room(self, needed: int, kept: Container[str] = ()) -> int:
-        """Remove the oldest recordings until so many bytes more stay within the bound.
+        """Remove the oldest recordings until so many bytes more stay within the bound: first those that
+        somebody has asked for.
 
         Args:
             needed: bytes, beside all that is there.
@@ -111,7 +114,7 @@ class RecordingStore:
         Returns:
             How many bytes all files have now.
         """
-        recordings = self.all()
+        recordings = sorted(self.all(), key=lambda each: each.reason in ASKED_FOR)
         total = sum(each.size for each in recordings)
         for file in self.unfinished().values():
             with contextlib.suppress(OSError):

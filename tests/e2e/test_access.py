@@ -21,6 +21,7 @@ import psutil
 import pytest
 from certificates import certificate
 from chromium import CHROMIUM, Page, browsing
+from floods import HANDSHAKES, flooding
 from peers import own_domain
 from ros_peer import Peer
 from running import WAIT_S, Run, answering, until
@@ -127,6 +128,16 @@ def test_a_token_on_the_wire_is_encrypted_and_plain_http_gets_nothing(locked: Lo
     context = tls_context(locked.trusted)
     with socket.create_connection((host, int(port))) as raw, context.wrap_socket(raw) as secure:
         assert (secure.version() or "") >= "TLSv1.2"
+
+
+def test_a_flood_of_handshakes_keeps_nobody_from_stopping(locked: Locked) -> None:
+    service = locked.run.child("app")
+    with flooding(locked.run.url, HANDSHAKES), locked.client(Role.OBSERVER) as stopper:
+        time.sleep(0.5)
+        assert stopper.stop()
+        assert locked.run.health()
+    assert locked.run.child("app") == service
+    assert "Traceback" not in locked.run.output
 
 
 def test_the_button_of_the_documentation_shows_the_token(locked: Locked, tmp_path: Path) -> None:

@@ -9,12 +9,12 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 
 import httpx
 import psutil
 import pytest
-from running import HELPER_ENVIRONMENT, WAIT_S, Run, answering
+from floods import STOPS, flooding
+from running import WAIT_S, Run, answering
 
 from cobot.errors import BusyError
 from cobot.launch.process import Niceness, be
@@ -29,6 +29,10 @@ KINDS = (
     "200 WebSockets",
     "giant frames",
     "unread WebSockets",
+    "agents",
+    "Foxglove clients",
+    "unread events",
+    STOPS,
 )
 """Of all floods, those that differ; the others are tried at bare listeners and measured."""
 LASTS_S = 1.5
@@ -64,20 +68,6 @@ def narrow(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Narrow]:
         assert service is not None
         started.begun_bytes = service.memory_info().rss
         yield started
-
-
-@contextmanager
-def flood(run: Run, kind: str) -> Iterator[subprocess.Popen[str]]:
-    """From all its connections, until the block ends."""
-    command = [sys.executable, "-m", "floods", run.url, kind, str(WAIT_S)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=HELPER_ENVIRONMENT)
-    try:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "begun\n"
-        yield process
-    finally:
-        process.kill()
-        process.communicate()
 
 
 def family(run: Run) -> dict[int, float]:
@@ -125,11 +115,14 @@ def test_the_arm_stops_and_nothing_dies_under_a_flood(narrow: Narrow, kind: str)
     memory_before = service.memory_info().rss
     narrow.go_home()
     move_slowly(narrow)
-    with flood(narrow, kind):
+    with flooding(narrow.url, kind):
         deadline_s = time.monotonic() + LASTS_S
         answer = ask(narrow, "GET", "/health")
         assert answer.status_code == 200, answer.text
-        stops(narrow)
+        if kind == STOPS:  # one of which has stopped it
+            assert ask(narrow, "POST", "/stop").json()["at_rest"]
+        else:
+            stops(narrow)
         while time.monotonic() < deadline_s:
             assert service.memory_info().rss - memory_before < GROWTH_BYTES
             time.sleep(0.05)

@@ -274,7 +274,7 @@ def test_check_passes_the_shipped_configuration_and_names_what_is_wrong_in_anoth
     assert "ok      position home: " in bad.stdout
 
 
-def test_a_recording_goes_on_without_a_missing_cycle_when_recorder_and_rtloop_are_killed(
+def test_a_recording_goes_on_without_a_missing_cycle_when_recorder_and_rtloop_are_killed_or_stopped(
     sturdy: Run, tmp_path: Path
 ) -> None:
     """Oracle: mcap's reader. The record of the cycle in which rtloop was killed may be missing."""
@@ -300,6 +300,13 @@ def test_a_recording_goes_on_without_a_missing_cycle_when_recorder_and_rtloop_ar
         old.kill()
         run.until(lambda module=module, old=old: run.restarted(module, old.pid) and run.healthy())
         run.until(lambda old=old: recorder().get("alive") and recorder().get("pid") != old.pid)
+    old = run.child("recorder")
+    assert old is not None
+    old.suspend()
+    run.until(lambda: not recorder().get("alive"))
+    run.go_home()  # the arm does not need it
+    old.resume()
+    run.until(lambda: recorder().get("alive"))
     names = asked("stop")
     numbers = []
     for name in names:

@@ -77,8 +77,8 @@ async def health(request: Request) -> HealthAnswer:
         each["service"] |= written
         each["problems"] += problems
     for name, services in addressed(request).items():
-        if services.jobs.book.problem:
-            robots[name]["problems"].append(services.jobs.book.problem)
+        kept = (services.jobs.book.problem, services.positions.problem)
+        robots[name]["problems"] += filter(None, kept)
     for each in robots.values():
         each["status"] = "degraded" if each["problems"] else "ok"
     first = next(iter(robots.values()))

@@ -108,7 +108,7 @@ class PlanningService:
         Raises:
             PlanningTimeout: the worker did not finish in time.
             PlanningError: the workers that had it have ended.
-            UnavailableError: no worker can be started.
+            UnavailableError: no worker can be started, or none was free in this time.
             CobotError: what the function raises.
         """
         while True:

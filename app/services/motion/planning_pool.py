@@ -106,11 +106,16 @@ class PlanningPool:
         Raises:
             TimeoutError: not done in this time from when a worker has it.
             WorkerLost: the worker has ended, or is stopped.
-            UnavailableError: no worker can be started.
+            UnavailableError: no worker can be started, or none was free in this time.
         """
         self.start()
         packed = await asyncio.to_thread(message, task)
-        worker = await self._free()
+        try:
+            async with asyncio.timeout(timeout_s):
+                worker = await self._free()
+        except TimeoutError:
+            has = f"all {self.usable} have other tasks" if self.usable else "they have not started yet"
+            raise UnavailableError(f"no planning process was free within {timeout_s:g} s: {has}") from None
         worker.answer = asyncio.get_running_loop().create_future()
         try:
             async with asyncio.timeout(timeout_s):

@@ -20,7 +20,7 @@ from app.services.motion.moves import MoveService, Outcome
 from app.services.motion.ownership import Caller
 from app.services.motion.plan import QUEUED_TOLERANCE_RAD, Plan
 from app.services.motion.planning import PlanningService
-from app.services.motion.planning_tasks import described, explained, forecast, planned
+from app.services.motion.planning_tasks import described, explained, forecast, pictured, planned
 from app.services.motion.queue_moves import QueueRequest
 from cobot.access.roles import acting
 from cobot.clock import Clock
@@ -32,6 +32,7 @@ from cobot.errors import (
     NotFoundError,
     PlanningError,
     PlanningTimeout,
+    UnavailableError,
 )
 from cobot.motions.fence import Fence
 from cobot.motions.forecast import Forecast
@@ -46,6 +47,8 @@ from cobot.types import Array
 ANSWER_S = 1.0
 """Of an endpoint's time, what explaining leaves for what it has begun and for the answer."""
 SHORTEST_S = 0.01
+DRAW_S = 10.0
+"""A picture takes a fiftieth of that; so long it waits for others, and for a process."""
 
 Result = TypeVar("Result")
 
@@ -136,6 +139,7 @@ class PlanService:
         self.lifetime_s = settings.plan_lifetime_s
         self._plans: OrderedDict[str, Plan] = OrderedDict()
         self._turn = asyncio.Lock()
+        self._drawing = asyncio.Lock()
 
     async def make(
         self, goals: Sequence[Goal], radii_m: Sequence[float], asked: PlanOptions, timeout_s: float
@@ -180,6 +184,26 @@ class PlanService:
 
         trajectory = await self._moves.sequence(goals, radii_m, begin, plan, attempt.compute)
         return await attempt.compute(partial(described, trajectory=trajectory, start=begin, samples=samples))
+
+    async def picture(self, plan_id: str) -> bytes:
+        """A plan as a PNG. One is drawn at a time, as one is made.
+
+        Raises:
+            NotFoundError: see `get`.
+            UnavailableError: others are being drawn, or all planning processes have something to do.
+        """
+        found = self.get(plan_id).forecast
+        try:
+            async with asyncio.timeout(DRAW_S):
+                await self._drawing.acquire()
+        except TimeoutError:
+            raise UnavailableError(f"not drawn within {DRAW_S:g} s: other plans are being drawn") from None
+        try:
+            return await self._planning.compute(
+                partial(pictured, joints=found.joints, poses=found.poses), DRAW_S
+            )
+        finally:
+            self._drawing.release()
 
     def kept(self) -> list[Plan]:
         """Those that can be run, the oldest first."""

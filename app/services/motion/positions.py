@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import logging
+import math
+from itertools import count, islice
 from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
 from app.services.motion.goals import Goals
 from app.services.state.link import RobotLink
-from cobot.errors import ConfigError, ConflictError, NotFoundError
+from cobot.errors import CobotError, ConflictError, NotFoundError
 from cobot.robot.description import RobotDescription
 from cobot.robot.kept import keep
 from cobot.strict import sentences, shown
@@ -19,7 +22,10 @@ MOST = 200
 TAUGHT = "taught"
 """The group of a position that is in no SRDF."""
 STATE_TIMEOUT_S = 1.5
+SPOILT = ".spoilt-"
 _FILE = TypeAdapter(dict[str, NamedPosition])
+
+log = logging.getLogger("cobot.positions")
 
 
 class PositionService:
@@ -27,9 +33,6 @@ class PositionService:
 
     Args:
         file: where those that were taught are kept.
-
-    Raises:
-        ConfigError: that file cannot be read, or has something else in it.
     """
 
     def __init__(self, robot: RobotDescription, link: RobotLink, goals: Goals, file: Path) -> None:
@@ -38,7 +41,15 @@ class PositionService:
         self._goals = goals
         self._file = file
         self._turn = asyncio.Lock()
+        self._problem = ""
+        self._aside: Path | None = None
         goals.taught = self._read()
+        self._set_aside_before()
+
+    @property
+    def problem(self) -> str:
+        """What was wrong with the file, as long as what was set aside lies there; "" if nothing was."""
+        return self._problem if self._aside is not None and self._aside.exists() else ""
 
     def all(self) -> list[NamedPosition]:
         """Those of the SRDF first. One that has come into it since it was taught is that of the SRDF."""
@@ -92,11 +103,60 @@ class PositionService:
         self._goals.taught = taught
 
     def _read(self) -> dict[str, NamedPosition]:
+        """What is kept. A file that is spoilt is set aside, and what is good in it is kept anew: the arm can
+        be moved without it, so it is no reason not to start.
+        """
         try:
-            return _FILE.validate_json(self._file.read_bytes())
+            found = _FILE.validate_json(self._file.read_bytes())
         except FileNotFoundError:
             return {}
         except ValidationError as exc:
-            raise ConfigError(f"{self._file}: has no positions: {sentences(exc.errors())}") from exc
+            self._set_aside(sentences(exc.errors()))
+            return {}
         except OSError as exc:
-            raise ConfigError(f"{self._file}: cannot be read: {exc.strerror}") from exc
+            self._set_aside(f"cannot be read: {exc.strerror}")
+            return {}
+        flaws = {name: flaw for name, each in found.items() if (flaw := self._flaw(name, each))}
+        if not flaws:
+            return found
+        self._set_aside("; ".join(f"{shown(name)} {flaw}" for name, flaw in islice(flaws.items(), 3)))
+        good = {name: each for name, each in found.items() if name not in flaws}
+        try:
+            keep(self._file, _FILE.dump_json(good, indent=1), "the taught positions")
+        except CobotError as exc:
+            self._problem += f"; {exc}"
+        return good
+
+    def _flaw(self, name: str, position: NamedPosition) -> str:
+        dof = self._robot.limits.dof
+        if len(position.joints) != dof:
+            return f"has {len(position.joints)} joints, this arm has {dof}"
+        if not all(map(math.isfinite, position.joints)):
+            return f"has joints that are no numbers: {shown(position.joints)}"
+        return "" if position.name == name else f"is called {shown(position.name)} too"
+
+    def _set_aside(self, why: str) -> None:
+        aside = next(
+            file
+            for number in count(1)
+            if not (file := self._file.with_name(f"{self._file.name}{SPOILT}{number}")).exists()
+        )
+        self._problem = f"taught positions: {self._file}: {why}"
+        try:
+            self._file.rename(aside)
+            self._problem += f"; it was set aside as {aside.name}: remove that when you have looked"
+            self._aside = aside
+        except OSError as exc:
+            self._problem += f"; it cannot be set aside: {exc.strerror}"
+            self._aside = self._file
+        log.error("%s", self._problem)
+
+    def _set_aside_before(self) -> None:
+        """Go on telling of it, if there was a restart meanwhile."""
+        found = sorted(self._file.parent.glob(f"{self._file.name}{SPOILT}*"))
+        if found and self._aside is None:
+            self._aside = found[-1]
+            self._problem = (
+                f"taught positions: {self._aside} was set aside, for it could not be taken over; the log of "
+                "that start says why: remove it when you have looked"
+            )

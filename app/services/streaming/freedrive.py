@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from app.services.motion.lease import CLIENT, NOBODY
 from app.services.state.link import RobotLink
 from app.services.streaming.jog import MAX_STEP_S, PERIOD_S
 from app.services.streaming.jog_limits import JOINT_ROOM, RATE_PER_S, JogLimits
@@ -124,6 +125,7 @@ class FreedriveService:
         self._link = link
         self._streams = streams
         self._session: Session | None = None
+        self._client = NOBODY
         self._number = 0
         self._until_s = 0.0
         self._timeout_s = TIMEOUT_S
@@ -162,6 +164,7 @@ class FreedriveService:
         request["damping_ratio"] = 1.0
         session = await self._streams.open(request, name, answer_s)
         self._session, self._number, self._limited_by = session, session.number, ""
+        self._client = CLIENT.get()
         self._hold(timeout_s)
         guidance = Guidance(self._robot, request["stiffness"])
         self._task = asyncio.create_task(self._run(session, guidance), name="freedrive")
@@ -173,12 +176,16 @@ class FreedriveService:
             session: its number.
 
         Raises:
-            ConflictError: it has ended, with why; or it is not this one that is on.
+            ConflictError: it has ended, with why; it is not this one that is on, or somebody else's; or
+                somebody else may move the arm alone.
         """
         if session != self._number:
             raise ConflictError(f"there is no freedrive session {session}: begin one without `session`")
         if self.state.session is None:
             raise ConflictError(f"freedrive has ended: {self.state.ended}")
+        if not CLIENT.get().same(self._client):  # whoever guides the arm has to be there
+            raise ConflictError(f"freedrive was begun by {self._client}, who alone may renew it")
+        self._streams.require_control()
         self._hold(timeout_s)
 
     async def end(self, reason: str = OFF) -> None:

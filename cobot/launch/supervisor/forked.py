@@ -1,12 +1,14 @@
 """The first start of each process, without importing again what the supervisor has imported already.
 
 What a process imports is most of what its start costs, and half of that the supervisor has too. So it forks
-its children while it has no thread yet and nothing open; each waits until it is told what to be. Whatever
-starts later (a process that has died is replaced) begins anew, as `python -m` does.
+its children while it has no thread of its own yet; each waits until it is told what to be. (The threads that
+OpenBLAS has made by then end before each fork, by a handler of its own, and begin anew when it needs them.)
+Whatever starts later (a process that has died is replaced) begins anew, as `python -m` does.
 """
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import fcntl
 import json
@@ -100,8 +102,10 @@ class Forked:
 def forked(count: int) -> list[Forked]:
     """Processes that wait until they are told what to be. They do not return there, but end.
 
-    Only for a process without threads.
+    Only for a process without threads of its own.
     """
+    # Whoever has started us may have it ignored; then nobody could learn how a child has ended.
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     made: list[Forked] = []
     for _ in range(count):
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -147,14 +151,14 @@ def _take_descriptors(channel: int, received: list[int], numbers: list[int]) -> 
     """Have what was received under its numbers, output and errors as one, no input, and nothing else."""
     above = max(*numbers, *received, channel) + 1
     high = [fcntl.fcntl(each, fcntl.F_DUPFD_CLOEXEC, above) for each in received]
-    os.closerange(3, above)
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)
     for source, number in zip([high[0], *high], [2, *numbers], strict=True):
         os.dup2(source, number)
-    for each in (nothing, *high):
-        if each not in (0, 1, 2, *numbers):
-            os.close(each)
+    for each in os.listdir("/proc/self/fd"):  # whatever number it has that was open when we were forked
+        if int(each) not in (0, 1, 2, *numbers):
+            with contextlib.suppress(OSError):  # by which the folder was read
+                os.close(int(each))
 
 
 def _be_called(command: Sequence[str]) -> None:

@@ -335,6 +335,23 @@ def test_a_wrong_token_is_told_where_none_is_needed(run: VirtualService) -> None
     assert run.ask("POST", "/stop", headers=headers).status_code == 200
 
 
+@pytest.mark.parametrize("header", ["X-Forwarded-For", "Forwarded", "X-Real-IP", "X-Forwarded-Proto", "Via"])
+def test_who_comes_through_a_proxy_on_this_computer_does_not_sit_at_it(
+    run: VirtualService, header: str
+) -> None:
+    headers = {header: "192.0.2.7"}
+    for method, path in (("GET", "/health"), ("POST", "/robot/reset"), ("POST", "/mcp/mcp")):
+        answer = run.ask(method, path, headers=headers)
+        assert answer.status_code == 401
+        assert answer.json()["detail"].startswith("through a proxy, a valid token of the role ")
+        assert run.ask(method, path).status_code != 401
+    with pytest.raises(Refused) as refused:
+        run.connect("/robot/stream", **{header.lower(): "192.0.2.7"})
+    assert refused.value.status == 401
+    assert run.ask("POST", "/stop", headers=headers).status_code == 200
+    assert run.ask("GET", "/docs", headers=headers).status_code == 200, "where a token can be entered"
+
+
 def by_header(token: str) -> tuple[str, dict[str, str]]:
     return "", {"authorization": f"bearer {token}"}
 
@@ -360,6 +377,12 @@ def test_a_websocket_takes_a_token_in_three_ways(
     with pytest.raises(Refused) as refused:
         guarded.run.connect(path + query, **headers)
     assert refused.value.status == 401
+
+
+def test_a_protocol_that_the_service_has_chosen_stays_beside_a_token(guarded: Guarded) -> None:
+    offered = f"foxglove.sdk.v1, cobot.token.{guarded.tokens[Role.OBSERVER]}"
+    with guarded.run.connect("/foxglove", subprotocols=offered) as socket:
+        assert socket.subprotocol == "foxglove.sdk.v1"
 
 
 def test_no_token_is_in_the_log(guarded: Guarded) -> None:
@@ -588,8 +611,11 @@ def test_each_websocket_has_a_role(guarded: Guarded) -> None:
 @pytest.mark.parametrize(
     ("setting", "address", "required"),
     [
-        *(("auto", address, False) for address in ("127.0.0.1", "::1", "127.1.2.3")),
-        *(("auto", address, True) for address in ("0.0.0.0", "::", "192.168.1.5", "fe80::1%eth0", "robot")),
+        *(("auto", address, False) for address in ("127.0.0.1", "::1", "127.1.2.3", "::ffff:127.0.0.1")),
+        *(
+            ("auto", address, True)
+            for address in ("0.0.0.0", "::", "192.168.1.5", "fe80::1%eth0", "::ffff:1.2.3.4", "robot")
+        ),
         ("required", "127.0.0.1", True),
         ("none", "0.0.0.0", False),
     ],
@@ -628,21 +654,38 @@ def test_a_stop_needs_no_token_unless_the_settings_ask_for_one_and_never_on_this
 
     guard(app.routes, ROLES)
     run = guarded.run
+    run.get("/health/live")  # the first request builds the middleware
 
-    async def asked(address: str, token: str | None) -> int:
+    async def asked(address: str, token: str | None = None, through: str = "", **required: bool) -> int:
         access: Any = run.app.middleware_stack
         while not isinstance(access, Access):  # the middleware around another application
             access = getattr(access, "app", None) or access._app
-        made = Access(app, access._tokens, access._origins, required=True)
+        needed = {"required": True, "required_of_proxies": True} | required
+        made = Access(app, access._tokens, access._origins, **needed)
         headers = {"Authorization": f"Bearer {token}"} if token else {}
+        headers |= {"X-Forwarded-For": through} if through else {}
         transport = httpx.ASGITransport(made, client=(address, 1))
         async with httpx.AsyncClient(transport=transport, base_url=run.url, headers=headers) as client:
             return (await client.post("/stop")).status_code
 
-    assert run.run(asked("10.0.0.9", None)) == 401
+    assert run.run(asked("10.0.0.9")) == 401
     assert run.run(asked("10.0.0.9", "wrong")) == 401
-    assert run.run(asked("127.0.0.1", None)) == 200
-    assert run.run(asked("10.0.0.9", guarded.tokens[Role.OBSERVER])) == 200
+    for here in ("127.0.0.1", "::1", "::ffff:127.0.0.1"):
+        assert run.run(asked(here)) == 200
+        assert run.run(asked(here, through="127.0.0.1")) == 401
+    assert run.run(asked("127.0.0.1", through="10.0.0.9", required=False)) == 401
+    open_to_all = {"required": False, "required_of_proxies": False}
+    assert run.run(asked("127.0.0.1", through="10.0.0.9", **open_to_all)) == 200
+    assert run.run(asked("10.0.0.9", guarded.tokens[Role.OBSERVER], "10.0.0.10")) == 200
+
+
+def test_a_stop_that_switches_the_drives_off_needs_no_token_and_its_reset_does(guarded: Guarded) -> None:
+    """Refused, it would be missed just when it is wanted."""
+    stopped = guarded.ask("POST", "/stop?category=1")
+    assert stopped.status_code == 200
+    assert guarded.ask("GET", "/health", Role.OBSERVER).json()["robot"]["mode"] == "ESTOP"
+    assert guarded.ask("POST", "/robot/reset").status_code == 401
+    assert guarded.ask("POST", "/robot/reset", Role.OPERATOR).status_code == 200
 
 
 # The schema

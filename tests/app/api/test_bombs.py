@@ -14,6 +14,7 @@ from typing import Annotated, Any
 import httpx
 import pytest
 from fastapi import APIRouter, FastAPI, File, UploadFile
+from mcp.server.mcpserver.utilities.func_metadata import func_metadata
 from pydantic import BaseModel, ValidationError
 
 from app.api.dependencies import PIECE_BYTES, CobotRoute, pieces
@@ -21,6 +22,7 @@ from app.api.plan_schemas import PlanPath
 from app.api.scene_schemas import ChangeScene
 from app.api.schemas import SendTrajectory
 from app.api.tool_schemas import ChangeTool
+from app.mcp.tools import TOOLS, plan_to_joints
 from cobot.motions.bodies import MoveJoints, MoveSequence
 
 MOST_ERRORS = 5000
@@ -62,6 +64,22 @@ def test_a_body_full_of_mistakes_is_not_looked_through_to_its_end(
     with pytest.raises(ValidationError) as refused:
         model.model_validate(body())
     assert refused.value.error_count() <= MOST_ERRORS
+
+
+@pytest.mark.parametrize("joints", [["x"] * 350_000, [], [0.0] * 65, '["x"' + ', "x"' * 350_000 + "]"])
+def test_the_arguments_of_an_agents_tool_are_not_looked_through_to_their_end(joints: Any) -> None:
+    """These kept the service for two seconds, and were answered with 78 MB."""
+    metadata = func_metadata(plan_to_joints, skip_names=["ctx"])
+    with pytest.raises(ValidationError) as refused:
+        metadata.validate_arguments({"joints": joints, "robot": "x" * 100})
+    assert refused.value.error_count() == 2, "the first of the joints, and the name"
+
+
+@pytest.mark.parametrize("tool", [tool for tool, _, _ in TOOLS])
+def test_no_text_that_an_agent_gives_is_without_a_bound(tool: Callable[..., Any]) -> None:
+    properties = func_metadata(tool, skip_names=["ctx"]).arg_model.model_json_schema()["properties"]
+    texts = {name: each for name, each in properties.items() if each["type"] == "string"}
+    assert all(0 < each["maxLength"] <= 64 for each in texts.values()), texts
 
 
 @pytest.mark.parametrize("content", [b"\r\n--B-" * 9000, b"\r" * 65536, b"\r\n0.1" * 300])

@@ -20,9 +20,10 @@ import psutil
 import pytest
 import uvicorn
 from certificates import certificate
-from floods import PING, TEXT, UPGRADE, frame
+from floods import PING, TEXT, UPGRADE, client_hello, frame
 from running import WAIT_S, until
 
+from app.listeners.acceptor import has_gone
 from app.listeners.http import HttpProtocol
 from app.listeners.websocket import StreamProtocol
 from app.server import Server
@@ -272,6 +273,17 @@ def test_who_says_nothing_of_tls_or_something_else_is_let_go(tmp_path: Path) -> 
             assert answer(connection) == (200, b"0")
     finally:
         service.close()
+
+
+def test_a_handshake_is_no_work_for_a_client_that_has_gone() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        client = socket.create_connection(listener.getsockname())
+        accepted, _ = listener.accept()
+        with accepted:
+            client.sendall(client_hello())
+            assert not has_gone(accepted)
+            client.close()
+            until(lambda: has_gone(accepted))
 
 
 def test_a_body_that_does_not_come_is_given_up(service: Service) -> None:

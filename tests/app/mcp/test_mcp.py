@@ -5,12 +5,13 @@ Oracles: that client, which knows nothing of us, and where rtloop says the arm i
 
 from __future__ import annotations
 
+import asyncio
 import base64
 import io
 import json
 import struct
 import zlib
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable, Coroutine, Iterator
 from typing import Any, TypeVar
 
 import httpx2
@@ -105,6 +106,43 @@ def test_nothing_but_post_is_taken(service: VirtualService, method: str) -> None
     assert (answer.status_code, answer.headers["allow"]) == (405, "POST")
 
 
+def rpc(service: VirtualService, method: str, params: Any = None, **headers: str) -> Coroutine[Any, Any, Any]:
+    """A request without a client."""
+    accept = {"accept": "application/json, text/event-stream", **headers}
+    body = {"jsonrpc": "2.0", "id": 1, "method": method, "params": params or {}}
+    return service.asking("POST", "/mcp/mcp", json=body, headers=accept)
+
+
+def test_a_body_larger_than_any_tool_needs_is_not_taken_in(service: VirtualService) -> None:
+    """What the library makes of it, it makes in the event loop, which serves the stop too."""
+    joints = {"name": "plan_to_joints", "arguments": {"joints": ["x"] * 10_000}}
+    answer = service.run(rpc(service, "tools/call", joints))
+    assert answer.status_code == 413
+    assert answer.json()["detail"] == "the body is larger than the limit of 32768 bytes for agents"
+
+
+@pytest.mark.parametrize(
+    ("tool", "arguments", "words"),
+    [
+        (
+            "plan_to_joints",
+            {"joints": ["x"] * 5000},
+            "plan_to_joints: joints[0]: input should be a valid num",
+        ),
+        ("plan_to_joints", {"what": 1, "outcome": 2}, "plan_to_joints: joints: is missing"),
+        ("y" * 9000, {}, "there is no tool 'yyy"),
+        ("get_state", {"robot": "nobody"}, "there is no robot 'nobody'; valid are: "),
+        ("get_log", {"lines": 10**12}, "get_log: lines: input should be less than or equal to 300"),
+    ],
+)
+def test_what_is_wrong_is_said_in_few_words(
+    service: VirtualService, tool: str, arguments: dict[str, Any], words: str
+) -> None:
+    said = Agent(service).refused(tool, **arguments)
+    assert words in said
+    assert len(said) < 400
+
+
 def test_an_agent_sees_where_the_arm_is(service: VirtualService) -> None:
     state = Agent(service).call("get_state")
     np.testing.assert_allclose(state["joints"]["position"], service.joints(), atol=1e-3)
@@ -123,11 +161,47 @@ def test_a_plan_can_be_looked_at(service: VirtualService) -> None:
     assert service.joints() == before
 
 
+def test_a_crowd_of_previews_takes_one_planning_process_and_does_not_wait_for_ever(
+    service: VirtualService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    agent = Agent(service)
+    plan = agent.call("plan_to_joints", joints=NEAR, speed=0.5)["plan_id"]
+    drawn = [0, 0]
+
+    async def slowly(*_: Any) -> bytes:
+        drawn[0] += 1
+        drawn[1] = max(drawn)
+        await asyncio.sleep(4.0)
+        drawn[0] -= 1
+        return b"a picture"
+
+    monkeypatch.setattr(service.app.state.services.planning, "compute", slowly)
+    asked = {"name": "preview", "arguments": {"plan_id": plan}}
+    crowd = [service.begin(rpc(service, "tools/call", asked)) for _ in range(5)]
+    answers = [service.end(each).json()["result"] for each in crowd]
+    assert drawn == [0, 1]
+    assert [answer["isError"] for answer in answers] == [False, False, False, True, True]
+    assert "not drawn within 10 s: other plans are being drawn" in answers[-1]["content"][0]["text"]
+
+
 def test_off_is_off(service: VirtualService) -> None:
     agent = Agent(service)
     plan = agent.call("plan_to_joints", joints=NEAR)
     service.post("/robot/approve", json={"plan_id": plan["plan_id"]})
     assert "mcp.execution is off" in agent.refused("execute", plan_id=plan["plan_id"])
+
+
+def test_a_stop_overtakes_all_that_other_agents_have_asked_for(service: VirtualService) -> None:
+    service.go_home()
+    moving = service.begin(service.asking("POST", "/robot/move/joints", json={"joints": FAR, "speed": 0.1}))
+    service.sleep(0.5)
+    crowd = [service.begin(rpc(service, "tools/list")) for _ in range(50)]
+    stopping = service.begin(rpc(service, "tools/call", {"name": "stop"}))
+    service.sleep(0.4)
+    assert moving.done(), "the crowd takes a second, the arm a tenth of one"
+    assert not all(each.done() for each in crowd)
+    assert "the arm is at rest" in service.end(stopping).json()["result"]["content"][0]["text"]
+    assert {service.end(each).status_code for each in crowd} == {200}
 
 
 def token(service: VirtualService, role: Role) -> str:
@@ -285,6 +359,7 @@ def test_an_observer_neither_plans_nor_executes_nor_draws(cell: Cell) -> None:
     observer.call("get_state")
     for tool, arguments in (
         ("plan_to_joints", {"joints": NEAR}),
+        ("plan_to_joints", {"joints": "which are not even looked at"}),
         ("preview", {"plan_id": plan}),
         ("execute", {"plan_id": plan}),
     ):

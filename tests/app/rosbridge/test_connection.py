@@ -10,6 +10,7 @@ import json
 import logging
 import math
 import re
+import uuid
 from collections.abc import Awaitable, Callable
 from typing import Any
 
@@ -389,6 +390,24 @@ def test_a_goal_with_feedback_and_cancel() -> None:
             "status": 5,
             "result": True,
         }
+
+    live(test)
+
+
+def test_goals_that_were_asked_for_by_services_end_with_their_client_and_no_others() -> None:
+    """As those do that come over DDS, by way of one client for all."""
+
+    async def test(graph: Graph, one: Client, two: Client) -> None:
+        server = graph.add_action(Waiting())
+        for number, client in ((1, one), (2, two)):
+            asked = {"goal_id": {"uuid": [number] * 16}, "goal": {"good": True}}
+            client.ask("call_service", service="/wait/_action/send_goal", args=asked)
+            assert (await client.next())["values"]["accepted"]
+        first, second = (server._goals[uuid.UUID(bytes=bytes([number] * 16))] for number in (1, 2))
+        await one.close()
+        await asyncio.wait_for(first.ended.wait(), 10.0)
+        assert first.status is GoalStatus.CANCELED
+        assert second.running
 
     live(test)
 

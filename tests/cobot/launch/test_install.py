@@ -9,6 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from cobot.access.authentication import Authenticator, Holder
+from cobot.access.roles import Role
+from cobot.access.tokens import TokenFile
 from cobot.config import load_settings
 from cobot.launch import install as module
 from cobot.launch.cli import main
@@ -98,6 +101,22 @@ def test_the_settings_that_it_writes_are_valid(tmp_path: Path) -> None:
     assert settings.sequences.recordings == Path("/var/lib/cobot/recordings")
     assert settings.tool_file.parent == Path("/var/lib/cobot/kept")
     assert not settings.robots
+
+
+def test_a_token_made_by_root_is_one_of_the_service(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each has another home, and the service cannot look into root's."""
+    installed(tmp_path)
+    config = tmp_path / SETTINGS
+    config.write_text(config.read_text(encoding="utf-8").replace("/var/", f"{tmp_path}/var/"))
+    monkeypatch.setenv("HOME", str(tmp_path / "of-root"))
+    assert main(["token", "create", "alice", "--role", "operator", "--config", str(config)]) == 0
+    made = capsys.readouterr()
+    assert made.err == f"in {tmp_path}/var/lib/cobot/tokens.json\n"
+    monkeypatch.setenv("HOME", str(tmp_path / "var/lib/cobot"))
+    service = Authenticator(TokenFile(load_settings(config).web.tokens))
+    assert service.find(made.out.strip()) == Holder("alice", Role.OPERATOR)
 
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="there is no systemd to ask")

@@ -115,3 +115,13 @@ def test_room_is_made_by_removing_the_oldest_and_no_more_than_needed(
     if gone:
         assert total + needed + sizes[names.index(gone[-1])] > 1000
     assert os.path.exists(folder / f"{name(99)}.part")
+
+
+def test_what_was_asked_for_goes_before_what_explains_a_fault(tmp_path: Path) -> None:
+    asked = [name(3, "continuous", part) for part in (1, 2, 3)] + [name(9, "request")]
+    happened = [name(1), name(2, "estop"), name(8)]
+    store = filled(tmp_path, [*asked, *happened], 200)
+    assert store.make_room(0, {name(9, "request")}) == 1000
+    assert {each.name for each in store.all()} == {*asked[2:], *happened}
+    store.make_room(400, {name(9, "request")})
+    assert {each.name for each in store.all()} == {name(2, "estop"), name(8), name(9, "request")}

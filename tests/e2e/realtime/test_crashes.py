@@ -8,6 +8,8 @@ anybody can and takes numpy's differences of consecutive cycles; the process tab
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from functools import partial
@@ -16,7 +18,7 @@ import httpx
 import numpy as np
 import psutil
 import pytest
-from activities import AWAY, active
+from activities import AWAY, active, goal_asked
 from faults import Record, watched
 from peers import own_domain
 from running import WAIT_S, Run, answering
@@ -99,7 +101,7 @@ def test_a_service_that_is_killed_leaves_an_arm_at_rest_and_no_runner(
     require_able(run, record)
 
 
-@pytest.mark.parametrize("activity", ["servo", "goal", "sequence"])
+@pytest.mark.parametrize("activity", ["servo", "goal", "sequence", "lua"])
 def test_an_rtloop_that_is_killed_ends_what_it_did_and_everybody_is_told(
     crashing: Run, record: Record, activity: str
 ) -> None:
@@ -109,26 +111,22 @@ def test_an_rtloop_that_is_killed_ends_what_it_did_and_everybody_is_told(
         old.kill()
         run.until(lambda: run.restarted("rtloop", old.pid) and run.healthy())
         run.until(lambda: (run.health() or {"service": {"motion": ""}})["service"]["motion"] is None)  # type: ignore[index]
-        if activity == "goal":
-            run.until(lambda: doing.answers)
-            assert doing.answers[0]["status"] == 6, "aborted"
-        elif activity == "sequence":
-            status = httpx.get(f"{run.url}/sequences/status", timeout=WAIT_S).json()
-            assert status["returncode"] not in (0, None)
+        run.until(doing.error)
     require_able(run, record)
 
 
-@pytest.mark.parametrize("activity", ["servo", "sequence"])
+@pytest.mark.parametrize("activity", ["servo", "goal", "sequence", "lua"])
 def test_a_service_that_is_stopped_for_a_while_goes_on_with_an_arm_at_rest(
     crashing: Run, record: Record, activity: str
 ) -> None:
     run = crashing
-    with active(run, activity):
+    with active(run, activity) as doing:
         service = child(run, "app", None)
         service.suspend()
         time.sleep(1.5)
         service.resume()
         run.until(lambda: "silent" in " ".join(record.reasons))
+        run.until(lambda: "the service has been silent for" in doing.error())
         run.until(run.healthy)
     require_able(run, record)
 
@@ -146,6 +144,55 @@ def test_a_ros_process_that_fails_is_no_business_of_the_arm(
         old.resume()
     else:
         run.until(lambda: run.restarted("ros2", old.pid))
+    require_able(run, record)
+
+
+GOAL_CLIENT = """
+import sys, time
+from websockets.sync.client import connect
+with connect(sys.argv[1]) as socket:
+    socket.send(sys.argv[2])
+    time.sleep(600)
+"""
+
+
+def test_a_client_of_rosbridge_that_is_killed_loses_its_goal(crashing: Run, record: Record) -> None:
+    run = crashing
+    run.go_home()
+    url = run.url.replace("http", "ws") + "/rosbridge"
+    client = subprocess.Popen([sys.executable, "-c", GOAL_CLIENT, url, goal_asked(run, AWAY, 20)])
+    try:
+        run.until(lambda: robot_health(run).get("mode") == "TRAJECTORY")
+    finally:
+        client.kill()
+        client.wait()
+    run.until(lambda: robot_health(run).get("mode") == "HOLD")
+    job = httpx.get(f"{run.url}/jobs", timeout=WAIT_S).json()["jobs"][0]
+    assert (job["kind"], job["state"]) == ("follow_joint_trajectory", "cancelled")
+    require_able(run, record)
+
+
+def test_a_kept_file_that_is_spoilt_is_set_aside_or_said_and_the_arm_is_held_meanwhile(
+    crashing: Run, record: Record
+) -> None:
+    """Taught positions can be done without, what the arm carries cannot."""
+    run = crashing
+    positions, tool = (
+        run.config.parent / "logs" / f"{run.name}.{what}.json" for what in ("positions", "tool")
+    )
+    positions.write_text("{", encoding="utf-8")
+    tool.write_text("{", encoding="utf-8")
+    with active(run, "motion") as doing:
+        child(run, "app", None).kill()
+        run.until(lambda: f"{tool}: is no tool: invalid JSON" in run.output)
+        run.until(lambda: "silent" in " ".join(record.reasons))
+        tool.unlink()
+        run.until(lambda: (run.health() or {}).get("problems"))
+    assert isinstance(doing.answer, httpx.TransportError)
+    aside = positions.with_name(f"{positions.name}.spoilt-1")
+    problems = (run.health() or {})["problems"]
+    assert [str(aside) in each for each in problems] == [True], problems  # type: ignore[attr-defined]
+    aside.unlink()
     require_able(run, record)
 
 

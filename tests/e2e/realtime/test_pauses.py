@@ -9,9 +9,10 @@ import time
 from collections.abc import Iterator
 
 import pytest
+from activities import active
 from faults import Record, watched
 from running import Run, answering
-from tasks import TASKS, child, doing, name, require_recovery
+from tasks import TASKS, child, doing, name, require_recovery, robot_health
 
 from cobot.config import load_settings
 from cobot.robot import description as robots
@@ -48,3 +49,18 @@ def test_an_rtloop_that_is_paused_does_not_harm_the_arm(
         victim.resume()
         hasty.until(lambda: "the computer is too slow or too busy" in " ".join(record.reasons))
     require_recovery(hasty, record, task)
+
+
+@pytest.mark.parametrize("activity", ["servo", "goal", "sequence", "lua"])
+def test_what_the_service_does_for_others_ends_with_a_pause_of_rtloop(
+    hasty: Run, record: Record, activity: str
+) -> None:
+    with active(hasty, activity) as acting:
+        victim = child(hasty, "rtloop", acting)
+        victim.suspend()
+        time.sleep(0.4)
+        victim.resume()
+        hasty.until(lambda: "late: the computer is too slow or too busy" in acting.error())
+        hasty.until(lambda: robot_health(hasty).get("mode") == "HOLD")
+    hasty.go_home()
+    assert record.violations() == []

@@ -7,6 +7,7 @@ from __future__ import annotations
 import itertools
 import json
 import os
+import queue
 import signal
 import sys
 import time
@@ -332,6 +333,48 @@ def test_the_client_finds_a_restarted_ros_process(ros: Ros) -> None:
     require_quick(away_s, LEASE_S)  # else it came back no sooner than the dead one is missed anyway
     states.drain()
     states.get()
+
+
+@pytest.mark.parametrize("activity", ["goal", "servo"])
+def test_what_came_by_way_of_a_ros_process_ends_with_it(ros: Ros, activity: str) -> None:
+    """The arm comes to rest; its client is left without an answer, as by a computer that is gone, and asks
+    the next process.
+    """
+    ros.home()
+    goal_id = {"uuid": list(os.urandom(16))}
+    if activity == "goal":
+        below, type_ = ros.topic("follow_joint_trajectory/_action"), FJT
+        asked = trajectory(np.array([HOME]) + 0.5, np.array([20.0]))
+    else:
+        below, type_ = ros.topic("servo_mode/_action"), "aubo_interfaces/action/ServoMode"
+        asked = {"mode": 1, "watchdog_timeout": 60.0, "send_period": 0.02}
+    send = ros.peer.client(f"{below}/send_goal", f"{type_}_SendGoal").until_ready()
+    result = ros.peer.client(f"{below}/get_result", f"{type_}_GetResult").until_ready()
+    assert send.call({"goal_id": goal_id, "goal": asked})["accepted"]
+    ended = result.begin({"goal_id": goal_id})
+    if activity == "servo":
+        commands = ros.peer.publisher(ros.topic("joint_cmd"), STRING, depth=100)
+        commands.until_matched()
+        point = {"type": "servo_point", "session_id": 1, "point_id": 1, "time": 0.02}
+        commands.publish({"data": json.dumps(point | {"position": [0.1, *HOME[1:]]})})
+    until(lambda: np.abs(ros.run.joints() - np.array(HOME)).max() > 0.01, "the arm does not move")
+
+    def rests() -> bool:
+        robot = (ros.run.health() or {"robot": {}})["robot"]
+        assert isinstance(robot, dict)
+        return robot.get("mode") == "HOLD"
+
+    def missed() -> None:
+        until(rests, "the arm does not come to rest")
+        until(lambda: send.matches() == (0, 0), "the dead one is still there")
+
+    restarted(ros, "ros2", missed)
+    until(lambda: send.matches() == (1, 1), "the next process is not found")
+    assert np.abs(np.array(ros.run.joints()) - HOME).max() < 0.49, "it did not go to its end"
+    with pytest.raises(queue.Empty):
+        ended(0.0)
+    again = {"goal_id": {"uuid": list(os.urandom(16))}, "goal": asked}
+    assert send.call(again)["accepted"]
 
 
 def test_states_fall_silent_with_the_robot_and_the_status_says_why(ros: Ros) -> None:

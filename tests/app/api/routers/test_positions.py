@@ -15,8 +15,10 @@ import pytest
 from virtual import VirtualService, virtual_service
 
 from app.services.motion import positions as taught_positions
+from app.services.motion.goals import Goals
 from app.services.motion.positions import PositionService
-from cobot.errors import ConfigError, NotFoundError
+from cobot.config import load_settings
+from cobot.errors import NotFoundError
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 BESIDE = [0.3, *HOME[1:]]
@@ -118,12 +120,64 @@ def test_there_are_not_too_many(run: VirtualService, monkeypatch: pytest.MonkeyP
     assert "1 positions are taught already" in refused.json()["detail"]
 
 
-def test_they_are_there_after_a_restart_and_a_spoilt_file_is_said(run: VirtualService, folder: Path) -> None:
-    run.post("/robot/positions", {"name": "beside", "joints": BESIDE}).raise_for_status()
+def again(run: VirtualService, kept: Path) -> PositionService:
+    """As after a restart."""
     parts = run.app.state.services
-    again = PositionService(parts.robot, parts.link, parts.motion, file(run, folder))
-    assert list(again.all()[-1].joints) == BESIDE
-    spoilt = folder / "spoilt.json"
-    spoilt.write_text('{"beside": 3}')
-    with pytest.raises(ConfigError, match="has no positions"):
-        PositionService(parts.robot, parts.link, parts.motion, spoilt)
+    return PositionService(parts.robot, parts.link, Goals(parts.robot, load_settings().planning), kept)
+
+
+def test_they_are_there_after_a_restart(run: VirtualService, folder: Path) -> None:
+    run.post("/robot/positions", {"name": "beside", "joints": BESIDE}).raise_for_status()
+    made = again(run, file(run, folder))
+    assert list(made.all()[-1].joints) == BESIDE
+    assert made.problem == ""
+
+
+def entry(joints: str, name: str = "bad") -> str:
+    return f'"bad": {{"name": "{name}", "group": "taught", "joints": [{joints}], "description": ""}}'
+
+
+GOOD = f'"good": {{"name": "good", "group": "taught", "joints": {HOME}, "description": ""}}'
+
+
+@pytest.mark.parametrize(
+    ("content", "said", "left"),
+    [
+        ('{"beside": 3}', "beside: ", []),
+        ("{" + GOOD, "invalid JSON", []),
+        ("", "invalid JSON", []),
+        (f"{{{GOOD}, {entry('0, 0, 0, 0, 0, 0')}}}", "'bad' has 6 joints, this arm has 7", ["good"]),
+        (f"{{{GOOD}, {entry('NaN, 0, 0, 0, 0, 0, 0')}}}", "'bad' has joints that are no numbers", ["good"]),
+        (f"{{{GOOD}, {entry('0, 0, 0, 0, 0, 0, 0', 'else')}}}", "'bad' is called 'else' too", ["good"]),
+    ],
+)
+def test_a_spoilt_file_is_set_aside_and_what_is_good_in_it_stays(
+    run: VirtualService, tmp_path: Path, content: str, said: str, left: list[str]
+) -> None:
+    kept = tmp_path / "arm.positions.json"
+    (tmp_path / "arm.positions.json.spoilt-1").write_text("of another time")
+    kept.write_text(content)
+    made = again(run, kept)
+    assert [each.name for each in made.all() if each.group == "taught"] == left
+    assert said in made.problem
+    assert "it was set aside as arm.positions.json.spoilt-2: remove that" in made.problem
+    assert (tmp_path / "arm.positions.json.spoilt-2").read_text() == content
+    once_more = again(run, kept)
+    assert [each.name for each in once_more.all() if each.group == "taught"] == left
+    for each in (made, once_more):
+        assert "spoilt-2" in each.problem, "also after a restart"
+    (tmp_path / "arm.positions.json.spoilt-2").unlink()
+    for each in (made, once_more):
+        assert each.problem == ""
+
+
+def test_health_tells_of_a_file_that_was_set_aside(run: VirtualService, folder: Path) -> None:
+    aside = folder / "aside"
+    aside.write_text("")
+    run.app.state.services.positions._aside = aside
+    run.app.state.services.positions._problem = "it was set aside"
+    health = run.health()
+    assert health["problems"] == ["it was set aside"]
+    assert health["status"] == "degraded"
+    aside.unlink()
+    assert run.healthy()

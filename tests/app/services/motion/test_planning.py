@@ -230,6 +230,26 @@ def test_an_interruption_ends_the_worker_and_is_no_accident(
     runner.run(check())
 
 
+def test_nobody_waits_for_ever_for_a_process(
+    runner: asyncio.Runner, planning: PlanningService, tmp_path: Path
+) -> None:
+    mark = tmp_path / "mark"
+    work = partial(light_planner.sleep_until, mark=mark)
+
+    async def check() -> None:
+        busy = [asyncio.create_task(planning.compute(work, WAIT_S)) for _ in range(2)]
+        await until(lambda: planning.status.busy == 2)
+        with pytest.raises(
+            UnavailableError, match=r"no planning process was free within 0.2 s: all 2 have other tasks"
+        ):
+            await asyncio.wait_for(planning.compute(light_planner.pid, 0.2), WAIT_S)
+        mark.touch()
+        assert await asyncio.gather(*busy) == ["slept", "slept"]
+        assert await planning.compute(light_planner.pid, WAIT_S)
+
+    runner.run(check())
+
+
 def test_a_clock_on_the_wall_that_jumps_ends_no_planning(
     runner: asyncio.Runner, planning: PlanningService, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -182,6 +182,29 @@ def test_it_has_the_arm_alone_and_heeds_who_has_the_control(run: VirtualService)
         run.ask("DELETE", "/robot/control", headers={"X-Control-Token": token}).raise_for_status()
 
 
+def test_only_who_has_begun_it_renews_it_and_not_against_who_has_the_control(run: VirtualService) -> None:
+    control = run.post("/robot/control", {"timeout_s": 60.0}).json()["token"]
+    shown = {"X-Control-Token": control}
+    try:
+        session = run.ask("POST", PATH, json={"timeout_s": 60.0}, headers=shown).json()["session"]
+        again = {"session": session, "timeout_s": 60.0}
+
+        async def another() -> httpx.Response:
+            transport = httpx.ASGITransport(run.app, client=("192.0.2.7", 4000))
+            async with httpx.AsyncClient(transport=transport, base_url=run.url, headers=shown) as client:
+                return await client.post(PATH, json=again)
+
+        run.sleep(1.0)
+        detail = refused(run.run(another()), 409)
+        assert detail == "freedrive was begun by anonymous from 127.0.0.1, who alone may renew it"
+        assert "under the control of" in refused(run.post(PATH, again), 409)
+        assert state(run)["left_s"] < 59.5, "nobody has renewed it"
+        assert run.ask("POST", PATH, json=again, headers=shown).status_code == 200
+    finally:
+        run.ask("DELETE", PATH)
+        run.ask("DELETE", "/robot/control", headers=shown).raise_for_status()
+
+
 def test_an_arm_that_is_pushed_already_is_not_let_go(run: VirtualService) -> None:
     run.rig.simulation.push[1] = PUSH_N
     run.sleep(0.5)

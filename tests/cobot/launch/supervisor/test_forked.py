@@ -23,9 +23,11 @@ os.write(int(sys.argv[1]), json.dumps(told).encode())
 raise SystemExit(3)
 """
 STARTER = """
-import json, os, sys, time
+import json, os, signal, sys, time
 from cobot.launch.supervisor.forked import forked
 from cobot.launch.process import RUN_MODULE
+signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # as who has started us may have it
+os.dup2(1, 200, inheritable=True)
 first, second = forked(2)
 print(first.pid, second.pid, flush=True)
 if sys.argv[1:] == ["wait"]:
