@@ -10,16 +10,27 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.arms import NAMES, arm
+from benchmarks.arms import NAMES, arm, carrying
 from benchmarks.judge import Judge, broken_limits, flips, jumps
 from benchmarks.stress import Tally, one
 from benchmarks.stress_cases import KINDS, case
 from cobot.planners import MotionRequest, plan
 from cobot.robot.description import RobotDescription
+from cobot.robot.tool import Tool
 from cobot.trajectory import Trajectory
 from cobot.types import PlannerName, Pose, Scaling
 
 SEED = 4
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("kind", ["ptp", "lin", "auto", "timed"])
+def test_with_a_load_no_drive_needs_more_than_it_has(name: str, kind: str) -> None:
+    tally, made = Tally(), case(arm(name), 20 + KINDS.index(kind), SEED)
+    assert made.robot.model.tool.mass > 0.0
+    one(arm(name), made, tally, share=0.0)
+    assert tally.planned + tally.refused.total() == 1, tally.wrong
+    assert tally.wrong == [], f"seed {SEED}"
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -78,6 +89,10 @@ def test_the_judge_sees_a_collision_and_too_much_effort(robot: RobotDescription)
     assert any(flaw.startswith("collision") for flaw in judge.flaws(through, robot.limits))
     weak = replace(robot.limits, max_effort=0.02 * robot.limits.max_effort)
     assert any(flaw.startswith("effort") for flaw in judge.flaws(motion, weak))
+    half = replace(robot.limits, max_effort=0.5 * robot.limits.max_effort)
+    assert list(judge.flaws(motion, half)) == []
+    loaded = Judge(arm("iiwa"), carrying(robot, Tool(mass=14.0, centre=(0.0, 0.0, 0.2))))
+    assert any(flaw.startswith("effort") for flaw in loaded.flaws(motion, half))
 
 
 def test_joints_whose_spline_swings_between_uneven_places_still_follow_a_line() -> None:
