@@ -37,12 +37,23 @@ def done(service: VirtualService, body: Any) -> Any:
 
 
 def test_with_radii_it_goes_through_and_is_sooner_there(service: VirtualService) -> None:
-    durations = []
+    durations, slowest = [], []
     for radii in ([], [0.1]):
         done(service, {"motions": [{"name": "home", **GO}]})
+        begun = len(service.rig.commanded)
         durations.append(done(service, {"motions": MOTIONS, "radii": radii})["duration_s"])
         np.testing.assert_allclose(service.joints(), END, atol=5e-3)
+        slowest.append(speed_in_the_corner(np.array(service.rig.commanded[begun:])))
     assert durations[1] < durations[0] - 0.15
+    assert slowest[0] < 1e-3
+    assert slowest[1] > 0.2
+
+
+def speed_in_the_corner(rows: np.ndarray) -> float:
+    """The least of the fastest joint within 0.05 s of the corner, by what each cycle commanded, rad/s."""
+    speeds = np.abs(np.diff(rows, axis=0)).max(axis=1) / 1e-3
+    corner = int(np.linalg.norm(rows - np.array(CORNER), axis=1).argmin())
+    return float(speeds[corner - 50 : corner + 50].min())
 
 
 def test_all_kinds_of_motions_go_over_into_each_other(service: VirtualService) -> None:
