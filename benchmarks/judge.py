@@ -208,12 +208,3 @@ def jumps(motion: Trajectory) -> Iterator[str]:
         if derivative and ends > 10.0 * allowed:
             yield f"rest: derivative {derivative} is {ends:.3g} at an end"
         rows = rows[:, :, 1:] * np.arange(1, rows.shape[2])
-
-
-def flips(motion: Trajectory, limits: JointLimits) -> Iterator[str]:
-    """Where a joint turns further within 2 ms than its velocity permits."""
-    times = np.linspace(0.0, motion.duration_s, max(2, int(motion.duration_s / 2e-3)))
-    rows = motion.sample(times)
-    steps = np.abs(np.diff(rows, axis=0)).max(axis=0) / (times[1] - times[0])
-    if (steps > limits.max_velocity * (1.0 + 1e-6)).any():
-        yield f"flip: {limits.names[int((steps / limits.max_velocity).argmax())]} jumps"
