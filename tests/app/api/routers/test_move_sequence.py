@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from virtual import VirtualService, virtual_service
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
@@ -47,6 +48,50 @@ def test_with_radii_it_goes_through_and_is_sooner_there(service: VirtualService)
     assert durations[1] < durations[0] - 0.15
     assert slowest[0] < 1e-3
     assert slowest[1] > 0.2
+
+
+def test_in_a_round_corner_a_slow_or_paused_motion_is_where_the_fast_one_was(service: VirtualService) -> None:
+    body = {"motions": MOTIONS, "radii": [0.1]}
+    done(service, {"motions": [{"name": "home", **GO}]})
+    begun = len(service.rig.commanded)
+    done(service, body)
+    fast = np.array(service.rig.commanded[begun:])
+    done(service, {"motions": [{"name": "home", **GO}]})
+    begun = len(service.rig.commanded)
+    moving = service.begin(service.asking("POST", "/robot/move/sequence", json=body))
+    near = 0.15
+
+    def override(fraction: float) -> None:
+        service.post("/robot/speed_override", json={"fraction": fraction}).raise_for_status()
+
+    try:
+        service.until(lambda: np.linalg.norm(service.rig.commanded[-1] - np.array(CORNER)) < 4.0 * near)
+        override(0.33)
+        service.until(lambda: np.linalg.norm(service.rig.commanded[-1] - np.array(CORNER)) < near)
+        override(0.0)
+        service.sleep(0.5)
+        assert np.array_equal(*service.rig.commanded[-2:]), "it stands in the corner"
+        override(0.33)
+        assert service.end(moving).json()["success"]
+    finally:
+        override(1.0)
+    slow = np.array(service.rig.commanded[begun:])
+    assert len(slow) > len(fast) + 500
+    assert off_the_way(slow, fast).max() < 1e-5
+    assert (np.linalg.norm(slow - np.array(CORNER), axis=1) < near).sum() > 500
+
+
+def off_the_way(rows: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """How far each row is from the polyline through others, rad."""
+    _, nearest = cKDTree(way).query(rows)
+    found = np.full(len(rows), np.inf)
+    for shift in (-1, 0):
+        begin = np.clip(nearest + shift, 0, len(way) - 2)
+        chord = way[begin + 1] - way[begin]
+        share = ((rows - way[begin]) * chord).sum(axis=1) / np.maximum((chord**2).sum(axis=1), 1e-30)
+        foot = way[begin] + np.clip(share, 0.0, 1.0)[:, None] * chord
+        found = np.minimum(found, np.linalg.norm(rows - foot, axis=1))
+    return found
 
 
 def speed_in_the_corner(rows: np.ndarray) -> float:
