@@ -172,6 +172,11 @@ def _joined_flaws(judge: Judge, case: Case) -> Iterator[str]:
     most = {name: np.max([getattr(leg.limits, name) for leg in legs], axis=0) for name in rates}
     yield from judge.flaws(whole.trajectory, replace(limits, **most))
     yield from _leg_flaws(whole.trajectory, [0.0, *whole.ends_s], [leg.limits for leg in legs])
+    for leg, begin, end in zip(legs, [0.0, *whole.ends_s], whole.ends_s, strict=False):
+        if leg.constraints is not None:
+            rows = whole.trajectory.sample(np.linspace(begin, end, 200))
+            if judge.broken(leg.constraints, rows, leg.motion.start) > ALLOWANCE:
+                yield "constraints: broken in a corner"
     yield from _end_flaws(judge, legs[-1].motion.end, whole.trajectory.end, 1e-9)
     if whole.trajectory.duration_s > sum(leg.motion.duration_s for leg in legs) * (1.0 + 1e-6):
         yield "joined: takes longer than with stops"
