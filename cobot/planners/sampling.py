@@ -43,6 +43,7 @@ MUCH_WORK = 120_000
 the same path."""
 DIRECT = 1.3
 """A path that is no longer than so many times the way without obstacles needs no better one."""
+ROUNDING_RAD = 1e-9
 IMPROVING_S = 1.0
 """OMPL's planners that go on to make their path shorter are given so long after they have found one, s."""
 SLICE_S = 0.05
@@ -103,6 +104,8 @@ def _connected(
     best = shortened(clearance, found, seed)
     paths, begun = [best], clearance.evaluations  # the first path may have been hard to find
     for number in range(ROUNDS):
+        # No shorter path leads to goals that are further away than the best one is long.
+        goals = goals[np.linalg.norm(goals - start, axis=1) <= length(best) + ROUNDING_RAD]
         attempts = MANY_ATTEMPTS if number else FEW_ATTEMPTS
         for _ in range(SEARCHES if len(best) > 2 else 0):
             seed, left_s = int(random.integers(2**62)), deadline_s - time.monotonic()
