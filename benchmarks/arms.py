@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -15,6 +16,8 @@ import second_opinion
 from cobot.config import load_settings
 from cobot.launch.new_robot import NewRobot
 from cobot.robot.description import RobotDescription, load_robot
+from cobot.robot.model import RobotModel
+from cobot.robot.tool import Tool
 from cobot.types import Array
 
 Point = tuple[float, float, float]
@@ -98,6 +101,23 @@ def loaded(name: str, folder: Path) -> Arm:
     robot = load_robot(load_settings(folder / "cobot-setting.yaml"))
     model = pinocchio.buildModelFromXML(urdf(name))
     return Arm(name, robot, model, model.getFrameId(robot.base_frame), model.getFrameId("tool0"))
+
+
+def carrying(robot: RobotDescription, tool: Tool) -> RobotDescription:
+    """The same robot with a tool, in a model of its own."""
+    given = robot.model
+    site = given.mj.site(given.tcp_site).name
+    model = RobotModel(copy.copy(given.mj), given.limits, robot.base_frame, site, given.spec)
+    model.carry(tool)
+    return replace(robot, model=model)
+
+
+def loaded_model(model: pinocchio.Model, frame: int, tool: Tool) -> pinocchio.Model:
+    """Pinocchio's model with the tool's mass on a frame, which is where the flange is."""
+    flange, loaded = model.frames[frame], model.copy()
+    inertia = pinocchio.Inertia(tool.mass, np.array(tool.centre), tool.inertia_matrix)
+    loaded.appendBodyToJoint(flange.parentJoint, inertia, flange.placement)
+    return loaded
 
 
 def urdf(name: str) -> str:

@@ -18,9 +18,10 @@ from cobot.config import load_settings
 from cobot.errors import CobotError
 from cobot.motions.constraints import Cone, Constraints
 from cobot.planners import MotionRequest, plan
+from cobot.planners.detours import length, without_detours
 from cobot.planners.goals import joint_goals
 from cobot.planners.rrt_connect import connect
-from cobot.planners.sampling import RANGE_RAD, find_path, room
+from cobot.planners.sampling import RANGE_RAD, SEARCHES, find_path, room
 from cobot.planners.shortcut import shortened
 from cobot.robot.description import RobotDescription, load_robot
 from cobot.types import Array, PlannerName, Pose, Scaling
@@ -29,6 +30,8 @@ Result = TypeVar("Result")
 COLUMNS = ("p50", "p95", "max")
 TIMEOUT_S = 10.0
 RUNS = 10
+FAR = 1.4
+"""A path that is so many times as long as the direct way is always held against the best that is found."""
 PEER_STEP_RAD = 0.02
 PEER_S = 2.0
 UPRIGHT_RAD = 0.1
@@ -51,7 +54,9 @@ class Tries:
 
 
 def clutter(problems: int, references: int, reference_s: float) -> Iterator[Row]:
-    """So many problems of each kind; of so many, the path's length beside the best of ten long runs."""
+    """So many problems of each kind; of so many, and of all far from the direct way, the path's length beside
+    the best of ten long runs.
+    """
     robot = load_robot(load_settings(None))
     yield _distances(robot)
     whole = {planner: Tries() for planner in (PlannerName.OMPL, PlannerName.CHOMP)}
@@ -65,7 +70,7 @@ def clutter(problems: int, references: int, reference_s: float) -> Iterator[Row]
             cpu_ms, theirs = _timed(lambda problem=problem: _by_ompl(problem))
             tries["peer"].add(cpu_ms, theirs)
             if corners is not None and theirs is not None:
-                beside_peer.append(_length(corners) / _length(theirs))
+                beside_peer.append(length(corners) / length(theirs))
             for planner, all_of_it in whole.items():
                 request = _request(problem, planner)
                 outcome = _timed(lambda there=problem.robot, request=request: plan(there, request))
@@ -75,8 +80,8 @@ def clutter(problems: int, references: int, reference_s: float) -> Iterator[Row]
             to_poses.add(*_timed(lambda there=problem.robot, request=request: plan(there, request)))
             if (request := _upright(problem)) is not None:
                 upright.add(*_timed(lambda there=problem.robot, request=request: plan(there, request)))
-            if corners is not None and number < references:
-                ratios.append(_length(corners) / _best(problem, reference_s))
+            if corners is not None and (number < references or length(corners) > FAR * _direct(problem)):
+                ratios.append(length(corners) / _best(problem, reference_s))
         yield _times(
             f"{kind}: a path, shortened, CPU", tries["path"], "OMPL's RRTConnect, Python", tries["peer"]
         )
@@ -181,7 +186,9 @@ def _path(tries: Tries, problem: Problem) -> Array | None:
 
 
 def _best(problem: Problem, run_s: float) -> float:
-    """The length of the shortest path of ten runs, rad, each of which searches anew for all of its time."""
+    """The length of the shortest path of ten runs, rad, each of which searches anew for all of its time, and
+    takes the detours out of each three paths.
+    """
     collision, limits = problem.robot.collision, problem.robot.limits
     bounds = limits.min_position, limits.max_position
     ends = np.array([problem.start, problem.goal])
@@ -189,11 +196,16 @@ def _best(problem: Problem, run_s: float) -> float:
     with collision.keeping(room(problem.robot, ends)) as clearance:
         for run in range(RUNS):
             end_s, seed, best = time.process_time() + run_s, 1000 * run, np.inf
+            paths: list[Array] = []
             while (left_s := end_s - time.process_time()) > 0.0:
                 seed += 1
                 found = connect(clearance, ends[0], ends[1:], *bounds, seed, left_s, RANGE_RAD, best)
                 if found is not None:
-                    best = min(best, _length(shortened(clearance, found, seed)))
+                    paths.append(shortened(clearance, found, seed))
+                    best = min(best, length(paths[-1]))
+                if len(paths) == SEARCHES:
+                    best = min(best, length(without_detours(clearance, paths, ends[1:], bounds, seed)))
+                    paths = []
             shortest.append(best)
     return min(shortest)
 
@@ -229,8 +241,8 @@ def _by_ompl(problem: Problem) -> Array | None:
     )
 
 
-def _length(corners: Array) -> float:
-    return float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum())
+def _direct(problem: Problem) -> float:
+    return float(np.linalg.norm(problem.goal - problem.start))
 
 
 def _timed(call: Callable[[], Result]) -> tuple[float, Result | None]:

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio
 from scipy.spatial.transform import Rotation
 
-from benchmarks.arms import Arm
+from benchmarks.arms import Arm, loaded_model
 from cobot.motions.constraints import Constraints
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
@@ -32,11 +32,13 @@ POWERS = np.arange(6)
 
 
 class Judge:
-    """Of one arm in one scene."""
+    """Of one arm in one scene, with what it carries."""
 
     def __init__(self, arm: Arm, robot: RobotDescription) -> None:
         self.arm, self.robot = arm, robot
         self._data = arm.model.createData()
+        self._loaded = loaded_model(arm.model, arm.tcp, robot.model.tool)
+        self._loaded_data = self._loaded.createData()
         self._mj = robot.model.among(robot.collision.scene)
         self._state = mujoco.MjData(self._mj)
         self._mj.geom_margin[:] = NEAR_M
@@ -88,7 +90,7 @@ class Judge:
         values = [motion.sample(times, derivative) for derivative in range(3)]
         yield from self._contacts(motion, values[0])
         efforts = np.array(
-            [pinocchio.rnea(self.arm.model, self._data, *row) for row in zip(*values, strict=True)]
+            [pinocchio.rnea(self._loaded, self._loaded_data, *row) for row in zip(*values, strict=True)]
         )
         used = np.abs(efforts).max(axis=0) / limits.max_effort
         if used.max() > 1.0 + EFFORT_SLACK:
@@ -206,12 +208,3 @@ def jumps(motion: Trajectory) -> Iterator[str]:
         if derivative and ends > 10.0 * allowed:
             yield f"rest: derivative {derivative} is {ends:.3g} at an end"
         rows = rows[:, :, 1:] * np.arange(1, rows.shape[2])
-
-
-def flips(motion: Trajectory, limits: JointLimits) -> Iterator[str]:
-    """Where a joint turns further within 2 ms than its velocity permits."""
-    times = np.linspace(0.0, motion.duration_s, max(2, int(motion.duration_s / 2e-3)))
-    rows = motion.sample(times)
-    steps = np.abs(np.diff(rows, axis=0)).max(axis=0) / (times[1] - times[0])
-    if (steps > limits.max_velocity * (1.0 + 1e-6)).any():
-        yield f"flip: {limits.names[int((steps / limits.max_velocity).argmax())]} jumps"

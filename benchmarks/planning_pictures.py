@@ -19,9 +19,10 @@ from benchmarks import scenes
 from benchmarks.clutter_picture import draw_clutter
 from cobot.config import load_settings
 from cobot.errors import CobotError
-from cobot.motions.constraints import Cone, Constraints
+from cobot.motions.constraints import Box, Cone, Constraints
 from cobot.motions.requests import Arc, MotionRequest
 from cobot.planners import plan
+from cobot.planners.joined import joined, leg_of
 from cobot.planners.lin import straight_line
 from cobot.planners.ptp import plan_ptp
 from cobot.robot.description import RobotDescription, load_robot
@@ -38,6 +39,8 @@ NEAR_SINGULAR = (
 """A line that begins near a singularity."""
 SHARES, ANGLES = np.linspace(0.0, 1.0, 161), np.linspace(-np.pi, np.pi, 181)
 UPRIGHT_RAD = 0.1
+CORNER_START = np.array([0.0, 0.5, 0.0, -1.3, 0.0, 1.34, 0.0])
+CORNER_WAYS = ((0.0, 0.2, 0.0), (0.0, 0.2, -0.2))
 
 
 def main() -> None:
@@ -231,10 +234,40 @@ def draw_constraints(robot: RobotDescription) -> plt.Figure:
     return figure
 
 
+def draw_corners(robot: RobotDescription) -> plt.Figure:
+    """Two lines with a stop, with a radius, and with a radius of which a constraint leaves a part."""
+    figure, (plane, speed) = plt.subplots(1, 2, figsize=(9, 3.6))
+    here = robot.model.forward(CORNER_START)
+    corner, end = (Pose(here.position + np.array(way), here.quaternion) for way in CORNER_WAYS)
+    box = Box(here.position - np.array([0.3, 0.3, 0.006]), here.position + 0.3)
+    for radius_m, held, name in (
+        (0.0, None, "a stop"),
+        (0.05, Constraints(box=box), "50 mm, the first line held above -6 mm"),
+        (0.05, None, "50 mm"),
+    ):
+        first = MotionRequest(CORNER_START, corner, PlannerName.LIN, FULL, constraints=held)
+        legs = [leg_of(robot, first, motion_of(robot, first))]
+        second = MotionRequest(legs[0].motion.end, end, PlannerName.LIN, FULL)
+        legs.append(leg_of(robot, second, motion_of(robot, second)))
+        motion = joined(robot, legs, [radius_m]).trajectory
+        way = _way(robot, motion)
+        plane.plot(way[:, 1], way[:, 2], linewidth=1.2, label=name)
+        times = np.linspace(0.0, motion.duration_s, len(way))
+        moved = np.linalg.norm(np.diff(way, axis=0), axis=1) / np.diff(times)
+        speed.plot(times[1:], moved, linewidth=1.0, label=f"{motion.duration_s:.2f} s")
+    plane.add_patch(plt.Circle(corner.position[1:], 0.05, fill=False, linestyle=":", color="0.5"))
+    plane.set(xlabel="y, m", ylabel="z, m", title="path of the TCP, and the radius", aspect="equal")
+    plane.legend(fontsize=7, loc="lower left")
+    speed.set(xlabel="time, s", ylabel="speed of the TCP, m/s", title="two lines of 0.2 m")
+    speed.legend(fontsize=7)
+    return figure
+
+
 PICTURES = {
     "ptp": draw_ptp,
     "lin": draw_lin,
     "paths": draw_paths,
+    "corners": draw_corners,
     "clutter": draw_clutter,
     "auto": draw_auto,
     "constraints": draw_constraints,

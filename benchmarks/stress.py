@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks import shape
 from benchmarks.arms import NAMES, SHIPPED, Arm, arm
-from benchmarks.judge import END_M, Judge, flips
+from benchmarks.judge import END_M, Judge
 from benchmarks.second_search import confirmed
 from benchmarks.stress_cases import CORRIDOR_RAD, KINDS, Case, case
 from cobot.errors import CobotError, InputError
@@ -135,7 +135,6 @@ def _motion_flaws(judge: Judge, request: MotionRequest, motion: Trajectory | Non
         yield "start: it begins elsewhere"
     limits = request.scaled_limits(robot)
     yield from judge.flaws(motion, limits.including(request.start))
-    yield from flips(motion, limits)
     if request.arc is None or request.arc.angle_rad is None:
         yield from _end_flaws(judge, request.goal, motion.end, END_M)
     rows = motion.sample(np.linspace(0.0, motion.duration_s, 400))
@@ -172,8 +171,12 @@ def _joined_flaws(judge: Judge, case: Case) -> Iterator[str]:
     rates = ("max_velocity", "max_acceleration", "max_jerk")
     most = {name: np.max([getattr(leg.limits, name) for leg in legs], axis=0) for name in rates}
     yield from judge.flaws(whole.trajectory, replace(limits, **most))
-    yield from flips(whole.trajectory, replace(limits, **most))
     yield from _leg_flaws(whole.trajectory, [0.0, *whole.ends_s], [leg.limits for leg in legs])
+    for leg, begin, end in zip(legs, [0.0, *whole.ends_s], whole.ends_s, strict=False):
+        if leg.constraints is not None:
+            rows = whole.trajectory.sample(np.linspace(begin, end, 200))
+            if judge.broken(leg.constraints, rows, leg.motion.start) > ALLOWANCE:
+                yield "constraints: broken in a corner"
     yield from _end_flaws(judge, legs[-1].motion.end, whole.trajectory.end, 1e-9)
     if whole.trajectory.duration_s > sum(leg.motion.duration_s for leg in legs) * (1.0 + 1e-6):
         yield "joined: takes longer than with stops"
@@ -195,7 +198,6 @@ def _timed_flaws(judge: Judge, case: Case) -> Iterator[str]:
     assert request is not None
     motion = plan_waypoints(case.robot, request)
     yield from judge.flaws(motion, judge.robot.limits.including(request.start), 1e-6)
-    yield from flips(motion, judge.robot.limits)
     points = np.array([point.positions for point in request.points])
     if np.abs(motion.end - points[-1]).max() > 1e-9:
         yield f"end: {np.abs(motion.end - points[-1]).max():.3g} rad beside the last point"

@@ -8,17 +8,22 @@ import numpy as np
 from totg import totg
 
 from benchmarks.arms import NAMES as ARMS
-from benchmarks.arms import Arm
+from benchmarks.arms import SHIPPED, Arm, carrying
 from cobot.motions.constraints import Box, Cone, Constraints
 from cobot.motions.requests import Arc, MotionRequest, TcpSpeed, WaypointRequest
 from cobot.robot.description import RobotDescription
 from cobot.robot.scene import Scene, SceneObject
+from cobot.robot.tool import Tool
 from cobot.types import Array, PlannerName, Pose, Scaling, Synchronization, Waypoint
 
 KINDS = ("ptp", "lin", "circ", "polyline", "ompl", "chomp", "auto", "joined", "constrained", "timed")
 TIMEOUT_S = 5.0
 FAR_M = 5.0
 CORRIDOR_RAD = 1e-3
+SHIPPED_KG, MADE_KG, CENTRE_M = 14.0, 4.0, 0.2
+"""The heaviest load of an arm, and how far its centre is from the flange at the most."""
+TENS, LOADED_TEN = 5, 2
+"""Of so many times ten requests those of this one have a load."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +50,8 @@ class _Maker:
         self.robot = arm.robot
         if self.random.random() < 0.6:
             self.robot = replace(arm.robot, collision=arm.robot.collision.among(self._scene()))
+        if number // len(KINDS) % TENS == LOADED_TEN:
+            self.robot = carrying(self.robot, self._tool(SHIPPED_KG if arm.name == SHIPPED else MADE_KG))
 
     def case(self, number: int) -> Case:
         kind = KINDS[number % len(KINDS)]
@@ -71,6 +78,10 @@ class _Maker:
             w, i, j, k = (turn / np.linalg.norm(turn)).tolist()
             objects[f"box{index + 1}"] = SceneObject("box", edges, (x, y, z, w, i, j, k))
         return Scene(1, objects)
+
+    def _tool(self, most_kg: float) -> Tool:
+        x, y, z = self.random.uniform([-0.05, -0.05, 0.0], [0.05, 0.05, CENTRE_M]).tolist()
+        return Tool(mass=float(self.random.uniform(0.3, 1.0)) * most_kg, centre=(x, y, z))
 
     def _any(self) -> Array:
         return self.random.uniform(self.limits.min_position, self.limits.max_position)

@@ -7,8 +7,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+import pinocchio
 from totg import problems, trapezoid
 
+from benchmarks.arms import SHIPPED, arm, carrying, loaded_model
 from benchmarks.table import EACH, Row, percentiles, row
 from cobot.config import load_settings
 from cobot.errors import LimitError
@@ -16,6 +18,7 @@ from cobot.planners import WaypointRequest, plan_waypoints
 from cobot.planners.course import through
 from cobot.robot.description import RobotDescription, load_robot
 from cobot.robot.feasibility import check_limits
+from cobot.robot.tool import Tool
 from cobot.trajectory import Trajectory
 from cobot.types import Array, Waypoint
 
@@ -25,6 +28,9 @@ DECIMALS = (3, 4, 5, 6, 15)
 OFF_RAD = 1e-5
 COLUMNS = ("p50", "p95", "largest")
 CORRIDOR_RAD = 1e-3
+BEYOND = 1.005
+"""Of an effort: the bound of 0.1 % and what the samples of both programs may differ by."""
+LOAD = Tool(mass=14.0, centre=(0.0, 0.0, 0.2))
 
 
 def timed(count: int) -> Iterator[Row]:
@@ -38,9 +44,47 @@ def timed(count: int) -> Iterator[Row]:
         rows = problems(limits, home, share, 0.1, count, seed=1)
         sent = [_points(each[:, 0], *np.split(each[:, 1:], 3, axis=1)) for each in rows]
         yield _durations(robot, f"TOTG of 1 to 5 legs at {share:.0%} of the limits, as MoveIt sends it", sent)
+    yield _loaded(robot, count)
     for name, rows in _long(robot):
         for decimals in (6, 3):
             yield from _planned(robot, name, rows[:, 0], np.round(rows[:, 1:], decimals), decimals)
+
+
+def _loaded(robot: RobotDescription, count: int) -> Row:
+    """Of how many motions a drive needs more than it has, with a load near the most, by pinocchio."""
+    heavy, refused = carrying(robot, LOAD), 0
+    ours: list[float] = []
+    asked: list[float] = []
+    for name in ("home", "work"):
+        start = np.array(robot.positions[name].joints)
+        for share in SHARES:
+            for rows in problems(robot.limits, start, share, 0.1, count, seed=1):
+                points = _points(rows[:, 0], *np.split(rows[:, 1:], 3, axis=1))
+                asked.append(_effort(robot, through(points, start, robot.limits, 0.0)[0]))
+                try:
+                    ours.append(_effort(robot, _plan(heavy, points, CORRIDOR_RAD)))
+                except LimitError:
+                    refused += 1
+    values = [(100.0 * np.mean(np.array(each) > BEYOND), 100.0 * max(each)) for each in (ours, asked)]
+    return row(
+        f"motions with {LOAD.mass:g} kg beyond a drive's effort (of {len(asked)}; {refused} are refused)",
+        "",
+        values[0],
+        "the points as they are sent",
+        values[1],
+        columns=("beyond, %", "most of an effort, %"),
+        aim="0",
+    )
+
+
+def _effort(robot: RobotDescription, motion: Trajectory) -> float:
+    """The largest share of a drive's effort, every 2 ms."""
+    shipped = arm(SHIPPED)
+    model = loaded_model(shipped.model, shipped.tcp, LOAD)
+    data, times_s = model.createData(), np.arange(0.0, motion.duration_s, 0.002)
+    states = zip(*(motion.sample(times_s, order) for order in range(3)), strict=True)
+    efforts = np.array([pinocchio.rnea(model, data, *state) for state in states])
+    return float((np.abs(efforts) / robot.limits.max_effort).max())
 
 
 class _Nothing:

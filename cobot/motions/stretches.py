@@ -4,17 +4,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from cobot.motions.constraints import Constraints
 from cobot.trajectory import Trajectory
 from cobot.types import CartesianLimits, JointLimits
 
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """A motion from rest to rest, and the limits that it has been planned with; None for no TCP's."""
+    """A motion from rest to rest, and the limits that it has been planned with; None for no TCP's.
+
+    Attributes:
+        constraints: what it keeps from its start on.
+    """
 
     motion: Trajectory
     limits: JointLimits
     tcp: CartesianLimits | None
+    constraints: Constraints | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,8 @@ import numpy as np
 from cobot.motions.stretches import Corner, Leg
 from cobot.planners.coordinates import Coordinates
 from cobot.planners.derivatives import chained
-from cobot.planners.joined import largest, path_of
+from cobot.planners.joined import path_of
+from cobot.planners.leg_limits import largest
 from cobot.planners.path import Path
 from cobot.polynomials import greatest_rates
 from cobot.robot.description import RobotDescription

@@ -9,7 +9,7 @@ next one from there on.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -19,13 +19,15 @@ from cobot.motions.requests import PATH_PLANNERS, Blended, MotionRequest
 from cobot.motions.stretches import Corner, Leg
 from cobot.planners.cartesian import tcp_limits
 from cobot.planners.checks import validate
-from cobot.planners.coordinates import PARTS, Zones
+from cobot.planners.coordinates import Zones
 from cobot.planners.cut import cut
+from cobot.planners.held import ALLOWANCE, LOOK_S, MOST_LOOKS, Held
+from cobot.planners.leg_limits import largest, largest_rates, rates
 from cobot.planners.path import Path
-from cobot.planners.time_law import time_optimal, with_room
+from cobot.planners.time_law import time_optimal
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory, from_hermite
-from cobot.types import Array, CartesianLimits, JointLimits
+from cobot.types import Array
 
 SHARES = (1.0, 0.8, 0.6, 0.4, 0.2, 0.1)
 """Of what the radius permits; tried in this order until the round corner is possible."""
@@ -38,8 +40,6 @@ LEAST_RADIUS_M = 1e-6
 """Less is none: no arm is as exact, and rounding decides where the corner is."""
 TOLD = 0.9
 """A corner that uses less than this share of its radius is told."""
-UNLIMITED = 1e9
-RATES = ("max_velocity", "max_acceleration", "max_jerk")
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ class Part:
 def leg_of(robot: RobotDescription, request: MotionRequest, motion: Trajectory) -> Leg:
     """A motion with the limits of its request."""
     of_tcp = tcp_limits(robot, request) if request.planner in PATH_PLANNERS else None
-    return Leg(motion, request.scaled_limits(robot), of_tcp)
+    return Leg(motion, request.scaled_limits(robot), of_tcp, request.constraints)
 
 
 def joined(robot: RobotDescription, legs: Sequence[Leg], radii_m: Sequence[float]) -> Blended:
@@ -77,7 +77,7 @@ def joined(robot: RobotDescription, legs: Sequence[Leg], radii_m: Sequence[float
     """
     check_radii(legs, radii_m)
     paths = [Path.of_trajectory(leg.motion) for leg in legs]
-    corners = corners_of(robot, paths, [0.0, *radii_m, 0.0])
+    corners = corners_of(robot, legs, paths, [0.0, *radii_m, 0.0])
     stops = [index + 1 for index, corner in enumerate(corners) if corner is None]
     whole: Trajectory | None = None
     ends: list[float] = []
@@ -120,11 +120,12 @@ def told(radii_m: Sequence[float], used_m: Sequence[float]) -> list[str]:
 
 
 def corners_of(
-    robot: RobotDescription, paths: Sequence[Path], radii_m: Sequence[float]
+    robot: RobotDescription, legs: Sequence[Leg], paths: Sequence[Path], radii_m: Sequence[float]
 ) -> list[Corner | None]:
     """The round corners between paths; None where there has to be a stop.
 
     Args:
+        paths: of these legs.
         radii_m: of the corner before the first path, of those between them, and of the one after the last.
     """
     found = []
@@ -132,14 +133,26 @@ def corners_of(
         round_ = [radius >= LEAST_RADIUS_M for radius in radii_m[index - 1 : index + 2]]
         before, after = (BETWEEN_CORNERS if round_[side] else AT_AN_END for side in (0, 2))
         free = before * first.length, after * second.length
-        found.append(_corner(robot, first, second, radii_m[index], free) if round_[1] else None)
+        helds = _held(robot, legs[index - 1]), _held(robot, legs[index])
+        found.append(_corner(robot, first, second, radii_m[index], free, helds) if round_[1] else None)
     return found
 
 
+def _held(robot: RobotDescription, leg: Leg) -> Held | None:
+    return None if leg.constraints is None else Held(robot, leg.constraints, leg.motion.start)
+
+
 def _corner(
-    robot: RobotDescription, first: Path, second: Path, radius_m: float, free: tuple[float, float]
+    robot: RobotDescription,
+    first: Path,
+    second: Path,
+    radius_m: float,
+    free: tuple[float, float],
+    helds: tuple[Held | None, Held | None],
 ) -> Corner | None:
-    """The largest of `SHARES` that stays within the radius and the limits and touches nothing."""
+    """The largest of `SHARES` that stays within the radius and the limits, touches nothing and keeps the
+    constraints: up to its middle those of the first motion, from there on those of the second one.
+    """
     middle = robot.model.forward(second.at(np.zeros(1))[0]).position
     along = [np.linspace(0.0, most, SAMPLES + 1) for most in free]
     away = [
@@ -152,9 +165,13 @@ def _corner(
     for share in SHARES:
         before, after = share * ways[0], share * ways[1]
         curve = _curve(first, second, before, after)
-        used_m = float(_away(robot, middle, curve.sample(np.linspace(0.0, curve.duration_s, SAMPLES))).max())
+        rows = curve.sample(np.linspace(0.0, curve.duration_s, SAMPLES))
+        used_m = float(_away(robot, middle, rows).max())
         low, high = robot.limits.min_position, robot.limits.max_position
         if used_m > 0.5 * (1.0 + INSIDE) * radius_m:
+            continue
+        halves = zip(helds, np.array_split(rows, 2), strict=True)
+        if any(held is not None and held.excess(half).max() > ALLOWANCE for held, half in halves):
             continue
         if len(Path(curve.breakpoints_s, curve.coefficients).places_outside(low, high)):
             continue
@@ -215,10 +232,24 @@ def part_of(
         raise PlanningError(f"round corners: {exc}") from exc
     progress = timed.progress
     reached = np.interp(middles, progress.sample(progress.breakpoints_s)[:, 0], progress.breakpoints_s)
+    if any(_breaks(robot, *each) for each in zip(legs, _between(timed.trajectory, reached), strict=True)):
+        return Part(stopping)
     trajectory = replace(timed.trajectory, note=stopping.trajectory.note)
     used = tuple(corner.used_m for corner in corners)
     times = (*reached.tolist(), trajectory.duration_s)
     return Part(Blended(trajectory, times, (True,) * len(corners), used), path, progress)
+
+
+def _between(motion: Trajectory, times_s: Array) -> list[Array]:
+    """What is looked at of a motion before, between and after some times, shape (n, dof) each."""
+    count = min(MOST_LOOKS, int(motion.duration_s / LOOK_S) + 2)
+    looks_s = np.linspace(0.0, motion.duration_s, count)
+    return np.split(motion.sample(looks_s), np.searchsorted(looks_s, times_s))
+
+
+def _breaks(robot: RobotDescription, leg: Leg, rows: Array) -> bool:
+    held = _held(robot, leg)
+    return held is not None and bool(held.excess(rows).max() > ALLOWANCE)
 
 
 def with_stops(legs: Sequence[Leg]) -> Blended:
@@ -247,37 +278,7 @@ def path_of(
     for part in parts[1:]:
         whole = whole.followed_by(part)
     middles = ends[1::2] - 0.5 * np.array([corner.curve.duration_s for corner in corners])
-    greatest = _largest_rates(robot, legs)
-    shares = np.stack([_rates(robot, leg) / greatest for leg in legs], axis=1)
+    greatest = largest_rates(robot, legs)
+    shares = np.stack([rates(robot, leg) / greatest for leg in legs], axis=1)
     zones = Zones(np.append(middles, ends[-1]), shares)
     return Path(whole.breakpoints_s, whole.coefficients), zones, middles
-
-
-def _rates(robot: RobotDescription, leg: Leg) -> Array:
-    """Its limits of velocity, acceleration and jerk: of the joints, and of the TCP, shape (3, dof + 2)."""
-    limits = with_room(robot, leg.limits)
-    of_joints = np.array([getattr(limits, name) for name in RATES])
-    of_tcp = np.full((3, PARTS), UNLIMITED)
-    if leg.tcp is not None:
-        values = [getattr(leg.tcp, item.name) for item in fields(CartesianLimits)]
-        of_tcp = np.array(values).reshape(PARTS, 3).T
-    return np.concatenate([of_joints, of_tcp], axis=1)
-
-
-def _largest_rates(robot: RobotDescription, legs: Sequence[Leg]) -> Array:
-    """The largest of each limit, of the TCP's among the motions that have any."""
-    largest = np.max([_rates(robot, leg) for leg in legs], axis=0)
-    with_tcp = [_rates(robot, leg) for leg in legs if leg.tcp is not None]
-    if with_tcp:
-        largest[:, -PARTS:] = np.max(with_tcp, axis=0)[:, -PARTS:]
-    return np.asarray(largest)
-
-
-def largest(robot: RobotDescription, legs: Sequence[Leg]) -> tuple[JointLimits, CartesianLimits | None]:
-    """The limits of which the zones have shares."""
-    greatest = _largest_rates(robot, legs)
-    dof = robot.limits.dof
-    limits = replace(legs[0].limits, **dict(zip(RATES, greatest[:, :dof], strict=True)))
-    if not any(leg.tcp for leg in legs):
-        return limits, None
-    return limits, CartesianLimits(*greatest[:, dof:].T.ravel().tolist())

@@ -83,7 +83,7 @@ def _following(
 ) -> Stretch:
     """Motions after a stop: at the end of what is under way, if anything is."""
     paths = [Path.of_trajectory(leg.motion) for leg in legs]
-    corners = corners_of(robot, paths, [0.0, *radii_m])
+    corners = corners_of(robot, legs, paths, [0.0, *radii_m])
     stops = [index for index, corner in enumerate(corners, start=1) if corner is None]
     used: list[float] = []
     for begin, end in pairwise([0, *stops, len(legs)]):
@@ -127,7 +127,7 @@ def _part(
 
 def _reserved(robot: RobotDescription, leg: Leg) -> Leg:
     of_tcp = None if leg.tcp is None else leg.tcp.scaled(*RESERVE)
-    return Leg(leg.motion, with_room(robot, leg.limits).scaled(*RESERVE), of_tcp)
+    return replace(leg, limits=with_room(robot, leg.limits).scaled(*RESERVE), tcp=of_tcp)
 
 
 def _rounded(
@@ -140,7 +140,7 @@ def _rounded(
     paths = [Path.of_trajectory(leg.motion) for leg in all_legs]
     old = len(all_legs) - len(legs)
     radius_before = under_way.radii_m[-2] if len(under_way.radii_m) > 1 else 0.0
-    ahead = corners_of(robot, paths[old - 1 :], [radius_before, *radii[old - 1 :]])
+    ahead = corners_of(robot, all_legs[old - 1 :], paths[old - 1 :], [radius_before, *radii[old - 1 :]])
     count = ahead.index(None) if None in ahead else len(ahead)
     corners = [*under_way.corners[left_out:], *(corner for corner in ahead[:count] if corner is not None)]
     end = old + count

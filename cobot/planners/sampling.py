@@ -15,6 +15,7 @@ from ompl import base, geometric, util
 
 from cobot.errors import PlanningTimeout
 from cobot.motions.requests import MotionRequest
+from cobot.planners.detours import length, without_detours
 from cobot.planners.goals import more_goals
 from cobot.planners.rrt_connect import connect
 from cobot.planners.shortcut import shortened
@@ -32,15 +33,17 @@ POSE_DOF = 6
 FIRST_ATTEMPTS = 1000
 """Where no path is found with so many attempts to add a node, more configurations of the goal are looked for,
 and so on, each time with half as many attempts more."""
-RESTART_ATTEMPTS = 200
-"""To add a node, in each search after the first one."""
-FEW_SEARCHES, MANY_SEARCHES = 4, 16
-"""So many searches, of which the shortest path counts; many where that is not `DIRECT` yet."""
-MUCH_WORK = 60_000
-"""None is begun after so many configurations looked at, about 0.15 s. No times: the same seed shall give the
-same path."""
-DIRECT = 1.4
+SEARCHES, ROUNDS = 3, 6
+"""So many searches in each round, of which the shortest path counts, and so many rounds where that is not
+`DIRECT` yet."""
+FEW_ATTEMPTS, MANY_ATTEMPTS = 200, 1000
+"""To add a node, in each search of the first round, and of the others."""
+MUCH_WORK = 120_000
+"""No round is begun after so many configurations looked at, some 0.3 s. No times: the same seed shall give
+the same path."""
+DIRECT = 1.3
 """A path that is no longer than so many times the way without obstacles needs no better one."""
+ROUNDING_RAD = 1e-9
 IMPROVING_S = 1.0
 """OMPL's planners that go on to make their path shorter are given so long after they have found one, s."""
 SLICE_S = 0.05
@@ -87,29 +90,36 @@ def find_path(robot: RobotDescription, request: MotionRequest, goals: Array) -> 
 def _connected(
     robot: RobotDescription, clearance: Clearance, start: Array, goals: Array, request: MotionRequest
 ) -> Array | None:
-    """The shortest of some paths: those after the first have to be shorter to be found at all."""
-    limits, random = robot.limits, np.random.default_rng(request.seed)
+    """The shortest of some paths: those after the first have to be shorter to be found at all. Where even
+    that one is far from the direct way it is improved, together with others, see `without_detours`.
+    """
+    bounds = robot.limits.min_position, robot.limits.max_position
     deadline_s = time.monotonic() + request.timeout_s
-    best: Array | None = None
-    shortest_rad, attempts, begun = np.inf, 0, clearance.evaluations
     direct_rad = DIRECT * float(np.linalg.norm(goals - start, axis=1).min())
-    for search in range(MANY_SEARCHES):
-        seed = int(random.integers(2**62))
-        left_s = deadline_s - time.monotonic()
-        bounds = limits.min_position, limits.max_position
-        if search == 0:
-            found, goals = _first(robot, clearance, start, goals, request, seed)
-        else:
-            found = connect(clearance, start, goals, *bounds, seed, left_s, RANGE_RAD, shortest_rad, attempts)
-        if found is not None:
-            corners = shortened(clearance, found, seed)
-            if _length(corners) < shortest_rad:
-                best, shortest_rad = corners, _length(corners)
-        if search == 0:  # the first path may have been hard to find
-            attempts, begun = RESTART_ATTEMPTS, clearance.evaluations
-        enough = search + 1 >= FEW_SEARCHES and shortest_rad <= direct_rad
-        if best is None or len(best) == 2 or enough or clearance.evaluations - begun > MUCH_WORK:
+    random = np.random.default_rng(request.seed)
+    seed = int(random.integers(2**62))
+    found, goals = _first(robot, clearance, start, goals, request, seed)
+    if found is None:
+        return None
+    best = shortened(clearance, found, seed)
+    paths, begun = [best], clearance.evaluations  # the first path may have been hard to find
+    for number in range(ROUNDS):
+        # No shorter path leads to goals that are further away than the best one is long.
+        goals = goals[np.linalg.norm(goals - start, axis=1) <= length(best) + ROUNDING_RAD]
+        attempts = MANY_ATTEMPTS if number else FEW_ATTEMPTS
+        for _ in range(SEARCHES if len(best) > 2 else 0):
+            seed, left_s = int(random.integers(2**62)), deadline_s - time.monotonic()
+            found = connect(clearance, start, goals, *bounds, seed, left_s, RANGE_RAD, length(best), attempts)
+            if found is not None:
+                paths.append(shortened(clearance, found, seed))
+                best = min(best, paths[-1], key=length)
+        if len(best) > 2 and length(best) > direct_rad:
+            shorter = without_detours(clearance, paths or [best], goals, bounds, seed)
+            best = min(best, shorter, key=length)
+        is_enough = len(best) == 2 or length(best) <= direct_rad
+        if is_enough or clearance.evaluations - begun > MUCH_WORK or time.monotonic() > deadline_s:
             break
+        paths = []
     return best
 
 
@@ -148,10 +158,6 @@ def room(robot: RobotDescription, ends: Array) -> float:
 def _failure(request: MotionRequest, goals: Array) -> str:
     several = f" to any of {len(goals)} configurations of the goal" if len(goals) > 1 else ""
     return f"ompl: no free path{several} within {request.timeout_s:.1f} s ({request.algorithm} found none)"
-
-
-def _length(corners: Array) -> float:
-    return float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum())
 
 
 class _Motions(base.MotionValidator):  # type: ignore[misc]

@@ -15,7 +15,13 @@ from cobot.planners.ptp import plan_ptp
 from cobot.planners.rounding import smoothed
 from cobot.planners.timed_fit import AS_ASKED, Fitted, fitted
 from cobot.robot.description import RobotDescription
-from cobot.robot.feasibility import check_limits, in_range, stretch_to_limits
+from cobot.robot.feasibility import (
+    check_efforts,
+    check_limits,
+    in_range,
+    stretch_to_efforts,
+    stretch_to_limits,
+)
 from cobot.trajectory import Changes, Trajectory
 from cobot.types import Array, JointLimits, PlannerName
 
@@ -33,11 +39,12 @@ def plan_waypoints(robot: RobotDescription, request: WaypointRequest) -> Traject
     """The validated motion. Its `note` and `changes` say what is not as the points ask for.
 
     Points beyond the rate limits are, in this order: cleaned of their rounding, see `rounding`; followed
-    within the request's corridor, see `timed_fit`; slowed down evenly, if there is no corridor.
+    within the request's corridor, see `timed_fit`; slowed down evenly, if there is no corridor. What then
+    needs more than the drives have, with what the arm carries, is slowed down evenly too.
 
     Raises:
         InputError: the points do not make a motion, see `through`.
-        LimitError: naming the points between which a joint exceeds a limit.
+        LimitError: naming the points between which a joint exceeds a limit, or where its effort does.
         CollisionError: see `CollisionChecker.check_trajectory`.
     """
     limits = robot.limits
@@ -53,6 +60,7 @@ def plan_waypoints(robot: RobotDescription, request: WaypointRequest) -> Traject
     course = course_of(request.points, start, limits, tolerance_rad)
     if request.check_limits or request.retime:
         motion = _within_limits(course, limits.including(start), request)
+        motion = _within_efforts(robot, motion, float(course.times_s[-1]), request)
     else:
         motion = course.motion()
     robot.collision.check_trajectory(motion)
@@ -81,18 +89,46 @@ def _within_limits(course: Course, limits: JointLimits, request: WaypointRequest
         motion, excess = cleaned, _excess(cleaned, limits, course.labels)
         if excess is None:
             return motion
-    longest_s = request.longest_s if request.retime else UNASKED_STRETCH * motion.duration_s
+    longest_s = _longest_s(request, motion.duration_s)
     changed = None
     if has_corridor:
         changed = _followed(asked, motion, limits, corridor, longest_s, excess)
     elif request.retime:
         changed = _slowed_evenly(motion, limits)
     if changed is None or changed.duration_s > longest_s:
-        raise _with_way_out(excess, motion, changed, request)
+        raise _with_way_out(excess, asked.duration_s, changed, request)
     left = _excess(changed, limits, course.labels if changed.segments == motion.segments else None)
     if left is not None and request.check_limits:
-        raise _with_way_out(left, motion, None, request)
+        raise _with_way_out(left, asked.duration_s, None, request)
     return changed
+
+
+def _within_efforts(
+    robot: RobotDescription, motion: Trajectory, asked_s: float, request: WaypointRequest
+) -> Trajectory:
+    """The motion if the drives suffice for it, else the same slowed down evenly.
+
+    Raises:
+        LimitError: that does not help, or takes longer than the request permits.
+    """
+    try:
+        check_efforts(robot.model, motion, robot.limits)
+    except LimitError as exc:
+        excess = exc
+    else:
+        return motion
+    slower = stretch_to_efforts(robot.model, motion, robot.limits)
+    if slower is not None and slower.duration_s <= _longest_s(request, asked_s):
+        return _evenly(motion, slower, f": {excess}")
+    if not request.check_limits:
+        return motion
+    if slower is None:
+        raise LimitError(f"{excess}; no speed helps, as holding the arm takes too much already") from excess
+    raise _with_way_out(excess, asked_s, slower, request) from excess
+
+
+def _longest_s(request: WaypointRequest, asked_s: float) -> float:
+    return request.longest_s if request.retime else UNASKED_STRETCH * asked_s
 
 
 def _excess(motion: Trajectory, limits: JointLimits, labels: list[str] | None) -> LimitError | None:
@@ -154,15 +190,15 @@ def _followed(
 
 def _slowed_evenly(motion: Trajectory, limits: JointLimits) -> Trajectory:
     slower = stretch_to_limits(motion, limits)
-    if slower is motion:
-        return motion
-    changes = replace(
-        motion.changes,
-        stretch=slower.duration_s / motion.duration_s,
-        slowed_s=(0.0, motion.duration_s),
-    )
+    return motion if slower is motion else _evenly(motion, slower)
+
+
+def _evenly(motion: Trajectory, slower: Trajectory, why: str = "") -> Trajectory:
+    """What was slowed down as a whole, and says so."""
+    asked_s = motion.duration_s / motion.changes.stretch
+    changes = replace(motion.changes, stretch=slower.duration_s / asked_s, slowed_s=(0.0, asked_s))
     note = f"the whole motion was slowed down from {motion.duration_s:.3f} s to {slower.duration_s:.3f} s"
-    return _noted(slower, note, changes)
+    return _noted(slower, note + why, changes)
 
 
 def _slowed(found: Fitted, duration_s: float) -> tuple[float, float] | None:
@@ -181,7 +217,7 @@ def _noted(motion: Trajectory, note: str, changes: Changes) -> Trajectory:
 
 
 def _with_way_out(
-    excess: LimitError, asked: Trajectory, possible: Trajectory | None, request: WaypointRequest
+    excess: LimitError, asked_s: float, possible: Trajectory | None, request: WaypointRequest
 ) -> LimitError:
     """The same with what would help, and how long the motion would then take."""
     sentence = str(excess)
@@ -189,7 +225,7 @@ def _with_way_out(
         return LimitError(f"{sentence}; {GO_THERE}")
     if "the position of" in sentence:
         return excess
-    takes = "" if possible is None else f"{possible.duration_s:.3f} s instead of {asked.duration_s:.3f} s"
+    takes = "" if possible is None else f"{possible.duration_s:.3f} s instead of {asked_s:.3f} s"
     if not request.retime:
         return LimitError(
             f"{sentence}; retime=true slows the motion down until the limits hold"

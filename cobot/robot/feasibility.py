@@ -16,12 +16,12 @@ from cobot.types import Array, JointLimits
 RELATIVE_TOLERANCE = 1e-6
 """Rounding that a value may exceed its limit by, in motions that were made elsewhere."""
 
-EFFORT_SAMPLES, EFFORT_STEP_S = 2, 0.02
+EFFORT_SAMPLES, EFFORT_STEP_S = 2, 0.008
 MOST_EFFORT_STEPS = 2000
 """Efforts are no polynomials: they are looked at so often in each segment, and at such steps, s, or at longer
 ones where there would be more than so many."""
 EFFORT_TOLERANCE = 1e-3
-"""What may lie between two of these looks."""
+"""What may lie between two of these looks, where an acceleration takes 0.1 s to build up."""
 
 PLACES = 33
 """In the segment that exceeds a limit, for a message only: so many are looked at for where."""
@@ -152,3 +152,27 @@ def check_efforts(model: RobotModel, trajectory: Trajectory, limits: JointLimits
         f"{unit}, its limit is {limit:.4g} {unit}",
         findings=[Finding("effort", "effort", needed, limit, unit, place, (name,))],
     )
+
+
+def stretch_to_efforts(model: RobotModel, trajectory: Trajectory, limits: JointLimits) -> Trajectory | None:
+    """The same path, slowed down evenly by just so much that no drive needs more than it has.
+
+    What moves the arm falls with the square of the duration, what holds it stays.
+
+    Returns:
+        None if there is no such speed: the arm cannot even be held somewhere on the path.
+    """
+    limit = limits.max_effort
+    while True:
+        times, efforts = effort_samples(model, trajectory)
+        if (np.abs(efforts) <= limit * (1.0 + EFFORT_TOLERANCE)).all():
+            return trajectory
+        joints = trajectory.sample(times)
+        still = np.zeros_like(joints)
+        held = model.dynamics.inverse(joints, still, still)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ends = np.array([-limit - held, limit - held]) / (efforts - held)
+        square = float(np.nanmin(ends.max(axis=0)))
+        if square <= max(float(np.nanmax(ends.min(axis=0))), 0.0):
+            return None
+        trajectory = trajectory.stretched(square**-0.5)

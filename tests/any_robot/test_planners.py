@@ -17,6 +17,7 @@ from running import WAIT_S
 from servo_bench import Bench, runner
 from totg import totg
 
+from benchmarks.arms import carrying
 from benchmarks.judge import Judge
 from benchmarks.stress import Tally, one
 from benchmarks.stress_cases import CORRIDOR_RAD, Case
@@ -25,9 +26,12 @@ from cobot.errors import LimitError, UnreachableError
 from cobot.motions.constraints import Box, Cone, Constraints
 from cobot.motions.requests import Arc, MotionRequest, WaypointRequest
 from cobot.planners import plan
+from cobot.planners.joined import leg_of
+from cobot.planners.prolonged import begun, prolonged
 from cobot.robot.description import load_robot
 from cobot.robot.feasibility import check_efforts, check_limits
 from cobot.robot.scene import Scene, SceneObject
+from cobot.robot.tool import Tool
 from cobot.types import Algorithm, PlannerName, Pose, Scaling, Synchronization, Waypoint
 
 FULL = Scaling(1.0)
@@ -70,11 +74,16 @@ def test_polyline(made: Made) -> None:
     require_planned(made, "polyline", replace(request, through=through, radius_m=0.02))
 
 
-def test_joined_motions(made: Made) -> None:
+@pytest.mark.parametrize("held", [False, True], ids=["free", "held"])
+def test_joined_motions(made: Made, held: bool) -> None:
     near = made.moved(0.1, 0.05)
+    low, high = made.ready[0] - 0.5, made.ready[0] + 0.5
+    constraints = (
+        Constraints(Cone(np.array([0.0, 0.0, 1.0]), 0.5), joints=((0, low, high),)) if held else None
+    )
     require = (
-        MotionRequest(made.ready, near, PlannerName.PTP, FULL),
-        MotionRequest(near, made.pose(0.1, 0.05, -0.05, 0.2), PlannerName.LIN, FULL),
+        MotionRequest(made.ready, near, PlannerName.PTP, FULL, constraints=constraints),
+        MotionRequest(near, made.pose(0.1, 0.05, -0.05, 0.2), PlannerName.LIN, FULL, constraints=constraints),
     )
     tally = Tally()
     one(made.arm, Case(0, "joined", made.arm.robot, require, radii_m=(0.03,)), tally, share=0.0)
@@ -114,7 +123,24 @@ def test_a_motion_that_keeps_constraints(made: Made, planner: PlannerName) -> No
     require_planned(made, "constrained", request)
 
 
-def test_timed_points_of_somebody_else(made: Made) -> None:
+def test_a_motion_that_comes_while_the_arm_moves(made: Made) -> None:
+    robot, start, legs = made.arm.robot, made.ready, []
+    for goal in (made.pose(0.1, 0.0, -0.05), made.pose(0.1, 0.1, -0.1)):
+        request = MotionRequest(start, goal, PlannerName.LIN, Scaling(0.3))
+        motion = plan(robot, request)
+        assert motion is not None
+        legs.append(leg_of(robot, request, motion))
+        start = motion.end
+    first = begun(robot, legs[:1], [0.03])
+    both = prolonged(robot, first, legs[1:], [0.0], 0.0, 0.2).trajectory
+    assert list(Judge(made.arm, robot).flaws(both, robot.limits)) == []
+    assert np.array_equal(both.sample([0.0, 0.1, 0.2]), first.trajectory.sample([0.0, 0.1, 0.2]))
+    assert np.abs(both.end - start).max() < 1e-9
+
+
+@pytest.mark.parametrize("mass_kg", [0.0, 2.0])
+def test_timed_points_of_somebody_else(made: Made, mass_kg: float) -> None:
+    robot = carrying(made.arm.robot, Tool(mass=mass_kg, centre=(0.0, 0.0, 0.1)))
     limits = made.arm.robot.limits
     signs = np.where(np.arange(limits.dof) % 2, -1.0, 1.0)
     there = made.moved(0.3, 0.1)
@@ -125,9 +151,11 @@ def test_timed_points_of_somebody_else(made: Made) -> None:
     points = [
         Waypoint(q[i].tolist(), float(time), v[i].tolist(), a[i].tolist()) for i, time in enumerate(times)
     ]
-    request = WaypointRequest(made.ready + 1e-5, points, 0.01, corridor_rad=CORRIDOR_RAD)
+    request = WaypointRequest(
+        made.ready + 1e-5, points, 0.01, retime=mass_kg > 0.0, corridor_rad=CORRIDOR_RAD
+    )
     tally = Tally()
-    one(made.arm, Case(0, "timed", made.arm.robot, timed=request), tally, share=0.0)
+    one(made.arm, Case(0, "timed", robot, timed=request), tally, share=0.0)
     assert (tally.planned, tally.wrong) == (1, []), tally.refused
 
 

@@ -235,7 +235,7 @@ class Goals:
 
 
 def check_radii(goals: Sequence[Goal], radii_m: Sequence[float]) -> None:
-    """There is a radius for each corner, or none at all, and none beside constraints.
+    """There is a radius for each corner, or none at all.
 
     Raises:
         InputError: it is not so.
@@ -245,9 +245,6 @@ def check_radii(goals: Sequence[Goal], radii_m: Sequence[float]) -> None:
             f"radii: {len(goals)} motions need {len(goals) - 1}, one for each but the last; "
             f"got {len(radii_m)}"
         )
-    for number, radius in enumerate(radii_m):
-        if radius > 0.0 and any(goal.constraints for goal in goals[number : number + 2]):
-            raise InputError(f"radii[{number}]: a round corner would not keep the constraints; use 0")
 
 
 def _point(frame: Pose, point: Array) -> Array:

@@ -34,11 +34,13 @@ from app.services.motion.planning import PlanningService
 from app.services.state.link import RobotLink
 from app.services.streaming.servo import ServoService
 from app.services.streaming.sessions import StreamService
+from benchmarks.arms import carrying
 from cobot.config import Settings
 from cobot.errors import ConflictError, InputError, NotReadyError
 from cobot.ipc.layout import ServoMode
 from cobot.planners import WaypointRequest, plan_waypoints
 from cobot.robot.description import RobotDescription
+from cobot.robot.tool import Tool
 from cobot.ros.messages import Messages
 from cobot.servo.protocol import FjtControl
 from cobot.trajectory import Trajectory
@@ -463,6 +465,35 @@ def test_too_fast_a_goal_is_slowed_down_if_it_may_be_late(stand: Stand) -> None:
         assert "its limit is" in result["error_string"]
 
     stand.run(live())
+
+
+def test_what_is_too_heavy_for_a_drive_is_slowed_down_or_refused_by_name(
+    rig: Rig, robot: RobotDescription, settings: Settings
+) -> None:
+    heavy = carrying(robot, Tool(mass=14.0, centre=(0.0, 0.0, 0.2)))
+    stand = Stand(rig, heavy, settings, PlanningHere(heavy))
+    out = np.array([*rig.home[:5], 0.5, 0.0])
+    end = out + np.array([0.0, 0.0, 0.0, -0.4, 0.0, -0.3, 0.0])
+    beyond = rig.home + np.array([0.0, -0.4, 0.0, 0.4, 0.0, -0.4, 0.0])
+
+    async def live() -> None:
+        held = await stand.send(goal([point(beyond, 3.0)]), Handle())
+        assert held["error_code"] == ErrorCode.INVALID_GOAL
+        assert "joint6 needs 42" in held["error_string"]
+        assert "no speed helps" in held["error_string"]
+        assert (await stand.send(goal([point(out, 3.0)]), Handle()))["error_code"] == 0
+        late = await stand.send(goal([point(end, 0.8)], goal_time_tolerance=duration(0.1)), Handle())
+        assert late["error_code"] == ErrorCode.INVALID_GOAL
+        assert "joint6 needs 45" in late["error_string"]
+        slowed = await stand.send(goal([point(end, 0.8)]), Handle())
+        assert slowed["error_code"] == 0
+        assert "joint6 needs 45" in slowed["error_string"]
+        assert 1.3 < stand.link.state().path_duration_s < 1.45
+
+    try:
+        stand.run(live())
+    finally:
+        stand.close()
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5, 1.0])

@@ -71,6 +71,14 @@ def test_problems_in_clutter_are_solved_without_contact_by_every_planner_that_se
             assert World(problem.robot).along(motion).min() == 0.0, (problem.name, planner)
 
 
+@pytest.mark.parametrize("kind", scenes.KINDS)
+def test_chomp_solves_ten_problems_of_each_kind(robot: RobotDescription, kind: str) -> None:
+    for problem in scenes.problems(robot, kind, 10, SEED + 1):
+        motion = planned(problem.robot, "chomp", problem.start, problem.goal)
+        assert motion.end == pytest.approx(problem.goal, abs=1e-9)
+        assert World(problem.robot).along(motion, 100).min() == 0.0, problem.name
+
+
 def test_a_problem_is_the_same_for_the_same_seed(robot: RobotDescription) -> None:
     first, again = (next(scenes.problems(robot, "bin", 1, SEED)) for _ in range(2))
     assert (first.start == again.start).all()

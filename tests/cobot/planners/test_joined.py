@@ -6,12 +6,15 @@ differences of samples for what each joint does.
 
 from __future__ import annotations
 
+from itertools import zip_longest
+
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 from second_opinion import changed_world, robot_in, second_robot
 
 from cobot.errors import InputError
+from cobot.motions.constraints import Box, Cone, Constraints
 from cobot.motions.requests import Blended
 from cobot.planners import MotionRequest, plan
 from cobot.planners.joined import Leg, joined, leg_of
@@ -30,11 +33,13 @@ def off(robot: RobotDescription, x: float, y: float, z: float) -> Pose:
     return Pose(here.position + np.array([x, y, z]), here.quaternion)
 
 
-def legs(robot: RobotDescription, steps: list[Step]) -> list[Leg]:
+def legs(
+    robot: RobotDescription, steps: list[Step], constraints: tuple[Constraints | None, ...] = ()
+) -> list[Leg]:
     made, start = [], START
-    for planner, goal, speed in steps:
+    for (planner, goal, speed), held in zip_longest(steps, constraints):
         via = off(robot, 0.08, 0.0, 0.1).position if planner is CIRC else None
-        request = MotionRequest(start, goal, planner, Scaling(speed), via)
+        request = MotionRequest(start, goal, planner, Scaling(speed), via, constraints=held)
         motion = plan(robot, request)
         assert motion is not None
         made.append(leg_of(robot, request, motion))
@@ -46,9 +51,11 @@ def stopping_s(motions: list[Leg]) -> float:
     return sum(leg.motion.duration_s for leg in motions)
 
 
-def square(robot: RobotDescription, speed: float = 1.0) -> list[Leg]:
+def square(
+    robot: RobotDescription, speed: float = 1.0, constraints: tuple[Constraints | None, ...] = ()
+) -> list[Leg]:
     ways = [(0.05, 0.2, 0.0), (0.05, 0.2, -0.2), (0.05, -0.2, -0.2)]
-    return legs(robot, [(LIN, off(robot, *way), speed) for way in ways])
+    return legs(robot, [(LIN, off(robot, *way), speed) for way in ways], constraints)
 
 
 def mixed(robot: RobotDescription) -> list[Leg]:
@@ -193,3 +200,29 @@ def test_radii_that_make_no_sense_are_refused(
 ) -> None:
     with pytest.raises(InputError, match=message):
         joined(robot, square(robot), radii)
+
+
+@pytest.mark.parametrize(
+    ("below_m", "least_m", "most_m"), [(0.02, 0.0498, 0.05), (0.003, 0.01, 0.03), (0.0002, 0.0, 0.0)]
+)
+def test_a_corner_keeps_the_constraints_of_both_motions_each_up_to_its_middle(
+    robot: RobotDescription, below_m: float, least_m: float, most_m: float
+) -> None:
+    """The first motion must not go down, where the second one leads."""
+    place = robot.model.forward(START).position
+    box = Box(place - np.array([0.3, 0.3, below_m]), place + 0.3)
+    upright = Constraints(Cone(np.array([0.0, 0.0, 1.0]), 1e-3))
+    motions = square(robot, constraints=(Constraints(box=box), upright, None))
+    motion = joined(robot, motions, [RADIUS_M] * 2)
+    assert least_m <= motion.used_m[0] <= most_m
+    assert motion.used_m[1] > 0.0498
+    told = "stops at its end" if most_m == 0.0 else "of its radius of 50 mm"
+    assert (told in motion.trajectory.note) == (most_m < 0.05)
+    times = np.linspace(0.0, motion.trajectory.duration_s, 4000)
+    positions, turns = second_robot().path(motion.trajectory.sample(times))
+    first = times < motion.ends_s[0]
+    assert positions[first, 2].min() >= place[2] - below_m - 1e-4
+    assert positions[:, 2].min() < place[2] - 0.1
+    axes = turns[~first & (times < motion.ends_s[1])].apply([0.0, 0.0, 1.0])
+    held = second_robot().path(motions[1].motion.start[None])[1].apply([0.0, 0.0, 1.0])
+    assert np.arccos(np.clip(axes @ held[0], -1.0, 1.0)).max() <= 1e-3 + 1e-4

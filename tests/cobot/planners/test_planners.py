@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +18,10 @@ from scipy.spatial.transform import Rotation
 from second_opinion import Contacts, changed_world, largest_rates, rate_limits, robot_in, second_robot
 
 from cobot.errors import CobotError, CollisionError, InputError, LimitError, PlanningError, UnreachableError
+from cobot.motions.constraints import Cone, Constraints
+from cobot.motions.stretches import Leg
 from cobot.planners import MotionRequest, plan
+from cobot.planners.joined import joined
 from cobot.robot.description import RobotDescription
 from cobot.robot.inverse_kinematics import inverse
 from cobot.trajectory import Trajectory
@@ -154,18 +158,31 @@ def test_only_ptp_takes_a_synchronization(robot: RobotDescription, planner: str)
         plan(robot, replace(request, synchronization=Synchronization.PHASE))
 
 
-@pytest.mark.parametrize("planner", ["ptp", "lin", "circ", "ompl", "chomp"])
-def test_no_planner_exceeds_a_limit_by_more_than_rounding(robot: RobotDescription, planner: str) -> None:
+@pytest.mark.parametrize("held", [False, True], ids=["free", "upright"])
+@pytest.mark.parametrize("planner", ["ptp", "lin", "circ", "polyline", "ompl", "chomp", "auto"])
+def test_no_planner_exceeds_a_limit_by_more_than_rounding(
+    robot: RobotDescription, planner: str, held: bool
+) -> None:
     start = work(robot)
     pose = robot.model.forward(start)
-    via = pose.position + np.array([0.0, 0.1, 0.02]) if planner == "circ" else None
     goal = Pose(pose.position + np.array([0.05, 0.2, 0.1]), pose.quaternion)
+    more: dict[str, Any] = {"constraints": Constraints(Cone(np.array([0.0, 0.0, 1.0]), 0.5))} if held else {}
+    if planner == "circ":
+        more["via"] = pose.position + np.array([0.0, 0.1, 0.02])
+    if planner == "polyline":
+        more["through"] = (Pose(pose.position + np.array([0.05, 0.1, -0.1]), pose.quaternion),)
+        more["radius_m"] = 0.04
     for speed in (1.0, 0.37):
-        request = MotionRequest(start, goal, PlannerName(planner), Scaling(speed), via, timeout_s=WAIT_S)
+        request = MotionRequest(start, goal, PlannerName(planner), Scaling(speed), timeout_s=WAIT_S, **more)
         motion = plan(robot, request)
         assert motion is not None
-        for order, limit in enumerate(rate_limits(request.scaled_limits(robot)), 1):
-            assert (np.maximum(*np.abs(motion.extrema(order))) <= limit * (1.0 + 1e-9)).all()
+        back = plan(robot, replace(request, start=motion.end, goal=pose))
+        assert back is not None
+        limits = request.scaled_limits(robot)
+        there_and_back = joined(robot, [Leg(motion, limits, None), Leg(back, limits, None)], [0.05])
+        for each in (motion, back, there_and_back.trajectory):
+            for order, limit in enumerate(rate_limits(limits), 1):
+                assert (np.maximum(*np.abs(each.extrema(order))) <= limit * (1.0 + 1e-9)).all()
 
 
 def test_a_joint_that_has_nothing_to_do_stands_still(robot: RobotDescription) -> None:

@@ -28,6 +28,7 @@ from cobot.types import Array, JointLimits, Waypoint
 CORRIDOR_RAD = 1e-3
 WITHIN = 1.05
 EXACT = 1e-9
+SEED = 20261125
 DOF = 7
 
 
@@ -165,13 +166,34 @@ def test_along_a_line_it_is_nearly_as_short_as_ruckigs_optimum(
         rows = rows[[0, -1]]
         rows[-1, 0] = asked_s
     motion = plan_waypoints(free, request(points(rows[:, 0], rows[:, 1 : 1 + DOF]), retime=True))
+    assert motion.duration_s <= 1.03 * ruckigs_s(free, goal)
+
+
+@pytest.mark.parametrize("share", [0.9, 1.0])
+def test_at_the_limits_any_line_takes_as_long_as_asked_or_as_ruckigs_optimum(
+    free: RobotDescription, share: float
+) -> None:
+    limits, random = free.limits, np.random.default_rng(SEED)
+    for _ in range(4):
+        goal = home(free) + random.uniform(-0.5, 0.5, DOF)
+        rows = totg(
+            np.array([home(free), goal]), share * limits.max_velocity, share * limits.max_acceleration, 0.01
+        )
+        motion = plan_waypoints(free, request(points(rows[:, 0], rows[:, 1 : 1 + DOF]), retime=True))
+        assert motion.duration_s <= 1.03 * max(ruckigs_s(free, goal), rows[-1, 0]), f"seed {SEED}"
+        assert used(motion, limits) <= 1.0 + EXACT
+
+
+def ruckigs_s(robot: RobotDescription, goal: Array) -> float:
+    """How long Ruckig takes from home along the straight joint line."""
+    limits = robot.limits
     problem = ruckig.InputParameter(DOF)
-    problem.current_position, problem.target_position = home(free), goal
+    problem.current_position, problem.target_position = home(robot), goal
     problem.max_velocity, problem.max_acceleration = limits.max_velocity, limits.max_acceleration
     problem.max_jerk, problem.synchronization = limits.max_jerk, ruckig.Synchronization.Phase
     best = ruckig.Trajectory(DOF)
     ruckig.Ruckig(DOF).calculate(problem, best)
-    assert motion.duration_s <= 1.03 * best.duration
+    return float(best.duration)
 
 
 # What may be changed, and what not

@@ -1,4 +1,6 @@
-"""Timed waypoints. Oracle: scipy's clamped CubicSpline at the points, BPoly between them, dense samples."""
+"""Timed waypoints. Oracle: scipy's clamped CubicSpline at the points, BPoly between them, dense samples;
+pinocchio for what the drives need.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +10,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pinocchio
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -15,11 +18,13 @@ from scipy.interpolate import BPoly, CubicSpline
 from second_opinion import LIMITS as LIMITS_FILE
 from second_opinion import Contacts, largest_rates, rate_limits
 
+from benchmarks.arms import Arm, arm, carrying, loaded_model
 from cobot.errors import CobotError, CollisionError, InputError, LimitError
 from cobot.planners import WaypointRequest, plan_waypoints
 from cobot.planners.waypoints import through
 from cobot.robot.description import RobotDescription
 from cobot.robot.limits import load_joint_limits
+from cobot.robot.tool import Tool
 from cobot.trajectory import Trajectory
 from cobot.types import Array, Scaling, Waypoint
 
@@ -308,3 +313,79 @@ def test_without_limit_checks_a_fast_motion_passes_unchanged(robot: RobotDescrip
     course = points_at([0.0, 0.1], near_home(robot, 0.0, 0.3))
     motion = plan_waypoints(robot, WaypointRequest(home(robot), course, 0.01, check_limits=False))
     assert motion.duration_s == 0.1
+
+
+TOOL = Tool(mass=14.0, centre=(0.0, 0.0, 0.2))
+
+
+def used_effort(of: Arm, motion: Trajectory, tool: Tool) -> float:
+    """The largest share of a joint's effort, by pinocchio, every millisecond."""
+    model = loaded_model(of.model, of.tcp, tool)
+    data, times = model.createData(), np.linspace(0.0, motion.duration_s, int(1e3 * motion.duration_s))
+    states = zip(*(motion.sample(times, order) for order in range(3)), strict=True)
+    efforts = np.array([pinocchio.rnea(model, data, *state) for state in states])
+    return float((np.abs(efforts) / of.robot.limits.max_effort).max())
+
+
+def swing(robot: RobotDescription, *change: float) -> tuple[Array, list[Waypoint]]:
+    """0.8 s with the hand stretched out, by changes of joints 4 and 6."""
+    start = home(robot)
+    start[5] = 0.5
+    end = start.copy()
+    end[[3, 5]] += change
+    return start, points_at([0.0, 0.8], [start.tolist(), end.tolist()])
+
+
+def test_what_a_load_makes_too_heavy_for_a_drive_is_slowed_down_by_just_so_much() -> None:
+    of = arm("iiwa")
+    heavy = carrying(of.robot, TOOL)
+    start, course = swing(of.robot, -0.4, -0.3)
+    light = plan_waypoints(of.robot, WaypointRequest(start, course, 0.01))
+    assert used_effort(of, light, TOOL) > 1.1
+    asked = WaypointRequest(start, course, 0.01, retime=True, corridor_rad=1e-3)
+    motion = plan_waypoints(heavy, asked)
+    assert 0.99 < used_effort(of, motion, TOOL) <= 1.001
+    assert "joint6 needs 45" in motion.note
+    assert motion.changes.stretch == pytest.approx(motion.duration_s / 0.8)
+    assert motion.changes.slowed_s == (0.0, 0.8)
+    shares = np.linspace(0.0, 1.0, 50)
+    assert motion.sample(shares * motion.duration_s) == pytest.approx(light.sample(shares * 0.8), abs=1e-9)
+    message = r"after 7\d % of the motion \(0.6\d+ s\) joint6 needs 45.*, its limit is 40 N·m; "
+    with pytest.raises(LimitError, match=message + r"retime=true .* \(1.37\d s instead of 0.800 s\)"):
+        plan_waypoints(heavy, replace(asked, retime=False))
+    with pytest.raises(LimitError, match=message + r"within the limits it takes .*, and no more than 1.0"):
+        plan_waypoints(heavy, replace(asked, longest_s=1.0))
+
+
+def test_a_few_per_cent_for_the_sake_of_the_drives_are_not_asked_about() -> None:
+    of = arm("iiwa")
+    start, course = swing(of.robot, -0.4, 0.0)
+    motion = plan_waypoints(carrying(of.robot, TOOL), WaypointRequest(start, course, 0.01))
+    assert used_effort(of, motion, TOOL) <= 1.001
+    assert 0.8 < motion.duration_s < 0.84
+
+
+def test_a_load_that_cannot_even_be_held_on_the_way_is_refused_at_any_speed() -> None:
+    of = arm("iiwa")
+    end = home(of.robot) + np.array([0.0, -0.4, 0.0, 0.4, 0.0, -0.4, 0.0])
+    asked = WaypointRequest(home(of.robot), points_at([2.0], [end.tolist()]), 0.01, retime=True)
+    assert plan_waypoints(of.robot, asked).duration_s == 2.0
+    with pytest.raises(LimitError, match=r"joint6 needs 42.\d+ N·m, its limit is 40 N·m; no speed helps"):
+        plan_waypoints(carrying(of.robot, TOOL), asked)
+
+
+@pytest.mark.parametrize("name", ["spherical", "gantry"])
+def test_random_motions_of_loaded_arms_need_no_more_than_their_drives_have(name: str) -> None:
+    of, tool = arm(name), Tool(mass=4.0, centre=(0.0, 0.0, 0.15))
+    heavy, random, slowed = carrying(of.robot, tool), np.random.default_rng(SEED), 0
+    for _ in range(30):
+        start = home(of.robot)
+        rows = start + np.cumsum(random.uniform(-0.2, 0.2, (4, len(start))), axis=0)
+        asked = WaypointRequest(start, points_at([0.4, 0.8, 1.2, 1.6], rows.tolist()), 0.01, retime=True)
+        try:
+            motion = plan_waypoints(heavy, asked)
+        except (LimitError, CollisionError):
+            continue
+        assert used_effort(of, motion, tool) <= 1.001, f"seed {SEED}"
+        slowed += "needs" in motion.note
+    assert slowed > 0

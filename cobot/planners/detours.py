@@ -1,0 +1,82 @@
+"""Ways without detours: of some paths that a search has found, a shorter one.
+
+Such a path leads through whatever gap was found first, and far round what is in the way; cuts shorten it only
+within that. Here the corners of several paths become one roadmap, whose shortest way takes the best part of
+each, and configurations drawn about that way another one, again and again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from cobot.planners.roadmap import shortest
+from cobot.planners.shortcut import shortened
+from cobot.robot.clearance import Clearance
+from cobot.types import Array
+
+STEP_RAD = 0.8
+"""Between two nodes on a path."""
+DRAWS, FINE_RAD = 100, 0.2
+"""So many configurations are drawn about a way, about places so near to each other."""
+SPREADS_RAD = (0.6, 0.4, 0.2)
+"""How far from it, round by round: the standard deviation of each joint."""
+STALLS = 2
+"""So many rounds without a gain, of this share, end it."""
+GAIN = 0.01
+ROUND_WORK = 10_000
+"""No more configurations are looked at in a round."""
+
+
+def without_detours(
+    clearance: Clearance, paths: Sequence[Array], goals: Array, bounds: tuple[Array, Array], seed: int
+) -> Array:
+    """A free polyline that is no longer than the shortest of these.
+
+    Args:
+        paths: free, at least one, each from the same start to one of the goals, shape (n, dof).
+        goals: shape (k, dof).
+        bounds: the least and the greatest joint angles, shape (dof,) each.
+    """
+    random = np.random.default_rng(seed)
+    best = min(paths, key=length)
+    cloud = np.vstack([divided(path, STEP_RAD)[1:-1] for path in paths])
+    stalls, number = 0, 0
+    while stalls < STALLS:
+        nodes = np.vstack([best[:1], cloud, goals])
+        before_rad = length(best)
+        way = shortest(clearance, nodes, len(goals), before_rad, ROUND_WORK)
+        if way is not None:
+            best = shortened(clearance, way, seed)
+        stalls = stalls + 1 if length(best) > (1.0 - GAIN) * before_rad else 0
+        drawn = _drawn(best, goals, bounds, SPREADS_RAD[number % len(SPREADS_RAD)], random)
+        number += 1
+        cloud = np.vstack([divided(best, STEP_RAD)[1:-1], drawn[clearance.are_free(drawn)]])
+    return best
+
+
+def _drawn(
+    way: Array, goals: Array, bounds: tuple[Array, Array], spread_rad: float, random: np.random.Generator
+) -> Array:
+    """Configurations about a way, through which a shorter one may pass, shape (n, dof)."""
+    places = divided(way, FINE_RAD)
+    drawn = places[random.integers(len(places), size=DRAWS)]
+    drawn = np.clip(drawn + spread_rad * random.normal(size=drawn.shape), *bounds)
+    onward = np.linalg.norm(drawn[:, None] - goals, axis=2).min(axis=1)
+    return np.asarray(drawn[np.linalg.norm(drawn - way[0], axis=1) + onward < length(way)])
+
+
+def divided(corners: Array, step_rad: float) -> Array:
+    """A polyline with more corners: none further than this from the one before."""
+    parts = [corners[:1]]
+    for begin, end in pairwise(corners):
+        count = max(1, int(np.ceil(np.linalg.norm(end - begin) / step_rad)))
+        parts.append(begin + np.arange(1, count + 1)[:, None] / count * (end - begin))
+    return np.vstack(parts)
+
+
+def length(corners: Array) -> float:
+    """Of a polyline, shape (n, dof)."""
+    return float(np.linalg.norm(np.diff(corners, axis=0), axis=1).sum())
