@@ -23,7 +23,7 @@ from app.api.schemas import SendTrajectory
 from app.api.tool_schemas import ChangeTool
 from cobot.motions.bodies import MoveJoints, MoveSequence
 
-MOST_ERRORS = 5000
+MAX_ERRORS = 5000
 """Each costs some 8 µs."""
 
 
@@ -61,7 +61,7 @@ def test_a_body_full_of_mistakes_is_not_looked_through_to_its_end(
 ) -> None:
     with pytest.raises(ValidationError) as refused:
         model.model_validate(body())
-    assert refused.value.error_count() <= MOST_ERRORS
+    assert refused.value.error_count() <= MAX_ERRORS
 
 
 @pytest.mark.parametrize("content", [b"\r\n--B-" * 9000, b"\r" * 65536, b"\r\n0.1" * 300])
