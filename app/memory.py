@@ -14,7 +14,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-LOOK_S, MOST_S = 2.0, 15.0
+LOOK_S, MAX_S = 2.0, 15.0
 """Memory is looked at so often, and less and less often while it stays larger whatever is done about it."""
 GROWTH = 1.05
 """By this factor it may grow before something is done about it, which takes some milliseconds."""
@@ -49,7 +49,7 @@ async def _give_back(resident_bytes: Callable[[], int]) -> None:
         if now <= GROWTH * least:
             wait_s = LOOK_S
             continue
-        wait_s = min(2.0 * wait_s, MOST_S)
+        wait_s = min(2.0 * wait_s, MAX_S)
         gc.collect()  # also clears the lists of free objects, of which one is enough to hold a megabyte
         with contextlib.suppress(AttributeError):
             await asyncio.to_thread(_libc.malloc_trim, 0)

@@ -23,7 +23,7 @@ from cobot.planners.path import Path
 from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
 
-ROUNDS, LEAST_TRUST, LEAST_GAIN = 60, 1e-5, 1e-5
+ROUNDS, MIN_TRUST, MIN_GAIN = 60, 1e-5, 1e-5
 """Programs at the most; and where they end: at such a trust region or gain, as shares of the duration."""
 SLOWER = 3.0
 """The slow motion takes so many times as long as the given one."""
@@ -84,7 +84,7 @@ class Optimiser:
                 trust *= 0.4
             else:
                 jerk, duration_s, merit, trust = there, then_s, found, min(1.5 * trust, 0.5)
-            if trust < LEAST_TRUST or 0.0 < gain < LEAST_GAIN * duration_s:
+            if trust < MIN_TRUST or 0.0 < gain < MIN_GAIN * duration_s:
                 break
         worst = max(float((np.abs(row.values) / row.limit).max()) for row in self._limited(jerk, duration_s))
         return duration_s * max(worst, 1.0)

@@ -16,7 +16,7 @@ from cobot.robot.rotations import matrix_of
 from cobot.types import Array
 
 Vector = tuple[float, float, float]
-MOST_PIXELS = 1280 * 960
+MAX_PIXELS = 1280 * 960
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,9 +50,9 @@ class Camera:
         for name, value in (("eye", self.eye), ("target", self.target), ("up", self.up)):
             if len(value) != 3 or not np.isfinite(value).all():
                 raise InputError(f"{what}: {name} must be 3 finite numbers, got {value}")
-        if self.width < 1 or self.height < 1 or self.width * self.height > MOST_PIXELS:
+        if self.width < 1 or self.height < 1 or self.width * self.height > MAX_PIXELS:
             raise InputError(
-                f"{what}: {self.width} x {self.height} pixels; 1 to {MOST_PIXELS} in all are possible"
+                f"{what}: {self.width} x {self.height} pixels; 1 to {MAX_PIXELS} in all are possible"
             )
         if not 0.01 <= self.view_rad <= 3.0:
             raise InputError(f"{what}: view_rad must be 0.01 to 3 rad, got {self.view_rad}")

@@ -26,7 +26,6 @@ MARGIN_RAD = 0.02
 TRIES = 100
 REACH_M = 3.0
 """No TCP is further from its base along an axis."""
-MEASURED = ("position", "velocity", "effort", "external_effort", "tcp_pose")
 RELATIVE, ABSOLUTE = "relative", "absolute"
 Connect = Callable[[str], tuple[Client, Robot, Clock]]
 

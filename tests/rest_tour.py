@@ -9,28 +9,14 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Callable
 from typing import Any
 
 import httpx
 import numpy as np
-from running import WAIT_S, Run, until
+from running import WAIT_S, Run, again, until
 
-LATE = "too slow or too busy", "has been silent"
-"""What the service says of a computer that could not keep up."""
-TRIES = 10
 SPEED = 1.0
 REACHED_RAD, REACHED_M = 5e-3, 5e-3
-
-
-def again(do: Callable[[], tuple[bool, str]]) -> None:
-    """Until it succeeds. What is said of a failure is that the computer was late."""
-    for _ in range(TRIES):
-        done, said = do()
-        if done:
-            return
-        assert any(words in said for words in LATE), said
-    raise AssertionError(f"{TRIES} times: {said}")
 
 
 class Tour:
@@ -45,9 +31,14 @@ class Tour:
         return self._http.get(path).raise_for_status().json()
 
     def post(self, path: str, body: Any = None, **more: Any) -> Any:
-        answer = self._http.post(path, json=body, **more)
-        assert answer.is_success, f"{path}: {answer.text}"
-        return answer.json()
+        answers: list[httpx.Response] = []
+
+        def asked() -> tuple[bool, str]:
+            answers.append(self._http.post(path, json=body, **more))
+            return answers[-1].is_success, f"{path}: {answers[-1].text}"
+
+        again(asked)
+        return answers[-1].json()
 
     def move(self, path: str, **body: Any) -> None:
         """A motion that arrives."""

@@ -19,7 +19,12 @@ import psutil
 import yaml
 
 WAIT_S = 120.0
+POLL_S = (0.01, 0.05)
+"""Between two looks at a condition, at first and at last: what is looked at costs the processor too."""
 TRIES = 5
+LATE = "too slow or too busy", "has been silent", "stood still"
+"""What the service says of a computer that could not keep up."""
+LATE_TRIES = 10
 PATIENT = "pause_to_stop_s: 1.0, overruns_to_stop: 1000, service_timeout_s: 1.0"
 """rtloop stops the arm when its computer pauses, is too slow, or the service falls silent. Where a test is
 about something else, a busy computer shall not make that happen. These are as patient as the settings permit,
@@ -42,13 +47,24 @@ def unique_name() -> str:
 
 def until(condition: Callable[[], Any], what: Callable[[], str] = str) -> Any:
     """What the condition gave when it first held; `what` explains when it never does."""
-    deadline_s = time.monotonic() + WAIT_S
+    deadline_s, pause_s = time.monotonic() + WAIT_S, POLL_S[0]
     while time.monotonic() < deadline_s:
         value = condition()
         if value:
             return value
-        time.sleep(0.01)
+        time.sleep(pause_s)
+        pause_s = min(1.1 * pause_s, POLL_S[1])
     raise AssertionError(f"did not happen within {WAIT_S} s {what()}")
+
+
+def again(do: Callable[[], tuple[bool, str]]) -> None:
+    """Until it succeeds. What is said of a failure is that the computer was late."""
+    for _ in range(LATE_TRIES):
+        done, said = do()
+        if done:
+            return
+        assert any(words in said for words in LATE), said
+    raise AssertionError(f"{LATE_TRIES} times: {said}")
 
 
 def require_quick(measure: Callable[[], float], limit_s: float) -> None:

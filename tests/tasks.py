@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import subprocess
 import sys
 import threading
@@ -81,7 +82,8 @@ class Motion:
             self.answer = exc
 
     def end(self) -> None:
-        httpx.post(f"{self._run.url}/stop", timeout=WAIT_S)
+        with contextlib.suppress(httpx.TransportError):  # What has ended the service says more.
+            httpx.post(f"{self._run.url}/stop", timeout=WAIT_S)
         self._client.join(WAIT_S)
         assert not self._client.is_alive()
 

@@ -181,3 +181,15 @@ def test_each_address_that_people_are_told_to_ask_is_one() -> None:
                 wrong.append((page.name, path))
     assert asked > 30
     assert wrong == []
+
+
+def test_the_house_has_every_room() -> None:
+    page = (DOCS / "architecture.md").read_text(encoding="utf-8")
+    (house,) = re.findall(r"^```\n(cobot/ .*?)^```", page, re.M | re.S)
+    packages = ("cobot", "rtloop", "app", "recorder", "ros2", "sequences", "learning")
+    rooms = [
+        file.parent.relative_to(ROOT) for name in packages for file in (ROOT / name).rglob("__init__.py")
+    ]
+    assert len(rooms) > 50
+    names = set(re.findall(r"\w+", house))
+    assert [str(room) for room in rooms if not names.issuperset(room.parts)] == []

@@ -38,8 +38,12 @@ COPIED = (
 # Every file here works compiled modules with valid and with invalid input, and all of them together each one.
 TESTS = (
     "tests/cobot/test_arrays.py",
+    "tests/cobot/test_polynomials.py",
+    "tests/cobot/planners/test_derivatives.py",
+    "tests/cobot/planners/test_interior_point.py",
     "tests/cobot/planners/test_rrt_connect.py",
     "tests/cobot/robot/test_chain.py",
+    "tests/cobot/robot/test_dynamics.py",
     "tests/cobot/robot/inverse_kinematics",
     "tests/cobot/robot/test_clearance.py",
     "tests/cobot/robot/test_linear.py",
@@ -56,7 +60,9 @@ TESTS = (
     "tests/rtloop/streaming/test_contact_monitor.py",
     "tests/rtloop/streaming/test_feed.py",
     "tests/rtloop/test_clock.py",
+    "tests/rtloop/test_fence.py",
     "tests/rtloop/test_publisher.py",
+    "tests/rtloop/test_recording.py",
     "tests/rtloop/test_wild_loop.py",
 )
 WILD_LOOP = "tests/rtloop/test_wild_loop.py::test_no_bytes_crash_the_loop_or_lead_it_beyond_the_limits"

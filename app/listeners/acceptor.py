@@ -28,7 +28,7 @@ GRACE_S = 0.02
 wait in the kernel's queue."""
 SPARE_DESCRIPTORS = 64
 """For files, planning workers and sequences that are opened later."""
-LEAST_PLACES = 8
+MIN_PLACES = 8
 EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 PAUSE_S = 0.05
 """When the system has no room for another connection, it is asked again after this time."""
@@ -54,7 +54,7 @@ def crowd_for(limits: ConnectionLimits) -> Crowd:
     granted = soft - len(os.listdir("/proc/self/fd")) - SPARE_DESCRIPTORS - AT_ONCE - limits.reserve
     places = limits.connections if soft == resource.RLIM_INFINITY else min(limits.connections, granted)
     if places < limits.connections:
-        places = max(places, LEAST_PLACES)
+        places = max(places, MIN_PLACES)
         log.warning(
             "room for %d connections, not %d (web.limits.connections): ulimit -n grants %d descriptors",
             places,

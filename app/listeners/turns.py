@@ -13,7 +13,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-MOST = 16
+MAX_TURNS = 16
 """So many pieces of work are begun in one iteration, as long as iterations are short."""
 LONG_S = 0.003
 """After an iteration that took longer, fewer are begun in the next one, down to a single one."""
@@ -25,7 +25,7 @@ class Turns:
     def __init__(self) -> None:
         self._loop = asyncio.get_running_loop()
         self._waiting: deque[Callable[[], object]] = deque()
-        self._left = self._most = MOST
+        self._left = self._most = MAX_TURNS
         self._begun_s = 0.0
         self._renewing = False
 
@@ -61,7 +61,7 @@ class Turns:
     def _next_iteration(self) -> None:
         now_s = time.perf_counter()
         late = now_s - self._begun_s > LONG_S
-        self._most = max(1, self._most // 2) if late else min(MOST, self._most + 1)
+        self._most = max(1, self._most // 2) if late else min(MAX_TURNS, self._most + 1)
         self._left, self._renewing = self._most, False
         while self._waiting and self._left > 0:
             self._count()  # one at least, which has the next iteration looked forward to

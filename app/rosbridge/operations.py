@@ -14,7 +14,6 @@ from cobot.ros.messages import Message
 from cobot.strict import sentences, shown
 
 MAX_QUEUE = 10_000
-NO_FRAGMENTS = 2**31
 Id = Annotated[str | int | None, Field(union_mode="left_to_right")]
 Name = Annotated[str, Field(min_length=1, max_length=512)]
 

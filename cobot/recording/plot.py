@@ -14,7 +14,7 @@ WIDTH, HEIGHT = 1000, 180
 LEFT, TOP, GAP = 70, 60, 30
 COLOURS = ("#4477aa", "#ee6677", "#228833", "#ccbb44", "#66ccee", "#aa3377", "#777777")
 """Told apart by those who see fewer colours too (P. Tol)."""
-MOST_POINTS = 2000
+MAX_POINTS = 2000
 """Of a line; of what lies between two of its points the least and the greatest value are drawn."""
 
 
@@ -95,9 +95,9 @@ def _modes(cycles: Cycles, span_s: float, height: float) -> list[str]:
 
 def _thinned(values: Array) -> np.ndarray:
     """Indices of the values to draw: of each stretch the least and the greatest one."""
-    if len(values) <= MOST_POINTS:
+    if len(values) <= MAX_POINTS:
         return np.arange(len(values))
-    stretches = np.array_split(np.arange(len(values)), MOST_POINTS // 2)
+    stretches = np.array_split(np.arange(len(values)), MAX_POINTS // 2)
     extremes = [(each[values[each].argmin()], each[values[each].argmax()]) for each in stretches]
     return np.unique(np.array([0, len(values) - 1, *np.ravel(extremes)]))
 

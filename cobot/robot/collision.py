@@ -138,9 +138,6 @@ class CollisionChecker:
         names = [body_or_geom(self._model.mj, geom) for geom in geoms]
         return list(dict.fromkeys([*names, *self.tool.shapes]))
 
-    def body_name(self, body: int) -> str:
-        return str(self._mj.body(body).name)
-
     def name(self, geom: int) -> str:
         """What a person calls a geom: its body, or the geom itself if that is part of the world."""
         return body_or_geom(self._mj, geom)

@@ -17,7 +17,7 @@ RELATIVE_TOLERANCE = 1e-6
 """Rounding that a value may exceed its limit by, in motions that were made elsewhere."""
 
 EFFORT_SAMPLES, EFFORT_STEP_S = 2, 0.008
-MOST_EFFORT_STEPS = 2000
+MAX_EFFORT_STEPS = 2000
 """Efforts are no polynomials: they are looked at so often in each segment, and at such steps, s, or at longer
 ones where there would be more than so many."""
 EFFORT_TOLERANCE = 1e-3
@@ -120,7 +120,7 @@ def effort_samples(model: RobotModel, trajectory: Trajectory) -> tuple[Array, Ar
         return model.last_efforts[1:]
     knots = trajectory.breakpoints_s
     durations = np.diff(knots)
-    step_s = max(EFFORT_STEP_S, trajectory.duration_s / MOST_EFFORT_STEPS)
+    step_s = max(EFFORT_STEP_S, trajectory.duration_s / MAX_EFFORT_STEPS)
     counts = np.maximum(EFFORT_SAMPLES, np.ceil(durations / step_s)).astype(int)
     segment = np.arange(len(durations)).repeat(counts)
     number = np.arange(len(segment)) - (counts.cumsum() - counts)[segment]

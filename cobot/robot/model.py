@@ -76,7 +76,6 @@ class RobotModel:
         self.tool = self.carried = BARE
         self.attached = Scene()
         self._carrier = Carrier(mj, self._base, self.tcp_site)
-        self._given = np.zeros(limits.dof)
         moved = np.abs(self.jacobian(np.full(limits.dof, 0.5))).max(axis=0) > 0.0
         if not moved.all():
             still = ", ".join(name for name, moves in zip(limits.names, moved, strict=True) if not moves)
@@ -213,17 +212,8 @@ class RobotModel:
         return Pose(out[:3], out[3:])
 
     def forward_into(self, joints: Array, out: Array) -> None:
-        """`forward` for the real-time cycle: x, y, z (m) and w, x, y, z into `out`, shape (7,)."""
-        np.copyto(self._given, joints)
+        """`forward` as x, y, z (m) and w, x, y, z into `out`, shape (7,)."""
         self.chain.forward_into(joints, out)
-
-    def velocity_into(self, velocity: Array, out: Array) -> None:
-        """The TCP's velocity, m/s and rad/s in the base frame, into `out`; see `present_jacobian`."""
-        np.dot(self.present_jacobian(), velocity, out=out)
-
-    def present_jacobian(self) -> Array:
-        """`jacobian` for the joints that were given to `forward_into` last; overwritten by the next call."""
-        return self.chain.solve(self._given)[2]
 
     def jacobian(self, joints: Array) -> Array:
         """Shape (6, dof): rows vx vy vz (m/s) wx wy wz (rad/s) of the TCP, per rad/s, in the base frame."""
@@ -234,7 +224,6 @@ class RobotModel:
 
         The Jacobian is overwritten by the next call.
         """
-        np.copyto(self._given, joints)
         position, rotation, jacobian = self.chain.solve(joints)
         return position.copy(), rotation.copy(), jacobian
 

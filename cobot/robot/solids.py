@@ -15,7 +15,7 @@ from cobot.types import Array
 
 MAX_SOLIDS = 500
 """Of one scene: a streaming session looks at all of them within a cycle."""
-LEAST_M = 1e-6
+MIN_M = 1e-6
 """A column that is lower is none."""
 LARGEST_M = 200.0
 """Coarser than this nothing is tried to find what would fit."""
@@ -132,7 +132,7 @@ def columns(heights: Array, resolution_m: float, floor_m: float, step_m: float) 
         LimitError: there are more boxes than `MAX_SOLIDS`; with the step that would fit, or that none does.
     """
     above = np.where(np.isnan(heights), 0.0, heights - floor_m)
-    if not (above > LEAST_M).any():
+    if not (above > MIN_M).any():
         raise InputError(f"heights: none of {heights.size} is above the floor, {floor_m:g} m")
     boxes = _steps(above, step_m)
 
@@ -154,7 +154,7 @@ def columns(heights: Array, resolution_m: float, floor_m: float, step_m: float) 
 def _steps(above: Array, step_m: float) -> Array:
     """Low and high corners, x and y in cells, z in m above the floor."""
     tops = np.ceil(above / step_m - 1e-9) * step_m if step_m > 0.0 else above
-    row, column = np.nonzero(above > LEAST_M)
+    row, column = np.nonzero(above > MIN_M)
     top = tops[row, column]
     zeros = np.zeros(len(row))
     single = np.stack([column, row, zeros, column + 1, row + 1, top], axis=1)

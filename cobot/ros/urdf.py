@@ -18,7 +18,7 @@ from cobot.types import Array, JointLimits
 WORLD = "world"
 GIMBAL_LOCK = 1e-9
 """Below this cosine of the pitch, roll and yaw are one angle."""
-_LEAST_INERTIA = 1e-9
+_MIN_INERTIA = 1e-9
 _Geom = mujoco.mjtGeom
 
 
@@ -100,7 +100,7 @@ def _link(root: Element, model: mujoco.MjModel, body: int) -> None:
         inertial = SubElement(made, "inertial")
         _origin(inertial, model.body_ipos[body], matrix_of(model.body_iquat[body]))
         SubElement(inertial, "mass", value=_number(model.body_mass[body]))
-        x, y, z = (_number(max(value, _LEAST_INERTIA)) for value in model.body_inertia[body])
+        x, y, z = (_number(max(value, _MIN_INERTIA)) for value in model.body_inertia[body])
         SubElement(inertial, "inertia", ixx=x, iyy=y, izz=z, ixy="0", ixz="0", iyz="0")
     first = int(model.body_geomadr[body])
     for geom in range(first, first + int(model.body_geomnum[body])):

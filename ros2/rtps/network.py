@@ -14,7 +14,7 @@ from ros2.rtps.types import Address
 
 LOOPBACK = "127.0.0.1"
 DISCOVERY_GROUP = "239.255.0.1"
-_MOST_DOMAINS = 232
+_MAX_DOMAIN = 232
 MAX_PARTICIPANTS = 120
 _PORTS_WITHOUT_MULTICAST = 10
 
@@ -30,8 +30,8 @@ class Ports:
     domain_id: int
 
     def __post_init__(self) -> None:
-        if not 0 <= self.domain_id <= _MOST_DOMAINS:
-            raise NetworkError(f"domain {self.domain_id} is not within 0..{_MOST_DOMAINS}")
+        if not 0 <= self.domain_id <= _MAX_DOMAIN:
+            raise NetworkError(f"domain {self.domain_id} is not within 0..{_MAX_DOMAIN}")
 
     @property
     def discovery(self) -> int:

@@ -50,7 +50,7 @@ _LOCATOR_KIND_UDP4 = 1
 _LOCATOR_BYTES = 24
 _INFINITE_S = 0x7FFFFFFF
 _DISPOSED_OR_UNREGISTERED = 0x03
-_MOST_LOCATORS = 16
+_MAX_LOCATORS = 16
 
 
 def parameter(pid: int, value: bytes) -> bytes:
@@ -178,7 +178,7 @@ class ParameterReader:
     def locators(self, pid: int) -> list[Address]:
         """The UDPv4 addresses among the locators."""
         found = []
-        for value in self._values.get(pid, [])[:_MOST_LOCATORS]:
+        for value in self._values.get(pid, [])[:_MAX_LOCATORS]:
             cursor = value_cursor(value, self._little)
             kind, port = cursor.u32(), cursor.u32()
             address = cursor.bytes(_LOCATOR_BYTES - 8)

@@ -45,7 +45,6 @@ _INVALIDATE = 0x02
 _INLINE_QOS = 0x02
 _DATA = 0x04
 _KEY = 0x08
-_FRAG_KEY = 0x04
 
 
 def protocol_header(prefix: bytes) -> bytes:

@@ -13,8 +13,8 @@ from ros2.rtps.reassembly import Assembly
 from ros2.rtps.submessages import Fragment
 from ros2.rtps.types import Address, SampleIdentity
 
-_MOST_GAPS = 64
-_MOST_REPAIRED = 8  # incomplete samples whose fragments are asked for at once
+_MAX_GAPS = 64
+_MAX_REPAIRED = 8  # incomplete samples whose fragments are asked for at once
 
 
 @dataclass(slots=True)
@@ -131,7 +131,7 @@ class WriterProxy(Holder):
                 self.begin_at(end)
             elif self._gaps and self._gaps[-1][1] == first:
                 self._gaps[-1] = (self._gaps[-1][0], end)
-            elif first < end and len(self._gaps) < _MOST_GAPS:
+            elif first < end and len(self._gaps) < _MAX_GAPS:
                 self._gaps.append((first, end))
 
     def assemble(
@@ -192,7 +192,7 @@ class WriterProxy(Holder):
         body = submessages.acknowledgement(
             self._reader, self._writer, base, self._missing(), self._acknowledgements, final=True
         )
-        for sequence in list(self._assemblies)[:_MOST_REPAIRED]:
+        for sequence in list(self._assemblies)[:_MAX_REPAIRED]:
             body += self._fragments_wanted(sequence)
         return self._envelope + body
 

@@ -82,5 +82,5 @@ async def _grow_and_wait() -> None:
 
 
 if __name__ == "__main__":
-    memory.LOOK_S = memory.MOST_S = 0.01
+    memory.LOOK_S = memory.MAX_S = 0.01
     asyncio.run(_grow_and_wait())

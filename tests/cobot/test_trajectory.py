@@ -15,7 +15,7 @@ from cobot.trajectory import Trajectory, from_hermite
 from cobot.types import Array
 
 SEED = 20261121
-EXAMPLES = settings(max_examples=100, deadline=None, derandomize=True, database=None)
+EXAMPLES = settings(max_examples=100)
 values = st.floats(-3.0, 3.0).map(lambda value: round(value, 6))
 durations = st.floats(0.01, 5.0)
 

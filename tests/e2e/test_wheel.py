@@ -25,7 +25,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     copy = tmp_path_factory.mktemp("copy")
     for name in SOURCES:
         if (ROOT / name).exists():
-            unread = shutil.ignore_patterns("__pycache__", "lib", "bdist.*")
+            unread = shutil.ignore_patterns("__pycache__", "lib", "bdist.*", "sanitized")
             shutil.copytree(ROOT / name, copy / name, ignore=unread)
     for name in FILES:
         shutil.copy2(ROOT / name, copy)

@@ -18,7 +18,7 @@ from cobot.robot.kept import keep
 from cobot.strict import sentences, shown
 from cobot.types import NamedPosition, Scaling
 
-MOST = 200
+MAX_TAUGHT = 200
 TAUGHT = "taught"
 """The group of a position that is in no SRDF."""
 STATE_TIMEOUT_S = 1.5
@@ -76,8 +76,8 @@ class PositionService:
         self._goals.joints(joints, Scaling(1.0))
         async with self._turn:
             taught = dict(self._goals.taught)
-            if name not in taught and len(taught) >= MOST:
-                raise ConflictError(f"{MOST} positions are taught already; remove one")
+            if name not in taught and len(taught) >= MAX_TAUGHT:
+                raise ConflictError(f"{MAX_TAUGHT} positions are taught already; remove one")
             made = taught[name] = NamedPosition(name, TAUGHT, tuple(joints), description)
             await self._keep(taught)
         self._link.events.publish("positions", what="taught", name=name)

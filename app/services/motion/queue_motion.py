@@ -28,7 +28,7 @@ LOOK_S = 0.01
 """So often it is looked for moves that have come."""
 AHEAD_S = 8.0
 """A motion that goes on for longer is not prolonged yet, s: so it does not grow with the queue."""
-LEAST_LEAD_S, FIRST_LEAD_S, MOST_LEAD_S = 0.15, 0.3, 1.0
+MIN_LEAD_S, FIRST_LEAD_S, MAX_LEAD_S = 0.15, 0.3, 1.0
 """For so long the motion stays as it is while it is prolonged, s; it follows how long that took last."""
 
 log = logging.getLogger("cobot.queue")
@@ -222,7 +222,7 @@ class QueueMotion:
         moves, legs, radii = to_go(chain)
         stretch = running.stretch
         left_s = stretch.trajectory.duration_s - state.path_time_s
-        if not legs or state.motion_result is not MotionResult.RUNNING or left_s < LEAST_LEAD_S:
+        if not legs or state.motion_result is not MotionResult.RUNNING or left_s < MIN_LEAD_S:
             return []
         if chain[0].stops_before:  # who wants to be where the arm gets to, stops there
             stretch = replace(stretch, radii_m=(*stretch.radii_m[:-1], 0.0))
@@ -231,7 +231,7 @@ class QueueMotion:
         try:
             longer = await self._planner.prolonged(claim, stretch, legs, radii, times_s)
             planned_s = self._link.clock.now_s()
-            self._lead_s = min(max(2.0 * (planned_s - begun_s) + 0.1, LEAST_LEAD_S), MOST_LEAD_S)
+            self._lead_s = min(max(2.0 * (planned_s - begun_s) + 0.1, MIN_LEAD_S), MAX_LEAD_S)
             both = [*running.moves, *moves]
             after = _Running(longer, both[len(both) - len(longer.ends_s) :])
             self._running.append(after)

@@ -17,7 +17,7 @@ from virtual import VirtualService, virtual_service
 
 FIRST, ROUNDS = 2, 3
 NAMES = 20
-MOST_BLOCKS = 2 * NAMES
+MAX_BLOCKS = 2 * NAMES
 """In a round: far less than one for each of its requests, of which there are eleven for each name."""
 
 
@@ -70,4 +70,4 @@ def test_what_is_refused_leaves_nothing_behind(service: VirtualService) -> None:
     before = blocks_in_use()
     for round_ in range(FIRST, FIRST + ROUNDS):
         attack(service, round_)
-    assert blocks_in_use() - before < ROUNDS * MOST_BLOCKS
+    assert blocks_in_use() - before < ROUNDS * MAX_BLOCKS

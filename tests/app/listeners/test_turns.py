@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from app.listeners import turns
-from app.listeners.turns import MOST, Turns
+from app.listeners.turns import MAX_TURNS, Turns
 
 
 def in_a_loop(test: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., None]:
@@ -37,20 +37,20 @@ async def iterations(work: list[int], count: int) -> list[int]:
 async def test_work_is_done_at_once_while_there_is_little() -> None:
     done: list[int] = []
     order = Turns()
-    for number in range(MOST):
+    for number in range(MAX_TURNS):
         order.wait(lambda number=number: done.append(number))
-    assert done == list(range(MOST))
+    assert done == list(range(MAX_TURNS))
 
 
 @in_a_loop
 async def test_of_much_work_each_iteration_does_some_in_its_order() -> None:
     done: list[int] = []
     order = Turns()
-    for number in range(10 * MOST):
+    for number in range(10 * MAX_TURNS):
         order.wait(lambda number=number: done.append(number))
-    assert len(done) == MOST
-    assert max(await iterations(done, 200)) <= MOST
-    assert done == list(range(10 * MOST))
+    assert len(done) == MAX_TURNS
+    assert max(await iterations(done, 200)) <= MAX_TURNS
+    assert done == list(range(10 * MAX_TURNS))
 
 
 @in_a_loop
@@ -62,7 +62,7 @@ async def test_slow_work_is_done_piece_by_piece() -> None:
         time.sleep(0.004)
         done.append(1)
 
-    for _ in range(MOST + 8):
+    for _ in range(MAX_TURNS + 8):
         order.wait(slow)
     assert await iterations(done, 8) == [1] * 8
 
@@ -76,10 +76,10 @@ async def test_nothing_is_forgotten_when_the_computer_pauses_at_any_moment(
     monkeypatch.setattr(turns.time, "perf_counter", lambda: float(next(seconds)))
     done: list[int] = []
     order = Turns()
-    for number in range(5 * MOST):
+    for number in range(5 * MAX_TURNS):
         order.wait(lambda number=number: done.append(number))
-    await iterations(done, 5 * MOST)
-    assert done == list(range(5 * MOST))
+    await iterations(done, 5 * MAX_TURNS)
+    assert done == list(range(5 * MAX_TURNS))
 
 
 @in_a_loop
@@ -91,8 +91,8 @@ async def test_coroutines_wait_in_the_same_order_and_may_give_up() -> None:
         await order.turn()
         done.append(number)
 
-    tasks = [asyncio.create_task(wait(number)) for number in range(4 * MOST)]
+    tasks = [asyncio.create_task(wait(number)) for number in range(4 * MAX_TURNS)]
     await asyncio.sleep(0)
-    tasks[2 * MOST].cancel()
+    tasks[2 * MAX_TURNS].cancel()
     await asyncio.gather(*tasks, return_exceptions=True)
-    assert done == [number for number in range(4 * MOST) if number != 2 * MOST]
+    assert done == [number for number in range(4 * MAX_TURNS) if number != 2 * MAX_TURNS]

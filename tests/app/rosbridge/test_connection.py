@@ -732,7 +732,7 @@ USUAL = st.sampled_from(["/a", "/s", "/wait", STRING, "std_srvs/srv/SetBool", "g
         max_size=30,
     )
 )
-@settings(derandomize=True, max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_no_messages_break_a_connection(contents: list[Any]) -> None:
     async def test(graph: Graph, one: Client, two: Client) -> None:
         graph.add_action(Waiting())

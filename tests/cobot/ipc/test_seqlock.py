@@ -145,7 +145,7 @@ def test_a_writer_that_died_in_the_middle_cannot_pass_off_its_half(memory: mmap.
     assert reader.read()["number"] == 2
 
 
-@settings(max_examples=200, deadline=None, derandomize=True, database=None)
+@settings(max_examples=200)
 @given(place=st.integers(0, RECORD.itemsize - 1), flipped=st.integers(1, 255))
 def test_a_changed_byte_anywhere_in_a_record_is_found(place: int, flipped: int) -> None:
     memory = mmap.mmap(-1, 64 + Block.size(RECORD))

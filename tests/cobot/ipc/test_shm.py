@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from running import unique_name
 
@@ -339,7 +339,6 @@ def test_an_unlinked_memory_is_gone_for_others_and_works_for_who_has_it(robot: s
     assert reader.heartbeat.read()["pid"] == 5
 
 
-@settings(deadline=None, derandomize=True, database=None)
 @given(message=st.text(), size=st.integers(0, 40))
 def test_a_message_is_cut_between_characters(message: str, size: int) -> None:
     raw = encoded(message, size)

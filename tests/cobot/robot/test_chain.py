@@ -173,20 +173,6 @@ def test_a_tool_is_as_mujoco_has_it(robot: RobotDescription) -> None:
     check_against_mujoco(model.mj, np.random.default_rng(2).uniform(-3.0, 3.0, (500, 7)))
 
 
-def test_the_jacobian_is_for_the_joints_that_were_given_last(robot: RobotDescription) -> None:
-    first, second = np.random.default_rng(3).uniform(-2.0, 2.0, (2, 7))
-    expected = robot.model.jacobian(first)
-    pose = np.empty(7)
-    robot.model.jacobian(second)
-    robot.model.forward_into(first, pose)
-    robot.model.mass_matrix(second)
-    robot.model.poses(second)
-    assert np.array_equal(robot.model.present_jacobian(), expected)
-    twist = np.empty(6)
-    robot.model.velocity_into(second, twist)
-    assert twist == pytest.approx(expected @ second, abs=TOLERANCE)
-
-
 def test_poses_of_no_joints_are_none(robot: RobotDescription) -> None:
     assert robot.model.poses(np.zeros((0, 7))).shape == (0, 7)
 

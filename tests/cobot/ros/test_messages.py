@@ -267,7 +267,7 @@ JOINT_STATE = st.fixed_dictionaries(
 
 
 @given(JOINT_STATE)
-@hypothesis_settings(derandomize=True, max_examples=200, deadline=None)
+@hypothesis_settings(max_examples=200)
 def test_any_joint_state_survives_the_way_through_cdr(sent: dict[str, Any]) -> None:
     content = MESSAGES.to_cdr("sensor_msgs/msg/JointState", sent)
     taken = MESSAGES.from_cdr("sensor_msgs/msg/JointState", content)
@@ -279,7 +279,7 @@ def test_any_joint_state_survives_the_way_through_cdr(sent: dict[str, Any]) -> N
 
 
 @given(st.binary(max_size=200), st.sampled_from(["sensor_msgs/msg/JointState", f"{ACTION}_SendGoal_Request"]))
-@hypothesis_settings(derandomize=True, max_examples=500, deadline=None)
+@hypothesis_settings(max_examples=500)
 def test_no_bytes_do_more_than_be_refused(content: bytes, name: str) -> None:
     for bytes_ in (content, b"\0\1\0\0" + content):
         try:

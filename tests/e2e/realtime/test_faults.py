@@ -28,7 +28,6 @@ from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.robot import description as robots
 from cobot.types import JointLimits
 
-BACKENDS = Path(__file__).parents[2] / "backends"
 WILD_CLOCK = """
 import random, time
 random.seed(1)

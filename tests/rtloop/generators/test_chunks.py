@@ -292,7 +292,7 @@ def test_no_more_waypoints_are_kept_than_there_is_time_for(player: Player) -> No
     )
 
 
-@hypothesis_settings(max_examples=25, deadline=None)
+@hypothesis_settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1))
 def test_no_sequence_of_chunks_makes_the_reference_jump(limits: JointLimits, seed: int) -> None:
     rng, player = np.random.default_rng(seed), Player(limits)

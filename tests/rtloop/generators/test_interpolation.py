@@ -310,7 +310,7 @@ def test_after_a_pause_a_stream_begins_anew(kind: Interpolation, limits: JointLi
     assert (references[:, 0] <= rest + 1e-3 + 1e-9).all(), "the old velocity is forgotten"
 
 
-@hypothesis_settings(max_examples=25, deadline=None)
+@hypothesis_settings(max_examples=25)
 @given(
     st.integers(0, 2**32 - 1),
     st.sampled_from([0.001, 0.002, 0.01, 1 / 30, 0.1]),

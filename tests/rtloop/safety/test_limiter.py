@@ -146,7 +146,7 @@ def test_what_keeps_the_limits_passes_bit_for_bit(output: Output) -> None:
     assert counted(output) == {}
 
 
-@hypothesis_settings(max_examples=25, deadline=None)
+@hypothesis_settings(max_examples=25)
 @given(
     st.lists(
         st.tuples(

@@ -17,8 +17,6 @@ from rtloop.sources.target_checks import angular_distance, cartesian_jump, is_fi
 PERIOD_S = 1e-3
 IDENTITY = np.array([1.0, 0.0, 0.0, 0.0])
 HERE = np.array([0.5, 0.0, 0.3, 1.0, 0.0, 0.0, 0.0])
-MAX_STEP = 1.0 + 1e-5
-"""The tolerance of what passes, and rounding."""
 
 
 def turned(angle: float, axis: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> Array:

@@ -111,7 +111,7 @@ def test_what_cannot_be_is_refused(run: VirtualService, body: dict[str, Any], st
 
 
 def test_there_are_not_too_many(run: VirtualService, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(taught_positions, "MOST", 1)
+    monkeypatch.setattr(taught_positions, "MAX_TAUGHT", 1)
     client = run.client(run.url)
     assert client.teach_position("one", BESIDE, "the first")["description"] == "the first"
     client.teach_position("one")

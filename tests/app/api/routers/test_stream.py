@@ -249,8 +249,6 @@ FRAMES = (
 
 @settings(
     max_examples=150,
-    deadline=None,
-    derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 @example(frame="[" * 60_000)

@@ -8,7 +8,7 @@ import pytest
 
 from cobot.addresses import DEFAULT_URL
 from cobot.commands.options import url_of
-from cobot.launch.cli import DESCRIPTION, _parser
+from cobot.launch.parser import DESCRIPTION, make_parser
 
 OF_A_SERVICE = (
     "state",
@@ -29,7 +29,7 @@ def test_each_command_for_a_service_finds_it_by_option_environment_or_default(
     words: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def found(*more: str) -> str:
-        return url_of(_parser().parse_args([*words.split(), *more]))
+        return url_of(make_parser().parse_args([*words.split(), *more]))
 
     monkeypatch.delenv("COBOT_URL", raising=False)
     assert found() == DEFAULT_URL
@@ -40,11 +40,11 @@ def test_each_command_for_a_service_finds_it_by_option_environment_or_default(
 
 def test_a_stop_goes_by_shared_memory_whatever_the_environment_says(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COBOT_URL", "http://robot:9000")
-    assert _parser().parse_args(["stop"]).url is None
+    assert make_parser().parse_args(["stop"]).url is None
 
 
 def test_the_help_says_what_each_command_is_for() -> None:
     listed = set(re.findall(r"[a-z-]+", DESCRIPTION))
-    commands = re.findall(r"^    ([a-z-]+)(?: |$)", _parser().format_help(), re.M)
+    commands = re.findall(r"^    ([a-z-]+)(?: |$)", make_parser().format_help(), re.M)
     assert len(commands) > 15
     assert [name for name in commands if name not in listed] == []
