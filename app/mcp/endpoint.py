@@ -10,9 +10,10 @@ import asyncio
 import contextlib
 from typing import TYPE_CHECKING
 
-from starlette.types import Message, Receive, Scope, Send
+from starlette.types import Receive, Scope, Send
 
 from app.api.costly import Costly
+from app.mcp.departures import Departures
 
 if TYPE_CHECKING:
     from fastapi import FastAPI
@@ -29,11 +30,12 @@ class McpEndpoint:
         self._manager: StreamableHTTPSessionManager | None = None
         self._turn = asyncio.Lock()
         self._starts = Costly()
+        self._departures = Departures()
         self._running: asyncio.Task[None] | None = None
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        whole = await _whole(receive)
-        if whole is None:  # the library would take it for a mistake of its own, and log where
+        body = await _whole(receive)
+        if body is None:  # the library would take it for a mistake of its own, and log where
             return
         async with self._turn:
             if self._manager is None:
@@ -43,7 +45,8 @@ class McpEndpoint:
                 await entered.wait()
                 self._manager = manager
         await self._starts.start(REST_S)
-        await self._manager.handle_request(scope, whole, send)
+        with self._departures.watched(scope, body, receive) as received:
+            await self._manager.handle_request(scope, received, send)
 
     async def close(self) -> None:
         if self._running is not None:
@@ -52,8 +55,8 @@ class McpEndpoint:
                 await self._running
 
 
-async def _whole(receive: Receive) -> Receive | None:
-    """The same with the whole body in its first message; None if the client goes before it has sent that."""
+async def _whole(receive: Receive) -> bytes | None:
+    """The whole body; None if the client goes before it has sent that."""
     pieces: list[bytes] = []
     more = True
     while more:
@@ -62,12 +65,7 @@ async def _whole(receive: Receive) -> Receive | None:
             return None
         pieces.append(message.get("body", b""))
         more = message.get("more_body", False)
-    first: list[Message] = [{"type": "http.request", "body": b"".join(pieces), "more_body": False}]
-
-    async def received() -> Message:
-        return first.pop() if first else await receive()
-
-    return received
+    return b"".join(pieces)
 
 
 async def _run(manager: StreamableHTTPSessionManager, entered: asyncio.Event) -> None:

@@ -16,6 +16,7 @@ from starlette.requests import Request
 from app.api.access import IDENTITY
 from app.api.clients import client_of
 from app.api.dependencies import BEGUN_S
+from app.mcp.departures import DEPARTURES, Departures
 from app.mcp.own_rest import OwnRest
 from app.services.jobs.job import JobKind
 from app.services.motion.lease import CLIENT
@@ -111,21 +112,22 @@ async def execute(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> dict[str, Any
     rest = OwnRest(ctx, robot)
     identity, scope = rest.scope[IDENTITY], rest.scope
     endpoints: dict[str, Endpoint] = scope["app"].state.endpoints
-    gone = asyncio.Event()
+    departures: Departures = scope[DEPARTURES]
     stops = rest.services.ownership.stops_before(scope.get(BEGUN_S))
     acting.set(identity)
     CLIENT.set(client_of(scope))
     job = rest.services.ownership.new_job(JobKind.EXECUTE, f"MCP execute {plan_id}")
-    caller = Caller("MCP execute", None, stops, endpoints[EXECUTE].timeout_s, gone, job)
     try:
         require(identity, Role.AGENT)
-        # Were it cancelled in here, nobody would bring the arm to rest.
-        running = asyncio.create_task(rest.services.approvals.execute(plan_id, caller))
-        try:
-            outcome = await asyncio.shield(running)
-        except asyncio.CancelledError:
-            gone.set()
-            raise
+        with departures.under_way(scope, ctx.request_id) as gone:
+            caller = Caller("MCP execute", None, stops, endpoints[EXECUTE].timeout_s, gone, job)
+            # Were it cancelled in here, nobody would bring the arm to rest.
+            running = asyncio.create_task(rest.services.approvals.execute(plan_id, caller))
+            try:
+                outcome = await asyncio.shield(running)
+            except asyncio.CancelledError:
+                gone.set()
+                raise
     except CobotError as exc:
         raise ToolError(str(exc)) from exc
     return {
