@@ -1,8 +1,8 @@
 """An agent with a client of MCP before 2.0, in an environment of its own: tests/e2e/test_mcp1.py starts it.
 
-    python mcp1_client.py URL|COMMAND... JOINTS SPEED    tells what there is, plans, runs the plan, tells how it went
+    python mcp1_client.py URL|COMMAND... [[JOINTS, SPEED], ...]
 
-JOINTS is a JSON list; each line that it prints is JSON.
+tells what there is, plans each motion, runs the plan and tells how it went: each line that it prints is JSON.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ async def connected(where: list[str]) -> Any:
         yield session
 
 
-async def main(where: list[str], joints: list[float], speed: float) -> None:
+async def main(where: list[str], motions: list[Any]) -> None:
     async with connected(where) as session:
         async def call(tool: str, **arguments: Any) -> Any:
             answer = await session.call_tool(tool, arguments)
@@ -43,9 +43,9 @@ async def main(where: list[str], joints: list[float], speed: float) -> None:
             prompts=[prompt.name for prompt in (await session.list_prompts()).prompts],
             manual=(await session.read_resource("cobot://manual")).contents[0].text,
         )
-        plan = await call("plan_to_joints", joints=joints, speed=speed)
-        say(plan=plan["plan_id"])
-        say(**await call("execute", plan_id=plan["plan_id"]))
+        for joints, speed in motions:
+            plan = await call("plan_to_joints", joints=joints, speed=speed)
+            say(**await call("execute", plan_id=plan["plan_id"]))
 
 
 def say(**what: Any) -> None:
@@ -53,4 +53,4 @@ def say(**what: Any) -> None:
 
 
 if __name__ == "__main__":
-    asyncio.run(main(sys.argv[1:-2], json.loads(sys.argv[-2]), float(sys.argv[-1])))
+    asyncio.run(main(sys.argv[1:-1], json.loads(sys.argv[-1])))
