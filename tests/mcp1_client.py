@@ -33,6 +33,7 @@ async def connected(where: list[str]) -> Any:
 
 async def main(where: list[str], motions: list[Any]) -> None:
     async with connected(where) as session:
+
         async def call(tool: str, **arguments: Any) -> Any:
             answer = await session.call_tool(tool, arguments)
             assert not answer.isError, answer.content[0].text

@@ -90,5 +90,3 @@ class Cell:
         answer = self.service.ask("GET", "/robot/joint_states", headers=self.operator).json()
         found: list[float] = answer["position"]
         return found
-
-

@@ -44,6 +44,7 @@ ROLES: dict[str, Role] = {
     "POST /robot/execute": Role.OPERATOR,
     "GET /robot/plans": Role.OBSERVER,
     "GET /robot/plans/{plan}": Role.OBSERVER,
+    "POST /robot/plans/{plan}/rehearse": Role.AGENT,  # as a plan
     "POST /robot/approve": Role.OPERATOR,
     "GET /robot/tool": Role.OBSERVER,
     "POST /robot/tool": Role.PROGRAMMER,  # all later motions are planned with it

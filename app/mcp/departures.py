@@ -1,4 +1,4 @@
-"""Who leaves while the arm moves for it: its connection is closed, or it says that it has cancelled its request.
+"""Who leaves while the arm moves for it: its connection is closed, or it says that it cancels its request.
 
 The library behind /mcp/mcp notices neither with clients before protocol 2026: it asks a request that is
 answered by one JSON document for its body alone, and, as requests are independent of each other, takes a

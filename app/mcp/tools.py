@@ -16,6 +16,7 @@ from starlette.requests import Request
 from app.api.access import IDENTITY
 from app.api.clients import client_of
 from app.api.dependencies import BEGUN_S
+from app.api.routers.plans import rehearsal
 from app.mcp.departures import DEPARTURES, Departures
 from app.mcp.own_rest import OwnRest
 from app.services.jobs.job import JobKind
@@ -35,6 +36,7 @@ LOOKS = ToolAnnotations(read_only_hint=True, open_world_hint=False)
 PLANS = ToolAnnotations(read_only_hint=False, destructive_hint=False, open_world_hint=False)
 MOVES = ToolAnnotations(read_only_hint=False, destructive_hint=True, open_world_hint=False)
 EXECUTE = "POST /robot/execute"
+REHEARSE = "POST /robot/plans/{plan}/rehearse"
 
 
 async def get_state(ctx: Ctx, robot: Robot = "") -> dict[str, Any]:
@@ -137,6 +139,23 @@ async def execute(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> dict[str, Any
     }
 
 
+async def rehearse(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> Any:
+    """Run a plan on a simulated copy of the robot. The robot does not move; answers whether it would run
+    through, how long it takes, how much of each joint's effort, how near it comes, and what goes wrong first.
+    """
+    rest = OwnRest(ctx, robot)
+    scope, plans = rest.scope, rest.services.plans
+    endpoints: dict[str, Endpoint] = scope["app"].state.endpoints
+    departures: Departures = scope[DEPARTURES]
+    try:
+        require(scope[IDENTITY], Role.AGENT)
+        with departures.under_way(scope, ctx.request_id) as gone:
+            found = await plans.rehearse(plan_id, gone, endpoints[REHEARSE].timeout_s)
+        return rehearsal(plans.get(plan_id), found).model_dump()
+    except CobotError as exc:
+        raise ToolError(str(exc)) from exc
+
+
 async def stop(ctx: Ctx, robot: Robot = "") -> Any:
     """Bring the arm to rest at once, whoever moves it. Always permitted."""
     return await OwnRest(ctx, robot).post("/stop")
@@ -190,6 +209,7 @@ TOOLS: tuple[tuple[Callable[..., Any], ToolAnnotations], ...] = (
     (plan_to_position, PLANS),
     (plan_to_joints, PLANS),
     (plan_to_pose, PLANS),
+    (rehearse, PLANS),
     (execute, MOVES),
     (stop, MOVES),
 )

@@ -39,6 +39,7 @@ ENDPOINTS = (
     "POST /robot/execute",
     "GET /robot/plans",
     "GET /robot/plans/{plan}",
+    "POST /robot/plans/{plan}/rehearse",
     "POST /robot/approve",
     "GET /robot/tool",
     "POST /robot/tool",

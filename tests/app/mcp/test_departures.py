@@ -109,6 +109,37 @@ def test_the_arm_stops_for_whom_nobody_waits_any_more(
     moving.call.cancel()
 
 
+def test_what_is_rehearsed_for_whom_nobody_waits_is_given_up(
+    cell: Cell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A planning process that never answers stands for one that computes for long."""
+    cell.goes_to(HOME)
+    plan = cell.agent.call("plan_to_joints", joints=FAR, speed=SLOWLY)["plan_id"]
+    ended = []
+
+    async def compute(work: object, timeout_s: float) -> None:
+        try:
+            await asyncio.Event().wait()
+        finally:
+            ended.append(timeout_s)
+
+    monkeypatch.setattr(cell.service.app.state.services.planning, "compute", compute)
+    line = Line(cell)
+    agent = Agent(cell.service, mode="legacy", app=line)
+    agent.headers = cell.agent.headers
+    call = cell.service.begin(agent.doing(lambda client: client.call_tool("rehearse", {"plan_id": plan})))
+    cell.service.until(lambda: line.calls)
+    cell.service.sleep(0.5)
+    assert ended == []
+    line.cut.set()
+    cell.service.until(lambda: ended)
+    call.cancel()
+    monkeypatch.undo()
+    rehearsal = cell.agent.call("rehearse", plan_id=plan)
+    assert rehearsal["runs_through"]
+    assert rehearsal["duration_s"] > 10.0
+
+
 def test_nobody_else_and_nothing_else_cancels_a_motion(cell: Cell) -> None:
     moving = Moving(cell, "legacy")
     number = moving.line.calls[0]["id"]

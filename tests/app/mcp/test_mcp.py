@@ -189,6 +189,7 @@ def test_an_observer_neither_plans_nor_executes_nor_draws(cell: Cell) -> None:
     for tool, arguments in (
         ("plan_to_joints", {"joints": NEAR}),
         ("preview", {"plan_id": plan}),
+        ("rehearse", {"plan_id": plan}),
         ("execute", {"plan_id": plan}),
     ):
         assert "role observer" in observer.refused(tool, **arguments)
