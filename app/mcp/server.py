@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
+from mcp import MCPError
 from mcp.server.mcpserver import MCPServer
+from mcp.server.mcpserver.exceptions import ResourceError
 from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
 from mcp.server.transport_security import TransportSecuritySettings
+from mcp_types import INVALID_PARAMS
 
 from app.mcp import tools
 from cobot.addresses import MCP
+from cobot.audit import note
+from cobot.strict import shown
 
 if TYPE_CHECKING:
     from fastapi import FastAPI
@@ -35,12 +42,49 @@ arm has to be where the plan begins; limits, scene and tool have to be as they w
 5. stop brings the arm to rest. why_did_it_stop tells why it stands still."""
 
 
+class _Server(MCPServer):
+    """One of whose resources and prompts the audit knows as it knows of tools, refused ones too."""
+
+    async def read_resource(self, uri: Any, context: Any = None) -> Any:
+        with _audited("MCP read", uri=str(uri)):
+            return await super().read_resource(uri, context)
+
+    async def get_prompt(
+        self, name: str, arguments: dict[str, Any] | None = None, context: Any = None
+    ) -> Any:
+        with _audited("MCP prompt", prompt=name, arguments=str(arguments or {})):
+            try:
+                return await super().get_prompt(name, arguments, context)
+            except ValueError as exc:  # the library would take it for a mistake of its own, and log where
+                valid = [
+                    f"{each.name}({', '.join(argument.name for argument in each.arguments or ())})"
+                    for each in await self.list_prompts()
+                ]
+                sentence = (
+                    f"there is no prompt {shown(name)} with these arguments; valid are: {', '.join(valid)}"
+                )
+                raise MCPError(INVALID_PARAMS, sentence) from exc
+
+
+@contextmanager
+def _audited(what: str, **details: object) -> Iterator[None]:
+    outcome = "no answer"
+    try:
+        yield
+        outcome = "ok"
+    except Exception as exc:
+        outcome = str(exc)
+        raise
+    finally:
+        note(what, outcome, **details)
+
+
 def session_manager(app: FastAPI) -> StreamableHTTPSessionManager:
     """What answers requests for `MCP`, each by itself: there are no sessions to be lost or stolen.
 
     Who may ask from where is settled before (`app.api.access`), so the library's own check of hosts is off.
     """
-    server = MCPServer("cobot", version=version("cobot"), instructions=INSTRUCTIONS)
+    server = _Server("cobot", version=version("cobot"), instructions=INSTRUCTIONS)
     tools.offer(server)
     _offer_resources(server, app)
     _offer_prompts(server)
@@ -78,7 +122,7 @@ def _offer_resources(server: MCPServer, app: FastAPI) -> None:
     def limits(robot: str) -> str:
         """The limits of a robot's joints: rad, rad/s, rad/s², rad/s³, N·m (m, N of slides)."""
         if robot not in app.state.robots:
-            raise ValueError(f"there is no robot {robot!r}; valid are: {', '.join(app.state.robots)}")
+            raise ResourceError(f"there is no robot {robot!r}; valid are: {', '.join(app.state.robots)}")
         found = app.state.robots[robot].robot.limits
         table: dict[str, Any] = {
             name: getattr(found, name).tolist()

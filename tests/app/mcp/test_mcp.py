@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcp import MCPError
 from mcp_agent import FAR, HOME, NEAR, Agent, Cell, token
 from virtual import VirtualService
 
@@ -210,6 +211,38 @@ def test_every_call_is_in_the_audit(cell: Cell) -> None:
     assert tried["who"].startswith("agent")
     assert tried["details"]["plan_id"] == plan
     assert "is not approved" in tried["outcome"]
+
+
+def test_what_is_read_and_which_prompt_is_taken_is_in_the_audit_too(
+    cell: Cell, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def looks(client: Any) -> None:
+        await client.read_resource(f"cobot://limits/{cell.service.name}")
+        await client.get_prompt("move_safely", {"goal": "the table"})
+        for name, arguments in (("move_safely", {"what": "anywhere"}), ("move", {"goal": "the table"})):
+            with pytest.raises(
+                MCPError, match=r"there is no prompt .*; valid are: move_safely\(goal\), diagnose"
+            ):
+                await client.get_prompt(name, arguments)
+        for missing in ("cobot://limits/nobody", "cobot://nothing"):
+            with pytest.raises(MCPError, match=r"nobody|nothing"):
+                await client.read_resource(missing)
+
+    cell.agent.does(looks)
+    admin = {"authorization": f"Bearer {token(cell.service, Role.ADMIN)}"}
+    entries = cell.service.ask("GET", "/audit?limit=20", headers=admin).json()["entries"]
+    entries = [entry for entry in entries if entry["what"] in ("MCP read", "MCP prompt")]
+    nothing, nobody, _, wrong, prompt, limits = entries
+    assert all(entry["who"].startswith("agent") for entry in entries)
+    assert (limits["what"], limits["outcome"]) == ("MCP read", "ok")
+    assert limits["details"] == {"uri": f"cobot://limits/{cell.service.name}"}
+    assert (prompt["what"], prompt["outcome"]) == ("MCP prompt", "ok")
+    assert prompt["details"]["prompt"] == "move_safely"
+    assert "the table" in prompt["details"]["arguments"]
+    assert "there is no robot 'nobody'; valid are: " in nobody["outcome"]
+    assert nothing["outcome"] != "ok"
+    assert "there is no prompt 'move_safely' with these arguments" in wrong["outcome"]
+    assert [record for record in caplog.records if record.exc_info] == []
 
 
 def read_png(content: bytes) -> np.ndarray:
