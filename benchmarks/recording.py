@@ -77,8 +77,9 @@ def _under_load(run: Run, duration_s: float) -> Row:
                         numbers.append(message.sequence)
     cycles = max(numbers) - min(numbers) + 1
     topics = ("/cycle", "/joint_states", "/commanded", "/wrench")
+    beside = f"beside two busy loops and 32 clients, {motions} motions in {duration_s:.0f} s"
     return row(
-        f"recorded beside two busy loops and 32 clients, {motions} motions in {duration_s:.0f} s: messages lost",
+        f"a recording {beside}: messages lost",
         "",
         [cycles - counts[topic] for topic in topics],
         "cycles of rtloop",
