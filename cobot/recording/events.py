@@ -1,4 +1,4 @@
-"""What happened in a run, as far as the cycles tell: modes, their reasons, faults, e-stops, motions, sessions,
+"""What happened in a run, as far as the cycles tell: modes, reasons, faults, e-stops, motions, sessions and
 interventions of the safety layer.
 
 Whoever knows of more events adds them to what `events_of` gives: all of them go into /events of a recording.
