@@ -69,7 +69,7 @@ def test_each_block_of_the_integrator_s_tutorial_does_what_it_says(shared: Run, 
     assert ended.returncode == 0, ended.stdout + ended.stderr
     job, token = ended.stdout.split()[-2:]
     (made,) = TokenFile(tokens).read()
-    assert (made.name, made.role) == ("cell", Role.OPERATOR)
+    assert (made.name, made.rights) == ("cell", Role.OPERATOR)
     assert len(token) > 20
     assert '"what": "taken"' in ended.stdout
     assert "event: job" in ended.stdout
