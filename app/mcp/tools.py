@@ -151,7 +151,7 @@ async def rehearse(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> Any:
         require(scope[IDENTITY], Role.AGENT)
         with departures.under_way(scope, ctx.request_id) as gone:
             found = await plans.rehearse(plan_id, gone, endpoints[REHEARSE].timeout_s)
-        return rehearsal(plans.get(plan_id), found).model_dump()
+        return rehearsal(*found).model_dump()
     except CobotError as exc:
         raise ToolError(str(exc)) from exc
 

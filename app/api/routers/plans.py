@@ -131,8 +131,7 @@ async def rehearse(
 ) -> RehearsalAnswer:
     """Run a plan on a simulated copy of the robot, by the real cycle. The robot itself does not move."""
     call = Call(request)
-    found = await call.services.plans.rehearse(plan, gone, call.timeout_s)
-    return rehearsal(call.services.plans.get(plan), found)
+    return rehearsal(*await call.services.plans.rehearse(plan, gone, call.timeout_s))
 
 
 @router.post("/approve", responses=responses(404, 413, 415, 422, 503), dependencies=[Depends(json_body)])

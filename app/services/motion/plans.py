@@ -226,7 +226,9 @@ class PlanService:
 
         return await self._moves.run(plan.forecast.trajectory, require, caller, fence)
 
-    async def rehearse(self, plan_id: str, gone: asyncio.Event, timeout_s: float) -> Rehearsal | None:
+    async def rehearse(
+        self, plan_id: str, gone: asyncio.Event, timeout_s: float
+    ) -> tuple[Plan, Rehearsal | None]:
         """Run a plan on a simulated copy of the robot, in a planning process; the robot does not move. One is
         rehearsed or made at a time.
 
@@ -234,7 +236,7 @@ class PlanService:
             gone: set when the client goes away: the process then has something else to do.
 
         Returns:
-            None if the plan has nothing to move.
+            The plan, and what it did; None if it has nothing to move.
 
         Raises:
             NotFoundError: there is no such plan, or no more.
@@ -246,7 +248,7 @@ class PlanService:
         plan.require_unchanged(self._robot)
         trajectory = plan.forecast.trajectory
         if trajectory is None:
-            return None
+            return plan, None
         work = partial(rehearsed, settings=self._settings, start=plan.start, trajectory=trajectory)
         running = asyncio.create_task(self._rehearsed(work, timeout_s))
         leaving = asyncio.create_task(gone.wait())
@@ -254,7 +256,7 @@ class PlanService:
             await asyncio.wait({running, leaving}, return_when=asyncio.FIRST_COMPLETED)
             if not running.done():
                 raise MotionStopped("the client went away")
-            return await running
+            return plan, await running
         finally:
             running.cancel()
             leaving.cancel()
