@@ -115,6 +115,6 @@ $(ROS_STAMP): requirements-ros.lock | $(VENV)/.dev-stamp
 	    then touch $@; else rm -rf $(ROS); echo "cobot: without ROS 2: its wheels are for CPython 3.11 on Linux"; fi
 
 $(MCP1_STAMP): requirements-mcp1.lock | $(VENV)/.dev-stamp
-	@$(BIN)/uv venv --quiet --clear --no-python-downloads --python $(BIN)/python $(MCP1)
-	@$(BIN)/uv pip install --quiet --python $(MCP1)/bin/python --require-hashes --requirement requirements-mcp1.lock
-	@touch $@
+	@if $(BIN)/uv venv --quiet --clear --no-python-downloads --python $(BIN)/python $(MCP1) && \
+	    $(BIN)/uv pip install --quiet --python $(MCP1)/bin/python --require-hashes --requirement requirements-mcp1.lock; \
+	    then touch $@; else rm -rf $(MCP1); echo "cobot: without the client of MCP 1.x: its wheels do not fit here"; fi

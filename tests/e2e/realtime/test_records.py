@@ -16,7 +16,7 @@ import pytest
 from mcap.reader import make_reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from running import WAIT_S, Run
-from tasks import child
+from tasks import child, robot_health
 
 from cobot.launch.cli import main
 
@@ -85,6 +85,7 @@ def test_a_job_whose_service_is_killed_is_interrupted_and_stays_so(service: Run)
     assert found["state"] == "interrupted"
     assert "service" in found["error"]["detail"]
     assert found["id"] in [each["id"] for each in asked(service, "GET", "/jobs?state=interrupted")["jobs"]]
+    service.until(lambda: robot_health(service).get("mode") == "HOLD" and robot_health(service)["settled"])
     at_rest = service.joints()
     assert at_rest[0] < 1.9
     refused = httpx.post(f"{service.url}/jobs/{job['id']}/resume", timeout=WAIT_S)
