@@ -7,6 +7,9 @@ PIP    := $(BIN)/python -m pip --disable-pip-version-check --quiet
 # Real ROS 2, for the tests alone.
 ROS       := $(VENV)/ros
 ROS_STAMP := $(VENV)/.ros-stamp
+# An older client of MCP, for the tests alone.
+MCP1       := $(VENV)/mcp1
+MCP1_STAMP := $(VENV)/.mcp1-stamp
 
 # Every module that is compiled, and what the compiled ones beside them belong to: without their last names.
 PACKAGES := cobot rtloop app ros2 sequences
@@ -30,7 +33,7 @@ run: setup ## start the service and the simulated robot on http://localhost:8007
 
 setup: $(VENV)/.install-stamp ## make the virtual environment that `make run` uses
 
-setup-dev: setup $(VENV)/.dev-stamp $(ROS_STAMP) ## add what the tests and benchmarks need
+setup-dev: setup $(VENV)/.dev-stamp $(ROS_STAMP) $(MCP1_STAMP) ## add what the tests and benchmarks need
 
 client-wheel: $(VENV)/.run-stamp ## build dist/cobot_client-*.whl, which any computer with Python can install
 	$(PIP) wheel --no-deps --no-build-isolation --wheel-dir dist ./cobot-client
@@ -66,6 +69,7 @@ lock: setup-dev ## resolve versions and hashes anew; UPGRADE=--upgrade for the n
 	$(COMPILE_LOCK) --extra docs -c requirements-dev.lock pyproject.toml -o requirements-docs.lock
 	$(COMPILE_LOCK) --group ros -o requirements-ros.lock
 	$(COMPILE_LOCK) --no-deps --group peers -o requirements-peers.lock
+	$(COMPILE_LOCK) --group mcp1 -o requirements-mcp1.lock
 
 clean:
 	rm -rf $(VENV) .cache build dist *.egg-info cobot-client/build cobot-client/*.egg-info
@@ -109,3 +113,8 @@ $(ROS_STAMP): requirements-ros.lock | $(VENV)/.dev-stamp
 	@if $(BIN)/uv venv --quiet --clear --no-python-downloads --python 3.11 $(ROS) && \
 	    $(BIN)/uv pip install --quiet --python $(ROS)/bin/python --require-hashes --requirement requirements-ros.lock; \
 	    then touch $@; else rm -rf $(ROS); echo "cobot: without ROS 2: its wheels are for CPython 3.11 on Linux"; fi
+
+$(MCP1_STAMP): requirements-mcp1.lock | $(VENV)/.dev-stamp
+	@if $(BIN)/uv venv --quiet --clear --no-python-downloads --python $(BIN)/python $(MCP1) && \
+	    $(BIN)/uv pip install --quiet --python $(MCP1)/bin/python --require-hashes --requirement requirements-mcp1.lock; \
+	    then touch $@; else rm -rf $(MCP1); echo "cobot: without the client of MCP 1.x: its wheels do not fit here"; fi

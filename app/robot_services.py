@@ -181,7 +181,7 @@ def _services(
     stale_s = settings.web.stale_after_s
     recordings = RecordingService(settings, shared.default_robot)
     queue = MotionQueue(link, ownership, motion, planning, tool_and_limits)
-    plans = PlanService(robot, link.clock, goals, motion, moves, planning, settings.planning)
+    plans = PlanService(robot, link.clock, goals, motion, moves, planning, settings)
     return Services(
         robot=robot,
         link=link,

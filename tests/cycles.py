@@ -62,9 +62,11 @@ class Cycles:
         """As after kill -9: another process goes on with the numbers."""
         self._writer = CycleRecorder(self.memory)
 
-    def write(self, count: int, mode: LoopMode = LoopMode.HOLD, reason: str = "") -> None:
-        """So many cycles more."""
+    def write(self, count: int, mode: LoopMode = LoopMode.HOLD, reason: str = "", **more: int) -> None:
+        """So many cycles more; with more of the state's scalars by their names."""
         scalars = np.zeros((), np.dtype(list(STATE_SCALARS)))
+        for field, value in more.items():
+            scalars[field] = value
         safety = self._rig.loop.controller.safety
         for _ in range(count):
             self.number += 1

@@ -92,6 +92,7 @@ class Run:
         patient: bool = True,
         web: str = "",
         planning: str = PATIENT_PLANNING,
+        more: str = "",
         asking: dict[str, Any] | None = None,
         backend: str = "",
     ) -> None:
@@ -101,6 +102,7 @@ class Run:
         patient: see `PATIENT`; else all is as shipped.
         web: more about the web service, as YAML that begins with a comma.
         planning: about the planners, as YAML.
+        more: sections of the settings that are not written otherwise, as YAML.
         asking: what its own requests need: headers, verify.
         backend: of the robot: a class in a module of tests/.
         """
@@ -115,7 +117,7 @@ class Run:
             f"rt: {{trajectory_capacity: 200000, clock: {clock}{', ' + PATIENT if patient else ''}}}\n"
             f"web: {{port: 0{web}}}\nplanning: {{workers: 1, {planning}}}\n"
             f"ros: {{enabled: {str(ros_domain is not None).lower()}, domain_id: {ros_domain or 0}, "
-            f"localhost_only: {str(not ros_elsewhere).lower()}, access: move}}\n",
+            f"localhost_only: {str(not ros_elsewhere).lower()}, access: move}}\n{more}",
             encoding="utf-8",
         )
         self.lines: list[str] = []

@@ -254,6 +254,44 @@ class PlanAnswer(BaseModel):
     closest_environment: PlanDistance | None = Field(description="Of the robot and the rest; the same.")
 
 
+class RehearsalFlaw(BaseModel):
+    """What goes wrong first."""
+
+    time_s: float = Field(description="Since the motion's start.")
+    joint: str | None = Field(description="Whose; null where it is about none.")
+    says: str = Field(description="What it is.")
+
+
+class RehearsalAnswer(BaseModel):
+    """What a plan did on a simulated copy of the robot."""
+
+    model_config = example(
+        {
+            "plan_id": "2f1c9a0b7d3e4855",
+            "runs_through": True,
+            "duration_s": 1.14,
+            "planned_duration_s": 1.1,
+            "effort": [0.05, 0.19, 0.02, 0.11, 0.01, 0.03, 0.01],
+            "off": [0.001, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+            "problem": None,
+            "closest_self": {"between": ["link2", "link5"], "distance_m": 0.094, "share": 0.0},
+            "closest_environment": {"between": ["floor", "link1"], "distance_m": 0.098, "share": 0.0},
+        }
+    )
+
+    plan_id: str = Field(description="Of the plan.")
+    runs_through: bool = Field(description="It arrives and settles, and there is no `problem` on the way.")
+    duration_s: float = Field(description="Until it had settled, or ended otherwise, at full speed.")
+    planned_duration_s: float = Field(description="Of the plan; settling comes on top.")
+    effort: list[float] = Field(description="The most of each joint, as a share of its limit.")
+    off: list[float] = Field(
+        description="The most that each joint was from where it was commanded to be, rad; of slides m."
+    )
+    problem: RehearsalFlaw | None = Field(description="The first one; null: none.")
+    closest_self: PlanDistance | None = Field(description="As of the plan, of where the simulated arm was.")
+    closest_environment: PlanDistance | None = Field(description="The same.")
+
+
 class Execute(StrictModel):
     """Which plan to run."""
 

@@ -45,6 +45,7 @@ ROLES: dict[str, Role] = {
     "GET /robot/motion": Role.OBSERVER,
     "GET /robot/plans": Role.OBSERVER,
     "GET /robot/plans/{plan}": Role.OBSERVER,
+    "POST /robot/plans/{plan}/rehearse": Role.AGENT,  # as a plan
     "POST /robot/approve": Role.OPERATOR,
     "GET /robot/tool": Role.OBSERVER,
     "POST /robot/tool": Role.PROGRAMMER,  # all later motions are planned with it

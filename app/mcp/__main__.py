@@ -39,7 +39,9 @@ async def _bridge(url: str) -> None:
     ):
         tasks.start_soon(_forward, from_service, to_agent)
         await _forward(from_agent, to_service)
+        # The agent has gone: what is asked for on its behalf ends with this process, and so does a motion.
         tasks.cancel_scope.cancel()
+        await to_agent.aclose()  # the library would wait for more to write
 
 
 async def _forward(

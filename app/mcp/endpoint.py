@@ -11,10 +11,11 @@ import contextlib
 import json
 from typing import TYPE_CHECKING
 
-from starlette.types import Message, Receive, Scope, Send
+from starlette.types import Receive, Scope, Send
 
 from app.api.costly import Costly
 from app.api.errors import answer_to
+from app.mcp.departures import Departures
 from app.mcp.own_rest import OwnRest
 from cobot.errors import NotFoundError, PayloadError
 
@@ -38,6 +39,7 @@ class McpEndpoint:
         self._manager: StreamableHTTPSessionManager | None = None
         self._turn = asyncio.Lock()
         self._starts = Costly()
+        self._departures = Departures()
         self._running: asyncio.Task[None] | None = None
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -57,7 +59,8 @@ class McpEndpoint:
                 await entered.wait()
                 self._manager = manager
         await self._starts.start(REST_S)
-        await self._manager.handle_request(scope, _again(body, receive), send)
+        with self._departures.watched(scope, body, receive) as received:
+            await self._manager.handle_request(scope, received, send)
 
     async def close(self) -> None:
         if self._running is not None:
@@ -83,16 +86,6 @@ async def _body(receive: Receive) -> bytes | None:
             raise PayloadError(f"the body is larger than the limit of {MAX_BODY_BYTES} bytes for agents")
         more = message.get("more_body", False)
     return bytes(body)
-
-
-def _again(body: bytes, receive: Receive) -> Receive:
-    """The same as a request with the whole body in its first message."""
-    first: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
-
-    async def received() -> Message:
-        return first.pop() if first else await receive()
-
-    return received
 
 
 async def _stop(scope: Scope, body: bytes) -> None:

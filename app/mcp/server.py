@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.metadata import version
 from inspect import signature
 from typing import TYPE_CHECKING, Any
 
+from mcp import MCPError
 from mcp.server.mcpserver import Context, MCPServer
-from mcp.server.mcpserver.exceptions import ToolError
+from mcp.server.mcpserver.exceptions import ResourceError, ToolError
 from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
 from mcp.server.transport_security import TransportSecuritySettings
-from mcp_types import CallToolResult, InputRequiredResult
+from mcp_types import INVALID_PARAMS, CallToolResult, InputRequiredResult
 from pydantic import ValidationError
 
 from app.api.access import IDENTITY
@@ -38,7 +41,7 @@ MANUAL = f"""\
 1. get_state tells where the arm is, list_positions and get_scene what there is to go to and to keep clear of.
 2. plan_to_position, plan_to_joints and plan_to_pose answer a plan_id, the duration, a sampled path, how \
 much of each limit is used and the closest distances. Nothing has moved.
-3. preview draws the plan.
+3. preview draws the plan, rehearse runs it on a simulated copy of the robot and tells what goes wrong first.
 4. execute runs it, if an operator has approved it (each approval is for one run) or if the settings of \
 the robot draw a fence and the plan is within: a box for the TCP, a speed, a payload, planners, hours. The \
 arm has to be where the plan begins; limits, scene and tool have to be as they were.
@@ -83,6 +86,39 @@ class AgentServer(MCPServer[Any]):
             note(f"MCP {name}", outcome, **{key: arguments[key] for key in parameters if key in arguments})
         return answer
 
+    async def read_resource(self, uri: Any, context: Any = None) -> Any:
+        with _audited("MCP read", uri=str(uri)):
+            return await super().read_resource(uri, context)
+
+    async def get_prompt(
+        self, name: str, arguments: dict[str, Any] | None = None, context: Any = None
+    ) -> Any:
+        with _audited("MCP prompt", prompt=name, arguments=str(arguments or {})):
+            try:
+                return await super().get_prompt(name, arguments, context)
+            except ValueError as exc:  # the library would take it for a mistake of its own, and log where
+                valid = [
+                    f"{each.name}({', '.join(argument.name for argument in each.arguments or ())})"
+                    for each in await self.list_prompts()
+                ]
+                sentence = (
+                    f"there is no prompt {shown(name)} with these arguments; valid are: {', '.join(valid)}"
+                )
+                raise MCPError(INVALID_PARAMS, sentence) from exc
+
+
+@contextmanager
+def _audited(what: str, **details: object) -> Iterator[None]:
+    outcome = "no answer"
+    try:
+        yield
+        outcome = "ok"
+    except Exception as exc:
+        outcome = str(exc)
+        raise
+    finally:
+        note(what, outcome, **details)
+
 
 def session_manager(app: FastAPI) -> StreamableHTTPSessionManager:
     """What answers requests for `MCP`, each by itself: there are no sessions to be lost or stolen.
@@ -126,7 +162,7 @@ def _offer_resources(server: MCPServer, app: FastAPI) -> None:
     def limits(robot: str) -> str:
         """The limits of a robot's joints: rad, rad/s, rad/s², rad/s³, N·m (m, N of slides)."""
         if robot not in app.state.robots:
-            raise ValueError(f"there is no robot {shown(robot)}; valid are: {', '.join(app.state.robots)}")
+            raise ResourceError(f"there is no robot {shown(robot)}; valid are: {', '.join(app.state.robots)}")
         found = app.state.robots[robot].robot.limits
         table: dict[str, Any] = {
             name: getattr(found, name).tolist()

@@ -16,6 +16,8 @@ from starlette.requests import Request
 from app.api.access import IDENTITY
 from app.api.clients import client_of
 from app.api.dependencies import BEGUN_S
+from app.api.routers.plans import rehearsal
+from app.mcp.departures import DEPARTURES, Departures
 from app.mcp.endpoint import STOPPED
 from app.mcp.own_rest import OwnRest
 from app.services.jobs.job import JobKind
@@ -39,6 +41,7 @@ LOOKS = ToolAnnotations(read_only_hint=True, open_world_hint=False)
 PLANS = ToolAnnotations(read_only_hint=False, destructive_hint=False, open_world_hint=False)
 MOVES = ToolAnnotations(read_only_hint=False, destructive_hint=True, open_world_hint=False)
 EXECUTE = "POST /robot/execute"
+REHEARSE = "POST /robot/plans/{plan}/rehearse"
 
 
 class _Rest:
@@ -144,20 +147,21 @@ async def execute(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> dict[str, Any
     rest = _Rest(ctx, robot)
     identity, scope = rest.scope[IDENTITY], rest.scope
     endpoints: dict[str, Endpoint] = scope["app"].state.endpoints
-    gone = asyncio.Event()
+    departures: Departures = scope[DEPARTURES]
     stops = rest.services.ownership.stops_before(scope.get(BEGUN_S))
     acting.set(identity)
     CLIENT.set(client_of(scope))
     job = rest.services.ownership.new_job(JobKind.EXECUTE, f"MCP execute {plan_id}")
-    caller = Caller("MCP execute", None, stops, endpoints[EXECUTE].timeout_s, gone, job)
     try:
-        # Were it cancelled in here, nobody would bring the arm to rest.
-        running = asyncio.create_task(rest.services.approvals.execute(plan_id, caller))
-        try:
-            outcome = await asyncio.shield(running)
-        except asyncio.CancelledError:
-            gone.set()
-            raise
+        with departures.under_way(scope, ctx.request_id) as gone:
+            caller = Caller("MCP execute", None, stops, endpoints[EXECUTE].timeout_s, gone, job)
+            # Were it cancelled in here, nobody would bring the arm to rest.
+            running = asyncio.create_task(rest.services.approvals.execute(plan_id, caller))
+            try:
+                outcome = await asyncio.shield(running)
+            except asyncio.CancelledError:
+                gone.set()
+                raise
     except CobotError as exc:
         raise ToolError(str(exc)) from exc
     return {
@@ -165,6 +169,22 @@ async def execute(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> dict[str, Any
         "error": "" if outcome.error is None else str(outcome.error),
         "duration_s": outcome.duration_s,
     }
+
+
+async def rehearse(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> Any:
+    """Run a plan on a simulated copy of the robot. The robot does not move; answers whether it would run
+    through, how long it takes, how much of each joint's effort, how near it comes, and what goes wrong first.
+    """
+    rest = _Rest(ctx, robot)
+    scope, plans = rest.scope, rest.services.plans
+    endpoints: dict[str, Endpoint] = scope["app"].state.endpoints
+    departures: Departures = scope[DEPARTURES]
+    try:
+        with departures.under_way(scope, ctx.request_id) as gone:
+            found = await plans.rehearse(plan_id, gone, endpoints[REHEARSE].timeout_s)
+        return rehearsal(*found).model_dump()
+    except CobotError as exc:
+        raise ToolError(str(exc)) from exc
 
 
 async def stop(ctx: Ctx, robot: Robot = "") -> Any:
@@ -222,6 +242,7 @@ TOOLS: tuple[tuple[Callable[..., Any], Role, ToolAnnotations], ...] = (
     (plan_to_position, Role.AGENT, PLANS),
     (plan_to_joints, Role.AGENT, PLANS),
     (plan_to_pose, Role.AGENT, PLANS),
+    (rehearse, Role.AGENT, PLANS),
     (execute, Role.AGENT, MOVES),
     (stop, Role.OBSERVER, MOVES),
 )

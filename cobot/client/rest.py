@@ -73,6 +73,11 @@ class Client(Moves, EventConnection):
         """
         return self._json("POST", f"/robot/plan/{what}", json=request, timeout=self._motion_timeout_s)
 
+    def rehearse(self, plan_id: str) -> Json:
+        """Run a plan on a simulated copy of the robot; nothing moves: `runs_through`, `problem`, `effort`."""
+        path = f"/robot/plans/{quote(plan_id, safe='')}/rehearse"
+        return self._json("POST", path, timeout=self._motion_timeout_s)
+
     def tool(self) -> Json:
         """What is on the flange: `version`, `name`, `mass`, `centre`, `inertia`, `position` and `quaternion`
         of the TCP, `shapes`, `gravity`.

@@ -40,6 +40,7 @@ ENDPOINTS = (
     "GET /robot/motion",
     "GET /robot/plans",
     "GET /robot/plans/{plan}",
+    "POST /robot/plans/{plan}/rehearse",
     "POST /robot/approve",
     "GET /robot/tool",
     "POST /robot/tool",

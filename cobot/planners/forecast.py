@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cobot.motions.forecast import Closest, Forecast
+from cobot.motions.rehearsal import Flaw, Rehearsal, SimulatedRun
 from cobot.motions.requests import MotionRequest
 from cobot.planners import plan
 from cobot.polynomials import greatest_rates
@@ -48,7 +49,7 @@ def described(robot: RobotDescription, trajectory: Trajectory | None, start: Arr
         robot.model.poses(joints),
         peaks,
         {name: peak / bound for (name, peak), bound in zip(peaks.items(), most, strict=True)},
-        *_closest(robot, looked_at),
+        *_closest(robot, _distances(robot, looked_at)),
     )
 
 
@@ -62,21 +63,38 @@ def _peaks(robot: RobotDescription, trajectory: Trajectory | None, start: Array)
     return {"velocity": rates[0], "acceleration": rates[1], "jerk": rates[2], "torque": torque}
 
 
-def _closest(robot: RobotDescription, rows: Array) -> tuple[Closest | None, Closest | None]:
-    """Of the robot with itself, and with what is around it."""
+def rehearsed(robot: RobotDescription, run: SimulatedRun) -> Rehearsal:
+    """How near a motion came to anything on a simulated robot; what has touched is a flaw of it."""
+    distances = _distances(robot, run.positions)
+    flaw = run.flaw
+    touching = np.flatnonzero((distances <= 0.0).any(axis=1))
+    if len(touching) and (flaw is None or run.times_s[touching[0]] < flaw.time_s):
+        first = int(touching[0])
+        pair = " and ".join(robot.collision.names(int(distances[first].argmin())))
+        flaw = Flaw(float(run.times_s[first]), None, f"{pair} touch")
+    return Rehearsal(run, flaw, *_closest(robot, distances))
+
+
+def _distances(robot: RobotDescription, rows: Array) -> Array:
+    """Of each pair that may touch, for each row of joints, shape (n, pairs), m: `FARTHEST_M` at most."""
     checker = robot.collision
     if not checker.pairs:
-        return None, None
-    distances = checker.clearance.distances(rows, FARTHEST_M)
+        return np.zeros((len(rows), 0))
+    return checker.clearance.distances(rows, FARTHEST_M)
+
+
+def _closest(robot: RobotDescription, distances: Array) -> tuple[Closest | None, Closest | None]:
+    """Of the robot with itself, and with what is around it."""
+    checker = robot.collision
     own = np.array([checker.is_own(pair) for pair in range(len(checker.pairs))])
     found: list[Closest | None] = []
     for chosen in (np.flatnonzero(own), np.flatnonzero(~own)):
         nearest = None
         if len(chosen):
-            row, column = np.unravel_index(int(distances[:, chosen].argmin()), (len(rows), len(chosen)))
+            row, column = np.unravel_index(int(distances[:, chosen].argmin()), (len(distances), len(chosen)))
             pair = int(chosen[column])
             distance_m = float(distances[row, pair])
             if distance_m < FARTHEST_M:
-                nearest = Closest(*checker.names(pair), distance_m, float(row) / max(len(rows) - 1, 1))
+                nearest = Closest(*checker.names(pair), distance_m, float(row) / max(len(distances) - 1, 1))
         found.append(nearest)
     return found[0], found[1]

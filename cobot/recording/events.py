@@ -1,19 +1,26 @@
-"""What happened in a run, as far as the cycles tell: modes, their reasons, interventions of the safety layer.
+"""What happened in a run, as far as the cycles tell: modes, reasons, faults, e-stops, motions, sessions and
+interventions of the safety layer.
 
 Whoever knows of more events adds them to what `events_of` gives: all of them go into /events of a recording.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from cobot.ipc.layout import Intervention
+from cobot.ipc.layout import Intervention, MotionResult
 from cobot.types import LoopMode
 
 LATCHED = (LoopMode.FAULT, LoopMode.ESTOP)
+ENDS = {
+    int(MotionResult.ARRIVED): "arrived",
+    int(MotionResult.STOPPED): "stopped on its path",
+    int(MotionResult.STOPPED_ASIDE): "stopped beside its path",
+    int(MotionResult.FAILED): "failed",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,9 +28,9 @@ class Event:
     """One moment.
 
     Attributes:
-        kind: mode, reason or intervention.
+        kind: mode, reason, fault, estop, motion, session or intervention.
         mode: in which the robot was from then on.
-        text: for people: why, or which intervention.
+        text: for people: why, which one, or what became of it.
     """
 
     cycle: int
@@ -52,6 +59,8 @@ def events_of(records: np.ndarray, before: np.ndarray | None, reasons: Mapping[i
     previous = np.concatenate([first, records[:-1]])
     changed = (records["mode"] != previous["mode"]) | (records["note"] != previous["note"])
     changed[0] |= before is None
+    for name in ("motion_id", "motion_result", "session"):
+        changed |= records[name] != previous[name]
     begun = records["interventions"] & ~previous["interventions"]
     if before is None:
         begun[0] = records["interventions"][0]
@@ -65,10 +74,42 @@ def events_of(records: np.ndarray, before: np.ndarray | None, reasons: Mapping[i
             for kind in Intervention
             if int(begun[index]) >> kind & 1
         ]
-        if changed[index]:
-            is_mode = (before is None and index == 0) or record["mode"] != previous[index]["mode"]
-            found.append(Event(cycle, moment_ns, "mode" if is_mode else "reason", mode, reason))
+        found += [
+            Event(cycle, moment_ns, kind, mode, said)
+            for kind, said in _changes(
+                record, None if before is None and index == 0 else previous[index], reason
+            )
+        ]
     return found
+
+
+def _changes(record: np.ndarray, previous: np.ndarray | None, reason: str) -> Iterator[tuple[str, str]]:
+    """What is another one than in the record before, with its words.
+
+    Args:
+        previous: None: nothing is known of what was before.
+    """
+    if previous is None:
+        yield "mode", reason
+        return
+    motion, session = int(record["motion_id"]), int(record["session"])
+    result = int(record["motion_result"])
+    if motion != previous["motion_id"] and motion:
+        yield "motion", f"motion {motion} begun"
+    if session != previous["session"]:
+        if previous["session"]:
+            yield "session", f"session {int(previous['session'])} ended"
+        if session:
+            yield "session", f"session {session} begun"
+    mode = int(record["mode"])
+    if mode != previous["mode"]:
+        if mode in LATCHED:
+            yield mode_name(mode).lower(), reason
+        yield "mode", reason
+    elif record["note"] != previous["note"]:
+        yield "reason", reason
+    if result != previous["motion_result"] and result in ENDS:
+        yield "motion", f"motion {motion} {ENDS[result]}"
 
 
 def latched_in(records: np.ndarray, before: np.ndarray | None) -> list[tuple[int, LoopMode]]:

@@ -61,8 +61,9 @@ class Teleoperation:
         try:
             while not self._device.ended:
                 self.once()
-                due_s = max(due_s + PERIOD_S, self._clock.now_s())
-                self._clock.sleep(due_s - self._clock.now_s())
+                now_s = self._clock.now_s()
+                due_s = max(due_s + PERIOD_S, now_s)
+                self._clock.sleep(due_s - now_s)
         finally:
             self._let_go()
 

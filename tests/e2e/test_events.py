@@ -10,6 +10,7 @@ import socket
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from typing import Any
 from urllib.parse import urlsplit
 
 import httpx
@@ -72,6 +73,33 @@ def test_a_client_in_python_and_a_websocket_hear_the_same(shared: Run) -> None:
         assert next(again) == heard[1]
         again.close()
     shared.until(lambda: listeners(shared) == 0)
+
+
+def test_a_sequence_is_told_from_its_start_to_its_end(shared: Run) -> None:
+    shared.go_home()
+    joints = {"joints": [0.1, 0, 0, -1.57, 0, 1.57, 0], "speed": 1.0}
+    steps = {"waypoints": [{**joints, "label": "near"}, {"named": "home", "speed": 1.0}]}
+    files = {"config": ("two.json", json.dumps(steps), "application/json")}
+    with Client(shared.url) as client:
+        events = client.events(["sequence"], state_hz=20.0)
+        assert next(events)["type"] == "state"  # it listens
+        form = {"n_iterations": 2, "delay_between_iterations": 0}
+        url = f"{shared.url}/sequences/start"
+        assert httpx.post(url, files=files, data=form, timeout=WAIT_S).is_success
+        heard: list[dict[str, Any]] = []
+        while not heard or heard[-1]["data"]["what"] != "ended":
+            event = next(events)
+            heard += [event] if event["type"] == "sequence" else []
+        events.close()
+    started, *waypoints, ended = [each["data"] for each in heard]
+    assert (started["what"], started["name"], started["iterations"]) == ("started", "two.json", 2)
+    assert [(each["what"], each["iteration"], each["waypoint"]) for each in waypoints] == [
+        ("waypoint", iteration, waypoint) for iteration in (1, 2) for waypoint in (1, 2)
+    ]
+    assert {each["n_waypoints"] for each in waypoints} == {2}
+    assert ended["returncode"] == 0
+    assert {each["data"]["sequence"] for each in heard} == {started["sequence"]}
+    assert {each["robot"] for each in heard} == {shared.name}
 
 
 def test_clients_that_never_read_cost_little_delay_nobody_and_are_let_go(shared: Run) -> None:

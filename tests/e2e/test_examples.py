@@ -13,6 +13,8 @@ import tree_sitter
 import tree_sitter_matlab
 from running import Run
 
+from cobot.client import Client
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SCRIPTS = sorted(
     path.name for path in EXAMPLES.iterdir() if path.is_file() and path.suffix not in (".csv", ".json")
@@ -65,10 +67,12 @@ def test_every_example_says_how_it_is_run() -> None:
         "hello.lua": ".venv/bin/cobot lua examples/hello.lua",
         "learning_env.py": ".venv/bin/python examples/learning_env.py",
         "openpi_policy.py": ".venv/bin/python examples/openpi_policy.py HOST:PORT [SECONDS]",
+        "own_hand.py": ".venv/bin/python examples/own_hand.py",
         "paths.py": ".venv/bin/python examples/paths.py",
         "pick.lua": ".venv/bin/cobot lua examples/pick.lua",
         "plan_first.py": ".venv/bin/python examples/plan_first.py",
         "policy_30hz.py": ".venv/bin/python examples/policy_30hz.py",
+        "record_and_replay.py": ".venv/bin/python examples/record_and_replay.py",
         "scene.py": ".venv/bin/python examples/scene.py",
         "streaming_plot.py": ".venv/bin/python examples/streaming_plot.py --rate 10 --output streaming.png",
         "tour.m": "run examples/tour",
@@ -114,6 +118,21 @@ def test_what_stands_in_the_way_is_gone_around(shared: Run, clone: Path) -> None
 def test_a_policy_moves_the_arm(shared: Run, clone: Path) -> None:
     (command,) = commands("policy_30hz.py")
     assert output(clone, f"{command} 0.5", shared).endswith("and rests\n")
+
+
+def test_a_hand_of_ones_own_moves_the_arm_and_lets_it_rest(shared: Run, clone: Path) -> None:
+    (command,) = commands("own_hand.py")
+    assert "at rest at x" in output(clone, command, shared).splitlines()[-1]
+
+
+def test_a_motion_is_recorded_and_done_again(shared: Run, clone: Path) -> None:
+    (command,) = commands("record_and_replay.py")
+    said = output(clone, command, shared).splitlines()
+    assert re.search(r"[1-9]\d* of /commanded, [1-9]\d* of /cycle, [1-9]\d* of /events", said[0])
+    assert re.match(r"motion \d+: \d+ points again", said[-1])
+    with Client(shared.url) as client:
+        work = next(each for each in client.positions() if each["name"] == "work")
+    assert shared.joints() == pytest.approx(work["joints"], abs=5e-3)
 
 
 @pytest.mark.parametrize("script", ["hello.lua", "pick.lua"])

@@ -20,7 +20,7 @@ from rosbags.highlevel import AnyReader
 from running import WAIT_S
 
 from cobot.errors import ConflictError, UnavailableError
-from cobot.ipc.layout import text
+from cobot.ipc.layout import MotionResult, text
 from cobot.ipc.recording_memory import RecordingMemory
 from cobot.recording.store import TRIAL_BYTES, RecordingStore
 from cobot.types import LoopMode
@@ -112,10 +112,35 @@ def test_a_latch_leaves_what_was_before_it_and_some_of_what_comes_after(
     path = cycles.folder / name
     assert cycles_in(path) == list(range(3001 - 2000, 3001 + 500 + 1))
     events = [(e.cycle, e.kind, e.mode, e.text) for e in messages(path)["/events"]]
-    assert events == [(1001, "mode", "HOLD", ""), (3001, "mode", mode.name, "joint2 is too far away")]
+    assert events == [
+        (1001, "mode", "HOLD", ""),
+        (3001, reason, mode.name, "joint2 is too far away"),
+        (3001, "mode", mode.name, "joint2 is too far away"),
+    ]
     cycles.write(700, mode, "joint2 is too far away")
     stepped(recorder)
     assert cycles.names() == [name], "it stays latched, and is news once"
+
+
+def test_motions_and_sessions_are_told_where_they_begin_and_end(cycles: Cycles) -> None:
+    recorder = cycles.recorder()
+    cycles.write(100, motion_id=6, motion_result=MotionResult.ARRIVED)
+    cycles.write(100, LoopMode.TRAJECTORY, motion_id=7, motion_result=MotionResult.RUNNING)
+    cycles.write(100, LoopMode.TRAJECTORY, motion_id=8, motion_result=MotionResult.RUNNING)
+    cycles.write(100, motion_id=8, motion_result=MotionResult.STOPPED)
+    cycles.write(100, LoopMode.CARTESIAN, motion_id=8, motion_result=MotionResult.STOPPED, session=3)
+    cycles.write(100, motion_id=8, motion_result=MotionResult.STOPPED)
+    (name,) = ask(recorder, "dump", seconds=10.0)
+    events = [
+        (e.cycle, e.kind, e.text) for e in messages(cycles.folder / name)["/events"] if e.kind != "mode"
+    ]
+    assert events == [
+        (101, "motion", "motion 7 begun"),
+        (201, "motion", "motion 8 begun"),
+        (301, "motion", "motion 8 stopped on its path"),
+        (401, "session", "session 3 begun"),
+        (501, "session", "session 3 ended"),
+    ]
 
 
 def test_latches_in_a_row_are_one_recording(cycles: Cycles) -> None:

@@ -32,6 +32,8 @@ from app.api.plan_schemas import (
     PlanPose,
     PlanSequence,
     PlanUse,
+    RehearsalAnswer,
+    RehearsalFlaw,
 )
 from app.api.routers.robot import How, check_queueing, goal_of, moved
 from app.api.schemas import MoveAnswer
@@ -42,6 +44,7 @@ from app.services.motion.plans import PlanOptions
 from cobot.errors import CobotError
 from cobot.motions.bodies import AnyMotion
 from cobot.motions.forecast import Closest, Forecast
+from cobot.motions.rehearsal import Rehearsal
 
 PLAN: dict[str, Any] = {
     "responses": responses(409, 413, 415, 422, 503),
@@ -146,6 +149,15 @@ async def kept_plan(
     return Response(content, media_type="application/json")
 
 
+@router.post("/plans/{plan}/rehearse", responses=responses(404, 409, 422, 503))
+async def rehearse(
+    plan: Annotated[str, Path(max_length=64, description="Its plan_id.")], request: Request, gone: Gone
+) -> RehearsalAnswer:
+    """Run a plan on a simulated copy of the robot, by the real cycle. The robot itself does not move."""
+    call = Call(request)
+    return rehearsal(*await call.services.plans.rehearse(plan, gone, call.timeout_s))
+
+
 @router.post("/approve", responses=responses(404, 413, 415, 422, 503), dependencies=[Depends(json_body)])
 async def approve(body: Approve, request: Request) -> KeptPlan:
     """Let an agent run a plan, once, or take that back: look at the plan first."""
@@ -156,6 +168,24 @@ async def approve(body: Approve, request: Request) -> KeptPlan:
     what = "approved" if body.approved else "withdrawn"
     services.link.events.publish("plan", what=what, plan=plan.plan_id, by=by)
     return _kept(plan, services)
+
+
+def rehearsal(plan: Plan, found: Rehearsal | None) -> RehearsalAnswer:
+    """What is answered; None: there was nothing to move, and the plan knows all about it."""
+    forecast, flaw = plan.forecast, None if found is None else found.flaw
+    closest = forecast if found is None else found
+    torque = forecast.utilisation["torque"]
+    return RehearsalAnswer(
+        plan_id=plan.plan_id,
+        runs_through=flaw is None,
+        duration_s=0.0 if found is None else found.run.duration_s,
+        planned_duration_s=0.0 if forecast.trajectory is None else forecast.trajectory.duration_s,
+        effort=(torque if found is None else found.run.effort).tolist(),
+        off=(0.0 * torque if found is None else found.run.off_rad).tolist(),
+        problem=None if flaw is None else RehearsalFlaw(time_s=flaw.time_s, joint=flaw.joint, says=flaw.says),
+        closest_self=_distance(closest.closest_self),
+        closest_environment=_distance(closest.closest_environment),
+    )
 
 
 def _kept(plan: Plan, services: Services) -> KeptPlan:

@@ -1,6 +1,7 @@
 """What a planning process is asked to compute: functions that are pickled by their name.
 
-They alone import the planners, when they are called: the service, which only names them, does without scipy.
+They alone import the planners and the cycle, when they are called: the service, which only names them, does
+without scipy.
 """
 
 from __future__ import annotations
@@ -10,9 +11,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
+from cobot.config import Settings
 from cobot.errors import CobotError, InputError
 from cobot.findings import Explanation
 from cobot.motions.forecast import Forecast
+from cobot.motions.rehearsal import Rehearsal
 from cobot.motions.requests import Blended, Envelope, MotionRequest, RatedMove, WaypointRequest
 from cobot.motions.stretches import Leg, Stretch
 from cobot.recording.path import RecordedPath
@@ -123,6 +126,14 @@ def forecast(robot: RobotDescription, request: MotionRequest, samples: int) -> F
     from cobot.planners.forecast import forecast
 
     return forecast(robot, request, samples)
+
+
+def rehearsed(robot: RobotDescription, settings: Settings, start: Array, trajectory: Trajectory) -> Rehearsal:
+    """See `rtloop.rehearsal.rehearse` and `cobot.planners.forecast.rehearsed`."""
+    from cobot.planners.forecast import rehearsed
+    from rtloop.rehearsal import rehearse
+
+    return rehearsed(robot, rehearse(settings, robot, start, trajectory))
 
 
 def pictured(robot: RobotDescription, joints: Array, poses: Array) -> bytes:

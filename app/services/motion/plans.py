@@ -20,15 +20,23 @@ from app.services.motion.moves import MoveService, Outcome
 from app.services.motion.ownership import Caller
 from app.services.motion.plan import QUEUED_TOLERANCE_RAD, Plan
 from app.services.motion.planning import PlanningService
-from app.services.motion.planning_tasks import described, explained, forecast, pictured, planned
+from app.services.motion.planning_tasks import (
+    described,
+    explained,
+    forecast,
+    pictured,
+    planned,
+    rehearsed,
+)
 from app.services.motion.queue_moves import QueueRequest
 from cobot.access.roles import acting
 from cobot.clock import Clock
-from cobot.config import PlanningSection
+from cobot.config import Settings
 from cobot.errors import (
     ConflictError,
     InputError,
     LimitError,
+    MotionStopped,
     NotFoundError,
     PlanningError,
     PlanningTimeout,
@@ -36,6 +44,7 @@ from cobot.errors import (
 )
 from cobot.motions.fence import Fence
 from cobot.motions.forecast import Forecast
+from cobot.motions.rehearsal import Rehearsal
 from cobot.motions.requests import MotionRequest
 from cobot.motions.stretches import Leg
 from cobot.robot.description import RobotDescription
@@ -126,7 +135,7 @@ class PlanService:
         motion: MotionService,
         moves: MoveService,
         planning: PlanningService,
-        settings: PlanningSection,
+        settings: Settings,
     ) -> None:
         self._robot = robot
         self._clock = clock
@@ -134,9 +143,10 @@ class PlanService:
         self._motion = motion
         self._moves = moves
         self._planning = planning
-        self._kept = settings.kept_plans
-        self._explain_s = settings.explain_s
-        self.lifetime_s = settings.plan_lifetime_s
+        self._settings = settings
+        self._kept = settings.planning.kept_plans
+        self._explain_s = settings.planning.explain_s
+        self.lifetime_s = settings.planning.plan_lifetime_s
         self._plans: OrderedDict[str, Plan] = OrderedDict()
         self._turn = asyncio.Lock()
         self._drawing = asyncio.Lock()
@@ -246,6 +256,56 @@ class PlanService:
             plan.require_start(joints)
 
         return await self._moves.run(plan.forecast.trajectory, require, caller, fence)
+
+    async def rehearse(
+        self, plan_id: str, gone: asyncio.Event, timeout_s: float
+    ) -> tuple[Plan, Rehearsal | None]:
+        """Run a plan on a simulated copy of the robot, in a planning process; the robot does not move. One is
+        rehearsed or made at a time.
+
+        Args:
+            gone: set when the client goes away: the process then has something else to do.
+
+        Returns:
+            The plan, and what it did; None if it has nothing to move.
+
+        Raises:
+            NotFoundError: there is no such plan, or no more.
+            ConflictError: a limit, the scene or the tool is not what it was.
+            MotionStopped: the client has gone.
+            PlanningError, PlanningTimeout, UnavailableError: see `PlanningService.compute`.
+        """
+        plan = self.get(plan_id)
+        plan.require_unchanged(self._robot)
+        trajectory = plan.forecast.trajectory
+        if trajectory is None:
+            return plan, None
+        work = partial(rehearsed, settings=self._settings, start=plan.start, trajectory=trajectory)
+        running = asyncio.create_task(self._rehearsed(work, timeout_s))
+        leaving = asyncio.create_task(gone.wait())
+        try:
+            await asyncio.wait({running, leaving}, return_when=asyncio.FIRST_COMPLETED)
+            if not running.done():
+                raise MotionStopped("the client went away")
+            return plan, await running
+        finally:
+            running.cancel()
+            leaving.cancel()
+
+    async def _rehearsed(self, work: Callable[[RobotDescription], Rehearsal], timeout_s: float) -> Rehearsal:
+        begun_s = self._clock.now_s()
+        try:
+            async with asyncio.timeout(timeout_s):
+                await self._turn.acquire()
+        except TimeoutError:
+            raise PlanningTimeout.after(
+                timeout_s, f"not rehearsed within {timeout_s:g} s: other plans are being made"
+            ) from None
+        try:
+            left_s = timeout_s - (self._clock.now_s() - begun_s)
+            return await self._planning.compute(work, max(left_s, SHORTEST_S))
+        finally:
+            self._turn.release()
 
     def queued(self, plan_id: str, job: Job, radius_m: float) -> QueueRequest:
         """A plan that is to be run in its turn, if all is as it was then too.

@@ -441,7 +441,7 @@ def role_by_the_docs(endpoint: str) -> Role:
         return Role.NOBODY
     if path in ("/audit", "/admin/reload"):
         return Role.ADMIN
-    if "/plan/" in path:
+    if "/plan/" in path or path.endswith("/rehearse"):
         return Role.AGENT
     if method in ("GET", "WS") or path.endswith("/stop") or "{method}" in path:
         return Role.OBSERVER

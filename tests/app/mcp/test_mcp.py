@@ -11,78 +11,17 @@ import io
 import json
 import struct
 import zlib
-from collections.abc import Awaitable, Callable, Coroutine, Iterator
-from typing import Any, TypeVar
+from collections.abc import Coroutine
+from typing import Any
 
-import httpx2
 import numpy as np
 import pytest
-from mcp.client.client import Client
-from mcp.client.streamable_http import streamable_http_client
-from virtual import URL, VirtualService, virtual_service
+from mcp import MCPError
+from mcp_agent import FAR, HOME, NEAR, Agent, Cell, token
+from virtual import VirtualService
 
 from cobot.access.roles import Role
-from cobot.access.tokens import TokenFile
 from cobot.motions.fence import Fence
-
-Result = TypeVar("Result")
-HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
-NEAR, FAR = [0.0, 0.1, 0.0, -1.6, 0.0, 1.5, 0.0], [1.6, 0.1, 0.0, -1.6, 0.0, 1.5, 0.0]
-FENCE = """
-mcp:
-  execution: fenced
-  fence: {low: [0.2, -0.3, 0.2], high: [0.8, 0.3, 0.9], speed_m_s: 0.25, planners: [ptp, lin]}
-"""
-
-
-class Agent:
-    """An agent with a token of its own; each of its calls is a connection."""
-
-    def __init__(self, service: VirtualService, token: str = "", mode: str = "auto") -> None:
-        self._service, self._mode = service, mode
-        self.headers = {"authorization": f"Bearer {token}"} if token else {}
-
-    def does(self, work: Callable[[Client], Awaitable[Result]]) -> Result:
-        async def connected() -> Result:
-            transport = httpx2.ASGITransport(self._service.app, client=("192.0.2.7", 4000))
-            async with httpx2.AsyncClient(transport=transport, headers=self.headers, timeout=None) as http:
-                connection = streamable_http_client(f"{URL}/mcp/mcp", http_client=http)
-                async with Client(connection, mode=self._mode) as client:  # type: ignore[arg-type]
-                    return await work(client)
-
-        return self._service.run(connected())
-
-    def call(self, tool: str, **arguments: Any) -> Any:
-        """What a tool answers; raises AssertionError with its words if it is an error."""
-        answer = self.does(lambda client: client.call_tool(tool, arguments))
-        assert not answer.is_error, answer.content[0].text
-        return decoded(answer)
-
-    def refused(self, tool: str, **arguments: Any) -> str:
-        """In which words a tool refuses."""
-        answer = self.does(lambda client: client.call_tool(tool, arguments))
-        assert answer.is_error, answer
-        return str(answer.content[0].text)
-
-
-def decoded(answer: Any) -> Any:
-    return json.loads(answer.content[0].text)
-
-
-@pytest.fixture(scope="module")
-def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    """Nobody may run anything through it."""
-    with virtual_service(tmp_path_factory.mktemp("robot")) as started:
-        yield started
-
-
-@pytest.fixture(scope="module")
-def fenced(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    """Tokens are needed, and motions within the fence may be run."""
-    folder = tmp_path_factory.mktemp("fenced")
-    more = f"web: {{authentication: required, tokens: {folder / 'tokens.json'}}}\n{FENCE}"
-    with virtual_service(folder, more=more) as started:
-        yield started
 
 
 @pytest.mark.parametrize("mode", ["auto", "legacy"])
@@ -202,40 +141,6 @@ def test_a_stop_overtakes_all_that_other_agents_have_asked_for(service: VirtualS
     assert not all(each.done() for each in crowd)
     assert "the arm is at rest" in service.end(stopping).json()["result"]["content"][0]["text"]
     assert {service.end(each).status_code for each in crowd} == {200}
-
-
-def token(service: VirtualService, role: Role) -> str:
-    """A new one, which the service knows at once."""
-    file = TokenFile(service.config.parent / "tokens.json")
-    made = file.create(f"{role.name.lower()}-{len(file.read())}", role)
-    service.sleep(2.0)
-    return made
-
-
-class Cell:
-    """A robot, an agent, and an operator who watches both."""
-
-    def __init__(self, service: VirtualService) -> None:
-        self.service = service
-        self.agent = Agent(service, token(service, Role.AGENT))
-        self.operator = {"authorization": f"Bearer {token(service, Role.OPERATOR)}"}
-
-    def asks(self, path: str, body: Any) -> Any:
-        """What the operator does."""
-        return self.service.post(path, json=body, headers=self.operator).json()
-
-    def goes_to(self, joints: list[float]) -> None:
-        assert self.asks("/robot/move/joints", {"joints": joints, "speed": 1.0})["success"]
-
-    def joints(self) -> list[float]:
-        answer = self.service.ask("GET", "/robot/joint_states", headers=self.operator).json()
-        found: list[float] = answer["position"]
-        return found
-
-
-@pytest.fixture(scope="module")
-def cell(fenced: VirtualService) -> Cell:
-    return Cell(fenced)
 
 
 def test_an_agent_moves_within_its_fence(cell: Cell) -> None:
@@ -361,6 +266,7 @@ def test_an_observer_neither_plans_nor_executes_nor_draws(cell: Cell) -> None:
         ("plan_to_joints", {"joints": NEAR}),
         ("plan_to_joints", {"joints": "which are not even looked at"}),
         ("preview", {"plan_id": plan}),
+        ("rehearse", {"plan_id": plan}),
         ("execute", {"plan_id": plan}),
     ):
         assert "role observer" in observer.refused(tool, **arguments)
@@ -381,6 +287,38 @@ def test_every_call_is_in_the_audit(cell: Cell) -> None:
     assert tried["who"].startswith("agent")
     assert tried["details"]["plan_id"] == plan
     assert "is not approved" in tried["outcome"]
+
+
+def test_what_is_read_and_which_prompt_is_taken_is_in_the_audit_too(
+    cell: Cell, caplog: pytest.LogCaptureFixture
+) -> None:
+    async def looks(client: Any) -> None:
+        await client.read_resource(f"cobot://limits/{cell.service.name}")
+        await client.get_prompt("move_safely", {"goal": "the table"})
+        for name, arguments in (("move_safely", {"what": "anywhere"}), ("move", {"goal": "the table"})):
+            with pytest.raises(
+                MCPError, match=r"there is no prompt .*; valid are: move_safely\(goal\), diagnose"
+            ):
+                await client.get_prompt(name, arguments)
+        for missing in ("cobot://limits/nobody", "cobot://nothing"):
+            with pytest.raises(MCPError, match=r"nobody|nothing"):
+                await client.read_resource(missing)
+
+    cell.agent.does(looks)
+    admin = {"authorization": f"Bearer {token(cell.service, Role.ADMIN)}"}
+    entries = cell.service.ask("GET", "/audit?limit=20", headers=admin).json()["entries"]
+    entries = [entry for entry in entries if entry["what"] in ("MCP read", "MCP prompt")]
+    nothing, nobody, _, wrong, prompt, limits = entries
+    assert all(entry["who"].startswith("agent") for entry in entries)
+    assert (limits["what"], limits["outcome"]) == ("MCP read", "ok")
+    assert limits["details"] == {"uri": f"cobot://limits/{cell.service.name}"}
+    assert (prompt["what"], prompt["outcome"]) == ("MCP prompt", "ok")
+    assert prompt["details"]["prompt"] == "move_safely"
+    assert "the table" in prompt["details"]["arguments"]
+    assert "there is no robot 'nobody'; valid are: " in nobody["outcome"]
+    assert nothing["outcome"] != "ok"
+    assert "there is no prompt 'move_safely' with these arguments" in wrong["outcome"]
+    assert [record for record in caplog.records if record.exc_info] == []
 
 
 def read_png(content: bytes) -> np.ndarray:

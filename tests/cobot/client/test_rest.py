@@ -325,5 +325,7 @@ def test_how_to_plan_goes_with_a_motion_and_a_plan_with_its_number() -> None:
     plan = sent(lambda robot: robot.plan("joints", joints=[0.1], start=[0.0]), {"plan_id": "1"})
     assert plan.url.path == "/robot/plan/joints"
     assert json.loads(plan.content) == {"joints": [0.1], "start": [0.0]}
+    dry = sent(lambda robot: robot.rehearse("1"))
+    assert (dry.method, dry.url.path) == ("POST", "/robot/plans/1/rehearse")
     run = sent(lambda robot: robot.execute("1"))
     assert (run.url.path, json.loads(run.content)) == ("/robot/execute", {"plan_id": "1"})

@@ -8,11 +8,13 @@ import pty
 import struct
 from collections.abc import Iterator
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
 from virtual import virtual_service
 
+from cobot.clock import Clock
 from cobot.errors import InputError, UnavailableError
 from cobot.launch.cli import main
 from cobot.teleop.gamepad import Gamepad
@@ -230,3 +232,36 @@ def test_the_command_names_what_it_lacks(capsys: pytest.CaptureFixture[str]) -> 
     assert "http://127.0.0.1:9" in capsys.readouterr().err
     with pytest.raises(InputError, match="speed must be above 0, 1 at most"):
         Teleoperation(None, Hand(), 0.0, print)  # type: ignore[arg-type]
+
+
+class LateClock:
+    """Whoever asks it has been kept from running for longer than a period."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def now_s(self) -> float:
+        self.now += 1.5 * PERIOD_S
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        assert seconds >= 0.0
+
+
+def test_a_computer_that_is_late_ends_nothing() -> None:
+    class Socket:
+        def send(self, frame: str) -> None: ...
+
+        def recv(self) -> str:
+            return '{"type": "hello", "dof": 7}'
+
+    class Ending(Hand):
+        looks = 0
+
+        def held(self, now_s: float) -> None:
+            self.looks += 1
+            self.ended = self.looks == 5
+
+    hand = Ending()
+    Teleoperation(Socket(), hand, 0.5, print, cast(Clock, LateClock())).run()
+    assert hand.looks == 5

@@ -283,3 +283,61 @@ def test_a_change_of_the_speed_override_is_told_once(service: VirtualService) ->
         for fraction in (0.5, 0.5, 1.0):
             post(service, "/robot/speed_override", {"fraction": fraction})
         assert [events.event("speed")["data"]["fraction"] for _ in range(2)] == [0.5, 1.0]
+
+
+def rehearsed(service: VirtualService, plan: str) -> Any:
+    return service.post(f"/robot/plans/{plan}/rehearse")
+
+
+def test_a_rehearsal_says_what_running_the_plan_then_does_and_moves_nothing(service: VirtualService) -> None:
+    """Oracle: the execution of the same plan."""
+    at_home(service)
+    plan = planned(service)
+    answer = rehearsed(service, plan["plan_id"]).json()
+    np.testing.assert_allclose(joints(service), HOME, atol=2e-3)
+    assert (answer["runs_through"], answer["problem"]) == (True, None)
+    assert answer["planned_duration_s"] == plan["duration_s"]
+    assert max(answer["off"]) < 0.02
+    torque = plan["utilisation"]["torque"]["share"]
+    np.testing.assert_allclose(max(answer["effort"]), max(torque), rtol=0.2)
+    for near in ("closest_self", "closest_environment"):
+        assert answer[near]["between"] == plan[near]["between"]
+        assert answer[near]["distance_m"] == pytest.approx(plan[near]["distance_m"], abs=2e-3)
+    ran = post(service, "/robot/execute", {"plan_id": plan["plan_id"]}).json()
+    assert answer["duration_s"] == pytest.approx(ran["duration_s"], abs=0.3)
+
+
+def test_a_rehearsal_while_the_arm_moves_does_not_disturb_it(service: VirtualService) -> None:
+    at_home(service)
+    plan = planned(service, start=THERE, joints=HOME)["plan_id"]
+    moving = service.begin(service.asking("POST", "/robot/move/joints", json={"joints": THERE, "speed": 0.3}))
+    service.sleep(0.5)
+    assert rehearsed(service, plan).json()["runs_through"]
+    assert service.end(moving).json()["success"]
+    assert post(service, "/robot/execute", {"plan_id": plan}).json()["success"]
+
+
+def test_what_cannot_be_rehearsed_is_refused(service: VirtualService) -> None:
+    at_home(service)
+    assert rehearsed(service, "nothing").status_code == 404
+    assert rehearsed(service, "x" * 65).status_code == 422
+    plan = planned(service)["plan_id"]
+    light = rehearsed(service, plan).json()["effort"]
+    assert post(service, "/robot/tool", {"mass": 5.0}).is_success
+    try:
+        refused = rehearsed(service, plan)
+        assert refused.status_code == 409
+        assert "the tool had version" in refused.json()["detail"]
+        heavier = rehearsed(service, planned(service)["plan_id"]).json()
+        assert heavier["runs_through"], heavier
+        assert heavier["effort"][1] > 1.2 * light[1]
+    finally:
+        assert post(service, "/robot/tool", {"mass": 0.0}).is_success
+
+
+def test_a_plan_that_moves_nothing_runs_through(service: VirtualService) -> None:
+    at_home(service)
+    answer = rehearsed(service, planned(service, start=THERE)["plan_id"]).json()
+    assert (answer["runs_through"], answer["duration_s"], answer["planned_duration_s"]) == (True, 0.0, 0.0)
+    assert answer["off"] == [0.0] * 7
+    assert max(answer["effort"]) > 0.0

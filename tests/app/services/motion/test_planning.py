@@ -25,6 +25,8 @@ from running import HELPER_ENVIRONMENT
 from app.services.motion import planning_pool
 from app.services.motion.planning import PlanningService
 from app.services.motion.planning_pool import PlanningPool
+from app.services.motion.planning_tasks import rehearsed
+from cobot.config import Settings
 from cobot.errors import InputError, PlanningError, PlanningTimeout, UnavailableError
 from cobot.launch.process import Niceness, is_stopped
 from cobot.planners import MotionRequest, plan
@@ -130,6 +132,18 @@ def _raise_what_cannot_be_told(robot: RobotDescription) -> None:
 
 
 Check = Callable[[], Coroutine[Any, Any, None]]
+
+
+def test_a_motion_is_rehearsed_there_as_it_is_here(
+    runner: asyncio.Runner, real: PlanningService, robot: RobotDescription, settings: Settings
+) -> None:
+    home = np.array(robot.positions["home"].joints)
+    motion = plan(robot, MotionRequest(home, home + 0.1, PlannerName.PTP, Scaling(1.0)))
+    assert motion is not None
+    work = partial(rehearsed, settings=settings, start=home, trajectory=motion)
+    there, here = runner.run(real.compute(work, WAIT_S)), work(robot)
+    assert there.flaw is None
+    np.testing.assert_array_equal(there.run.positions, here.run.positions)
 
 
 def test_a_plan_is_what_the_planner_makes_of_it_here(

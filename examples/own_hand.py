@@ -1,0 +1,52 @@
+"""A device of yours moves the arm by hand. This one draws a small square with the TCP; yours asks a joystick,
+a tracker, a glove. While it holds nothing, or is gone, the arm is at rest.
+
+Start `make run` in another terminal, then:
+
+.venv/bin/python examples/own_hand.py
+"""
+
+from __future__ import annotations
+
+import os
+
+from cobot.client import Client
+from cobot.client.tls import token_from_environment
+from cobot.client.websocket import open_socket
+from cobot.clock import SYSTEM
+from cobot.teleop.hand import JogVelocity
+from cobot.teleop.teleop import Teleoperation
+
+SIDE_S = 0.5
+SIDES = ((0.0, 1.0), (-1.0, 0.0), (0.0, -1.0), (1.0, 0.0))
+
+
+class Square:
+    """A `cobot.teleop.hand.HandDevice`."""
+
+    def __init__(self) -> None:
+        self._begun_s = SYSTEM.now_s()
+
+    def held(self, now_s: float) -> JogVelocity | None:
+        """What is asked for now: shares of the largest velocity along x, y, z and about them."""
+        side = int((now_s - self._begun_s) / SIDE_S)
+        if side >= len(SIDES):
+            return None
+        x, y = SIDES[side]
+        return JogVelocity(twist=(x, y, 0.0, 0.0, 0.0, 0.0))
+
+    @property
+    def ended(self) -> bool:
+        return SYSTEM.now_s() > self._begun_s + SIDE_S * (len(SIDES) + 1)
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+
+url = os.environ.get("COBOT_URL", "http://localhost:8007")
+with Client(url) as robot:
+    robot.move_named("work", speed=0.5)
+    with open_socket(url, token_from_environment(), True) as socket:
+        Teleoperation(socket, Square(), 0.4, print).run()  # it says when the service permits less, and why
+    place = robot.pose()["position"]
+    print(f"at rest at x {place['x']:.3f} m, y {place['y']:.3f} m")
