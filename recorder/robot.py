@@ -58,6 +58,7 @@ class RobotRecorder:
         self._before = round(section.before_s / memory.period_s)
         self._after = round(section.after_s / memory.period_s)
         self._status = memory.status.data
+        self._latches_seen = 0  # Up to this cycle; `handled` is where the next recorder begins.
         self._listed_s = float("-inf")
         self._asked: SimpleQueue[tuple[Answer, Future[Answer]]] = SimpleQueue()
         self._writings: list[Writing] = []
@@ -143,7 +144,7 @@ class RobotRecorder:
         if newest and newest + 1 < begin and len(fresh.read(newest, 1)):
             log.warning("%s: cycles are counted anew: the memory was damaged", self.robot)
             begin = 1
-            self._status["handled"] = 0
+            self._status["handled"] = self._latches_seen = 0
             for writing in list(self._writings):
                 writing.next = 1
                 (self._next_part if writing.last is None else self._end)(writing)
@@ -155,13 +156,15 @@ class RobotRecorder:
     def _heed_latches(self) -> None:
         """Have a recording made of each fault and e-stop."""
         status, newest = self._status, self._history.newest
-        first = max(int(status["handled"]) + 1, newest - self._history.capacity + 1)
+        seen = max(int(status["handled"]), self._latches_seen)
+        first = max(seen + 1, newest - self._history.capacity + 1)
         if first > newest:
             return
         records = self._history.read(first, newest + 1 - first)
         before = self._history.read(first - 1, 1)
         for cycle, mode in latched_in(records, before[0] if len(before) else None):
             self._keep(cycle, REASONS[mode])
+        self._latches_seen = newest
         unfinished = [writing.trigger for writing in self._writings if writing.trigger]
         status["handled"] = min([newest, *(trigger - 1 for trigger in unfinished)])
 

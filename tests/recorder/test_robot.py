@@ -117,9 +117,12 @@ def test_a_latch_leaves_what_was_before_it_and_some_of_what_comes_after(
         (3001, reason, mode.name, "joint2 is too far away"),
         (3001, "mode", mode.name, "joint2 is too far away"),
     ]
+    written = path.stat()
+    stepped(recorder)
     cycles.write(700, mode, "joint2 is too far away")
     stepped(recorder)
     assert cycles.names() == [name], "it stays latched, and is news once"
+    assert path.stat() == written, "nor is it written again"
 
 
 def test_motions_and_sessions_are_told_where_they_begin_and_end(cycles: Cycles) -> None:
