@@ -149,7 +149,9 @@ class Record:
         found[1:] = (sessions[:-1] != 0) & (sessions[1:] == 0)
         found[1:] |= latched[:-1] & held[1:]
         found[1:] |= starts[:-1] != starts[1:]
-        found |= (np.array(self._unwritten) | latched) & (commanded == measured).all(axis=1)
+        rested = np.ones(len(sessions), bool)
+        rested[2:] = np.abs(np.diff(commanded[:-1], axis=0)).max(axis=1) <= REST_RAD_S * self._period_s
+        found |= (np.array(self._unwritten) | (latched & rested)) & (commanded == measured).all(axis=1)
         return found
 
     def _not_at_rest(self, commanded: Array, measured: Array, taken_over: Array) -> list[str]:
