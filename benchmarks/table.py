@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -64,7 +65,8 @@ def row(
     """A row whose ratio is ours by theirs, in the named column; in all of them for `EACH`, and without a name
     in the first one.
     """
-    ratios = [ours / theirs for ours, theirs in zip(values, against_values, strict=True)]
+    pairs = zip(values, against_values, strict=True)
+    ratios = [ours / theirs if theirs else 1.0 if ours == theirs else math.inf for ours, theirs in pairs]
     if ratio_of == EACH:
         return Row(name, unit, columns, values, against, against_values, "", ratios, aim)
     ratio_of = ratio_of or columns[0]

@@ -275,12 +275,12 @@ cdef class ControlLoop:
         """Command the robot. One whose drives are off is told nothing, unless its packets want an answer."""
         if self.controller.drives_off and not self._is_paced:
             return
-        if self._is_compiled and self._compiled.c_write(self.controller.safety.c_command) == 0:
-            self._unwritten = 0
-            return
         try:
             if self.controller.streaming.overlay is not None:
                 self.controller.lay_over()
+            if self._is_compiled and self._compiled.c_write(self.controller.safety.c_command) == 0:
+                self._unwritten = 0
+                return
             self._backend.write(self.controller.safety.command)
             self._unwritten = 0
         except BackendError as exc:

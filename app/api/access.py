@@ -42,11 +42,11 @@ INVALID = "the token is valid no more"
 PAGES = ("/docs", "/redoc")
 UNFRAMED = [(b"x-frame-options", b"DENY"), (b"content-security-policy", b"frame-ancestors 'none'")]
 """Nobody shall lay the documentation, whose buttons move the arm, under a page of theirs."""
-_FORWARDING = frozenset(
+FORWARDING = frozenset(
     (b"forwarded", b"via", b"x-forwarded-for", b"x-forwarded-host", b"x-forwarded-proto", b"x-real-ip")
 )
 """What a proxy adds. Nothing that it says is believed but that it is one."""
-_PICKED = _FORWARDING.union(
+_PICKED = FORWARDING.union(
     (b"host", b"origin", b"authorization", b"sec-fetch-site", b"sec-fetch-mode", b"sec-fetch-dest")
 )
 
@@ -112,7 +112,7 @@ class Access:
         client = scope.get("client")
         address = client[0] if client else ""
         websocket = scope["type"] == "websocket"
-        forwarded = not _FORWARDING.isdisjoint(scope[_HEADERS])
+        forwarded = not FORWARDING.isdisjoint(scope[_HEADERS])
         token, by_protocol = _token(scope, websocket)
         holder = None if token is None else self._tokens.find(token)
         if token is None:
@@ -171,7 +171,7 @@ def _picked(scope: Scope) -> dict[bytes, bytes]:
     found: dict[bytes, bytes] = {}
     for name, value in scope["headers"]:
         if name in _PICKED:
-            if name in found and name not in _FORWARDING:
+            if name in found and name not in FORWARDING:
                 kind = MisdirectedError if name == b"host" else PermissionDenied
                 raise kind(f"the header {name.decode()} stands twice")
             found[name] = value

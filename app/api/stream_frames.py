@@ -150,9 +150,10 @@ class End(StrictModel):
 
 
 class Stop(StrictModel):
-    """As `POST /stop`: every robot of the service."""
+    """As `POST /stop`: every robot of the service. The answer has the number of the newest that it is to."""
 
     type: Literal["stop"]
+    number: int = Field(0, ge=0, le=2**31)
 
 
 class Control(StrictModel):

@@ -8,7 +8,6 @@ cancellation for one of another connection's.
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -19,10 +18,7 @@ from app.api.clients import client_of
 
 GONE = "cobot.gone"
 """Of a request's scope: set when its client has gone."""
-DEPARTURES = "cobot.departures"
 CANCELLED = "notifications/cancelled"
-MAX_BYTES = 4096
-"""Of a cancellation: larger ones are not looked into, for that takes the event loop some time."""
 Key = tuple[str, str, str]
 
 
@@ -33,11 +29,19 @@ class Departures:
         self._under_way: dict[Key, set[asyncio.Event]] = {}
 
     @contextmanager
-    def watched(self, scope: Scope, body: bytes, receive: Receive) -> Iterator[Receive]:
-        """While a request is served: what it receives after its body, which ends what it has begun."""
-        self._hear(scope, body)
+    def watched(self, scope: Scope, message: object, body: bytes, receive: Receive) -> Iterator[Receive]:
+        """While a request waits and is served: what it receives after its body. Its scope has the event that
+        ends what it has begun.
+
+        Args:
+            message: what the body says.
+        """
+        asked = message if isinstance(message, dict) else {}
+        self._hear(scope, asked)
         gone = scope[GONE] = asyncio.Event()
-        scope[DEPARTURES] = self
+        key = _key(scope, asked.get("id"))
+        events = self._under_way.setdefault(key, set())
+        events.add(gone)
         watching = asyncio.create_task(_watch(receive, gone))
         first: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
 
@@ -51,32 +55,13 @@ class Departures:
             yield received
         finally:
             watching.cancel()
-
-    @contextmanager
-    def under_way(self, scope: Scope, request_id: Any) -> Iterator[asyncio.Event]:
-        """While the arm moves for a request: the event that is set once its client has gone."""
-        gone: asyncio.Event = scope[GONE]
-        key = _key(scope, request_id)
-        events = self._under_way.setdefault(key, set())
-        events.add(gone)
-        try:
-            yield gone
-        finally:
             events.discard(gone)
             if not events:
                 self._under_way.pop(key, None)
 
-    def _hear(self, scope: Scope, body: bytes) -> None:
-        if len(body) > MAX_BYTES or CANCELLED.encode() not in body:
-            return
-        try:
-            message = json.loads(body)
-        except ValueError:
-            return  # the library says what is wrong with it
-        if not isinstance(message, dict) or message.get("method") != CANCELLED:
-            return
+    def _hear(self, scope: Scope, message: dict[str, Any]) -> None:
         about = message.get("params")
-        if isinstance(about, dict):
+        if message.get("method") == CANCELLED and isinstance(about, dict):
             for gone in self._under_way.get(_key(scope, about.get("requestId")), ()):
                 gone.set()
 

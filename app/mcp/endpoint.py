@@ -50,16 +50,17 @@ class McpEndpoint:
             return
         if body is None:  # the library would take it for a mistake of its own, and log where
             return
-        await _stop(scope, body)
-        async with self._turn:
-            if self._manager is None:
-                manager = await asyncio.to_thread(_made, scope["app"])
-                entered = asyncio.Event()
-                self._running = asyncio.create_task(_run(manager, entered), name="MCP")
-                await entered.wait()
-                self._manager = manager
-        await self._starts.start(REST_S)
-        with self._departures.watched(scope, body, receive) as received:
+        message = _decoded(body)
+        with self._departures.watched(scope, message, body, receive) as received:
+            await _stop(scope, message)
+            async with self._turn:
+                if self._manager is None:
+                    manager = await asyncio.to_thread(_made, scope["app"])
+                    entered = asyncio.Event()
+                    self._running = asyncio.create_task(_run(manager, entered), name="MCP")
+                    await entered.wait()
+                    self._manager = manager
+            await self._starts.start(REST_S)
             await self._manager.handle_request(scope, received, send)
 
     async def close(self) -> None:
@@ -88,13 +89,11 @@ async def _body(receive: Receive) -> bytes | None:
     return bytes(body)
 
 
-async def _stop(scope: Scope, body: bytes) -> None:
+async def _stop(scope: Scope, message: object) -> None:
     """Stop the arm, if that is what a request asks for: before it waits for its turn among all others. What
     came of it is in the scope, for the tool to answer.
     """
-    if b'"stop"' not in body:
-        return
-    match _decoded(body):
+    match message:
         case {"method": "tools/call", "params": {"name": "stop", **asked}}:
             arguments = asked.get("arguments")
             robot = arguments.get("robot") if isinstance(arguments, dict) else ""

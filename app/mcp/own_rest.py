@@ -13,12 +13,13 @@ from urllib.parse import urlencode
 
 from starlette.types import Message, Scope
 
+from app.api.access import FORWARDING
 from app.robot_services import Services
 from cobot.addresses import address
 from cobot.errors import NotFoundError
 from cobot.strict import shown
 
-PASSED_ON = (b"authorization", b"host", b"x-control-token", b"x-request-id")
+PASSED_ON = FORWARDING.union((b"authorization", b"host", b"x-control-token", b"x-request-id"))
 _OF_THE_CONNECTION = ("type", "asgi", "http_version", "scheme", "server", "client", "root_path", "app")
 
 

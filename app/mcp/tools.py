@@ -17,7 +17,7 @@ from app.api.access import IDENTITY
 from app.api.clients import client_of
 from app.api.dependencies import BEGUN_S
 from app.api.routers.plans import rehearsal
-from app.mcp.departures import DEPARTURES, Departures
+from app.mcp.departures import GONE
 from app.mcp.endpoint import STOPPED
 from app.mcp.own_rest import OwnRest
 from app.services.jobs.job import JobKind
@@ -147,21 +147,20 @@ async def execute(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> dict[str, Any
     rest = _Rest(ctx, robot)
     identity, scope = rest.scope[IDENTITY], rest.scope
     endpoints: dict[str, Endpoint] = scope["app"].state.endpoints
-    departures: Departures = scope[DEPARTURES]
+    gone: asyncio.Event = scope[GONE]
     stops = rest.services.ownership.stops_before(scope.get(BEGUN_S))
     acting.set(identity)
     CLIENT.set(client_of(scope))
     job = rest.services.ownership.new_job(JobKind.EXECUTE, f"MCP execute {plan_id}")
     try:
-        with departures.under_way(scope, ctx.request_id) as gone:
-            caller = Caller("MCP execute", None, stops, endpoints[EXECUTE].timeout_s, gone, job)
-            # Were it cancelled in here, nobody would bring the arm to rest.
-            running = asyncio.create_task(rest.services.approvals.execute(plan_id, caller))
-            try:
-                outcome = await asyncio.shield(running)
-            except asyncio.CancelledError:
-                gone.set()
-                raise
+        caller = Caller("MCP execute", None, stops, endpoints[EXECUTE].timeout_s, gone, job)
+        # Were it cancelled in here, nobody would bring the arm to rest.
+        running = asyncio.create_task(rest.services.approvals.execute(plan_id, caller))
+        try:
+            outcome = await asyncio.shield(running)
+        except asyncio.CancelledError:
+            gone.set()
+            raise
     except CobotError as exc:
         raise ToolError(str(exc)) from exc
     return {
@@ -178,10 +177,9 @@ async def rehearse(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> Any:
     rest = _Rest(ctx, robot)
     scope, plans = rest.scope, rest.services.plans
     endpoints: dict[str, Endpoint] = scope["app"].state.endpoints
-    departures: Departures = scope[DEPARTURES]
+    gone: asyncio.Event = scope[GONE]
     try:
-        with departures.under_way(scope, ctx.request_id) as gone:
-            found = await plans.rehearse(plan_id, gone, endpoints[REHEARSE].timeout_s)
+        found = await plans.rehearse(plan_id, gone, endpoints[REHEARSE].timeout_s)
         return rehearsal(*found).model_dump()
     except CobotError as exc:
         raise ToolError(str(exc)) from exc

@@ -249,7 +249,7 @@ def _between(motion: Trajectory, times_s: Array) -> list[Array]:
 
 def _breaks(robot: RobotDescription, leg: Leg, rows: Array) -> bool:
     held = _held(robot, leg)
-    return held is not None and bool(held.excess(rows).max() > ALLOWANCE)
+    return held is not None and len(rows) > 0 and bool(held.excess(rows).max() > ALLOWANCE)
 
 
 def with_stops(legs: Sequence[Leg]) -> Blended:

@@ -39,15 +39,24 @@ def disagreement(model: RobotModel, joints: Array, flange: Pose) -> str:
     )
 
 
-def reduced_share(model: RobotModel) -> float:
-    """The share of the joints' speed at which the TCP keeps the reduced speed, wherever the arm is."""
+def fastest(model: RobotModel) -> tuple[float, float]:
+    """How fast the TCP moves, m/s, and turns, rad/s, at the most, at the joints' full speed, anywhere."""
     limits = model.limits
     corners = np.array(list(itertools.product((-1.0, 1.0), repeat=limits.dof))) * limits.max_velocity
     low = np.maximum(limits.min_position, -np.pi)
     high = np.minimum(limits.max_position, np.pi)
     places = [*np.random.default_rng(0).uniform(low, high, (POSES, limits.dof)), np.clip(0.0, low, high)]
-    fastest = max(float(np.linalg.norm(corners @ model.jacobian(q)[:3].T, axis=1).max()) for q in places)
-    return min(1.0, REDUCED_SHARE * REDUCED_M_S / fastest)
+    jacobians = [model.jacobian(q) for q in places]
+    moves, turns = (
+        max(float(np.linalg.norm(corners @ each[rows].T, axis=1).max()) for each in jacobians)
+        for rows in (slice(3), slice(3, 6))
+    )
+    return moves, turns
+
+
+def reduced_share(moves_m_s: float) -> float:
+    """The share of the joints' speed at which a TCP that is so fast at full speed keeps the reduced one."""
+    return min(1.0, REDUCED_SHARE * REDUCED_M_S / moves_m_s)
 
 
 def _after(first: Pose, then: Array) -> Pose:

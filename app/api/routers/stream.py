@@ -72,7 +72,7 @@ class Connection:
         self._robots = {name: each.stopping for name, each in robots_of(socket).items()}
         self._stop_s = float(socket.app.state.endpoints["POST /stop"].timeout_s)
         self._stopping: asyncio.Task[None] | None = None
-        self._stop_wanted = False
+        self._stop_wanted: int | None = None  # its number
         self._timeout_s = timeout_s
         self._session: Session | None = None
         self._jog = Jog(services.robot, services.link, services.streams, self._jog_ended)
@@ -184,7 +184,7 @@ class Connection:
             case End():
                 self._required.end()
             case Stop():
-                self._stop()
+                self._stop(frame.number)
             case Control():
                 self._require_operator("control")
                 taken = await self._control.take(frame.timeout_s)
@@ -227,23 +227,23 @@ class Connection:
         self._streams.estop(self._required)
         audit.note("estop", session=self._required.number)
 
-    def _stop(self) -> None:
+    def _stop(self, number: int) -> None:
         """Nobody is waited for here: what comes after it may be an e-stop. One that comes while another is
         under way follows it, so that who floods this connection keeps one task busy, not thousands.
         """
-        self._stop_wanted = True
+        self._stop_wanted = number
         if self._stopping is None or self._stopping.done():
             self._stopping = asyncio.create_task(self._stopped())
 
     async def _stopped(self) -> None:
         """It goes on to its end when the connection is lost."""
         reason = f"stopped by {self._name}"
-        while self._stop_wanted:
-            self._stop_wanted = False
+        while self._stop_wanted is not None:
+            number, self._stop_wanted = self._stop_wanted, None
             stops = (each.stop(self._stop_s, reason) for each in self._robots.values())
             done = together(dict(zip(self._robots, await asyncio.gather(*stops), strict=True)))
             audit.note("stop", message=done.message)
-            self._answer("stopped", success=done.success, message=done.message)
+            self._answer("stopped", number=number, success=done.success, message=done.message)
 
     @property
     def _required(self) -> Session:

@@ -64,9 +64,9 @@ class Panel {
     this.lease = new Lease(api, this.stream);
     this.way = new Way(api, () => this.view);
     this.lookAgain = oneAtATime(() => this.look());
-    document.addEventListener("cobot-stop", () => {
+    document.addEventListener("cobot-stop", ({ detail }) => {
       this.jog.release();
-      this.stream.send({ type: "stop" });
+      this.stream.send({ type: "stop", number: detail });
     });
     setInterval(() => this.lookAgain(), GEOMETRY_EVERY_MS);
   }
@@ -96,6 +96,7 @@ class Panel {
     this.tag = this.state = this.geometry = null;
     await this.look();
     if (robot !== this.api.robot) return; // another one was chosen meanwhile
+    this.state = null; // until now the one before has gone on to tell its own
     this.stream.open();
     this.log.clear();
     this.live.clear();
@@ -113,7 +114,9 @@ class Panel {
   silent(silent, why) {
     document.body.toggleAttribute("data-silent", silent);
     this.banner.silent(silent, why);
-    if (silent) this.jog.release();
+    if (!silent) return;
+    this.jog.release();
+    this.state = null; // nothing is to be done from where the arm was
   }
 
   answered(frame) {

@@ -49,12 +49,12 @@ function stop() {
   pressed += 1;
   button.dataset.pressed = String(pressed);
   send(pressed);
-  document.dispatchEvent(new CustomEvent("cobot-stop")); // the rest of the page tells the service its own way
+  document.dispatchEvent(new CustomEvent("cobot-stop", { detail: pressed })); // the rest of the page tells the service its own way
 }
 
 document.addEventListener("cobot-stopped", ({ detail }) => {
-  if (detail.success) succeed(pressed);
-  else fail(pressed, detail.message);
+  if (detail.success) succeed(detail.number);
+  else fail(detail.number, detail.message);
 });
 button.addEventListener("click", stop);
 // First of all listeners, and on keydown: Space on a focused button shall stop, not press it.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -12,9 +13,10 @@ import numpy as np
 from cobot.config import Settings
 from cobot.robot.device import MEASURED_NAMES
 from cobot.robot.model import RobotModel
+from cobot.robot.tool import BARE, Tool
 from cobot.types import Array, JointLimits, Pose
 from rtloop.backends import BackendError, Capabilities, DeviceStatus, Measured
-from rtloop.backends.agreement import disagreement, reduced_share
+from rtloop.backends.agreement import disagreement, fastest, reduced_share
 from rtloop.backends.fri.answers import Answers
 from rtloop.backends.fri.beat import Beat
 from rtloop.backends.fri.channel import Channel, UdpChannel
@@ -64,7 +66,8 @@ class FriBackend:
         self._options = options = options if options is not None else FriOptions()
         self._limits, self._period_s = limits, settings.rt.period_s
         self._robot = settings.robot
-        self._reduced = 1.0
+        self._reduced, self._tool = 1.0, BARE
+        self._fastest: tuple[float, float] | None = None  # The bare TCP at full speed, m/s and rad/s.
         self.capabilities = replace(
             type(self).capabilities, torque=options.overlay == "torque", wrench=options.overlay == "wrench"
         )
@@ -84,7 +87,8 @@ class FriBackend:
         if self._channel is None:
             self._channel = UdpChannel(options.listen, options.port, options.address)
         model = RobotModel.load(robot.model, self._limits, base=robot.base_frame, tcp=robot.tcp)
-        self._reduced = reduced_share(model)
+        self._fastest, self._tcp = fastest(model), model.file_tcp_in_flange
+        self._reduce()
         self._asked_s = self._clock()
         while not self.wait(options.silence_s):
             if self._clock() - self._asked_s > options.connect_s:
@@ -99,6 +103,19 @@ class FriBackend:
             problem = disagreement(model, np.array(self._newest.measured_position), flange)
         if problem:
             raise BackendError(problem)
+
+    def set_tool(self, tool: Tool) -> None:
+        """For the reduced speed of T1 alone: what the drives carry is set at the cabinet."""
+        self._tool = tool
+        self._reduce()
+
+    def _reduce(self) -> None:
+        """The model's TCP is as fast as it can be, and a tool's turns about it."""
+        if self._fastest is None:
+            return
+        moves_m_s, turns_rad_s = self._fastest
+        lever_m = math.dist((self._tool.tcp or self._tcp)[:3], self._tcp[:3])
+        self._reduced = reduced_share(moves_m_s + turns_rad_s * lever_m)
 
     def wait(self, timeout_s: float) -> bool:
         """The controller's next packet, or the cycle of one that was lost or has piled up."""

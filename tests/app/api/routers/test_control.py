@@ -261,8 +261,8 @@ def test_who_only_looks_stops_the_arm_over_the_stream(run: VirtualService) -> No
     moving = run.begin(run.asking("POST", "/robot/move/joints", json=body, headers=shown(token)))
     run.until(lambda: run.health()["robot"]["mode"] == "TRAJECTORY")
     with run.connect(f"/robots/{run.name}/stream") as socket:
-        for _ in range(100):
-            socket.send('{"type": "stop"}')
+        for number in range(1, 101):
+            socket.send(f'{{"type": "stop", "number": {number}}}')
         socket.send('{"type": "stop", "category": 1}')
         refused = heard(socket, "error")
         assert (refused["code"], refused["about"]) == ("input", "stop")
@@ -270,6 +270,7 @@ def test_who_only_looks_stops_the_arm_over_the_stream(run: VirtualService) -> No
         socket.send('{"type": "control"}')
         assert heard(socket, "error")["about"] == "control", "no third stop is answered before it"
     assert all(each["success"] for each in stopped)
+    assert 1 <= stopped[0]["number"] < stopped[1]["number"] == 100
     assert "the arm is at rest" in stopped[0]["message"]
     ended = run.end(moving).json()
     assert ended["code"] == "stopped"

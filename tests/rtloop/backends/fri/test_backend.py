@@ -14,7 +14,9 @@ from lockstep_fri import LockStep, fri_settings, joined
 
 from cobot.config import Settings
 from cobot.errors import ConfigError
+from cobot.robot import quaternion
 from cobot.robot.description import RobotDescription
+from cobot.robot.tool import Tool
 from cobot.types import Array
 from rtloop.backends import BackendError, Measured, Paced, Reporting, Stepwise, TorqueControlled
 from rtloop.backends.fri import FriBackend
@@ -492,15 +494,22 @@ def test_an_arm_that_is_not_where_the_model_has_it_is_refused(
 
 
 def test_planned_motions_keep_the_reduced_speed_of_t1(make: Make, robot: RobotDescription) -> None:
-    """Oracle: no pose and direction of the joints' greatest speeds makes the TCP faster than 0.25 m/s."""
+    """Oracle: no pose and direction of the joints' greatest speeds makes the TCP faster than 0.25 m/s,
+    neither that of the model nor that of a tool.
+    """
     driven = make(CabinetOptions(operation_mode=OperationMode.T1))
-    share = driven.backend.status().speed_scaling
-    rng, limits, fastest = np.random.default_rng(7), robot.limits, 0.0
-    for joints in rng.uniform(limits.min_position, limits.max_position, (500, 7)):
-        velocity = share * limits.max_velocity * rng.choice([-1.0, 1.0], (32, 7))
-        speeds = np.linalg.norm(velocity @ robot.model.jacobian(joints)[:3].T, axis=1)
-        fastest = max(fastest, float(speeds.max()))
-    assert 0.15 < fastest < 0.25
+    rng, limits, model = np.random.default_rng(7), robot.limits, robot.model
+    for beyond_m in (0.0, 0.4):
+        driven.backend.set_tool(Tool(1, tcp=(beyond_m, *model.file_tcp_in_flange[1:])))
+        share, fastest = driven.backend.status().speed_scaling, 0.0
+        for joints in rng.uniform(limits.min_position, limits.max_position, (500, 7)):
+            velocity = share * limits.max_velocity * rng.choice([-1.0, 1.0], (32, 7))
+            lever = np.array(
+                quaternion.rotated(model.forward(joints).quaternion.tolist(), [beyond_m, 0.0, 0.0])
+            )
+            moves, turns = np.split(velocity @ model.jacobian(joints).T, 2, axis=1)
+            fastest = max(fastest, float(np.linalg.norm(moves + np.cross(turns, lever), axis=1).max()))
+        assert 0.12 < fastest < 0.25
     driven.cabinet.switch_mode(OperationMode.T2)
     driven.cycle()
     driven.cycle()
