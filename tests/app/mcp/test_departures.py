@@ -17,6 +17,7 @@ from mcp_agent import ADDRESS, FAR, HOME, Agent, Cell, token
 from starlette.types import Message, Receive, Scope, Send
 from virtual import URL
 
+from app.mcp.departures import GONE, Departures
 from cobot.access.roles import Role
 
 SLOWLY = 0.1
@@ -107,6 +108,35 @@ def test_the_arm_stops_for_whom_nobody_waits_any_more(
     assert cell.joints() == pytest.approx(at_rest, abs=2e-3)
     assert at_rest[0] < 1.2
     moving.call.cancel()
+
+
+def test_a_request_that_still_waits_for_its_turn_can_be_cancelled() -> None:
+    """The tool has not begun: it finds the event set."""
+    scope: Scope = {"headers": [], "client": (ADDRESS, 4000)}
+    about = {"method": "notifications/cancelled", "params": {"requestId": 7}}
+    departures = Departures()
+
+    async def never() -> Message:
+        await asyncio.Event().wait()
+        raise AssertionError("unreachable")
+
+    async def cancelled() -> tuple[bool, bool]:
+        with departures.watched(scope, {"id": 7, "method": "tools/call"}, b"", never):
+            gone: asyncio.Event = scope[GONE]
+            before = gone.is_set()
+            with departures.watched(dict(scope), about, b"", never):
+                return before, gone.is_set()
+
+    assert asyncio.run(cancelled()) == (False, True)
+
+
+@pytest.mark.parametrize(
+    "sent", ["[" * 30_000, '{"method": "notifications/cancelled", "params": ' + "[" * 30_000]
+)
+def test_what_is_nested_too_deep_is_a_mistake_of_who_sends_it(cell: Cell, sent: str) -> None:
+    more = {"content-type": "application/json", "accept": "application/json, text/event-stream"}
+    answer = cell.service.post("/mcp/mcp", content=sent + "[" * 30_000, headers=cell.agent.headers | more)
+    assert answer.status_code == 400, answer.text
 
 
 def test_what_is_rehearsed_for_whom_nobody_waits_is_given_up(

@@ -17,7 +17,7 @@ from cobot.errors import InputError
 from cobot.motions.constraints import Box, Cone, Constraints
 from cobot.motions.requests import Blended
 from cobot.planners import MotionRequest, plan
-from cobot.planners.joined import Leg, joined, leg_of
+from cobot.planners.joined import Leg, _between, _breaks, joined, leg_of
 from cobot.robot.description import RobotDescription
 from cobot.types import Array, PlannerName, Pose, Scaling
 
@@ -200,6 +200,15 @@ def test_radii_that_make_no_sense_are_refused(
 ) -> None:
     with pytest.raises(InputError, match=message):
         joined(robot, square(robot), radii)
+
+
+def test_nothing_lies_between_corners_that_are_as_near_as_looks(robot: RobotDescription) -> None:
+    """Such a piece breaks no constraint."""
+    box = Box(np.full(3, -2.0), np.full(3, 2.0))
+    leg = square(robot, constraints=(Constraints(box=box), None, None))[0]
+    first, between, last = _between(leg.motion, np.array([0.5, 0.5 + 1e-6]))
+    assert (len(first) > 0, len(between), len(last) > 0) == (True, 0, True)
+    assert not any(_breaks(robot, leg, rows) for rows in (first, between, last))
 
 
 @pytest.mark.parametrize(
