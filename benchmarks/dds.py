@@ -6,6 +6,8 @@ import itertools
 import json
 import random
 import statistics
+import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -18,6 +20,7 @@ import httpx
 import numpy as np
 import rtps_peer
 from peers import own_domain
+from real_ros import PYTHON, environment
 from ros_peer import Client, Peer, until
 from running import Run
 
@@ -73,6 +76,7 @@ def dds(seconds: float, calls: int, points: int) -> Iterator[Row]:
     with ros() as running:
         for rate_hz in (200, 1000):
             yield from _joint_states(running, rate_hz, seconds)
+        yield from _to_rclpy(running, seconds)
         yield _round_trips(running, calls)
         yield _points(running, points)
         yield _long_trajectory(running)
@@ -108,6 +112,36 @@ def _joint_states(running: Ros, rate_hz: int, seconds: float) -> Iterator[Row]:
         "Fast DDS to Fast DDS, a message of that size",
         floor,
         columns=("p50", "p99", "largest"),
+    )
+
+
+def _to_rclpy(running: Ros, seconds: float) -> Iterator[Row]:
+    """How many of the joint states at 1 kHz, at which `_joint_states` has left them, reach rclpy."""
+    if not PYTHON.exists():
+        print("left out: rclpy, whose wheels do not fit here", file=sys.stderr)
+        return
+    node = [str(PYTHON), str(Path(__file__).with_name("rclpy_node.py"))]
+    around = environment(domain=running.domain)
+
+    def heard_hz(topic: str) -> float:
+        listening = [*node, "listen", topic, str(seconds)]
+        done = subprocess.run(listening, env=around, stdout=subprocess.PIPE, text=True, check=True)
+        return float(done.stdout)
+
+    ours = heard_hz(f"/{running.run.name}/joint_states")
+    with subprocess.Popen([*node, "publish", "/peer/joint_states", "1000"], env=around) as publisher:
+        try:
+            theirs = heard_hz("/peer/joint_states")
+        finally:
+            publisher.kill()
+    yield row(
+        "joint_states at 1000 Hz that reach an rclpy node of Jazzy",
+        "messages/s",
+        (ours,),
+        "those of an rclpy node at 1000 Hz that reach it",
+        (theirs,),
+        columns=("received",),
+        aim="as many",
     )
 
 
