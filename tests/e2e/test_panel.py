@@ -437,6 +437,9 @@ def test_a_motion_is_shown_before_it_is_run(panel: Panel) -> None:
     panel.page.click("#discard")
     panel.until("!cobotPanel.view.ghost && document.querySelector('#execute').disabled")
     planned(panel, "work")
+    panel.page.click("#rehearse")
+    panel.until("document.querySelector('#plan').innerText.startsWith('Dry run: arrives after ')")
+    np.testing.assert_allclose(panel.run.joints(), HOME, atol=5e-3)
     if PICTURES:
         panel.page.picture(Path(PICTURES) / "panel.png")
     panel.page.click("#execute")
@@ -1131,8 +1134,10 @@ def test_a_long_sequence_is_planned_in_parts_that_end_where_the_arm_stops(panel:
         there = {"joints": [0.2, *HOME[1:]], "speed": 1.0, "samples": 5}
         back = {"joints": HOME, "speed": 0.5, "start": there["joints"], "samples": 5}
         plans = [http.post("/robot/plan/joints", json=body).json() for body in (there, back)]
+    plans = [each | {"ids": [each["plan_id"]]} for each in plans]
     one_after_the_other = f"all.followed({json.dumps(plans[0])}, {json.dumps(plans[1])})"
     both = panel.page.run(f"import('/panel/sequence.js').then((all) => {one_after_the_other})")
+    assert both["ids"] == [each["plan_id"] for each in plans]
     assert both["duration_s"] == pytest.approx(sum(each["duration_s"] for each in plans))
     assert [each["time_s"] for each in both["path"]] == sorted(each["time_s"] for each in both["path"])
     nearest = min(each["closest_self"]["distance_m"] for each in plans)

@@ -21,10 +21,12 @@ export class Motions {
     this.name = null;
     this.again = null;
     this.asked = 0;
+    this.rehearsing = false;
     this.made = keptList("sessionStorage", MADE);
     this.renew = oneAtATime(() => this.load());
     this.words = () => word("plan_hint");
     element("execute").addEventListener("click", () => this.execute());
+    element("rehearse").addEventListener("click", () => this.rehearse());
     element("discard").addEventListener("click", () => this.discard());
     element("motion-speed").addEventListener("change", () => this.again?.());
     element("position-teach").addEventListener("click", () => this.teach());
@@ -144,7 +146,7 @@ export class Motions {
     const plan = await this.api.post(path, body);
     this.made = [...this.made, plan.plan_id].slice(-1000);
     keep("sessionStorage", MADE, JSON.stringify(this.made));
-    return plan;
+    return { ...plan, ids: [plan.plan_id] };
   }
 
   async ask(name, planned) {
@@ -188,6 +190,34 @@ export class Motions {
     this.say(() => why || word("arrived"));
   }
 
+  // On a simulated copy of the robot, each motion after the other. Nothing moves, and the plan stays.
+  async rehearse() {
+    const { asked, plan } = this;
+    const say = (words) => asked === this.asked && this.say(words);
+    this.rehearsing = true;
+    this.mark();
+    say(() => word("rehearsing"));
+    try {
+      let [seconds, effort] = [0, 0];
+      for (const id of plan.ids) {
+        const found = await this.api.post(`/plans/${id}/rehearse`);
+        if (!found.runs_through) {
+          const { time_s: after, says } = found.problem;
+          say(() => word("rehearsed_not", { seconds: (seconds + after).toFixed(1), says }));
+          return;
+        }
+        seconds += found.duration_s;
+        effort = Math.max(effort, ...found.effort);
+      }
+      say(() => `${word("rehearsed", { seconds: seconds.toFixed(1), percent: Math.round(100 * effort) })} ${this.described(plan)}`);
+    } catch (error) {
+      say(() => error.message);
+    } finally {
+      this.rehearsing = false;
+      this.mark();
+    }
+  }
+
   discard() {
     this.asked += 1;
     this.plan = this.name = this.again = null;
@@ -199,6 +229,7 @@ export class Motions {
 
   mark() {
     element("execute").disabled = !this.plan?.duration_s || !this.plan.plan_id;
+    element("rehearse").disabled = this.rehearsing || !this.plan?.duration_s;
     element("discard").disabled = !this.plan && !this.looked;
     element("position-forget").disabled = !this.taught.includes(element("position-name").value.trim());
     for (const button of element("positions").children) {

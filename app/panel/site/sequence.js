@@ -28,6 +28,7 @@ export function followed(first, second) {
   const share = first.utilisation.velocity.share.map((each, joint) => Math.max(each, second.utilisation.velocity.share[joint]));
   return {
     plan_id: null,
+    ids: [...first.ids, ...second.ids],
     duration_s: first.duration_s + second.duration_s,
     note: [first.note, second.note].filter(Boolean).join("; "),
     path: [...first.path, ...second.path.map((point) => ({ ...point, time_s: first.duration_s + point.time_s }))],
