@@ -130,9 +130,7 @@ def test_a_request_that_still_waits_for_its_turn_can_be_cancelled() -> None:
     assert asyncio.run(cancelled()) == (False, True)
 
 
-@pytest.mark.parametrize(
-    "sent", ["[" * 30_000, '{"method": "notifications/cancelled", "params": ' + "[" * 30_000]
-)
+@pytest.mark.parametrize("sent", ["", '{"method": "notifications/cancelled", "params": '])
 def test_what_is_nested_too_deep_is_a_mistake_of_who_sends_it(cell: Cell, sent: str) -> None:
     more = {"content-type": "application/json", "accept": "application/json, text/event-stream"}
     answer = cell.service.post("/mcp/mcp", content=sent + "[" * 30_000, headers=cell.agent.headers | more)
