@@ -11,7 +11,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from app.services.motion.lease import TIMEOUT_S, TIMEOUTS_S
 from app.services.streaming.jog import JogCommand
-from cobot.errors import InputError
+from cobot.errors import InputError, NotReadyError
 from cobot.ipc.layout import CHUNK_POINTS, Interpolation, Intervention, Stream, chunk_dtype, text
 from cobot.ipc.session_rules import MOVE_S, decimation, nominal_session
 from cobot.motions.bodies import Finite
@@ -47,7 +47,13 @@ class OpenSession(StrictModel):
     posture: Numbers | None = None
 
     def record(self, info: np.ndarray) -> np.ndarray:
-        """The session that is asked for; what is not said is nominal."""
+        """The session that is asked for; what is not said is nominal.
+
+        Raises:
+            NotReadyError: rtloop has not said yet what it drives.
+        """
+        if not info["period_s"]:
+            raise NotReadyError("rtloop has not said yet what it drives: try again in a second")
         request = nominal_session(info)
         request["stream"] = Stream[self.stream.upper()]
         request["interpolation"] = Interpolation[self.interpolation.upper()]

@@ -116,7 +116,6 @@ class StreamService:
 
     Attributes:
         session: the one that is under way, or None.
-        info: of `cobot.ipc.layout.info_dtype`.
     """
 
     def __init__(
@@ -130,7 +129,14 @@ class StreamService:
         self._connections = 0
         self.command_timeout_s = command_timeout_s
         self.session: Session | None = None
-        self.info = link.memory.info.read().copy()
+        self._info = link.memory.info.read().copy()
+
+    @property
+    def info(self) -> np.ndarray:
+        """What rtloop drives; zeros until it has said so, which may be after the service has begun."""
+        if not self._info["period_s"] and (newest := self._link.memory.info.read())["period_s"]:
+            self._info = newest.copy()
+        return self._info
 
     @property
     def robot(self) -> str:
