@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 import time
 from functools import cached_property
 from pathlib import Path
@@ -176,8 +177,16 @@ class Rig:
         for _ in range(cycles):
             if int(ack.data["id"]) == number:
                 return "" if int(ack.data["result"]) == Ack.ACCEPTED else text(ack.data["message"])
+            self._let_them_read_the_scene()
             self.step()
         raise AssertionError("no answer")
+
+    @staticmethod
+    def _let_them_read_the_scene() -> None:
+        """It is read beside the cycles, in the computer's time; commands wait for it, in robot time."""
+        for thread in threading.enumerate():
+            if thread.name == "surroundings":
+                thread.join()
 
     def start(self, trajectory: Trajectory, slot: int = 0, fence: Fence | None = None) -> str:
         """Have a motion started; "" or why not."""
