@@ -30,6 +30,8 @@ CHECKS = (
     "content_type_conformance",
     "response_schema_conformance",
     "response_headers_conformance",
+    "unsupported_method",
+    "allow_header_conformance",
 )
 ALL_CHECKS = ",".join(CHECKS)
 SEED = os.environ.get("COBOT_TEST_SEED", "8007")

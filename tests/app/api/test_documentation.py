@@ -146,6 +146,14 @@ def test_no_document_refers_to_what_it_does_not_have(app: FastAPI, path: str) ->
         assert name in components[kind]
 
 
+def test_a_wrong_method_is_told_all_that_the_path_has(app: FastAPI) -> None:
+    for path, methods in ask(app, "GET", "/openapi.json").json()["paths"].items():
+        wrong = ask(app, "PATCH", re.sub(r"{\w+}", "iiwa", path))
+        allowed = ", ".join(sorted(method.upper() for method in methods))
+        assert (wrong.status_code, wrong.headers["allow"]) == (405, allowed), path
+        assert wrong.json()["detail"].endswith(f"; allowed: {allowed}")
+
+
 def fields(document: dict[str, Any], body: dict[str, Any]) -> set[str]:
     """Of the JSON of an answer, or of a request."""
     return set(resolved(document, body["content"]["application/json"]["schema"])["properties"])
