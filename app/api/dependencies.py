@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import gc
 import json
+import sys
 from collections.abc import AsyncGenerator, AsyncIterator, Callable, Coroutine, Iterator
 from inspect import iscoroutinefunction
 from typing import Annotated, Any, TypeVar, cast
@@ -209,7 +210,11 @@ def _as_float(digits: str) -> float:
 
 
 def _as_int(digits: str) -> int:
-    return int(digits)
+    try:
+        return int(digits)
+    except ValueError as exc:
+        limit = sys.get_int_max_str_digits()
+        raise ValueError(f"a whole number has {len(digits)} characters, up to {limit} are read") from exc
 
 
 def without_collection(function: Callable[..., Result], *arguments: Any) -> Result:

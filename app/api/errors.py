@@ -13,6 +13,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
+from starlette.routing import Match, Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from app.api.explain_schemas import Explain, explain_of
@@ -153,6 +154,17 @@ async def _invalid_request(request: Request, exc: Exception) -> JSONResponse:
     return _answer(422, "; ".join(found), errors.InputError.code)
 
 
+def _allowed(request: Request) -> str:
+    """The methods of a path: each is a route of its own, of which Starlette names the first alone."""
+    routes = [
+        each
+        for each in request.app.routes
+        if isinstance(each, Route) and each.matches(request.scope)[0] is Match.PARTIAL
+    ]
+    methods = {method for each in routes if each.path == routes[0].path for method in each.methods or ()}
+    return ", ".join(sorted(methods)) or "GET, HEAD"  # what is no route is a file
+
+
 async def _http_exception(request: Request, exc: Exception) -> JSONResponse:
     assert isinstance(exc, HTTPException)
     if isinstance(exc.__cause__, CobotError):
@@ -166,9 +178,9 @@ async def _http_exception(request: Request, exc: Exception) -> JSONResponse:
         case 404:
             return _answer(404, f"there is no {path}; /docs lists what there is", errors.NotFoundError.code)
         case 405:
-            allowed = (exc.headers or {}).get("Allow", "")
+            allowed = _allowed(request)
             detail = f"{request.method} is not possible on {path}; allowed: {allowed}"
-            return _answer(405, detail, "method_not_allowed", exc.headers)
+            return _answer(405, detail, "method_not_allowed", {"Allow": allowed})
         case status:
             return _answer(status, str(exc.detail), "http", exc.headers)
 

@@ -1,4 +1,4 @@
-"""The robot's own numbers, and sentences, in the OpenAPI schema."""
+"""The robot's own numbers, sentences, and links, in the OpenAPI schema."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from itertools import zip_longest
 from typing import Any
 
 from app.api.errors import responses
+from app.api.links import link
 from cobot.access.roles import Role
 from cobot.addresses import CONTROL_TOKEN, ROBOTS, path_below
 from cobot.types import JointLimits
@@ -53,6 +54,7 @@ def with_limits(
                 if "409" in endpoint["responses"] and not path.endswith(("/reset", "/reload")):
                     _add(CONTROL, endpoint)
                 endpoint["summary"] = f"{summary} Of any robot." if path.startswith(BY_NAME) else summary
+        link(schema)
         return schema
 
     return described

@@ -1,11 +1,13 @@
 """A fuzzer over the whole OpenAPI schema: schemathesis, which nobody here has written.
 
 It finds statuses that are not documented, answers that do not fit their schema, and server errors.
+`COBOT_TEST_SEED` has it ask for other things.
 """
 
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 import subprocess
 import sys
@@ -28,8 +30,11 @@ CHECKS = (
     "content_type_conformance",
     "response_schema_conformance",
     "response_headers_conformance",
+    "unsupported_method",
+    "allow_header_conformance",
 )
 ALL_CHECKS = ",".join(CHECKS)
+SEED = os.environ.get("COBOT_TEST_SEED", "8007")
 VENDOR_SERVICES = "/openapi/vendor.json"
 CONTROL = r"control$"
 SPEED = r"speed_override$"
@@ -43,7 +48,7 @@ BY_NAME = r"^/robots/\{robot\}/"
 LOOK_EVERY_S = 0.5
 PLANNED = re.compile(r"\(for [\d.]+ s\)$")
 """How the name of a motion ends that has no number yet."""
-LIMIT_S = 900
+LIMIT_S = 1800
 pytestmark = pytest.mark.timeout(2 * LIMIT_S)
 WAITING = ("Serial", "Socket")
 """Classes whose reads wait for their time to be up."""
@@ -51,12 +56,18 @@ KEPT = str(TESTS.parent / ".hypothesis")
 """Which characters UTF-8 has takes hypothesis three seconds to find out: it is kept here."""
 HOOKS = "e2e.without_repetition"
 IMPATIENT = "timeout_s: 0.2, explain_s: 0.1"
+UNHURRIED = (
+    f", hang_to_restart_s: {WAIT_S}"
+    f", limits: {{header_timeout_s: {WAIT_S}, body_timeout_s: {WAIT_S}, idle_timeout_s: {2 * WAIT_S}}}"
+)
+"""A computer so busy that the fuzzer, or the service, does not come to run for seconds is not its fault."""
 
 
 @pytest.fixture(scope="module")
 def restless(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Run]:
     """A service that gives up plans soon: what is found out here is how it answers, not how it plans."""
-    with answering(Run(tmp_path_factory.mktemp("fuzzed"), planning=IMPATIENT)) as started:
+    folder = tmp_path_factory.mktemp("fuzzed")
+    with answering(Run(folder, planning=IMPATIENT, web=UNHURRIED)) as started:
         yield started
 
 
@@ -92,13 +103,16 @@ def stopped_again_and_again(service: Run) -> Iterator[None]:
             stopped.result()
 
 
-def fuzzed(service: Run, folder: Path, *options: str, document: str = "/openapi.json") -> None:
+def fuzzed(service: Run, folder: Path, *options: str, document: str = "/openapi.json") -> str:
+    """What it has said of what it has done; it finds nothing."""
     command = [
         *(sys.executable, "-m", "schemathesis.cli", "run", f"{service.url}{document}"),
-        *("--checks", ALL_CHECKS, "--seed", "8007", "--request-timeout", "30", "--no-color"),
-        *("--generation-database", "none"),
+        *("--checks", ALL_CHECKS, "--seed", SEED, "--request-timeout", str(WAIT_S), "--no-color"),
+        *("--generation-database", "none", "--suppress-health-check", "too_slow"),
         *options,
     ]
+    # It waits for the document for 10 s, whatever it is told; the service keeps what it has once made.
+    httpx.get(f"{service.url}{document}", timeout=WAIT_S).raise_for_status()
     with stopped_again_and_again(service):
         # The folder is where it leaves what it has found.
         result = subprocess.run(
@@ -111,14 +125,15 @@ def fuzzed(service: Run, folder: Path, *options: str, document: str = "/openapi.
             env=HELPER_ENVIRONMENT | {"HYPOTHESIS_STORAGE_DIRECTORY": KEPT, "SCHEMATHESIS_HOOKS": HOOKS},
         )
     # What it has put there would be in the way of the tests that follow.
-    for path in ("/scene", "/robot/tool"):
-        httpx.post(f"{service.url}{path}", json={"clear": True}, timeout=WAIT_S)
-    positions = httpx.get(f"{service.url}/robot/positions", timeout=WAIT_S)
-    for each in positions.json() if positions.is_success else []:  # without a token there are none
-        if each["taught"]:
-            httpx.delete(f"{service.url}/robot/positions/{each['name']}", timeout=WAIT_S)
+    with httpx.Client(base_url=service.url, timeout=WAIT_S, **service.asking) as client:
+        for path in ("/scene", "/robot/tool"):
+            client.post(path, json={"clear": True})
+        for each in client.get("/robot/positions").raise_for_status().json():
+            if each["taught"]:
+                client.delete(f"/robot/positions/{each['name']}")
     assert result.returncode == 0, result.stdout[-6000:] + result.stderr[-2000:]
     assert re.search(r"\d+ passed", result.stdout)
+    return result.stdout
 
 
 def test_schemathesis_finds_no_server_error_and_no_undocumented_answer(restless: Run, tmp_path: Path) -> None:
@@ -153,32 +168,45 @@ def test_schemathesis_finds_none_in_the_vendor_services_either(restless: Run, tm
 
 
 @pytest.fixture(scope="module")
-def locked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Run, str]]:
-    """A service that asks for tokens, and that of an observer."""
+def locked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Run, dict[Role, str]]]:
+    """A service that asks for tokens, and those of an observer and an administrator."""
     folder = tmp_path_factory.mktemp("locked")
-    token = f"Bearer {TokenFile(folder / 'tokens.json').create('me', Role.OBSERVER)}"
-    asking = {"headers": {"Authorization": token}}
-    web = ", authentication: required, tokens: tokens.json"
+    tokens = TokenFile(folder / "tokens.json")
+    shown = {role: f"Bearer {tokens.create(role.name, role)}" for role in (Role.OBSERVER, Role.ADMIN)}
+    web = f", authentication: required, tokens: tokens.json{UNHURRIED}"
+    asking = {"headers": {"Authorization": shown[Role.ADMIN]}}
     with answering(Run(folder, web=web, planning=IMPATIENT, asking=asking)) as run:
-        yield run, token
+        yield run, shown
 
 
-@pytest.mark.parametrize("shown", [False, True], ids=["no token", "an observer's"])
+@pytest.mark.parametrize("role", [None, Role.OBSERVER], ids=["no token", "an observer's"])
 def test_schemathesis_finds_no_way_around_the_tokens(
-    locked: tuple[Run, str], tmp_path: Path, shown: bool
+    locked: tuple[Run, dict[Role, str]], tmp_path: Path, role: Role | None
 ) -> None:
     """It leaves tokens out, and makes them up: `ignored_auth` is that an answer is given all the same."""
-    service, token = locked
+    service, tokens = locked
     before = service.joints()
-    options = [
-        "--phases",
-        "examples,fuzzing",
-        "--max-examples",
-        "2",
-        "--checks",
-        f"{ALL_CHECKS},ignored_auth",
-    ]
-    if shown:
-        options += ["--header", f"Authorization: {token}"]
-    fuzzed(service, tmp_path, *options, "--exclude-path-regex", f"{READY}|{EVENTS}|{BY_NAME}")
+    phases = ("--phases", "examples,fuzzing", "--max-examples", "2")
+    checks = ("--checks", f"{ALL_CHECKS},ignored_auth")
+    token = ("--header", f"Authorization: {tokens[role]}") if role else ()
+    paths = ("--exclude-path-regex", f"{READY}|{EVENTS}|{BY_NAME}")
+    fuzzed(service, tmp_path, *phases, *checks, *token, *paths)
     assert service.joints() == pytest.approx(before, abs=0.01)
+
+
+@pytest.mark.parametrize("role", [None, Role.ADMIN], ids=["no token is asked for", "an administrator's"])
+def test_schemathesis_finds_none_in_what_goes_on_from_answers(
+    request: pytest.FixtureRequest, tmp_path: Path, role: Role | None
+) -> None:
+    """It makes up scenarios of the links: plans that it runs, jobs that it cancels, what it has removed."""
+    phases = ("--phases", "stateful", "--max-examples", "5")
+    checks = ("--checks", f"{ALL_CHECKS},use_after_free,ensure_resource_availability")
+    paths = ("--exclude-path-regex", f"{CONTROL}|{SPEED}|{READY}|{EVENTS}|{BY_NAME}")
+    if role is None:
+        said = fuzzed(request.getfixturevalue("restless"), tmp_path, *phases, *checks, *paths)
+    else:
+        service, tokens = request.getfixturevalue("locked")
+        token = ("--header", f"Authorization: {tokens[role]}")
+        said = fuzzed(service, tmp_path, *phases, *checks, *token, *paths)
+    for done in (r"Scenarios: +[1-9]", r"API Links: +[1-9]\d* covered"):
+        assert re.search(done, said), said

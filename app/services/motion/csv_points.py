@@ -29,7 +29,7 @@ DECIMAL_COMMAS = 1.5
 NO_DECIMAL_COMMA = "a decimal comma is understood only where semicolons separate the columns: write 0.5"
 TIME_NAMES = ("t", "time", "time_from_start")
 _DIGIT = re.compile(rb"[0-9]")
-_JOINT_NAME = re.compile(r"(joint|velocity|acceleration)_?(\d{1,3})")
+_JOINT_NAME = re.compile(r"(joint|velocity|acceleration)_?([0-9]{1,3})")
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,7 +251,8 @@ def _waypoint(row: list[str], number: int, columns: _Columns, decimal_comma: boo
 def _number(cell: str, number: int, index: int, columns: _Columns, decimal_comma: bool) -> float:
     text = cell.replace(",", ".") if decimal_comma else cell
     try:
-        value = float(text) if "_" not in text else math.nan  # Python would read 1_0 as ten
+        # Python would read 1_0 as ten, and the digits of every script.
+        value = float(text) if "_" not in text and text.strip().isascii() else math.nan
     except ValueError:
         value = math.nan
     if not math.isfinite(value):

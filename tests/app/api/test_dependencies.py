@@ -15,8 +15,8 @@ from fastapi.exceptions import ResponseValidationError
 from fastapi.routing import APIRoute
 from pydantic import BaseModel, Field
 
-from app.api.dependencies import CobotRoute
-from cobot.errors import UnavailableError
+from app.api.dependencies import CobotRoute, decoded
+from cobot.errors import InputError, UnavailableError
 
 
 class Answer(BaseModel):
@@ -107,3 +107,9 @@ def plain(request: Request) -> Answer:
 def test_whoever_takes_more_than_the_request_is_given_it(endpoint: Any) -> None:
     require_equal(endpoint)
     assert answer(CobotRoute, with_query, "lines=0").status_code == 422
+
+
+def test_a_number_without_end_is_refused_in_words_of_its_own() -> None:
+    with pytest.raises(InputError) as refused:
+        decoded(b"[" + b"1" * 4301 + b"]", "the body")
+    assert str(refused.value) == "the body: a whole number has 4301 characters, up to 4300 are read"

@@ -21,6 +21,7 @@ from asgi import ask
 from fastapi import FastAPI
 from virtual import VirtualService, virtual_service
 
+from app.api.links import link
 from app.api.samples import SAMPLES, SAMPLES_PATH
 from app.aubo.classes import CLASSES, REGISTRY
 from app.main import create_app
@@ -101,15 +102,15 @@ def test_the_page_of_the_rest_api_has_each_operation_once_and_its_first_group_op
     document = ask(app, "GET", DOCUMENTS["/docs"]).json()
     served = {name for name in ENDPOINTS if "{Class}" not in name and not name.startswith("WS ")}
     assert {name for name, _ in operations(document)} == served
-    page = ask(app, "GET", "/docs").text
-    assert '"docExpansion": "none"' in page
-    assert '["operations-tag", "robot"], true' in page
+    text = ask(app, "GET", "/docs").text
+    assert '"docExpansion": "none"' in text
+    assert '["operations-tag", "robot"], true' in text
     assert document["tags"][0]["name"] == "robot"
     groups = [operation["tags"] for _, operation in operations(document)]
     assert {tag for tags in groups for tag in tags} == {tag["name"] for tag in document["tags"]}
     assert groups.count(["robot"]) < 25, "what is open at first is what most people come for"
-    for link in ("(/docs/vendor)", "(/docs/robots)"):
-        assert link in document["info"]["description"]
+    for page in ("(/docs/vendor)", "(/docs/robots)"):
+        assert page in document["info"]["description"]
 
 
 def test_the_page_of_any_robot_has_the_same_with_its_name_in_the_same_groups(app: FastAPI) -> None:
@@ -143,6 +144,57 @@ def test_no_document_refers_to_what_it_does_not_have(app: FastAPI, path: str) ->
     components = json.loads(text)["components"]
     for kind, name in re.findall(r'"#/components/(\w+)/([^"]+)"', text):
         assert name in components[kind]
+
+
+def test_a_wrong_method_is_told_all_that_the_path_has(app: FastAPI) -> None:
+    for path, methods in ask(app, "GET", "/openapi.json").json()["paths"].items():
+        wrong = ask(app, "PATCH", re.sub(r"{\w+}", "iiwa", path))
+        allowed = ", ".join(sorted(method.upper() for method in methods))
+        assert (wrong.status_code, wrong.headers["allow"]) == (405, allowed), path
+        assert wrong.json()["detail"].endswith(f"; allowed: {allowed}")
+
+
+def fields(document: dict[str, Any], body: dict[str, Any]) -> set[str]:
+    """Of the JSON of an answer, or of a request."""
+    return set(resolved(document, body["content"]["application/json"]["schema"])["properties"])
+
+
+def links(document: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any], dict[str, Any]]]:
+    """Each link of a document: the operation that has it, the answer, and the link itself."""
+    for name, operation in operations(document):
+        for answer in operation["responses"].values():
+            yield from ((name, answer, each) for each in answer.get("links", {}).values())
+
+
+@pytest.mark.parametrize("path", ["/openapi.json", "/openapi/robot.json", "/openapi/robots.json"])
+def test_links_lead_from_fields_of_answers_to_what_operations_of_the_document_take(
+    app: FastAPI, path: str
+) -> None:
+    document = ask(app, "GET", path).json()
+    named = {operation["operationId"]: operation for _, operation in operations(document)}
+    found = set()
+    for source, answer, each in links(document):
+        target, parameters = named[each["operationId"]], each.get("parameters", {})
+        taken = {it["name"]: it["in"] for it in target.get("parameters", [])}
+        assert {name for name, place in taken.items() if place == "path"} <= set(parameters) <= set(taken)
+        if BY_NAME in source:
+            assert parameters.pop("robot") == "$request.path.robot"
+        body = each.get("requestBody", {})
+        assert not body or set(body) <= fields(document, target["requestBody"])
+        for value in [*parameters.values(), *body.values()]:
+            assert value.removeprefix("$response.body#/").partition("/")[0] in fields(document, answer)
+        found.add((source.replace(BY_NAME, "").split("/")[-1], each["operationId"].removesuffix("_of")))
+    assert {("sequence", "execute"), ("joints", "cancel_job"), ("control", "release_control")} <= found
+    assert not any(source.startswith("DELETE") for source, *_ in links(document)), "what it names is gone"
+
+
+def test_nothing_links_to_what_is_switched_off() -> None:
+    answer = {"content": {"application/json": {"schema": {"$ref": "#/components/schemas/PlanAnswer"}}}}
+    plan = {"operationId": "plan_pose", "responses": {"200": answer}}
+    rehearse = {"operationId": "rehearse", "responses": {}}
+    document = {"paths": {"/plan": {"post": plan}, "/rehearse": {"post": rehearse}}}
+    link(document)
+    assert [each["operationId"] for *_, each in links(document)] == ["rehearse"]
 
 
 def test_every_upload_says_where_a_sample_is(app: FastAPI) -> None:

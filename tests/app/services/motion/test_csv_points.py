@@ -116,6 +116,7 @@ def test_the_shipped_example_starts_and_ends_at_home_and_is_feasible(robot: Robo
     ("header", "words"),
     [
         (HEADER.replace("joint7", "joint8"), ["column 7", "'joint8'", "joint7", "acceleration7"]),
+        (HEADER.replace("joint7", "joint\uff17"), ["column 7", "'joint\uff17'", "joint7"]),
         (HEADER.replace("joint7", "jont7"), ["column 7", "'jont7'", "did you mean 'joint7'"]),
         (HEADER.replace("joint7", "joint_1"), ["column 7", "'joint_1'", "'joint1' in column 1"]),
         (HEADER + ",TIME", ["column 9", "'TIME'", "'t' in column 8"]),
@@ -135,7 +136,23 @@ def test_a_header_that_does_not_fit_is_named_with_the_valid_columns(header: str,
 
 @pytest.mark.parametrize(
     "text",
-    ["abc", "", "nan", "inf", "-Infinity", "1e999", "1_0", "0x10", "1,0", "1 0", "--1", "\x00", "1\x00"],
+    [
+        "abc",
+        "",
+        "nan",
+        "inf",
+        "-Infinity",
+        "1e999",
+        "1_0",
+        "0x10",
+        "1,0",
+        "1 0",
+        "--1",
+        "\x00",
+        "1\x00",
+        "\u0661",
+        "\uff11",
+    ],
 )
 def test_what_is_no_finite_number_is_named_with_row_column_and_text(text: str) -> None:
     cell = f'"{text}"' if "," in text else text

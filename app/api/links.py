@@ -1,0 +1,77 @@
+"""OpenAPI links: which answers name what other operations ask for, for generated clients and fuzzers.
+
+A link is a hint alone: a plan expires, a job ends, a recording can be removed.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from cobot.addresses import CONTROL_TOKEN
+
+PLAN = "$response.body#/plan_id"
+JOB = "$response.body#/id"
+NAME = "$response.body#/name"
+RECORDING = "$response.body#/names/0"
+TWIN = "_of"
+"""How the operations of a robot that is named end."""
+
+
+def _parameter(name: str, value: str) -> dict[str, Any]:
+    return {"parameters": {name: value}}
+
+
+LINKS: dict[str, dict[str, dict[str, Any]]] = {
+    "PlanAnswer": {
+        "kept_plan": _parameter("plan", PLAN),
+        "rehearse": _parameter("plan", PLAN),
+        "approve": {"requestBody": {"plan_id": PLAN}},
+        "execute": {"requestBody": {"plan_id": PLAN}},
+    },
+    "KeptPlan": {"execute": {"requestBody": {"plan_id": PLAN}}},
+    "JobAnswer": {
+        operation: _parameter("job", JOB)
+        for operation in ("job", "cancel_job", "pause_job", "resume_job", "step_job")
+    },
+    "NamedPositionAnswer": {
+        "move_named": {"requestBody": {"name": NAME}},
+        "plan_named": {"requestBody": {"name": NAME}},
+        "forget_position": _parameter("name", NAME),
+    },
+    "AskedRecordingAnswer": {
+        operation: _parameter("name", RECORDING)
+        for operation in ("recording", "recorded_path", "remove_recording")
+    },
+    "TakenAnswer": {"release_control": _parameter(CONTROL_TOKEN, "$response.body#/token")},
+}
+"""By the model of an answer: each operation that one of its values is for, and where that goes."""
+
+
+def link(schema: dict[str, Any]) -> None:
+    """Write the links into an OpenAPI document, between the operations that are in it."""
+    known = {each["operationId"] for path in schema["paths"].values() for each in path.values()}
+    for operations in schema["paths"].values():
+        for method, endpoint in operations.items():
+            if method == "delete":  # what it names is gone
+                continue
+            suffix = TWIN if endpoint["operationId"].endswith(TWIN) else ""
+            for answer in endpoint["responses"].values():
+                links = _links(answer, suffix, known)
+                if links:
+                    answer["links"] = links
+
+
+def _links(answer: dict[str, Any], suffix: str, known: set[str]) -> dict[str, Any]:
+    """Of an answer, to the operations of the same robot."""
+    content = answer.get("content", {}).get("application/json", {}).get("schema", {})
+    found = LINKS.get(content.get("$ref", "").rpartition("/")[2], {})
+    robot = {"robot": "$request.path.robot"} if suffix else {}
+    return {
+        operation: {
+            "operationId": operation + suffix,
+            **each,
+            **({"parameters": robot | each.get("parameters", {})} if robot else {}),
+        }
+        for operation, each in found.items()
+        if operation + suffix in known
+    }
