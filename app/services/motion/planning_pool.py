@@ -226,6 +226,7 @@ class PlanningPool:
                     [*self._command, "--fd", str(theirs.fileno())],
                     stdin=subprocess.DEVNULL,
                     pass_fds=(theirs.fileno(),),
+                    start_new_session=True,  # that of the service comes before others: see `be`
                 )
             except OSError:
                 ours.close()
