@@ -50,12 +50,13 @@ def service(clock: str = "realtime", *, tokens: int = 0, tls: bool = False) -> I
 
 @contextlib.contextmanager
 def background(module: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """A Python module as a process of its own, until the context ends."""
+    """A Python module as a process and a session of its own, as the service's are, until the context ends."""
     process = subprocess.Popen(
         [sys.executable, "-m", module, *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,
+        start_new_session=True,
     )
     try:
         yield process

@@ -18,7 +18,7 @@ from cobot.logs.supervision import SupervisorLog
 
 FIRST_BACKOFF_S = 0.2
 QUICK = 3
-"""So many restarts in a row come after the first pause; then each pause is twice as long as the one before."""
+"""So many restarts in a row come after the first pause; then each pause is twice the one before."""
 MAX_BACKOFF_S = 5.0
 STEADY_S = 10.0
 """A process that has lived so long is trusted again: its next pause is the first one."""
