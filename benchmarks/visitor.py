@@ -64,6 +64,7 @@ def visitor() -> Iterator[Visitor]:
 
 def main() -> None:
     be(Niceness.PROMPT)
+    Client("http://localhost").close()  # what is loaded for the first one takes longer than a stop
     for line in sys.stdin:
         what, url = line.split()
         print(_stop(url) if what == "stop" else _answer_ms(url), flush=True)
