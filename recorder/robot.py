@@ -190,7 +190,8 @@ class RobotRecorder:
 
     def _heed(self, request: Answer, answer: Future[Answer]) -> None:
         try:
-            late_s = (time.monotonic_ns() - int(str(request.get("until_ns", time.monotonic_ns())))) * 1e-9
+            now_ns = time.monotonic_ns()
+            late_s = (now_ns - int(str(request.get("until_ns", now_ns)))) * 1e-9
             if late_s > 0.0:  # who has asked has been told so
                 raise UnavailableError(f"the recorder came {late_s:.1f} s too late to what it was asked for")
             match request["action"]:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from cobot.config import Settings
 from cobot.errors import CobotError, TornReadError, UnavailableError
@@ -92,7 +95,11 @@ class RecordingService:
             UnavailableError: it does not run, it hangs, or the disk refuses.
             ConflictError: there is a continuous recording already, or none to stop.
         """
-        until_ns = time.monotonic_ns() + round(SILENT_S * 1e9)
+        heard_ns = 0
+        with contextlib.suppress(TornReadError):
+            if (record := self._record()) is not None:
+                heard_ns = int(record["monotonic_ns"])
+        until_ns = (heard_ns or time.monotonic_ns()) + round(SILENT_S * 1e9)  # then nobody waits any more
         request: dict[str, Any] = {"robot": self._robot, "action": action, "seconds": seconds}
         asking = asyncio.create_task(ask(self._socket, {**request, "until_ns": until_ns}, timeout_s))
         try:
@@ -106,15 +113,28 @@ class RecordingService:
         finally:
             asking.cancel()
 
-    def status(self) -> RecorderStatus | None:
-        """None where nothing is recorded."""
+    def _record(self) -> np.ndarray | None:
+        """What the recorder says of itself; None where nothing is recorded.
+
+        Raises:
+            TornReadError: it cannot be read.
+        """
         try:
             if self._memory is None or not self._memory.path.exists():
                 self._memory = RecordingMemory.attach(self._robot, history=False)
-            record = self._memory.status.read()
+            return self._memory.status.read()
+        except TornReadError:
+            raise
+        except CobotError:
+            return None
+
+    def status(self) -> RecorderStatus | None:
+        """None where nothing is recorded."""
+        try:
+            record = self._record()
         except TornReadError as exc:
             return RecorderStatus(False, 0, "", 0, 0, 0, str(exc))
-        except CobotError:
+        if record is None or self._memory is None:
             return None
         heard_ns = int(record["monotonic_ns"]) if record["pid"] else self._memory.created_ns
         silent_s = (time.monotonic_ns() - heard_ns) * 1e-9
