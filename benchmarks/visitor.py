@@ -63,7 +63,7 @@ def visitor() -> Iterator[Visitor]:
 
 
 def main() -> None:
-    be(Niceness.PROMPT)
+    be(Niceness.PROMPT, session=True)
     Client("http://localhost").close()  # what is loaded for the first one takes longer than a stop
     for line in sys.stdin:
         what, url = line.split()

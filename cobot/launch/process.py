@@ -86,19 +86,20 @@ def in_words(main: Callable[[], int]) -> int:
         return 2
 
 
-def be(niceness: Niceness) -> None:
+def be(niceness: Niceness, *, session: bool = False) -> None:
     """Set this thread's niceness, and that of all that it starts.
 
-    Where Linux shares the processor among sessions first, as it does unless control groups say otherwise,
-    niceness counts only within a session (sched(7), the autogroup feature). So that what answers people comes
-    before other sessions too, the one that begins with this process gets the same; what takes the time that
-    nobody else wants still gets its session's share, or motions would not be planned beside a compiler.
-
     To go below one's own takes root or CAP_SYS_NICE, as SCHED_FIFO does; without it nothing changes.
+
+    Args:
+        session: the same among sessions, if one begins with this process. Where Linux shares the processor
+            among those first, as it does unless control groups say otherwise, niceness counts only within a
+            session (sched(7), the autogroup feature). For what waits most of the time: others get what it
+            leaves.
     """
     with contextlib.suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, niceness)
-    if niceness < Niceness.ORDINARY and os.getsid(0) == os.getpid():
+    if session and os.getsid(0) == os.getpid():
         with contextlib.suppress(OSError):  # not permitted, or there is no such feature
             AUTOGROUP.write_text(str(int(niceness)), encoding="ascii")
 

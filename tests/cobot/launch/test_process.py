@@ -14,17 +14,19 @@ SAYS = """
 import os
 from pathlib import Path
 from cobot.launch.process import AUTOGROUP, Niceness, be
-be(Niceness.{niceness})
+be(Niceness.{niceness}, session={session})
 print(os.nice(0), AUTOGROUP.read_text() if AUTOGROUP.exists() else "")
 """
 
 
-@pytest.mark.parametrize("own_session", [True, False])
+@pytest.mark.parametrize(("asked", "own_session"), [(True, True), (True, False), (False, True)])
 @pytest.mark.parametrize("niceness", list(Niceness))
-def test_what_answers_people_comes_before_other_sessions_too(niceness: Niceness, own_session: bool) -> None:
+def test_what_answers_people_comes_before_other_sessions_too(
+    niceness: Niceness, asked: bool, own_session: bool
+) -> None:
     """Only what root, or CAP_SYS_NICE, may have; and the session of somebody else is left alone."""
     done = subprocess.run(
-        [sys.executable, "-c", SAYS.format(niceness=niceness.name)],
+        [sys.executable, "-c", SAYS.format(niceness=niceness.name, session=asked)],
         stdout=subprocess.PIPE,
         text=True,
         check=True,
@@ -35,5 +37,5 @@ def test_what_answers_people_comes_before_other_sessions_too(niceness: Niceness,
     assert permitted or (int(mine) == os.nice(0) > niceness)
     if AUTOGROUP.exists() and session:
         of_others = AUTOGROUP.read_text(encoding="ascii").split()[-1]
-        expected = niceness if permitted and niceness < 0 else 0
+        expected = niceness if permitted and asked else 0
         assert int(session.split()[-1]) == (expected if own_session else int(of_others))
