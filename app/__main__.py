@@ -22,6 +22,6 @@ def start() -> int:
 if __name__ == "__main__":
     die_with_parent(signal.SIGTERM)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)  # until the service can read its configuration again
-    be(Niceness.PROMPT)
+    be(Niceness.PROMPT, session=True)
     gc.disable()  # until all is there that stays: see `app.lifetime`
     sys.exit(in_words(start))

@@ -8,6 +8,8 @@ import sys
 import uvicorn
 from fastapi import FastAPI, WebSocket, WebSocketDisconnect
 
+from cobot.launch.process import Niceness, be
+
 PAYLOAD = {
     "name": [f"joint{n}" for n in range(1, 8)],
     "position": [-0.00012345678901234, 0.5123456789012345, 0.0, -1.570123456789012, 0.0, 1.57, 0.0],
@@ -38,6 +40,7 @@ async def echo(socket: WebSocket) -> None:
 
 
 if __name__ == "__main__":
+    be(Niceness.PROMPT, session=True)  # as the service is
     listening = socket.create_server(("127.0.0.1", 0))
     folder = sys.argv[1] if sys.argv[1:] else None  # of a certificate
     print(f"http{'s' if folder else ''}://127.0.0.1:{listening.getsockname()[1]}", flush=True)

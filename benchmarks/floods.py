@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import resource
 import signal
-import ssl
 import subprocess
 import sys
 import time
@@ -15,24 +14,18 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
-import httpx
 from floods import FLOODS, HANDSHAKES, STOPS, flooding
 from running import Run
 
 from benchmarks.service import reader, service
 from benchmarks.table import Row, percentiles, row
+from benchmarks.visitor import visitor
 from benchmarks.web import address, motion, until_cruising
 from cobot.client import Client
 from cobot.ipc.shm import RobotMemory
-from cobot.launch.process import Niceness, be
 
-TOO_LATE_S = 1.0
-"""An answer that takes longer, or does not come, counts as this."""
 FLOOR_BYTES = 2 * 2**30
 """A bare server may take so much memory: without a limit an endless header would take all there is."""
-UNVERIFIED = ssl.create_default_context()
-"""Made once: it takes longer than an answer."""
-UNVERIFIED.check_hostname, UNVERIFIED.verify_mode = False, ssl.CERT_NONE
 RISES_S = 0.5
 """So long a flood goes on before each stop."""
 
@@ -73,26 +66,21 @@ def _row(what: str, kind: str, delays: list[float], floor: list[float]) -> Row:
 def _stops(
     run: Run, memory: RobotMemory, repetitions: int, flood: subprocess.Popen[str] | None = None
 ) -> list[float]:
-    """ms, each stop with a connection of its own, like somebody who comes to stop the arm. The flood rests
-    while a motion is planned, for which it would leave no processor.
-    """
+    """ms. The flood rests while a motion is planned, for which it would leave no processor."""
     delays = []
-    for _ in range(repetitions):
-        with Client(run.url, motion_timeout_s=60.0) as mover:  # one that is idle is closed in a crowd
-            mover.move_named("home", speed=1.0)
-            with motion(mover, "work", speed=0.05):
-                until_cruising(memory)
-                if flood is not None:
-                    flood.send_signal(signal.SIGCONT)
-                    time.sleep(RISES_S)
-                be(Niceness.PROMPT)  # stands for another computer
-                begun_ns = time.monotonic_ns()
-                with Client(run.url) as stopper:
-                    stopper.stop()
-                be(Niceness.ORDINARY)
-                if flood is not None:
-                    flood.send_signal(signal.SIGSTOP)
-                delays.append((int(memory.state.read()["deceleration_monotonic_ns"]) - begun_ns) / 1e6)
+    with visitor() as somebody:
+        for _ in range(repetitions):
+            with Client(run.url, motion_timeout_s=60.0) as mover:  # one that is idle is closed in a crowd
+                mover.move_named("home", speed=1.0)
+                with motion(mover, "work", speed=0.05):
+                    until_cruising(memory)
+                    if flood is not None:
+                        flood.send_signal(signal.SIGCONT)
+                        time.sleep(RISES_S)
+                    begun_ns = somebody.stop(run.url)
+                    if flood is not None:
+                        flood.send_signal(signal.SIGSTOP)
+                    delays.append((int(memory.state.read()["deceleration_monotonic_ns"]) - begun_ns) / 1e6)
     return delays
 
 
@@ -101,7 +89,12 @@ def _floor(kind: str, repetitions: int, certificate: Path | None = None) -> list
     command = [sys.executable, "-m", "benchmarks.bare", *([str(certificate)] if certificate else [])]
     limited: Callable[[], None] = partial(resource.setrlimit, resource.RLIMIT_AS, (FLOOR_BYTES, FLOOR_BYTES))
     bare = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, preexec_fn=limited
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        preexec_fn=limited,
+        start_new_session=True,
     )
     try:
         return _answers(address(bare), kind, min(repetitions, 20))
@@ -112,18 +105,6 @@ def _floor(kind: str, repetitions: int, certificate: Path | None = None) -> list
 
 def _answers(url: str, kind: str, repetitions: int) -> list[float]:
     """ms, each of a connection of its own."""
-    with flooding(url, kind):
+    with visitor() as somebody, flooding(url, kind):
         time.sleep(RISES_S)
-        return [_answer_ms(url) for _ in range(repetitions)]
-
-
-def _answer_ms(url: str) -> float:
-    begun_s = time.monotonic()
-    be(Niceness.PROMPT)
-    try:
-        httpx.post(f"{url}/stop", timeout=TOO_LATE_S, verify=UNVERIFIED).raise_for_status()
-    except httpx.HTTPError:
-        return 1e3 * TOO_LATE_S
-    finally:
-        be(Niceness.ORDINARY)
-    return 1e3 * min(time.monotonic() - begun_s, TOO_LATE_S)
+        return [somebody.answer_ms(url) for _ in range(repetitions)]

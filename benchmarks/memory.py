@@ -1,7 +1,9 @@
 """The memory of a service that has been used, before and after each flood and each attack.
 
 Used: it has had ordinary traffic and all of these once. What is imported, cached and kept for the next time
-at the first use would count as growth for ever.
+at the first use would count as growth for ever; that it is no more than that is seen by what the same adds at
+its second time, each compared with what there was just before it, and all of them at the end with what there
+was before the first. The service has 256 descriptors.
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ def memory(lasts_s: float) -> Iterator[Row]:
     Args:
         lasts_s: so long a flood goes on, and for so long an attack is repeated.
     """
-    with service() as run:
+    with service(narrow=True) as run:
         process = run.child("app")
         assert process is not None
         _ordinary(run)
@@ -43,23 +45,25 @@ def memory(lasts_s: float) -> Iterator[Row]:
         time.sleep(PAUSE_S)
         before = process.memory_info().rss
         for kind in (*FLOODS, *ATTACKS):
+            begun = process.memory_info().rss
             during = _during(run, process, kind, lasts_s)
             calm_s = time.monotonic() + PAUSE_S
-            while (after := process.memory_info().rss) > BACK * before and time.monotonic() < calm_s:
+            while (after := process.memory_info().rss) > BACK * begun and time.monotonic() < calm_s:
                 time.sleep(1.0)
             assert run.child("app") == process, "the service has died"
-            yield _row(f"memory of a used service, {kind}", during, after, before)
+            yield _row(f"memory of a used service, {kind}", during, after, begun, "just before it")
         _ordinary(run)
         time.sleep(PAUSE_S)
-        yield _row("memory of a used service, at the end", during, process.memory_info().rss, before)
+        after = process.memory_info().rss
+        yield _row("memory of a used service, at the end", during, after, before, "before them all")
 
 
-def _row(name: str, during: float, after: float, before: float) -> Row:
+def _row(name: str, during: float, after: float, before: float, when: str) -> Row:
     return row(
         name,
         "MB",
         (during / 1e6, after / 1e6),
-        "before them all",
+        when,
         (before / 1e6, before / 1e6),
         columns=("during", "after"),
         ratio_of="after",

@@ -20,12 +20,20 @@ from cobot.client.tls import tls_context
 from cobot.ipc.shm import MemoryRole, RobotMemory
 
 
+class _Narrow(Run):
+    def command(self) -> list[str]:
+        return ["sh", "-c", 'ulimit -n 256; exec "$@"', "sh", *super().command()]
+
+
 @contextlib.contextmanager
-def service(clock: str = "realtime", *, tokens: int = 0, tls: bool = False) -> Iterator[Run]:
+def service(
+    clock: str = "realtime", *, tokens: int = 0, tls: bool = False, narrow: bool = False
+) -> Iterator[Run]:
     """`cobot run` on a free port with a robot of its own, until the context ends.
 
     Args:
         tokens: so many there are; with any it asks for one, and its own requests show it.
+        narrow: its processes may have 256 descriptors each.
         tls: with the certificate service.pem beside its settings.
     """
     with tempfile.TemporaryDirectory(prefix="cobot-bench-") as folder:
@@ -40,7 +48,7 @@ def service(clock: str = "realtime", *, tokens: int = 0, tls: bool = False) -> I
             trusted = certificate(Path(folder), "service")
             web += f", tls_certificate: {trusted.name}, tls_key: service.key"
             asking["verify"] = tls_context(trusted)
-        run = Run(Path(folder), clock, web=web, asking=asking)
+        run = (_Narrow if narrow else Run)(Path(folder), clock, web=web, asking=asking)
         try:
             run.until(run.healthy)
             yield run
@@ -50,12 +58,13 @@ def service(clock: str = "realtime", *, tokens: int = 0, tls: bool = False) -> I
 
 @contextlib.contextmanager
 def background(module: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """A Python module as a process of its own, until the context ends."""
+    """A Python module as a process and a session of its own, as the service's are, until the context ends."""
     process = subprocess.Popen(
         [sys.executable, "-m", module, *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,
+        start_new_session=True,
     )
     try:
         yield process

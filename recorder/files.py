@@ -134,6 +134,10 @@ class RecordingFile:
             return last
         return last
 
+    def sync(self) -> None:
+        """Have the disk take what there is: the whole at once might take longer than a sign of life."""
+        os.fdatasync(self._file.fileno())
+
     def finish(self) -> None:
         """Give the file its name: whoever sees it sees it whole, also after a power cut."""
         cast(Any, self._writer).finish()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import contextlib
 import json
 import logging
 import signal
@@ -18,6 +17,9 @@ from cobot.ipc.recording_memory import RecordingMemory
 from cobot.logs import start_logging
 from cobot.recording.control import LINE_BYTES, refusal, socket_path
 from recorder.robot import RobotRecorder
+
+LAST_ANSWERS_S = 0.5
+"""At the end so long for answers to be read."""
 
 log = logging.getLogger("cobot.recorder")
 
@@ -47,26 +49,42 @@ async def _serve(settings: Settings, robots: Mapping[str, RobotRecorder]) -> Non
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, ended.set)
 
-    async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        with contextlib.suppress(OSError, ValueError):  # who asked has gone, or is none of ours
-            try:
-                request = json.loads(await reader.readline())
-                answered = await _answer(robots, request)
-                writer.write(json.dumps(answered).encode() + b"\n")
-                await writer.drain()
-            finally:
-                writer.close()
+    answering: set[asyncio.Task[None]] = set()
+
+    def connected(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.create_task(_converse(robots, reader, writer))
+        answering.add(task)
+        task.add_done_callback(answering.discard)
 
     path = socket_path(settings.robot.name)
     path.unlink(missing_ok=True)  # of one that was killed
-    server = await asyncio.start_unix_server(answer, path, limit=LINE_BYTES)
+    server = await asyncio.start_unix_server(connected, path, limit=LINE_BYTES)
     for robot in robots.values():
         robot.start()
     await ended.wait()
     server.close()
     path.unlink(missing_ok=True)
     for robot in robots.values():
-        robot.close()
+        robot.close()  # after which all that was asked for is answered
+    if answering:
+        await asyncio.wait(answering, timeout=LAST_ANSWERS_S)
+    for task in answering:  # of who has not asked yet, or does not read
+        task.cancel()
+    await asyncio.gather(*answering, return_exceptions=True)
+
+
+async def _converse(
+    robots: Mapping[str, RobotRecorder], reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+) -> None:
+    """One request and its answer."""
+    try:
+        answered = await _answer(robots, json.loads(await reader.readline()))
+        writer.write(json.dumps(answered).encode() + b"\n")
+        await writer.drain()
+    except (OSError, ValueError):
+        pass  # who asked has gone, or is none of ours
+    finally:
+        writer.close()
 
 
 async def _answer(robots: Mapping[str, RobotRecorder], request: dict[str, Any]) -> dict[str, Any]:

@@ -190,6 +190,10 @@ class RobotRecorder:
 
     def _heed(self, request: Answer, answer: Future[Answer]) -> None:
         try:
+            now_ns = time.monotonic_ns()
+            late_s = (now_ns - int(str(request.get("until_ns", now_ns)))) * 1e-9
+            if late_s > 0.0:  # who has asked has been told so
+                raise UnavailableError(f"the recorder came {late_s:.1f} s too late to what it was asked for")
             match request["action"]:
                 case "dump":
                     self._dump(request, answer)
@@ -260,7 +264,9 @@ class RobotRecorder:
             while writing.write(self._history, self._memory.notes, BATCH) and to_the_end:
                 pass
             self._status["lost"] += writing.take_lost()
-            if writing.has_grown() and self._store.make_room(0) > self._store.max_bytes:
+            if grown := writing.has_grown():
+                writing.file.sync()
+            if grown and self._store.make_room(0) > self._store.max_bytes:
                 raise OSError(f"recording.max_mb: {self._store.max_bytes} bytes are taken by what is written")
             if writing.last is None:
                 if writing.file.size > self._store.max_bytes // PARTS:

@@ -19,7 +19,7 @@ LAST_WORDS = "--last-words"
 
 if __name__ == "__main__":
     die_with_parent(signal.SIGTERM)
-    be(Niceness.PROMPT)
+    be(Niceness.PROMPT, session=True)
     gc.disable()  # until all is there that stays: see `ros2.process`
     if LAST_WORDS in sys.argv[:-1]:
         from ros2.rtps import LastWords

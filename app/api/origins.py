@@ -99,9 +99,11 @@ class Origins:
 
 
 def _same(origin: bytes, host: bytes, secure: bool) -> bool:
-    """Whether a page of this origin came from this host. A proxy may have added TLS, none takes it away."""
-    scheme, separator, netloc = origin.decode("latin-1").lower().partition("://")
-    if not separator or scheme not in USUAL_PORTS or (secure and scheme != "https"):
+    """Whether a page of this origin came from this host, by the scheme that is served here: what a proxy has
+    added is not seen, so where it adds TLS `allowed_origins` has to name what the pages come from then.
+    """
+    scheme, _, netloc = origin.decode("latin-1").lower().partition("://")
+    if scheme != ("https" if secure else "http"):
         return False
     usual = USUAL_PORTS[scheme]
     return netloc.removesuffix(usual) == host.decode("latin-1").lower().removesuffix(usual)

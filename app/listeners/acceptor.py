@@ -14,6 +14,7 @@ from collections.abc import Callable
 from typing import Any
 
 from app.listeners.crowd import Crowd, Visit
+from app.listeners.refusals import RECEIVE_BYTES, turn_away
 from cobot.config import ConnectionLimits
 
 BACKLOG = 1024
@@ -38,8 +39,6 @@ UNREAD_S = 10.0
 """A connection whose client reads nothing for so long is closed."""
 TCP_CLOSE, TCP_CLOSE_WAIT = 7, 8
 """States of a connection as Linux numbers them, in the first byte of its TCP_INFO."""
-RECEIVE_BYTES = 65536
-"""What the kernel keeps of a connection until it is read, which it is whole."""
 
 log = logging.getLogger("cobot.service")
 
@@ -125,8 +124,17 @@ class Acceptor:
 
     def _greet(self, connection: socket.socket, address: str) -> None:
         task: asyncio.Task[None]
-        visit = self._crowd.enter(address, lambda: task.cancel(), self._loop.time())
+
+        def close() -> None:
+            """For a newcomer, before the protocol has it. Without a handshake TLS can say nothing."""
+            if not self._tls:
+                turn_away(connection)
+            task.cancel()
+
+        visit = self._crowd.enter(address, close, self._loop.time())
         if visit is None:
+            if not self._tls:
+                turn_away(connection)
             connection.close()
             return
         task = self._loop.create_task(self._connect(connection, visit))

@@ -8,8 +8,9 @@ packet cost no other connection more than a slice. What is refused here is answe
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import functools
-import json
+import os
 import re
 from asyncio import BaseTransport, Transport
 from collections.abc import Callable
@@ -19,10 +20,11 @@ from typing import Any, cast
 import httptools
 from uvicorn._types import ASGI3Application
 from uvicorn.protocols.http.flow_control import FlowControl
-from uvicorn.protocols.http.httptools_impl import STATUS_LINE, HttpToolsProtocol, RequestResponseCycle
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResponseCycle
 
 from app.api.dependencies import BEGUN_S
 from app.listeners.crowd import Crowd, Doing, Visit
+from app.listeners.refusals import CROWDED, RECEIVE_BYTES, refusal
 from app.listeners.turns import Turns
 from app.listeners.websocket import StreamProtocol, keep_nothing_unsent
 from cobot.clock import SYSTEM
@@ -177,12 +179,10 @@ class HttpProtocol(HttpToolsProtocol):
 
     def _make_room(self) -> None:
         """For a newcomer. Who may have asked for something is told; who reads nothing is not waited for."""
-        if self._visit.doing is Doing.IDLE or self.transport.get_write_buffer_size():
+        if self.transport.get_write_buffer_size():
             self.transport.abort()
         else:
-            self._refuse(
-                503, "too many connections are open, and this had to make room: try again", BusyError.code
-            )
+            self._answer_last(CROWDED)
 
     def _wait(self) -> None:
         """For a turn, unless it waits for one already."""
@@ -326,6 +326,14 @@ class HttpProtocol(HttpToolsProtocol):
             self._wait()
         self._note()
 
+    def timeout_keep_alive_handler(self) -> None:
+        """A request may be on its way: then this is its answer."""
+        idle = (
+            f"nothing was asked for {self._limits.idle_timeout_s:g} s (web.limits.idle_timeout_s): ask again"
+        )
+        if not self.transport.is_closing():
+            self._refuse(503, idle, BusyError.code)
+
     def shutdown(self) -> None:
         """What has no end has been ended; one that reads nothing of it is not waited for."""
         super().shutdown()
@@ -370,7 +378,7 @@ class HttpProtocol(HttpToolsProtocol):
         limits = self._limits
         if self.flow.read_paused or self._unread:  # not for the client's being slow
             self._visit.deadline_s = self.loop.time() + limits.body_timeout_s
-        elif self._answered or not (self._in_body or self._silent):
+        elif self._answered:
             self.transport.abort()
         elif self._in_body:
             slowest = f"web.limits: {limits.body_timeout_s:g} s, and {limits.body_bytes_per_s} bytes a second"
@@ -390,14 +398,16 @@ class HttpProtocol(HttpToolsProtocol):
 
     def _refuse(self, status: int, detail: str, code: str) -> None:
         """Answer, unless an answer is under way, and close."""
+        self._answer_last(refusal(status, detail, code))
+
+    def _answer_last(self, answer: bytes) -> None:
         answering = (
             self.cycle is not None and self.cycle.response_started and not self.cycle.response_complete
         )
         if answering or self.pipeline:
             self.transport.abort()
             return
-        body = json.dumps({"detail": detail, "code": code}).encode()
-        kind = b"content-type: application/json\r\nconnection: close\r\n"
-        length = b"content-length: %d\r\n\r\n" % len(body)
-        self.transport.write(STATUS_LINE[status] + kind + length + body)
+        self.transport.write(answer)
+        with contextlib.suppress(OSError):  # or a client would find a reset in place of the answer
+            os.read(self.transport.get_extra_info("socket").fileno(), RECEIVE_BYTES)
         self.transport.close()

@@ -14,6 +14,10 @@ from cobot.errors import BY_CODE, CobotError, UnavailableError
 from cobot.launch.running_config import RunningConfig
 
 LINE_BYTES = 1 << 20
+SILENT_S = 3.0
+"""Nobody waits for a recorder that has shown no sign of life for so long."""
+HANG_S = 6.0
+"""After so long `cobot run` ends it and starts another one, which finds all cycles in shared memory still."""
 
 
 def socket_path(default_robot: str) -> Path:

@@ -214,7 +214,7 @@ def test_the_vendor_services_of_a_program_move_on_its_behalf(http: httpx.Client)
     ],
 )
 def test_stop_ends_a_program_whatever_it_does(http: httpx.Client, source: str) -> None:
-    """The two seconds are the issue's figure for stops."""
+    """A stop shall take two seconds at the most."""
 
     def stopping_s() -> float:
         word = f"begun-{unique_name()}"

@@ -116,7 +116,7 @@ def test_a_killed_runner_is_reported_and_the_arm_stops(http: httpx.Client) -> No
 
 
 def test_a_runner_that_hangs_is_ended_by_stop(http: httpx.Client) -> None:
-    """SIGSTOP: the process takes no SIGTERM any more. The two seconds are the issue's figure."""
+    """SIGSTOP: the process takes no SIGTERM any more. A stop shall take two seconds at the most."""
 
     def stopping_s() -> float:
         pid = start(http, LONG).json()["pid"]

@@ -13,6 +13,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import httpx
 import numpy as np
@@ -290,6 +291,9 @@ def test_a_recording_goes_on_without_a_missing_cycle_when_recorder_and_rtloop_ar
         names: list[str] = answer.json()["names"]
         return names
 
+    def asked_health() -> dict[str, Any]:
+        return httpx.get(f"{run.url}/health", timeout=WAIT_S).json()  # type: ignore[no-any-return]
+
     run.until(lambda: recorder().get("alive"))
     (started,) = asked("start")
     for module in ("recorder", "rtloop", "recorder"):
@@ -302,11 +306,16 @@ def test_a_recording_goes_on_without_a_missing_cycle_when_recorder_and_rtloop_ar
         run.until(lambda old=old: recorder().get("alive") and recorder().get("pid") != old.pid)
     old = run.child("recorder")
     assert old is not None
+    lost = recorder()["lost"]  # by fast motions of other tests
     old.suspend()
-    run.until(lambda: not recorder().get("alive"))
+    silent = f"the recorder (pid {old.pid}) has been silent for"
+    refused = httpx.post(f"{run.url}/recordings", json={"action": "dump"}, timeout=WAIT_S)
+    assert refused.status_code == 503, refused.text
+    assert silent in refused.json()["detail"]
+    assert any(silent in problem for problem in asked_health()["problems"])  # long before it is replaced
     run.go_home()  # the arm does not need it
-    old.resume()
-    run.until(lambda: recorder().get("alive"))
+    run.until(lambda: recorder().get("alive") and recorder().get("pid") != old.pid)
+    assert recorder()["lost"] == lost
     names = asked("stop")
     numbers = []
     for name in names:

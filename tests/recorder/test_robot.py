@@ -8,6 +8,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import time
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -299,6 +300,16 @@ def test_what_cannot_be_put_into_words_keeps_nobody_waiting(
             ask(recorder, "dump", seconds=1.0)
         assert list(cycles.folder.iterdir()) == []
     assert ask(recorder, "dump", seconds=1.0)
+
+
+def test_what_was_asked_for_too_long_ago_is_not_done(cycles: Cycles) -> None:
+    """Who asked a recorder that stood still has been told that it did, and asks again."""
+    recorder = cycles.recorder()
+    cycles.write(1500)
+    with pytest.raises(UnavailableError, match=r"the recorder came .* too late"):
+        ask(recorder, "start", until_ns=time.monotonic_ns())
+    assert not recorder._status["recording"]
+    assert ask(recorder, "start", until_ns=time.monotonic_ns() + 10**12)
 
 
 def look_again(recorder: RobotRecorder) -> None:

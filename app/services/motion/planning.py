@@ -105,15 +105,19 @@ class PlanningService:
 
         A function whose worker has been lost is given to another one: it has moved nothing.
 
+        Args:
+            timeout_s: for all of it: until a worker is free, its work, and once more what has to be.
+
         Raises:
             PlanningTimeout: the worker did not finish in time.
             PlanningError: the workers that had it have ended.
             UnavailableError: no worker can be started, or none was free in this time.
             CobotError: what the function raises.
         """
+        asked_s = asyncio.get_running_loop().time()
         while True:
             scene, tool = self.scene, self.tool
-            found = await self._computed(self.placed(work), timeout_s)
+            found = await self._computed(self.placed(work), timeout_s, asked_s)
             if scene is self.scene and tool is self.tool:
                 return found
             log.info("the scene or the tool has changed meanwhile: what was planned is planned again")
@@ -124,13 +128,15 @@ class PlanningService:
             return work
         return partial(in_scene, scene=self.scene, tool=self.tool, work=work)
 
-    async def _computed(self, work: Callable[[RobotDescription], Result], timeout_s: float) -> Result:
+    async def _computed(
+        self, work: Callable[[RobotDescription], Result], timeout_s: float, asked_s: float
+    ) -> Result:
         for left in reversed(range(ATTEMPTS)):
             try:
-                return cast(Result, await self._pool.run(work, timeout_s))
+                return cast(Result, await self._pool.run(work, timeout_s, asked_s))
             except TimeoutError as exc:
                 raise PlanningTimeout.after(
-                    timeout_s, f"planning took longer than {timeout_s:.0f} s and was given up"
+                    timeout_s, f"planning took longer than {timeout_s:.1f} s and was given up; {exc}"
                 ) from exc
             except MemoryError as exc:
                 raise PlanningError("the planning process has no memory left for this motion") from exc

@@ -100,30 +100,38 @@ class PlanningPool:
         if not self._keepers:
             self._keepers = [asyncio.create_task(self._keep()) for _ in range(self.size)]
 
-    async def run(self, task: Task, timeout_s: float | None) -> Any:
+    async def run(self, task: Task, timeout_s: float, asked_s: float | None = None) -> Any:
         """What a worker makes of a task; raises what the task raises. Cancelling this kills the worker.
 
+        Args:
+            asked_s: when the time began, on the event loop's clock; None: now.
+
         Raises:
-            TimeoutError: not done in this time from when a worker has it.
+            TimeoutError: not done in this time, with how much of it went by before a worker was free.
             WorkerLost: the worker has ended, or is stopped.
             UnavailableError: no worker can be started, or none was free in this time.
         """
+        loop = asyncio.get_running_loop()
+        asked_s = loop.time() if asked_s is None else asked_s
         self.start()
         packed = await asyncio.to_thread(message, task)
         try:
-            async with asyncio.timeout(timeout_s):
+            async with asyncio.timeout_at(asked_s + timeout_s):
                 worker = await self._free()
         except TimeoutError:
             has = f"all {self.usable} have other tasks" if self.usable else "they have not started yet"
             raise UnavailableError(f"no planning process was free within {timeout_s:g} s: {has}") from None
-        worker.answer = asyncio.get_running_loop().create_future()
+        waited_s = loop.time() - asked_s
+        worker.answer = loop.create_future()
         try:
-            async with asyncio.timeout(timeout_s):
+            async with asyncio.timeout_at(asked_s + timeout_s):
                 worker.writer.write(packed)
                 succeeded, found = await self._answer(worker)
         except BaseException as exc:
             worker.dismissed = not isinstance(exc, WorkerLost)
             worker.end()
+            if isinstance(exc, TimeoutError):
+                raise TimeoutError(f"{waited_s:.1f} s of it went by until a process was free") from None
             raise
         finally:
             worker.answer = None
@@ -218,6 +226,7 @@ class PlanningPool:
                     [*self._command, "--fd", str(theirs.fileno())],
                     stdin=subprocess.DEVNULL,
                     pass_fds=(theirs.fileno(),),
+                    start_new_session=True,  # that of the service comes before others: see `be`
                 )
             except OSError:
                 ours.close()

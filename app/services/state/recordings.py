@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cobot.config import Settings
-from cobot.errors import CobotError, TornReadError
+from cobot.errors import CobotError, TornReadError, UnavailableError
 from cobot.ipc.layout import text
 from cobot.ipc.recording_memory import RecordingMemory
-from cobot.recording.control import ask, socket_path
+from cobot.recording.control import HANG_S, SILENT_S, ask, socket_path
 from cobot.recording.store import Recording, RecordingStore
 
-SILENT_S = 30.0
-"""A recorder that is not heard of for so long is a problem; one that has died is there again much sooner."""
+START_S = 30.0
+"""The first recorder of a `cobot run` may be silent for so long: it has yet to begin."""
+LOOK_S = 0.2
+"""So often it is looked whether the recorder lives that is waited for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,29 +92,58 @@ class RecordingService:
             The names of the files; of one that has been started, what they will begin with.
 
         Raises:
-            UnavailableError: it does not run, or the disk refuses.
+            UnavailableError: it does not run, it hangs, or the disk refuses.
             ConflictError: there is a continuous recording already, or none to stop.
         """
+        heard_ns = 0
+        with contextlib.suppress(TornReadError):
+            if (record := self._record()) is not None:
+                heard_ns = int(record["monotonic_ns"])
+        until_ns = (heard_ns or time.monotonic_ns()) + round(SILENT_S * 1e9)  # then nobody waits any more
         request: dict[str, Any] = {"robot": self._robot, "action": action, "seconds": seconds}
-        return list((await ask(self._socket, request, timeout_s))["names"])
+        asking = asyncio.create_task(ask(self._socket, {**request, "until_ns": until_ns}, timeout_s))
+        try:
+            while not (await asyncio.wait({asking}, timeout=LOOK_S))[0]:
+                status = self.status()
+                if status is not None and status.pid and not status.alive:
+                    raise UnavailableError(
+                        f"{status.problem}: after {HANG_S:g} s cobot run starts another one; ask again"
+                    )
+            return list(asking.result()["names"])
+        finally:
+            asking.cancel()
+
+    def _record(self) -> np.ndarray | None:
+        """What the recorder says of itself; None where nothing is recorded.
+
+        Raises:
+            TornReadError: it cannot be read.
+        """
+        try:
+            if self._memory is None or not self._memory.path.exists():
+                self._memory = RecordingMemory.attach(self._robot, history=False)
+            return self._memory.status.read()
+        except TornReadError:
+            raise
+        except CobotError:
+            return None
 
     def status(self) -> RecorderStatus | None:
         """None where nothing is recorded."""
         try:
-            if self._memory is None or not self._memory.path.exists():
-                self._memory = RecordingMemory.attach(self._robot, history=False)
-            record = self._memory.status.read()
+            record = self._record()
         except TornReadError as exc:
             return RecorderStatus(False, 0, "", 0, 0, 0, str(exc))
-        except CobotError:
+        if record is None or self._memory is None:
             return None
         heard_ns = int(record["monotonic_ns"]) if record["pid"] else self._memory.created_ns
         silent_s = (time.monotonic_ns() - heard_ns) * 1e-9
         problem = text(record["problem"])
-        if silent_s > SILENT_S:
+        alive = bool(record["pid"]) and silent_s < SILENT_S
+        if not alive and (record["pid"] or silent_s > START_S):
             problem = f"the recorder (pid {record['pid']}) has been silent for {silent_s:.0f} s"
         return RecorderStatus(
-            alive=bool(record["pid"]) and silent_s < 2.0,
+            alive=alive,
             pid=int(record["pid"]),
             recording=text(record["name"]) if record["recording"] else "",
             lost=int(record["lost"]),

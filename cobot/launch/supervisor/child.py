@@ -17,6 +17,8 @@ from cobot.logs.process import SUPERVISED
 from cobot.logs.supervision import SupervisorLog
 
 FIRST_BACKOFF_S = 0.2
+QUICK = 3
+"""So many restarts in a row come after the first pause; then each pause is twice the one before."""
 MAX_BACKOFF_S = 5.0
 STEADY_S = 10.0
 """A process that has lived so long is trusted again: its next pause is the first one."""
@@ -30,6 +32,7 @@ class Child:
 
     Attributes:
         blank: a process that is there already, for the first start.
+        failures: how often it has died, or could not be started, since it was trusted last.
     """
 
     name: str
@@ -40,7 +43,7 @@ class Child:
     blank: Forked | None = None
     process: subprocess.Popen[bytes] | Forked | None = None
     started_s: float = 0.0
-    backoff_s: float = FIRST_BACKOFF_S
+    failures: int = 0
     restart_at_s: float = 0.0
     restarts: int = 0
     line: str = ""
@@ -93,6 +96,12 @@ class Child:
     def state(self) -> ProcessState:
         return ProcessState(self.process.pid if self.process is not None else 0, self.restarts)
 
+    @property
+    def backoff_s(self) -> float:
+        """The pause before the next start."""
+        longer = min(max(0, self.failures - QUICK), 16)
+        return min(FIRST_BACKOFF_S * 2.0**longer, MAX_BACKOFF_S)
+
     def ask_to_end(self) -> None:
         if self.process is not None:
             self.process.terminate()
@@ -120,8 +129,9 @@ class Child:
         now_s = time.monotonic()
         if status is None:
             if now_s - self.started_s > STEADY_S:
-                self.backoff_s = FIRST_BACKOFF_S
+                self.failures = 0
         elif self.restart_at_s <= self.started_s:  # its death is news
+            self.failures += status != 0
             self.restart_at_s = now_s + self.backoff_s
             self._tell_end(self.process.pid, status)
         elif now_s >= self.restart_at_s:
@@ -133,7 +143,6 @@ class Child:
             return
         cause = signal.Signals(-status).name if status < 0 else f"status {status}"
         log.error("%s (pid %d) ended: %s; restart in %.1f s", self.name, pid, cause, self.backoff_s)
-        self._wait_longer()
 
     def _try_again(self, now_s: float) -> None:
         try:
@@ -141,9 +150,6 @@ class Child:
             self.restarts += 1
         except (OSError, RuntimeError) as exc:  # RuntimeError: of a thread that cannot be started
             cause = exhausted(exc) or exc
+            self.failures += 1
             log.error("%s cannot be started: %s; next attempt in %.1f s", self.name, cause, self.backoff_s)
             self.restart_at_s = now_s + self.backoff_s
-            self._wait_longer()
-
-    def _wait_longer(self) -> None:
-        self.backoff_s = min(2.0 * self.backoff_s, MAX_BACKOFF_S)

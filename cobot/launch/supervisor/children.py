@@ -14,7 +14,7 @@ from cobot.launch.process import RUN_MODULE
 from cobot.launch.supervisor.child import Child
 from cobot.logs.supervision import SupervisorLog
 
-SERVICE = "service"
+SERVICE, RECORDER = "service", "recorder"
 
 
 class Children:
@@ -40,7 +40,7 @@ class Children:
         return Child(name, command, self._log)
 
     def recorder(self) -> Child:
-        return Child("recorder", [*RUN_MODULE, "recorder", *self._config], self._log)
+        return Child(RECORDER, [*RUN_MODULE, "recorder", *self._config], self._log)
 
     def service(self, listener: socket.socket) -> Child:
         """The web service; it takes connections from this socket."""

@@ -7,6 +7,7 @@ import signal
 import time
 from collections.abc import Iterable
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 from cobot.access.tls import check_certificate
@@ -14,18 +15,20 @@ from cobot.addresses import address
 from cobot.config import DEFAULT_SETTINGS, Settings, load_endpoints, resolve
 from cobot.errors import UnavailableError
 from cobot.ipc.recording_memory import RecordingMemory
+from cobot.ipc.seqlock import Block
 from cobot.ipc.shm import RobotMemory
 from cobot.launch.process import has_terminal
 from cobot.launch.running_config import ProcessState, RunningConfig
 from cobot.launch.supervisor.announcement import announce
 from cobot.launch.supervisor.child import Child
-from cobot.launch.supervisor.children import SERVICE, Children
+from cobot.launch.supervisor.children import RECORDER, SERVICE, Children
 from cobot.launch.supervisor.forked import Forked
 from cobot.launch.supervisor.heartbeat import HeartbeatWatch
 from cobot.launch.supervisor.listening import access_to, listen, url_of
 from cobot.launch.supervisor.signals import Signals
 from cobot.launch.supervisor.systemd import Systemd
 from cobot.logs.supervision import supervising
+from cobot.recording.control import HANG_S
 from cobot.robot.description import load_robot
 
 READY_TIMEOUT_S = 20.0
@@ -57,6 +60,7 @@ class Supervisor:
         self._systemd = Systemd()
         self._signals = Signals()
         self._in_terminal = has_terminal()
+        self._recordings: list[RecordingMemory] = []
 
     def run(self) -> int:
         """Start everything, watch over it, stop everything.
@@ -117,12 +121,7 @@ class Supervisor:
         # For these robots the service has to begin before all is ready.
         served = list(memories.values()) if url else []
         known: dict[str, ProcessState] = {}
-        service = next((child for child in children if child.name == SERVICE), None)
-        heartbeat = HeartbeatWatch(
-            SERVICE,
-            lambda: sum(int(memory.heartbeat.sequence) for memory in memories.values()),
-            self._settings.web.hang_to_restart_s,
-        )
+        watches = self._watches(memories)
         while not self._signals.stopping:
             if self._signals.hangup:
                 self._signals.hangup = False
@@ -130,8 +129,8 @@ class Supervisor:
             _mend(memories)
             for child in children:
                 child.revive()
-            if service is not None:
-                heartbeat.look(service.process)
+                for watch in watches.get(child.name, ()):
+                    watch.look(child.process)
             states = {child.name: child.state for child in children}
             if states != known:
                 known = states
@@ -142,6 +141,16 @@ class Supervisor:
                 self._systemd.ready(url)
             self._systemd.alive()
             self._signals.sleep(0.1)
+
+    def _watches(self, memories: dict[str, RobotMemory]) -> dict[str, list[HeartbeatWatch]]:
+        """By whom they watch. The recorder has a heartbeat for each robot, of the thread that follows it."""
+        beats = partial(_beats, [memory.heartbeat for memory in memories.values()])
+        return {
+            SERVICE: [HeartbeatWatch(SERVICE, beats, self._settings.web.hang_to_restart_s)],
+            RECORDER: [
+                HeartbeatWatch(RECORDER, partial(_beats, [each.status]), HANG_S) for each in self._recordings
+            ],
+        }
 
     def _reload(self, children: list[Child]) -> None:
         """SIGHUP: the service reads the configuration again. Where it came because the terminal that this
@@ -172,6 +181,7 @@ class Supervisor:
             name, dof, settings.rt.period_s, settings.recording.ring_s, robot.limits.names
         )
         stack.callback(recording.unlink)
+        self._recordings.append(recording)
         return memory
 
     def _await_first(self, rtloops: list[Child], memories: list[RobotMemory]) -> None:
@@ -207,6 +217,11 @@ class Supervisor:
                     f"{backend!r} has not opened its device"
                 )
             self._signals.sleep(0.02)
+
+
+def _beats(blocks: Iterable[Block]) -> int:
+    """Another number after each sign of life in one of them."""
+    return sum(int(each.sequence) for each in blocks)
 
 
 def _mend(memories: dict[str, RobotMemory]) -> None:

@@ -153,7 +153,6 @@ def test_a_page_from_elsewhere_opens_no_websocket(run: VirtualService, path: str
         {},
         {"origin": "http://robot.test"},
         {"origin": "http://robot.test:80", "sec-fetch-site": "same-origin"},
-        {"origin": "https://robot.test"},  # a proxy in front has TLS
         {"origin": "http://localhost:9000", "host": "localhost:9000", "sec-fetch-site": "same-origin"},
         {"sec-fetch-site": "none", "sec-fetch-mode": "navigate", "sec-fetch-dest": "document"},
     ],
@@ -263,12 +262,22 @@ def test_the_computer_s_name_is_good_beyond_this_computer_only(monkeypatch: pyte
             origins_at("127.0.0.1").check(scope("127.0.0.1"), {b"host": host.encode()})
 
 
-def test_with_tls_a_page_without_it_is_not_the_same() -> None:
-    origins = origins_at("0.0.0.0", "arm.example")
-    host = {b"host": b"arm.example"}
-    origins.check(scope("10.0.0.5", "https"), host | {b"origin": b"https://arm.example"})
-    with pytest.raises(PermissionDenied):
-        origins.check(scope("10.0.0.5", "https"), host | {b"origin": b"http://arm.example"})
+@pytest.mark.parametrize(
+    ("served", "foreign"), [("https", "http"), ("http", "https"), ("wss", "http"), ("ws", "https")]
+)
+def test_a_page_of_another_scheme_than_is_served_is_not_the_same_unless_it_is_listed(
+    served: str, foreign: str
+) -> None:
+    """On a listener without TLS `https://localhost` is a page of some other program; or a proxy's."""
+    own = b"http" if foreign == "https" else b"https"
+    for host in (b"localhost:8007", b"127.0.0.1:8007", b"arm.example"):
+        origins = origins_at("0.0.0.0", "arm.example")
+        origins.check(scope("127.0.0.1", served), {b"host": host, b"origin": own + b"://" + host})
+        from_there = {b"host": host, b"origin": foreign.encode() + b"://" + host}
+        with pytest.raises(PermissionDenied):
+            origins.check(scope("127.0.0.1", served), from_there)
+        origins.listed = frozenset([from_there[b"origin"]])
+        origins.check(scope("127.0.0.1", served), from_there)
 
 
 # Pages that are let in

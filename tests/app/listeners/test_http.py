@@ -23,7 +23,8 @@ from certificates import certificate
 from floods import PING, TEXT, UPGRADE, client_hello, frame
 from running import WAIT_S, until
 
-from app.listeners.acceptor import has_gone
+from app.listeners.acceptor import Acceptor, has_gone
+from app.listeners.crowd import Crowd
 from app.listeners.http import HttpProtocol
 from app.listeners.websocket import StreamProtocol
 from app.server import Server
@@ -65,7 +66,7 @@ class Application:
         if scope["path"] == "/large":
             await self._large(send)
             return
-        if scope["path"] == "/wait":
+        if scope["path"] in ("/wait", "/health/wait"):
             self.waiting += 1
             while not self.go_on.is_set():
                 await asyncio.sleep(0.01)
@@ -249,8 +250,13 @@ def test_a_header_that_comes_in_drops_is_given_up(service: Service) -> None:
         assert refusal(answer(connection)) == (408, "timeout")
 
 
-def test_who_says_nothing_is_let_go(service: Service) -> None:
+@pytest.mark.parametrize("request_bytes", [b"", STOP], ids=["nothing", "no more"])
+def test_who_says_nothing_is_told_and_let_go(service: Service, request_bytes: bytes) -> None:
+    """A stop that comes just then is on a connection that has an answer: no reset in place of one."""
     with service.connect() as connection:
+        connection.sendall(request_bytes)
+        assert not request_bytes or answer(connection) == (200, b"0")
+        assert refusal(answer(connection)) == ((503, "busy") if request_bytes else (408, "timeout"))
         assert closed(connection)
 
 
@@ -443,17 +449,47 @@ def test_half_open_connections_make_room(own: Service) -> None:
 
 @pytest.mark.parametrize(
     "request_bytes",
-    [b"", GET, b"POST /slow HTTP/1.1\r\nHost: h\r\nContent-Length: 9\r\n\r\nx"],
-    ids=["nothing", "header", "body"],
+    [b"", GET, b"POST /slow HTTP/1.1\r\nHost: h\r\nContent-Length: 9\r\n\r\nx", STOP],
+    ids=["nothing", "header", "body", "no more"],
 )
 def test_who_has_to_make_room_is_told_and_not_just_cut_off(own: Service, request_bytes: bytes) -> None:
     with contextlib.ExitStack() as stack:
         asking = [stack.enter_context(own.connect()) for _ in range(LIMITS.connections_per_address)]
         for connection in asking:
             connection.sendall(request_bytes)
+            assert request_bytes != STOP or answer(connection) == (200, b"0")
         assert own.ask(STOP) == (200, b"0")
         assert refusal(answer(asking[0])) == (503, "busy")
         assert closed(asking[0])
+
+
+def test_who_finds_the_reserve_taken_too_is_told(own: Service) -> None:
+    with contextlib.ExitStack() as stack:
+        paths = [b"GET /wait"] * LIMITS.connections_per_address + [b"GET /health/wait"] * LIMITS.reserve
+        for count, path in enumerate(paths, start=1):
+            stack.enter_context(own.connect()).sendall(path + b" HTTP/1.1\r\nHost: h\r\n\r\n")
+            until(lambda count=count: own.application.waiting == count)
+        assert refusal(own.ask(STOP)) == (503, "busy")
+
+
+def test_who_has_to_make_room_before_anybody_has_read_a_word_is_told() -> None:
+    """As when the event loop has much to do between accepting a connection and reading from it."""
+    asyncio.run(_three_at_a_crowd_of_one())
+
+
+async def _three_at_a_crowd_of_one() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener, contextlib.ExitStack() as stack:
+        crowd = Crowd(places=1, per_address=1, reserve=1)
+        acceptor = Acceptor(listener, crowd, lambda visit: asyncio.Protocol(), None, 1.0)
+        asking = []
+        for _ in range(3):
+            connection = stack.enter_context(socket.create_connection(listener.getsockname(), WAIT_S))
+            connection.sendall(STOP)
+            asking.append(connection)
+            acceptor._greet(*listener.accept()[:1], "127.0.0.1")
+        assert [refusal(answer(each)) for each in asking[:2]] == [(503, "busy")] * 2
+        acceptor.close()
+        await asyncio.sleep(0)
 
 
 def test_the_service_accepts_again_when_descriptors_had_run_out(own: Service) -> None:

@@ -97,7 +97,7 @@ def beside(motion: Trajectory, asked: Trajectory | PPoly, duration_s: float) -> 
     return float(max(far))
 
 
-# What the issue was about
+# Points of others
 
 
 @pytest.mark.parametrize("step_s", [0.1, 0.01, 0.002])

@@ -94,6 +94,9 @@ async def all_usable(planning: PlanningService) -> None:
     await until(lambda: planning.warm)
 
 
+TOGETHER_S = 2.0
+
+
 def workers(module: str = LIGHT) -> list[psutil.Process]:
     """Those that have not ended."""
     found = []
@@ -235,7 +238,10 @@ def test_an_interruption_ends_the_worker_and_is_no_accident(
         asked.cancel()
         with pytest.raises(asyncio.CancelledError):
             await asked
-        with pytest.raises(PlanningTimeout, match="longer than 0 s"):
+        with pytest.raises(
+            PlanningTimeout,
+            match=r"longer than 0.2 s and was given up; 0.0 s of it went by until a process was free",
+        ):
             await planning.compute(work, 0.2)
         await until(lambda: planning.warm)
         assert not old & {worker.pid for worker in workers()}
@@ -260,6 +266,34 @@ def test_nobody_waits_for_ever_for_a_process(
         mark.touch()
         assert await asyncio.gather(*busy) == ["slept", "slept"]
         assert await planning.compute(light_planner.pid, WAIT_S)
+
+    runner.run(check())
+
+
+def test_waiting_for_a_process_and_its_work_have_one_time_together(
+    runner: asyncio.Runner, planning: PlanningService, tmp_path: Path
+) -> None:
+    """The time goes by in the pool's own clock: half of it before a process is free."""
+    first, never = tmp_path / "first", tmp_path / "never"
+
+    async def check() -> None:
+        await until(lambda: planning.warm)
+        loop = asyncio.get_running_loop()
+        busy = [
+            asyncio.create_task(planning.compute(partial(light_planner.sleep_until, mark=first), WAIT_S))
+            for _ in range(2)
+        ]
+        await until(lambda: planning.status.busy == 2)
+        asked_s = loop.time()
+        late = asyncio.create_task(
+            planning.compute(partial(light_planner.sleep_until, mark=never), TOGETHER_S)
+        )
+        await asyncio.sleep(0.6 * TOGETHER_S)
+        first.touch()
+        with pytest.raises(PlanningTimeout, match=r"than 2.0 s and was given up; 1\.\d s of it went by"):
+            await late
+        assert loop.time() - asked_s < 1.5 * TOGETHER_S
+        assert await asyncio.gather(*busy) == ["slept", "slept"]
 
     runner.run(check())
 

@@ -1,0 +1,33 @@
+"""What a connection is told before it is closed, so that its client can read it."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import socket
+
+from uvicorn.protocols.http.httptools_impl import STATUS_LINE
+
+from cobot.errors import BusyError
+
+RECEIVE_BYTES = 65536
+"""What the kernel keeps of a connection until it is read, which it is whole."""
+
+
+def refusal(status: int, detail: str, code: str) -> bytes:
+    """An answer in the form of `app.api.errors`, the last one of its connection."""
+    body = json.dumps({"detail": detail, "code": code}).encode()
+    kind = b"content-type: application/json\r\nconnection: close\r\n"
+    return STATUS_LINE[status] + kind + b"content-length: %d\r\n\r\n" % len(body) + body
+
+
+CROWDED = refusal(503, "too many connections are open, and this had to make room: try again", BusyError.code)
+
+
+def turn_away(connection: socket.socket) -> None:
+    """Answer a connection that is nobody's yet, and read what has come: if something is unread when it is
+    closed, the kernel tells the client of a reset in place of what was answered.
+    """
+    with contextlib.suppress(OSError):  # nothing has come, or it has gone
+        connection.send(CROWDED, socket.MSG_DONTWAIT)
+        connection.recv(RECEIVE_BYTES, socket.MSG_DONTWAIT)
