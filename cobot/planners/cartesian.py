@@ -35,7 +35,7 @@ too, where they have come to its end by ways that no smooth one could be made of
 STEP_RAD = 0.4
 """Where a joint would turn further from one place to the next, there is one more between them."""
 STEPS = 60
-"""Of a descent from one place to the next, at the most."""
+"""A descent from one place to the next takes no more steps."""
 SLOW = 2.5
 """A motion that takes so many times as long as the TCP alone would is compared with one of the graph."""
 

@@ -25,7 +25,7 @@ SPREADS_RAD = (0.02, 0.08, 0.25)
 NEAR_SHARE = 0.1
 """Configurations nearer to a limit than this share of the range cost more, up to one full step."""
 STEP_RAD = 0.3
-"""From place to place no joint turns further."""
+"""No joint turns further from place to place."""
 PLACE_M, PLACE_RAD, MAX_PLACES = 0.015, 0.1, 200
 INSIDE_RAD = 8e-3
 """From limits, unless the start is nearer: the splines between places need some room, between finer ones

@@ -11,7 +11,7 @@ from cobot.types import Array, JointLimits
 from rtloop.backends import Backend, ImpedanceControlled, TorqueControlled, WrenchControlled
 
 RISE_S = 0.1
-"""From nothing to the most, and back: no jump."""
+"""A force goes from nothing to the most in this time, and back, so that it does not jump."""
 MAX_WRENCH = np.array([150.0] * 3 + [30.0] * 3)
 """N and N·m. Nothing but the surroundings ends the push of a force on drives that give way."""
 
