@@ -49,7 +49,6 @@ from cobot.addresses import address
 from cobot.clock import Clock
 from cobot.config import Endpoint, Settings
 from cobot.robot.description import RobotDescription
-from cobot.robot.scene import SceneFile
 from cobot.robot.tool import ToolFile
 
 Planner = Callable[[Path | None, int, str], PlanningService]
@@ -174,10 +173,7 @@ def _services(
     force = ForceService(robot, link, streams, stopping, equipment.traces.warn)
     servo = ServoService(robot, link, streams, force)
     max_payload_kg, tool_file = settings.robot.max_payload_kg, ToolFile(settings.tool_file)
-    scene_file = SceneFile(settings.scene_file)
-    scene = SceneService(
-        robot, link, goals, motion, planning, stopping, ownership, max_payload_kg, scene_file
-    )
+    scene = SceneService(robot, link, goals, motion, planning, stopping, ownership, settings)
     stale_s = settings.web.stale_after_s
     recordings = RecordingService(settings, shared.default_robot)
     queue = MotionQueue(link, ownership, motion, planning, tool_and_limits)

@@ -1,4 +1,7 @@
-"""ROS 2 over DDS: what a node on Fast DDS, the library under rmw_fastrtps, gets from a running cobot."""
+"""ROS 2 over DDS: what a node on Fast DDS, the library under rmw_fastrtps, gets from a running cobot.
+
+Long, because both ends of each measurement stand beside each other.
+"""
 
 from __future__ import annotations
 

@@ -20,8 +20,11 @@ from cobot.polynomials import EXPONENTS, FACTORS, control_points, hermite, jumps
 from cobot.types import Array
 
 Integers = npt.NDArray[np.intp]
+CHANGE_PEAKS = (1.875, 5.7735, 60.0)
+"""The largest velocity, acceleration and jerk of the quintic that changes by 1 in 1 s, from rest to rest."""
 ALLOWED_JUMPS = np.array([1e-6, 1e-5, 1e-3])
-"""Of position, velocity and acceleration between two segments, beside 1 and beside their amount: rounding."""
+"""Position, velocity and acceleration may jump by these between two segments, beside 1 and beside their
+amount: rounding."""
 ORDER = 6
 """A quintic's six coefficients stand in ascending powers of the time since the segment's start."""
 

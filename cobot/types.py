@@ -87,7 +87,7 @@ Algorithm = Literal[
     "BKPIECE1",
     "LBKPIECE1",
 ]
-"""Of planner ompl, by OMPL's names."""
+"""What planner ompl can search with, by OMPL's names."""
 RRT_CONNECT: Algorithm = "RRTConnect"
 
 

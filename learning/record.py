@@ -17,6 +17,7 @@ from learning.episodes import EpisodeWriter
 LONGEST_S = 3600.0
 
 
+# Many parameters: users' programs call it, with most of them by name or by default.
 def record(
     robot: Robot,
     joint_names: list[str],

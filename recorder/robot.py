@@ -1,4 +1,7 @@
-"""One robot's recorder: a thread that keeps the history and writes what is asked for, or has to be kept."""
+"""One robot's recorder: a thread that keeps the history and writes what is asked for, or has to be kept.
+
+Long, because one thread owns all of its state.
+"""
 
 from __future__ import annotations
 

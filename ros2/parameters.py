@@ -145,19 +145,19 @@ class Parameters:
     async def _set_all(self, request: Message) -> Message:
         return {"result": await self._change(request["parameters"])}
 
-    async def _change(self, wishes: list[Message]) -> Message:
+    async def _change(self, asked: list[Message]) -> Message:
         """All of them or none, as far as one can know before: rcl_interfaces/msg/SetParametersResult."""
-        for wish in wishes:
-            found = self._all.get(wish["name"])
+        for each in asked:
+            found = self._all.get(each["name"])
             if found is None:
                 valid = ", ".join(self._all)
-                return _result(f"there is no parameter {wish['name']!r}; valid are: {valid}")
-            reason = found.refusal(wish["value"])
+                return _result(f"there is no parameter {each['name']!r}; valid are: {valid}")
+            reason = found.refusal(each["value"])
             if reason:
                 return _result(reason)
-        for wish in wishes:
-            found = self._all[wish["name"]]
-            value = wish["value"][FIELDS[found.kind]]
+        for each in asked:
+            found = self._all[each["name"]]
+            value = each["value"][FIELDS[found.kind]]
             try:
                 if found.set_ is not None:
                     await found.set_(value)

@@ -9,7 +9,7 @@ cdef class ControlLoop:
     cdef readonly Controller controller
     cdef readonly Measured _measured
     cdef Measured _fresh
-    cdef object _backend, _last
+    cdef object _backend, _model, _last
     cdef CompiledBackend _compiled
     cdef bint _is_compiled, _is_paced
     cdef readonly object _device

@@ -1,4 +1,7 @@
-"""The cycle: read, update, write, publish."""
+"""The cycle: read, update, write, publish.
+
+A long module, because its phases share what was measured, and when.
+"""
 
 from cpython.exc cimport PyErr_CheckSignals
 from libc.math cimport fabs, isfinite
@@ -11,21 +14,18 @@ from rtloop.recording cimport PHASES, CycleRecorder
 
 import numpy as np
 
-from cobot.ipc.layout import MotionResult, Phase
-from cobot.ipc.shm import encoded
+from cobot.ipc.layout import Phase
 from cobot.robot.tool import BARE
-from cobot.types import LoopMode
 from rtloop.backends import BackendError, Paced
 from rtloop.device import POLL_S, DeviceWatch
 from rtloop.device_limits import device_limits, narrowed, slowed
 from rtloop.first_contact import first_contact
+from rtloop.last_state import last_state
 
 # Robot time that an arm is given to come to rest before the process ends.
 END_LIMIT_S = 3.0
 # A beat of the device is waited for so many periods; after one that has not come, the next is due in one.
 BEAT_PATIENCE = 1.5
-# No joint gets further.
-MAX_RAD = 1e3
 
 cdef int WAKEUP = Phase.WAKEUP
 cdef int READ = Phase.READ
@@ -49,7 +49,7 @@ cdef class ControlLoop:
         self._moving_rad_s = settings.rt.settle_velocity_rad_s
         self._square = 0.0  # Of all that was measured last: a fingerprint.
         self._unwritten = 0  # Cycles in a row.
-        self._backend = backend
+        self._backend, self._model = backend, model
         self._is_compiled = isinstance(backend, CompiledBackend)
         self._compiled = backend if self._is_compiled else None
         self._clock = clock
@@ -62,7 +62,7 @@ cdef class ControlLoop:
             self._device.slow_down(slowed(model.limits, theirs))
             model.limits.take_over(narrowed(model.limits, theirs))
         self._ask_cycles = max(1, round(POLL_S / settings.rt.period_s)) if self._device.asks else 0
-        self._last = _last_state(memory)
+        self._last = last_state(memory)
         self.controller = Controller(settings, model, memory, backend, self._device)
         self._state = StatePublisher(memory, model)
         self._statistics = Statistics(memory)
@@ -88,16 +88,16 @@ cdef class ControlLoop:
             self._cycle = int(last["cycle"])
             self.controller.restore(last)
         if tool.version:
-            self.controller.carry(tool)
+            self.controller.tool_and_scene.carry(tool)
         if before is not None:
             before()
         known = last is not None and np.isfinite(last["position"]).all()
         self._backend.open(last["position"] if last is not None and known else start_position)
         self._backend.read(self._measured)
-        if not self.controller.drives_off:  # by a stop that the last rtloop has seen
+        if not self.controller.drives.c_off():  # by a stop that the last rtloop has seen
             self._backend.enable()
         if self._device.capabilities.hardware:
-            self._device.meet(first_contact(self.controller._model, self._measured.position))
+            self._device.meet(first_contact(self._model, self._measured.position))
         self._heed_device()
         self.controller.start_at(self._measured.position)
 
@@ -241,7 +241,7 @@ cdef class ControlLoop:
 
     cdef bint _is_loose(self) noexcept:
         """Whether the arm may be anywhere, so that it is commanded to be where it is."""
-        return self.controller.drives_off or self.controller.enabling
+        return self.controller.drives.c_loose()
 
     def _miss_beat(self):
         """Nobody takes what is commanded: it waits, for a while, so that it goes on without a jump."""
@@ -252,8 +252,8 @@ cdef class ControlLoop:
     def _heed_device(self):
         """Ask the device how it is, and follow its speed override."""
         self._device.ask()
-        if self._device.share != self.controller.clock.share:
-            self.controller.clock.scale(self._device.share)
+        if self._device.share != self.controller.follower.clock.share:
+            self.controller.follower.clock.scale(self._device.share)
 
     def _freeze(self):
         """Nothing that is measured has changed, as at rest, but the arm does not rest."""
@@ -273,7 +273,7 @@ cdef class ControlLoop:
 
     cdef void c_write(self) except *:
         """Command the robot. One whose drives are off is told nothing, unless its packets want an answer."""
-        if self.controller.drives_off and not self._is_paced:
+        if self.controller.drives.c_off() and not self._is_paced:
             return
         try:
             if self.controller.streaming.overlay is not None:
@@ -320,35 +320,3 @@ cdef class ControlLoop:
             phases_ns,
             fresh,
         )
-
-
-def _last_state(memory):
-    """A copy of what a dead rtloop of the same supervisor has published last, None if there was none.
-
-    It may have died while it published: then the positions are those of two cycles, mixed, which is
-    as good. What makes no sense at all is damaged: then nobody knows what was latched, so an e-stop is.
-    """
-    block = memory.state
-    if block.sequence == 0:
-        return None
-    if not block.try_read() and not _makes_sense(block.salvage()):
-        block.data[...] = np.zeros((), block.data.dtype)
-        block.data["position"] = np.nan
-        block.data["mode"] = LoopMode.ESTOP
-        block.data["reason"] = encoded("the state in shared memory was damaged when rtloop was started")
-        block.data["stops_seen"] = _counted(memory.requests, "stops")
-        block.data["estops_seen"] = _counted(memory.requests, "estops")
-        block.data["command_seen"] = _counted(memory.head, "id")
-    return block.data.copy()
-
-
-def _makes_sense(state):
-    return (
-        int(state["mode"]) in list(LoopMode)
-        and int(state["motion_result"]) in list(MotionResult)
-        and bool((np.abs(state["position"]) < MAX_RAD).all())
-    )
-
-
-def _counted(block, field):
-    return int(block.data[field]) if block.try_read() else 0

@@ -95,7 +95,7 @@ def _run(settings: Settings, clock_name: str | None) -> None:
 
     def be_punctual() -> None:
         """What takes long comes before the device is connected, which may want its answers in time."""
-        loop.controller.watch_scene()
+        loop.controller.tool_and_scene.watch_scene()
         granted.append(_permissions(rt, clock_name))
         freeze_garbage()
 

@@ -58,9 +58,9 @@ class Frames:
             if isinstance(frame, str) and (content := json.loads(frame))["type"] == "state":
                 return content
 
-    def session(self, **wishes: object) -> int:
+    def session(self, **fields: object) -> int:
         """Begin a session; its number."""
-        self.send("session", **wishes)
+        self.send("session", **fields)
         answer = self.answer()
         assert answer["type"] == "session", answer
         return answer["number"]

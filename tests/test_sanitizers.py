@@ -11,6 +11,7 @@ import fcntl
 import filecmp
 import hashlib
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -41,7 +42,9 @@ TESTS = (
     "tests/cobot/test_polynomials.py",
     "tests/cobot/planners/test_derivatives.py",
     "tests/cobot/planners/test_interior_point.py",
+    "tests/cobot/planners/test_lattice.py",
     "tests/cobot/planners/test_rrt_connect.py",
+    "tests/cobot/planners/test_timed_fit.py::test_the_compiled_fit_follows_its_law",
     "tests/cobot/robot/test_chain.py",
     "tests/cobot/robot/test_dynamics.py",
     "tests/cobot/robot/inverse_kinematics",
@@ -217,6 +220,32 @@ def test_all_is_compiled_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, a
     update(kept)
     assert not (kept / "cobot" / "one.so").exists()
     assert sources(kept) == sources(checkout)
+
+
+def imports(source: str, module: str) -> bool:
+    """Whether Python or Cython source names a module in an import."""
+    package, _, name = module.rpartition(".")
+    named = rf"(\([^)]*|[^\n]*)\b{name}\b"
+    return bool(re.search(rf"^\s*(from {module} c?import|from {package} c?import {named})", source, re.M))
+
+
+def test_each_compiled_module_is_worked_there() -> None:
+    """A test of the list imports it, or what lies in tests/ for all of them, or a compiled module that is so
+    imported; of what is not compiled only the front of a package stands between.
+    """
+    listed = [ROOT / test.partition("::")[0] for test in TESTS]
+    files = [file for each in listed for file in ([each] if each.is_file() else each.glob("*.py"))]
+    files += [file for file in (ROOT / "tests").glob("*.py") if not file.name.startswith("test_")]
+    left = {}
+    for package in ("cobot", "rtloop"):
+        for file in [*(ROOT / package).rglob("*.pyx"), *(ROOT / package).rglob("__init__.py")]:
+            module = file.relative_to(ROOT).with_suffix("").as_posix().replace("/", ".")
+            left[module.removesuffix(".__init__")] = [file, *file.parent.glob(f"{file.stem}.pxd")]
+    while files:
+        sources = [file.read_text() for file in files]
+        found = [module for module in left if any(imports(source, module) for source in sources)]
+        files = [file for module in found for file in left.pop(module)]
+    assert not [module for module, (file, *_) in left.items() if file.suffix == ".pyx"]
 
 
 @pytest.mark.timeout(2 * LIMIT_S)

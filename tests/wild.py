@@ -25,9 +25,9 @@ from cobot.config import load_settings
 from cobot.ipc.layout import Command, Interpolation, ServoMode
 from cobot.ipc.seqlock import Block
 from cobot.ipc.shm import RobotMemory
-from cobot.planners.cut import rest_at
 from cobot.robot.description import load_robot
 from cobot.trajectory import Trajectory
+from cobot.trajectory_parts import rest_at
 from cobot.types import LoopMode
 
 KINDS = ("hold", "motion", "replaced", "joint", "cartesian", "torque", *(mode for mode in ServoMode if mode))

@@ -2,6 +2,8 @@
 
 Dependencies are `async`: FastAPI would run plain functions in threads, at several times the cost of an
 answer. `Call` is none at all, because each one costs a tenth of what a state costs to serve.
+
+Long, for it is the list of them.
 """
 
 from __future__ import annotations

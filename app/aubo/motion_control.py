@@ -1,7 +1,7 @@
 """MotionControl: motions in a queue, see `app.services.motion.queue`, and servo modes.
 
 Poses are those of the tool's tip, see RobotConfig/setTcpOffset, in the base frame. Long: each service is a
-function that says what it takes and gives.
+function that says what it takes and gives, and is the schema of it, so two that take the same both say it.
 """
 
 from __future__ import annotations

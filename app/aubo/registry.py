@@ -15,6 +15,8 @@ docstring's `Args:`, with its unit; what comes back in `Returns:`. `-> None` ans
 ROS clients always send all fields, so ROS's default value (0, "", []) stands for the default that the
 function's signature gives, if it gives one: a tuple for a list, the object itself for Json. When a call
 fails, an integer result repeats the code, and any other is empty.
+
+Long, because what a function has to be like and what a call makes of it are one contract.
 """
 
 from __future__ import annotations

@@ -104,6 +104,7 @@ async def plan_to_joints(ctx: Ctx, joints: Joints, speed: Speed = 0.1, robot: Ro
     return await _planned(ctx, robot, "joints", {"joints": joints, "speed": speed})
 
 
+# Its parameters are what an agent sees of it, so none of them is put away in an object.
 async def plan_to_pose(
     ctx: Ctx,
     x: float,

@@ -6,6 +6,8 @@ operation or by the services of ROS's actions, are cancelled then. Messages to i
 One operation is ours: `{"op": "cobot_gateway"}` says that this client mirrors the graph to another network.
 What it advertises, subscribes and offers does not show in the topic /cobot/graph, by which it knows what to
 mirror, and what it publishes is not sent back to it.
+
+Long, because each operation changes what ends with the connection.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from cobot.errors import ConfigError
 LOOK_AGAIN_S = 0.5
 """A token that was made or revoked is known after so long, s."""
 ROS_TOKEN_VARIABLE = "COBOT_ROS_TOKEN"
-"""In the environment of the service and of the DDS process: by which the one knows the other."""
+"""The variable by which the service knows the DDS process; both have it in their environment."""
 RIGHTS_OF_ROS = {"observe": Role.OBSERVER, "move": Role.OPERATOR, "all": Role.ADMIN}
 
 log = logging.getLogger("cobot.service")

@@ -81,6 +81,7 @@ class Moves(Jobs):
         """Run a plan; returns on arrival, raises when it cannot be run any more or is not reached."""
         return self._motion("/robot/execute", {"plan_id": plan_id}, wait)
 
+    # Its parameters are the fields of POST /robot/move/pose, by the same names.
     @overload
     def move_pose(
         self,

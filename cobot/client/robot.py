@@ -71,6 +71,7 @@ class Robot(SessionSettings):
         NotSupportedError: a name, where the service is not installed: only its URL leads to it from there.
     """
 
+    # Many parameters, as they are its users' vocabulary: libpyflexiv's, and what goes beyond it by name.
     def __init__(
         self,
         serial_number: str,

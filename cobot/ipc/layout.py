@@ -232,7 +232,7 @@ TOOL = np.dtype(
         ("gravity", "f8", (3,)),  # in the base frame, m/s²; NaN: the model's
     ]
 )
-"""As `cobot.robot.tool.Tool`, without name and shapes."""
+"""A `cobot.robot.tool.Tool`, without its name and shapes."""
 SLOT = np.dtype(
     [("motion_id", "u8"), ("segments", "u8"), ("checksum", "u8"), ("fence", "f8", (7,))], align=True
 )
@@ -262,7 +262,7 @@ DEVICE = np.dtype(
     ],
     align=True,
 )
-"""As `cobot.ipc.device_record.Device`."""
+"""A `cobot.ipc.device_record.Device`."""
 INFO_TEXT = "S64"
 
 

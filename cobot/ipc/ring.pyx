@@ -9,20 +9,12 @@ The number that was written last stands before the places. It is a hint: what it
 """
 
 from cobot.arrays cimport bytes_of
+from cobot.ipc.atomics cimport ACQUIRE, RELAXED, RELEASE, atomic_add, atomic_load, atomic_store
 from cobot.ipc.seqlock cimport xxh64
 from libc.stdint cimport uint64_t
 from libc.string cimport memcpy
 
 import numpy as np
-
-cdef extern from * nogil:
-    # Of the compilers gcc and clang, see `cobot.ipc.seqlock`.
-    int RELAXED "__ATOMIC_RELAXED"
-    int ACQUIRE "__ATOMIC_ACQUIRE"
-    int RELEASE "__ATOMIC_RELEASE"
-    uint64_t atomic_load "__atomic_load_n" (const uint64_t* place, int order)
-    void atomic_store "__atomic_store_n" (uint64_t* place, uint64_t value, int order)
-    uint64_t atomic_add "__atomic_add_fetch" (uint64_t* place, uint64_t value, int order)
 
 cdef enum:
     HEAD_BYTES = 64  # the newest number, in a cache line of its own

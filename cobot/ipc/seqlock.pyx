@@ -15,23 +15,13 @@ caches, and takes in 32 bytes in the time of two multiplications.
 import time
 
 from cobot.arrays cimport bytes_of
+from cobot.ipc.atomics cimport ACQUIRE, RELAXED, RELEASE, atomic_add, atomic_load, atomic_store, fence
 from libc.stdint cimport int64_t, uint8_t, uint32_t, uint64_t
 from libc.string cimport memcpy
 
 import numpy as np
 
 from cobot.errors import TornReadError
-
-cdef extern from * nogil:
-    # Of the compilers gcc and clang. A plain copy between two fences is what C can say of a record: that
-    # it may be torn is found by the counter and the checksum.
-    int RELAXED "__ATOMIC_RELAXED"
-    int ACQUIRE "__ATOMIC_ACQUIRE"
-    int RELEASE "__ATOMIC_RELEASE"
-    uint64_t atomic_load "__atomic_load_n" (const uint64_t* place, int order)
-    void atomic_store "__atomic_store_n" (uint64_t* place, uint64_t value, int order)
-    uint64_t atomic_add "__atomic_add_fetch" (uint64_t* place, uint64_t value, int order)
-    void fence "__atomic_thread_fence" (int order)
 
 READ_TRIES = 100
 """A write takes some microseconds; so many failures in a row mean that the writer died in one."""
@@ -184,6 +174,7 @@ cdef bint try_read(const Mapped* record) noexcept nogil:
     cdef uint64_t found
     if before & 1:
         return False
+    # A plain copy between two fences is what C can say of a record that may be torn.
     memcpy(record.copy, record.shared, record.size)
     found = atomic_load(record.checksum, RELAXED)
     fence(ACQUIRE)  # the copy is complete before the counter is looked at again

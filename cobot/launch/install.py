@@ -218,6 +218,7 @@ MaxRetentionSec=3month
 
 
 def _unit(command: Sequence[str]) -> str:
+    """The unit's file. Long, as it is that file, in one piece."""
     start = shlex.join(command)
     return f"""\
 # Written by `cobot install`, and replaced by the next one: `systemctl edit cobot` keeps what is yours.

@@ -26,7 +26,7 @@ from cobot.robot.description import RobotDescription, load_robot
 from cobot.ros.urdf import link_name, urdf
 
 SCALING = 0.5
-"""Of the limits, where a user of MoveIt says nothing."""
+"""MoveIt uses this share of the limits where its user says nothing."""
 HUMBLE_ADAPTERS = {
     "planning_plugin": "ompl_interface/OMPLPlanner",
     "request_adapters": " ".join(

@@ -2,6 +2,8 @@
 
 Form and bounds stand here, once. What only the robot knows (its joints, frames, reach) is checked where it is
 known: `cobot.motions.requests`, the services, the planners.
+
+Long, for it is the list of them.
 """
 
 from __future__ import annotations

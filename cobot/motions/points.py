@@ -12,9 +12,10 @@ from cobot.types import Array, JointLimits, Waypoint
 
 REST_TOLERANCE = 1e-6
 SHORTEST_S, LONGEST_S = 1e-9, 1e6
-"""Between two points, and to the last one: far beyond what an arm does, so near that nothing overflows."""
+"""Two points are apart by these at least and at most, and the last one is no later: far beyond what an arm
+does, so near that nothing overflows."""
 LARGEST = 1e6
-"""Of an angle, a velocity or an acceleration of a point, likewise."""
+"""An angle, a velocity or an acceleration of a point is no larger, for the same reason."""
 GO_THERE = "go there first, or send move_to_start=true"
 
 

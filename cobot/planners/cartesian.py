@@ -23,7 +23,7 @@ from cobot.planners.tcp_path import TcpPath
 from cobot.planners.time_law import time_optimal
 from cobot.robot.description import RobotDescription
 from cobot.robot.frames import angle_between
-from cobot.robot.inverse_kinematics import LEAST_GAP_M, reach_gap, solve_near
+from cobot.robot.inverse_kinematics import MIN_GAP_M, reach_gap, solve_near
 from cobot.trajectory import Trajectory
 from cobot.types import Array, CartesianLimits, JointLimits
 
@@ -35,7 +35,7 @@ too, where they have come to its end by ways that no smooth one could be made of
 STEP_RAD = 0.4
 """Where a joint would turn further from one place to the next, there is one more between them."""
 STEPS = 60
-"""Of a descent from one place to the next, at the most."""
+"""A descent from one place to the next takes no more steps."""
 SLOW = 2.5
 """A motion that takes so many times as long as the TCP alone would is compared with one of the graph."""
 
@@ -186,10 +186,10 @@ def _along(
 
 def _require_reach(robot: RobotDescription, path: TcpPath, start: Array) -> None:
     gap = robot.model.inverse_kinematics.gap(path.poses(np.ones(1))[0])
-    if gap <= LEAST_GAP_M:
+    if gap <= MIN_GAP_M:
         return
     shares = np.linspace(0.0, 1.0, 101)
-    end = next(share for share in shares if reach_gap(robot.model, path.pose_at(share)) > LEAST_GAP_M)
+    end = next(share for share in shares if reach_gap(robot.model, path.pose_at(share)) > MIN_GAP_M)
     joints = solve_near(robot.model, path.pose_at(end), start).joints
     joint = int(np.abs(joints - start).argmax())
     name = robot.limits.names[joint]

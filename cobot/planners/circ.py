@@ -16,7 +16,7 @@ from cobot.types import Array, Pose
 NEAREST_POINTS_M = 1e-3
 EQUAL_RADII_M = 1e-3
 """A goal may be so much nearer to the centre than the start, or beside the plane: it is approached evenly."""
-PLACE_RAD, MOST_PLACES = 0.2, 400
+PLACE_RAD, MAX_PLACES = 0.2, 400
 SMALLEST_SINE = 1e-3
 """Three points are as good as on a line when the sine of the angle at `via` is smaller."""
 
@@ -132,7 +132,7 @@ def _circle(centre: Array, x: Array, axis: Array, angle: float, rise: Array, sha
 
 
 def _places(angle: float) -> int:
-    return int(np.clip(np.ceil(abs(angle) / PLACE_RAD), PLACES, MOST_PLACES))
+    return int(np.clip(np.ceil(abs(angle) / PLACE_RAD), PLACES, MAX_PLACES))
 
 
 def arc(start: Pose, via: Array, goal: Pose) -> TcpPath:

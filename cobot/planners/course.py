@@ -9,14 +9,12 @@ import numpy as np
 
 from cobot.errors import InputError
 from cobot.motions.points import labels_of, require_order, require_rest, require_size, require_start
-from cobot.trajectory import UNCHANGED, Changes, Trajectory, from_hermite
+from cobot.trajectory import CHANGE_PEAKS, UNCHANGED, Changes, Trajectory, from_hermite
 from cobot.types import Array, JointLimits, Waypoint
 
 PRESENT = "the present position"
 BLEND_SHARE = 0.05
 """What is blended in takes no more than this share of each limit, where the motion is long enough."""
-BLEND_PEAKS = (1.875, 5.7735, 60.0)
-"""Of the smoothest change by 1 in 1 s: its largest velocity, acceleration and jerk."""
 TELL_RAD = 1e-6
 """An offset at the start that is smaller is not worth telling: no encoder shows it."""
 
@@ -112,7 +110,7 @@ def _blended(course: Course, start: Array, limits: JointLimits) -> Course:
     bounds = (limits.max_velocity, limits.max_acceleration, limits.max_jerk)
     needed = [
         float((peak * off / (BLEND_SHARE * bound)).max()) ** (1.0 / order)
-        for order, (peak, bound) in enumerate(zip(BLEND_PEAKS, bounds, strict=True), start=1)
+        for order, (peak, bound) in enumerate(zip(CHANGE_PEAKS, bounds, strict=True), start=1)
     ]
     duration_s = min(max(needed), float(course.times_s[-1]))
     count = int(np.searchsorted(course.times_s, duration_s))

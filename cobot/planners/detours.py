@@ -18,7 +18,7 @@ from cobot.robot.clearance import Clearance
 from cobot.types import Array
 
 STEP_RAD = 0.8
-"""Between two nodes on a path."""
+"""Two nodes on a path are no further apart."""
 DRAWS, FINE_RAD = 100, 0.2
 """So many configurations are drawn about a way, about places so near to each other."""
 SPREADS_RAD = (0.6, 0.4, 0.2)

@@ -23,11 +23,11 @@ from cobot.planners.goals import joint_goals
 from cobot.planners.lin import straight_line
 from cobot.robot.description import RobotDescription
 from cobot.robot.frames import abc_from_quaternion, pose_from_abc
-from cobot.robot.inverse_kinematics import LEAST_GAP_M, inverse_all, nearest_to, reach_gap
+from cobot.robot.inverse_kinematics import MIN_GAP_M, inverse_all, nearest_to, reach_gap
 from cobot.trajectory import Trajectory
 from cobot.types import RRT_CONNECT, Array, PlannerName, Pose, Scaling, Synchronization
 
-MOST_BRANCHES, MOST_STARTS, MOST_GOALS = 12, 40, 4
+MAX_BRANCHES, MAX_STARTS, MAX_GOALS = 12, 40, 4
 SLOWER = (0.5, 0.2, 0.1)
 SLOWEST, LONGEST_S = 0.01, 600.0
 """Of speed; and a motion that takes longer is none."""
@@ -177,7 +177,7 @@ def _other_branches(robot: RobotDescription, request: MotionRequest) -> Iterator
         goals = joint_goals(robot, request)[1:]
     except CobotError:
         return
-    for goal in goals[:MOST_BRANCHES]:
+    for goal in goals[:MAX_BRANCHES]:
         yield Idea("branch", {"goal": goal}, f"at the goal the joints {_shown(goal)} {robot.limits.units}")
 
 
@@ -188,17 +188,17 @@ def _other_starts(robot: RobotDescription, request: MotionRequest) -> Iterator[I
     limits = robot.limits
     inside = np.clip(request.start, limits.min_position, limits.max_position)
     if not robot.collision.is_free(inside):
-        starts = exits(robot, inside)[:MOST_GOALS]
+        starts = exits(robot, inside)[:MAX_GOALS]
     elif np.abs(inside - request.start).max() > 0.0:
         starts = [inside]
     elif request.planner in PATH_PLANNERS:
         here = robot.model.forward(request.start)
         found = np.array(inverse_all(robot.model, here, request.start, spread=SPREAD))
-        starts = list(found[robot.collision.clearance.are_free(found)][:MOST_STARTS])
+        starts = list(found[robot.collision.clearance.are_free(found)][:MAX_STARTS])
     else:
         return
     goal = request.goal
-    if isinstance(goal, Pose) and not _is_by_angle(request) and reach_gap(robot.model, goal) > LEAST_GAP_M:
+    if isinstance(goal, Pose) and not _is_by_angle(request) and reach_gap(robot.model, goal) > MIN_GAP_M:
         return
     for start in starts:
         if np.abs(start - request.start).max() > 1e-3:
@@ -223,7 +223,7 @@ def _near_goals(robot: RobotDescription, request: MotionRequest) -> Iterator[tup
     limits, goal = robot.limits, request.goal
     if not isinstance(goal, Pose):
         inside = np.clip(goal, limits.min_position, limits.max_position)
-        nearest = [inside] if robot.collision.is_free(inside) else exits(robot, inside)[:MOST_GOALS]
+        nearest = [inside] if robot.collision.is_free(inside) else exits(robot, inside)[:MAX_GOALS]
         for joints in nearest:
             yield joints, f"joints {_shown(joints)} {limits.units}"
         return
@@ -243,7 +243,7 @@ def _near_joints(robot: RobotDescription, request: MotionRequest, goal: Pose) ->
     if request.planner in PATH_PLANNERS and descent.solved:
         return
     if not robot.collision.is_free(nearest):
-        yield from exits(robot, nearest)[:MOST_GOALS]
+        yield from exits(robot, nearest)[:MAX_GOALS]
         return
     for share in BACK:
         yield nearest + share * (request.start - nearest)

@@ -14,7 +14,7 @@ from cobot.robot.quaternion import cross
 from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName
 
-LOOK_S, MOST_LOOKS = 1e-3, 50_000
+LOOK_S, MAX_LOOKS = 1e-3, 50_000
 """A motion is looked at so often: between two looks it leaves their chord by less than a hundredth of the
 allowance."""
 ALLOWANCE = 1e-4
@@ -84,7 +84,7 @@ class Held:
         Raises:
             PlanningError: where, which one, and by how much.
         """
-        count = min(MOST_LOOKS, int(trajectory.duration_s / LOOK_S) + 2)
+        count = min(MAX_LOOKS, int(trajectory.duration_s / LOOK_S) + 2)
         times = np.linspace(0.0, trajectory.duration_s, count)
         rows = trajectory.sample(times)
         excess = self.excess(rows)

@@ -20,13 +20,13 @@ from cobot.motions.stretches import Corner, Leg
 from cobot.planners.cartesian import tcp_limits
 from cobot.planners.checks import validate
 from cobot.planners.coordinates import Zones
-from cobot.planners.cut import cut
-from cobot.planners.held import ALLOWANCE, LOOK_S, MOST_LOOKS, Held
+from cobot.planners.held import ALLOWANCE, LOOK_S, MAX_LOOKS, Held
 from cobot.planners.leg_limits import largest, largest_rates, rates
 from cobot.planners.path import Path
 from cobot.planners.time_law import time_optimal
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory, from_hermite
+from cobot.trajectory_parts import cut
 from cobot.types import Array
 
 SHARES = (1.0, 0.8, 0.6, 0.4, 0.2, 0.1)
@@ -36,7 +36,7 @@ BETWEEN_CORNERS, AT_AN_END = 0.49, 0.95
 INSIDE = 0.998
 """Of the radius: what may lie between the places that are looked at."""
 SAMPLES = 400
-LEAST_RADIUS_M = 1e-6
+MIN_RADIUS_M = 1e-6
 """Less is none: no arm is as exact, and rounding decides where the corner is."""
 TOLD = 0.9
 """A corner that uses less than this share of its radius is told."""
@@ -130,7 +130,7 @@ def corners_of(
     """
     found = []
     for index, (first, second) in enumerate(pairwise(paths), start=1):
-        round_ = [radius >= LEAST_RADIUS_M for radius in radii_m[index - 1 : index + 2]]
+        round_ = [radius >= MIN_RADIUS_M for radius in radii_m[index - 1 : index + 2]]
         before, after = (BETWEEN_CORNERS if round_[side] else AT_AN_END for side in (0, 2))
         free = before * first.length, after * second.length
         helds = _held(robot, legs[index - 1]), _held(robot, legs[index])
@@ -242,7 +242,7 @@ def part_of(
 
 def _between(motion: Trajectory, times_s: Array) -> list[Array]:
     """What is looked at of a motion before, between and after some times, shape (n, dof) each."""
-    count = min(MOST_LOOKS, int(motion.duration_s / LOOK_S) + 2)
+    count = min(MAX_LOOKS, int(motion.duration_s / LOOK_S) + 2)
     looks_s = np.linspace(0.0, motion.duration_s, count)
     return np.split(motion.sample(looks_s), np.searchsorted(looks_s, times_s))
 

@@ -30,7 +30,7 @@ SHARE_RAD = 0.1
 """What the whole path counts as in its parameter, beside the joints' way, so that it always increases."""
 SWINGING = 1.5
 """A curve through the places that is so many times as long as its chords swings beside them."""
-MOST_PLACES = 1500
+MAX_PLACES = 1500
 ROUNDS = 12
 INSIDE_RAD = 1e-6
 """The joints stay so far from limits, if they begin there: the time law's quintics are near this path."""
@@ -46,7 +46,7 @@ def through(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, 
     It is within the joints' limits everywhere, and its TCP within `LARGEST_DEVIATION_*` of the path.
 
     Raises:
-        UnreachableError: the joints jump, there are none somewhere, or more than `MOST_PLACES` are needed.
+        UnreachableError: the joints jump, there are none somewhere, or more than `MAX_PLACES` are needed.
     """
     if len(rows) > 1 and np.abs(np.diff(rows, axis=0)).max() <= EVEN_STEP_RAD and _is_even(shares):
         joint_path = Path.through_even(rows)
@@ -93,7 +93,7 @@ def jump_of(where: str, limits: JointLimits, joint: int, step: float, share: flo
 
 
 def _inaccurate(path: TcpPath) -> UnreachableError:
-    most = float(MOST_PLACES)
+    most = float(MAX_PLACES)
     return UnreachableError(
         f"{path.name}: the joints cannot follow the path accurately",
         findings=[Finding("path", "places needed, more than", most, most, "")],
@@ -143,7 +143,7 @@ def _halved(
 ) -> tuple[Array, Array]:
     """With a place in the middle of these intervals, a mask of shape (n - 1,)."""
     chosen = np.flatnonzero(which)
-    if len(rows) + len(chosen) > MOST_PLACES:
+    if len(rows) + len(chosen) > MAX_PLACES:
         raise _inaccurate(path)
     middles = 0.5 * (shares[chosen] + shares[chosen + 1])
     found = []

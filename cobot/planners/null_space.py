@@ -25,8 +25,8 @@ SPREADS_RAD = (0.02, 0.08, 0.25)
 NEAR_SHARE = 0.1
 """Configurations nearer to a limit than this share of the range cost more, up to one full step."""
 STEP_RAD = 0.3
-"""From place to place no joint turns further."""
-PLACE_M, PLACE_RAD, MOST_PLACES = 0.015, 0.1, 200
+"""No joint turns further from place to place."""
+PLACE_M, PLACE_RAD, MAX_PLACES = 0.015, 0.1, 200
 INSIDE_RAD = 8e-3
 """From limits, unless the start is nearer: the splines between places need some room, between finer ones
 less."""
@@ -53,7 +53,7 @@ class Particles:
         self._low = np.minimum(limits.min_position + INSIDE_RAD / factor, start)
         self._high = np.maximum(limits.max_position - INSIDE_RAD / factor, start)
         places = max(path.places, path.length_m / PLACE_M, path.angle_rad / PLACE_RAD)
-        self.shares = np.linspace(0.0, 1.0, factor * min(MOST_PLACES, int(np.ceil(places))) + 1)
+        self.shares = np.linspace(0.0, 1.0, factor * min(MAX_PLACES, int(np.ceil(places))) + 1)
         self._poses = path.poses(self.shares)
         self.reached = 0.0
         self._way = self._carried(start)

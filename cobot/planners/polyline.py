@@ -25,7 +25,7 @@ from cobot.types import Array, Pose
 METRES_PER_RAD = 0.3
 """What a turn counts beside a way where a leg's length is needed."""
 PLACES_PER_CORNER = 12
-MOST_PLACES = 400
+MAX_PLACES = 400
 LARGEST_SHARE = 0.5
 """Of a leg that a corner may take; the others are its neighbour's."""
 
@@ -87,8 +87,8 @@ def rounded(poses: list[Pose], radius_m: float, name: str = "polyline") -> TcpPa
             orientations = _turned(orientations, turn, progress)
         return np.concatenate([positions, orientations], axis=1)
 
-    places = int(np.clip(PLACES * ends[-1] / max(lengths.max(), 0.3), PLACES, MOST_PLACES))
-    places = min(MOST_PLACES, places + PLACES_PER_CORNER * int((corners > 0.0).sum()))
+    places = int(np.clip(PLACES * ends[-1] / max(lengths.max(), 0.3), PLACES, MAX_PLACES))
+    places = min(MAX_PLACES, places + PLACES_PER_CORNER * int((corners > 0.0).sum()))
     return TcpPath(name, at, float(lengths.sum()), float(angles.sum()), places)
 
 

@@ -17,13 +17,13 @@ from itertools import pairwise
 
 from cobot.errors import PlanningError
 from cobot.motions.stretches import Corner, Leg, Stretch
-from cobot.planners.cut import rest_at
 from cobot.planners.going_over import LimitedPath, Timing, gone_over
 from cobot.planners.joined import Part, check_radii, corners_of, part_of, with_stops
 from cobot.planners.path import Path
 from cobot.planners.time_law import with_room
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
+from cobot.trajectory_parts import rest_at
 
 RESERVE = (0.998, 0.98, 0.92)
 """Of the limits of velocity, acceleration and jerk: what a motion that may be prolonged uses at the most."""

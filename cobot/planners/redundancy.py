@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 PLACE_M, PLACE_RAD = 0.015, 0.06
-LEAST_PLACES, MOST_PLACES = 24, 128
+MIN_PLACES, MAX_PLACES = 24, 128
 NEAR_LIMIT_RAD, AT_LIMIT = 0.1, 0.5
 """Nearer to a limit than the former a node costs up to the latter, as a path all along would in s²."""
 ALIGNED_RAD = 0.02
@@ -95,7 +95,7 @@ class Graph:
         self._robot, self._arm, self._path, self._mesh = robot, arm, path, mesh
         self._start = start
         places = max(path.length_m / PLACE_M, path.angle_rad / PLACE_RAD, path.places)
-        count = mesh.factor * int(np.clip(np.ceil(places), LEAST_PLACES, MOST_PLACES))
+        count = mesh.factor * int(np.clip(np.ceil(places), MIN_PLACES, MAX_PLACES))
         self.shares = np.linspace(0.0, 1.0, count + 1)
         self._angles = np.linspace(-np.pi, np.pi, mesh.angles, endpoint=False)
         self._branches = self._branches_at(start)

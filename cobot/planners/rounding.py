@@ -18,7 +18,7 @@ from cobot.types import Array
 
 DECIMALS = range(4, 10)
 """With fewer decimals a unit is too much to move by; with more there is nothing to take out."""
-LEAST_POINTS = 100
+MIN_POINTS = 100
 LONGEST_STEP_S = 0.02
 """Points further apart are meant one by one, s."""
 UNEVEN = 0.01
@@ -44,7 +44,7 @@ def smoothed(times_s: Array, positions: Array) -> tuple[Array, float] | None:
     """
     steps_s = np.diff(times_s)
     if (
-        len(times_s) < LEAST_POINTS
+        len(times_s) < MIN_POINTS
         or steps_s.max() > LONGEST_STEP_S
         or np.ptp(steps_s) > UNEVEN * steps_s.max()
     ):

@@ -37,7 +37,7 @@ SEARCHES, ROUNDS = 3, 6
 """So many searches in each round, of which the shortest path counts, and so many rounds where that is not
 `DIRECT` yet."""
 FEW_ATTEMPTS, MANY_ATTEMPTS = 200, 1000
-"""To add a node, in each search of the first round, and of the others."""
+"""A search of the first round tries so often to add a node, those of the others so often."""
 MUCH_WORK = 120_000
 """No round is begun after so many configurations looked at, some 0.3 s. No times: the same seed shall give
 the same path."""

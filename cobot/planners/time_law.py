@@ -36,7 +36,7 @@ from cobot.robot.feasibility import effort_samples
 from cobot.trajectory import ORDER, Integers, Trajectory
 from cobot.types import PLANNED_ACCELERATION, Array, CartesianLimits, JointLimits
 
-LEAST_CELLS, MOST_CELLS = 64, 1000
+MIN_CELLS, MAX_CELLS = 64, 1000
 CELLS_PER_BUILD_UP, FINER_CELLS = 8, 32
 """Cells in the time in which a full acceleration builds up; the latter where the path changes within few of
 them."""
@@ -47,7 +47,7 @@ GAP = 5e-4
 ITERATIONS = 60
 LONGEST_S = 1e9
 """Thirty years: beyond that the powers of a time leave the range of numbers."""
-ROUNDS, MOST_ROUNDS = 3, 8
+ROUNDS, MAX_ROUNDS = 3, 8
 TIGHT = 1.003
 """A motion that its extrema would stretch by more is optimised again, up to so many times;
 one more for each zone after the first, the latter at the most."""
@@ -100,7 +100,7 @@ def time_optimal(
     """
     limits = with_room(robot, limits)
     coordinates = Coordinates(robot.model, path, limits, tcp_limits, zones=zones)
-    most = MOST_CELLS * (1 if zones is None else len(zones.ends))
+    most = MAX_CELLS * (1 if zones is None else len(zones.ends))
     laws = (_first_law(coordinates, cells, most) for cells in (CELLS_PER_BUILD_UP, FINER_CELLS))
     return _solved(robot, coordinates, laws)
 
@@ -125,7 +125,7 @@ def _first_law(coordinates: Coordinates, per_build_up: int, most_cells: int) -> 
     for derivative, limit, order in ((second, max_acceleration, 2), (third, max_jerk, 3)):
         share = np.maximum((np.abs(derivative) / limit).max(axis=1), 1e-12)
         speed = np.minimum(speed, share ** (-1.0 / order))
-    bounds = (LEAST_CELLS, most_cells, per_build_up)
+    bounds = (MIN_CELLS, most_cells, per_build_up)
     shares = first / max_acceleration, second / max_acceleration, first / max_jerk
     return reference_motion(*shares, speed, length, bounds)[0]
 
@@ -188,7 +188,7 @@ class _Problem:
 
     def refined(self, best: Timed) -> Timed:
         """The same with limits tightened where the extrema are beyond them, until there is no more to it."""
-        for _ in range(min(ROUNDS + self._coordinates.zones - 1, MOST_ROUNDS)):
+        for _ in range(min(ROUNDS + self._coordinates.zones - 1, MAX_ROUNDS)):
             if best.stretched <= TIGHT:
                 break
             again = self.solved()

@@ -23,7 +23,7 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits
 
 STEPS_TO_FULL_ACCELERATION = 10
-LEAST_STEPS, MOST_STEPS = 40, 60_000
+MIN_STEPS, MAX_STEPS = 40, 60_000
 MUCH_SLOWER = 1.5
 """What has to be slower by this factor on the whole gets steps of the time that it will take."""
 AVERAGES = [(3, 1), (5, 1), (7, 3), (10, 1), (10, 5), (14, 1), (14, 7), (20, 1)]
@@ -32,13 +32,13 @@ TOO_FAR = 1.5
 """Longer averages than one that leaves the corridor by this factor are not tried."""
 ROUNDS, TURNS, WORK = 16, 200, 2_500_000
 """At the most so many rounds of so many turns, and so many turns times control points in all."""
-USUAL_ROUNDS, LEAST_TURNS = 8, 30
+USUAL_ROUNDS, MIN_TURNS = 8, 30
 """What is long has less turns a round, so that it has rounds at all."""
 PER_DEVIATION = 0.08
 """Where the motion leaves the corridor, time is stretched by this power of how far it does: carefully, as the
 turns that are still to come bring most of it back.
 """
-INNER, LEAST_INNER = 0.85, 0.2
+INNER, MIN_INNER = 0.85, 0.2
 """The share of the corridor that the fit's control points may use, less what the noise takes of it."""
 AS_ASKED = 1.002
 """What lasts no longer than so many times the asked duration is not improved."""
@@ -95,7 +95,7 @@ class _Fitting:
 
     def __init__(self, asked: Trajectory, limits: JointLimits, corridor: Array) -> None:
         self._usual_s = float((limits.max_acceleration / limits.max_jerk).min()) / STEPS_TO_FULL_ACCELERATION
-        coarsest_s, finest_s = asked.duration_s / LEAST_STEPS, asked.duration_s / MOST_STEPS
+        coarsest_s, finest_s = asked.duration_s / MIN_STEPS, asked.duration_s / MAX_STEPS
         self._step_s = float(np.clip(self._usual_s, finest_s, coarsest_s))
         self._limits = limits
         self._corridor = corridor
@@ -136,15 +136,15 @@ class _Fitting:
         slowness = self._first_slowness(grid_s)
         expected_s = float(slowness.mean()) * curve.duration_s
         if expected_s > MUCH_SLOWER * curve.duration_s:
-            self._step_s = min(self._usual_s, expected_s / LEAST_STEPS)
+            self._step_s = min(self._usual_s, expected_s / MIN_STEPS)
         control: Array | None = None
-        most = max(INNER - float((curve.noise / self._corridor).max()), LEAST_INNER)
+        most = max(INNER - float((curve.noise / self._corridor).max()), MIN_INNER)
         belongs_s, share, work = grid_s, most, 0
         for _ in range(ROUNDS):
-            if LEAST_TURNS * float(slowness.mean()) * curve.duration_s > WORK * self._step_s:
+            if MIN_TURNS * float(slowness.mean()) * curve.duration_s > WORK * self._step_s:
                 return  # else who asks for a lot too much takes all memory
             times_s, step_s = self._clock(grid_s, slowness)
-            turns = int(np.clip(WORK / (USUAL_ROUNDS * len(times_s)), LEAST_TURNS, TURNS))
+            turns = int(np.clip(WORK / (USUAL_ROUNDS * len(times_s)), MIN_TURNS, TURNS))
             work += turns * len(times_s)
             if work > WORK:
                 return

@@ -16,7 +16,7 @@ from cobot.trajectory import ORDER, Trajectory
 from cobot.types import Array, JointLimits
 
 AT_REST = 3
-"""So many equal control points at each end."""
+"""A spline has so many equal control points at each end, where it rests."""
 
 
 def stretch_needed(control: Array, step_s: float, limits: JointLimits) -> Array:

@@ -18,7 +18,7 @@ from cobot.types import JointLimits
 VELOCITY_OF = "max_velocity "
 """What the <numeric> of a joint's velocity is called in a model.xml, before the joint's name."""
 TOLERANCE = 1e-4
-"""As a share: MuJoCo writes six digits."""
+"""Values that differ by this share are the same: MuJoCo writes six digits."""
 
 
 def check_velocities(file: Path, mj: mujoco.MjModel, limits: JointLimits) -> None:

@@ -23,7 +23,7 @@ MAX_TRIANGLES = 20_000
 MAX_CELLS = 300_000
 """Of the grid around what is not convex."""
 MAX_CORNERS = 2_000
-"""Of all convex parts together."""
+"""All convex parts together have no more corners."""
 AT_ONCE = 200_000
 """Pairs of a triangle and a cell; more take turns."""
 FLAT = 1e-6

@@ -14,7 +14,7 @@ from cobot.errors import InputError, LimitError
 from cobot.types import Array
 
 MAX_SOLIDS = 500
-"""Of one scene: a streaming session looks at all of them within a cycle."""
+"""A scene has no more solids: a streaming session looks at all of them within a cycle."""
 MIN_M = 1e-6
 """A column that is lower is none."""
 LARGEST_M = 200.0

@@ -61,6 +61,7 @@ class Participant:
     Errors: NetworkError when an interface or a free port is missing.
     """
 
+    # Many parameters: it is all that one says to DDS, mostly by default.
     def __init__(
         self,
         domain_id: int = 0,

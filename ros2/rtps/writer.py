@@ -5,6 +5,8 @@ timer, armed only while something is unacknowledged, sends heartbeats that ask f
 datagram, and everything that is sent again, goes through a queue per reader, a burst at a time, so that it
 does not overflow the receiver's socket buffer; small samples share a datagram there. Discovery uses this
 queue for all that it says: a robot's hundreds of endpoints are a few datagrams.
+
+Long, because the history is what all of them share, under one lock.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from cobot.types import Array, Pose
 OFF_M, OFF_RAD = 0.005, 0.02
 """How far the two may be apart: more than the calibration of an arm, less than any wrong axis or link."""
 REDUCED_M_S = 0.25
-"""Of the TCP by hand, ISO 10218-1 reduced speed."""
+"""The TCP is moved by hand no faster: the reduced speed of ISO 10218-1."""
 REDUCED_SHARE = 0.9
 """Of it, that a motion is to use at the most."""
 POSES = 500

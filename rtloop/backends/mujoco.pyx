@@ -9,6 +9,8 @@ and the friction is what the model knows at dq_cmd. On a planned motion the firs
 and the springs see only what the model does not know; pushed, the arm yields by force over stiffness. With
 an `Impedance` the springs are softer, and such an arm's torque sensors, behind the gears, let the drives
 make up for most of the dry friction that was really there in the last cycle.
+
+Long, because drives, dynamics and sensors are one step of one simulation.
 """
 
 from libc.math cimport NAN

@@ -29,7 +29,7 @@ from rtloop.backends.protocols import (
 )
 
 STATE_PERIOD_S, POINT_PERIOD_S = 0.05, 0.02
-"""Of a device that says nothing else."""
+"""A device that says nothing else has these periods."""
 SILENCE_S = 2.0
 """Without an answer for so long it is not there any more."""
 REST_S, REST_RAD = 3.0, 1e-4

@@ -15,7 +15,7 @@ from cobot.config import Settings
 from cobot.ipc.layout import RING, Ack, Command, MotionResult, text
 from cobot.ipc.shm import RobotMemory
 from cobot.robot.description import RobotDescription
-from cobot.trajectory import Trajectory, from_hermite
+from cobot.trajectory import CHANGE_PEAKS, Trajectory, from_hermite
 from cobot.types import Array, LoopMode
 from rtloop.backends import Backend, BackendError, Measured
 from rtloop.backends.trajectory_driver import as_backend
@@ -29,9 +29,7 @@ PATIENCE_S = 20.0
 ATTEMPTS = 20
 """To reset a fault, 0.1 s apart: the arm has to be at rest."""
 SHARE = 0.5
-"""Of the joints' limits, that a move uses."""
-PEAKS = 1.875, 10.0 / 3.0**0.5, 60.0
-"""Of velocity, acceleration and jerk of the quintic from rest to rest over 1 in 1 s."""
+"""A move uses this share of the joints' limits."""
 _numbers = itertools.count()
 
 
@@ -290,7 +288,7 @@ class Driver:
         bounds = self.limits.max_velocity, self.limits.max_acceleration, self.limits.max_jerk
         duration_s = max(
             float(((peak * np.abs(goal - start) / (SHARE * bound)) ** (1.0 / order)).max())
-            for order, (peak, bound) in enumerate(zip(PEAKS, bounds, strict=True), start=1)
+            for order, (peak, bound) in enumerate(zip(CHANGE_PEAKS, bounds, strict=True), start=1)
         )
         still = np.zeros((2, self.limits.dof))
         return from_hermite(np.array([0.0, duration_s]), np.array([start, goal]), still, still)

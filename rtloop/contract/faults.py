@@ -39,44 +39,25 @@ def ends(fault: str, cell: Cell, *, moving: bool) -> str:
     """It ends what goes on, a motion or that the arm is held, with a reason, and permits no reset while it
     lasts; then the arm goes on.
     """
-    with cell.driven() as driver:
-        _require(driver, fault)
-        if moving:
-            driver.begin_move()
-            driver.run(REST_S)
-        with driver.fault(fault):
-            said = _ended(driver, fault)
-            _stays_so(driver, fault)
-        _recovers(cell, driver)
-    return said
+    return _comes_while(fault, cell, _move if moving else _rest, stays=True)
 
 
 def while_stopping(fault: str, cell: Cell) -> str:
     """The same while the arm comes to rest."""
-    with cell.driven() as driver:
-        _require(driver, fault)
-        driver.begin_move()
-        driver.run(REST_S)
+
+    def stop(driver: Driver) -> None:
+        _move(driver)
         driver.stop()
         driver.step(2)
-        with driver.fault(fault):
-            said = _ended(driver, fault)
-        _recovers(cell, driver)
-    return said
+
+    return _comes_while(fault, cell, stop, stays=False)
 
 
 def in_stream(fault: str, cell: Cell) -> str:
     """The same while a client streams positions."""
     if capabilities_of(cell.kind).trajectories:
         raise NotTested("nothing can be streamed to a device that moves by itself")
-    with cell.driven() as driver:
-        _require(driver, fault)
-        begin_stream(driver)
-        with driver.fault(fault):
-            said = _ended(driver, fault)
-            _stays_so(driver, fault)
-        _recovers(cell, driver)
-    return said
+    return _comes_while(fault, cell, begin_stream, stays=True)
 
 
 def while_loading(fault: str, cell: Cell) -> str:
@@ -149,6 +130,28 @@ def mode_change(cell: Cell) -> str:
         _recovers(cell, driver)
     told = f"{before} to {after}: " if before is not None else ""
     return f"{told}{'the motion goes on' if went_on else 'the motion ends'}"
+
+
+def _rest(driver: Driver) -> None:
+    """The arm is held."""
+
+
+def _move(driver: Driver) -> None:
+    driver.begin_move()
+    driver.run(REST_S)
+
+
+def _comes_while(fault: str, cell: Cell, begin: Callable[[Driver], None], *, stays: bool) -> str:
+    """The reason that is given when it comes into what has begun; with `stays` it outlasts some resets."""
+    with cell.driven() as driver:
+        _require(driver, fault)
+        begin(driver)
+        with driver.fault(fault):
+            said = _ended(driver, fault)
+            if stays:
+                _stays_so(driver, fault)
+        _recovers(cell, driver)
+    return said
 
 
 def _require(driver: Driver, fault: str) -> None:

@@ -93,6 +93,10 @@ cdef class CommandInbox:
         ack.data["message"] = encoded(message)
         ack.c_publish()
 
+    def answer(self, number, refusal):
+        """Acknowledge a command: refused for a reason, or, with "", accepted."""
+        self.acknowledge(number, Ack.REJECTED if refusal else Ack.ACCEPTED, refusal)
+
     cdef int c_poll_requests(self) noexcept nogil:
         cdef int asked = 0
         cdef uint64_t stops, estops

@@ -28,7 +28,7 @@ cdef double SHARE = 0.99
 # A profile under way gives way to one that needs no more than this share of the time that is left.
 cdef double SOONER = 0.8
 # Below zero the arm would go back.
-cdef double LEAST_RATE = -1e-9
+cdef double MIN_RATE = -1e-9
 # The rate itself changes no faster than this, 1/s and 1/s²: where the arm hardly moves, anything would do.
 cdef double MAX_ACCELERATION = 50.0
 cdef double MAX_JERK = 2000.0
@@ -199,7 +199,7 @@ cdef class PathClock:
         cdef double breaks[MAX_BREAKPOINTS]
         cdef int i, count = _places(&self.candidate, places)
         for i in range(count):
-            if places[i].rate < LEAST_RATE:
+            if places[i].rate < MIN_RATE:
                 return False
             if not self._holds(path, places[i].path_time_s, places[i].rate, places[i].slope, places[i].bend):
                 return False

@@ -8,6 +8,8 @@ pursuit goes along with the request's velocity, and a joint that could no longer
 slows down before it gets there.
 
 Commands have the shape (3, dof): position, velocity and acceleration of all joints, rad and s.
+
+Long, because whatever may catch a command shares one pursuit.
 """
 
 from libc.math cimport INFINITY, copysign, fabs, fmax, fmin, isfinite, sqrt

@@ -2,6 +2,8 @@
 
 Poses are x, y, z in m and a quaternion (w, x, y, z), errors and twists linear before angular, all in the base
 frame.
+
+Long, because motion and force share one step of the least squares.
 """
 
 from libc.math cimport cbrt, fabs, isfinite, sqrt

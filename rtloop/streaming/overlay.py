@@ -11,8 +11,8 @@ from cobot.types import Array, JointLimits
 from rtloop.backends import Backend, ImpedanceControlled, TorqueControlled, WrenchControlled
 
 RISE_S = 0.1
-"""From nothing to the most, and back: no jump."""
-MOST_WRENCH = np.array([150.0] * 3 + [30.0] * 3)
+"""A force goes from nothing to the most in this time, and back, so that it does not jump."""
+MAX_WRENCH = np.array([150.0] * 3 + [30.0] * 3)
 """N and N·m. Nothing but the surroundings ends the push of a force on drives that give way."""
 
 
@@ -48,5 +48,5 @@ def overlay_of(request: np.ndarray, backend: Backend, limits: JointLimits, perio
     if request["stream"] == Stream.JOINT_TORQUE and isinstance(backend, TorqueControlled):
         return Overlay(backend.write_torque, limits.max_effort, period_s)
     if request["force_axes"].any() and isinstance(backend, WrenchControlled):
-        return Overlay(backend.write_wrench, MOST_WRENCH, period_s)
+        return Overlay(backend.write_wrench, MAX_WRENCH, period_s)
     return None

@@ -20,7 +20,7 @@ MAX_JERK = 2000.0
 """Of the rate, 1/s and 1/s²: where the arm hardly moves, any rate would be admissible."""
 SOONER = 0.8
 """A profile under way gives way to one that needs no more than this share of the time that is left."""
-LEAST_RATE = -1e-9
+MIN_RATE = -1e-9
 """Below zero the arm would go back."""
 LONGEST_S = 2.0
 """Of a profile: a gentler one is not taken, for somebody waits for the stop."""
@@ -152,7 +152,7 @@ class PathClock:
         )
         grid = (s + t * (r + t * (a / 2 + t * j / 6))).ravel()
         rates = np.array([r + t * (a + t * j / 2), a + t * j, np.broadcast_to(j, t.shape)]).reshape(3, -1)
-        if rates[0].min() < LEAST_RATE:
+        if rates[0].min() < MIN_RATE:
             return False
         # The path's jerk steps at its breakpoints: both sides of each are looked at too.
         breaks = path.breakpoints(grid[0], grid[-1])

@@ -81,3 +81,24 @@ def test_a_stop_meanwhile_ends_it(rig: Rig, arm: StepwiseArm) -> None:
     rig.step(200)
     assert rig.mode is LoopMode.FAULT
     assert not arm.enabled
+
+
+@pytest.mark.parametrize("latched", ["a fault", "an e-stop"])
+@pytest.mark.parametrize("outside", [False, True])
+def test_an_estop_meanwhile_ends_it(rig: Rig, arm: StepwiseArm, latched: str, outside: bool) -> None:
+    """Also where one is latched already, and whoever asks for it: the service, or `cobot stop --estop`."""
+    failed(rig, arm)
+    if latched == "an e-stop":
+        rig.request("estops")
+        rig.step(10)
+    reset = rig.send(Command.RESET)
+    rig.step(5)
+    assert arm.steps
+    if outside:
+        rig.memory.outside_estops.add()
+    else:
+        rig.request("estops")
+    assert rig.answer(reset) == "a stop was requested meanwhile"
+    rig.step(200)
+    assert rig.mode is LoopMode.ESTOP
+    assert not arm.enabled

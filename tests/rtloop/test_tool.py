@@ -5,6 +5,7 @@ Oracles: pinocchio, in which the tool is a body of its own; MuJoCo's sensor at t
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -47,12 +48,17 @@ def rig(settings: Settings, own: RobotDescription) -> Iterator[Rig]:
 
 
 def have(rig: Rig, tool: Tool, **wild: Any) -> str:
-    """Have rtloop carry it; "" or why not."""
+    """Have rtloop carry it, and wait until a thread has read its shapes; "" or why not."""
     fill(rig.memory.tool.data, tool)
     for name, value in wild.items():
         rig.memory.tool.data[name] = value
     rig.memory.tool.publish()
-    return rig.answer(rig.send(Command.TOOL, tool=tool.version))
+    said = rig.answer(rig.send(Command.TOOL, tool=tool.version))
+    rig.step()
+    while rig.loop.controller.tool_and_scene.surroundings.busy:
+        time.sleep(1e-3)
+        rig.step()
+    return said
 
 
 def state(rig: Rig) -> Any:

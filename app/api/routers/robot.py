@@ -45,11 +45,12 @@ from cobot.motions.bodies import (
     MovePose,
     MoveSequence,
     PathPoint,
+    PathPose,
     TcpMotion,
 )
 from cobot.motions.requests import Arc, TcpSpeed, check_algorithm
 from cobot.robot.frames import abc_from_quaternion, pose_from_abc
-from cobot.types import Array, PlannerName, Scaling, Synchronization
+from cobot.types import Array, PlannerName, Pose, Scaling, Synchronization
 
 How = Annotated[MoveQuery, Query()]
 COMPLETED = "Motion completed successfully"
@@ -175,6 +176,10 @@ def _arc_to(body: MovePose) -> Arc | None:
     return Arc(_vector(body.centre), None if body.axis is None else _vector(body.axis))
 
 
+def _pose(body: PathPose) -> Pose:
+    return pose_from_abc(body.x, body.y, body.z, body.a, body.b, body.c)
+
+
 def _vector(point: PathPoint) -> Array:
     return np.array([point.x, point.y, point.z])
 
@@ -204,19 +209,18 @@ def _to_goal(body: MoveNamed | MoveJoints | MovePose, goals: Goals, *, checked: 
         return goals.named(body.name, scaling, synchronization, checked=checked)
     if isinstance(body, MoveJoints):
         return goals.joints(body.joints, scaling, synchronization, checked=checked)
-    return goals.pose(
-        [body.x, body.y, body.z],
-        [body.a, body.b, body.c],
-        body.frame_id,
-        body.planner,
+    goal = Goal(
+        _pose(body),
         _scaling(body),
-        None if body.via is None else [body.via.x, body.via.y, body.via.z],
-        synchronization,
-        _arc_to(body),
-        [pose_from_abc(pose.x, pose.y, pose.z, pose.a, pose.b, pose.c) for pose in body.through],
-        body.radius,
-        TcpSpeed(body.speed_m_s, body.speed_rad_s),
+        PlannerName(body.planner),
+        via=None if body.via is None else _vector(body.via),
+        synchronization=synchronization,
+        arc=_arc_to(body),
+        through=tuple(map(_pose, body.through)),
+        radius_m=body.radius,
+        tcp_speed=TcpSpeed(body.speed_m_s, body.speed_rad_s),
     )
+    return goals.pose(goal, body.frame_id)
 
 
 def _said(body: BaseModel) -> str:

@@ -18,15 +18,8 @@ from app.api.scene_schemas import (
     SceneAnswer,
 )
 from app.api.solids import solid_of
-from app.services.motion.scene import (
-    Changed,
-    Edit,
-    SceneService,
-    clear,
-    detach,
-    remove_frame,
-    remove_object,
-)
+from app.services.motion.scene import Changed, SceneService
+from app.services.motion.scene_edits import Edit, clear, detach, remove_frame, remove_object
 from cobot.robot.frames import pose_from_abc
 from cobot.robot.scene import Numbers7, numbers
 

@@ -27,6 +27,7 @@ def _text(description: str) -> Any:
 ACTION = "Not used; taken for compatibility and written to the log."
 
 
+# Many parameters: each is a field of the form, and so of the published schema.
 @router.post(
     "/start",
     response_model=StartedAnswer,

@@ -126,42 +126,18 @@ class Goals:
             check_positions(limits, target, share=1.0)
         return Goal(target, scaling, synchronization=synchronization)
 
-    def pose(
-        self,
-        position: list[float],
-        abc: list[float],
-        frame: str,
-        planner: str,
-        scaling: Scaling,
-        via: list[float] | None,
-        synchronization: Synchronization = Synchronization.TIME,
-        arc: Arc | None = None,
-        through: Sequence[Pose] = (),
-        radius_m: float = 0.0,
-        tcp_speed: TcpSpeed = ANY_SPEED,
-    ) -> Goal:
-        """The goal of a TCP pose: m, KUKA angles in rad.
+    def pose(self, goal: Goal, frame: str) -> Goal:
+        """A goal whose target is a pose of the TCP, in a frame: see `in_frame`.
 
         Raises:
             InputError: a frame that is unknown or moves, or fields that do not fit the planner.
         """
-        name = PlannerName(planner)
-        check_via(name, via, arc)
-        check_arc(arc)
-        check_synchronization(name, synchronization)
-        check_through(name, through, radius_m)
-        check_tcp_speed(name, tcp_speed, self._robot.cartesian_limits)
-        goal = Goal(
-            pose_from_abc(*position, *abc),
-            scaling,
-            name,
-            None if via is None else np.array(via),
-            synchronization=synchronization,
-            arc=arc,
-            through=tuple(through),
-            radius_m=radius_m,
-            tcp_speed=tcp_speed,
-        )
+        name = goal.planner
+        check_via(name, goal.via, goal.arc)
+        check_arc(goal.arc)
+        check_synchronization(name, goal.synchronization)
+        check_through(name, goal.through, goal.radius_m)
+        check_tcp_speed(name, goal.tcp_speed, self._robot.cartesian_limits)
         return self.in_frame(goal, frame)
 
     def arc(self, arc: Arc, frame: str, scaling: Scaling, tcp_speed: TcpSpeed) -> Goal:
@@ -170,7 +146,8 @@ class Goals:
         Raises:
             InputError: a frame that is unknown or moves, or a speed beyond the limits.
         """
-        return self.pose([0.0] * 3, [0.0] * 3, frame, "circ", scaling, None, arc=arc, tcp_speed=tcp_speed)
+        nowhere = pose_from_abc(*[0.0] * 6)
+        return self.pose(Goal(nowhere, scaling, PlannerName.CIRC, arc=arc, tcp_speed=tcp_speed), frame)
 
     def in_frame(self, goal: Goal, frame: str) -> Goal:
         """A goal that is given in a frame: the base's, the TCP's where the motion begins (tool), or one that

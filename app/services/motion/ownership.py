@@ -1,4 +1,7 @@
-"""Who may move the arm: one at a time."""
+"""Who may move the arm: one at a time.
+
+Long, because a claim and who may make one are one rule.
+"""
 
 from __future__ import annotations
 

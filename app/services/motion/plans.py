@@ -1,4 +1,7 @@
-"""Motions that are planned now and perhaps run later."""
+"""Motions that are planned now and perhaps run later.
+
+Long, because making, keeping, showing and running a plan go by its life, which is here.
+"""
 
 from __future__ import annotations
 

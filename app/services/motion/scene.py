@@ -5,20 +5,20 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-
-import numpy as np
 
 from app.services.motion.execution import MotionService
 from app.services.motion.goals import Goals
 from app.services.motion.lease import CLIENT
 from app.services.motion.ownership import Caller, Ownership
 from app.services.motion.planning import PlanningService
+from app.services.motion.scene_edits import Edit, named, pose_of, require_room
 from app.services.motion.stopping import StopService
 from app.services.motion.tool_and_limits import compose, inverted
 from app.services.state.link import RobotLink
 from app.services.state.robot_state import RobotState
+from cobot.config import Settings
 from cobot.errors import (
     CobotError,
     CollisionError,
@@ -32,17 +32,15 @@ from cobot.robot.collision import CollisionChecker, Contact
 from cobot.robot.description import RobotDescription
 from cobot.robot.load import carrying, check_load
 from cobot.robot.scene import Numbers7, Scene, SceneFile, SceneObject, numbers, symmetric
-from cobot.robot.solids import MAX_SOLIDS
 from cobot.robot.tool import check_inertia
 from cobot.strict import shown
-from cobot.trajectory import ORDER, Trajectory
+from cobot.trajectory_parts import cut
 from cobot.types import RESTING, STREAMING, Pose
 
 MAX_OBJECTS = 200
 MAX_FRAMES = 1000
 STATE_TIMEOUT_S = 1.5
 
-Edit = Callable[[Scene, Pose], Scene]
 """What makes a scene of another one; the second argument is where the TCP is."""
 
 log = logging.getLogger("cobot.scene")
@@ -81,8 +79,7 @@ class SceneService:
         planning: PlanningService,
         stopping: StopService,
         ownership: Ownership,
-        max_payload_kg: float,
-        file: SceneFile,
+        settings: Settings,
     ) -> None:
         self._robot = robot
         self._link = link
@@ -91,11 +88,11 @@ class SceneService:
         self._planning = planning
         self._stopping = stopping
         self._ownership = ownership
-        self._max_payload_kg = max_payload_kg
-        self._file = file
+        self._max_payload_kg = settings.robot.max_payload_kg
+        self._file = SceneFile(settings.scene_file)
         self.turn = asyncio.Lock()
         self._model_names = robot.model.frame_names | {robot.base_frame, "tool"}
-        scene = file.read()
+        scene = self._file.read()
         if scene.version:
             robot.collision.surround(scene)
             planning.scene = scene
@@ -115,7 +112,7 @@ class SceneService:
                 raise LimitError(f"objects: no more than {MAX_OBJECTS} are allowed: remove one first")
             placed = replace(item, pose=self._placed(scene, item.pose, frame))
             objects = {**scene.objects, name: placed}
-            _require_room(objects)
+            require_room(objects)
             return replace(scene, objects=objects)
 
         return edit
@@ -145,11 +142,11 @@ class SceneService:
         """From now on it moves with the TCP, from where both are now."""
 
         def edit(scene: Scene, hand: Pose) -> Scene:
-            item = _named(scene, name)
+            item = named(scene, name)
             if item.attached:
                 raise ConflictError(f"the object {shown(name)} is attached already")
             self._require_known(scene, touch)
-            pose = numbers(compose(inverted(hand), _pose(item.pose)))
+            pose = numbers(compose(inverted(hand), pose_of(item.pose)))
             held = replace(item, pose=pose, attached=True, touch=tuple(touch))
             return replace(scene, objects={**scene.objects, name: held})
 
@@ -243,9 +240,10 @@ class SceneService:
             return ""
         motion_id, trajectory = handed_over
         begun = state.motion_id == motion_id
-        left = rest_of(trajectory, state.path_time_s) if begun else trajectory
-        if left is None:
+        time_s = max(0.0, state.path_time_s) if begun else 0.0
+        if time_s >= trajectory.duration_s:
             return ""
+        left = cut(trajectory, time_s, trajectory.duration_s)
         try:
             await asyncio.to_thread(checker.check_trajectory, left)
         except CollisionError as exc:
@@ -263,8 +261,8 @@ class SceneService:
     def _placed(self, scene: Scene, pose: Numbers7, frame: str) -> Numbers7:
         """In the base frame, also of a frame that the same change has made."""
         if frame in scene.frames:
-            return numbers(compose(_pose(scene.frames[frame]), _pose(pose)))
-        return numbers(self._goals.placed(_pose(pose), frame))
+            return numbers(compose(pose_of(scene.frames[frame]), pose_of(pose)))
+        return numbers(self._goals.placed(pose_of(pose), frame))
 
     def _require_own_name(self, name: str) -> None:
         if name in self._robot.collision.tool.shapes:
@@ -278,85 +276,3 @@ class SceneService:
             if name not in bodies and name not in scene.objects:
                 valid = ", ".join([*bodies, *scene.objects])
                 raise NotFoundError(f"there is no body or object {shown(name)}; valid are: {valid}")
-
-
-def clear(scene: Scene, hand: Pose) -> Scene:
-    """Remove all of it."""
-    return Scene(version=scene.version, loads=scene.loads)
-
-
-def remove_object(name: str) -> Edit:
-    """Take a solid away, attached or not."""
-
-    def edit(scene: Scene, hand: Pose) -> Scene:
-        _named(scene, name)
-        return replace(scene, objects={other: each for other, each in scene.objects.items() if other != name})
-
-    return edit
-
-
-def remove_frame(name: str) -> Edit:
-    """Forget a named place."""
-
-    def edit(scene: Scene, hand: Pose) -> Scene:
-        if name not in scene.frames:
-            there = ", ".join(scene.frames) or "none"
-            raise NotFoundError(f"there is no frame {shown(name)}; there are: {there}")
-        return replace(scene, frames={other: each for other, each in scene.frames.items() if other != name})
-
-    return edit
-
-
-def detach(name: str) -> Edit:
-    """From now on it stands where it is."""
-
-    def edit(scene: Scene, hand: Pose) -> Scene:
-        item = _named(scene, name)
-        if not item.attached:
-            raise ConflictError(f"the object {shown(name)} is not attached")
-        pose = numbers(compose(hand, _pose(item.pose)))
-        left = replace(item, pose=pose, attached=False, touch=())
-        return replace(scene, objects={**scene.objects, name: left})
-
-    return edit
-
-
-def rest_of(trajectory: Trajectory, time_s: float) -> Trajectory | None:
-    """What of a motion comes after a time; None if that is nothing."""
-    breakpoints = trajectory.breakpoints_s
-    if time_s <= 0.0:
-        return trajectory
-    if time_s >= breakpoints[-1]:
-        return None
-    piece = int(np.searchsorted(breakpoints, time_s, side="right")) - 1
-    here = trajectory.coefficients[piece]
-    ahead_s = time_s - breakpoints[piece]
-    shifted = np.zeros_like(here)
-    for power in range(ORDER):
-        for lower in range(power + 1):
-            shifted[:, lower] += here[:, power] * math.comb(power, lower) * ahead_s ** (power - lower)
-    times = np.concatenate([[0.0], breakpoints[piece + 1 :] - time_s])
-    return Trajectory(times, np.concatenate([shifted[None], trajectory.coefficients[piece + 1 :]]))
-
-
-def _require_room(objects: dict[str, SceneObject]) -> None:
-    count = sum(each.solids for each in objects.values())
-    if count > MAX_SOLIDS:
-        largest = sorted(objects, key=lambda name: -objects[name].solids)[:3]
-        held = ", ".join(f"{name} of {objects[name].solids}" for name in largest)
-        raise LimitError(
-            f"objects: they are made of {count} solids, {held} among them; no more than {MAX_SOLIDS} are "
-            "allowed: remove one first, or make one coarser"
-        )
-
-
-def _named(scene: Scene, name: str) -> SceneObject:
-    if name not in scene.objects:
-        there = ", ".join(scene.objects) or "none"
-        raise NotFoundError(f"there is no object {shown(name)}; there are: {there}")
-    return scene.objects[name]
-
-
-def _pose(seven: Numbers7) -> Pose:
-    values = np.array(seven)
-    return Pose(values[:3], values[3:])

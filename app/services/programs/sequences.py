@@ -1,4 +1,7 @@
-"""Sequences: a runner process that drives this service like any other client."""
+"""Sequences: a runner process that drives this service like any other client.
+
+Long, because the runner's process, its output and its claim on the arm begin and end together.
+"""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ from cobot.types import Array
 SILENCE_S = 0.2
 """A client that says nothing for so long has let go."""
 PERIOD_S = 0.02
-"""Between two targets."""
+"""A target follows the last one after this time."""
 MAX_STEP_S = 0.05
 """When the service itself was late, the way of no more than this is caught up with."""
 SMOOTHING_S = 0.15

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from cobot.robot.model import RobotModel
 
 __all__ = [
-    "LEAST_GAP_M",
+    "MIN_GAP_M",
     "Arm",
     "Criterion",
     "Descent",
@@ -47,7 +47,7 @@ SOLUTIONS = 24
 """Descents that succeed, of an arm without a closed form, before the best is taken or all are shown."""
 CLEARANCE_SPREAD = 12
 APART_RAD = 1e-3
-LEAST_GAP_M = 1e-6
+MIN_GAP_M = 1e-6
 """What is out of reach by less is not told so."""
 NEAR_STARTS, NEAR_STEPS = 12, 300
 """Random starts and steps with which a pose that is not reached is come near to, for the message."""
@@ -212,7 +212,7 @@ def _out_of_reach(model: RobotModel, pose: Pose, seed: Array, random_seed: int) 
     x, y, z = pose.position
     nearest = nearest_to(model, pose, seed, random_seed)
     gap = reach_gap(model, pose)
-    why = f"it is out of reach by {gap:.3g} m, and" if gap > LEAST_GAP_M else "within the joints' limits it"
+    why = f"it is out of reach by {gap:.3g} m, and" if gap > MIN_GAP_M else "within the joints' limits it"
     return UnreachableError(
         f"the TCP cannot reach x {x:.6g}, y {y:.6g}, z {z:.6g} m in this orientation: {why} comes as near as "
         f"{1e3 * nearest.distance_m:.4g} mm and {np.degrees(nearest.angle_rad):.2f} degrees",
@@ -227,7 +227,7 @@ def _reach(gap_m: float, distance_m: float, angle_rad: float) -> list[Finding]:
         Finding("reach", "angle to the goal", float(angle_rad), 0.0, "rad", 1.0),
     ]
     beyond = Finding("reach", "distance beyond the reach", float(gap_m), 0.0, "m", 1.0)
-    return [beyond, *missing] if gap_m > LEAST_GAP_M else missing
+    return [beyond, *missing] if gap_m > MIN_GAP_M else missing
 
 
 def continued(model: RobotModel, pose: Pose, joints: Array) -> Array:

@@ -32,9 +32,9 @@ cdef extern from *:
     static const double COBOT_IK_TOLERANCE = 1e-10, COBOT_IK_ACCEPTED = 5e-10;
     /* Of one step, rad or m; and what keeps a step finite at a singularity. */
     static const double COBOT_IK_LARGEST_STEP = 0.5, COBOT_IK_BIAS = 1e-5;
-    static const double COBOT_IK_LEAST_DAMPING = 1e-13;
+    static const double COBOT_IK_MIN_DAMPING = 1e-13;
     /* Of what is just out of reach, m or rad: a stretched arm gets there but for rounding. */
-    static const double COBOT_IK_LEAST_SLOP = 2e-11;
+    static const double COBOT_IK_MIN_SLOP = 2e-11;
     /* A joint at a limit that has moved less was there before, rad or m. */
     static const double COBOT_IK_MOVED = 1e-9;
     """
@@ -42,8 +42,8 @@ cdef extern from *:
     const double ACCEPTED "COBOT_IK_ACCEPTED"
     const double LARGEST_STEP "COBOT_IK_LARGEST_STEP"
     const double BIAS "COBOT_IK_BIAS"
-    const double LEAST_DAMPING "COBOT_IK_LEAST_DAMPING"
-    const double LEAST_SLOP "COBOT_IK_LEAST_SLOP"
+    const double MIN_DAMPING "COBOT_IK_MIN_DAMPING"
+    const double MIN_SLOP "COBOT_IK_MIN_SLOP"
     const double MOVED "COBOT_IK_MOVED"
 
 cdef enum:
@@ -91,7 +91,7 @@ cdef class Arm:
         chain.c_place(self.c_rest, self.c_home_position, self.c_home_rotation, NULL)
         for i in range(3):
             self.c_root[i] = root[i]
-        self.c_reach, self.c_slop = reach, max(slop, LEAST_SLOP)
+        self.c_reach, self.c_slop = reach, max(slop, MIN_SLOP)
         self.refresh()
 
     @property
@@ -193,7 +193,7 @@ cdef class Arm:
 
     cdef int _attempts(self, int candidates) noexcept nogil:
         """How often to try from random starts after so many candidates in closed form."""
-        return ATTEMPTS if candidates < 0 or self.c_slop > LEAST_SLOP else ATTEMPTS_AFTER_CLOSED_FORM
+        return ATTEMPTS if candidates < 0 or self.c_slop > MIN_SLOP else ATTEMPTS_AFTER_CLOSED_FORM
 
     cdef int c_search(
         self, const Problem* problem, unsigned long long random, int attempts, int wanted, Candidate* found
@@ -314,7 +314,7 @@ cdef class Arm:
         cdef double normal[36]
         cdef double right[6]
         cdef double gradient
-        cdef double damping = max(BIAS * min(off, 1.0), LEAST_DAMPING)
+        cdef double damping = max(BIAS * min(off, 1.0), MIN_DAMPING)
         cdef int i, j, k
         for i in range(6):
             damping += 0.5 * error[i] * error[i]

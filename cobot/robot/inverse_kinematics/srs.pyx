@@ -67,23 +67,23 @@ cdef extern from *:
     static const double COBOT_GOLDEN = 0.6180339887498949;
     /* Where a joint turns further from one arm angle to the next, rad, there is one more between them, but
        not in steps that are shorter than the least one. */
-    static const double COBOT_SRS_TURN = 0.6, COBOT_SRS_LEAST_STEP = 2e-12;
+    static const double COBOT_SRS_TURN = 0.6, COBOT_SRS_MIN_STEP = 2e-12;
     /* So close to its ends a stretch is looked at too, rad. */
     static const double COBOT_SRS_EDGE = 1e-10;
     /* How far three joints are from the nearer of two neighbours between them at the most, rad; and the arc
        between two neighbours beside its chord. */
     /* The best arm angle is looked for until its bracket is so small beside the first one, or, rad, or until
        its costs are the same but for such a share: where joints race the first two alone would be coarse. */
-    static const double COBOT_REFINED_TO = 1e-12, COBOT_LEAST_TOLERANCE = 1e-15, COBOT_SAME_COST = 1e-12;
+    static const double COBOT_REFINED_TO = 1e-12, COBOT_MIN_TOLERANCE = 1e-15, COBOT_SAME_COST = 1e-12;
     static const double COBOT_NEARLY_STRAIGHT = 1e-3;
     static const double COBOT_SRS_BETWEEN = 0.6, COBOT_SRS_ARC = 1.2;
     """
     const double LARGEST_TURN "COBOT_SRS_TURN"
-    const double LEAST_STEP "COBOT_SRS_LEAST_STEP"
+    const double MIN_STEP "COBOT_SRS_MIN_STEP"
     const double EDGE "COBOT_SRS_EDGE"
     const double NEARLY_STRAIGHT_RAD "COBOT_NEARLY_STRAIGHT"
     const double SAME_COST "COBOT_SAME_COST"
-    const double LEAST_TOLERANCE "COBOT_LEAST_TOLERANCE"
+    const double MIN_TOLERANCE "COBOT_MIN_TOLERANCE"
     const double REFINED_TO "COBOT_REFINED_TO"
     const double BETWEEN "COBOT_SRS_BETWEEN"
     const double ARC "COBOT_SRS_ARC"
@@ -474,7 +474,7 @@ cdef class SrsArm(Arm):
     ) noexcept nogil:
         """Whether there may be better joints than the best between two segments that follow each other."""
         cdef int part = racing(&places.turned[one], &places.turned[other])
-        return part != 0 and max(width(places, one), width(places, other)) > LEAST_STEP and best > min(
+        return part != 0 and max(width(places, one), width(places, other)) > MIN_STEP and best > min(
             self._least_cost(problem, elbow, &places.turned[one], part, BETWEEN),
             self._least_cost(problem, elbow, &places.turned[other], part, BETWEEN),
         )
@@ -640,7 +640,7 @@ cdef class SrsArm(Arm):
         cdef double joints[7]
         cdef double begin = candidate.begin
         cdef double end = candidate.end
-        cdef double tolerance = max(REFINED_TO * (end - begin), LEAST_TOLERANCE)
+        cdef double tolerance = max(REFINED_TO * (end - begin), MIN_TOLERANCE)
         cdef double x[3]     # the best arm angle so far, the second best, and the one that was that before
         cdef double cost[3]
         cdef double step = 0.0

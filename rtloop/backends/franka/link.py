@@ -20,7 +20,7 @@ from rtloop.backends.franka.words import explained, said
 INSTALL = "pylibfranka is not installed: pip install 'cobot[franka]'"
 
 PORT = 1337
-"""Of the Franka Control Interface."""
+"""The Franka Control Interface listens here."""
 CONNECT_S = 3.0
 
 

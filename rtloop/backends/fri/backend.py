@@ -1,4 +1,7 @@
-"""KUKA's LBR iiwa and LBR Med over the Fast Robot Interface."""
+"""KUKA's LBR iiwa and LBR Med over the Fast Robot Interface.
+
+Long, because it is all that the cycle asks of this device.
+"""
 
 from __future__ import annotations
 

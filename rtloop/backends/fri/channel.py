@@ -11,7 +11,7 @@ from typing import Protocol
 from rtloop.backends import BackendError
 from rtloop.backends.fri.codec import MAX_BYTES, decode_monitoring
 
-MOST_AT_ONCE = 256
+MAX_AT_ONCE = 256
 """Packets that are taken from the socket in one go."""
 RELEASE_S = 1.0
 """A controller that has been silent for so long may have been started anew, and send from another port."""
@@ -70,7 +70,7 @@ class UdpChannel:
         # Not poll, whose whole milliseconds are longer than a period.
         if not select.select([self._socket], [], [], max(timeout_s, 0.0))[0]:
             return packets
-        for _ in range(MOST_AT_ONCE):
+        for _ in range(MAX_AT_ONCE):
             try:
                 packet, sender = self._socket.recvfrom(MAX_BYTES + 1)
             except OSError:  # no more, or what an answer to nobody has left behind

@@ -109,8 +109,13 @@ def test_each_word_is_there_in_each_language() -> None:
 def test_each_cause_of_a_fault_has_words() -> None:
     """Oracle: the reasons as they stand in the real-time process."""
     latching = r'(?s)self\.(?:controller\.)?(?:fault|estop|fast_stop)\(\s*f?"([^"]+)"'
-    files = [REPOSITORY / "rtloop" / name for name in ("controller.pyx", "loop.pyx")]
-    reasons = [each for file in files for each in re.findall(latching, file.read_text(encoding="utf-8"))]
+    lost = r'(?s)return \(\s*f"([^"]+)"(?=.*def unsettled)'
+    where = {"controller": latching, "mode_machine": latching, "loop": latching, "settling": lost}
+    reasons = [
+        each
+        for name, pattern in where.items()
+        for each in re.findall(pattern, (REPOSITORY / "rtloop" / f"{name}.pyx").read_text(encoding="utf-8"))
+    ]
     assert len(reasons) > 9
     script = (pages.SITE / "banner.js").read_text(encoding="utf-8")
     patterns = re.findall(r"\[/(.+)/, \"cause_\w+\"\]", script)

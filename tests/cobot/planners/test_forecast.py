@@ -22,7 +22,7 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName, Scaling
 
 DENSE = 1000
-LEAST_M = 2e-3
+MIN_M = 2e-3
 """Between two of the forecast's 200 looks at a fast motion nothing comes nearer by more than this."""
 
 
@@ -75,7 +75,7 @@ def test_the_closest_distances_are_those_of_mujoco(
             chosen = [column for column, is_world in enumerate(world) if is_world == of_world]
             least_m = float(all_m[:, chosen].min())
             assert closest is not None
-            assert least_m - 1e-5 <= closest.distance_m <= least_m + LEAST_M
+            assert least_m - 1e-5 <= closest.distance_m <= least_m + MIN_M
             there = trajectory.sample([closest.share * trajectory.duration_s])
             here = distances(model, there, [pairs[column] for column in chosen])[0]
             assert closest.distance_m == pytest.approx(here.min(), abs=1e-5)

@@ -49,7 +49,7 @@ def read_anew(rig: Rig) -> str:
         return refusal
     for _ in range(2000):
         rig.step()
-        if not rig.loop.controller.surroundings.busy:
+        if not rig.loop.controller.tool_and_scene.surroundings.busy:
             return ""
         time.sleep(1e-3)
     raise AssertionError("the scene was never taken over")
@@ -131,7 +131,7 @@ def test_a_restart_keeps_it(here: Settings, robot: RobotDescription) -> None:
     scene = ball_ahead(robot)
     SceneFile(here.scene_file).write(scene)
     rig = Rig(here, robot)
-    rig.loop.controller.watch_scene()  # as `rtloop.main` does before the first cycle
+    rig.loop.controller.tool_and_scene.watch_scene()  # as `rtloop.main` does before the first cycle
     rows = stream_across(rig)
     assert "ball" in rig.reason
     assert nearest(rig, scene, rows) > 0.0

@@ -39,10 +39,10 @@ COUNTER = 1 << 32
 STAGE_PERIODS = 10
 """That a session stays in a state, at least, before it goes on to the next."""
 REOPEN_MS = 500
-"""After which the cabinet's program opens a session anew."""
+"""The cabinet's program opens a session anew after this time."""
 BRAKE_RAD_S2 = 10.0
 DRIVES_MS = 50
-"""That the drives take to be switched on."""
+"""The drives take so long to be switched on."""
 TRACKING_RAD = 0.1
 """How far the arm is behind when its tracking performance is 0."""
 EVENTS = 200

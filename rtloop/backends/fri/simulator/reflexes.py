@@ -11,7 +11,7 @@ from rtloop.backends.fri.simulator.arm import SimulatedArm
 ECHO_RAD = 1e-3
 """How far a command may be from the interpolator while the motion waits."""
 VELOCITY_SHARE = 1.05
-"""Of the joints' velocity limits."""
+"""A joint that exceeds this share of its velocity limit is stopped."""
 JUMP_RAD_S2 = 60.0
 """What the velocity of the commands may change by: several times what a planned motion does."""
 SLACK_RAD_S = 1e-3

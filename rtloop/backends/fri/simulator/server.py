@@ -18,9 +18,9 @@ from rtloop.backends.fri.simulator.times import Times
 
 LONGEST_WAIT_S = 0.02
 """Between two looks at the control interface, while it is patient."""
-MOST_AT_ONCE = 256
+MAX_AT_ONCE = 256
 """Packets that are taken from the socket at the end of a period."""
-LEAST_SHARE = 0.9
+MIN_SHARE = 0.9
 """Of a period, that passes between two messages when this process was late: so fast it catches up."""
 _STAMP = 35
 """SO_TIMESTAMPNS of Linux: when a packet has come, whenever this process gets to read it."""
@@ -82,12 +82,12 @@ class CabinetServer:
         deadline_s = time.monotonic()
         while not ending:
             self._begin_period()
-            deadline_s = max(deadline_s, self._sent_s - (1.0 - LEAST_SHARE) * self._cabinet.period_s)
+            deadline_s = max(deadline_s, self._sent_s - (1.0 - MIN_SHARE) * self._cabinet.period_s)
             deadline_s += self._cabinet.period_s
             self._listen(deadline_s, ending)
             self._lateness.add(time.monotonic() - deadline_s)
             self._control.serve()
-            for _ in range(MOST_AT_ONCE):
+            for _ in range(MAX_AT_ONCE):
                 if not self._take():
                     break
 

@@ -53,7 +53,7 @@ def test_a_fast_stop_is_sooner_within_the_limits_and_ends_with_the_drives_off(
     rig = service.rig
     rig.commanded.clear()
     driven: list[int] = []
-    service.cycles[service.name].watch = lambda: driven.append(not rig.loop.controller.drives_off)
+    service.cycles[service.name].watch = lambda: driven.append(not rig.loop.controller.drives.off)
     stopped = stopped_in_motion(service, "/stop?category=1")
     assert (stopped["success"], stopped["category"], stopped["confirmed"]) == (True, 1, False)
     assert stopped["at_rest"]

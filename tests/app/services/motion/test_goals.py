@@ -11,7 +11,7 @@ from cobot.config import Settings
 from cobot.errors import InputError
 from cobot.motions.requests import Arc
 from cobot.robot.description import RobotDescription
-from cobot.types import Array, NamedPosition, Pose, Scaling
+from cobot.types import Array, NamedPosition, PlannerName, Pose, Scaling
 
 
 @pytest.fixture
@@ -54,7 +54,8 @@ def test_what_is_given_in_the_tool_is_placed_where_the_motion_begins(
     goals: Goals, robot: RobotDescription
 ) -> None:
     start = np.array(robot.positions["home"].joints)
-    goal = goals.pose([0.0, 0.0, 0.1], [0.0, 0.0, 0.0], TOOL, "lin", Scaling(0.5), None)
+    ahead = Pose(np.array([0.0, 0.0, 0.1]), np.array([1.0, 0.0, 0.0, 0.0]))
+    goal = goals.pose(Goal(ahead, Scaling(0.5), PlannerName.LIN), TOOL)
     assert goal.in_tool
     request = goals.request(goal, start)
     assert isinstance(request.goal, Pose)

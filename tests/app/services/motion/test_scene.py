@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 from virtual import VirtualService
 
-from app.services.motion.scene import rest_of
 from cobot.robot.scene import Scene, SceneFile, SceneObject
-from cobot.trajectory import Trajectory
 
 WALL = {"shape": "box", "size": [0.02, 2.0, 2.0], "x": 0.0, "y": 0.0, "z": 0.0}
 AHEAD = {"shape": "sphere", "radius": 0.15, "x": 0.5, "y": 0.0, "z": 0.9}
@@ -213,17 +211,6 @@ def test_who_puts_something_where_the_arm_is_hears_of_it(robot):
     assert any("ball" in each for each in contacts)
 
 
-def test_the_rest_of_a_motion_is_what_comes_after_a_time():
-    random = np.random.default_rng(4)
-    whole = Trajectory(np.array([0.0, 2.0]), random.normal(size=(1, 3, 6)))
-    rest = rest_of(whole, 0.7)
-    times = np.linspace(0.0, 1.3, 20)
-    assert rest is not None
-    assert rest.sample(times) == pytest.approx(whole.sample(times + 0.7), abs=1e-11)
-    assert rest_of(whole, 2.0) is None
-    assert rest_of(whole, 0.0) is whole
-
-
 CORNERS = [[x, y, z] for x in (-0.04, 0.04) for y in (-0.04, 0.04) for z in (-0.04, 0.04)]
 SIDES = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6]]
 SIDES += [[0, 6, 4], [1, 5, 7], [1, 7, 3]]
@@ -316,8 +303,8 @@ def test_a_service_killed_between_file_and_command_has_the_cycle_learn_of_it_fro
         service.until(lambda: int(info(service)["scene_version"]) == 5)
         assert int(info(service)["tool_version"]) == 3
         assert service.rig.robot.model.carried.mass == 1.5
-        service.until(lambda: not service.rig.loop.controller.surroundings.busy)
-        assert service.rig.loop.controller.surroundings.version == 5
+        service.until(lambda: not service.rig.loop.controller.tool_and_scene.surroundings.busy)
+        assert service.rig.loop.controller.tool_and_scene.surroundings.version == 5
         seen = service.rig.loop.controller.commands.command_seen
         service.sleep(2.0)
         assert service.rig.loop.controller.commands.command_seen == seen
@@ -344,7 +331,7 @@ def test_a_change_is_handed_over_to_the_cycle(robot):
 
 def test_it_does_not_change_while_somebody_streams(robot):
     before = file_of(robot).read()
-    robot.until(lambda: not robot.rig.loop.controller.surroundings.busy)
+    robot.until(lambda: not robot.rig.loop.controller.tool_and_scene.surroundings.busy)
     assert robot.rig.stream() == ""
     robot.sleep(0.05)
     refused = put(robot, "ball", AHEAD)

@@ -239,7 +239,7 @@ def _full(*paths: Path) -> None:
 def test_what_rtloop_refuses_does_not_change(robot: VirtualService, monkeypatch: pytest.MonkeyPatch) -> None:
     before, kept = robot.get("/robot/tool").json(), file_of(robot).read()
     simulation = robot.rigs[robot.name].robot.model
-    monkeypatch.setattr("rtloop.controller.check_tool", _never)
+    monkeypatch.setattr("rtloop.tool_and_scene.check_tool", _never)
     refused = have(robot, **BODY)
     monkeypatch.undo()
     assert refused.status_code == 409

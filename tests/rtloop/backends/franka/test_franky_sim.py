@@ -24,7 +24,7 @@ from rtloop.backends.franka import FrankaBackend
 
 pytest.importorskip("pylibfranka", reason="pylibfranka is not installed: pip install 'cobot[franka]'")
 pytest.importorskip("franky_sim", reason="franky-sim is not installed")
-MOST_CYCLES = 5000
+MAX_CYCLES = 5000
 
 
 class FrankyRig(Rig):
@@ -44,11 +44,11 @@ class FrankyRig(Rig):
             super().step()
 
     def until(self, happened: Callable[[], bool]) -> None:
-        for _ in range(MOST_CYCLES):
+        for _ in range(MAX_CYCLES):
             if happened():
                 return
             self.step()
-        raise AssertionError(f"did not happen in {MOST_CYCLES} cycles: {self.mode.name}, {self.reason}")
+        raise AssertionError(f"did not happen in {MAX_CYCLES} cycles: {self.mode.name}, {self.reason}")
 
     def move(self, turn_rad: float) -> None:
         """Joint 1 by so much; it arrives."""

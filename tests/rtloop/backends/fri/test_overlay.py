@@ -20,7 +20,7 @@ from rtloop.backends.fri import FriBackend
 from rtloop.backends.fri.codec import decode_command
 from rtloop.backends.fri.messages import Command, CommandMode, ControlMode
 from rtloop.backends.fri.simulator.options import CabinetOptions
-from rtloop.streaming.overlay import MOST_WRENCH
+from rtloop.streaming.overlay import MAX_WRENCH
 
 STIFF = {"stiffness": 0.0, "cartesian_stiffness": 0.0}
 CONTROL = {
@@ -128,7 +128,7 @@ def test_force_control_presses_along_its_axes_alone(rig: FriStream, turned: bool
     moved = rig.robot.model.forward(rig.position).position - start
     assert moved[1] > 0.002
     stream(rig, 0.2, pose=here, wrench=[1e6] * 6)
-    assert max(rig.sent.wrench) <= MOST_WRENCH[0]
+    assert max(rig.sent.wrench) <= MAX_WRENCH[0]
     rig.end_stream()
     rig.step(300)
     assert rig.sent.wrench == (0.0,) * 6

@@ -1,0 +1,84 @@
+"""What may be changed in a scene without the robot: each an `Edit`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from app.services.motion.tool_and_limits import compose
+from cobot.errors import ConflictError, LimitError, NotFoundError
+from cobot.robot.scene import Numbers7, Scene, SceneObject, numbers
+from cobot.robot.solids import MAX_SOLIDS
+from cobot.strict import shown
+from cobot.types import Pose
+
+Edit = Callable[[Scene, Pose], Scene]
+"""From a scene and where the hand is to the scene that shall take its place."""
+
+
+def clear(scene: Scene, hand: Pose) -> Scene:
+    """Remove all of it."""
+    return Scene(version=scene.version, loads=scene.loads)
+
+
+def remove_object(name: str) -> Edit:
+    """Take a solid away, attached or not."""
+
+    def edit(scene: Scene, hand: Pose) -> Scene:
+        named(scene, name)
+        return replace(scene, objects={other: each for other, each in scene.objects.items() if other != name})
+
+    return edit
+
+
+def remove_frame(name: str) -> Edit:
+    """Forget a named place."""
+
+    def edit(scene: Scene, hand: Pose) -> Scene:
+        if name not in scene.frames:
+            there = ", ".join(scene.frames) or "none"
+            raise NotFoundError(f"there is no frame {shown(name)}; there are: {there}")
+        return replace(scene, frames={other: each for other, each in scene.frames.items() if other != name})
+
+    return edit
+
+
+def detach(name: str) -> Edit:
+    """From now on it stands where it is."""
+
+    def edit(scene: Scene, hand: Pose) -> Scene:
+        item = named(scene, name)
+        if not item.attached:
+            raise ConflictError(f"the object {shown(name)} is not attached")
+        pose = numbers(compose(hand, pose_of(item.pose)))
+        left = replace(item, pose=pose, attached=False, touch=())
+        return replace(scene, objects={**scene.objects, name: left})
+
+    return edit
+
+
+def require_room(objects: dict[str, SceneObject]) -> None:
+    """Refuse more solids than a scene may have."""
+    count = sum(each.solids for each in objects.values())
+    if count > MAX_SOLIDS:
+        largest = sorted(objects, key=lambda name: -objects[name].solids)[:3]
+        held = ", ".join(f"{name} of {objects[name].solids}" for name in largest)
+        raise LimitError(
+            f"objects: they are made of {count} solids, {held} among them; no more than {MAX_SOLIDS} are "
+            "allowed: remove one first, or make one coarser"
+        )
+
+
+def named(scene: Scene, name: str) -> SceneObject:
+    """The object of a name; NotFoundError lists those that there are."""
+    if name not in scene.objects:
+        there = ", ".join(scene.objects) or "none"
+        raise NotFoundError(f"there is no object {shown(name)}; there are: {there}")
+    return scene.objects[name]
+
+
+def pose_of(seven: Numbers7) -> Pose:
+    values = np.array(seven)
+    return Pose(values[:3], values[3:])

@@ -1,0 +1,29 @@
+from rtloop.backends.compiled cimport Measured
+
+
+cdef enum Power:
+    ON = 0  # The robot is commanded.
+    COMING_OFF = 1  # After a stop of category 1: the robot is commanded until the arm rests.
+    OFF = 2  # The robot is told nothing until a reset.
+
+
+cdef enum Reset:
+    NO_RESET = 0
+    # Both: the arm may be anywhere, so it is commanded to be where it is; no other command is taken.
+    RECOVERING = 1
+    ENABLING = 2
+
+
+cdef class Drives:
+    cdef object _backend, _device
+    cdef bint _stepwise
+    cdef int _dof
+    cdef Power _power
+    cdef Reset _reset
+    cdef unsigned long long _number, _stops  # of the RESET
+    cdef long long _resting_cycles, _limit_cycles
+
+    cdef bint c_off(self) noexcept nogil
+    cdef bint c_resetting(self) noexcept nogil
+    cdef bint c_loose(self) noexcept nogil
+    cdef bint c_due(self, bint settled) noexcept nogil

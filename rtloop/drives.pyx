@@ -1,0 +1,129 @@
+"""The drives: switched off by a stop of category 1, and on again by a reset, at once or in steps."""
+
+from rtloop.backends.compiled cimport Measured
+
+import numpy as np
+
+from rtloop.backends import BackendError, Stepwise
+
+
+cdef class Drives:
+    """Two states, each changed by the methods here alone: whether the drives are on, and how far a reset is
+    that takes its time. What begins with `c_` is real-time safe; the rest may take long, for nothing moves.
+    """
+
+    def __init__(self, backend, device, int dof, long long limit_cycles):
+        """
+        Args:
+            device: what is told of it, a `rtloop.device.DeviceWatch`.
+            limit_cycles: that a stop of category 1 waits at the most for an arm that nothing moves to settle.
+        """
+        self._backend, self._device, self._dof, self._limit_cycles = backend, device, dof, limit_cycles
+        self._stepwise = isinstance(backend, Stepwise)
+        self._power = OFF if device.drives_off else ON
+        self._reset = NO_RESET
+
+    @property
+    def off(self):
+        return self.c_off()
+
+    @property
+    def resetting(self):
+        return self.c_resetting()
+
+    def switch_off_at_rest(self):
+        """A stop of category 1 has begun."""
+        if self._power == ON:
+            self._power = COMING_OFF
+        self._resting_cycles = 0
+
+    def switch_off(self):
+        """The second half of it; "" or why they stay on."""
+        self._power = ON
+        if 1 not in self._device.capabilities.stops:
+            return ""
+        try:
+            self._backend.disable()
+        except BackendError as exc:
+            return f"the drives could not be switched off: {exc}"
+        self._switched(OFF)
+        return ""
+
+    def begin_reset(self, number, stops):
+        """Whether the reset that a command asks for goes on in steps; else `switch_on` does all of it.
+
+        Args:
+            number: of the command.
+            stops: that had been requested when it was taken.
+        """
+        if self._stepwise:
+            self._number, self._stops, self._reset = number, stops, RECOVERING
+        return self._stepwise
+
+    def is_overtaken(self, unsigned long long stops):
+        """Whether a stop was requested since it began."""
+        return stops != self._stops
+
+    def step_reset(self, Measured measured):
+        """A bit of it: the device recovers, then its drives are switched on, and meanwhile the cycle goes on
+        with its packets. None for another step, else as `switch_on`.
+        """
+        try:
+            if self._reset == RECOVERING:
+                if self._backend.recover_step():
+                    self._reset = ENABLING
+                return None
+            if not self._backend.enable_step():
+                return None
+        except BackendError as exc:
+            return f"the robot cannot be enabled: {exc}"
+        return self._take_over(measured)
+
+    def end_reset(self):
+        """Whatever has come of it; the number of its command."""
+        self._reset = NO_RESET
+        return self._number
+
+    def switch_on(self, Measured measured):
+        """Switch them on, and find out where the arm is; "" or why it cannot be held."""
+        try:
+            self._backend.enable()
+        except BackendError as exc:
+            return f"the robot cannot be enabled: {exc}"
+        return self._take_over(measured)
+
+    def _take_over(self, Measured measured):
+        found = Measured(self._dof)
+        self._switched(ON)
+        try:
+            self._backend.read(found)
+        except BackendError as exc:
+            return f"the robot cannot be enabled: {exc}"
+        if not np.isfinite(found.values).all():
+            return "the robot reports a value that is not finite"
+        np.copyto(measured.values, found.values)
+        return ""
+
+    def _switched(self, Power power):
+        self._power = power
+        self._device.switched(off=power == OFF)
+
+    cdef bint c_off(self) noexcept nogil:
+        return self._power == OFF
+
+    cdef bint c_resetting(self) noexcept nogil:
+        """Whether a reset is under way, in steps."""
+        return self._reset != NO_RESET
+
+    cdef bint c_loose(self) noexcept nogil:
+        """Whether the arm may be anywhere, so that it is commanded to be where it is."""
+        return self._power == OFF or self._reset != NO_RESET
+
+    cdef bint c_due(self, bint settled) noexcept nogil:
+        """Whether a stop of category 1 has come so far that the drives go off: the arm, which nothing moves,
+        rests, or does not settle all the same. To be asked once a cycle.
+        """
+        if self._power != COMING_OFF:
+            return False
+        self._resting_cycles += 1
+        return settled or self._resting_cycles >= self._limit_cycles

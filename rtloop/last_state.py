@@ -1,0 +1,45 @@
+"""What the rtloop that has died has published last."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cobot.ipc.layout import MotionResult
+from cobot.ipc.seqlock import Block
+from cobot.ipc.shm import RobotMemory, encoded
+from cobot.types import LoopMode
+
+MAX_RAD = 1e3
+"""No joint gets further."""
+
+
+def last_state(memory: RobotMemory) -> np.ndarray | None:
+    """A copy of what a dead rtloop of the same supervisor has published last, None if there was none.
+
+    It may have died while it published: then the positions are those of two cycles, mixed, which is
+    as good. What makes no sense at all is damaged: then nobody knows what was latched, so an e-stop is.
+    """
+    block = memory.state
+    if block.sequence == 0:
+        return None
+    if not block.try_read() and not _makes_sense(block.salvage()):
+        block.data[...] = np.zeros((), block.data.dtype)
+        block.data["position"] = np.nan
+        block.data["mode"] = LoopMode.ESTOP
+        block.data["reason"] = encoded("the state in shared memory was damaged when rtloop was started")
+        block.data["stops_seen"] = _counted(memory.requests, "stops")
+        block.data["estops_seen"] = _counted(memory.requests, "estops")
+        block.data["command_seen"] = _counted(memory.head, "id")
+    return block.data.copy()
+
+
+def _makes_sense(state: np.ndarray) -> bool:
+    return (
+        int(state["mode"]) in list(LoopMode)
+        and int(state["motion_result"]) in list(MotionResult)
+        and bool((np.abs(state["position"]) < MAX_RAD).all())
+    )
+
+
+def _counted(block: Block, field: str) -> int:
+    return int(block.data[field]) if block.try_read() else 0

@@ -1,0 +1,48 @@
+from rtloop.backends.compiled cimport Measured
+from rtloop.settling cimport SettlingMonitor
+from rtloop.drives cimport Drives
+from rtloop.inboxes.commands cimport CommandInbox
+from rtloop.planned.follower cimport PathFollower
+from rtloop.planned.handover cimport Handover
+from rtloop.safety.limiter cimport Safety
+from rtloop.streaming.session cimport Session
+
+
+cdef enum Guide:
+    # What says where the arm shall be in the next cycle. But for NOTHING, tool and scene stay as they are,
+    # and nothing begins. A stop of category 1 waits with the drives while the command moves the arm.
+    NOTHING = 0  # It stays where it is commanded to be.
+    PATH = 1  # The command moves; another trajectory may take the path's place.
+    STREAM = 2  # The command moves.
+    BRAKE = 3  # The command moves: the safety layer brings it to rest.
+    COAST = 4  # The device comes to rest by itself, anywhere: the command is where it is.
+
+
+cdef class ModeMachine:
+    cdef readonly CommandInbox commands
+    cdef readonly Safety safety
+    cdef readonly Session streaming
+    cdef readonly SettlingMonitor settling
+    cdef readonly Drives drives
+    cdef readonly Handover handover
+    cdef readonly PathFollower follower
+    cdef readonly str reason
+    cdef readonly unsigned long long motion_id
+    cdef readonly long long deceleration_ns
+    cdef int _mode, _dof, _motion_result
+    cdef Guide _guide
+    cdef bint _stop_unseen  # A stop was requested, and nothing slows down yet.
+    cdef object _desired_rows
+    cdef double* _desired
+    cdef double _yield_rad, _tracking_error_rad, _settle_position_rad
+
+    cdef bint c_moving(self) noexcept nogil
+    cdef bint c_switches_off(self) noexcept nogil
+    cdef bint c_streams(self) noexcept nogil
+    cdef void c_guide(self, Measured measured, long long now_ns, double robot_time_s, bint fresh) except *
+    cdef void c_let(self, Guide guide) noexcept nogil
+    cdef void _heed_stream(self) except *
+    cdef void _follow(self, Measured measured, bint fresh) except *
+    cdef void _coast(self, Measured measured, bint fresh) except *
+    cdef void _heed_fence(self) except *
+    cdef bint c_settle(self, const double* velocity, bint fresh) noexcept nogil

@@ -1,0 +1,360 @@
+"""Two states, and what changes them: the mode that the arm is in, and what guides it meanwhile.
+
+Everybody sees the mode: `rtloop.modes` has its transitions, and `_enter` alone changes it, but for a restart.
+What guides the arm is a `Guide`, which says what each permits; `c_let` alone changes it. A long module, as
+whatever happens to the arm may change both. What happens in every cycle begins with `c_` and is real-time
+safe; what happens on an event is Python.
+"""
+
+from libc.string cimport memcpy, memset
+
+from cobot.arrays cimport MAX_DOF, doubles
+from rtloop.backends.compiled cimport Measured
+from rtloop.planned.follower cimport DONE, NO_ROOM, Way
+from rtloop.planned.handover cimport NO_LOAD
+from rtloop.streaming.feed cimport NO_PROBLEM, Feed
+
+import numpy as np
+
+from cobot.errors import InputError
+from cobot.ipc.layout import Intervention, MotionResult, text
+from cobot.types import LoopMode
+from rtloop.modes import STREAMING, TRANSITIONS
+
+# To whose command a stop has overtaken.
+OVERTAKEN = "a stop was requested meanwhile"
+
+MODES = tuple(LoopMode)
+cdef int TRAJECTORY = LoopMode.TRAJECTORY
+cdef int STOPPING = LoopMode.STOPPING
+cdef int FAULT = LoopMode.FAULT
+cdef unsigned int STREAMING_BITS = sum(1 << mode for mode in STREAMING)
+
+
+cdef class ModeMachine:
+    """Makes the command of each cycle, in `safety`, of what guides the arm, and ends it when it has to end.
+
+    Attributes:
+        commands, safety, streaming, settling, drives, handover, follower: its parts.
+        mode, reason: the mode, and why it is ESTOP or FAULT, or why the last stop was made.
+        motion_id, motion_result: the running motion or the last one.
+        deceleration_ns: when the last stop began to slow the arm down, set from the cycle's `now_ns`.
+    """
+
+    def __init__(self, settings, model, memory, backend, device):
+        """device: what is told of it, a `rtloop.device.DeviceWatch`."""
+        rt, limits = settings.rt, model.limits
+        self._dof = limits.dof
+        if self._dof > MAX_DOF:
+            raise InputError(f"the robot has {self._dof} joints, possible are {MAX_DOF}")
+        self._desired_rows = np.zeros((3, limits.dof))  # rad, rad/s, rad/s²
+        self._desired = doubles(self._desired_rows, 3 * self._dof)
+        self.commands = CommandInbox(memory)
+        self.safety = Safety(limits, rt.period_s)
+        self.streaming = Session(settings, model, memory, backend, self.safety)
+        self.settling = SettlingMonitor(settings, limits, self.safety)
+        self.drives = Drives(backend, device, self._dof, self.settling.settle_limit_cycles)
+        capacity = rt.trajectory_capacity
+        self.follower = PathFollower(model, capacity, rt.period_s, backend, self._desired_rows)
+        self.handover = Handover(model, capacity, memory.slots)
+        if self.follower.by_itself:
+            self.settling.believe_jumps()
+        self._mode, self._guide, self.reason = LoopMode.HOLD, NOTHING, ""
+        self.motion_id, self._motion_result = 0, MotionResult.NONE
+        self._yield_rad = settings.streaming.yield_rad
+        self._tracking_error_rad = rt.tracking_error_rad
+        self._settle_position_rad = rt.settle_position_rad
+
+    @property
+    def mode(self):
+        return MODES[self._mode]
+
+    @property
+    def motion_result(self):
+        return MotionResult(self._motion_result)
+
+    @property
+    def path(self):
+        return self.follower.path
+
+    @property
+    def clock(self):
+        return self.follower.clock
+
+    @property
+    def settled(self):
+        """At rest, as measured: at the commanded position, or anywhere in FAULT and in a session."""
+        return self.settling.settled
+
+    @property
+    def moving(self):
+        """Whether a motion is loading or under way, its settling included, or a stream comes to its end."""
+        return self.c_moving()
+
+    def start_at(self, position):
+        """Hold a position, shape (dof,), rad, where the arm is at rest."""
+        self._desired_rows[:] = 0.0
+        self._desired_rows[0] = position
+        self.safety.reset(position)
+        if self._guide != COAST:
+            self.c_let(NOTHING)
+        self.settling.c_held()
+
+    def let_go(self, position):
+        """The robot has not taken commands for some time, so its drives have stopped by themselves.
+
+        When it takes them again, it shall find that it is wanted where it is.
+        """
+        problem = self.streaming.close() if self.streaming.session else ""
+        self.start_at(position)
+        if problem:
+            self.fault(problem)
+
+    def restore(self, state):
+        """Take over what a dead rtloop has left: latches stay, an interrupted motion has failed."""
+        self.commands.refuse_pending("rtloop was restarted")
+        self.motion_id = int(state["motion_id"])
+        result = MotionResult(int(state["motion_result"]))
+        self.safety.interventions[:] = state["interventions"]
+        self.safety.intervened_ns[:] = state["intervened_ns"]
+        mode = LoopMode(int(state["mode"]))
+        if mode in (LoopMode.ESTOP, LoopMode.FAULT):
+            self._mode = mode
+            self.reason = text(state["reason"])
+        elif result is MotionResult.RUNNING or mode in STREAMING:
+            self.reason = "rtloop was restarted"
+        self._motion_result = MotionResult.FAILED if result is MotionResult.RUNNING else result
+
+    def stop(self, reason):
+        """Come to rest: on the path, if the arm is on it and it leaves room to slow down."""
+        if self.handover.load != NO_LOAD:
+            self._finish_loading(reason)
+        if self._mode == TRAJECTORY or self.c_streams():
+            self._enter(LoopMode.STOPPING, reason)
+            self._slow_down()
+
+    def overrun(self, what):
+        """Cycles have begun so late that nobody can count on the next ones."""
+        if self._mode == TRAJECTORY or self.c_streams():
+            self.safety.count(Intervention.OVERRUN)
+            self.stop(f"{what}: the computer is too slow or too busy")
+
+    def estop(self, reason):
+        """Come to rest as after a stop, and stay there until reset."""
+        if self.drives.c_resetting():
+            self._finish_reset(OVERTAKEN)
+        self._latch(LoopMode.ESTOP, reason)
+
+    def fast_stop(self, reason):
+        """Stop category 1: each joint comes to rest as fast as its limits permit, on the path or beside it;
+        then the drives are switched off, until a reset.
+        """
+        self.estop(reason)
+        if self._guide == PATH and not self.follower.by_itself:
+            self.c_let(BRAKE)
+        self.drives.switch_off_at_rest()
+
+    def switch_off(self):
+        """The second half of it. The drives may take their time: nothing moves."""
+        problem = self.drives.switch_off()
+        if problem:
+            self.reason = f"{self.reason}; {problem}"
+
+    def fault(self, reason):
+        """The device or the tracking failed: come to rest as after a stop, and stay there until reset."""
+        self._latch(LoopMode.FAULT, reason)
+
+    def lay_over(self):
+        """What a session has the robot exert on top of the command of this cycle."""
+        self.streaming.lay_over(self._guide == STREAM)
+
+    cdef bint c_moving(self) noexcept nogil:
+        """`moving`."""
+        return (
+            self._mode == TRAJECTORY
+            or self._mode == STOPPING
+            or self._guide == PATH
+            or self._guide == BRAKE
+            or self._guide == COAST
+            or self.handover.load != NO_LOAD
+            or (self.streaming.session != 0 and not self.c_streams())
+        )
+
+    cdef bint c_switches_off(self) noexcept nogil:
+        """Whether the drives go off in this cycle. To be asked once in each."""
+        cdef bint moved = self._guide != NOTHING and self._guide != COAST
+        return not moved and self.drives.c_due(self.settling.settled)
+
+    cdef bint c_streams(self) noexcept nogil:
+        """Whether the mode is one of those in which a client streams."""
+        return STREAMING_BITS >> self._mode & 1
+
+    cdef void c_guide(
+        self, Measured measured, long long now_ns, double robot_time_s, bint fresh
+    ) except *:
+        """The command of this cycle, and what has become of the last ones."""
+        cdef double allowed
+        if self._guide == COAST:
+            self._coast(measured, fresh)
+        elif self._guide == PATH:
+            self._follow(measured, fresh)
+        elif self.c_streams():
+            self.streaming.c_advance(measured.c_values + 4 * self._dof, robot_time_s)
+            self._heed_stream()
+        if self._stop_unseen and (self.follower.clock.c_slowing() or self._guide != PATH):
+            self._stop_unseen = False
+            self.deceleration_ns = now_ns
+        if self._guide == BRAKE:
+            if self.safety.c_brake():
+                self.c_let(NOTHING)
+            memcpy(self._desired, self.safety.c_command, self._dof * sizeof(double))
+        elif not self.safety.c_apply(self._desired, self.c_streams()):
+            self.estop("the commanded position is not finite")
+            self.c_let(BRAKE)
+        if self.c_streams():
+            self.streaming.feed.source.c_follow(self.safety.c_command)
+        allowed = self._yield_rad if self.streaming.session else self._tracking_error_rad
+        if not self.settling.c_tracks(measured.c_values, allowed) and self._mode != FAULT:
+            self._lose_track(measured.position, allowed)
+        if self.c_settle(measured.c_values + self._dof, fresh):
+            self._rest(measured, fresh)
+
+    def _latch(self, mode, reason):
+        if self.mode is mode or not self._enter(mode, reason):
+            return
+        if self.handover.load != NO_LOAD:
+            self._finish_loading(reason)
+        if self.motion_result is MotionResult.RUNNING:
+            self._motion_result = MotionResult.FAILED
+        if self._guide == PATH or self.safety.pursuing or self.streaming.session:
+            self._slow_down()
+
+    def _enter(self, mode, reason=""):
+        """Be in another mode, if that may follow this one."""
+        if mode not in TRANSITIONS[self.mode]:
+            return False
+        self._mode = mode
+        self.reason = reason
+        return True
+
+    cdef void c_let(self, Guide guide) noexcept nogil:
+        """Have this guide the arm from now on. BRAKE leaves path and stream: each joint comes to rest by
+        itself.
+        """
+        self._guide = guide
+        if guide == BRAKE:
+            self.follower.left = True
+            memset(self._desired + self._dof, 0, 2 * self._dof * sizeof(double))
+
+    def _slow_down(self):
+        self._stop_unseen = True
+        if not self.follower.by_itself and (self.safety.pursuing or self.streaming.session):
+            self.c_let(BRAKE)
+        else:
+            self.follower.slow_down()
+
+    def _finish_loading(self, refusal=""):
+        self.commands.answer(self.handover.end(), refusal)
+
+    def _finish_reset(self, refusal):
+        self.commands.answer(self.drives.end_reset(), refusal)
+
+    cdef void _heed_stream(self) except *:
+        """What the client wants in this cycle."""
+        cdef Feed feed = self.streaming.feed
+        if feed.not_finite:
+            self.estop(self.streaming.not_finite)
+        elif feed.problem != NO_PROBLEM:
+            self.stop(self.streaming.problem)
+        elif not feed.holding:
+            self.c_let(STREAM)
+            memcpy(self._desired, feed.source.ref, 3 * self._dof * sizeof(double))
+        elif self._guide == STREAM:
+            self.c_let(BRAKE)
+
+    cdef void _follow(self, Measured measured, bint fresh) except *:
+        """Where the path wants the arm. A device that moves by itself and was stopped comes to rest anywhere;
+        until then the command is where it says that it is.
+        """
+        cdef bint stopping = self._mode != TRAJECTORY
+        cdef Way way
+        if not self.follower.by_itself:
+            way = self.follower.c_follow(stopping)
+        elif stopping and self.follower.is_halted():
+            self.settling.c_begin()
+            self.c_let(COAST)
+            self._coast(measured, fresh)
+            return
+        else:
+            way = self.follower.follow_device()
+            self.safety.reset(self._desired_rows[0])
+        if way == NO_ROOM:
+            self.c_let(BRAKE)
+        elif way == DONE:
+            self.c_let(NOTHING)
+        if not stopping and self.follower.watch.active:
+            self._heed_fence()
+
+    cdef void _coast(self, Measured measured, bint fresh) except *:
+        """Until it rests, or nobody knows. It has left the path if it is not where it says."""
+        self.follower.place()
+        off = np.abs(self._desired_rows[0] - measured.position).max()
+        self.follower.left = off > self._settle_position_rad
+        self.start_at(measured.position)
+        if self.settling.settled or not fresh:
+            self.c_let(NOTHING)
+
+    cdef void _heed_fence(self) except *:
+        """Come to rest before the path leaves the motion's fence."""
+        cdef double place[4]
+        if self.follower.c_leaves_fence(place):
+            self.stop(self.follower.watch.said([place[0], place[1], place[2], place[3]]))
+
+    def _lose_track(self, position, allowed):
+        """A joint is too far from where it is commanded to be, or was misread."""
+        problem = self.settling.lost(position, allowed)
+        if problem:
+            self.safety.count(Intervention.TRACKING)
+            self.fault(problem)
+
+    cdef bint c_settle(self, const double* velocity, bint fresh) noexcept nogil:
+        """Count how long the arm has been still; whether a motion or a stream may have ended."""
+        # In a session it gives way, in FAULT it heeds no command: then it may rest anywhere.
+        cdef bint anywhere = self.streaming.session != 0 or self._mode == FAULT
+        self.settling.c_settle(
+            velocity, fresh and self._guide != PATH and not self.safety.pursuing, anywhere
+        )
+        if self.streaming.session:
+            if self.c_streams() or self._guide == BRAKE:
+                return False
+        elif self._guide == PATH or not (self._mode == TRAJECTORY or self._mode == STOPPING):
+            return False
+        return self.settling.c_ended()
+
+    def _rest(self, Measured measured, fresh):
+        """What moved the arm has ended, and it rests, or does not come to rest."""
+        if self.streaming.session:
+            self._end_stream(measured.position, fresh)
+        elif self.settling.settled:
+            self._motion_result = self.follower.result()
+            self._enter(LoopMode.HOLD, self.reason)
+        else:
+            self._motion_result = MotionResult.FAILED
+            why = self.settling.unsettled(self._desired_rows[0], measured.velocity)
+            self._enter(LoopMode.HOLD, why)
+            if self.safety.pursuing:
+                self.c_let(BRAKE)
+
+    def _end_stream(self, position, fresh):
+        """Go over to position control, once a session has ended and the arm rests.
+
+        An arm that is pushed aside is held where it is, unless nobody knows where that is; one that is pushed
+        around and does not come to rest is held all the same.
+        """
+        problem = self.streaming.close()
+        if self.settling.largest > self._settle_position_rad and fresh and not self.settling.misread:
+            self.start_at(position)
+        if self._mode == STOPPING:
+            self._enter(LoopMode.HOLD, self.reason)
+        if problem:
+            self.fault(problem)

@@ -1,0 +1,25 @@
+from rtloop.planned.path cimport Path
+from rtloop.planned.path_clock cimport PathClock
+from rtloop.safety.fence cimport Watch
+
+
+cdef enum Way:
+    # Where following the path has come to.
+    UNDER_WAY = 0
+    DONE = 1  # At the end, or at rest where it was stopped.
+    NO_ROOM = 2  # The path leaves no room to come to rest on it.
+
+
+cdef class PathFollower:
+    cdef readonly Path path
+    cdef readonly PathClock clock
+    cdef readonly Watch watch
+    cdef bint left
+    cdef bint by_itself
+    cdef object _mover, _rows
+    cdef double* _desired
+    cdef int _dof
+
+    cdef Way c_follow(self, bint stopping) noexcept nogil
+    cdef Way follow_device(self) except *
+    cdef bint c_leaves_fence(self, double* place4) noexcept nogil

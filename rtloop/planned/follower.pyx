@@ -1,0 +1,112 @@
+"""A planned motion under way: where its path wants the arm in each cycle.
+
+Most devices are told where to be, cycle by cycle. One that moves by itself is given the whole path, and asked
+how far it is.
+"""
+
+from libc.math cimport fmin
+from libc.string cimport memset
+
+from cobot.arrays cimport MAX_DOF, doubles
+from rtloop.planned.path cimport Path
+
+from cobot.ipc.layout import MotionResult
+from rtloop.backends import MovesByItself
+
+# How far ahead on its path a motion's fence is looked at, s: whatever its speed, it can stop within.
+cdef double FENCE_AHEAD_S = 0.5
+
+
+cdef class PathFollower:
+    """Follows one path at a time. Real-time safe, but for what a device is asked.
+
+    Attributes:
+        path, clock, watch: what is followed, how far it is, and whether it keeps to its fence.
+        by_itself: whether the device moves along the path by itself; it never changes.
+        left: whether the arm has been taken off the path, to come to rest beside it.
+    """
+
+    def __init__(self, model, capacity, period_s, backend, desired):
+        """desired: where it writes what it wants, shape (3, dof): rad, rad/s, rad/s²."""
+        limits = model.limits
+        self.path = Path(capacity, limits.dof)
+        self.clock = PathClock(limits, period_s)
+        self.watch = Watch(model.chain)
+        self.by_itself = isinstance(backend, MovesByItself)
+        self._mover = backend if self.by_itself else None
+        self._dof, self._rows = limits.dof, desired
+        self._desired = doubles(desired, 3 * limits.dof)
+
+    def begin(self, Path path not None):
+        """Follow this path from its beginning."""
+        self.path, self.left = path, False
+        self.clock.c_reset()
+        if self.by_itself:
+            segments = path.segments
+            times_s, coefficients = path.breakpoints_s[:segments + 1], path.coefficients[:segments]
+            self._mover.begin(times_s.copy(), coefficients.copy(), self.clock.share)
+
+    def refusal(self, Path path not None, double offset_s):
+        """Why the arm cannot go on with another path, which begins at a time of this one; "" if it is the
+        same up to here, and as far as a change of the rate that is under way relies on the path.
+        """
+        cdef double here_s = self.clock.path_time_s - offset_s
+        if not path.c_continues(self.path, offset_s, here_s, self.clock.c_committed_s() - offset_s):
+            return f"it differs from the motion under way, which is at {self.clock.path_time_s:.3f} s already"
+        return ""
+
+    def go_on_with(self, Path path not None, double offset_s):
+        """Follow this path at the same place and rate. What the motion is fenced by stays."""
+        self.path = path
+        self.clock.c_shift(offset_s)
+
+    def slow_down(self):
+        """Come to rest on the path."""
+        if self.by_itself:
+            self._mover.halt()
+        else:
+            self.clock.c_request(0.0)
+
+    def is_halted(self):
+        """Whether the device comes to rest because it was told to."""
+        return self._mover.is_halted()
+
+    def place(self):
+        """Want the arm where the device says that it is on the path, at rest as far as anybody here knows."""
+        self.clock.path_time_s = max(self.clock.path_time_s, self._mover.done_s())
+        self.path.c_evaluate(self.clock.path_time_s, self.clock.rate, 0.0, self._desired)
+        memset(self._desired + self._dof, 0, 2 * self._dof * sizeof(double))
+
+    def result(self):
+        """What has become of a motion that has settled."""
+        if self.left:
+            return MotionResult.STOPPED_ASIDE
+        at_end = self.clock.path_time_s >= self.path.duration_s
+        return MotionResult.ARRIVED if at_end else MotionResult.STOPPED
+
+    cdef Way c_follow(self, bint stopping) noexcept nogil:
+        """Where the path is in this cycle, until its end, or until it has come to rest."""
+        self.clock.c_advance(self.path)
+        if stopping and self.clock.c_stuck():
+            return NO_ROOM
+        self.path.c_evaluate(self.clock.path_time_s, self.clock.rate, self.clock.rate_slope, self._desired)
+        if self.clock.path_time_s >= self.path.duration_s or (stopping and self.clock.c_at_rest()):
+            memset(self._desired + self._dof, 0, 2 * self._dof * sizeof(double))
+            return DONE
+        return UNDER_WAY
+
+    cdef Way follow_device(self) except *:
+        """Where the device says it is on the path that it was given."""
+        self.place()
+        return DONE if self.clock.path_time_s >= self.path.duration_s else UNDER_WAY
+
+    cdef bint c_leaves_fence(self, double* place4) noexcept nogil:
+        """Whether the path leaves the motion's fence within what is enough to come to rest, or already has;
+        where, and with which speed.
+        """
+        cdef double rows[3 * MAX_DOF]
+        cdef Py_ssize_t index = self.path.index
+        cdef double ahead_s = fmin(self.clock.path_time_s + FENCE_AHEAD_S, self.path.duration_s)
+        self.path.c_evaluate(ahead_s, self.clock.rate, 0.0, rows)
+        self.path.index = index
+        return self.watch.c_beyond(rows, place4) or self.watch.c_beyond(self._desired, place4)

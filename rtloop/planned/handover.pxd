@@ -1,0 +1,16 @@
+from rtloop.planned.path cimport Path
+
+
+cdef enum Load:
+    NO_LOAD = 0
+    START = 1  # It shall begin a motion.
+    REPLACEMENT = 2  # The motion under way shall go on with it.
+
+
+cdef class Handover:
+    cdef readonly unsigned long long motion_id, number
+    cdef readonly int slot
+    cdef readonly double offset_s
+    cdef Path path
+    cdef Load load
+    cdef object _slots, _model, _loader

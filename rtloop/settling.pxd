@@ -1,0 +1,20 @@
+from cobot.arrays cimport MAX_DOF
+from rtloop.safety.limiter cimport Safety
+
+
+cdef class SettlingMonitor:
+    cdef readonly bint settled, misread
+    cdef readonly double largest  # of a joint, rad
+    cdef object _limits
+    cdef Safety _safety
+    cdef double _error[MAX_DOF]  # Measured against commanded, rad.
+    cdef double _norm, _jump, _largest_step
+    cdef double _settle_position_rad, _settle_velocity_rad_s
+    cdef int _dof
+    cdef long long _still_cycles, _unsettled_cycles, _settle_cycles, settle_limit_cycles
+
+    cdef void c_begin(self) noexcept nogil
+    cdef void c_held(self) noexcept nogil
+    cdef bint c_tracks(self, const double* position, double allowed) noexcept nogil
+    cdef void c_settle(self, const double* velocity, bint may_be_still, bint anywhere) noexcept nogil
+    cdef bint c_ended(self) noexcept nogil

@@ -1,0 +1,127 @@
+"""How far the arm is from where it is commanded to be, and for how long it has been still."""
+
+from libc.math cimport fabs, sqrt
+
+import numpy as np
+
+# Robot time after the end of a motion within which the arm has to settle.
+SETTLE_LIMIT_S = 2.0
+# A measured position that moves so many times as far in a cycle as all joints at full speed was misread.
+JUMP_FACTOR = 3.0
+
+
+cdef class SettlingMonitor:
+    """Compares what is measured with the command in `safety`. Real-time safe but for the sentences.
+
+    Attributes:
+        settled: the arm has been still for long enough, where it is commanded to be or where it may be.
+        misread: a position was measured that no arm can have got to, since the arm was last held.
+        largest: by how much the joint is off that is furthest off, rad.
+    """
+
+    def __init__(self, settings, limits, Safety safety):
+        rt = settings.rt
+        self._limits, self._safety, self._dof = limits, safety, limits.dof
+        self._largest_step = JUMP_FACTOR * rt.period_s * float(np.linalg.norm(limits.max_velocity))
+        self._settle_position_rad = rt.settle_position_rad
+        self._settle_velocity_rad_s = rt.settle_velocity_rad_s
+        self._settle_cycles = _cycles(rt.settle_time_s, rt.period_s)
+        self.settle_limit_cycles = _cycles(SETTLE_LIMIT_S, rt.period_s)
+
+    def believe_jumps(self):
+        """The device tells only from time to time where it is."""
+        self._largest_step = float("inf")
+
+    def lost(self, position, double allowed):
+        """Why a joint is not tracked, at a measured position (dof,), rad; "" if none is further off than is
+        allowed and nothing was misread in this cycle.
+        """
+        error = self._errors()
+        joint = int(np.abs(error).argmax())
+        if abs(error[joint]) > allowed:
+            unit = self._limits.unit(joint)
+            return (
+                f"{self._limits.names[joint]} is {abs(error[joint]):.3f} {unit} from where it is commanded "
+                f"({position[joint]:.3f} instead of {self._safety.position[joint]:.3f} {unit}), "
+                f"allowed are {allowed} {unit}"
+            )
+        if self._jump:
+            return (
+                f"the measured position has jumped by {self._jump:.3f} {self._limits.units} within a cycle, "
+                "as no arm can"
+            )
+        return ""
+
+    def unsettled(self, desired, velocity):
+        """Why the arm has not settled where a motion wants it, (dof,), rad, at a measured velocity."""
+        off = np.abs(desired - self._safety.position)
+        joint = int(off.argmax())
+        name, unit = self._limits.names[joint], self._limits.unit(joint)
+        if off[joint] > self._settle_position_rad:
+            return (
+                f"the safety layer keeps {name} at {self._safety.position[joint]:.4f} {unit}: "
+                f"the motion wants it at {desired[joint]:.4f} {unit}"
+            )
+        error = self._errors()
+        joint = int(np.abs(error).argmax())
+        return (
+            f"not settled {SETTLE_LIMIT_S} s after the end of the motion: {self._limits.names[joint]} is "
+            f"{abs(error[joint]):.4f} {self._limits.unit(joint)} away and moves at {velocity[joint]:.4f} "
+            f"{self._limits.unit(joint, 1)}"
+        )
+
+    def _errors(self):
+        return np.array([self._error[joint] for joint in range(self._dof)])
+
+    cdef void c_begin(self) noexcept nogil:
+        """Something begins to move the arm, or to bring it to rest."""
+        self._still_cycles = self._unsettled_cycles = 0
+        self.settled = False
+
+    cdef void c_held(self) noexcept nogil:
+        """The arm is commanded to be where it is."""
+        self.misread = False
+        self._norm = 0.0
+
+    cdef bint c_tracks(self, const double* position, double allowed) noexcept nogil:
+        """Take what is measured; whether the arm may be where it is commanded to be."""
+        cdef double square = 0.0, before = self._norm
+        cdef bint misread
+        cdef int joint
+        self.largest = 0.0
+        for joint in range(self._dof):
+            self._error[joint] = position[joint] - self._safety.c_command[joint]
+            square += self._error[joint] * self._error[joint]
+            self.largest = max(self.largest, fabs(self._error[joint]))
+        self._norm = sqrt(square)
+        misread = fabs(self._norm - before) > self._largest_step
+        self._jump = fabs(self._norm - before) if misread else 0.0
+        if misread:
+            self.misread = True
+        return not (misread or self._norm > allowed)
+
+    cdef void c_settle(self, const double* velocity, bint may_be_still, bint anywhere) noexcept nogil:
+        """Count how long the arm has been still.
+
+        Args:
+            velocity: as measured (dof,), rad/s.
+            may_be_still: False while it is known to be on its way.
+            anywhere: whether it need not be where it is commanded to be.
+        """
+        cdef bint still = may_be_still and (anywhere or self.largest <= self._settle_position_rad)
+        cdef int joint
+        for joint in range(self._dof):
+            still = still and fabs(velocity[joint]) <= self._settle_velocity_rad_s
+        self._still_cycles = self._still_cycles + 1 if still else 0
+        self.settled = self._still_cycles >= self._settle_cycles
+
+    cdef bint c_ended(self) noexcept nogil:
+        """Whether what has moved the arm is over: it has settled, or has had its time to."""
+        self._unsettled_cycles += 1
+        return self.settled or self._unsettled_cycles >= self.settle_limit_cycles
+
+
+def _cycles(time_s, period_s):
+    """The least whole number of periods that last no less than a time."""
+    cycles = int(time_s / period_s)
+    return cycles if cycles * period_s >= time_s else cycles + 1

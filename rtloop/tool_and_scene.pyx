@@ -1,0 +1,86 @@
+"""What the arm carries, and what stands around it: both change while it rests."""
+
+from cobot.errors import CobotError, InputError, LimitError
+from cobot.ipc.tool_record import tool_of
+from cobot.robot.tool import check_tool
+from rtloop.backends import BackendError, CarriesTool
+from rtloop.streaming.surroundings import Surroundings
+
+from rtloop.streaming.session cimport Session
+
+
+cdef class ToolAndScene:
+    """Tells model, device and streams of them. On events alone.
+
+    Attributes:
+        surroundings: reads what stands around the arm.
+        known: how far that is known; `hear_of` and `heed` change it.
+        problem: why the collision monitor does not know it; "" if it does.
+    """
+
+    def __init__(self, settings, model, memory, backend, Session streaming):
+        self._model, self._info, self._tool = model, memory.info, memory.tool
+        self._max_payload_kg = settings.robot.max_payload_kg
+        self._backend, self._streaming = backend, streaming
+        self.surroundings = Surroundings(settings, model, streaming.stream_limits)
+        self.known = ALL
+        self.problem = ""
+
+    def carry(self, tool):
+        """Have this tool on the flange from the next cycle on: in the model and, if it wants to know, in the
+        backend. Some 500 µs, so only while nothing moves.
+
+        Raises:
+            BackendError: the robot refuses it; nothing has changed.
+        """
+        if isinstance(self._backend, CarriesTool):
+            self._backend.set_tool(tool)
+        self._model.carry(tool)
+        self._info.data["flange"] = self._model.flange_in_tcp()
+        self._info.data["tool_version"] = tool.version
+        self._info.publish()
+
+    def take(self, version, scene_version):
+        """Carry what stands in the tool's block; "" or why not. The arm rests: the command stays what it is,
+        and the torques that hold it follow the weight within the same cycle.
+        """
+        if not self._tool.try_read():
+            return "the tool could not be read"
+        try:
+            tool = tool_of(self._tool.data)
+            check_tool(tool, self._max_payload_kg, self._model.file_gravity)
+            if tool.version != version:
+                return f"version {tool.version} of the tool stands there, not {version}"
+            self.carry(tool)
+            self.hear_of(scene_version)  # Its shapes stand in its file.
+        except (InputError, LimitError, ValueError, BackendError) as exc:
+            return str(exc)
+        return ""
+
+    def hear_of(self, version):
+        """The files hold another scene, or other shapes of the tool; nothing is being read."""
+        self.known = CHANGED
+        self._info.data["scene_version"] = version
+        self._info.publish()
+
+    def watch_scene(self):
+        """Have streams know from the beginning what stands around the arm; before the first cycle."""
+        try:
+            self._streaming.watch(self.surroundings.read())
+        except CobotError as exc:
+            self.problem = str(exc)
+        self._info.data["scene_version"] = self.surroundings.version
+
+    cdef void heed(self) except *:
+        """Have the surroundings read, or take over what has been made of them."""
+        if self.known == CHANGED:
+            self.known = BEING_READ
+            self.surroundings.begin()
+            return
+        done, monitor = self.surroundings.take()
+        if not done:
+            return
+        self.known = ALL
+        self.problem = self.surroundings.problem
+        if monitor is not None:
+            self._streaming.watch(monitor)
