@@ -37,6 +37,7 @@ from benchmarks import (
     recording,
     servo,
     smoothness,
+    steady,
     stopping,
     stress,
     time_law,
@@ -81,6 +82,7 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "franka": lambda quick: franka.franka(2000 if quick else 20_000),
     "policy": lambda quick: policy.policy(*(100, 2) if quick else (1000, 10)),
     "floods": lambda quick: floods.floods(3 if quick else 40),
+    "steady": lambda quick: steady.steady(90.0 if quick else 3600.0),
     "memory": lambda quick: memory.memory(2.0 if quick else 10.0),
 }
 
