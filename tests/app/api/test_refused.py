@@ -23,7 +23,9 @@ FAR = {"joints": [9.0, *HOME[1:]]}
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[VirtualService]:
-    with virtual_service(tmp_path_factory.mktemp("refused"), more="web: {tokens: tokens.json}\nmcp: {execution: approved}\n") as started:
+    with virtual_service(
+        tmp_path_factory.mktemp("refused"), more="web: {tokens: tokens.json}\nmcp: {execution: approved}\n"
+    ) as started:
         yield started
 
 

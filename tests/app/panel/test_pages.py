@@ -15,6 +15,7 @@ from fastapi import FastAPI
 
 from app.main import create_app
 from app.panel import pages
+from app.services.events.ring import TYPES
 from cobot.config import Settings
 from cobot.robot.device import FLAGS, MEASURED_NAMES
 
@@ -23,7 +24,7 @@ SCRIPTS = sorted(pages.SITE.glob("*.js"))
 LANGUAGES = ("en", "de", "zh")
 NAMED = (r"#([a-z][\w-]*)", r'opened_card\(panel, "([\w-]+)"')
 """How tests with a browser name a control."""
-MADE = ("mode_", "way_", "able_", "measured_")
+MADE = ("mode_", "way_", "able_", "measured_", "event_", "said_")
 """So begin names of words that are put together."""
 
 
@@ -125,6 +126,13 @@ def test_each_ability_and_measurement_has_a_word() -> None:
     assert {f"able_{name}" for name in FLAGS} == {name for name in words if name.startswith("able_")}
     measured = {f"measured_{name}" for name in MEASURED_NAMES}
     assert measured == {name for name in words if name.startswith("measured_")}
+
+
+def test_each_type_of_event_has_a_word() -> None:
+    words = json.loads((pages.SITE / "words.json").read_text(encoding="utf-8"))["en"]
+    assert {f"event_{name}" for name in (*TYPES, "lost")} == {
+        name for name in words if name.startswith("event_")
+    }
 
 
 class Controls(HTMLParser):
