@@ -15,7 +15,7 @@ SHORTEST_S, LONGEST_S = 1e-9, 1e6
 """Between two points, and to the last one: far beyond what an arm does, so near that nothing overflows."""
 LARGEST = 1e6
 """Of an angle, a velocity or an acceleration of a point, likewise."""
-GO_THERE = "go there first, or send move_to_start=true"
+GO_THERE = "go there first, or send move_to_start=true (of a command: --move-to-start)"
 
 
 def check_first(
