@@ -94,7 +94,7 @@ def test_motions_are_slowed_paused_and_followed(panel: Panel) -> None:
         until(lambda: speed(panel) == 0.9)
         set_to(panel, "#override-set", "50")
         until(lambda: speed(panel) == 0.5)
-        assert panel.text("#override-shown") == "50 %"
+        panel.until("document.querySelector('#override-shown').innerText === '50 %'")
         slowly(panel)
         panel.until("document.querySelector('#progress').value > 0.001")
         panel.until("/^[0-9]+ s left[.]$/.test(document.querySelector('#job-left').innerText)")

@@ -17,6 +17,7 @@ from panel.page import (
     drop,
     planned,
     rows_of,
+    set_to,
     size,
 )
 
@@ -124,7 +125,7 @@ def test_axe_finds_nothing_in_any_view(panel: Panel, axe: str, scheme: str) -> N
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_everything_has_a_name_and_can_be_read(panel: Panel, scheme: str) -> None:
-    """WCAG 2.1: 4.1.2 (names), 1.4.3 (a contrast of 4.5), 2.5.5 (targets); on a tablet nothing is cut off."""
+    """WCAG 2.1: 4.1.2 (names), 1.4.3 (a contrast of 4.5), 2.5.5 (targets)."""
     features = [{"name": "prefers-color-scheme", "value": scheme}]
     panel.page.ask("Emulation.setEmulatedMedia", features=features)
     panel.page.run("document.querySelector('#banner').hidden = false")
@@ -135,10 +136,41 @@ def test_everything_has_a_name_and_can_be_read(panel: Panel, scheme: str) -> Non
         assert panel.page.run(CONTRAST) == []
         small = "filter((each) => each.checkVisibility() && each.offsetHeight < 32)"
         assert panel.page.run(f"[...document.querySelectorAll('button')].{small}.length") == 0
-        size(panel, 768, 1024, mobile=True)
-        assert panel.page.run("document.documentElement.scrollWidth <= innerWidth")
     finally:
         panel.page.run("document.querySelector('#banner').hidden = true")
         panel.page.run("document.querySelectorAll('details').forEach((each) => (each.open = false))")
         panel.page.ask("Emulation.setEmulatedMedia", features=[])
         size(panel, *SIZE)
+
+
+CUT = """
+[...document.querySelectorAll(".card button, .card select, .card input, header button")]
+.filter((each) => each.checkVisibility()).filter((each) => {
+    const [own, card] = [each, each.closest(".card, header")].map((one) => one.getBoundingClientRect());
+    return own.left < card.left || own.right > Math.min(card.right, innerWidth);
+}).map((each) => each.outerHTML)
+"""
+COVERED = """
+(([view, tools]) => view.height < 200
+    || (view.bottom > tools.top + 1 && view.right > tools.left && view.top < tools.top))
+(["#view canvas", "#tools"].map((each) => document.querySelector(each).getBoundingClientRect()))
+"""
+
+
+@pytest.mark.parametrize(("width", "height"), [SIZE, (1024, 768), (768, 1024)])
+def test_nothing_is_cut_off_or_covered_in_the_longest_words(panel: Panel, width: int, height: int) -> None:
+    """On a screen, and on a tablet both ways; with waypoints, whose rows are the widest."""
+    set_to(panel, "#language", "de")
+    panel.page.click("#teach")
+    size(panel, width, height, mobile=width < SIZE[0])
+    try:
+        panel.page.run("document.querySelectorAll('details').forEach((each) => (each.open = true))")
+        panel.until("document.querySelector('#io-Output button')")
+        panel.until(f"!({COVERED})")
+        assert panel.page.run(CUT) == []
+        assert panel.page.run("document.documentElement.scrollWidth <= innerWidth")
+        assert panel.page.run("(e => e.scrollWidth <= e.clientWidth)(document.querySelector('#side'))")
+    finally:
+        size(panel, *SIZE)
+        panel.page.run("localStorage.clear()")
+        panel.load()

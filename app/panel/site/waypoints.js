@@ -261,7 +261,8 @@ export class Waypoints {
   }
 
   changing(control, name, index, change) {
-    control.setAttribute("aria-label", word(name, { number: index + 1 }));
+    control.title = word(name, { number: index + 1 });
+    control.setAttribute("aria-label", control.title);
     control.addEventListener("change", () => {
       change();
       this.edited();
