@@ -153,6 +153,8 @@ class Trail:
 
     Attributes:
         who: known only when the request has been looked at.
+        tell_refused: has others know of a refusal: what was asked for, a code, a sentence.
+        changes: whether what is asked for would move or change something.
         left_out: whether the request itself needs no entry, for what it has changed has one.
     """
 
@@ -160,6 +162,8 @@ class Trail:
     who: Callable[[], str]
     from_: str
     request: str
+    tell_refused: Callable[[str, str, str], None] = lambda what, code, sentence: None
+    changes: bool = False
     details: dict[str, object] = field(default_factory=dict)
     left_out: bool = False
 
@@ -174,6 +178,15 @@ def note(what: str, outcome: str = "ok", **details: object) -> None:
         on.audit.record(on.who(), on.from_, what, outcome, request=on.request, **details)
 
 
+def refused(what: str, code: str, sentence: str) -> None:
+    """What would have moved or changed something is refused to whose request this task belongs to: have
+    others know.
+    """
+    on = trail.get()
+    if on is not None:
+        on.tell_refused(what, code, sentence)
+
+
 def require(identity: Identity, role: Role, *what: str) -> None:
     """As `cobot.access.roles.require`, with an entry if somebody may not do it.
 
@@ -183,6 +196,8 @@ def require(identity: Identity, role: Role, *what: str) -> None:
         roles.require(identity, role)
     except (AuthenticationError, PermissionDenied) as exc:
         note(" ".join(what), exc.code)
+        if role >= Role.OPERATOR:
+            refused(" ".join(what), exc.code, str(exc))
         raise
 
 
@@ -191,6 +206,13 @@ def add_details(**details: object) -> None:
     on = trail.get()
     if on is not None:
         on.details |= details
+
+
+def would_change() -> None:
+    """The present request would move or change something: others shall know if it is refused."""
+    on = trail.get()
+    if on is not None:
+        on.changes = True
 
 
 def leave_out() -> None:

@@ -9,7 +9,7 @@ import re
 import shutil
 import subprocess
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,10 @@ from typing import Any
 from running import WAIT_S, until
 from websockets.sync.client import ClientConnection, connect
 
-CODES = {"Escape": 27, "Enter": 13, "PageDown": 34, "ArrowRight": 39, "ArrowLeft": 37, "End": 35}
+CODES = {
+    "Tab": 9, "Enter": 13, "Escape": 27, "PageDown": 34, "PageUp": 33, "End": 35,
+    "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40, "Delete": 46,
+}  # fmt: skip
 CHROMIUM = shutil.which("chromium")
 
 
@@ -52,6 +55,7 @@ class Page:
         self._numbers = itertools.count(1)
         self._events: deque[dict[str, Any]] = deque(maxlen=1000)
         self._session: dict[str, str] = {}
+        self._told: dict[str, Callable[[str], None]] = {}
         target = self.ask("Target.createTarget", url="about:blank")["targetId"]
         attached = self.ask("Target.attachToTarget", targetId=target, flatten=True)
         self._session = {"sessionId": attached["sessionId"]}
@@ -60,7 +64,7 @@ class Page:
         number = next(self._numbers)
         self._tools.send(json.dumps({"id": number, "method": method, "params": params, **self._session}))
         while (answer := json.loads(self._tools.recv(WAIT_S))).get("id") != number:
-            self._events.append(answer)
+            self._keep(answer)
         assert "result" in answer, (method, answer)
         result: dict[str, Any] = answer["result"]
         return result
@@ -68,10 +72,65 @@ class Page:
     def event(self, method: str) -> dict[str, Any]:
         """What the next event of the DevTools of this name says; older ones of other names are forgotten."""
         while True:
-            found = self._events.popleft() if self._events else json.loads(self._tools.recv(WAIT_S))
+            if not self._events:
+                self._keep(json.loads(self._tools.recv(WAIT_S)))
+                continue
+            found = self._events.popleft()
             if found.get("method") == method:
                 said: dict[str, Any] = found["params"]
                 return said
+
+    def _keep(self, event: dict[str, Any]) -> None:
+        said = event.get("params", {})
+        if event.get("method") == "Runtime.bindingCalled" and said["name"] in self._told:
+            self._told[said["name"]](said["payload"])
+        else:
+            self._events.append(event)
+
+    def bind(self, name: str, tell: Callable[[str], None]) -> None:
+        """Have this page, and whatever it visits, a function of this name, which tells a text."""
+        self.ask("Runtime.enable")
+        self.ask("Runtime.addBinding", name=name)
+        self._told[name] = tell
+
+    def write(self, selector: str, text: str) -> None:
+        """In place of what a field has, as a person does: until it loses the focus."""
+        element = f"document.querySelector({json.dumps(selector)})"
+        self.run(f"(e => (e.scrollIntoView({{block: 'center'}}), e.focus(), e.select()))({element})")
+        if text:
+            self.ask("Input.insertText", text=text)
+        else:
+            self.key("Delete", "Delete")
+        self.run(f"{element}.blur()")
+
+    def set_to(self, selector: str, value: str) -> None:
+        """A list, a slider or a field, by the keyboard, as a person does."""
+        element = f"document.querySelector({json.dumps(selector)})"
+        kind = self.run(f"(e => (e.scrollIntoView({{block: 'center'}}), e.focus(), e.type))({element})")
+        if kind == "select-one":
+            wanted = f"[...{element}.options].findIndex((each) => each.value === {json.dumps(value)})"
+            self._press(lambda: self.run(f"{wanted} - {element}.selectedIndex"), "ArrowDown", "ArrowUp")
+        elif kind == "range":
+            low, high, step = self.run(f"(e => [+e.min, +e.max, +e.step || 1])({element})")
+            page = max((high - low) / 10.0, step)
+
+            def left() -> float:
+                return (float(value) - float(self.run(f"{element}.value"))) / step
+
+            self._press(lambda: int(left() / page * step), "PageUp", "PageDown")
+            self._press(lambda: round(left()), "ArrowRight", "ArrowLeft")
+        else:
+            self.write(selector, value)
+            assert self.run(f"{element}.value") == value
+
+    def _press(self, left: Callable[[], int], forwards: str, back: str) -> None:
+        """A key until nothing is left."""
+        presses = 0
+        while steps := left():
+            key = forwards if steps > 0 else back
+            self.key(key, key)
+            presses += 1
+            assert presses < 200, (forwards, steps)
 
     def choose(self, selector: str, file: Path) -> None:
         """A file in the dialogue that a button opens."""

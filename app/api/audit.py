@@ -11,12 +11,15 @@ import re
 import secrets
 import time
 from collections.abc import Awaitable
+from functools import partial
 from typing import cast
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from cobot.audit import Audit, Trail, trail
-from cobot.logs.lines import log_context
+from app.api.clients import client_of
+from app.services.events.ring import Events
+from cobot.audit import MAX_TEXT, Audit, Trail, trail
+from cobot.logs.lines import log_context, printable
 
 HEADER = b"x-request-id"
 IDENTITY = "cobot.identity"
@@ -46,7 +49,7 @@ class RequestTrail:
         if audit is None:  # not started, as in a test of the schema
             return self._app(scope, receive, send)
         address = f"{client[0]}:{client[1]}" if client else ""
-        on = Trail(audit, lambda: _who(scope), address, request)
+        on = Trail(audit, lambda: _who(scope), address, request, partial(_tell_refused, scope))
         trail.set(on)
         if kind == "http":
             return self._request(scope, receive, send, on)
@@ -68,7 +71,10 @@ class RequestTrail:
             raise
         finally:
             if not on.left_out:
-                _record(on, scope, f"{scope['method']} {scope['path']}", outcome)
+                what = f"{scope['method']} {scope['path']}"
+                _record(on, scope, what, outcome)
+                if on.changes and "code" in on.details:
+                    on.tell_refused(what, str(on.details["code"]), str(on.details["error"]))
 
     async def _connection(self, scope: Scope, receive: Receive, send: Send, on: Trail) -> None:
         opened_s = 0.0
@@ -98,6 +104,20 @@ def _record(on: Trail, scope: Scope, what: str, outcome: str) -> None:
     endpoint = getattr(scope.get("route"), "path", None)
     kind = (*what.split(" ")[0::2], endpoint)  # what leads nowhere is one thing, however it is called
     on.audit.record(on.who(), on.from_, what, outcome, request=on.request, kind=kind, **on.details)
+
+
+def _tell_refused(scope: Scope, what: str, code: str, sentence: str) -> None:
+    state = scope["app"].state
+    events: Events = state.events
+    name = scope.get("path_params", {}).get("robot", state.services.link.memory.robot)
+    events.publish(
+        "refused",
+        name if name in state.robots else "",
+        by=str(client_of(scope)),
+        what=printable(what, MAX_TEXT),
+        code=code,
+        reason=printable(sentence, MAX_TEXT),
+    )
 
 
 def _who(scope: Scope) -> str:

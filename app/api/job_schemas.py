@@ -48,7 +48,10 @@ class JobAnswer(BaseModel):
     error: RefusedAnswer | None = Field(description="Why it has not arrived, as its own endpoint says it.")
     created_at: datetime = Field(description="When it was asked for.")
     started_at: datetime | None = Field(description="When its first motion began.")
-    ended_at: datetime | None = Field(description="When it ended; null for an interrupted one.")
+    ended_at: datetime | None = Field(
+        description="When it ended; of one that a crash interrupted, when the service was last "
+        "known to be alive."
+    )
 
 
 class JobsAnswer(BaseModel):

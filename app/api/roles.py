@@ -16,6 +16,7 @@ from app.api.access import IDENTITY
 from app.api.errors import answer_to
 from app.api.routers.robots import twin_name
 from app.api.samples import SAMPLES_PATH
+from cobot import audit
 from cobot.access.authentication import is_loopback
 from cobot.access.roles import Identity, Role, require
 from cobot.addresses import MCP
@@ -23,6 +24,7 @@ from cobot.errors import CobotError
 
 STOP = "POST /stop"
 STOPS = (STOP, twin_name(STOP))
+CHANGING = ("POST", "DELETE")
 ROLES: dict[str, Role] = {
     "GET /robot/joint_states": Role.OBSERVER,
     "GET /robot/pose": Role.OBSERVER,
@@ -146,18 +148,26 @@ def guard(routes: Iterable[BaseRoute], table: Mapping[str, Role]) -> None:
             raise TypeError(f"{name} has no role: give it one in app.api.roles")
         assert isinstance(route, Route | WebSocketRoute)
         if table[name] is not Role.NOBODY:
-            route.app = _Guarded(route.app, table[name], free_on_loopback=name in STOPS)
+            route.app = _Guarded(
+                route.app,
+                table[name],
+                free_on_loopback=name in STOPS,
+                changes=name.startswith(CHANGING) and (table[name] >= Role.OPERATOR or name in STOPS),
+            )
 
 
 class _Guarded:
     """What a route leads to, for those who may."""
 
-    def __init__(self, app: ASGIApp, role: Role, *, free_on_loopback: bool = False) -> None:
+    def __init__(self, app: ASGIApp, role: Role, *, free_on_loopback: bool, changes: bool) -> None:
         self._app = app
         self._role = role
         self._free_on_loopback = free_on_loopback
+        self._changes = changes
 
     def __call__(self, scope: Scope, receive: Receive, send: Send) -> Awaitable[None]:
+        if self._changes:
+            audit.would_change()
         identity: Identity = scope[IDENTITY]
         if identity.role < self._role and not (self._free_on_loopback and _sits_here(identity)):
             try:

@@ -79,6 +79,8 @@ async def vendor_service(request: Request) -> JSONResponse:
     found = REGISTRY.get((robot_class, method))
     if found is None:
         raise NotFoundError(unknown_service(robot_class, method))
+    if found.changes:
+        audit.would_change()
     require(identity_of(request), found.role)
     bound = bind(found, await _content(request))
     audit.leave_out()  # `run` has an entry for what it changes, whoever asks

@@ -166,7 +166,10 @@ async def run(robot: Services, found: Service, bound: dict[str, Any], origin: Or
         return await _run(robot, found, bound, origin)
     where, arguments = f"{robot.robot.name}/{found.robot_class}/{found.method}", shown(bound)
     answer = await _run(robot, found, bound, origin)
-    outcome = "ok" if answer.code == Code.OK else f"{int(answer.code)}: {answer.message}"
+    outcome = "ok"
+    if answer.code != Code.OK:
+        outcome = f"{int(answer.code)}: {answer.message}"
+        audit.refused(where, Code(answer.code).name.lower(), answer.message)
     audit.note(where, outcome, arguments=arguments)
     return answer
 

@@ -22,8 +22,8 @@ from app.mcp import tools
 from app.mcp.endpoint import MAX_BODY_BYTES
 from cobot.access.roles import require
 from cobot.addresses import MCP
-from cobot.audit import note
-from cobot.errors import CobotError
+from cobot.audit import note, refused
+from cobot.errors import CobotError, InputError
 from cobot.strict import sentences, shown
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ class AgentServer(MCPServer[Any]):
         if name not in self._known:
             raise ToolError(f"there is no tool {shown(name)}; valid are: {', '.join(self._known)}")
         role, parameters = self._known[name]
-        outcome = "no answer"
+        outcome, code = "no answer", ""
         try:
             request = None if context is None else context.request_context.request
             assert request is not None  # this transport is HTTP alone
@@ -74,15 +74,17 @@ class AgentServer(MCPServer[Any]):
             answer = await super().call_tool(name, arguments, context)
             outcome = "ok"
         except CobotError as exc:
-            outcome = str(exc)
+            outcome, code = str(exc), exc.code
             raise ToolError(outcome) from exc
         except ToolError as exc:
-            outcome = str(exc.__cause__ or exc)
+            outcome, code = str(exc.__cause__ or exc), getattr(_first(exc), "code", InputError.code)
             if isinstance(exc.__cause__, ValidationError):  # which the library prints whole
                 outcome = sentences(exc.__cause__.errors(include_url=False))
                 raise ToolError(f"{name}: {outcome}") from exc.__cause__
             raise
         finally:
+            if code and name == tools.execute.__name__:
+                refused(f"MCP {name}", code, outcome)
             note(f"MCP {name}", outcome, **{key: arguments[key] for key in parameters if key in arguments})
         return answer
 
@@ -105,6 +107,11 @@ class AgentServer(MCPServer[Any]):
                     f"there is no prompt {shown(name)} with these arguments; valid are: {', '.join(valid)}"
                 )
                 raise MCPError(INVALID_PARAMS, sentence) from exc
+
+
+def _first(exc: BaseException) -> BaseException:
+    """What it all began with."""
+    return exc if exc.__cause__ is None else _first(exc.__cause__)
 
 
 @contextmanager

@@ -19,7 +19,8 @@ from cobot.client.connection import Json
 from cobot.errors import CobotError
 
 STATE_HZ = 10.0
-LEVELS = {"fault": "bold red", "estop": "bold red", "lost": "magenta", "log": "yellow", "stop": "yellow"}
+WARNINGS = ("log", "stop", "refused", "intervention")
+LEVELS = {"fault": "bold red", "estop": "bold red", "lost": "magenta"} | dict.fromkeys(WARNINGS, "yellow")
 
 
 def said(answer: object) -> None:
@@ -63,8 +64,9 @@ def show_table(rows: list[Json], columns: dict[str, str]) -> None:
 
 
 def event_line(event: Json) -> Text:
-    """One line of an event."""
-    data = " ".join(f"{name}={_shown(value)}" for name, value in event["data"].items())
+    """One line of an event; fields with nothing in them are left out."""
+    told = {name: value for name, value in event["data"].items() if value not in (None, "")}
+    data = " ".join(f"{name}={_shown(value)}" for name, value in told.items())
     moment = str(event["time"])[11:23]
     return Text(
         f"{moment} {event['robot'] or '-'} {event['type']} {data}", style=LEVELS.get(event["type"], "")

@@ -16,7 +16,7 @@ SHORTEST_S, LONGEST_S = 1e-9, 1e6
 does, so near that nothing overflows."""
 LARGEST = 1e6
 """An angle, a velocity or an acceleration of a point is no larger, for the same reason."""
-GO_THERE = "go there first, or send move_to_start=true"
+GO_THERE = "go there first, or send move_to_start=true (of a command: --move-to-start)"
 
 
 def check_first(

@@ -9,6 +9,8 @@ import httpx
 import pytest
 from running import WAIT_S, Pair, Run, answering
 
+pytest.register_assert_rewrite("panel")  # tests that test_panel.py imports
+
 
 @pytest.fixture
 def run(tmp_path: Path) -> Iterator[Run]:

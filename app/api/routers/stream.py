@@ -40,11 +40,14 @@ from cobot.access.roles import Role
 from cobot.client import wire
 from cobot.client.wire import Kind
 from cobot.clock import Ticks
-from cobot.errors import CobotError, InputError
+from cobot.errors import AuthenticationError, CobotError, InputError, PermissionDenied
 from cobot.ipc.layout import LAYOUT_VERSION, Stream
 
 MAX_ANSWERS = 64
 """So many answers wait for a client that does not read; then the oldest one is dropped."""
+
+MOVING = frozenset({"session", "jog", "control", "target", "setpoint", "move", "chunk", "estop"})
+"""Frames that are news for others when they are refused."""
 
 router = APIRouter()
 
@@ -120,7 +123,14 @@ class Connection:
                     await self._take_binary(message["bytes"])
             except CobotError as exc:
                 self._answer("error", code=exc.code, detail=str(exc), **self._place)
+                self._tell_refused(exc)
             await asyncio.sleep(0)  # who floods this connection shall not keep the others waiting
+
+    def _tell_refused(self, error: CobotError) -> None:
+        """A role that does not suffice is told by `audit.require`."""
+        about = self._place["about"]
+        if about in MOVING and not isinstance(error, AuthenticationError | PermissionDenied):
+            audit.refused(f"{about} on the stream", error.code, str(error))
 
     async def _send(self) -> None:
         """Answers first; the state is read when it can be sent."""

@@ -4,7 +4,7 @@ import { inEachLanguage, word } from "./words.js";
 
 const EVERY_MS = 500; // while it runs: progress is no event
 const STATES = {
-  planning: "job_planning", running: "job_running", paused: "job_paused", finished: "job_finished",
+  queued: "job_queued", planning: "job_planning", running: "job_running", paused: "job_paused", finished: "job_finished",
   failed: "job_failed", cancelled: "job_cancelled", interrupted: "job_interrupted",
 };
 const GOING = ["planning", "running"];

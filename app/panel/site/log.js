@@ -2,15 +2,24 @@
 import { inEachLanguage, word } from "./words.js";
 
 const MOST = 100;
-const LEVELS = { fault: "bad", estop: "bad", lost: "bad", log: "warn", intervention: "warn", rtloop: "warn", stop: "warn", planning: "warn" };
+const LEVELS = { fault: "bad", estop: "bad", lost: "bad", log: "warn", intervention: "warn", refused: "warn", rtloop: "warn", stop: "warn", planning: "warn" };
 const FAILURES = ["failed", "interrupted"];
 const LATCHED = ["ESTOP", "FAULT"];
 const LOST_CONTROL = ["taken over", "disconnected"];
 const QUIET = ["alive", "hello", "state"];
+const IN_WORDS = { mode: { mode: "mode", before: "mode" }, job: { state: "job" } };
 const element = (id) => document.getElementById(id);
 
-// The fields of an event as words: they have names of their own, see docs/events.md.
-function said(data) {
+// An event in a sentence; of one that has none its fields, by their names in docs/events.md.
+function said(type, data) {
+  const values = Object.fromEntries(Object.entries(data).map(([field, value]) => [field, value ?? ""]));
+  for (const [field, of] of Object.entries(IN_WORDS[type] ?? {})) {
+    if (values[field]) values[field] = word(`${of}_${values[field]}`);
+  }
+  if (type === "speed") values.percent = Math.round(100 * values.fraction);
+  if (values.duration_s) values.duration_s = values.duration_s.toFixed(1);
+  const name = [`said_${type}_${data.what ?? data.state}`, `said_${type}`].find((each) => word(each) !== each);
+  if (name) return word(name, values).trim() + (data.held_back ? ` ${word("said_held_back", data)}` : "");
   const shown = Object.entries(data).filter(([, value]) => value !== null && value !== "");
   return shown.map(([name, value]) => `${name} ${typeof value === "object" ? JSON.stringify(value) : value}`).join(", ");
 }
@@ -31,7 +40,7 @@ export class Log {
     this.waiting = [];
     this.asked = false;
     element("log-problems").addEventListener("click", () => this.filter());
-    inEachLanguage(() => this.mark());
+    inEachLanguage(() => this.translate());
   }
 
   clear() {
@@ -55,16 +64,22 @@ export class Log {
     while (element("log").children.length > MOST) element("log").lastElementChild.remove();
   }
 
+  translate() {
+    for (const row of element("log").children) row.replaceWith(this.row(row.told));
+    this.mark();
+  }
+
   row(event) {
     const { time, type, data } = event;
     const level = levelOf(event);
     const made = document.createElement("li");
     const [moment, kind, text] = ["time", "b", "span"].map((tag) => document.createElement(tag));
     moment.dateTime = time;
-    moment.textContent = new Date(time).toLocaleTimeString();
-    kind.textContent = type;
+    moment.textContent = new Date(time).toLocaleTimeString(document.documentElement.lang, { hourCycle: "h23" });
+    kind.textContent = word(`event_${type}`);
     kind.dataset.level = level;
-    text.textContent = said(data);
+    text.textContent = said(type, data);
+    made.told = event;
     made.dataset.type = type;
     made.toggleAttribute("data-problem", Boolean(level));
     made.append(moment, kind, text);

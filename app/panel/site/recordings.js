@@ -131,7 +131,7 @@ export class Recordings {
     const button = document.createElement("button");
     button.type = "button";
     button.textContent = word("rec_of", {
-      when: new Date(time).toLocaleString(), reason: word(REASONS[reason]), mb: (size / 1e6).toFixed(1),
+      when: new Date(time).toLocaleString(document.documentElement.lang, { hourCycle: "h23" }), reason: word(REASONS[reason]), mb: (size / 1e6).toFixed(1),
     });
     button.addEventListener("click", () => this.open(name));
     const file = document.createElement("button");

@@ -76,9 +76,22 @@ export class Waypoints {
   }
 
   changed() {
+    this.edited();
+    this.write();
+  }
+
+  // What the rows show already: they stay, and so does the focus.
+  edited() {
     keep("localStorage", this.key, JSON.stringify(this.list));
     this.motions.discard();
-    this.write();
+  }
+
+  // Who works by the keyboard stays where the row has gone to that was there.
+  focus(index, place) {
+    const row = element("points").children[Math.min(index, element("points").children.length - 1)];
+    const control = row?.children[place];
+    const found = control?.disabled ? row.querySelector("button:enabled") : control;
+    (found ?? element("teach")).focus();
   }
 
   show() {
@@ -224,7 +237,7 @@ export class Waypoints {
     made.append(
       this.button("↑", "point_up", index, index > 0, () => this.swap(index, index - 1)),
       this.button("↓", "point_down", index, index < this.list.length - 1, () => this.swap(index, index + 1)),
-      this.button("✕", "point_remove", index, true, () => this.list.splice(index, 1)),
+      this.button("✕", "point_remove", index, true, () => void this.list.splice(index, 1)),
     );
     return made;
   }
@@ -241,14 +254,18 @@ export class Waypoints {
     const input = document.createElement("input");
     Object.assign(input, { type: "number", min: 0, max: 1000, step: 1, value: point.radius });
     input.disabled = index === this.list.length - 1;
-    return this.changing(input, "point_radius", index, () => (point.radius = Math.max(0, Math.min(1000, Number(input.value)))));
+    return this.changing(input, "point_radius", index, () => {
+      point.radius = Math.max(0, Math.min(1000, Number(input.value)));
+      input.value = point.radius;
+    });
   }
 
   changing(control, name, index, change) {
-    control.setAttribute("aria-label", word(name, { number: index + 1 }));
+    control.title = word(name, { number: index + 1 });
+    control.setAttribute("aria-label", control.title);
     control.addEventListener("change", () => {
       change();
-      this.changed();
+      this.edited();
     });
     return control;
   }
@@ -260,14 +277,17 @@ export class Waypoints {
     made.disabled = !enabled;
     made.setAttribute("aria-label", word(name, { number: index + 1 }));
     made.addEventListener("click", () => {
-      act();
+      const place = [...made.parentElement.children].indexOf(made);
+      const there = act() ?? index;
       this.changed();
+      this.focus(there, place);
     });
     return made;
   }
 
   swap(one, other) {
     [this.list[one], this.list[other]] = [this.list[other], this.list[one]];
+    return other;
   }
 
   say(words) {

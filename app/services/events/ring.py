@@ -43,6 +43,7 @@ TYPES = {
     "tool": "the tool has changed",
     "positions": "the named positions have changed",
     "planning": "a planning process was replaced",
+    "refused": "what somebody has asked for is refused: it would have moved or changed something",
     "log": "a line of the service's log of the level warning or above",
 }
 """All types of events, and what each says."""
@@ -53,6 +54,8 @@ BURST, PER_S = 400, 40.0
 """Of one type and robot so many events pass at once, and so many a second: who calls /stop in a loop shall
 not have others lose what matters to them. The next event that passes says how many were held back."""
 LOG_BURST, LOG_PER_S = 20, 2.0
+"""The same of what a client that does something wrong has happen by that: lines of the log, refusals."""
+SAID_OF_CLIENTS = ("log", "refused")
 PLACE = re.compile(r"(?:([0-9a-f]{8})-)?([0-9]{1,20})")
 
 
@@ -200,7 +203,7 @@ class Events:
     def _throttle(self, kind: str, robot: str) -> Throttle:
         found = self._throttles.get((kind, robot))
         if found is None:
-            bounds = (LOG_BURST, LOG_PER_S) if kind == "log" else (BURST, PER_S)
+            bounds = (LOG_BURST, LOG_PER_S) if kind in SAID_OF_CLIENTS else (BURST, PER_S)
             found = self._throttles[kind, robot] = Throttle(*bounds, self._clock.now_s)
         return found
 

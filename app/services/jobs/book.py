@@ -13,6 +13,7 @@ import os
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
@@ -35,7 +36,6 @@ AGAIN_AFTER = 500
 """After so many lines those that go on are written once more, before the oldest lines are dropped."""
 END_S = 1.0
 MAX_REQUEST = 500
-LOST = JobError("the service ended while it was under way", "interrupted")
 
 log = logging.getLogger("cobot.jobs")
 _RECORD = TypeAdapter(JobRecord)
@@ -178,6 +178,10 @@ class JobBook:
 
     def _read(self, file: Path) -> None:
         found: OrderedDict[str, JobRecord] = OrderedDict()
+        now = datetime.fromtimestamp(self._link.clock.wall_ns() * 1e-9, UTC)
+        alive = now
+        with contextlib.suppress(OSError):  # there is none yet
+            alive = min(datetime.fromtimestamp(file.stat().st_mtime, UTC), now)
         for path in reversed(aside(file, OLDER_FILES)):
             with contextlib.suppress(OSError), path.open("rb") as lines:
                 for line in lines:
@@ -187,10 +191,26 @@ class JobBook:
                         found.move_to_end(record.id)
         for record in list(found.values())[-KEPT:]:
             if record.state not in ENDS:
-                record = replace(record, state=JobState.INTERRUPTED, remaining_s=None, error=LOST)
+                record = _interrupted(record, alive, now)
                 log.warning("%sjob %s (%s) was interrupted", self._link.label, record.id, record.kind)
                 self._write(record)
             self._keep(record)
+
+
+def _interrupted(record: JobRecord, alive: datetime, found: datetime) -> JobRecord:
+    """A job whose end nobody has written.
+
+    Args:
+        alive: when the service last wrote of any job.
+        found: now.
+    """
+    ended_at = max(alive, record.started_at or record.created_at)
+    sentence = (
+        f"the service ended while it was under way, after {ended_at:%Y-%m-%d %H:%M:%S} UTC; "
+        f"its next start found that at {found:%Y-%m-%d %H:%M:%S} UTC"
+    )
+    error = JobError(sentence, "interrupted")
+    return replace(record, state=JobState.INTERRUPTED, remaining_s=None, error=error, ended_at=ended_at)
 
 
 def unknown(number: str) -> NotFoundError:

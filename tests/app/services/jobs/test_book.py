@@ -13,6 +13,7 @@ import math
 import os
 import threading
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -36,16 +37,18 @@ NEXT = {
 }
 """Which states may follow; what is not here is an end."""
 STOPPED = MotionStopped("stopped by POST /stop")
+BEGUN_S = 1e9
+"""2001-09-09 01:46:40 UTC."""
 TRAJECTORY: Any = SimpleNamespace(duration_s=10.0, note="")
 
 
 class Link:
     """As much of a `RobotLink` as jobs and ownership need."""
 
-    def __init__(self) -> None:
+    def __init__(self, wall_s: float) -> None:
         self.label, self.stops = "", 0
         self.memory = SimpleNamespace(robot="arm")
-        self.clock = SimpleNamespace(now_s=lambda: 1.0, wall_ns=lambda: 10**18)
+        self.clock = SimpleNamespace(now_s=lambda: 1.0, wall_ns=lambda: round(wall_s * 1e9))
         self.heartbeat = SimpleNamespace(require_awake=lambda: None)
         self.motion = 0
         self.path_time_s = 0.0
@@ -60,8 +63,8 @@ class Link:
 class Bench:
     """Ownership and its jobs."""
 
-    def __init__(self, file: Path | None = None) -> None:
-        self.link: Any = Link()
+    def __init__(self, file: Path | None = None, wall_s: float = BEGUN_S) -> None:
+        self.link: Any = Link(wall_s)
         self.book = JobBook(self.link, file)
         self.heard: list[JobRecord] = []
         self.book.on_change = self.heard.append
@@ -156,7 +159,8 @@ def test_records_survive_and_what_was_under_way_was_interrupted(tmp_path: Path) 
     with bench.motion() as claim:
         claim.job.started(7, TRAJECTORY)
         bench.book.close()  # as a service that is killed: the end of this one is never written
-        after = Bench(file).book
+        os.utime(file, (BEGUN_S + 20.0, BEGUN_S + 20.0))
+        after = Bench(file, BEGUN_S + 3600.0).book
     found = {record.id: record for record in after.records(9)}
     assert len(found) == 3
     assert found[done.id] == done.end_record
@@ -164,6 +168,9 @@ def test_records_survive_and_what_was_under_way_was_interrupted(tmp_path: Path) 
     interrupted = found[claim.job.id]
     assert interrupted.error is not None
     assert (interrupted.error.code, interrupted.motion_id) == ("interrupted", 7)
+    assert interrupted.ended_at == datetime.fromtimestamp(BEGUN_S + 20.0, UTC)
+    assert "under way, after 2001-09-09 01:47:00 UTC; its next" in interrupted.error.detail
+    assert "found that at 2001-09-09 02:46:40 UTC" in interrupted.error.detail
     (failed,) = (record for record in found.values() if record.state == "failed")
     assert failed.error is not None
     assert failed.error.findings == infinite.findings
