@@ -131,8 +131,10 @@ cdef class Controller(ModeMachine):
         if command is None:
             return
         number, kind = int(command["id"]), int(command["kind"])
-        stops = int(command["stops"])
-        if kind in (Command.START, Command.REPLACE, Command.RESET) and stops != self.commands.stops:
+        cdef unsigned long long asked = self.commands.stops
+        if kind == Command.RESET:
+            asked += self.commands.estops
+        if kind in (Command.START, Command.REPLACE, Command.RESET) and int(command["stops"]) != asked:
             refusal = OVERTAKEN
         elif kind == Command.START:
             refusal = self._start(number, command)
@@ -141,7 +143,7 @@ cdef class Controller(ModeMachine):
         elif kind == Command.SET_RATE:
             refusal = self._set_rate(float(command["value"]))
         elif kind == Command.RESET:
-            refusal = self._begin_reset(measured, fresh, number, stops)
+            refusal = self._begin_reset(measured, fresh, number)
         elif kind == Command.TOOL:
             refusal = self._take_tool(int(command["tool"]), int(command["scene"]))
         elif kind == Command.ACKNOWLEDGE:
@@ -233,7 +235,7 @@ cdef class Controller(ModeMachine):
         self.follower.clock.c_request(rate)
         return ""
 
-    def _begin_reset(self, Measured measured, bint fresh, number, stops):
+    def _begin_reset(self, Measured measured, bint fresh, number):
         """Leave ESTOP or FAULT and hold the arm where it is now. The drives may take their time: nothing
         moves. Where they take it in steps, the acknowledgement follows (None).
         """
@@ -244,7 +246,7 @@ cdef class Controller(ModeMachine):
             return "the arm is not at rest yet"
         if self.stale:
             return "the robot still reports the same values as when it moved"
-        if self.drives.begin_reset(number, stops):
+        if self.drives.begin_reset(number, self.commands.stops):
             return None
         refusal = self.drives.switch_on(measured)
         if not refusal:

@@ -162,6 +162,9 @@ class Rig:
         command = self.memory.commands[self._command % RING]
         command.data["id"], command.data["kind"] = self._command, kind
         command.data["stops"] = self.memory.requests.data["stops"]
+        if kind == Command.RESET:
+            estops = int(self.memory.requests.data["estops"]) + self.memory.outside_estops.value
+            command.data["stops"] = (int(command.data["stops"]) + estops) % 2**64
         command.data["tool"] = 0
         command.data["scene"] = 0
         for name, value in fields.items():

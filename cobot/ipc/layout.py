@@ -217,7 +217,7 @@ COMMAND = np.dtype(
     align=True,
 )
 """stops: the count of stop requests that the sender knew of; a START or REPLACE that a stop has overtaken is
-refused.
+refused. Of a RESET that of e-stops is added: it ends no e-stop but those that its sender knew of.
 value: the rate of a SET_RATE; of a REPLACE the path time, s, of the motion under way at which its own begins.
 tool: the version that a START or REPLACE was planned with, another one is refused; of a TOOL that in the
 block.

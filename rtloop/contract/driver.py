@@ -200,6 +200,8 @@ class Driver:
         command = self.memory.commands[self._command % RING]
         command.data["id"], command.data["kind"] = self._command, kind
         command.data["stops"] = self.memory.requests.data["stops"]
+        if kind == Command.RESET:
+            command.data["stops"] += self.memory.requests.data["estops"]
         command.data["tool"] = command.data["scene"] = 0
         for name, value in fields.items():
             command.data[name] = value

@@ -105,13 +105,17 @@ def test_a_reset_has_to_wait_until_the_arm_is_at_rest(rig: Rig) -> None:
     assert rig.answer(rig.send(Command.RESET)) == ""
 
 
-def test_a_reset_that_a_stop_has_overtaken_is_refused(rig: Rig) -> None:
+@pytest.mark.parametrize("kind", ["stops", "estops", "outside_stops", "outside_estops"])
+def test_a_reset_that_a_stop_has_overtaken_is_refused(rig: Rig, kind: str) -> None:
     """The service revokes by a stop what rtloop has not answered in time: its client believes it failed."""
     rig.request("estops")
     rig.step(3)
-    stops = int(rig.memory.requests.data["stops"])
-    rig.request("stops")
-    assert rig.answer(rig.send(Command.RESET, stops=stops)) == "a stop was requested meanwhile"
+    number = rig.send(Command.RESET)
+    if kind.startswith("outside"):
+        getattr(rig.memory, kind).add()
+    else:
+        rig.request(kind)
+    assert rig.answer(number) == "a stop was requested meanwhile"
     assert rig.mode is LoopMode.ESTOP
 
 

@@ -162,9 +162,10 @@ class Commands:
             raise ConflictError(f"motion {state.motion_id} is {state.mode.name}: there is nothing to reset")
         if state.mode in (LoopMode.ESTOP, LoopMode.FAULT):
             self._link.request_stop()
+        asked = self._link.stops + self._link.estops  # whoever stops the arm while this waits is right
         async with self._turn:
             try:
-                await self._send(Command.RESET, stops=self._link.stops, timeout_s=timeout_s)
+                await self._send(Command.RESET, stops=asked, timeout_s=timeout_s)
             except ExecutionError as exc:
                 raise NotReadyError(str(exc)) from exc
 

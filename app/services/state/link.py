@@ -208,6 +208,11 @@ class RobotLink:
         """How many stops have been requested so far: a motion started with an older count is refused."""
         return int(self.memory.requests.data["stops"]) + self.memory.outside_stops.value
 
+    @property
+    def estops(self) -> int:
+        """How many e-stops have been requested so far."""
+        return int(self.memory.requests.data["estops"]) + self.memory.outside_estops.value
+
     def request_stop(self, *, fast: bool = False) -> None:
         """Have rtloop bring the arm to rest on its path. Takes effect in its next cycle.
 

@@ -10,7 +10,7 @@ from rig import CAPACITY, Rig
 
 from app.services.state.commands import loading_s
 from app.services.state.link import RobotLink
-from cobot.errors import UnavailableError
+from cobot.errors import NotReadyError, UnavailableError
 from cobot.motions.requests import MotionRequest
 from cobot.planners.ptp import plan_ptp
 from cobot.robot.description import RobotDescription
@@ -49,6 +49,28 @@ def test_a_long_motion_loads_in_half_the_time_that_it_is_waited_for(rig: Rig) ->
     period_s = rig.settings.rt.period_s
     # A cycle takes the command, one looks at all the breakpoints, and one at what is left.
     assert cycles == 3 + np.ceil(0.5 * loading_s(CAPACITY, period_s) / period_s)
+
+
+def test_a_reset_that_waits_for_its_turn_ends_no_estop_that_was_asked_for_meanwhile(rig: Rig) -> None:
+    rig.request("estops")
+    rig.step(10)
+    link = attached(rig)
+
+    async def overtaken() -> None:
+        first = asyncio.ensure_future(link.commands.acknowledge())  # it has the turn, and is not answered yet
+        second = asyncio.ensure_future(link.commands.reset(STALE_S))
+        await asyncio.sleep(0)
+        link.request_estop()
+        while not second.done():
+            rig.step()
+            await asyncio.sleep(0)
+        await first
+        await second
+
+    with pytest.raises(NotReadyError, match="a stop was requested meanwhile"):
+        asyncio.run(overtaken())
+    assert rig.mode is LoopMode.ESTOP
+    link.close()
 
 
 def test_a_reset_that_was_not_answered_for_never_happens(rig: Rig) -> None:
