@@ -36,7 +36,7 @@ cdef class Controller:
     cdef Guide _guide
     cdef bint _left_path, _stop_unseen, _misread
     cdef object _rt, _limits, _slots, _backend, _loader
-    cdef object _model, _info, _tool, _max_payload_kg
+    cdef object _model, _info, _tool, _output, _max_payload_kg
     cdef readonly object surroundings
     cdef object _device
     cdef readonly bint drives_off, enabling

@@ -79,6 +79,7 @@ cdef class Controller:
             raise InputError(f"the robot has {self._dof} joints, possible are {MAX_DOF}")
         self._slots = memory.slots
         self._model, self._info, self._tool = model, memory.info, memory.tool
+        self._output = memory.output
         self._max_payload_kg = settings.robot.max_payload_kg
         self._backend = backend
         self.commands = CommandInbox(memory)
@@ -416,6 +417,8 @@ cdef class Controller:
             refusal = self.acknowledge()
         elif kind == Command.SCENE:
             refusal = self._take_scene(int(command["scene"]))
+        elif kind == Command.OUTPUT:
+            refusal = self._set_output()
         else:
             refusal = f"there is no command {kind}"
         if refusal is not None:
@@ -575,6 +578,12 @@ cdef class Controller:
         except (InputError, LimitError, ValueError, BackendError) as exc:
             return str(exc)
         return ""
+
+    def _set_output(self):
+        """Pass on what stands in the output's block, whatever the arm does."""
+        if not self._output.try_read():
+            return "the output could not be read"
+        return self._device.set_output(text(self._output.data["name"]), float(self._output.data["value"]))
 
     def _finish_loading(self, result, message=""):
         number, self._loader, self._loading = self._loading, None, 0
