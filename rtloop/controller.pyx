@@ -227,6 +227,12 @@ cdef class Controller:
         """The device or the tracking failed: come to rest as after a stop, and stay there until reset."""
         self._latch(LoopMode.FAULT, reason)
 
+    def heed_t1(self):
+        """A session that was begun at full speed does not go on in T1, nor one with more than is left of it."""
+        share, begun = self._device.t1_share, self.streaming.t1_share
+        if self.c_streams() and share is not None and (begun is None or share < begun):
+            self.stop("the robot has been switched to T1: sessions that are begun now go with reduced speed")
+
     cdef void c_update(self, Measured measured, long long now_ns, double robot_time_s, bint fresh) except *:
         """`update`."""
         self.safety.now_ns = now_ns
@@ -377,7 +383,7 @@ cdef class Controller:
         if self._device.unacknowledged:
             self.streaming.box.answer(Ack.REJECTED, UNACKNOWLEDGED)
             return
-        if not self.streaming.open(self.safety.command, mode, self.commands.stops):
+        if not self.streaming.open(self.safety.command, mode, self.commands.stops, self._device.t1_share):
             self._enter(self.streaming.mode)
             self._guide = STREAM
             self._still_cycles = self._unsettled_cycles = 0

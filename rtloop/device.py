@@ -28,6 +28,7 @@ class DeviceWatch:
         asks: whether there is anything to ask; if not, a cycle has nothing to do here.
         capabilities: of the device.
         drives_off: by a stop of category 1.
+        t1_share: of the joints' speed that streams may go with by hand; None outside of T1.
         unacknowledged: what the first contact has found; "" when somebody has acknowledged, or need not.
     """
 
@@ -44,6 +45,7 @@ class DeviceWatch:
         self._acknowledged = bool(known and record["hardware"] and not record["unacknowledged"])
         self.unacknowledged = ""
         self._scaling = self._slowed = 1.0
+        self.t1_share: float | None = None
         fill_capabilities(record, self.capabilities)
         record["says"] = 0
         self._publish()
@@ -92,6 +94,7 @@ class DeviceWatch:
         if not self.capabilities.trajectories:  # else the device slows down by itself
             scaling = status.speed_scaling
             self._scaling = min(max(scaling, 0.0), 1.0) if math.isfinite(scaling) else 0.0
+        self.t1_share = self._scaling if status.operation_mode == "T1" else None
         self._publish()
 
     def set_output(self, name: str, value: float) -> str:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Depends, Request
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Path, Request
 from pydantic import BaseModel, Field
 
 from app.api.dependencies import Call, CobotRoute, json_body
@@ -49,7 +51,9 @@ async def inputs_and_outputs(request: Request) -> IoListAnswer:
     responses=responses(404, 409, 413, 415, 422, 501, 502, 503, 504),
     dependencies=[Depends(json_body)],
 )
-async def set_output(name: str, body: SetOutput, request: Request) -> IoAnswer:
+async def set_output(
+    name: Annotated[str, Path(max_length=200, description="Of an output.")], body: SetOutput, request: Request
+) -> IoAnswer:
     """Set an output; answers when the device reports that it is so.
 
     Also while the arm moves. A value that the device has not reported in the endpoint's time is a 504, with

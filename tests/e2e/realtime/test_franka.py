@@ -21,6 +21,7 @@ import rest_tour
 from activities import Goal, Servo, followed
 from franky_run import FrankySimulator, RunOfFranka, StandInArm
 from running import WAIT_S, answering
+from streaming_client import StreamClient
 from tasks import robot_health
 
 from cobot import Mode, Robot
@@ -142,6 +143,7 @@ def test_a_goal_of_follow_joint_trajectory_arrives(run: RunOfFranka, simulator: 
 
 
 def test_losses_end_no_motion(run: RunOfFranka, simulator: Simulator) -> None:
+    """What was overtaken, or is read together with the next one, is a loss to libfranka too."""
     simulator.ask("loss")
     move(run, "named", name="work")
     (shown,) = httpx.get(f"{run.url}/robots", timeout=WAIT_S).json()
@@ -161,20 +163,50 @@ def test_losses_end_no_motion(run: RunOfFranka, simulator: Simulator) -> None:
 def test_recovers_from_a_fault_in_the_middle_of_a_goal(
     run: RunOfFranka, simulator: Simulator, fault: str, reason: str
 ) -> None:
-    def faulted() -> str:
-        """Why it is in FAULT; "" as long as it is not."""
-        health = robot_health(run)
-        return str(health["reason"]) if health.get("mode") == "FAULT" else ""
-
     goal = Goal(run)
     try:
         simulator.ask(fault)
-        assert reason in run.until(faulted)
+        assert reason in run.until(lambda: why_faulted(run))
         run.until(lambda: goal.answers)
         httpx.post(f"{run.url}/robot/reset", timeout=WAIT_S)
-        assert faulted(), "while it lasts"
+        assert why_faulted(run), "while it lasts"
     finally:
         goal.end()
+    recovers(run, simulator)
+
+
+def test_recovers_from_spoilt_values_in_the_middle_of_a_stream(
+    run: RunOfFranka, simulator: Simulator
+) -> None:
+    with StreamClient(run.url) as client:
+        client.session()
+        client.target(run.joints())
+        run.until(lambda: robot_health(run).get("mode") == "JOINT_IMPEDANCE")
+        simulator.ask("nan")
+        assert "not finite" in run.until(lambda: why_faulted(run))
+        client.ended()
+    recovers(run, simulator)
+
+
+def test_recovers_from_a_user_stop_in_the_middle_of_a_servo_session(
+    run: RunOfFranka, simulator: Simulator
+) -> None:
+    serving = Servo(run)
+    try:
+        simulator.ask("e_stop")
+        assert "User Stop" in run.until(lambda: why_faulted(run))
+    finally:
+        serving.end()
+    recovers(run, simulator)
+
+
+def why_faulted(run: RunOfFranka) -> str:
+    """Why it is in FAULT; "" as long as it is not."""
+    health = robot_health(run)
+    return str(health["reason"]) if health.get("mode") == "FAULT" else ""
+
+
+def recovers(run: RunOfFranka, simulator: Simulator) -> None:
     simulator.ask("")
     able(run)
     move(run, "named", name="work")
