@@ -228,7 +228,7 @@ cdef class Controller:
         self._latch(LoopMode.FAULT, reason)
 
     def heed_t1(self):
-        """A session that was begun at full speed does not go on in T1, nor one with more than is left of it."""
+        """A session that was begun at full speed does not go on in T1, nor one that now goes too fast."""
         share, begun = self._device.t1_share, self.streaming.t1_share
         if self.c_streams() and share is not None and (begun is None or share < begun):
             self.stop("the robot has been switched to T1: sessions that are begun now go with reduced speed")

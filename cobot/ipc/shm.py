@@ -14,7 +14,7 @@ A file in /dev/shm, made by the supervisor, mapped by rtloop and by the service:
     tool, output   the service writes: what a TOOL or an OUTPUT command is about
     slots       the service writes: two trajectories
     info        rtloop writes, at its start and with a new tool: what robot this is
-    device, io  rtloop writes, some times a second: what the device can do and how it is; its inputs and outputs
+    device, io  rtloop writes, some times a second: what the device can do and how it is; inputs and outputs
     session_ack rtloop writes: its answer to a session
     session, setpoint, chunk, stream_requests   the streaming client writes
     point_head, points  the streaming client writes: a ring of servo points; what rtloop has not read is

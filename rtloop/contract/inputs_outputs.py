@@ -29,7 +29,10 @@ def io(cell: Cell) -> str:
         _require_sound(points)
         outputs = [each for each in points if each.is_output]
         for point in outputs:
-            for value in (1.0 - point.value if point.kind is IoKind.BOOLEAN else point.value + 1.0, point.value):
+            for value in (
+                1.0 - point.value if point.kind is IoKind.BOOLEAN else point.value + 1.0,
+                point.value,
+            ):
                 _set(driver, point.name, value)
         try:
             backend.set_output(UNKNOWN, 1.0)

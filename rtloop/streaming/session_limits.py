@@ -12,8 +12,8 @@ from rtloop.backends.agreement import REDUCED_M_S
 LEAST_SHARE = 0.01
 """Of the joints' speed: with less no session is begun."""
 POSES_SHARE, FORCE_SHARE = 0.8, 0.4
-"""Of the reduced speed, that poses are followed with, and that force control moves with across them: both, and
-what the arm catches up with, are within it."""
+"""Of the reduced speed, that poses are followed with, and that force control moves with across them: both,
+and what the arm catches up with, are within it."""
 
 
 @dataclass(frozen=True, slots=True)

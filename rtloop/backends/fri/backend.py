@@ -135,8 +135,8 @@ class FriBackend:
         message = self._beat.newest
         if message is None or self._silence_s > self._options.silence_s:
             raise BackendError(
-                f"no packet from the robot controller for {self._silence_s:.2f} s: its session is closed, its "
-                "program has ended, or the network is down"
+                f"no packet from the robot controller for {self._silence_s:.2f} s: its session is closed, "
+                "its program has ended, or the network is down"
             )
         measured.position, measured.velocity = self._beat.position, self._beat.velocity
         for name, values in (

@@ -116,9 +116,7 @@ def test_what_cannot_be_set_is_refused_by_name(
 
 @pytest.mark.parametrize("body", [b"", b"{}", b'{"value": NaN}', b'{"value": true, "force": 1}', b"[]"])
 def test_a_body_that_says_something_else_is_refused(run: ServiceOfArm, body: bytes) -> None:
-    answer = run.ask(
-        "PUT", f"/robot/io/{CLOSE}", content=body, headers={"Content-Type": "application/json"}
-    )
+    answer = run.ask("PUT", f"/robot/io/{CLOSE}", content=body, headers={"Content-Type": "application/json"})
     assert answer.status_code == 422, answer.text
 
 

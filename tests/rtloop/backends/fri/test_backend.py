@@ -439,8 +439,6 @@ def test_rubbish_between_the_packets_does_not_disturb(
     assert backend.status().connection == "MONITORING_WAIT"
 
 
-
-
 def test_answers_as_often_as_the_multiplier_says(make: Make) -> None:
     driven = make(CabinetOptions(period_ms=1, multiplier=5))
     driven.enable()

@@ -1,4 +1,4 @@
-"""Inputs and outputs by name, against a simulated cabinet, a period at a time. Oracle: the cabinet's own values."""
+"""Inputs and outputs by name, a period at a time. Oracle: the values of the simulated cabinet."""
 
 from __future__ import annotations
 

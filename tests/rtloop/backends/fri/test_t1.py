@@ -128,7 +128,9 @@ def test_a_stream_of_poses_keeps_it_and_comes_near_it(rig: ByHand, kind: Interpo
     assert rig.speed_m_s() > 0.15
 
 
-@pytest.mark.parametrize("mode", [ServoMode.REPLANNED, ServoMode.DIRECT, ServoMode.BUFFERED, ServoMode.THROUGH])
+@pytest.mark.parametrize(
+    "mode", [ServoMode.REPLANNED, ServoMode.DIRECT, ServoMode.BUFFERED, ServoMode.THROUGH]
+)
 def test_a_servo_session_keeps_it(rig: ByHand, mode: ServoMode) -> None:
     assert rig.stream(servo_mode=mode, watchdog_s=0.5, **RIGID) == ""
     head = rig.memory.point_head.data
