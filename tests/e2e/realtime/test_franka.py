@@ -1,8 +1,8 @@
 """A Franka by one changed line: the whole service and its backend, with every fault on the way.
 
-The arm is the stand-in that the contract runs on, within rtloop. With COBOT_FRANKY_SIM=1 it is pylibfranka
-and a simulator that nobody here wrote, in another process, with the tour of REST: two processes that answer
-each other a thousand times a second want a quiet computer and some minutes. Oracles: where the arm says that
+The arm is the stand-in that the contract runs on, within rtloop; one motion is against pylibfranka and a
+simulator that nobody here wrote, in another process. With COBOT_FRANKY_SIM=1 all is, with the tour of REST:
+two processes that answer each other a thousand times a second want a quiet computer and some minutes. Oracles: where the arm says that
 it is; the limits that Franka Robotics publishes, of each position that was commanded. The tour of the
 simulated FR3 is in tests/e2e/test_fr3.py, the contract in tests/rtloop/contract.
 """
@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import httpx
@@ -28,9 +29,15 @@ from cobot import Mode, Robot
 from cobot.errors import CobotError
 
 WHOLE = bool(os.environ.get("COBOT_FRANKY_SIM"))
-if WHOLE:
+
+
+def require_franky_sim() -> None:
     pytest.importorskip("pylibfranka", reason="pylibfranka is not installed: pip install 'cobot[franka]'")
     pytest.importorskip("franky_sim", reason="franky-sim is not installed")
+
+
+if WHOLE:
+    require_franky_sim()
 
 Simulator = FrankySimulator | StandInArm
 THERE = [0.4, -0.5, 0.0, -2.0, 0.0, 1.7, 0.5]
@@ -45,8 +52,7 @@ def simulator() -> Iterator[Simulator]:
 @pytest.fixture(scope="module")
 def franka(simulator: Simulator, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunOfFranka]:
     with answering(RunOfFranka(tmp_path_factory.mktemp("franka"), simulator)) as made:
-        checked = {"payload_checked": True}
-        httpx.post(f"{made.url}/robot/acknowledge", json=checked, timeout=WAIT_S).raise_for_status()
+        acknowledge(made)
         yield made
 
 
@@ -57,6 +63,11 @@ def run(franka: RunOfFranka, simulator: Simulator) -> Iterator[RunOfFranka]:
     able(franka)
     yield franka
     assert max(simulator.ask("")["worst"]) < 1.0
+
+
+def acknowledge(run: RunOfFranka) -> None:
+    checked = {"payload_checked": True}
+    httpx.post(f"{run.url}/robot/acknowledge", json=checked, timeout=WAIT_S).raise_for_status()
 
 
 def able(run: RunOfFranka) -> None:
@@ -95,6 +106,18 @@ def test_a_motion_arrives_where_the_robot_says(run: RunOfFranka, simulator: Simu
     move(run, "named", name="home")
     move(run, "named", name="work")
     np.testing.assert_allclose(simulator.ask()["q"], run.joints(), atol=5e-3)
+
+
+@pytest.mark.skipif(WHOLE, reason="all of it is against franky-sim")
+def test_the_whole_service_moves_the_arm_of_franky_sim(tmp_path: Path) -> None:
+    require_franky_sim()
+    with FrankySimulator() as simulator, answering(RunOfFranka(tmp_path, simulator)) as run:
+        acknowledge(run)
+        able(run)
+        move(run, "named", name="work")
+        told = simulator.ask()
+        np.testing.assert_allclose(told["q"], run.joints(), atol=5e-3)
+        assert max(told["worst"]) < 1.0
 
 
 def test_it_gives_way_to_a_stream_and_holds_again(run: RunOfFranka, simulator: Simulator) -> None:
