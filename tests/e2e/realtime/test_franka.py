@@ -2,9 +2,9 @@
 
 The arm is the stand-in that the contract runs on, within rtloop; one motion is against pylibfranka and a
 simulator that nobody here wrote, in another process. With COBOT_FRANKY_SIM=1 all is, with the tour of REST:
-two processes that answer each other a thousand times a second want a quiet computer and some minutes. Oracles: where the arm says that
-it is; the limits that Franka Robotics publishes, of each position that was commanded. The tour of the
-simulated FR3 is in tests/e2e/test_fr3.py, the contract in tests/rtloop/contract.
+two processes that answer each other a thousand times a second want a quiet computer and some minutes.
+Oracles: where the arm says that it is; the limits that Franka Robotics publishes, of each position that was
+commanded. The tour of the simulated FR3 is in tests/e2e/test_fr3.py, the contract in tests/rtloop/contract.
 """
 
 from __future__ import annotations
