@@ -152,10 +152,7 @@ class Record:
         found[1:] |= latched[:-1] & held[1:]
         found[1:] |= starts[:-1] != starts[1:]
         rested = np.ones(len(sessions), bool)
-        still = np.abs(np.diff(commanded, axis=0)).max(axis=1) <= REST_RAD_S * self._period_s
-        rested[2:] = still[:-1]
-        if len(still) > 1:
-            rested[1] = still[1]  # what was before is forgotten: an arm that is taken over rests afterwards
+        rested[2:] = np.abs(np.diff(commanded[:-1], axis=0)).max(axis=1) <= REST_RAD_S * self._period_s
         found |= (np.array(self._unwritten) | (latched & rested)) & (commanded == measured).all(axis=1)
         return found
 
