@@ -37,6 +37,7 @@ from app.services.programs.programs import ProgramService
 from app.services.programs.sequences import SequenceService
 from app.services.state.commands import loading_s
 from app.services.state.health import HealthService
+from app.services.state.io import IoService
 from app.services.state.link import RobotLink
 from app.services.state.recordings import RecordingService
 from app.services.streaming.force import ForceService
@@ -102,6 +103,7 @@ class Services:
     equipment: Equipment
     force: ForceService
     freedrive: FreedriveService
+    io: IoService
     programs: ProgramService
     sync: SyncService
     planning: PlanningService
@@ -202,6 +204,7 @@ def _services(
         equipment=equipment,
         force=force,
         freedrive=FreedriveService(robot, link, streams),
+        io=IoService(link),
         programs=ProgramService(settings.sequences.programs, ownership, sequences, stopping),
         sync=shared.sync,
         planning=planning,

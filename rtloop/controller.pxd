@@ -8,7 +8,7 @@ cdef class Controller(ModeMachine):
     cdef readonly ToolAndScene tool_and_scene
     cdef readonly int slot
     cdef public bint stale
-    cdef object _device
+    cdef object _device, _output
     cdef double _service_timeout_s
 
     cdef void c_update(self, Measured measured, long long now_ns, double robot_time_s, bint fresh) except *

@@ -11,7 +11,7 @@ from rtloop.planned.handover cimport NO_LOAD, START
 from rtloop.publisher cimport StateScalars
 from rtloop.tool_and_scene cimport ALL, BEING_READ
 
-from cobot.ipc.layout import Ack, Command, Intervention, MotionResult
+from cobot.ipc.layout import Ack, Command, Intervention, MotionResult, text
 from cobot.types import RESTING, LoopMode
 from rtloop.mode_machine import OVERTAKEN
 from rtloop.planned.loading import RefusedError
@@ -39,7 +39,7 @@ cdef class Controller(ModeMachine):
     def __init__(self, settings, model, memory, backend, device):
         """device: what is told of it, a `rtloop.device.DeviceWatch`."""
         ModeMachine.__init__(self, settings, model, memory, backend, device)
-        self._device = device
+        self._device, self._output = device, memory.output
         self.tool_and_scene = ToolAndScene(settings, model, memory, backend, self.streaming)
         self._service_timeout_s = settings.rt.service_timeout_s
 
@@ -59,6 +59,12 @@ cdef class Controller(ModeMachine):
         self._device.acknowledge()
         self.follower.clock.c_scale(self._device.share)
         return ""
+
+    def heed_t1(self):
+        """A session that was begun at full speed does not go on in T1, nor one that now goes too fast."""
+        share, begun = self._device.t1_share, self.streaming.t1_share
+        if self.c_streams() and share is not None and (begun is None or share < begun):
+            self.stop("the robot has been switched to T1: sessions that are begun now go with reduced speed")
 
     cdef void c_update(self, Measured measured, long long now_ns, double robot_time_s, bint fresh) except *:
         """`update`."""
@@ -121,7 +127,7 @@ cdef class Controller(ModeMachine):
         if self._device.unacknowledged:
             self.streaming.box.answer(Ack.REJECTED, UNACKNOWLEDGED)
             return
-        if not self.streaming.open(self.safety.command, mode, self.commands.stops):
+        if not self.streaming.open(self.safety.command, mode, self.commands.stops, self._device.t1_share):
             self._enter(self.streaming.mode)
             self.c_let(STREAM)
             self.settling.c_begin()
@@ -150,10 +156,18 @@ cdef class Controller(ModeMachine):
             refusal = self.acknowledge()
         elif kind == Command.SCENE:
             refusal = self._take_scene(int(command["scene"]))
+        elif kind == Command.OUTPUT:
+            refusal = self._set_output()
         else:
             refusal = f"there is no command {kind}"
         if refusal is not None:
             self.commands.answer(number, refusal)
+
+    def _set_output(self):
+        """Pass on what stands in the output's block, whatever the arm does."""
+        if not self._output.try_read():
+            return "the output could not be read"
+        return self._device.set_output(text(self._output.data["name"]), float(self._output.data["value"]))
 
     def _start(self, number, command):
         """Begin to load; the acknowledgement follows when the motion is verified."""

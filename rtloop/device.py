@@ -5,9 +5,12 @@ from __future__ import annotations
 import logging
 import math
 
+from cobot.errors import CobotError
 from cobot.ipc.device_record import fill_capabilities, fill_status
+from cobot.ipc.io_record import fill_points
 from cobot.ipc.shm import RobotMemory, encoded
-from rtloop.backends import Backend, BackendError, Reporting, capabilities_of
+from cobot.robot.io_points import IoPoint, output_of, require_number
+from rtloop.backends import Backend, BackendError, HasIo, Reporting, capabilities_of
 
 POLL_S = 0.2
 """So often a device is asked how it is, s."""
@@ -25,20 +28,24 @@ class DeviceWatch:
         asks: whether there is anything to ask; if not, a cycle has nothing to do here.
         capabilities: of the device.
         drives_off: by a stop of category 1.
+        t1_share: of the joints' speed that streams may go with by hand; None outside of T1.
         unacknowledged: what the first contact has found; "" when somebody has acknowledged, or need not.
     """
 
     def __init__(self, memory: RobotMemory, backend: Backend) -> None:
-        self._block = memory.device
+        self._block, self._io_block = memory.device, memory.io
         self._device = backend if isinstance(backend, Reporting) else None
-        self.asks = self._device is not None
         self.capabilities = capabilities_of(backend)
+        self._io = backend if isinstance(backend, HasIo) and self.capabilities.io else None
+        self._points: tuple[IoPoint, ...] | None = None
+        self.asks = self._device is not None or self._io is not None
         record = self._block.data
         known = self._block.sequence > 0 and self._block.try_read()
         self.drives_off = bool(known and record["drives_off"])
         self._acknowledged = bool(known and record["hardware"] and not record["unacknowledged"])
         self.unacknowledged = ""
         self._scaling = self._slowed = 1.0
+        self.t1_share: float | None = None
         fill_capabilities(record, self.capabilities)
         record["says"] = 0
         self._publish()
@@ -76,6 +83,7 @@ class DeviceWatch:
 
     def ask(self) -> None:
         """Publish how it is; what a device cannot say stays what it was."""
+        self._report_io()
         if self._device is None:
             return
         try:
@@ -86,7 +94,33 @@ class DeviceWatch:
         if not self.capabilities.trajectories:  # else the device slows down by itself
             scaling = status.speed_scaling
             self._scaling = min(max(scaling, 0.0), 1.0) if math.isfinite(scaling) else 0.0
+        self.t1_share = self._scaling if status.operation_mode == "T1" else None
         self._publish()
+
+    def set_output(self, name: str, value: float) -> str:
+        """Have the device set an output, by the service's word alone; why that cannot be, "" if it can."""
+        if self._io is None:
+            return "the device has no outputs"
+        try:
+            require_number(output_of(self._points or (), name), value)
+            self._io.set_output(name, value)
+        except (CobotError, BackendError) as exc:
+            return str(exc)
+        return ""
+
+    def _report_io(self) -> None:
+        if self._io is None:
+            return
+        try:
+            points = tuple(self._io.io())
+        except BackendError:
+            return
+        record = self._io_block.data
+        if points != self._points:
+            fill_points(record, points)
+            self._points = points
+        record["number"] += 1
+        self._io_block.publish()
 
     def _publish(self) -> None:
         record = self._block.data

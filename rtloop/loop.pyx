@@ -254,6 +254,7 @@ cdef class ControlLoop:
         self._device.ask()
         if self._device.share != self.controller.follower.clock.share:
             self.controller.follower.clock.scale(self._device.share)
+        self.controller.heed_t1()
 
     def _freeze(self):
         """Nothing that is measured has changed, as at rest, but the arm does not rest."""

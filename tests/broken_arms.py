@@ -8,6 +8,7 @@ import numpy as np
 
 from cobot.config import Settings
 from cobot.robot.device import DeviceStatus
+from cobot.robot.io_points import IoPoint
 from cobot.types import Array, JointLimits
 from rtloop.backends import BackendError, Capabilities, Measured
 from rtloop.contract import toy_trajectory
@@ -26,6 +27,26 @@ class ClaimsTorques(ToyArm):
 
 class ClaimsAForce(ToyArm):
     capabilities = replace(ToyArm.capabilities, wrench=True)
+
+
+class ForgetsOutputs(ToyArm):
+    def set_output(self, name: str, value: float) -> None:
+        if name != "gripper closed":
+            super().set_output(name, value)
+
+
+class TakesAnyOutput(ToyArm):
+    def set_output(self, name: str, value: float) -> None:
+        self._device.gripper_closed = bool(value)
+
+
+class HasASlash(ToyArm):
+    def io(self) -> list[IoPoint]:
+        return [replace(each, name="gripper/closed") for each in super().io()]
+
+
+class ClaimsOutputs(toy_trajectory.ToyArm):
+    capabilities = replace(toy_trajectory.ToyArm.capabilities, io=True)
 
 
 class SendsTheLast(ToyArm):

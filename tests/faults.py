@@ -41,6 +41,8 @@ BLOCKS = (
     "head",
     "commands",
     "tool",
+    "output",
+    "io",
     "slots",
     "info",
     "session_ack",

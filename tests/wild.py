@@ -50,7 +50,8 @@ class WildRig(WatchedRig):
     def step(self, cycles: int = 1, late_ns: int = 0) -> None:
         controller = self.loop.controller
         for _ in range(cycles):
-            truth = self.simulation._data.qpos.copy() if self._simulated else self.loopback.measured.position
+            place = self.simulation._data.qpos if self._simulated else self.loopback.measured.position
+            truth = place.copy()  # where the arm was when this cycle began
             self.disturb()
             self.loop.step(late_ns)
             self.cycles += 1

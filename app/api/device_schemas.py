@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
-from typing import Self
+from typing import Literal, Self
 
 from pydantic import BaseModel, Field
 
 from cobot.ipc.device_record import Device
 from cobot.motions.bodies import example
 from cobot.robot.device import FLAGS, MEASURED_NAMES
+from cobot.robot.io_points import IoKind, IoPoint
 from cobot.strict import StrictModel
 
 
@@ -50,6 +52,24 @@ class DeviceStatusAnswer(BaseModel):
     text: str = Field(description="Anything else, as a sentence.")
 
 
+class IoAnswer(BaseModel):
+    """An input or output, as the device has reported it."""
+
+    name: str = Field(description="As the device, or the program in its cabinet, calls it.")
+    kind: IoKind = Field(description="boolean, digital (a whole number) or analog.")
+    direction: Literal["input", "output"] = Field(description="An output can be set.")
+    value: bool | int | float = Field(description="Of its kind.")
+
+    @classmethod
+    def of(cls, point: IoPoint) -> Self:
+        return cls(
+            name=point.name,
+            kind=point.kind,
+            direction="output" if point.is_output else "input",
+            value=point.shown,
+        )
+
+
 class DeviceAnswer(BaseModel):
     """The device that moves the robot."""
 
@@ -67,9 +87,10 @@ class DeviceAnswer(BaseModel):
         description='What the first contact has found, until it is acknowledged; "" when it is.'
     )
     drives_off: bool = Field(description="Whether a stop of category 1 has switched the drives off.")
+    io: list[IoAnswer] = Field(description="Its inputs and outputs, in its own order.")
 
     @classmethod
-    def of(cls, backend: str, device: Device) -> Self:
+    def of(cls, backend: str, device: Device, points: Sequence[IoPoint]) -> Self:
         able = device.capabilities
         return cls(
             backend=backend,
@@ -82,4 +103,5 @@ class DeviceAnswer(BaseModel):
             speed_share=device.share,
             unacknowledged=device.unacknowledged,
             drives_off=device.drives_off,
+            io=[IoAnswer.of(each) for each in points],
         )

@@ -68,7 +68,10 @@ DESCRIPTIONS = {
     415: "The Content-Type is another one than this endpoint takes.",
     422: "The request cannot be honoured as it is written: the detail says what, where, the value and the "
     "limit. Nothing has moved.",
+    501: "The robot's backend cannot do this: the detail names it.",
+    502: "The device does not take it: the detail says why.",
     503: "The real-time process does not answer, or the robot is in a mode that permits no motion.",
+    504: "The device has not said in time that it is done: the detail says what it reports.",
 }
 
 

@@ -51,6 +51,8 @@ ROLES: dict[str, Role] = {
     "POST /robot/approve": Role.OPERATOR,
     "GET /robot/tool": Role.OBSERVER,
     "POST /robot/tool": Role.PROGRAMMER,  # all later motions are planned with it
+    "GET /robot/io": Role.OBSERVER,
+    "PUT /robot/io/{name}": Role.OPERATOR,
     "GET /scene": Role.OBSERVER,
     "POST /scene": Role.OPERATOR,
     "POST /robot/reset": Role.OPERATOR,

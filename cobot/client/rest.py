@@ -93,6 +93,18 @@ class Client(Moves, EventConnection):
         """
         return self._json("POST", "/robot/tool", json=changes)
 
+    def io(self) -> list[Json]:
+        """The device's inputs and outputs: `name`, `kind`, `direction`, `value`."""
+        return list(self._json("GET", "/robot/io")["points"])
+
+    def set_output(self, name: str, value: float) -> Json:
+        """Set an output of the device by its name; returns when the device reports that it is so.
+
+        Args:
+            value: true or false of a boolean one, else a number.
+        """
+        return self._json("PUT", f"/robot/io/{quote(name, safe='')}", json={"value": value})
+
     def scene(self) -> Json:
         """`version`, `objects`, `frames` and `allowed` pairs."""
         return self._json("GET", "/scene")

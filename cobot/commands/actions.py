@@ -67,11 +67,11 @@ def _client(chosen: argparse.Namespace) -> Client:
 
 def _state(client: Client, chosen: argparse.Namespace) -> int:
     health, control = client.health(), client.who_controls()
-    joints, pose = client.joint_states(), client.pose()
+    joints, pose, io = client.joint_states(), client.pose(), client.io()
     if chosen.json:
-        said({"robot": health["robot"], "joints": joints, "pose": pose, "control": control})
+        said({"robot": health["robot"], "joints": joints, "pose": pose, "control": control, "io": io})
     else:
-        show_state(health, joints, pose, control)
+        show_state(health, joints, pose, control, io)
     return EXIT_OK
 
 

@@ -28,7 +28,7 @@ def said(answer: object) -> None:
     print(json.dumps(answer), flush=True)
 
 
-def show_state(health: Json, joints: Json, pose: Json, control: Json) -> None:
+def show_state(health: Json, joints: Json, pose: Json, control: Json, io: list[Json]) -> None:
     console = Console(highlight=False)
     robot = health["robot"]
     head = Text(f"{robot['name']}: {robot['mode']}", style="bold")
@@ -47,6 +47,8 @@ def show_state(health: Json, joints: Json, pose: Json, control: Json) -> None:
     angles = " ".join(f"{axis} {turn[axis]:.4f}" for axis in "abc")
     console.print(Text(f"TCP in {pose['frame_id']}: {metres} m, {angles} rad"))
     console.print(Text(f"control: {control['holder'] or control['what'] or 'nobody'}"))
+    for each in io:
+        console.print(Text(f"{each['direction']} {each['name']}: {_shown(each['value'])}"))
     for problem in health["problems"]:
         console.print(Text(f"problem: {problem}", style="red"))
 

@@ -44,6 +44,8 @@ ENDPOINTS = (
     "POST /robot/approve",
     "GET /robot/tool",
     "POST /robot/tool",
+    "GET /robot/io",
+    "PUT /robot/io/{name}",
     "GET /scene",
     "POST /scene",
     "POST /robot/reset",

@@ -11,7 +11,7 @@ from enum import IntEnum
 import numpy as np
 
 MAGIC = b"COBOTRT\0"
-LAYOUT_VERSION = 14
+LAYOUT_VERSION = 15
 RING = 32
 SLOTS = 2
 LOADED_SEGMENTS = 96
@@ -31,6 +31,7 @@ class Command(IntEnum):
     SCENE = 5  # read the scene's file anew, for streams
     REPLACE = 6  # go on with the trajectory in a slot, which begins as what is left of the one under way
     ACKNOWLEDGE = 7  # somebody has seen what the first contact has found: full speed
+    OUTPUT = 8  # have the device set the output that stands in its block
 
 
 class Ack(IntEnum):
@@ -263,6 +264,21 @@ DEVICE = np.dtype(
     align=True,
 )
 """A `cobot.ipc.device_record.Device`."""
+IO_POINTS = 64
+IO_NAME_BYTES = 64
+IO = np.dtype(
+    [
+        ("number", "u8"),  # of the report
+        ("count", "u8"),  # so many of the places are in use
+        ("names", f"S{IO_NAME_BYTES}", (IO_POINTS,)),
+        ("kinds", "u1", (IO_POINTS,)),  # as `cobot.ipc.io_record.KINDS`
+        ("outputs", "u1", (IO_POINTS,)),  # 1: an output
+        ("values", "f8", (IO_POINTS,)),
+    ],
+    align=True,
+)
+"""A `cobot.ipc.io_record.IoReport`."""
+OUTPUT = np.dtype([("name", f"S{IO_NAME_BYTES}"), ("value", "f8")])
 INFO_TEXT = "S64"
 
 

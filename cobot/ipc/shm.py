@@ -11,10 +11,10 @@ A file in /dev/shm, made by the supervisor, mapped by rtloop and by the service:
     outside_stops, outside_estops   anybody adds to them: the same, from those who do without the service
     head        the service writes: the newest command's number
     commands    the service writes: a ring
-    tool        the service writes: what a TOOL command is about
+    tool, output   the service writes: what a TOOL or an OUTPUT command is about
     slots       the service writes: two trajectories
     info        rtloop writes, at its start and with a new tool: what robot this is
-    device      rtloop writes, some times a second: what the device can do and how it is
+    device, io  rtloop writes, some times a second: what the device can do and how it is; inputs and outputs
     session_ack rtloop writes: its answer to a session
     session, setpoint, chunk, stream_requests   the streaming client writes
     point_head, points  the streaming client writes: a ring of servo points; what rtloop has not read is
@@ -48,8 +48,10 @@ from cobot.ipc.layout import (
     HEAD,
     HEADER,
     HEARTBEAT,
+    IO,
     LAYOUT_VERSION,
     MAGIC,
+    OUTPUT,
     POINT_HEAD,
     POINTS,
     REQUESTS,
@@ -171,10 +173,12 @@ class RobotMemory:
         self.head = self._block(HEAD, "command head")
         self.commands = [self._block(COMMAND, "command") for _ in range(RING)]
         self.tool = self._block(TOOL, "tool")
+        self.output = self._block(OUTPUT, "output")
         self._next_page()
         self.slots = [self._slot(capacity) for _ in range(SLOTS)]
         self.info = self._block(info_dtype(self.dof), "robot information")
         self.device = self._block(DEVICE, "device")
+        self.io = self._block(IO, "inputs and outputs")
         self.session_ack = self._block(SESSION_ACK, "session acknowledgement")
         self._next_page()
         self.session = self._block(session_dtype(self.dof), "session")
@@ -429,6 +433,8 @@ def _file_size(dof: int, capacity: int) -> int:
         + Block.size(STATISTICS)
         + Block.size(TOOL)
         + Block.size(DEVICE)
+        + Block.size(IO)
+        + Block.size(OUTPUT)
         + RING * (Block.size(ACK) + Block.size(COMMAND) + 128)
         + POINTS * (Block.size(point_dtype(dof)) + 64)
     )

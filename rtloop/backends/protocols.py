@@ -8,6 +8,7 @@
     TorqueControlled     they take torques on top of positions
     WrenchControlled     they take a force of the TCP on top of positions
     CarriesTool          they have to know what they carry
+    HasIo                it has inputs and outputs by name
 
 A device that takes no command a cycle, because it is slower or plans by itself, has another protocol, and is
 driven as a `Backend` by `rtloop.backends.trajectory_driver`:
@@ -21,12 +22,14 @@ when it is made as `sdk`, and the simulated device that the contract is run on a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 from pydantic import BaseModel, ConfigDict
 
 from cobot.robot.device import Capabilities, DeviceStatus
+from cobot.robot.io_points import IoPoint
 from cobot.robot.tool import Tool
 from cobot.types import Array
 from rtloop.backends.compiled import Measured
@@ -204,10 +207,32 @@ class CarriesTool(Protocol):
 
 
 @runtime_checkable
+class HasIo(Protocol):
+    """A device with inputs and outputs that have names; `capabilities.io` says that it has them."""
+
+    def io(self) -> Sequence[IoPoint]:
+        """All of them, as the device has reported them last; called as `Reporting.status`."""
+        ...
+
+    def set_output(self, name: str, value: float) -> None:
+        """Have an output of `io` set with the next `write`, or soon; it is done when `io` says so. Called
+        between two cycles: it may not wait for the device.
+
+        Args:
+            value: of its kind, see `cobot.robot.io_points`; of a boolean 0 or 1.
+
+        Raises:
+            BackendError: the device does not take it now, with why.
+        """
+        ...
+
+
+@runtime_checkable
 class TrajectoryDevice(Protocol):
     """A robot arm that takes a whole motion at a time and moves along it by itself, in place of a `Backend`.
 
-    Constructor and attributes are as a `Backend`'s; `Reporting` and `CarriesTool` may stand beside it. Each
+    Constructor and attributes are as a `Backend`'s; `Reporting`, `CarriesTool` and `HasIo` may stand beside
+    it. Each
     method may raise BackendError, and all may wait for the device for some tenths of a second: they are
     called one at a time, by a thread that no cycle waits for.
 

@@ -19,10 +19,12 @@ from cobot.robot.tool import Tool
 from cobot.trajectory import Trajectory
 from cobot.types import Array
 from rtloop.backends.compiled import Measured
+from rtloop.backends.driven_io import DrivenIo
 from rtloop.backends.protocols import (
     Backend,
     BackendError,
     CarriesTool,
+    HasIo,
     Reporting,
     TrajectoryDevice,
     capabilities_of,
@@ -107,6 +109,10 @@ class TrajectoryDriver:
             self.status: Callable[[], DeviceStatus] = lambda: self._status
         if isinstance(device, CarriesTool):
             self.set_tool: Callable[[Tool], None] = self._set_tool
+        self._io: DrivenIo | None = None
+        if isinstance(device, HasIo):
+            self._io = DrivenIo(device)
+            self.io, self.set_output = self._io.io, self._io.set_output
         self._status = DeviceStatus(connection="not connected")
         self._turn = threading.RLock()  # who has it calls the device
         self._wake = threading.Event()
@@ -246,6 +252,8 @@ class TrajectoryDriver:
         self._said = Said(found.values.copy(), self._loaded, done_s, self._halted, problem, now_s)
 
     def _ask_status(self) -> None:
+        if self._io is not None:
+            self._io.ask()
         if isinstance(self.device, Reporting):
             try:
                 self._status = self.device.status()

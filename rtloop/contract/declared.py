@@ -16,6 +16,7 @@ CLAIMS = {
     "wrench": ("write_wrench",),
     "freedrive": ("set_impedance",),
     "payload": ("set_tool",),
+    "io": ("set_output",),
 }
 """Each of these capabilities, with the methods of which it needs one."""
 

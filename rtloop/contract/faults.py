@@ -214,6 +214,7 @@ CHECKS: dict[str, Callable[[Cell], str]] = {
     "disconnect while enabling": partial(while_enabling, "disconnect"),
     "disconnect while loading": partial(while_loading, "disconnect"),
     "disconnect in a stream": partial(in_stream, "disconnect"),
+    "nan in a stream": partial(in_stream, "nan"),
     "loss": partial(survives, "loss"),
     "reorder": partial(survives, "reorder"),
     "pile_up": partial(survives, "pile_up"),

@@ -12,11 +12,13 @@ import numpy as np
 from pydantic import Field
 
 from cobot.config import Settings
+from cobot.robot.io_points import IoKind, IoPoint
 from cobot.types import Array, JointLimits
 from rtloop.backends import BackendError, BackendOptions, Capabilities, DeviceStatus, Measured
 from rtloop.contract import FAULTS
 
 T1_SPEED = 0.25
+GRIPPER = "gripper closed"
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +45,7 @@ class ToyDevice:
     Attributes:
         faults: what is wrong with it now, for tests.
         wire: all positions that it was sent, for tests.
+        gripper_closed: its one output, which it reports.
     """
 
     def __init__(self, dof: int, period_s: float, *, realtime: bool = True) -> None:
@@ -52,6 +55,7 @@ class ToyDevice:
         self._period_s, self._realtime = period_s, realtime
         self._due_s = time.monotonic()
         self._number = 0
+        self.gripper_closed = False
         self._position, self._velocity = np.zeros((2, dof))
         self._target: Array | None = None
         self._stopped = ""
@@ -127,11 +131,14 @@ class ToyOptions(BackendOptions):
 
 
 class ToyArm:
-    """The six methods of a `Backend`; `wait`, because the device gives the beat; `status`."""
+    """The six methods of a `Backend`; `wait`, because the device gives the beat; `status`; `io`."""
 
     Options = ToyOptions
     capabilities = Capabilities(
-        periods_s=(0.001, 0.002, 0.004), measured=frozenset({"position", "velocity"}), stops={2: False}
+        periods_s=(0.001, 0.002, 0.004),
+        measured=frozenset({"position", "velocity"}),
+        io=True,
+        stops={2: False},
     )
 
     def __init__(self, settings: Settings, limits: JointLimits, device: ToyDevice | None = None) -> None:
@@ -196,6 +203,14 @@ class ToyArm:
             speed_scaling=T1_SPEED if by_hand else 1.0,
             packets_lost=self._lost,
         )
+
+    def io(self) -> list[IoPoint]:
+        return [IoPoint(GRIPPER, IoKind.BOOLEAN, is_output=True, value=float(self._device.gripper_closed))]
+
+    def set_output(self, name: str, value: float) -> None:
+        if name != GRIPPER:
+            raise BackendError(f"{name} is no output of this device")
+        self._device.gripper_closed = bool(value)
 
     @classmethod
     def contract_rig(cls, settings: Settings, limits: JointLimits) -> ToyRig:

@@ -17,10 +17,10 @@ cdef class Session:
     cdef PointFeed points
     cdef bint has_targets, has_points
     cdef public object _backend  # Whether it can give way is asked when a session begins.
-    cdef readonly object overlay
+    cdef readonly object overlay, t1_share
     cdef object _exerted, _backend_name
     cdef double* _c_exerted
-    cdef object _limits, _stream_limits, _tcp_limits, _model
+    cdef object _limits, _stream_limits, _session_limits, _model
     cdef double _period_s
     cdef long long _timeout_cycles, _cycle
     cdef Safety _safety

@@ -14,6 +14,7 @@ from rtloop.sources.servo_modes import make_servo
 from rtloop.sources.torque import TorqueSource
 from rtloop.streaming.overlay import overlay_of
 from rtloop.streaming.session_checks import session_refusal
+from rtloop.streaming.session_limits import LEAST_SHARE, SessionLimits
 
 from libc.string cimport memset
 
@@ -43,6 +44,7 @@ cdef class Session:
         box: the blocks of the client.
         session: number of the session that moves the arm, 0 for none.
         mode: of rtloop, for this session.
+        t1_share: of the joints' speed that it goes with by hand, None if it was not begun in T1.
         overlay: what it has the robot exert on top of positions, a `rtloop.streaming.overlay.Overlay`; None
             where positions and an impedance do all of it.
     """
@@ -68,7 +70,7 @@ cdef class Session:
             max_velocity=np.minimum(limits.max_velocity, section.joint_velocity),
             max_acceleration=np.minimum(limits.max_acceleration, section.joint_acceleration),
         )
-        self._tcp_limits = CartesianLimits(
+        tcp = CartesianLimits(
             section.linear_velocity,
             section.linear_acceleration,
             section.linear_jerk,
@@ -76,6 +78,8 @@ cdef class Session:
             section.angular_acceleration,
             section.angular_jerk,
         )
+        self._session_limits = SessionLimits(self._stream_limits, limits, tcp)
+        self.t1_share = None
         self._client = ClientWatch()
         self._collision_monitor = CollisionMonitor(model, section, self._stream_limits)
         self._contact_monitor = ContactMonitor(limits.names)
@@ -121,23 +125,27 @@ cdef class Session:
         """Have another collision monitor from the next session on."""
         self._collision_monitor = monitor
 
-    def open(self, command, mode, stops):
+    def open(self, command, mode, stops, t1_share=None):
         """Answer the client that asks: begin the session in which it streams.
 
         Args:
             command: where the arm is commanded to be, at rest, shape (3, dof).
             mode: of rtloop; only HOLD permits a session.
             stops: that were requested so far.
+            t1_share: see `Session`.
 
         Returns:
             "" or why not.
         """
+        self.t1_share = t1_share
         request = self.box.session.data
         refusal = ""
         if mode is not LoopMode.HOLD:
             refusal = f"the arm is in mode {mode.name}"
         elif int(request["stops"]) != stops:
             refusal = "a stop was requested meanwhile"
+        if not refusal and t1_share is not None and t1_share < LEAST_SHARE:
+            refusal = f"the robot is in T1 and lets itself go with {t1_share:g} of its speed"
         refusal = refusal or session_refusal(request, self._backend, self._backend_name)
         refusal = refusal or self._client.begin(int(request["pid"]))
         refusal = refusal or self._begun(request, command)
@@ -172,10 +180,16 @@ cdef class Session:
         stream = Stream(int(request["stream"]))
         # Poses have limits of their own, torques have none but the robot's.
         joints = stream is Stream.JOINT_IMPEDANCE or int(request["servo_mode"]) != ServoMode.NONE
-        limits = self._stream_limits if joints else self._limits
+        within = self._session_limits
+        if self.t1_share is not None:
+            within = within.in_t1(self.t1_share)
+            request["force_velocity"][:3] = np.minimum(request["force_velocity"][:3], within.force_m_s)
+        limits = self._limits if stream is Stream.CARTESIAN else within.torques
+        if joints:
+            limits = within.joints
         mode = ServoMode(int(request["servo_mode"]))
-        points = make_servo(mode, self._stream_limits, self._limits.max_velocity, self._period_s)
-        cdef Source source = self._source(stream, request, limits, points)
+        points = make_servo(mode, within.joints, self._limits.max_velocity, self._period_s)
+        cdef Source source = self._source(stream, request, limits, within.tcp, points)
         if isinstance(self._backend, ImpedanceControlled):
             self._backend.set_impedance(self._impedance(stream, request, command))
         self.overlay = overlay_of(request, self._backend, self._limits, self._period_s)
@@ -197,19 +211,17 @@ cdef class Session:
         self._queue.begin(self.session)
         self._cycle = 0
 
-    def _source(self, stream, request, limits, points):
+    def _source(self, stream, request, limits, tcp, points):
         kind = Interpolation(int(request["interpolation"]))
         command_s = int(request["decimation"]) * self._period_s
         if points is not None and stream is Stream.JOINT_IMPEDANCE:
             return points
         if points is not None:
-            return ForceServo(points, self._model, limits, self._tcp_limits, self._period_s, request)
+            return ForceServo(points, self._model, limits, tcp, self._period_s, request)
         if stream is Stream.JOINT_IMPEDANCE:
             return JointSource(kind, limits, self._limits.max_velocity, self._period_s, command_s)
         if stream is Stream.CARTESIAN:
-            return CartesianSource(
-                kind, self._model, limits, self._tcp_limits, self._period_s, command_s, request
-            )
+            return CartesianSource(kind, self._model, limits, tcp, self._period_s, command_s, request)
         return TorqueSource(self._model, limits, self._period_s)
 
     def _impedance(self, stream, request, command):

@@ -48,7 +48,23 @@ def test_a_real_robot_is_acknowledged_and_says_how_it_is_and_why_it_has_failed(r
     """Oracle: what that arm says, and REST."""
     acknowledge(real)
     says_how_it_is(real)
+    sets_its_outputs(real)
     fails_in_words(real)
+
+
+def sets_its_outputs(panel: Panel) -> None:
+    """By name; what the device reports is shown."""
+    opened_card(panel, "io")
+    panel.until("document.querySelectorAll('#device-io label').length === 4")
+    assert panel.text("#device-io label:nth-of-type(4) b") == "on"
+    close, speed = ("#device-io label:nth-of-type(1) button", "#device-io label:nth-of-type(3) input")
+    panel.page.click(close)
+    panel.until(f"document.querySelector('{close}').ariaPressed === 'true'")
+    set_to(panel, speed, "12")
+    until(lambda: [each["value"] for each in device(panel)["io"]] == [True, 2.5, 12, True])
+    set_to(panel, speed, "-1")
+    panel.until("document.querySelector('#device-io-why').innerText.includes('from 0 to')")
+    forget(panel, "422")
 
 
 def device(panel: Panel) -> dict[str, Any]:

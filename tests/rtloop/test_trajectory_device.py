@@ -8,6 +8,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,10 +17,12 @@ from running import until
 
 from cobot.config import Settings
 from cobot.ipc.device_record import device_of
+from cobot.ipc.io_record import report_of
 from cobot.ipc.layout import Command, MotionResult
 from cobot.planners import MotionRequest
 from cobot.planners.ptp import plan_ptp
 from cobot.robot.description import RobotDescription
+from cobot.robot.io_points import IoKind, IoPoint
 from cobot.trajectory import Trajectory
 from cobot.types import Array, JointLimits, LoopMode, PlannerName, Scaling
 from rtloop.backends import BackendError, Measured, make_backend
@@ -52,6 +55,21 @@ class Arm(ToyArm):
     def stop(self) -> None:
         self.calls.append("stop")
         super().stop()
+
+
+class ArmWithIo(Arm):
+    """It has one output, which it refuses above 9."""
+
+    capabilities = replace(ToyArm.capabilities, io=True)
+    value = 0.0
+
+    def io(self) -> list[IoPoint]:
+        return [IoPoint("speed", IoKind.ANALOG, True, self.value)]
+
+    def set_output(self, name: str, value: float) -> None:
+        if value > 9.0:
+            raise BackendError(f"{name} goes up to 9")
+        self.value = value
 
 
 @pytest.fixture
@@ -89,6 +107,27 @@ def test_it_is_given_the_whole_motion_and_followed(rig: Rig, arm: Arm) -> None:
     assert rig.start(motion(rig, -0.2)) == ""
     rig.run()
     assert rig.result is MotionResult.ARRIVED
+
+
+def test_its_outputs_are_set_by_the_thread_that_asks_it(
+    settings: Settings, robot: RobotDescription, caplog: pytest.LogCaptureFixture
+) -> None:
+    arm = ArmWithIo(settings, robot.limits, ToyDevice(robot.limits.dof, realtime=False))
+    rig = Rig(settings, robot, backend=as_backend(arm, robot.limits.dof, 0.001, threaded=False))
+    record, period = rig.memory.output.data, round(STATE_PERIOD_S / 0.001)
+    for value in (2.5, 12.0, 3.0):
+        record["name"], record["value"] = b"speed", value
+        rig.memory.output.publish()
+        before = arm.value
+        assert rig.answer(rig.send(Command.OUTPUT)) == ""
+        assert arm.value == before
+        rig.step(period)
+        assert arm.value == (before if value > 9.0 else value)
+    assert "speed goes up to 9" in caplog.text
+    rig.step(300)
+    assert rig.memory.io.try_read()
+    assert [each.value for each in report_of(rig.memory.io.data).points] == [3.0]
+    rig.close()
 
 
 def test_a_stop_lets_it_rest_on_its_path(rig: Rig, arm: Arm) -> None:

@@ -41,8 +41,8 @@ async def robots(request: Request) -> list[RobotAnswer]:
 
 def device_answer(link: RobotLink) -> DeviceAnswer | None:
     """What moves a robot; None while that cannot be read."""
-    device = link.device()
-    return None if device is None else DeviceAnswer.of(*device)
+    device, report = link.device(), link.io()
+    return None if device is None else DeviceAnswer.of(*device, report.points if report else ())
 
 
 def twins(routes: Iterable[BaseRoute], robots: list[str]) -> list[BaseRoute]:

@@ -6,6 +6,7 @@ import { Csv } from "./csv.js";
 import { Device } from "./device.js";
 import { Events } from "./events.js";
 import { Freedrive } from "./freedrive.js";
+import { DeviceIo } from "./device-io.js";
 import { Io } from "./io.js";
 import { Job } from "./job.js";
 import { Jog } from "./jog.js";
@@ -55,6 +56,7 @@ class Panel {
     this.queue = new Queue(api);
     this.lua = new Lua(api);
     this.io = new Io(api);
+    this.deviceIo = new DeviceIo(api);
     this.recordings = new Recordings(api, this.motions, () => this.view);
     this.csv = new Csv(api, () => this.state, () => this.readouts.ranges);
     this.live = new Live();

@@ -139,6 +139,19 @@ class Commands:
             self._memory.tool.publish()
             await self._send(Command.TOOL, stops=self._link.stops, tool=tool.version, scene=scene_version)
 
+    async def set_output(self, name: str, value: float) -> None:
+        """Hand an output to the device; it is set when the device reports it.
+
+        Raises:
+            ExecutionError: the device does not take it, with why.
+            UnavailableError: rtloop does not answer.
+        """
+        async with self._turn:
+            record = self._memory.output.data
+            record["name"], record["value"] = name.encode(), value
+            self._memory.output.publish()
+            await self._send(Command.OUTPUT, stops=self._link.stops)
+
     async def read_scene(self, version: int) -> None:
         """Have rtloop read the scene's file, before the next stream begins.
 

@@ -20,6 +20,7 @@ from cobot.errors import (
     UnavailableError,
 )
 from cobot.ipc.device_record import Device, device_of
+from cobot.ipc.io_record import IoReport, report_of
 from cobot.ipc.layout import MotionResult, record_of, text
 from cobot.ipc.shm import MemoryRole, RobotMemory, is_gone
 from cobot.types import LoopMode
@@ -237,6 +238,15 @@ class RobotLink:
         try:
             return text(self.memory.statistics.read()["backend"]), device_of(self.memory.device.data)
         except (TornReadError, ValueError):
+            return None
+
+    def io(self) -> IoReport | None:
+        """What the device has reported of its inputs and outputs; None if that cannot be read."""
+        if self.memory.io.sequence == 0 or not self.memory.io.try_read():
+            return None
+        try:
+            return report_of(self.memory.io.data)
+        except ValueError:
             return None
 
     @property

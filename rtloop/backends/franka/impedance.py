@@ -49,11 +49,20 @@ class GivingWay:
     def torques(self, command: Array, position: Array, velocity: Array) -> Array:
         """What to command now, without gravity, which the robot makes up for itself, shape (dof,), N·m.
 
-        It never changes faster than the robot permits.
+        It never changes faster than the robot permits. Springs on a position that is no number would send
+        none either: then the torques fade.
 
         Args:
             command: shape (3, dof).
         """
+        wanted = np.zeros(len(position))
+        if np.isfinite(position).all() and np.isfinite(velocity).all():
+            wanted = self._wanted(command, position, velocity)
+        np.clip(wanted, -self._max_effort, self._max_effort, out=wanted)
+        self.torque += np.clip(wanted - self.torque, -self._step, self._step)
+        return self.torque
+
+    def _wanted(self, command: Array, position: Array, velocity: Array) -> Array:
         data = self._data
         data.qpos[:], data.qvel[:] = position, 0.0
         mujoco.mj_fwdPosition(self._model, data)
@@ -63,10 +72,8 @@ class GivingWay:
         self._find_jacobian()
         inertial = np.zeros(len(position))
         mujoco.mj_mulM(self._model, data, inertial, command[2])
-        wanted = self._springs.torques(command) + data.qfrc_bias - self._gravity + inertial
-        np.clip(wanted, -self._max_effort, self._max_effort, out=wanted)
-        self.torque += np.clip(wanted - self.torque, -self._step, self._step)
-        return self.torque
+        wanted: Array = self._springs.torques(command) + data.qfrc_bias - self._gravity + inertial
+        return wanted
 
     def _find_jacobian(self) -> None:
         """Of the TCP, in the base frame."""

@@ -15,6 +15,7 @@ from rtloop.backends.fri.messages import (
     SessionState,
 )
 from rtloop.backends.fri.options import FriOptions
+from rtloop.backends.fri.outputs import Outputs
 from rtloop.backends.fri.session import interpolator
 
 _COUNTER = 1 << 32
@@ -23,12 +24,14 @@ _COUNTER = 1 << 32
 class Answers:
     """Attributes:
     torque, wrench: laid over the position, shapes (dof,) and (6,), N·m and N.
+    outputs: to be set at the cabinet.
     """
 
     def __init__(self, options: FriOptions, names: tuple[str, ...], period_s: float) -> None:
         self._options, self._names = options, names
         self._entry = Entry(len(names), period_s)
         self.torque, self.wrench = np.zeros(len(names)), np.zeros(6)
+        self.outputs = Outputs(period_s)
         self._sequence = self._unanswered = 0
 
     @property
@@ -81,6 +84,7 @@ class Answers:
                 position=position,
                 torque=self._overlaid("torque", self.torque, message, command),
                 wrench=self._overlaid("wrench", self.wrench, message, command),
+                io=self.outputs.in_answer(message, self._sequence),
             )
         )
 

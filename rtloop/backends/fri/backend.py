@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from cobot.config import Settings
 from cobot.robot.device import MEASURED_NAMES
+from cobot.robot.io_points import IoPoint
 from cobot.robot.model import RobotModel
 from cobot.robot.tool import BARE, Tool
 from cobot.types import Array, JointLimits, Pose
@@ -26,6 +27,7 @@ from rtloop.backends.fri.channel import Channel, UdpChannel
 from rtloop.backends.fri.codec import decode_monitoring
 from rtloop.backends.fri.messages import Monitoring, OperationMode, SafetyState, SessionState
 from rtloop.backends.fri.options import FriOptions
+from rtloop.backends.fri.outputs import points
 from rtloop.backends.fri.session import (
     STOPPED,
     drives_in_words,
@@ -52,6 +54,7 @@ class FriBackend:
         measured=frozenset(MEASURED_NAMES) - {"wrench"},
         torque=True,
         wrench=True,
+        io=True,
         stops={2: False},  # the drives are the cabinet's
         hardware=True,
     )
@@ -133,11 +136,10 @@ class FriBackend:
 
     def read(self, measured: Measured) -> None:
         message = self._beat.newest
-        silence_s = self._clock() - self._heard_s
-        if message is None or silence_s > self._options.silence_s:
+        if message is None or self._silence_s > self._options.silence_s:
             raise BackendError(
-                f"no packet from the robot controller for {silence_s:.2f} s: its session is closed, its "
-                "program has ended, or the network is down"
+                f"no packet from the robot controller for {self._silence_s:.2f} s: its session is closed, "
+                "its program has ended, or the network is down"
             )
         measured.position, measured.velocity = self._beat.position, self._beat.velocity
         for name, values in (
@@ -225,9 +227,8 @@ class FriBackend:
         if message is None:
             return DeviceStatus(connection="no packet yet", text=self._nobody())
         drives, brakes = drives_in_words(message.drives)
-        silence_s = self._clock() - self._heard_s
-        silent = silence_s > self._options.silence_s
-        text = f"no packet for {silence_s:.1f} s" if silent else obstacle(message)
+        silent = self._silence_s > self._options.silence_s
+        text = f"no packet for {self._silence_s:.1f} s" if silent else obstacle(message)
         return DeviceStatus(
             connection="SILENT" if silent else message.state.name,
             quality=message.quality.name,
@@ -238,10 +239,17 @@ class FriBackend:
             speed_scaling=self._reduced if message.operation_mode == OperationMode.T1 else 1.0,
             packets_lost=self._beat.lost,
             device_time_s=message.time_s,
-            text="; ".join(
-                each for each in (text or f"FRI {message.version}".strip(), *self._more()) if each
-            ),
+            text="; ".join(filter(None, (text or f"FRI {message.version}".strip(), self._strangers))),
         )
+
+    def io(self) -> list[IoPoint]:
+        return points(self._newest)
+
+    def set_output(self, name: str, value: float) -> None:
+        message = self._newest
+        if message.state == SessionState.IDLE or self._silence_s > self._options.silence_s:
+            raise BackendError(f"{name} cannot be set: {obstacle(message) or 'the controller is silent'}")
+        self._answers.outputs.set(message, name, value)
 
     def write_torque(self, torque: Array) -> None:
         self._answers.torque[:] = torque
@@ -264,12 +272,14 @@ class FriBackend:
         soon = self._joins and self._clock() < self._join_until_s
         return soon and message.safety == SafetyState.NORMAL_OPERATION
 
-    def _more(self) -> Iterator[str]:
-        """What else there is to say of its packets."""
-        if strangers := self._open_channel.strangers:
-            yield f"{strangers} packets of others than the controller did not count"
-        if io := self._newest.io:
-            yield "inputs and outputs: " + ", ".join(f"{each.name} {each.value:g}" for each in io)
+    @property
+    def _strangers(self) -> str:
+        count = self._open_channel.strangers
+        return f"{count} packets of others than the controller did not count" if count else ""
+
+    @property
+    def _silence_s(self) -> float:
+        return self._clock() - self._heard_s
 
     @property
     def _newest(self) -> Monitoring:

@@ -1,10 +1,10 @@
 """A Franka by one changed line: the whole service and its backend, with every fault on the way.
 
-The arm is the stand-in that the contract runs on, within rtloop. With COBOT_FRANKY_SIM=1 it is pylibfranka
-and a simulator that nobody here wrote, in another process, with the tour of REST: two processes that answer
-each other a thousand times a second want a quiet computer and some minutes. Oracles: where the arm says that
-it is; the limits that Franka Robotics publishes, of each position that was commanded. The tour of the
-simulated FR3 is in tests/e2e/test_fr3.py, the contract in tests/rtloop/contract.
+The arm is the stand-in that the contract runs on, within rtloop; one motion is against pylibfranka and a
+simulator that nobody here wrote, in another process. With COBOT_FRANKY_SIM=1 all is, with the tour of REST:
+two processes that answer each other a thousand times a second want a quiet computer and some minutes.
+Oracles: where the arm says that it is; the limits that Franka Robotics publishes, of each position that was
+commanded. The tour of the simulated FR3 is in tests/e2e/test_fr3.py, the contract in tests/rtloop/contract.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import httpx
@@ -21,15 +22,22 @@ import rest_tour
 from activities import Goal, Servo, followed
 from franky_run import FrankySimulator, RunOfFranka, StandInArm
 from running import WAIT_S, answering
+from streaming_client import StreamClient
 from tasks import robot_health
 
 from cobot import Mode, Robot
 from cobot.errors import CobotError
 
 WHOLE = bool(os.environ.get("COBOT_FRANKY_SIM"))
-if WHOLE:
+
+
+def require_franky_sim() -> None:
     pytest.importorskip("pylibfranka", reason="pylibfranka is not installed: pip install 'cobot[franka]'")
     pytest.importorskip("franky_sim", reason="franky-sim is not installed")
+
+
+if WHOLE:
+    require_franky_sim()
 
 Simulator = FrankySimulator | StandInArm
 THERE = [0.4, -0.5, 0.0, -2.0, 0.0, 1.7, 0.5]
@@ -44,8 +52,7 @@ def simulator() -> Iterator[Simulator]:
 @pytest.fixture(scope="module")
 def franka(simulator: Simulator, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunOfFranka]:
     with answering(RunOfFranka(tmp_path_factory.mktemp("franka"), simulator)) as made:
-        checked = {"payload_checked": True}
-        httpx.post(f"{made.url}/robot/acknowledge", json=checked, timeout=WAIT_S).raise_for_status()
+        acknowledge(made)
         yield made
 
 
@@ -56,6 +63,11 @@ def run(franka: RunOfFranka, simulator: Simulator) -> Iterator[RunOfFranka]:
     able(franka)
     yield franka
     assert max(simulator.ask("")["worst"]) < 1.0
+
+
+def acknowledge(run: RunOfFranka) -> None:
+    checked = {"payload_checked": True}
+    httpx.post(f"{run.url}/robot/acknowledge", json=checked, timeout=WAIT_S).raise_for_status()
 
 
 def able(run: RunOfFranka) -> None:
@@ -94,6 +106,18 @@ def test_a_motion_arrives_where_the_robot_says(run: RunOfFranka, simulator: Simu
     move(run, "named", name="home")
     move(run, "named", name="work")
     np.testing.assert_allclose(simulator.ask()["q"], run.joints(), atol=5e-3)
+
+
+@pytest.mark.skipif(WHOLE, reason="all of it is against franky-sim")
+def test_the_whole_service_moves_the_arm_of_franky_sim(tmp_path: Path) -> None:
+    require_franky_sim()
+    with FrankySimulator() as simulator, answering(RunOfFranka(tmp_path, simulator)) as run:
+        acknowledge(run)
+        able(run)
+        move(run, "named", name="work")
+        told = simulator.ask()
+        np.testing.assert_allclose(told["q"], run.joints(), atol=5e-3)
+        assert max(told["worst"]) < 1.0
 
 
 def test_it_gives_way_to_a_stream_and_holds_again(run: RunOfFranka, simulator: Simulator) -> None:
@@ -142,6 +166,7 @@ def test_a_goal_of_follow_joint_trajectory_arrives(run: RunOfFranka, simulator: 
 
 
 def test_losses_end_no_motion(run: RunOfFranka, simulator: Simulator) -> None:
+    """What was overtaken, or is read together with the next one, is a loss to libfranka too."""
     simulator.ask("loss")
     move(run, "named", name="work")
     (shown,) = httpx.get(f"{run.url}/robots", timeout=WAIT_S).json()
@@ -161,20 +186,50 @@ def test_losses_end_no_motion(run: RunOfFranka, simulator: Simulator) -> None:
 def test_recovers_from_a_fault_in_the_middle_of_a_goal(
     run: RunOfFranka, simulator: Simulator, fault: str, reason: str
 ) -> None:
-    def faulted() -> str:
-        """Why it is in FAULT; "" as long as it is not."""
-        health = robot_health(run)
-        return str(health["reason"]) if health.get("mode") == "FAULT" else ""
-
     goal = Goal(run)
     try:
         simulator.ask(fault)
-        assert reason in run.until(faulted)
+        assert reason in run.until(lambda: why_faulted(run))
         run.until(lambda: goal.answers)
         httpx.post(f"{run.url}/robot/reset", timeout=WAIT_S)
-        assert faulted(), "while it lasts"
+        assert why_faulted(run), "while it lasts"
     finally:
         goal.end()
+    recovers(run, simulator)
+
+
+def test_recovers_from_spoilt_values_in_the_middle_of_a_stream(
+    run: RunOfFranka, simulator: Simulator
+) -> None:
+    with StreamClient(run.url) as client:
+        client.session()
+        client.target(run.joints())
+        run.until(lambda: robot_health(run).get("mode") == "JOINT_IMPEDANCE")
+        simulator.ask("nan")
+        assert "not finite" in run.until(lambda: why_faulted(run))
+        client.ended()
+    recovers(run, simulator)
+
+
+def test_recovers_from_a_user_stop_in_the_middle_of_a_servo_session(
+    run: RunOfFranka, simulator: Simulator
+) -> None:
+    serving = Servo(run)
+    try:
+        simulator.ask("e_stop")
+        assert "User Stop" in run.until(lambda: why_faulted(run))
+    finally:
+        serving.end()
+    recovers(run, simulator)
+
+
+def why_faulted(run: RunOfFranka) -> str:
+    """Why it is in FAULT; "" as long as it is not."""
+    health = robot_health(run)
+    return str(health["reason"]) if health.get("mode") == "FAULT" else ""
+
+
+def recovers(run: RunOfFranka, simulator: Simulator) -> None:
     simulator.ask("")
     able(run)
     move(run, "named", name="work")

@@ -21,13 +21,16 @@ from running import WAIT_S, answering
 from streaming_client import StreamClient
 from tasks import HOME, Motion, robot_health
 
+from cobot.launch.cli import main
+
 THERE = [0.4, 0.3, 0.0, -1.4, 0.0, 1.4, 0.2]
 PERIOD_MS = 10
 
 
 @pytest.fixture(scope="module")
 def cabinet() -> Iterator[CabinetProcess]:
-    with CabinetProcess("--seed", "7", period_ms=PERIOD_MS) as started:
+    io = ("--io", "Tool.Open:boolean:output", "--io", "Tool.Sensor:digital:input=5")
+    with CabinetProcess("--seed", "7", *io, period_ms=PERIOD_MS) as started:
         yield started
 
 
@@ -113,6 +116,25 @@ def test_says_how_the_device_is(run: RunOverFri, cabinet: CabinetProcess) -> Non
     cabinet.ask(safety_stop=2, mode="T1")
     run.until(lambda: device(run)["status"]["safety_stop"].startswith("safety stop 2"))
     assert device(run)["status"]["operation_mode"] == "T1"
+
+
+def test_its_outputs_are_set_by_name(
+    run: RunOverFri, cabinet: CabinetProcess, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def put(name: str, value: object) -> httpx.Response:
+        return httpx.put(f"{run.url}/robot/io/{name}", json={"value": value}, timeout=WAIT_S)
+
+    for value in (True, False, True):
+        run.until(lambda value=value: put("Tool.Open", value).status_code == 200)
+        assert cabinet.ask()["io"] == {"Tool.Open": float(value), "Tool.Sensor": 5.0}
+    assert [each["value"] for each in device(run)["io"]] == [True, 5]
+    assert put("Tool.Sensor", 6).status_code == 422
+    assert "the device's outputs are: Tool.Open" in put("Tool.Shut", True).json()["detail"]
+    cabinet.ask(io={"Tool.Sensor": 6})
+    run.until(lambda: [each["value"] for each in device(run)["io"]] == [True, 6])
+    capsys.readouterr()
+    assert main(["state", "--url", run.url]) == 0
+    assert "output Tool.Open: True\ninput Tool.Sensor: 6\n" in capsys.readouterr().out
 
 
 def test_a_stop_stops_it_on_its_path(run: RunOverFri, cabinet: CabinetProcess) -> None:

@@ -18,7 +18,7 @@ from rtloop.contract.suite import CHECKS, Verdict, cell_for, examined
 
 TOY = "rtloop.contract.toy:ToyArm"
 TRAJECTORY_TOY = "rtloop.contract.toy_trajectory:ToyArm"
-UNTOLD = {"status", "punctuality", "staleness", "loss", "reorder", "pile_up", "operation_mode"} | {
+UNTOLD = {"status", "io", "punctuality", "staleness", "loss", "reorder", "pile_up", "operation_mode"} | {
     check for check in CHECKS if "_stop" in check
 }
 """What a simulation without packets, emergency stop and key cannot be tested for."""
@@ -59,7 +59,7 @@ def test_franka_keeps_it_beside_a_stand_in(franka: Cell, check: str) -> None:
     if check == "options":
         pytest.importorskip("pylibfranka", reason="pylibfranka is not installed: pip install 'cobot[franka]'")
     result = examined(franka, check)
-    untold = check in ("punctuality", "operation_mode")
+    untold = check in ("punctuality", "operation_mode", "io")
     assert result.verdict is (Verdict.NOT_TESTED if untold else Verdict.PASSED), result.found
 
 
@@ -75,8 +75,9 @@ def test_the_toy_that_takes_whole_motions_keeps_it(capsys: pytest.CaptureFixture
     assert main(["test", TRAJECTORY_TOY, "--json"]) == 0
     results = {each["check"]: each["result"] for each in json.loads(capsys.readouterr().out)}
     untold = {check for check, result in results.items() if result == "not tested"}
-    of_cycles = {"limits", "staleness", "disconnect in a stream", "loss", "reorder", "pile_up"}
-    assert untold == {"punctuality", *of_cycles}
+    streams = {"disconnect in a stream", "nan in a stream"}
+    of_cycles = {"limits", "staleness", "loss", "reorder", "pile_up", *streams}
+    assert untold == {"punctuality", "io", *of_cycles}
     assert set(results.values()) == {"passed", "not tested"}
 
 
@@ -101,6 +102,10 @@ def test_the_toy_that_takes_whole_motions_keeps_it(capsys: pytest.CaptureFixture
         ("NeedsARestart", "protective_stop in motion", "a reset is refused: .*open it again"),
         ("StopsNot", "stop", "a stopped motion ended as ARRIVED"),
         ("SaysItIsThere", "motion", "is .* from where it is commanded"),
+        ("ForgetsOutputs", "io", "gripper closed is reported as 1: not in"),
+        ("TakesAnyOutput", "io", "set_output.'no such output'. raises no BackendError"),
+        ("HasASlash", "io", "'gripper/closed': a name has"),
+        ("ClaimsOutputs", "claims", "capabilities.io is claimed without a method set_output"),
         ("GoesHome", "entry", "the first command for .* beside what is measured|FAULT"),
     ],
 )

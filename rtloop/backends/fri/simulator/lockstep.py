@@ -9,7 +9,7 @@ from cobot.robot.srdf import load_named_positions
 from cobot.types import Array, JointLimits
 from rtloop.backends.fri.backend import FriBackend
 from rtloop.backends.fri.codec import decode_command
-from rtloop.backends.fri.messages import Command, OperationMode
+from rtloop.backends.fri.messages import Command, IoDirection, IoType, IoValue, OperationMode
 from rtloop.backends.fri.simulator.arm import SimulatedArm
 from rtloop.backends.fri.simulator.cabinet import Cabinet
 from rtloop.backends.fri.simulator.network import Network
@@ -86,7 +86,8 @@ class FriRig:
         self._settings, self._limits = settings, limits
         names = settings.robot
         start = load_named_positions(names.srdf, limits.names, names.group)[names.start_position].joints
-        cell = CabinetOptions(period_ms=round(settings.rt.period_s * 1e3))
+        io = tuple(IoValue(f"Cell.{each.name}", each, IoDirection.OUTPUT) for each in IoType)
+        cell = CabinetOptions(period_ms=round(settings.rt.period_s * 1e3), io=io)
         arm = SimulatedArm(settings, limits, np.array(start), cell.control_mode)
         self._channel = LockStep(Cabinet(arm, cell), Network())
 

@@ -66,7 +66,7 @@ def services(name: str, robot: RobotDescription) -> Any:
         robot=dataclasses.replace(robot, name=name),
         ownership=SimpleNamespace(stops_before=lambda _: 0),
         stopping=Stopping(),
-        link=SimpleNamespace(device=lambda: DEVICE),
+        link=SimpleNamespace(device=lambda: DEVICE, io=lambda: None),
         positions=SimpleNamespace(all=lambda: list(robot.positions.values())),
     )
 

@@ -297,6 +297,28 @@ def test_it_gives_way_by_torques_that_never_jump(rig: Rig) -> None:
     require_published_limits(robot.positions)
 
 
+def test_springs_on_a_position_that_is_no_number_send_none(rig: Rig) -> None:
+    """Oracle: each torque, and the published rate at which it may change."""
+    assert rig.stream(stiffness=200.0) == ""
+    robot = rig.arm
+    for _ in range(100):
+        robot.q = robot.q + np.array([0.0005, 0, 0, 0, 0, 0, 0])
+        rig.step()
+    assert abs(robot.torques[-1][0]) > 5.0
+    robot.faults.add("nan")
+    rig.step(200)
+    assert rig.mode is LoopMode.FAULT
+    torques = np.array(robot.torques)
+    assert np.isfinite(torques).all()
+    assert (np.abs(np.diff(torques, axis=0)) / PERIOD_S).max() < TORQUE_RATE
+    assert not torques[-1].any()
+    robot.faults.clear()
+    rig.step(3000)
+    assert reset(rig) == ""
+    rig.step(500)
+    assert rig.mode is LoopMode.HOLD
+
+
 def test_a_robot_that_refuses_an_impedance_refuses_the_session(rig: Rig) -> None:
     rig.arm.refuses = "torques"
     assert "the robot cannot give way: the robot refuses" in rig.stream(stiffness=200.0)

@@ -28,9 +28,6 @@ from rtloop.backends.fri.messages import (
     Command,
     CommandMode,
     Header,
-    IoDirection,
-    IoType,
-    IoValue,
     Monitoring,
     OperationMode,
     Quality,
@@ -440,19 +437,6 @@ def test_rubbish_between_the_packets_does_not_disturb(
     channel.injected = packets
     assert backend.wait(WAIT_S)
     assert backend.status().connection == "MONITORING_WAIT"
-
-
-def test_inputs_and_outputs_are_shown_by_name(make: Make) -> None:
-    io = (
-        IoValue("Tool.Open", IoType.BOOLEAN, IoDirection.OUTPUT),
-        IoValue("Tool.Force", IoType.ANALOG, IoDirection.OUTPUT, 2.5),
-        IoValue("Tool.Sensor", IoType.DIGITAL, IoDirection.INPUT, 5),
-    )
-    driven = make(CabinetOptions(io=io))
-    driven.enable()
-    assert driven.backend.status().text == (
-        "FRI 1.x; inputs and outputs: Tool.Open 0, Tool.Force 2.5, Tool.Sensor 5"
-    )
 
 
 def test_answers_as_often_as_the_multiplier_says(make: Make) -> None:

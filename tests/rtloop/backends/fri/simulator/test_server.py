@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import socket
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from lockstep_fri import made_cabinet
@@ -11,6 +13,7 @@ from cobot.config import Settings
 from cobot.robot.description import RobotDescription
 from rtloop.backends.fri.encoding import encode_command
 from rtloop.backends.fri.messages import COMMAND_ID, Command, Header
+from rtloop.backends.fri.simulator import server as module
 from rtloop.backends.fri.simulator.network import Network
 from rtloop.backends.fri.simulator.server import CabinetServer
 
@@ -33,3 +36,55 @@ def test_a_client_is_known_by_name_and_by_address(
             assert cabinet.connection.reflected == sequence
         finally:
             server.close()
+
+
+class HeldUp:
+    """The cabinet's computer and its client's on one made clock: each message takes three periods to be sent,
+    and is answered eight tenths of a period after that.
+    """
+
+    def __init__(self, server: CabinetServer, client: socket.socket) -> None:
+        self.server, self._client, self._socket = server, client, server._socket
+        self.now_s = self._answers_s = 0.0
+        self.sent = 0
+        self.ending: list[str] = []
+
+    def sendto(self, packet: bytes, where: tuple[str, int]) -> None:
+        self.now_s += 3.0 * self.server._cabinet.period_s
+        self._answers_s = self.now_s + 0.8 * self.server._cabinet.period_s
+        self.sent += 1
+        if self.sent == 50:
+            self.ending.append("enough")
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._socket, name)
+
+    def select(self, readers: object, _: object, __: object, timeout_s: float) -> tuple[Any, Any, Any]:
+        """What has come within so long."""
+        if not self.now_s < self._answers_s <= self.now_s + timeout_s:
+            self.now_s += timeout_s
+            return [], [], []
+        self.now_s = self._answers_s
+        header = Header(COMMAND_ID, self.sent, self.server._cabinet.sequence)
+        self._client.sendto(encode_command(Command(header, (0.0,) * 7)), ("127.0.0.1", self.server.port))
+        return [self], [], []
+
+
+def test_a_cabinet_that_is_held_up_while_it_sends_gives_its_client_the_time_all_the_same(
+    settings: Settings, robot: RobotDescription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cabinet = made_cabinet(settings, robot)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+        client.bind(("127.0.0.1", 0))
+        server = CabinetServer(cabinet, Network(), ("127.0.0.1", client.getsockname()[1]))
+        held = HeldUp(server, client)
+        clock = SimpleNamespace(monotonic=lambda: held.now_s, time_ns=lambda: 0)
+        monkeypatch.setattr(server, "_socket", held)
+        monkeypatch.setattr(module, "time", clock)
+        monkeypatch.setattr(module, "select", held)
+        try:
+            server.run(held.ending)
+        finally:
+            server.close()
+    assert (cabinet.connection.missing, held.sent) == (0, 50)
+    assert cabinet.connection.answered > 40

@@ -1,0 +1,65 @@
+"""Inputs and outputs of the device, by name."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Path, Request
+from pydantic import BaseModel, Field
+
+from app.api.dependencies import Call, CobotRoute, json_body
+from app.api.device_schemas import IoAnswer
+from app.api.errors import responses
+from cobot import audit
+from cobot.motions.bodies import Finite, example
+from cobot.strict import StrictModel
+
+router = APIRouter(prefix="/robot/io", tags=["robot"], route_class=CobotRoute)
+
+
+class SetOutput(StrictModel):
+    """What an output is to be."""
+
+    model_config = example({"value": True})
+
+    value: bool | int | Finite = Field(
+        description="boolean: true or false; digital: a whole number from 0 on; analog: a number."
+    )
+
+
+class IoListAnswer(BaseModel):
+    """All of them."""
+
+    backend: str = Field(description="The setting robot.backend.")
+    supported: bool = Field(description="Whether this backend can have inputs and outputs.")
+    points: list[IoAnswer] = Field(description="In the device's order.")
+
+
+@router.get("", responses=responses(503))
+async def inputs_and_outputs(request: Request) -> IoListAnswer:
+    """What the device reports of its inputs and outputs."""
+    backend, points = Call(request).services.io.points()
+    return IoListAnswer(
+        backend=backend,
+        supported=points is not None,
+        points=[IoAnswer.of(each) for each in points or ()],
+    )
+
+
+@router.put(
+    "/{name}",
+    responses=responses(404, 409, 413, 415, 422, 501, 502, 503, 504),
+    dependencies=[Depends(json_body)],
+)
+async def set_output(
+    name: Annotated[str, Path(max_length=200, description="Of an output.")], body: SetOutput, request: Request
+) -> IoAnswer:
+    """Set an output; answers when the device reports that it is so.
+
+    Also while the arm moves. A value that the device has not reported in the endpoint's time is a 504, with
+    what it reports.
+    """
+    call = Call(request)
+    call.services.ownership.require_control()
+    audit.add_details(value=body.value)
+    return IoAnswer.of(await call.services.io.set_output(name, body.value, call.timeout_s))

@@ -1,0 +1,82 @@
+"""The inputs and outputs of a robot's device, by name."""
+
+from __future__ import annotations
+
+import asyncio
+
+from app.services.state.link import POLL_S, RobotLink
+from cobot.errors import (
+    DeviceError,
+    DeviceTimeout,
+    ExecutionError,
+    NotSupportedError,
+    UnavailableError,
+)
+from cobot.ipc.io_record import IoReport
+from cobot.robot.io_points import IoPoint, number_of, output_of
+
+
+class IoService:
+    """Reads what the device has reported, and sets outputs one after the other."""
+
+    def __init__(self, link: RobotLink) -> None:
+        self._link = link
+        self._turn = asyncio.Lock()
+
+    def points(self) -> tuple[str, list[IoPoint] | None]:
+        """The backend's name, and its inputs and outputs; None for one that has no such thing.
+
+        Raises:
+            UnavailableError: they cannot be read.
+        """
+        named = self._link.device()
+        if named is None:
+            raise UnavailableError("rtloop has not said yet what it drives")
+        backend, device = named
+        return backend, list(self._report().points) if device.capabilities.io else None
+
+    async def set_output(self, name: str, value: float, timeout_s: float) -> IoPoint:
+        """Set an output, and wait until the device reports that it is so.
+
+        Args:
+            value: true or false, or a number, as the output's kind has it.
+
+        Raises:
+            NotSupportedError: the backend has no inputs and outputs.
+            NotFoundError: there is no such output, with those that there are.
+            InputError, LimitError: it is an input, or cannot have this value.
+            DeviceError: the device does not take it, with why.
+            DeviceTimeout: it has not reported the value within so long.
+            UnavailableError: rtloop does not answer.
+        """
+        async with self._turn:
+            await self._link.fresh_state(timeout_s)
+            backend, points = self.points()
+            if points is None:
+                raise NotSupportedError(f"the backend {backend} has no inputs and outputs")
+            number = number_of(output_of(points, name), value)
+            try:
+                await self._link.commands.set_output(name, number)
+            except ExecutionError as exc:
+                raise DeviceError(str(exc)) from exc
+            return await self._reported(name, number, timeout_s)
+
+    async def _reported(self, name: str, number: float, timeout_s: float) -> IoPoint:
+        deadline_s, before = self._link.clock.now_s() + timeout_s, self._report().number
+        while True:
+            report = self._report()
+            point = output_of(report.points, name)
+            if report.number != before and point.has(number):
+                return point
+            if self._link.clock.now_s() > deadline_s:
+                raise DeviceTimeout(
+                    f"{name} was handed to the device, which has not reported {number:g} within "
+                    f"{timeout_s:g} s; it reports {point.value:g}"
+                )
+            await asyncio.sleep(POLL_S)
+
+    def _report(self) -> IoReport:
+        report = self._link.io()
+        if report is None:
+            raise UnavailableError("what the device reports of its inputs and outputs cannot be read")
+        return report

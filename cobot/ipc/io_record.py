@@ -1,0 +1,50 @@
+"""Inputs and outputs in shared memory: what the device reports, and what an output is to have."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cobot.ipc.layout import IO_NAME_BYTES, IO_POINTS, text
+from cobot.robot.io_points import IoKind, IoPoint
+
+KINDS = tuple(IoKind)
+
+
+@dataclass(frozen=True, slots=True)
+class IoReport:
+    """Attributes:
+    number: of the report; a later one has a greater number.
+    """
+
+    number: int
+    points: tuple[IoPoint, ...]
+
+
+def fill_points(record: np.ndarray, points: Sequence[IoPoint]) -> None:
+    """Put them into a record of `cobot.ipc.layout.IO`; what there is no room for is left out."""
+    kept = [each for each in points if len(each.name.encode()) <= IO_NAME_BYTES][:IO_POINTS]
+    count = record["count"] = len(kept)
+    record["names"][:count] = [each.name.encode() for each in kept]
+    record["kinds"][:count] = [KINDS.index(each.kind) for each in kept]
+    record["outputs"][:count] = [each.is_output for each in kept]
+    record["values"][:count] = [each.value for each in kept]
+
+
+def report_of(record: np.ndarray) -> IoReport:
+    """What stands in such a record.
+
+    Raises:
+        ValueError: no such numbers can be a device's.
+    """
+    count = int(record["count"])
+    kinds = record["kinds"][:count]
+    if count > IO_POINTS or (kinds >= len(KINDS)).any():
+        raise ValueError(f"{count} inputs and outputs of kinds {kinds.tolist()}")
+    rows = zip(*(record[name][:count] for name in ("names", "kinds", "outputs", "values")), strict=True)
+    points = tuple(
+        IoPoint(text(name), KINDS[kind], bool(output), float(value)) for name, kind, output, value in rows
+    )
+    return IoReport(int(record["number"]), points)

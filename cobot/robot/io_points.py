@@ -1,0 +1,101 @@
+"""The inputs and outputs of a device, by name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from cobot.errors import InputError, LimitError, NotFoundError
+from cobot.strict import shown
+
+MAX_DIGITAL = 2**53 - 1
+"""Whole numbers up to here are exact as a double."""
+ANALOG_SHARE = 1e-3
+"""An analog output has its value when the device reports one that is off by so little, as converters are."""
+
+
+class IoKind(StrEnum):
+    BOOLEAN = "boolean"
+    DIGITAL = "digital"  # a whole number from 0 to `MAX_DIGITAL`
+    ANALOG = "analog"
+
+
+@dataclass(frozen=True, slots=True)
+class IoPoint:
+    """An input or output, and the value that the device reports; of a boolean 0.0 or 1.0."""
+
+    name: str
+    kind: IoKind
+    is_output: bool
+    value: float
+
+    @property
+    def shown(self) -> bool | int | float:
+        """The value as one of its kind."""
+        if self.kind is IoKind.BOOLEAN:
+            return bool(self.value)
+        return int(self.value) if self.kind is IoKind.DIGITAL and math.isfinite(self.value) else self.value
+
+    @property
+    def direction(self) -> str:
+        return "output" if self.is_output else "input"
+
+    def has(self, number: float) -> bool:
+        """Whether the device reports that value."""
+        if self.kind is IoKind.ANALOG:
+            return math.isclose(self.value, number, rel_tol=ANALOG_SHARE, abs_tol=ANALOG_SHARE)
+        return self.value == number
+
+
+def output_of(points: Sequence[IoPoint], name: str) -> IoPoint:
+    """The output of that name.
+
+    Raises:
+        NotFoundError: there is none, with the names of those that there are.
+        InputError: it is an input.
+    """
+    point = next((each for each in points if each.name == name), None)
+    if point is None:
+        known = ", ".join(each.name for each in points if each.is_output) or "none"
+        raise NotFoundError(f"there is no output {shown(name)}; the device's outputs are: {known}")
+    if not point.is_output:
+        raise InputError(f"{name} is an input: only the device sets it")
+    return point
+
+
+def number_of(point: IoPoint, value: float) -> float:
+    """A value for an output as the number that it is.
+
+    Raises:
+        InputError: it is not of the output's kind.
+        LimitError: it is out of range.
+    """
+    if point.kind is IoKind.BOOLEAN:
+        if not isinstance(value, bool):
+            raise InputError(f"{point.name} is boolean: true or false, got {shown(value)}")
+    elif isinstance(value, bool):
+        raise InputError(f"{point.name} is {point.kind}: a number, got {shown(value)}")
+    elif point.kind is IoKind.DIGITAL and not isinstance(value, int):
+        raise InputError(f"{point.name} is digital: a whole number, got {shown(value)}")
+    try:
+        number = float(value)
+    except OverflowError as exc:
+        raise LimitError(f"{point.name}: the value has more digits than a number has room for") from exc
+    require_number(point, number)
+    return number
+
+
+def require_number(point: IoPoint, number: float) -> None:
+    """See that an output can have this number.
+
+    Raises:
+        LimitError: it cannot.
+    """
+    if point.kind is IoKind.BOOLEAN and number not in (0, 1):
+        raise LimitError(f"{point.name} is boolean: 0 or 1, got {number:g}")
+    if point.kind is IoKind.DIGITAL and not (0 <= number <= MAX_DIGITAL and number == int(number)):
+        raise LimitError(f"{point.name} is digital: a whole number from 0 to {MAX_DIGITAL}, got {number:g}")
+    if not math.isfinite(number):
+        raise LimitError(f"{point.name}: the value is not finite")

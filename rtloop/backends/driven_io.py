@@ -1,0 +1,35 @@
+"""Inputs and outputs of a device that takes whole motions: the thread that asks it passes them on."""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+
+from cobot.robot.io_points import IoPoint
+from rtloop.backends.protocols import HasIo
+
+log = logging.getLogger("cobot.rtloop")
+
+
+class DrivenIo:
+    """A `HasIo` that no cycle waits for."""
+
+    def __init__(self, device: HasIo) -> None:
+        self._device = device
+        self._points: tuple[IoPoint, ...] = ()
+        self._wanted: deque[tuple[str, float]] = deque()
+
+    def io(self) -> tuple[IoPoint, ...]:
+        return self._points
+
+    def set_output(self, name: str, value: float) -> None:
+        self._wanted.append((name, value))
+
+    def ask(self) -> None:
+        """A turn of the thread: what the device refuses is said in the log, and it does not report it."""
+        try:
+            while self._wanted:
+                self._device.set_output(*self._wanted.popleft())
+            self._points = tuple(self._device.io())
+        except Exception as exc:  # noqa: BLE001 - somebody else's class may raise anything
+            log.warning("inputs and outputs of the device: %s", exc)

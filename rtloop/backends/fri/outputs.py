@@ -1,0 +1,68 @@
+"""Outputs that are to be set at the cabinet: sent with the answers until the controller reports them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from cobot.robot.io_points import IoKind, IoPoint
+from rtloop.backends import BackendError
+from rtloop.backends.fri.messages import IoDirection, IoType, IoValue, Monitoring, ahead
+
+SENT_S = 1.0
+"""So long an output is sent that the controller does not report: packets may be lost."""
+KINDS = {IoType.BOOLEAN: IoKind.BOOLEAN, IoType.DIGITAL: IoKind.DIGITAL, IoType.ANALOG: IoKind.ANALOG}
+
+
+def points(message: Monitoring) -> list[IoPoint]:
+    """What the cabinet's program has registered."""
+    return [
+        IoPoint(each.name, KINDS[each.type], each.direction == IoDirection.OUTPUT, float(each.value))
+        for each in message.io
+    ]
+
+
+@dataclass(slots=True)
+class _Wanted:
+    """Attributes:
+    first: the number of the answer that has said it first, None before.
+    left: so many answers more say it.
+    """
+
+    value: IoValue
+    left: int
+    first: int | None = None
+
+
+class Outputs:
+    """Real-time safe; next to nothing while none is to be set."""
+
+    def __init__(self, period_s: float) -> None:
+        self._answers = round(SENT_S / period_s)
+        self._wanted: dict[str, _Wanted] = {}
+
+    def set(self, message: Monitoring, name: str, value: float) -> None:
+        """From the next answer on.
+
+        Raises:
+            BackendError: it is no output of those in the message.
+        """
+        output = next((each for each in message.io if each.name == name), None)
+        if output is None or output.direction != IoDirection.OUTPUT:
+            raise BackendError(f"{name} is no output that the controller's program has registered")
+        number = value if output.type == IoType.ANALOG else int(value)
+        self._wanted[name] = _Wanted(replace(output, value=number), self._answers)
+
+    def in_answer(self, message: Monitoring, number: int) -> list[IoValue]:
+        """What the answer of this number to a message says of outputs."""
+        if not self._wanted:
+            return []
+        reported = {each.name: each.value for each in message.io}
+        for name, wanted in list(self._wanted.items()):
+            seen = wanted.first is not None and ahead(message.header.reflected, wanted.first) >= 0
+            if wanted.left == 0 or (seen and reported.get(name) == wanted.value.value):
+                del self._wanted[name]
+                continue
+            wanted.left -= 1
+            if wanted.first is None:
+                wanted.first = number
+        return [each.value for each in self._wanted.values()]

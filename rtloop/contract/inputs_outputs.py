@@ -1,0 +1,76 @@
+"""What has to hold of inputs and outputs, where a backend has them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from cobot.ipc.io_record import report_of
+from cobot.ipc.layout import IO_NAME_BYTES, IO_POINTS, Command
+from cobot.robot.io_points import IoKind, IoPoint, require_number
+from cobot.types import LoopMode
+from rtloop.backends import BackendError, HasIo, capabilities_of
+from rtloop.contract.cell import Cell, NotTested
+from rtloop.contract.driver import ContractError, Driver
+
+UNKNOWN = "no such output"
+
+
+def io(cell: Cell) -> str:
+    """Each output takes another value and is reported with it, and takes its old one back, while the arm is
+    held; one that does not exist is refused.
+    """
+    if not capabilities_of(cell.kind).io:
+        raise NotTested("capabilities.io is not claimed")
+    with cell.driven() as driver:
+        backend = driver.backend
+        if not isinstance(backend, HasIo):
+            raise ContractError("capabilities.io is claimed without the methods io and set_output")
+        points = list(backend.io())
+        _require_sound(points)
+        outputs = [each for each in points if each.is_output]
+        for point in outputs:
+            for value in (
+                1.0 - point.value if point.kind is IoKind.BOOLEAN else point.value + 1.0,
+                point.value,
+            ):
+                _set(driver, point.name, value)
+        try:
+            backend.set_output(UNKNOWN, 1.0)
+        except BackendError:
+            pass
+        else:
+            raise ContractError(f"set_output({UNKNOWN!r}) raises no BackendError")
+        if driver.mode != LoopMode.HOLD:
+            raise ContractError(f"afterwards the mode is {driver.mode.name}: {driver.reason}")
+    return f"{len(outputs)} outputs of {len(points)} inputs and outputs"
+
+
+def _require_sound(points: list[IoPoint]) -> None:
+    """Raises ContractError: they cannot be shown, or named in an address."""
+    names = [each.name for each in points]
+    if len(set(names)) < len(names) or len(names) > IO_POINTS:
+        raise ContractError(f"io(): at most {IO_POINTS}, each with a name of its own; got {sorted(names)}")
+    for point in points:
+        if not 0 < len(point.name.encode()) <= IO_NAME_BYTES or "/" in point.name:
+            raise ContractError(f"io(): {point.name!r}: a name has 1 to {IO_NAME_BYTES} bytes and no slash")
+        require_number(point, point.value)
+
+
+def _set(driver: Driver, name: str, value: float) -> None:
+    record = driver.memory.output.data
+    record["name"], record["value"] = name.encode(), value
+    driver.memory.output.publish()
+    refusal = driver.send(Command.OUTPUT)
+    if refusal:
+        raise ContractError(f"set_output({name!r}, {value:g}): {refusal}")
+    driver.until(f"{name} is reported as {value:g}", lambda: _reported(driver, name, value))
+
+
+def _reported(driver: Driver, name: str, value: float) -> bool:
+    if not driver.memory.io.try_read():
+        return False
+    points = report_of(driver.memory.io.data).points
+    return any(each.name == name and each.has(value) for each in points)
+
+
+CHECKS: dict[str, Callable[[Cell], str]] = {"io": io}

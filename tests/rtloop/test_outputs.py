@@ -1,0 +1,90 @@
+"""Outputs in the cycle: whoever writes to shared memory may write anything. Oracle: what the arm was told."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from faults import spoil
+from panel_arm import PanelArm
+from rig import Rig
+
+from cobot.config import Settings
+from cobot.ipc.io_record import report_of
+from cobot.ipc.layout import IO, Command
+from cobot.ipc.shm import MemoryRole, RobotMemory
+from cobot.robot.description import RobotDescription
+
+
+@pytest.fixture
+def arm(settings: Settings, robot: RobotDescription) -> PanelArm:
+    return PanelArm(settings, robot.limits)
+
+
+@pytest.fixture
+def rig(settings: Settings, robot: RobotDescription, arm: PanelArm) -> Iterator[Rig]:
+    made = Rig(settings, robot, backend=arm)
+    yield made
+    made.close()
+
+
+def set_output(rig: Rig, name: bytes, value: float) -> str:
+    record = rig.memory.output.data
+    record["name"], record["value"] = name, value
+    rig.memory.output.publish()
+    return rig.answer(rig.send(Command.OUTPUT))
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "refusal"),
+    [
+        (b"Gripper.Close", 1.0, ""),
+        (b"Gripper.Close", 0.5, "is boolean: 0 or 1, got 0.5"),
+        (b"Belt.Speed", 2.5, "is digital: a whole number"),
+        (b"Belt.Speed", np.inf, "is digital: a whole number"),
+        (b"Belt.Speed", np.nan, "is digital: a whole number"),
+        (b"Gripper.Force", np.nan, "Gripper.Force: the value is not finite"),
+        (b"Part.There", 1.0, "Part.There is an input"),
+        (b"\xff\xfe", 1.0, "there is no output"),
+        (b"", 1.0, "there is no output"),
+    ],
+)
+def test_only_what_an_output_can_have_reaches_the_device(
+    rig: Rig, arm: PanelArm, name: bytes, value: float, refusal: str
+) -> None:
+    before = {each.name: each.value for each in arm.io()}
+    said = set_output(rig, name, value)
+    assert refusal in said
+    assert bool(said) == bool(refusal)
+    after = {each.name: each.value for each in arm.io()}
+    assert after == (before if refusal else before | {name.decode(): value})
+    assert rig.loop.controller.mode.name == "HOLD"
+
+
+def test_what_is_reported_is_there_from_the_first_cycle_and_mended_when_it_is_spoilt(
+    rig: Rig, arm: PanelArm
+) -> None:
+    reader = RobotMemory.attach(rig.memory.robot, MemoryRole.READER)
+    for _ in range(2):
+        assert reader.io.try_read()
+        assert report_of(reader.io.data).points == tuple(arm.io())
+        spoil(reader, "io", np.random.default_rng(15))
+        assert not reader.io.try_read()
+        rig.step(250)
+    reader.close()
+
+
+def test_what_no_device_can_have_is_not_read() -> None:
+    record = np.zeros((), IO)
+    for fields in ({"count": 2**40}, {"count": 1, "kinds": 255}):
+        for name, value in fields.items():
+            record[name] = value
+        with pytest.raises(ValueError, match="inputs and outputs of kinds"):
+            report_of(record)
+
+
+def test_a_backend_without_outputs_refuses_them(settings: Settings, robot: RobotDescription) -> None:
+    rig = Rig(settings, robot)
+    assert set_output(rig, b"Gripper.Close", 1.0) == "the device has no outputs"
+    rig.close()
