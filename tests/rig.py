@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+import threading
 import time
 from functools import cached_property
 from pathlib import Path
 
 import mujoco
 import numpy as np
-from running import unique_name
+from running import WAIT_S, unique_name
 
 from cobot.access.authentication import Authenticator
 from cobot.access.tokens import TokenFile
@@ -177,7 +178,15 @@ class Rig:
             if int(ack.data["id"]) == number:
                 return "" if int(ack.data["result"]) == Ack.ACCEPTED else text(ack.data["message"])
             self.step()
+            self.await_surroundings()
         raise AssertionError("no answer")
+
+    def await_surroundings(self) -> None:
+        """Robot time stands still while a thread, in the computer's time, reads the scene and the tool."""
+        if self.loop.controller.surroundings.busy:
+            for thread in threading.enumerate():
+                if thread.name == "surroundings":
+                    thread.join(WAIT_S)
 
     def start(self, trajectory: Trajectory, slot: int = 0, fence: Fence | None = None) -> str:
         """Have a motion started; "" or why not."""
