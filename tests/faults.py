@@ -236,6 +236,7 @@ class WatchedRig(Rig):
             if ack.try_read() and int(ack.data["id"]) == number:
                 return "" if int(ack.data["result"]) == Ack.ACCEPTED else text(ack.data["message"])
             self.step()
+            self.await_surroundings()
         raise AssertionError("no answer")
 
     def reset(self) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from running import unique_name
+from running import WAIT_S, unique_name
 
 from cobot.access.authentication import Authenticator
 from cobot.access.tokens import TokenFile
@@ -180,16 +180,16 @@ class Rig:
         for _ in range(cycles):
             if int(ack.data["id"]) == number:
                 return "" if int(ack.data["result"]) == Ack.ACCEPTED else text(ack.data["message"])
-            self._let_them_read_the_scene()
             self.step()
+            self.await_surroundings()
         raise AssertionError("no answer")
 
-    @staticmethod
-    def _let_them_read_the_scene() -> None:
-        """It is read beside the cycles, in the computer's time; commands wait for it, in robot time."""
-        for thread in threading.enumerate():
-            if thread.name == "surroundings":
-                thread.join()
+    def await_surroundings(self) -> None:
+        """Robot time stands still while a thread, in the computer's time, reads the scene and the tool."""
+        if self.loop.controller.tool_and_scene.surroundings.busy:
+            for thread in threading.enumerate():
+                if thread.name == "surroundings":
+                    thread.join(WAIT_S)
 
     def start(self, trajectory: Trajectory, slot: int = 0, fence: Fence | None = None) -> str:
         """Have a motion started; "" or why not."""

@@ -5,7 +5,6 @@ Oracles: pinocchio, in which the tool is a body of its own; MuJoCo's sensor at t
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -55,9 +54,7 @@ def have(rig: Rig, tool: Tool, **wild: Any) -> str:
     rig.memory.tool.publish()
     said = rig.answer(rig.send(Command.TOOL, tool=tool.version))
     rig.step()
-    while rig.loop.controller.tool_and_scene.surroundings.busy:
-        time.sleep(1e-3)
-        rig.step()
+    rig.await_surroundings()
     return said
 
 

@@ -47,12 +47,11 @@ def read_anew(rig: Rig) -> str:
     """Have rtloop read the file, and wait until it has; "" or why not."""
     if refusal := rig.answer(rig.send(Command.SCENE)):
         return refusal
-    for _ in range(2000):
-        rig.step()
-        if not rig.loop.controller.tool_and_scene.surroundings.busy:
-            return ""
-        time.sleep(1e-3)
-    raise AssertionError("the scene was never taken over")
+    rig.step()
+    rig.await_surroundings()
+    rig.step()
+    assert not rig.loop.controller.tool_and_scene.surroundings.busy, "the scene was never taken over"
+    return ""
 
 
 def stream_across(rig: Rig) -> Array:
