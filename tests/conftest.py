@@ -32,7 +32,14 @@ LONG = ("test_sanitizers.py", "test_schema.py", "test_supervisor.py", "test_ros2
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    items.sort(key=lambda item: item.path.name not in LONG)
+    """Tests of whole processes wait most of their time, the others compute: among each other they take
+    both, where one kind after the other would leave the computer idle and then be waited for.
+    """
+    kinds: dict[bool, list[Path]] = {True: [], False: []}
+    for path in dict.fromkeys(item.path for item in items):
+        kinds["e2e" in path.parts].append(path)
+    places = {path: index / len(paths) for paths in kinds.values() for index, path in enumerate(paths)}
+    items.sort(key=lambda item: (item.path.name not in LONG, places[item.path], item.path))
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -84,7 +84,13 @@ def slow_trajectory(http: httpx.Client) -> int:
 def test_every_endpoint_of_the_manual_is_in_the_schema(http: httpx.Client) -> None:
     paths = http.get("/openapi.json").json()["paths"]
     served = {(method, path) for path, methods in paths.items() if "{" not in path for method in methods}
-    more = {("get", "/health"), ("get", "/robots"), ("get", "/events"), ("get", "/robot/geometry")}
+    more = {
+        ("get", "/health"),
+        ("get", "/robots"),
+        ("get", "/events"),
+        ("get", "/robot/geometry"),
+        ("get", "/robot/io"),
+    }
     more |= {("post", "/robot/reset"), ("post", "/robot/acknowledge")}
     assert served == MANUAL | more | CONTROL | OPERATIONS | SCENE | JOBS | RECORDINGS
 

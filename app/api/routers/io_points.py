@@ -48,7 +48,7 @@ async def inputs_and_outputs(request: Request) -> IoListAnswer:
 
 @router.put(
     "/{name}",
-    responses=responses(404, 409, 413, 415, 422, 501, 502, 503, 504),
+    responses=responses(404, 409, 413, 415, 422, 502, 503, 504),
     dependencies=[Depends(json_body)],
 )
 async def set_output(

@@ -9,7 +9,7 @@ from cobot.errors import (
     DeviceError,
     DeviceTimeout,
     ExecutionError,
-    NotSupportedError,
+    NotFoundError,
     UnavailableError,
 )
 from cobot.ipc.io_record import IoReport
@@ -42,8 +42,7 @@ class IoService:
             value: true or false, or a number, as the output's kind has it.
 
         Raises:
-            NotSupportedError: the backend has no inputs and outputs.
-            NotFoundError: there is no such output, with those that there are.
+            NotFoundError: there is no such output, with those that there are; the backend may have none.
             InputError, LimitError: it is an input, or cannot have this value.
             DeviceError: the device does not take it, with why.
             DeviceTimeout: it has not reported the value within so long.
@@ -53,7 +52,9 @@ class IoService:
             await self._link.fresh_state(timeout_s)
             backend, points = self.points()
             if points is None:
-                raise NotSupportedError(f"the backend {backend} has no inputs and outputs")
+                raise NotFoundError(
+                    f"there is no output {name!r}: the backend {backend} has no inputs and outputs"
+                )
             number = number_of(output_of(points, name), value)
             try:
                 await self._link.commands.set_output(name, number)

@@ -69,7 +69,9 @@ class RobotLink:
         self.memory.close()
 
     def _take_over(self) -> None:
-        """Count on from where the last service stopped; where that cannot be read, from what rtloop saw."""
+        """Count on from where the last service stopped, and end its motion. Where that cannot be read, from
+        what rtloop saw.
+        """
         memory = self.memory
         seen = memory.state.data if memory.state.try_read() else None
         if seen is not None and seen["motion_result"] != MotionResult.RUNNING:
@@ -80,6 +82,8 @@ class RobotLink:
             memory.requests.data["estops"] = seen["estops_seen"] - outside[1]
         if not memory.head.try_read() and seen is not None:
             memory.head.data["id"] = seen["command_seen"]
+        if seen is not None and seen["motion_result"] == MotionResult.RUNNING:
+            self.request_stop()  # Its service has gone, and nobody waits for its end.
 
     def state(self) -> RobotState:
         """The newest state, however old.

@@ -154,5 +154,7 @@ def test_a_backend_without_them_says_so_by_its_name(tmp_path_factory: pytest.Tem
         shown = run.get("/robot/io").json()
         assert shown == {"backend": "mujoco", "supported": False, "points": []}
         status, answer = put(run, CLOSE, True)
-        assert (status, answer["code"]) == (501, "not_supported")
-        assert answer["detail"] == "the backend mujoco has no inputs and outputs"
+        assert (status, answer["code"]) == (404, "not_found")
+        assert (
+            answer["detail"] == f"there is no output {CLOSE!r}: the backend mujoco has no inputs and outputs"
+        )

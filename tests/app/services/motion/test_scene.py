@@ -5,6 +5,7 @@ import pytest
 from virtual import VirtualService
 
 from cobot.robot.scene import Scene, SceneFile, SceneObject
+from cobot.types import LoopMode
 
 WALL = {"shape": "box", "size": [0.02, 2.0, 2.0], "x": 0.0, "y": 0.0, "z": 0.0}
 AHEAD = {"shape": "sphere", "radius": 0.15, "x": 0.5, "y": 0.0, "z": 0.9}
@@ -174,7 +175,7 @@ def test_what_is_wrong_changes_nothing(robot, changes, status, message):
 def test_nothing_is_attached_while_the_arm_moves(robot):
     put(robot, "ball", AHEAD | {"x": -0.8})
     begun = robot.begin(robot.asking("POST", "/robot/move/joints", json=there(robot)))
-    robot.sleep(0.3)
+    robot.until(lambda: robot.rig.mode is LoopMode.TRAJECTORY)
     refused = change(robot, attach={"ball": []})
     assert refused.status_code == 409
     assert "the arm moves" in refused.json()["detail"]

@@ -6,11 +6,16 @@ import asyncio
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from rig import Rig
 
 from app.services.state.link import RobotLink
 from cobot.errors import UnavailableError
+from cobot.motions.requests import MotionRequest
+from cobot.planners.ptp import plan_ptp
+from cobot.robot.description import RobotDescription
+from cobot.types import LoopMode, PlannerName, Scaling
 
 STALE_S = 60.0
 """The cycle is stepped by hand: what it has published may be old."""
@@ -32,4 +37,17 @@ def test_what_a_dead_process_has_published_just_now_is_not_how_the_robot_is(rig:
     gone = rf"rtloop \(pid {process.pid}\) is gone"
     with pytest.raises(UnavailableError, match=gone + "; cobot run restarts it if it has died"):
         asyncio.run(link.fresh_state(0.0))
+    link.close()
+
+
+def test_a_service_stops_the_motion_that_it_finds_under_way(rig: Rig, robot: RobotDescription) -> None:
+    """Restarted so quickly that nobody has missed it, it would have the arm go on for who has lost it."""
+    goal = rig.home + 0.3
+    motion = plan_ptp(robot, MotionRequest(rig.home, goal, PlannerName.PTP, Scaling(0.1)), goal)
+    assert rig.start(motion) == ""
+    rig.step(300)
+    link = attached(rig)
+    rig.run()
+    assert (rig.mode, rig.reason) == (LoopMode.HOLD, "stop requested")
+    assert np.abs(rig.commanded[-1] - goal).max() > 0.1
     link.close()

@@ -140,7 +140,7 @@ def test_what_the_overlay_does_not_take_is_refused_with_what_it_can(
 ) -> None:
     overlay = request.node.callspec.params["rig"]
     able = {
-        "position": "is told positions only",
+        "position": "has inputs and outputs",
         "torque": "has torque control",
         "wrench": "has wrench control",
     }
