@@ -130,7 +130,7 @@ class Page:
             key = forwards if steps > 0 else back
             self.key(key, key)
             presses += 1
-            assert presses < 200, (forwards, steps)
+            assert presses < 2000, (forwards, steps)
 
     def choose(self, selector: str, file: Path) -> None:
         """A file in the dialogue that a button opens."""

@@ -27,7 +27,14 @@ os.environ["SSL_CERT_DIR"] = str(Path(__file__).parent)
 # the collector walks through them neither then nor with each of its turns later.
 gc.disable()
 
-LONG = ("test_sanitizers.py", "test_schema.py", "test_supervisor.py", "test_ros2.py", "test_lua_program.py")
+LONG = (
+    "test_panel.py",
+    "test_sanitizers.py",
+    "test_schema.py",
+    "test_supervisor.py",
+    "test_ros2.py",
+    "test_lua_program.py",
+)
 """What takes longest begins first, or one process would be busy with it when all others have ended."""
 
 

@@ -45,6 +45,11 @@ def name(run: Run) -> str:
     return run.memory.name.removeprefix("cobot-")
 
 
+def left_alone(reason: str) -> bool:
+    """Whether it says that the service of a motion has died: by its silence, or as a new one was there before."""
+    return "the service has been silent for" in reason or reason == "stop requested"
+
+
 def robot_health(run: Run) -> dict[str, Any]:
     health = run.health()
     return health["robot"] if health is not None else {}  # type: ignore[return-value]

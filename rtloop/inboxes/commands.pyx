@@ -99,12 +99,14 @@ cdef class CommandInbox:
 
     cdef int c_poll_requests(self) noexcept nogil:
         cdef int asked = 0
-        cdef uint64_t stops, estops
+        cdef uint64_t stops, estops, fast
         if self._requests.c_changed():
-            self._service_stops, self._service_estops = self._counted_stops[0], self._counted_estops[0]
-            if self._counted_fast[0] != self._fast:
-                self._fast = self._counted_fast[0]
+            # A service whose counters were spoilt counts the fast ones anew: those are none of its stops.
+            fast = self._counted_fast[0] - self._fast
+            if 0 < fast <= self._counted_stops[0] - self._service_stops:
                 asked |= FAST
+            self._fast = self._counted_fast[0]
+            self._service_stops, self._service_estops = self._counted_stops[0], self._counted_estops[0]
         stops = self._service_stops + self._outside_stops.c_value()
         estops = self._service_estops + self._outside_estops.c_value()
         if stops != self.stops:

@@ -80,6 +80,8 @@ class RobotLink:
             outside = np.uint64(memory.outside_stops.value), np.uint64(memory.outside_estops.value)
             memory.requests.data["stops"] = seen["stops_seen"] - outside[0]
             memory.requests.data["estops"] = seen["estops_seen"] - outside[1]
+            memory.requests.data["fast_stops"] = 0
+            memory.requests.publish()  # rtloop has to know that before anything is asked for
         if not memory.head.try_read() and seen is not None:
             memory.head.data["id"] = seen["command_seen"]
         if seen is not None and seen["motion_result"] == MotionResult.RUNNING:

@@ -8,10 +8,12 @@ import sys
 
 import numpy as np
 import pytest
+from faults import spoil
 from rig import Rig
 
 from app.services.state.link import RobotLink
 from cobot.errors import UnavailableError
+from cobot.ipc.layout import Command
 from cobot.motions.requests import MotionRequest
 from cobot.planners.ptp import plan_ptp
 from cobot.robot.description import RobotDescription
@@ -50,4 +52,24 @@ def test_a_service_stops_the_motion_that_it_finds_under_way(rig: Rig, robot: Rob
     rig.run()
     assert (rig.mode, rig.reason) == (LoopMode.HOLD, "stop requested")
     assert np.abs(rig.commanded[-1] - goal).max() > 0.1
+    link.close()
+
+
+def test_what_was_spoilt_makes_no_fast_stop_of_the_next_stop(rig: Rig) -> None:
+    """The counter of fast stops is known to nobody then. A real one is one still."""
+    rig.step(10)
+    link = attached(rig)
+    link.request_stop(fast=True)
+    rig.run()
+    assert rig.mode is LoopMode.ESTOP
+    assert rig.answer(rig.send(Command.RESET, stops=link.stops)) == ""
+    spoil(rig.memory, "requests", np.random.default_rng(3))
+    link.close()
+    link = attached(rig)
+    link.request_stop()
+    rig.step(5)
+    assert rig.mode is LoopMode.HOLD
+    link.request_stop(fast=True)
+    rig.run()
+    assert rig.mode is LoopMode.ESTOP
     link.close()
