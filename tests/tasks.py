@@ -46,7 +46,7 @@ def name(run: Run) -> str:
 
 
 def left_alone(reason: str) -> bool:
-    """Whether it says that the service of a motion has died: by its silence, or as a new one was there before."""
+    """Whether it says that a motion has lost its service: to its silence, or to a new one."""
     return "the service has been silent for" in reason or reason == "stop requested"
 
 
