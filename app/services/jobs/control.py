@@ -18,8 +18,12 @@ from app.services.motion.stopping import StopService
 from app.services.programs.sequences import SequenceService
 from app.services.programs.steps import NEXT, Steps
 from cobot.errors import CobotError, ConflictError, ExecutionError, MotionStopped, PlanningTimeout
+from cobot.types import RESTING
 
 log = logging.getLogger("cobot.jobs")
+
+ENDS_S = 1.0
+"""A motion that has come to its end is a job that has ended within so long."""
 
 
 class JobService:
@@ -117,7 +121,8 @@ class JobService:
             at_waypoint: have a sequence wait there instead, once it has reached it; 0 for the next one.
 
         Raises:
-            NotFoundError, ConflictError: there is no such job, it has ended already, or is no sequence.
+            NotFoundError, ConflictError: there is no such job, it has ended already, or before the arm could
+                come to rest on its path, or is no sequence.
             InputError: there is no such waypoint.
             ExecutionError, UnavailableError: see `SpeedOverride.pause`.
         """
@@ -125,10 +130,20 @@ class JobService:
         if job.state is JobState.QUEUED:
             raise ConflictError(f"job {number} is queued: pause the one before it, and it waits")
         if at_waypoint is None:
-            await self._ownership.speed_override.pause()
+            await self._pause(job)
         else:
             self._steps(job).hold(at_waypoint)
         return job.record()
+
+    async def _pause(self, job: Job) -> None:
+        under_way = job.state is JobState.RUNNING and job is not self._ownership.sequence_job
+        await self._ownership.speed_override.pause()
+        if under_way and job.link.state().mode in RESTING:  # It has come to its end instead.
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(job.ended.wait(), ENDS_S)
+        if job.ended.is_set():
+            await self._ownership.speed_override.resume()  # Nobody could: it would hold whatever comes next.
+            raise ConflictError(f"job {job.id} has ended already: {job.state}")
 
     async def step(self, number: str) -> JobRecord:
         """Go on with a sequence that is paused, to the next stop; raises as `resume`."""

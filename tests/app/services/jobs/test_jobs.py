@@ -170,6 +170,17 @@ def test_a_job_pauses_on_its_path_and_goes_on(run: VirtualService) -> None:
     assert seen(run, job, 60.0)["state"] == "finished"
 
 
+def test_a_pause_that_comes_too_late_says_so_and_holds_nothing_that_comes_next(run: VirtualService) -> None:
+    job = running(run)
+    while (left_s := seen(run, job)["remaining_s"]) > 0.01:
+        run.sleep(max(left_s - 0.005, 0.002))
+    refused = told(run, job, "pause")
+    assert refused.status_code == 409
+    assert refused.json()["detail"] == f"job {job['id']} has ended already: finished"
+    assert seen(run, job)["state"] == "finished"
+    assert run.post("/robot/move/joints", {"joints": AWAY, "speed": 1.0}).json()["success"]
+
+
 def test_a_paused_job_can_be_cancelled_and_the_next_one_moves(run: VirtualService) -> None:
     job = running(run)
     told(run, job, "pause").raise_for_status()
