@@ -8,6 +8,7 @@ import math
 from cobot.errors import CobotError
 from cobot.ipc.device_record import fill_capabilities, fill_status
 from cobot.ipc.io_record import fill_points
+from cobot.ipc.layout import IO_NAME_BYTES, IO_POINTS
 from cobot.ipc.shm import RobotMemory, encoded
 from cobot.robot.io_points import IoPoint, output_of, require_number
 from rtloop.backends import Backend, BackendError, HasIo, Reporting, capabilities_of
@@ -38,6 +39,7 @@ class DeviceWatch:
         self.capabilities = capabilities_of(backend)
         self._io = backend if isinstance(backend, HasIo) and self.capabilities.io else None
         self._points: tuple[IoPoint, ...] | None = None
+        self._left_out: list[str] = []
         self.asks = self._device is not None or self._io is not None
         record = self._block.data
         known = self._block.sequence > 0 and self._block.try_read()
@@ -117,8 +119,16 @@ class DeviceWatch:
             return
         record = self._io_block.data
         if points != self._points:
-            fill_points(record, points)
-            self._points = points
+            left_out = fill_points(record, points)
+            if left_out != self._left_out:
+                log.warning(
+                    "inputs and outputs of the device that nobody sees: %s; there is room for %d, with names "
+                    "of up to %d bytes",
+                    ", ".join(left_out) or "none any more",
+                    IO_POINTS,
+                    IO_NAME_BYTES,
+                )
+            self._points, self._left_out = points, left_out
         record["number"] += 1
         self._io_block.publish()
 

@@ -58,7 +58,9 @@ class IoAnswer(BaseModel):
     name: str = Field(description="As the device, or the program in its cabinet, calls it.")
     kind: IoKind = Field(description="boolean, digital (a whole number) or analog.")
     direction: Literal["input", "output"] = Field(description="An output can be set.")
-    value: bool | int | float = Field(description="Of its kind.")
+    value: bool | int | float | None = Field(
+        description="Of its kind; null where the device reports what is no number."
+    )
 
     @classmethod
     def of(cls, point: IoPoint) -> Self:

@@ -24,7 +24,7 @@ from cobot.errors import CobotError
 
 STOP = "POST /stop"
 STOPS = (STOP, twin_name(STOP))
-CHANGING = ("POST", "DELETE")
+CHANGING = ("POST", "PUT", "DELETE")
 ROLES: dict[str, Role] = {
     "GET /robot/joint_states": Role.OBSERVER,
     "GET /robot/pose": Role.OBSERVER,

@@ -23,14 +23,15 @@ class IoReport:
     points: tuple[IoPoint, ...]
 
 
-def fill_points(record: np.ndarray, points: Sequence[IoPoint]) -> None:
-    """Put them into a record of `cobot.ipc.layout.IO`; what there is no room for is left out."""
+def fill_points(record: np.ndarray, points: Sequence[IoPoint]) -> list[str]:
+    """Put them into a record of `cobot.ipc.layout.IO`; the names of those that there is no room for."""
     kept = [each for each in points if len(each.name.encode()) <= IO_NAME_BYTES][:IO_POINTS]
     count = record["count"] = len(kept)
     record["names"][:count] = [each.name.encode() for each in kept]
     record["kinds"][:count] = [KINDS.index(each.kind) for each in kept]
     record["outputs"][:count] = [each.is_output for each in kept]
     record["values"][:count] = [each.value for each in kept]
+    return [each.name for each in points if each not in kept] if len(kept) < len(points) else []
 
 
 def report_of(record: np.ndarray) -> IoReport:

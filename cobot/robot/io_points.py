@@ -32,11 +32,13 @@ class IoPoint:
     value: float
 
     @property
-    def shown(self) -> bool | int | float:
-        """The value as one of its kind."""
+    def shown(self) -> bool | int | float | None:
+        """The value as one of its kind; None if the device reports what is no number."""
+        if not math.isfinite(self.value):
+            return None
         if self.kind is IoKind.BOOLEAN:
             return bool(self.value)
-        return int(self.value) if self.kind is IoKind.DIGITAL and math.isfinite(self.value) else self.value
+        return int(self.value) if self.kind is IoKind.DIGITAL else self.value
 
     @property
     def direction(self) -> str:

@@ -18,6 +18,7 @@ class DrivenIo:
         self._device = device
         self._points: tuple[IoPoint, ...] = ()
         self._wanted: deque[tuple[str, float]] = deque()
+        self._problem = ""
 
     def io(self) -> tuple[IoPoint, ...]:
         return self._points
@@ -31,5 +32,8 @@ class DrivenIo:
             while self._wanted:
                 self._device.set_output(*self._wanted.popleft())
             self._points = tuple(self._device.io())
+            self._problem = ""
         except Exception as exc:  # noqa: BLE001 - somebody else's class may raise anything
-            log.warning("inputs and outputs of the device: %s", exc)
+            if str(exc) != self._problem:  # it is asked several times a second
+                log.warning("inputs and outputs of the device: %s", exc)
+            self._problem = str(exc)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from rig import Rig
 
 from cobot.config import Settings
 from cobot.ipc.io_record import report_of
-from cobot.ipc.layout import IO, Command
+from cobot.ipc.layout import IO, IO_NAME_BYTES, IO_POINTS, Command
 from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.robot.description import RobotDescription
 
@@ -88,3 +89,16 @@ def test_a_backend_without_outputs_refuses_them(settings: Settings, robot: Robot
     rig = Rig(settings, robot)
     assert set_output(rig, b"Gripper.Close", 1.0) == "the device has no outputs"
     rig.close()
+
+
+def test_what_there_is_no_room_for_is_named_once_in_the_log(
+    rig: Rig, arm: PanelArm, caplog: pytest.LogCaptureFixture
+) -> None:
+    long = "Gripper." + IO_NAME_BYTES * "x"
+    arm._io[long] = replace(arm._io["Gripper.Close"], name=long)
+    rig.step(1000)
+    assert rig.memory.io.try_read()
+    shown = [each.name for each in report_of(rig.memory.io.data).points]
+    assert shown == [name for name in arm._io if name != long]
+    (line,) = [each.getMessage() for each in caplog.records if long in each.getMessage()]
+    assert line.endswith(f"nobody sees: {long}; there is room for {IO_POINTS}, with names of up to 64 bytes")

@@ -33,7 +33,11 @@ log = logging.getLogger("cobot.planning")
 
 
 class WorkerLost(Exception):
-    """The worker that had the task has ended, or stands still, with how."""
+    """The worker that was busy with the task has ended, or stands still, with how."""
+
+
+class _NotBegun(Exception):
+    """The same of one that had not begun."""
 
 
 @dataclass(eq=False)
@@ -42,6 +46,7 @@ class _Worker:
 
     Attributes:
         answer: to the task that it has, if it has one: whether it returned, and what.
+        begun: it has said so of that task.
         usable: it has loaded its robot and has not ended.
         dismissed: it is ours to have ended it.
         paused: it was stopped when it was looked at last.
@@ -50,6 +55,7 @@ class _Worker:
     process: subprocess.Popen[bytes]
     writer: asyncio.StreamWriter
     answer: asyncio.Future[tuple[bool, Any]] | None = None
+    begun: bool = False
     usable: bool = False
     dismissed: bool = False
     paused: bool = False
@@ -103,18 +109,28 @@ class PlanningPool:
     async def run(self, task: Task, timeout_s: float, asked_s: float | None = None) -> Any:
         """What a worker makes of a task; raises what the task raises. Cancelling this kills the worker.
 
+        A task that its worker has not begun, for it had died already or been stopped, is given to another.
+
         Args:
             asked_s: when the time began, on the event loop's clock; None: now.
 
         Raises:
             TimeoutError: not done in this time, with how much of it went by before a worker was free.
-            WorkerLost: the worker has ended, or is stopped.
+            WorkerLost: the worker has ended, or is stopped, in the middle of it.
             UnavailableError: no worker can be started, or none was free in this time.
         """
-        loop = asyncio.get_running_loop()
-        asked_s = loop.time() if asked_s is None else asked_s
+        asked_s = asyncio.get_running_loop().time() if asked_s is None else asked_s
         self.start()
         packed = await asyncio.to_thread(message, task)
+        while True:
+            try:
+                return await self._given(packed, timeout_s, asked_s)
+            except _NotBegun as exc:
+                log.info("a planning process %s before it had begun: another one has the task", exc)
+
+    async def _given(self, packed: bytes, timeout_s: float, asked_s: float) -> Any:
+        """`run`, of one worker."""
+        loop = asyncio.get_running_loop()
         try:
             async with asyncio.timeout_at(asked_s + timeout_s):
                 worker = await self._free()
@@ -122,7 +138,7 @@ class PlanningPool:
             has = f"all {self.usable} have other tasks" if self.usable else "they have not started yet"
             raise UnavailableError(f"no planning process was free within {timeout_s:g} s: {has}") from None
         waited_s = loop.time() - asked_s
-        worker.answer = loop.create_future()
+        worker.answer, worker.begun = loop.create_future(), False
         try:
             async with asyncio.timeout_at(asked_s + timeout_s):
                 worker.writer.write(packed)
@@ -132,6 +148,8 @@ class PlanningPool:
             worker.end()
             if isinstance(exc, TimeoutError):
                 raise TimeoutError(f"{waited_s:.1f} s of it went by until a process was free") from None
+            if isinstance(exc, WorkerLost) and not worker.begun:
+                raise _NotBegun(exc) from None
             raise
         finally:
             worker.answer = None
@@ -203,6 +221,9 @@ class PlanningPool:
             self._idle.put_nowait(worker)
             while True:
                 packed = await _message(reader)
+                if not packed:
+                    worker.begun = True
+                    continue
                 outcome = await asyncio.to_thread(_outcome, packed)
                 if worker.answer is not None and not worker.answer.done():
                     worker.answer.set_result(outcome)

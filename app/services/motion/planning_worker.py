@@ -1,8 +1,9 @@
 """`python -m app.services.motion.planning_worker`: a process that computes one task after the other.
 
 It shares nothing with the service but the socket that it has inherited, so it may be killed at any moment. On
-it go pickles, each after its length in 8 bytes: a function of the robot comes, whether it has returned and
-what, or what it has raised, goes. The first message says that the robot is loaded.
+it go pickles, each after its length in 8 bytes: a function of the robot comes; that it has begun, which is a
+message of nothing, and whether it has returned and what, or what it has raised, go. The first message says
+that the robot is loaded.
 """
 
 from __future__ import annotations
@@ -69,6 +70,7 @@ def main() -> int:
 def _work(channel: Any, robot: Any) -> None:
     _send(channel, message(None))
     while (task := _received(channel)) is not None:
+        _send(channel, LENGTH.pack(0))
         _send(channel, _outcome(task, robot))
 
 

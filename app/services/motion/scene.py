@@ -41,8 +41,6 @@ MAX_OBJECTS = 200
 MAX_FRAMES = 1000
 STATE_TIMEOUT_S = 1.5
 
-"""What makes a scene of another one; the second argument is where the TCP is."""
-
 log = logging.getLogger("cobot.scene")
 
 

@@ -15,7 +15,7 @@ from cobot.strict import shown
 from cobot.types import Pose
 
 Edit = Callable[[Scene, Pose], Scene]
-"""From a scene and where the hand is to the scene that shall take its place."""
+"""From a scene and where the TCP is to the scene that shall take its place."""
 
 
 def clear(scene: Scene, hand: Pose) -> Scene:

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import json
+from dataclasses import replace
 
 from app.services.state.link import POLL_S, RobotLink
-from cobot.errors import (
-    DeviceError,
-    DeviceTimeout,
-    ExecutionError,
-    NotFoundError,
-    UnavailableError,
-)
+from cobot.errors import DeviceError, DeviceTimeout, ExecutionError, NotFoundError, UnavailableError
 from cobot.ipc.io_record import IoReport
 from cobot.robot.io_points import IoPoint, number_of, output_of
+from cobot.strict import shown
 
 
 class IoService:
@@ -53,7 +50,7 @@ class IoService:
             backend, points = self.points()
             if points is None:
                 raise NotFoundError(
-                    f"there is no output {name!r}: the backend {backend} has no inputs and outputs"
+                    f"there is no output {shown(name)}: the backend {backend} has no inputs and outputs"
                 )
             number = number_of(output_of(points, name), value)
             try:
@@ -70,9 +67,10 @@ class IoService:
             if report.number != before and point.has(number):
                 return point
             if self._link.clock.now_s() > deadline_s:
+                wanted = replace(point, value=number)
                 raise DeviceTimeout(
-                    f"{name} was handed to the device, which has not reported {number:g} within "
-                    f"{timeout_s:g} s; it reports {point.value:g}"
+                    f"{name} was handed to the device, which has not reported {json.dumps(wanted.shown)} "
+                    f"within {timeout_s:g} s; it reports {json.dumps(point.shown)}"
                 )
             await asyncio.sleep(POLL_S)
 

@@ -52,11 +52,12 @@ def test_a_motion_that_is_refused_is_told_to_all_with_who_and_why(run: VirtualSe
     answers.append(run.ask("POST", "/robot/move/named", json={"name": "work"}))
     run.ask("DELETE", "/robot/control", headers={"X-Control-Token": lease})
     answers.append(run.ask("POST", address("", run.name) + "/move/named", json={"name": "nowhere"}))
-    assert [each.status_code for each in answers[:2]] == [422, 409]
+    answers.append(run.ask("PUT", "/robot/io/Gripper.Close", json={"value": True}))
+    assert [each.status_code for each in answers] == [422, 409, 422, 404]
     assert [each["data"] for each in heard()] == [
         {
             "by": "anonymous from 127.0.0.1",
-            "what": f"POST {each.request.url.path}",
+            "what": f"{each.request.method} {each.request.url.path}",
             "code": each.json()["code"],
             "reason": each.json()["detail"],
         }

@@ -124,34 +124,22 @@ def test_an_rtloop_that_is_killed_ends_what_it_did_and_everybody_is_told(
 
 
 @pytest.mark.parametrize("activity", ["servo", "goal", "sequence", "lua"])
-def test_a_service_that_is_stopped_for_a_while_goes_on_with_an_arm_at_rest(
-    crashing: Run, record: Record, activity: str
+@pytest.mark.parametrize(
+    ("which", "reason"), [("app", "the service has been silent for"), ("rtloop", "a cycle began")]
+)
+def test_a_process_that_is_stopped_for_a_while_goes_on_with_an_arm_at_rest_and_everybody_is_told(
+    crashing: Run, record: Record, activity: str, which: str, reason: str
 ) -> None:
     run = crashing
     with active(run, activity) as doing:
-        service = child(run, "app", None)
-        service.suspend()
+        stopped = child(run, which, None)
+        stopped.suspend()
         time.sleep(1.5)
-        service.resume()
-        run.until(lambda: "silent" in " ".join(record.reasons))
-        run.until(lambda: "the service has been silent for" in doing.error())
+        stopped.resume()
+        run.until(lambda: reason in " ".join(record.reasons))
+        run.until(lambda: reason in doing.error())
         run.until(run.healthy)
-    require_able(run, record)
-
-
-@pytest.mark.parametrize("activity", ["servo", "goal", "sequence", "lua"])
-def test_an_rtloop_that_is_stopped_for_a_while_stops_the_arm_and_everybody_is_told(
-    crashing: Run, record: Record, activity: str
-) -> None:
-    run = crashing
-    with active(run, activity) as doing:
-        rtloop = child(run, "rtloop", None)
-        rtloop.suspend()
-        time.sleep(1.5)
-        rtloop.resume()
-        run.until(lambda: "a cycle began" in " ".join(record.reasons))
-        run.until(doing.error)
-        assert child(run, "rtloop", None) == rtloop
+        assert child(run, which, None) == stopped
     require_able(run, record)
 
 

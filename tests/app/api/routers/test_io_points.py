@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 from panel_arm import PanelArm
@@ -125,6 +127,26 @@ def test_one_that_the_device_does_not_report_is_not_set(run: ServiceOfArm) -> No
     status, answer = put(run, SPEED, 77)
     assert (status, answer["code"]) == (504, "device_timeout")
     assert "has not reported 77 within 1.5 s; it reports " in str(answer["detail"])
+
+
+def test_a_value_that_is_no_number_is_shown_as_none(run: ServiceOfArm) -> None:
+    """As a device may report one; JSON has no word for it."""
+    before = run.arm._io[FORCE]
+    run.arm._io[FORCE] = replace(before, value=math.nan)
+    try:
+        run.sleep(1.0)
+        points = run.get("/robot/io").json()["points"]
+        assert [each["value"] for each in points if each["name"] == FORCE] == [None]
+        assert run.get("/robots").status_code == 200
+    finally:
+        run.arm._io[FORCE] = before
+        run.sleep(1.0)
+
+
+def test_a_boolean_that_is_not_reported_is_said_in_its_own_words(run: ServiceOfArm) -> None:
+    put(run, CLOSE, False)
+    run.arm.deaf = True
+    assert "has not reported true within 1.5 s; it reports false" in str(put(run, CLOSE, True)[1]["detail"])
 
 
 def test_one_that_the_device_refuses_is_said_with_its_reason(run: ServiceOfArm) -> None:

@@ -180,6 +180,26 @@ def test_idle_workers_that_are_killed_are_replaced_and_nobody_notices(
     assert planning.status.state == "ready"
 
 
+def test_a_task_that_nobody_has_begun_outlives_as_many_workers_as_die_before(
+    runner: asyncio.Runner, planning: PlanningService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They die as the task is on its way to them, which is no fault of the task."""
+    free, killed = planning._pool._free, []
+
+    async def dying() -> Any:
+        worker = await free()
+        if len(killed) < 3:
+            killed.append(worker.process.pid)
+            worker.process.kill()
+        return worker
+
+    monkeypatch.setattr(planning._pool, "_free", dying)
+    found = runner.run(planning.compute(light_planner.pid, WAIT_S))
+    assert len(killed) == 3
+    assert found not in killed
+    runner.run(until(lambda: planning.warm))
+
+
 def test_what_was_being_planned_when_a_worker_died_is_planned_by_another(
     runner: asyncio.Runner, planning: PlanningService, tmp_path: Path
 ) -> None:

@@ -9,48 +9,21 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from lockstep_fri import LockStep, fri_settings, joined
-from rig import Rig
+from fri_stream import FriStream
 
 from cobot.config import Settings
 from cobot.ipc.layout import Stream
 from cobot.robot.description import RobotDescription
 from cobot.types import LoopMode
-from rtloop.backends.fri import FriBackend
 from rtloop.backends.fri.codec import decode_command
-from rtloop.backends.fri.messages import Command, CommandMode, ControlMode
-from rtloop.backends.fri.simulator.options import CabinetOptions
+from rtloop.backends.fri.messages import Command
 from rtloop.streaming.overlay import MAX_WRENCH
 
 STIFF = {"stiffness": 0.0, "cartesian_stiffness": 0.0}
-CONTROL = {
-    "position": ControlMode.POSITION,
-    "torque": ControlMode.JOINT_IMPEDANCE,
-    "wrench": ControlMode.CARTESIAN_IMPEDANCE,
-}
 
 
-class FriStream(Rig):
-    """A rig whose cycles are the cabinet's packets."""
-
-    def __init__(self, settings: Settings, robot: RobotDescription, overlay: str) -> None:
-        cell = CabinetOptions(
-            period_ms=5, command_mode=CommandMode[overlay.upper()], control_mode=CONTROL[overlay]
-        )
-        self.arm: FriBackend
-        self.channel: LockStep
-        self.arm, self.channel = joined(settings, robot, cell, overlay=overlay, silence_s=1.0)
-        super().__init__(fri_settings(settings, 5, overlay=overlay), robot, backend=self.arm)
-        self.step(400)
-        assert self.mode is LoopMode.HOLD, self.reason
-
-    def step(self, cycles: int = 1, late_ns: int = 0) -> None:
-        for _ in range(cycles):
-            self.loop.beat()
-            super().step()
-
-    def answer(self, *args: object) -> str:
-        return super().answer(*args)  # type: ignore[arg-type]
+class Overlaid(FriStream):
+    """With what its cabinet was sent, and where that has brought its arm."""
 
     @property
     def sent(self) -> Command:
@@ -64,13 +37,13 @@ class FriStream(Rig):
 
 
 @pytest.fixture
-def rig(settings: Settings, robot: RobotDescription, request: pytest.FixtureRequest) -> Iterator[FriStream]:
-    made = FriStream(settings, robot, request.param)
+def rig(settings: Settings, robot: RobotDescription, request: pytest.FixtureRequest) -> Iterator[Overlaid]:
+    made = Overlaid(settings, robot, request.param)
     yield made
     made.close()
 
 
-def stream(rig: FriStream, seconds: float, **target: object) -> None:
+def stream(rig: Overlaid, seconds: float, **target: object) -> None:
     """The same target again and again."""
     for _ in range(round(seconds / 0.05)):
         rig.aim(**target)
@@ -79,7 +52,7 @@ def stream(rig: FriStream, seconds: float, **target: object) -> None:
 
 
 @pytest.mark.parametrize("rig", ["torque"], indirect=True)
-def test_a_stream_of_torques_moves_the_arm_and_its_end_stops_it(rig: FriStream) -> None:
+def test_a_stream_of_torques_moves_the_arm_and_its_end_stops_it(rig: Overlaid) -> None:
     start = rig.position
     assert rig.stream(Stream.JOINT_TORQUE, **STIFF) == ""
     assert rig.mode is LoopMode.JOINT_TORQUE
@@ -97,7 +70,7 @@ def test_a_stream_of_torques_moves_the_arm_and_its_end_stops_it(rig: FriStream) 
 
 
 @pytest.mark.parametrize("rig", ["torque"], indirect=True)
-def test_torques_rise_and_fall_without_a_jump_and_never_beyond_the_drives(rig: FriStream) -> None:
+def test_torques_rise_and_fall_without_a_jump_and_never_beyond_the_drives(rig: Overlaid) -> None:
     assert rig.stream(Stream.JOINT_TORQUE, **STIFF) == ""
     rig.channel.answers.clear()
     stream(rig, 0.2, joints=[1e6, 0, 0, 0, 0, 0, 0])
@@ -112,7 +85,7 @@ def test_torques_rise_and_fall_without_a_jump_and_never_beyond_the_drives(rig: F
 
 @pytest.mark.parametrize("rig", ["wrench"], indirect=True)
 @pytest.mark.parametrize("turned", [False, True])
-def test_force_control_presses_along_its_axes_alone(rig: FriStream, turned: bool) -> None:
+def test_force_control_presses_along_its_axes_alone(rig: Overlaid, turned: bool) -> None:
     """In a frame that is turned by a quarter about z: its x is the base's y."""
     half = 0.5**0.5
     frame = [0.0, 0, 0, half, 0, 0, half] if turned else [0.0, 0, 0, 1, 0, 0, 0]
@@ -136,7 +109,7 @@ def test_force_control_presses_along_its_axes_alone(rig: FriStream, turned: bool
 
 @pytest.mark.parametrize("rig", ["position", "wrench", "torque"], indirect=True)
 def test_what_the_overlay_does_not_take_is_refused_with_what_it_can(
-    rig: FriStream, request: pytest.FixtureRequest
+    rig: Overlaid, request: pytest.FixtureRequest
 ) -> None:
     overlay = request.node.callspec.params["rig"]
     able = {

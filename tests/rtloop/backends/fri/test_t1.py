@@ -12,7 +12,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from lockstep_fri import LockStep, fri_settings, joined
+from fri_stream import PERIOD_S, FriStream
 from paced_arm import PacedArm
 from rig import Rig
 
@@ -20,41 +20,18 @@ from cobot.config import Settings
 from cobot.ipc.layout import Interpolation, ServoMode, Stream
 from cobot.robot.description import RobotDescription
 from cobot.types import Array, LoopMode
-from rtloop.backends.fri import FriBackend
-from rtloop.backends.fri.messages import CommandMode, ControlMode, OperationMode
-from rtloop.backends.fri.simulator.options import CabinetOptions
+from rtloop.backends.fri.messages import OperationMode
 
-PERIOD_S = 0.005
 RIGID = {"stiffness": 0.0, "cartesian_stiffness": 0.0, "decimation": 2}
-OVERLAYS = {
-    "position": ControlMode.POSITION,
-    "torque": ControlMode.JOINT_IMPEDANCE,
-    "wrench": ControlMode.CARTESIAN_IMPEDANCE,
-}
 SIDE = np.array([0.5, 0.4, 0.3, 0.5, -0.4, -0.5, 0.6])
 
 
-class ByHand(Rig):
-    """A rig whose cycles are the packets of a cabinet in T1."""
+class ByHand(FriStream):
+    """Its cabinet is in T1."""
 
     def __init__(self, settings: Settings, robot: RobotDescription, overlay: str = "position") -> None:
-        cell = CabinetOptions(
-            operation_mode=OperationMode.T1,
-            command_mode=CommandMode[overlay.upper()],
-            control_mode=OVERLAYS[overlay],
-        )
-        self.arm: FriBackend
-        self.channel: LockStep
-        self.arm, self.channel = joined(settings, robot, cell, overlay=overlay, silence_s=1.0)
-        super().__init__(fri_settings(settings, 5, overlay=overlay), robot, backend=self.arm)
-        self.step(400)
-        assert self.mode is LoopMode.HOLD, self.reason
+        super().__init__(settings, robot, overlay, OperationMode.T1)
         self.commanded.clear()
-
-    def step(self, cycles: int = 1, late_ns: int = 0) -> None:
-        for _ in range(cycles):
-            self.loop.beat()
-            super().step()
 
     def speed_m_s(self) -> float:
         """The greatest one of the TCP."""
