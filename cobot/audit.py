@@ -4,6 +4,7 @@ An entry is written by a thread; nobody waits for a disk. While the disk takes n
 wait for it; what finds no room is counted, and said in the file once there is room. What a client repeats
 more than `BURST` times in a second becomes one entry that says how often. Whenever all that there is has been
 written, it is made durable (fdatasync): a power cut loses what happened while the disk was busy, and no more.
+Long, for what is recorded of a task and how it is kept are one promise.
 """
 
 from __future__ import annotations

@@ -42,6 +42,9 @@ STREAMING = {
     LoopMode.JOINT_TORQUE: Mode.RT_JOINT_TORQUE,
 }
 
+LATE_S = 0.5
+"""Over a network a state may be so much older than an answer of REST, which says that a motion has ended."""
+
 
 class Robot(SessionSettings):
     """An arm that `cobot run` serves on this computer, or, by the URL of its service, on another one.
@@ -181,6 +184,10 @@ class Robot(SessionSettings):
             valid = ", ".join(sorted(other.name for other in SWITCHES[self.mode()]))
             raise InputError(f"mode {self.mode().name} does not go over to {mode!r}; valid are: {valid}")
         self._require_ready(state)
+        deadline_s = self._clock.now_s() + LATE_S
+        while int(state["mode"]) != LoopMode.HOLD and self._clock.now_s() < deadline_s:
+            self._clock.sleep(0.001)
+            state = self._state()
         if LoopMode(int(state["mode"])) is not LoopMode.HOLD:
             raise ConflictError(f"the arm is in mode {LoopMode(int(state['mode'])).name}: stop it first")
         self._chosen = Mode(mode)

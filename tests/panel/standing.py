@@ -57,6 +57,11 @@ def sets_its_outputs(panel: Panel) -> None:
     opened_card(panel, "io")
     panel.until("document.querySelectorAll('#device-io label').length === 4")
     assert panel.text("#device-io label:nth-of-type(4) b") == "on"
+    unknown = [{"name": "N", "kind": "boolean", "direction": "input", "value": None}]
+    shown = "document.querySelector('#device-io b').textContent"
+    told = f"(cobotPanel.deviceIo.points = {json.dumps(unknown)}, cobotPanel.deviceIo.write(), {shown})"
+    assert panel.page.run(told) == "?"  # neither on nor off
+    panel.until("document.querySelectorAll('#device-io label').length === 4")
     close, speed = ("#device-io label:nth-of-type(1) button", "#device-io label:nth-of-type(3) input")
     panel.page.click(close)
     panel.until(f"document.querySelector('{close}').ariaPressed === 'true'")

@@ -10,6 +10,7 @@ export class DeviceIo {
   constructor(api) {
     this.api = api;
     this.points = [];
+    this.lost = false; // what is shown is as old as the last answer
     this.look = oneAtATime(() => this.ask());
     element("io").addEventListener("toggle", () => this.look());
     setInterval(() => this.look(), EVERY_MS);
@@ -24,7 +25,10 @@ export class DeviceIo {
       if (robot !== this.api.robot) return;
       this.points = points;
       this.write();
+      if (this.lost) element("device-io-why").textContent = "";
+      this.lost = false;
     } catch (error) {
+      this.lost = true;
       element("device-io-why").textContent = error.message;
     }
   }
@@ -49,9 +53,10 @@ export class DeviceIo {
     }
     for (const [index, { kind, value }] of this.points.entries()) {
       const shown = place.children[index].lastElementChild;
-      const said = kind === "boolean" ? word(value ? "io_on" : "io_off") : String(value);
+      const known = kind === "boolean" ? word(value ? "io_on" : "io_off") : String(value);
+      const said = value === null ? "?" : known; // the device reports what is no number
       if (shown.tagName === "INPUT") {
-        if (document.activeElement !== shown) shown.value = String(value);
+        if (document.activeElement !== shown) shown.value = value ?? "";
       } else {
         shown.textContent = said;
       }

@@ -24,6 +24,7 @@ from cobot.errors import (
     NotReadyError,
     UnavailableError,
 )
+from cobot.types import LoopMode
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 
@@ -60,6 +61,27 @@ def cartesian_control(robot: Robot, **options: object):  # type: ignore[no-untyp
 def test_a_robot_that_is_not_there_is_named_with_those_that_are(service: VirtualService) -> None:
     with pytest.raises(UnavailableError, match=f"robot 'Rizon4s-9' is not running.*{service.name}"):
         Robot("Rizon4s-9", connect_retries=0)
+
+
+def test_a_mode_is_chosen_though_the_states_lag_behind_the_answer_that_the_arm_has_arrived(
+    robot: Robot, service: VirtualService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As they do over a network; an arm that really moves is said to."""
+    states, begun_s = robot._transport.state, service.clock.now_s()
+
+    def late() -> np.ndarray:
+        state = states()
+        if service.clock.now_s() < begun_s + lag_s:
+            state["mode"] = LoopMode.TRAJECTORY
+        return state
+
+    monkeypatch.setattr(robot._transport, "state", late)
+    lag_s = 0.2
+    robot.switch_mode(Mode.RT_JOINT_IMPEDANCE)
+    robot.switch_mode(Mode.IDLE)
+    lag_s = math.inf
+    with pytest.raises(ConflictError, match="the arm is in mode TRAJECTORY: stop it first"):
+        robot.switch_mode(Mode.RT_JOINT_IMPEDANCE)
 
 
 def test_enable_needs_a_robot_without_a_latch_and_clear_fault_gives_it(
