@@ -20,8 +20,8 @@ COMPILED := $(sort $(foreach file,$(shell find $(PACKAGES) -name '*.so'),$(first
 # Python is started some hundred times: it shall not compile everything each time.
 unexport PYTHONDONTWRITEBYTECODE
 
-# Tests of what happens in real time wait for a third of it: three processes keep two processors busy.
-PARALLEL := --numprocesses 3 --dist loadfile --no-loadscope-reorder
+# Tests of whole processes wait for half of their time: four processes keep two processors busy.
+PARALLEL := --numprocesses 4 --dist loadfile --no-loadscope-reorder
 
 # What has to be there before the tests, for whoever has not seen to it.
 SETUP := setup-dev
