@@ -15,7 +15,7 @@ import os
 from pathlib import Path
 from cobot.launch.process import AUTOGROUP, Niceness, be
 be(Niceness.{niceness}, session={session})
-print(os.nice(0), AUTOGROUP.read_text() if AUTOGROUP.exists() else "")
+print(os.nice(0), AUTOGROUP.read_text() if os.access(AUTOGROUP, os.W_OK) else "")
 """
 
 
@@ -35,7 +35,7 @@ def test_what_answers_people_comes_before_other_sessions_too(
     mine, _, session = done.stdout.strip().partition(" ")
     permitted = int(mine) == niceness
     assert permitted or (int(mine) == os.nice(0) > niceness)
-    if AUTOGROUP.exists() and session:
-        of_others = AUTOGROUP.read_text(encoding="ascii").split()[-1]
-        expected = niceness if permitted and asked else 0
-        assert int(session.split()[-1]) == (expected if own_session else int(of_others))
+    if not own_session:
+        assert not session or session == AUTOGROUP.read_text(encoding="ascii").strip()
+    elif session:  # empty where Linux has no such groups, or one may not be changed
+        assert int(session.split()[-1]) == (niceness if permitted and asked else 0)
