@@ -68,7 +68,7 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
     "corners": lambda quick: corners.corners(),
     "lines": lambda quick: lines.lines(40 if quick else 500),
     "explanations": lambda quick: explanations.explanations(40 if quick else 200),
-    "clutter": lambda quick: clutter.clutter(*(6, 1, 0.2) if quick else (25, 2, 0.5)),
+    "clutter": lambda quick: clutter.clutter(*(6, 1, 0.2) if quick else (25, 6, 0.5)),
     "durations": lambda quick: time_law.durations(20 if quick else 100),
     "straightness": lambda quick: planning.straightness(2 if quick else 12),
     "timed": lambda quick: timed.timed(5 if quick else 40),
@@ -87,7 +87,7 @@ BENCHMARKS: dict[str, Callable[[bool], Iterator[Row]]] = {
 }
 
 FULL: dict[str, Callable[[], Iterator[Row]]] = {
-    "clutter": lambda: clutter.clutter(125, 2, 10.0),
+    "clutter": lambda: clutter.clutter(125, 3, 10.0),
     "fri": lambda: fri.fri(100_000, 100, 20),
     "steady": lambda: steady.steady(3600.0),
 }

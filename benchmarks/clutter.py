@@ -30,8 +30,6 @@ Result = TypeVar("Result")
 COLUMNS = ("p50", "p95", "max")
 TIMEOUT_S = 10.0
 RUNS = 10
-FAR = 1.4
-"""A path that is so many times as long as the direct way is always held against the best that is found."""
 PEER_STEP_RAD = 0.02
 PEER_S = 2.0
 UPRIGHT_RAD = 0.1
@@ -54,8 +52,8 @@ class Tries:
 
 
 def clutter(problems: int, references: int, reference_s: float) -> Iterator[Row]:
-    """So many problems of each kind; of so many, and of all far from the direct way, the path's length beside
-    the best of ten long runs.
+    """So many problems of each kind; of so many, whose paths are the longest beside the direct way, their
+    length beside the best of ten long runs.
     """
     robot = load_robot(load_settings(None))
     yield _distances(robot)
@@ -65,7 +63,8 @@ def clutter(problems: int, references: int, reference_s: float) -> Iterator[Row]
     beside_peer: list[float] = []
     for kind in scenes.KINDS:
         tries = {name: Tries() for name in ("path", "peer", *whole)}
-        for number, problem in enumerate(scenes.problems(robot, kind, problems)):
+        lengths: list[tuple[float, Problem]] = []
+        for problem in scenes.problems(robot, kind, problems):
             corners = _path(tries["path"], problem)
             cpu_ms, theirs = _timed(lambda problem=problem: _by_ompl(problem))
             tries["peer"].add(cpu_ms, theirs)
@@ -80,12 +79,14 @@ def clutter(problems: int, references: int, reference_s: float) -> Iterator[Row]
             to_poses.add(*_timed(lambda there=problem.robot, request=request: plan(there, request)))
             if (request := _upright(problem)) is not None:
                 upright.add(*_timed(lambda there=problem.robot, request=request: plan(there, request)))
-            if corners is not None and (number < references or length(corners) > FAR * _direct(problem)):
-                ratios.append(length(corners) / _best(problem, reference_s))
+            if corners is not None:
+                lengths.append((length(corners), problem))
         yield _times(
             f"{kind}: a path, shortened, CPU", tries["path"], "OMPL's RRTConnect, Python", tries["peer"]
         )
         yield _times(f"{kind}: ompl, from request to trajectory, CPU", tries["ompl"], "chomp", tries["chomp"])
+        lengths.sort(key=lambda each: each[0] / _direct(each[1]), reverse=True)
+        ratios += [ours / _best(problem, reference_s) for ours, problem in lengths[:references]]
     ours, chomp = whole[PlannerName.OMPL], whole[PlannerName.CHOMP]
     yield _times("clutter: ompl, from request to trajectory, CPU", ours, "chomp", chomp, "50 ms, p95 500 ms")
     yield _times("clutter: ompl to a pose, in any free configuration, CPU", to_poses, "to joint angles", ours)
