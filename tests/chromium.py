@@ -93,15 +93,16 @@ class Page:
         self.ask("Runtime.addBinding", name=name)
         self._told[name] = tell
 
-    def write(self, selector: str, text: str) -> None:
-        """In place of what a field has, as a person does: until it loses the focus."""
+    def write(self, selector: str, text: str) -> str:
+        """In place of what a field has, as a person does: until it loses the focus. What it held then."""
         element = f"document.querySelector({json.dumps(selector)})"
         self.run(f"(e => (e.scrollIntoView({{block: 'center'}}), e.focus(), e.select()))({element})")
         if text:
             self.ask("Input.insertText", text=text)
         else:
             self.key("Delete", "Delete")
-        self.run(f"{element}.blur()")
+        held: str = self.run(f"(e => {{ const held = e.value; e.blur(); return held; }})({element})")
+        return held
 
     def set_to(self, selector: str, value: str) -> None:
         """A list, a slider or a field, by the keyboard, as a person does."""
@@ -120,8 +121,7 @@ class Page:
             self._press(lambda: int(left() / page * step), "PageUp", "PageDown")
             self._press(lambda: round(left()), "ArrowRight", "ArrowLeft")
         else:
-            self.write(selector, value)
-            assert self.run(f"{element}.value") == value
+            assert self.write(selector, value) == value
 
     def _press(self, left: Callable[[], int], forwards: str, back: str) -> None:
         """A key until nothing is left."""
