@@ -27,6 +27,8 @@ from cobot.ipc.layout import Intervention
 POSITION_TOLERANCE_RAD = 1e-5
 # Less so much that a pursuit which ends there is within the tolerance although it is rounded.
 cdef double POSITION_TOLERANCE = POSITION_TOLERANCE_RAD * (1.0 - 1e-9)
+# Of an arm that is beyond its limits already. More would take it further with each motion that begins there.
+cdef double ROUNDING_RAD = 1e-12
 # Relative, on the rates: planners drive exactly at the limits, and the differences of four positions
 # carry the rounding of numbers of the order of 1 rad, divided by the period cubed.
 cdef double TOLERANCE = 0.01
@@ -92,11 +94,15 @@ cdef class Safety:
         self.c_slow_down(share)
 
     def reset(self, position):
-        reach = self._limits.including(position)
+        limits = self._limits
         memset(self.c_command, 0, 3 * self.dof * sizeof(double))
         for joint in range(self.dof):
-            self.lowest[joint] = reach.min_position[joint] - POSITION_TOLERANCE
-            self.highest[joint] = reach.max_position[joint] + POSITION_TOLERANCE
+            self.lowest[joint] = min(
+                limits.min_position[joint] - POSITION_TOLERANCE, position[joint] - ROUNDING_RAD
+            )
+            self.highest[joint] = max(
+                limits.max_position[joint] + POSITION_TOLERANCE, position[joint] + ROUNDING_RAD
+            )
             self.c_command[joint] = position[joint]
             for i in range(3):
                 self.past[i][joint] = position[joint]

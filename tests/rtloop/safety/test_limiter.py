@@ -102,6 +102,26 @@ def test_a_request_beyond_a_joint_stop_ends_at_the_stop(output: Output) -> None:
     assert "POSITION" in counted(output)
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize("beyond_rad", [0.0, 0.02])
+def test_motions_that_begin_at_a_joint_stop_take_no_joint_further(
+    robot: RobotDescription, side: float, beyond_rad: float
+) -> None:
+    """However many: each is told to go on, and ends where the first one did."""
+    limits = robot.limits
+    stop = limits.max_position if side > 0.0 else limits.min_position
+    here = stop + side * beyond_rad
+    for _ in range(30):
+        output = Output(robot, here)
+        for _ in range(300):
+            output.apply(here + side * 0.01)
+        here = output.positions[-1]
+        assert np.ptp(np.array(output.positions[-100:]), axis=0).max() < 1e-9
+    assert np.all(side * (here - stop) <= max(beyond_rad, 1e-5) + 1e-9)
+    output.apply(here - side * 1e-6)  # back it may
+    assert np.all(side * (output.positions[-1] - here) <= 0.0)
+
+
 def test_a_stated_velocity_beyond_the_limit_is_not_passed_on(output: Output, robot: RobotDescription) -> None:
     wild = robot.limits.max_velocity * 3.0
     output.apply(output.positions[0], wild)
