@@ -133,7 +133,7 @@ def test_a_held_button_moves_as_fast_as_the_slider_says(panel: Panel) -> None:
         track.append(tuple(now))
         times, angles = np.transpose(track)
         middle, first = (np.searchsorted(times, times[-1] - ago_s, "right") - 1 for ago_s in (0.5, 1.0))
-        if first < 0:
+        if not 0 <= first < middle:
             return False
         passed = [first, middle, -1]
         speeds = np.diff(angles[passed]) / np.diff(times[passed])
