@@ -22,6 +22,11 @@ CODES = {
     "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40, "Delete": 46,
 }  # fmt: skip
 CHROMIUM = shutil.which("chromium")
+GONE = "Inspected target navigated or closed"
+
+
+class LeftPageError(Exception):
+    """The page has gone elsewhere, or is loaded anew, before it could answer."""
 
 
 @contextmanager
@@ -65,6 +70,8 @@ class Page:
         self._tools.send(json.dumps({"id": number, "method": method, "params": params, **self._session}))
         while (answer := json.loads(self._tools.recv(WAIT_S))).get("id") != number:
             self._keep(answer)
+        if answer.get("error", {}).get("message") == GONE:
+            raise LeftPageError(method)
         assert "result" in answer, (method, answer)
         result: dict[str, Any] = answer["result"]
         return result

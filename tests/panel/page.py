@@ -11,7 +11,7 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
-from chromium import CHROMIUM, Page, browsing
+from chromium import CHROMIUM, LeftPageError, Page, browsing
 from running import WAIT_S, Run, answering, until
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
@@ -94,8 +94,14 @@ class Panel:
         )
 
     def until(self, script: str) -> Any:
+        def holds() -> bool:
+            try:
+                return bool(self.page.run(f"!!({script})"))
+            except LeftPageError:
+                return False
+
         return until(
-            lambda: self.page.run(f"!!({script})"),
+            holds,
             lambda: f"{script}: {self.problems()}, {self.text('body')}",
         )
 
