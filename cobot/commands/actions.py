@@ -16,11 +16,13 @@ from cobot.client import Client
 from cobot.client.connection import Json
 from cobot.commands.completion import completion
 from cobot.commands.options import url_of
-from cobot.commands.screen import Bar, during, event_line, said, show_state, show_table
+from cobot.commands.screen import Bar, during, event_line, said, show_state, show_table, show_words
 from cobot.errors import CobotError, ExecutionError, InputError, UnavailableError
 
-EXIT_OK, EXIT_FAILED, EXIT_UNAVAILABLE, EXIT_INTERRUPTED = 0, 1, 3, 130
+EXIT_OK, EXIT_FAILED, EXIT_UNAVAILABLE = 0, 1, 3
 POLL_S = 0.1
+LINES = 300
+"""Of the log of sequences, that the service gives at once."""
 JOBS = {
     "id": "job",
     "robot": "robot",
@@ -45,9 +47,6 @@ def run(chosen: argparse.Namespace, parser: argparse.ArgumentParser) -> int:
             return EXIT_OK
         with _client(chosen) as client:
             return ACTIONS[chosen.command](client, chosen)
-    except KeyboardInterrupt:
-        print("cobot: interrupted", file=sys.stderr)
-        return EXIT_INTERRUPTED
     except BrokenPipeError:  # as of `cobot watch | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_OK
@@ -143,13 +142,19 @@ def _sequence(client: Client, chosen: argparse.Namespace) -> int:
     bar = Bar(not chosen.json)
 
     def sequence() -> Json:
+        before = client.sequence_logs(LINES)
         client.start_sequence(path, n_iterations=chosen.iterations, delay_between_iterations=chosen.delay)
-        while (status := client.sequence_status())["status"] == "running":
+        while True:
+            status, now = client.sequence_status(), client.sequence_logs(LINES)
+            if not chosen.json:
+                show_words(before, now)
+            if status["status"] != "running":
+                return status
             if status["n_waypoints"]:
                 place = f"{path.name} {status['iteration']}/{status['n_iterations']}"
                 bar.update(status["waypoint"], status["n_waypoints"], place)
+            before = now
             time.sleep(POLL_S)
-        return status
 
     with bar.showing(path.name):
         status = during(client, sequence, Bar(shown=False))

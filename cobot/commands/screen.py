@@ -20,6 +20,8 @@ from cobot.errors import CobotError
 
 STATE_HZ = 10.0
 WARNINGS = ("log", "stop", "refused", "intervention")
+PROGRAM, CONTINUED = "program: ", "    | "
+"""How a line begins that a program has printed, and how each further one of what it printed at once."""
 LEVELS = {"fault": "bold red", "estop": "bold red", "lost": "magenta"} | dict.fromkeys(WARNINGS, "yellow")
 
 
@@ -75,6 +77,20 @@ def event_line(event: Json) -> Text:
     )
 
 
+def show_words(before: list[str], now: list[str]) -> None:
+    """What a program has printed since, by two looks at the newest lines of `/sequences/logs`."""
+    gone = next(gone for gone in range(len(before) + 1) if before[gone:] == now[: len(before) - gone])
+    from_program = False
+    for place, line in enumerate(now):
+        if line.startswith(CONTINUED):
+            text = line.removeprefix(CONTINUED)
+        else:
+            _, _, text = line.partition(" ")  # behind the time
+            from_program = text.startswith(PROGRAM)
+        if from_program and place >= len(before) - gone:
+            print(text.removeprefix(PROGRAM), flush=True)
+
+
 class Bar:
     """How far the arm is, on stderr; nothing where that is no terminal, or JSON was asked for."""
 
@@ -87,6 +103,7 @@ class Bar:
             console=Console(stderr=True),
             disable=not (shown and sys.stderr.isatty()),
             transient=True,
+            redirect_stdout=sys.stdout.isatty(),  # to the same screen, above the bar
         )
         self._task: TaskID | None = None
 

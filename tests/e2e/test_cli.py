@@ -141,6 +141,7 @@ def test_a_sequence_is_run_at_the_service(shell: Shell, tmp_path: Path) -> None:
     program.write_text('print("hello")\n', encoding="utf-8")
     wrong.write_text("{}", encoding="utf-8")
     assert shell.json("run", str(program), "--iterations", "2")["returncode"] == 0
+    assert shell("run", str(program)) == (0, "hello\nprogram.lua is done\n", "")
     status, _, err = shell("run", str(wrong))
     assert (status, "wrong.json ended with return code" in err) == (1, True)
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from cobot.commands.screen import event_line
+import pytest
+
+from cobot.commands.screen import event_line, show_words
 
 
 def test_an_event_is_a_line_without_what_is_empty_and_a_warning_has_a_colour() -> None:
@@ -12,3 +14,17 @@ def test_an_event_is_a_line_without_what_is_empty_and_a_warning_has_a_colour() -
     assert line.plain == "16:55:37.897 - refused by=ada what=POST /stop count=0"
     assert line.style == "yellow"
     assert not event_line(event | {"type": "job", "data": {}}).style
+
+
+@pytest.mark.parametrize("forgotten", [0, 1, 3])
+def test_what_a_program_prints_is_shown_once_and_nothing_of_the_runner(
+    capsys: pytest.CaptureFixture[str], forgotten: int
+) -> None:
+    """Also where the service keeps no more than the newest lines."""
+    old = ["T program: before", "T begun", "T program: before"]
+    new = ["T program: one", "    | two", "    |   three", "T done", "    | of the runner", "T program: one"]
+    show_words(old, (old + new)[forgotten:])
+    assert capsys.readouterr().out == "one\ntwo\n  three\none\n"
+    show_words(new, new)
+    show_words([], [])
+    assert not capsys.readouterr().out
