@@ -27,8 +27,9 @@ from cobot.ipc.layout import Intervention
 POSITION_TOLERANCE_RAD = 1e-5
 # Less so much that a pursuit which ends there is within the tolerance although it is rounded.
 cdef double POSITION_TOLERANCE = POSITION_TOLERANCE_RAD * (1.0 - 1e-9)
-# Of an arm that is beyond its limits already. More would take it further with each motion that begins there.
-cdef double ROUNDING_RAD = 1e-12
+# Of an arm that is beyond its limits already: twice what planners may be off. More would take it further with
+# each motion that begins there.
+cdef double ROUNDING_RAD = 2e-9
 # Relative, on the rates: planners drive exactly at the limits, and the differences of four positions
 # carry the rounding of numbers of the order of 1 rad, divided by the period cubed.
 cdef double TOLERANCE = 0.01

@@ -107,7 +107,7 @@ def test_a_request_beyond_a_joint_stop_ends_at_the_stop(output: Output) -> None:
 def test_motions_that_begin_at_a_joint_stop_take_no_joint_further(
     robot: RobotDescription, side: float, beyond_rad: float
 ) -> None:
-    """However many: each is told to go on, and ends where the first one did."""
+    """Each is told to go on, and ends where the first one did, but for a rounding."""
     limits = robot.limits
     stop = limits.max_position if side > 0.0 else limits.min_position
     here = stop + side * beyond_rad
@@ -117,7 +117,7 @@ def test_motions_that_begin_at_a_joint_stop_take_no_joint_further(
             output.apply(here + side * 0.01)
         here = output.positions[-1]
         assert np.ptp(np.array(output.positions[-100:]), axis=0).max() < 1e-9
-    assert np.all(side * (here - stop) <= max(beyond_rad, 1e-5) + 1e-9)
+    assert np.all(side * (here - stop) <= max(beyond_rad, 1e-5) + 1e-7)
     output.apply(here - side * 1e-6)  # back it may
     assert np.all(side * (output.positions[-1] - here) <= 0.0)
 
