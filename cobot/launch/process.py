@@ -9,6 +9,7 @@ import re
 import resource
 import signal
 import sys
+import time
 from collections.abc import Callable
 from enum import IntEnum
 from pathlib import Path
@@ -22,6 +23,7 @@ RUN_MODULE = (sys.executable, "-P", "-m")
 
 AUTOGROUP = Path("/proc/self/autogroup")
 """How its session stands among the others."""
+AUTOGROUP_TRIES, AUTOGROUP_PAUSE_S = 10, 0.1
 
 MIN_DESCRIPTORS = 64
 MIN_ADDRESS_SPACE = 1 << 30
@@ -101,7 +103,18 @@ def be(niceness: Niceness, *, session: bool = False) -> None:
         os.setpriority(os.PRIO_PROCESS, 0, niceness)
     if session and os.getsid(0) == os.getpid():
         with contextlib.suppress(OSError):  # not permitted, or there is no such feature
-            AUTOGROUP.write_text(str(int(niceness)), encoding="ascii")
+            _write_again(AUTOGROUP, str(int(niceness)))
+
+
+def _write_again(file: Path, text: str) -> None:
+    """Linux takes ten of these a second from all who are not CAP_SYS_ADMIN, as in a container."""
+    for _ in range(AUTOGROUP_TRIES):
+        try:
+            file.write_text(text, encoding="ascii")
+        except BlockingIOError:
+            time.sleep(AUTOGROUP_PAUSE_S)
+        else:
+            return
 
 
 def has_terminal() -> bool:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from cobot.launch.process import AUTOGROUP, Niceness
+from cobot.launch import process
+from cobot.launch.process import AUTOGROUP, Niceness, be
 
 SAYS = """
 import os
@@ -39,3 +41,23 @@ def test_what_answers_people_comes_before_other_sessions_too(
         assert not session or session == AUTOGROUP.read_text(encoding="ascii").strip()
     elif session:  # empty where Linux has no such groups, or one may not be changed
         assert int(session.split()[-1]) == (niceness if permitted and asked else 0)
+
+
+def test_a_session_asks_again_where_linux_takes_no_more_for_now(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As from two processes of a container that start in the same tenth of a second: sched(7)."""
+    answers = [BlockingIOError(), BlockingIOError(), 2]
+    asked = []
+
+    def write(_: Path, text: str, encoding: str) -> int:
+        asked.append(text)
+        answer = answers.pop(0)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    monkeypatch.setattr(Path, "write_text", write)
+    monkeypatch.setattr(process, "AUTOGROUP_PAUSE_S", 0.0)
+    monkeypatch.setattr(os, "setpriority", lambda *_: None)
+    monkeypatch.setattr(os, "getsid", lambda _: os.getpid())
+    be(Niceness.BACKGROUND, session=True)
+    assert asked == ["10", "10", "10"]
