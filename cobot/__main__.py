@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import sys
 
 INTERRUPTED = 130
+BLAS_THREADS = "OPENBLAS_NUM_THREADS"
+"""Of numpy, in each process. More than one solve no equations of a robot sooner, but spin for milliseconds
+after each, on the processors that the cycle and the service want."""
 
 
 def main() -> int:
     """The exit status. What is imported takes long enough to be interrupted too."""
+    os.environ.setdefault(BLAS_THREADS, "1")  # numpy looks when it is imported
     try:
         from cobot.launch.cli import main as run
 

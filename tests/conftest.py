@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import gc
 import os
+
+# Before numpy is there: its threads would wait for work on processors that other tests want.
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
 from collections.abc import Iterator
 from pathlib import Path
 
