@@ -286,7 +286,7 @@ def test_what_it_carries_does_not_change_while_the_arm_moves(robot):
     part = {"shape": "sphere", "radius": 0.02, "x": 0.5, "y": 0.0, "z": 0.4, "mass": 1.0}
     assert change(robot, objects={"part": part}, attach={"part": ["link6", "link7"]}).status_code == 200
     begun = robot.begin(robot.asking("POST", "/robot/move/joints", json=there(robot)))
-    robot.sleep(0.3)
+    robot.until(lambda: robot.rig.mode is LoopMode.TRAJECTORY)
     refused = put(robot, "part", None)
     assert refused.status_code == 409
     assert "what it carries changes only while it rests" in refused.json()["detail"]
