@@ -19,6 +19,8 @@ PATH_SHARE = 0.4
 """Of the deviation, what the joints' path may have; the rest is for the time law's quintics."""
 BETWEEN = np.array([0.25, 0.5, 0.75])
 """Where in each interval between places the deviation is looked at."""
+AT_ENDS = np.array([0.03, 0.08, 0.15])
+"""And in the first, from its beginning, and the last, from its end: a spline swings there soonest."""
 EVEN_STEP_RAD = 0.25
 """Where the joints turn further than this between even places, their own way is the path's parameter."""
 LARGEST_STEP_RAD = 0.12
@@ -187,7 +189,14 @@ def _spoiled(
     robot: RobotDescription, path: TcpPath, joint_path: Path, parameters: Array, shares: Array, start: Array
 ) -> Array:
     """In which of the intervals between places the path leaves a limit, or its TCP the TCP's path."""
-    inner = (parameters[:-1, None] + BETWEEN * np.diff(parameters)[:, None]).ravel()
+    steps = np.diff(parameters)
+    inner = np.concatenate(
+        [
+            (parameters[:-1, None] + BETWEEN * steps[:, None]).ravel(),
+            parameters[0] + AT_ENDS * steps[0],
+            parameters[-1] - AT_ENDS * steps[-1],
+        ]
+    )
     there = inner
     if parameters is not shares:
         # Beyond its ends a path would go on as a line does, and the TCP would not be found beside it.
@@ -195,7 +204,10 @@ def _spoiled(
     poses, targets = robot.model.poses(joint_path.at(inner)), path.poses(there)
     far = np.linalg.norm(poses[:, :3] - targets[:, :3], axis=1) > PATH_SHARE * LARGEST_DEVIATION_M
     far |= angles_between(poses[:, 3:], targets[:, 3:]) > PATH_SHARE * LARGEST_DEVIATION_RAD
-    spoiled = far.reshape(-1, len(BETWEEN)).any(axis=1)
+    spoiled = far[: -2 * len(AT_ENDS)].reshape(-1, len(BETWEEN)).any(axis=1)
+    first, last = far[-2 * len(AT_ENDS) :].reshape(2, -1).any(axis=1)
+    spoiled[0] |= first
+    spoiled[-1] |= last
     outside = joint_path.places_outside(*_bounds(robot, start))
     spoiled[np.clip(np.searchsorted(parameters, outside, side="right") - 1, 0, len(spoiled) - 1)] = True
     return np.asarray(spoiled)
