@@ -105,7 +105,7 @@ def main() -> None:
     parser.add_argument(
         "--full",
         action="store_true",
-        help="500 motions through clutter, 100,000 answers of FRI, memory over an hour: two hours more",
+        help="500 motions through clutter, 100,000 answers of FRI, memory over an hour: three hours more",
     )
     arguments = parser.parse_args()
     unknown = set(arguments.names) - set(BENCHMARKS)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import gc
 import os
 
-# Before numpy is there: its threads would wait for work on processors that other tests want.
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
+from cobot.__main__ import BLAS_THREADS
+
+os.environ.setdefault(BLAS_THREADS, "1")  # before numpy is imported
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -22,6 +22,7 @@ STATE_HZ = 10.0
 WARNINGS = ("log", "stop", "refused", "intervention")
 PROGRAM, CONTINUED = "program: ", "    | "
 """How a line begins that a program has printed, and how each further one of what it printed at once."""
+MISSING = "(lines may be missing here: more came at once than the service keeps for a look)"
 LEVELS = {"fault": "bold red", "estop": "bold red", "lost": "magenta"} | dict.fromkeys(WARNINGS, "yellow")
 
 
@@ -78,8 +79,10 @@ def event_line(event: Json) -> Text:
 
 
 def show_words(before: list[str], now: list[str]) -> None:
-    """What a program has printed since, by two looks at the newest lines of `/sequences/logs`."""
+    """Print what a program has printed since, by two looks at the newest lines of `/sequences/logs`."""
     gone = next(gone for gone in range(len(before) + 1) if before[gone:] == now[: len(before) - gone])
+    if before and gone == len(before):
+        print(MISSING, flush=True)
     from_program = False
     for place, line in enumerate(now):
         if line.startswith(CONTINUED):

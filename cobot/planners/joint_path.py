@@ -204,13 +204,10 @@ def _spoiled(
     poses, targets = robot.model.poses(joint_path.at(inner)), path.poses(there)
     far = np.linalg.norm(poses[:, :3] - targets[:, :3], axis=1) > PATH_SHARE * LARGEST_DEVIATION_M
     far |= angles_between(poses[:, 3:], targets[:, 3:]) > PATH_SHARE * LARGEST_DEVIATION_RAD
-    spoiled = far[: -2 * len(AT_ENDS)].reshape(-1, len(BETWEEN)).any(axis=1)
-    first, last = far[-2 * len(AT_ENDS) :].reshape(2, -1).any(axis=1)
-    spoiled[0] |= first
-    spoiled[-1] |= last
-    outside = joint_path.places_outside(*_bounds(robot, start))
-    spoiled[np.clip(np.searchsorted(parameters, outside, side="right") - 1, 0, len(spoiled) - 1)] = True
-    return np.asarray(spoiled)
+    wrong = np.concatenate([inner[far], joint_path.places_outside(*_bounds(robot, start))])
+    spoiled = np.zeros(len(steps), bool)
+    spoiled[np.clip(np.searchsorted(parameters, wrong, side="right") - 1, 0, len(steps) - 1)] = True
+    return spoiled
 
 
 def _bounds(robot: RobotDescription, start: Array) -> tuple[Array, Array]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cobot.commands.screen import event_line, show_words
+from cobot.commands.screen import MISSING, event_line, show_words
 
 
 def test_an_event_is_a_line_without_what_is_empty_and_a_warning_has_a_colour() -> None:
@@ -16,7 +16,7 @@ def test_an_event_is_a_line_without_what_is_empty_and_a_warning_has_a_colour() -
     assert not event_line(event | {"type": "job", "data": {}}).style
 
 
-@pytest.mark.parametrize("forgotten", [0, 1, 3])
+@pytest.mark.parametrize("forgotten", [0, 1, 2])
 def test_what_a_program_prints_is_shown_once_and_nothing_of_the_runner(
     capsys: pytest.CaptureFixture[str], forgotten: int
 ) -> None:
@@ -28,3 +28,5 @@ def test_what_a_program_prints_is_shown_once_and_nothing_of_the_runner(
     show_words(new, new)
     show_words([], [])
     assert not capsys.readouterr().out
+    show_words(old, new)
+    assert capsys.readouterr().out == f"{MISSING}\none\ntwo\n  three\none\n"
