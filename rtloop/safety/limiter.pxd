@@ -19,8 +19,11 @@ cdef class Safety:
     cdef double period_s, share, catch_up
     cdef Rates own  # of the arm: it brakes with these
     cdef Rates used
-    cdef double lowest[MAX_DOF]  # positions, with their tolerance
+    cdef double low[MAX_DOF]  # limits of the position, with their tolerance
+    cdef double high[MAX_DOF]
+    cdef double lowest[MAX_DOF]  # the same, or where a joint is that is beyond them
     cdef double highest[MAX_DOF]
+    cdef bint beyond  # whether there is such a joint
     cdef double calm_low[MAX_DOF]  # from where, no faster than this, there is nothing to foresee
     cdef double calm_high[MAX_DOF]
     cdef double calm_speed[MAX_DOF]
@@ -44,6 +47,7 @@ cdef class Safety:
     cdef bint _pursue_along(self, const double* request) noexcept nogil
     cdef void _let_through_pursuit(self) noexcept nogil
     cdef void _remember(self) noexcept nogil
+    cdef void _come_back(self) noexcept nogil
     cdef void _find_calm(self) noexcept nogil
     cdef void _state(self, double* state) noexcept nogil
     cdef double _step_of(self, int joint) noexcept nogil

@@ -97,13 +97,14 @@ cdef class Safety:
     def reset(self, position):
         limits = self._limits
         memset(self.c_command, 0, 3 * self.dof * sizeof(double))
+        self.beyond = False
         for joint in range(self.dof):
-            self.lowest[joint] = min(
-                limits.min_position[joint] - POSITION_TOLERANCE, position[joint] - ROUNDING_RAD
-            )
-            self.highest[joint] = max(
-                limits.max_position[joint] + POSITION_TOLERANCE, position[joint] + ROUNDING_RAD
-            )
+            self.low[joint] = limits.min_position[joint] - POSITION_TOLERANCE
+            self.high[joint] = limits.max_position[joint] + POSITION_TOLERANCE
+            self.lowest[joint] = min(self.low[joint], position[joint] - ROUNDING_RAD)
+            self.highest[joint] = max(self.high[joint], position[joint] + ROUNDING_RAD)
+            if self.lowest[joint] < self.low[joint] or self.highest[joint] > self.high[joint]:
+                self.beyond = True
             self.c_command[joint] = position[joint]
             for i in range(3):
                 self.past[i][joint] = position[joint]
@@ -327,6 +328,19 @@ cdef class Safety:
         memcpy(self.past[0], self.past[1], self.dof * sizeof(double))
         memcpy(self.past[1], self.past[2], self.dof * sizeof(double))
         memcpy(self.past[2], self.c_command, self.dof * sizeof(double))
+        if self.beyond:
+            self._come_back()
+
+    cdef void _come_back(self) noexcept nogil:
+        """The limits of a joint that was beyond them hold again once it is within."""
+        cdef int joint
+        self.beyond = False
+        for joint in range(self.dof):
+            if self.low[joint] <= self.c_command[joint] <= self.high[joint]:
+                self.lowest[joint], self.highest[joint] = self.low[joint], self.high[joint]
+            else:
+                self.beyond = True
+        self._find_calm()
 
     cdef void _find_calm(self) noexcept nogil:
         """The positions, velocities and accelerations from which there is nothing to foresee."""

@@ -122,6 +122,22 @@ def test_motions_that_begin_at_a_joint_stop_take_no_joint_further(
     assert np.all(side * (output.positions[-1] - here) <= 0.0)
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_what_has_come_back_within_a_limit_does_not_go_beyond_it_again(
+    robot: RobotDescription, side: float
+) -> None:
+    limits = robot.limits
+    stop = limits.max_position if side > 0.0 else limits.min_position
+    output = Output(robot, stop + side * 0.05)
+    for _ in range(1500):
+        output.apply(stop - side * 0.1)
+    np.testing.assert_allclose(output.positions[-1], stop - side * 0.1, atol=1e-9)
+    for _ in range(1500):
+        output.apply(stop + side * 0.05)
+    np.testing.assert_allclose(output.positions[-1], stop, atol=1.1e-5)
+    assert np.all(side * (np.array(output.positions[1500:]) - stop) <= 1.1e-5)
+
+
 def test_a_stated_velocity_beyond_the_limit_is_not_passed_on(output: Output, robot: RobotDescription) -> None:
     wild = robot.limits.max_velocity * 3.0
     output.apply(output.positions[0], wild)
