@@ -103,6 +103,8 @@ def test_a_joint_moves_while_it_is_held_and_rests_when_it_is_let_go(
     np.testing.assert_allclose(np.array(run.joints()) - HOME, moved, atol=2e-3)
     assert interventions(run) == before, "it is as smooth as a stream has to be"
     assert np.abs(commands.rates(1)).max() < 0.35
+    reached = commands.rates(1)[700:1000, 0]
+    np.testing.assert_allclose(reached.mean(), 0.3, rtol=0.02)
     assert np.abs(commands.rates(2)).max() < 5.0, "rad/s²: as joint_limits.yaml has it"
 
 
