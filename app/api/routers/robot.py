@@ -261,7 +261,6 @@ async def _queued(
         how.blend_radius,
         radii_m or [0.0] * (len(goals) - 1),
         job,
-        exact=any(goal.constraints is not None for goal in goals),
         anywhere=not relative,
         midway=not relative and not of_one_piece,
         count=len(goals),

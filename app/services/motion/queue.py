@@ -127,7 +127,7 @@ class MotionQueue:
         if not request.radius_m >= 0.0:
             raise InputError(f"blend_radius must not be negative, got {request.radius_m:g} m")
         if request.exact and request.radius_m > 0.0:
-            raise InputError("blend_radius: a round corner would spoil a plan, or constraints; use 0")
+            raise InputError("blend_radius: a round corner would spoil a plan; use 0")
         async with self._turn:
             if self._claim is not None:
                 self._ownership.require_control()

@@ -35,8 +35,7 @@ class QueueRequest:
         radius_m: how far from its end the arm may leave its path, if another move follows in time.
         inner_radii_m: the same of each part but the last.
         job: that it is; None for the vendor services, whose moves are one job together.
-        exact: a round corner would spoil it, so the arm stops before and after it: it keeps constraints, or
-            is a plan, which is run as it was looked at.
+        exact: it is a plan, which is run as it was looked at: the arm stops before and after it.
         anywhere: it means the same wherever it begins, as a pose does, and an angle about an axis does not.
         midway: it can be begun once more from a place on its path, as a line can, and an arc cannot.
         count: how many motions it is, of those that may wait.

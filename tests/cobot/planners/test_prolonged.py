@@ -6,6 +6,7 @@ with stops; pinocchio for where the TCP is; differences of samples for what each
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path as File
 
 import numpy as np
@@ -13,6 +14,7 @@ import pytest
 from second_opinion import changed_world, robot_in, second_robot
 
 from cobot.errors import InputError
+from cobot.motions.constraints import Box, Cone, Constraints
 from cobot.motions.requests import Envelope, RatedMove
 from cobot.motions.stretches import Leg, Stretch, alone
 from cobot.planners.going_over import JERK
@@ -217,6 +219,33 @@ def test_where_the_way_through_the_corner_touches_something_it_is_rounded_less_o
     world = changed_world(tmp_path, post=(*inside, 0.005, 0.005, 0.005))
     careful = motion(robot_in(world, robot))
     assert careful.used_m[0] < 0.9 * free.used_m[0]
+
+
+def test_a_corner_keeps_the_constraints_of_both_motions_each_up_to_its_middle(
+    robot: RobotDescription,
+) -> None:
+    """The motion under way must not go down, where the one that follows leads, with its tool upright."""
+    place = robot.model.forward(START).position
+
+    def not_below(height_m: float) -> Constraints:
+        return Constraints(box=Box(np.array([-2.0, -2.0, height_m]), np.full(3, 2.0)))
+
+    lowest_m, upright = place[2] - 0.003, Constraints(Cone(np.array([0.0, 0.0, 1.0]), 1e-3))
+    kept = not_below(lowest_m), upright, None
+    legs = [replace(each, constraints=keeps) for each, keeps in zip(lines(robot), kept, strict=True)]
+    last, every, followed = one_by_one(robot, legs, [RADIUS_M, RADIUS_M, 0.0])
+    assert 0.01 < every[1].used_m[0] < 0.03
+    assert every[2].used_m[0] > 0.9 * RADIUS_M
+    ends = followed.duration_s - last.trajectory.duration_s + np.array(last.ends_s)
+    times = np.linspace(0.0, followed.duration_s, 4000)
+    positions, turns = second_robot().path(followed.sample(times))
+    assert positions[times < ends[0], 2].min() >= lowest_m - 1e-4
+    assert positions[:, 2].min() < place[2] - 0.1
+    axes = turns[(times >= ends[0]) & (times < ends[1])].apply([0.0, 0.0, 1.0])
+    before = second_robot().path(legs[1].motion.start[None])[1].apply([0.0, 0.0, 1.0])[0]
+    assert np.arccos(np.clip(axes @ before, -1.0, 1.0)).max() <= 1e-3 + 1e-4
+    level = replace(legs[0], constraints=not_below(place[2] - 0.0002))
+    assert prolonged(robot, begun(robot, [level], [RADIUS_M]), legs[1:2], [0.0], 0.0, 0.2).used_m == (0.0,)
 
 
 def test_radii_that_do_not_fit_the_motions_are_refused(robot: RobotDescription) -> None:

@@ -230,16 +230,21 @@ def test_a_wrong_query_is_refused(run: VirtualService, query: str, named: str) -
     assert named in answer.json()["detail"]
 
 
-def test_a_round_corner_would_not_keep_constraints(run: VirtualService) -> None:
-    upright = {"constraints": {"orientation": {"within_rad": 0.3}}, "planner": "ompl"}
-    turned = {"joints": place(j0=0.4), **upright}
-    refused = asked(run, turned, radius_m=RADIUS_M)
-    assert refused.status_code == 422
-    assert "constraints" in refused.json()["detail"]
-    since, corner = len(run.rig.commanded), place(j0=-0.3)
-    queued(run, {"joints": corner}, radius_m=RADIUS_M)
-    until(run, queued(run, turned))
-    assert came_near(run, since, corner) < 1e-4
+def test_a_round_corner_keeps_constraints(run: VirtualService) -> None:
+    """The first motion must not go down, where the second one leads: less of its radius is used."""
+    corner, below, motions = place(j0=0.8), place(j0=0.8, j1=0.5), begun(run)
+    height = float(second_robot().path(np.array([HOME]))[0][0][2])
+    box = {"min": {"x": -2.0, "y": -2.0, "z": height - 0.003}, "max": {"x": 2.0, "y": 2.0, "z": 2.0}}
+    near = []
+    for constraints in ({}, {"constraints": {"box": box}}):
+        since = len(run.rig.commanded)
+        queued(run, {"joints": corner, **constraints}, radius_m=RADIUS_M)
+        until(run, queued(run, {"joints": below}))
+        near.append(came_near(run, since, corner))
+        within_limits(run, commanded(run, since))
+        until(run, queued(run, {"joints": HOME}))
+    assert begun(run) == motions + 4
+    assert 1e-3 < near[1] < 0.7 * near[0] < RADIUS_M
 
 
 def test_the_queue_is_bounded(run: VirtualService, monkeypatch: pytest.MonkeyPatch) -> None:
