@@ -21,7 +21,7 @@ from cobot.planners import MotionRequest, plan
 from cobot.planners.detours import length, without_detours
 from cobot.planners.goals import joint_goals
 from cobot.planners.rrt_connect import connect
-from cobot.planners.sampling import RANGE_RAD, SEARCHES, find_path, room
+from cobot.planners.sampling import ATTEMPTS, RANGE_RAD, SHARES, find_path, room
 from cobot.planners.shortcut import shortened
 from cobot.robot.description import RobotDescription, load_robot
 from cobot.types import Array, PlannerName, Pose, Scaling
@@ -29,7 +29,7 @@ from cobot.types import Array, PlannerName, Pose, Scaling
 Result = TypeVar("Result")
 COLUMNS = ("p50", "p95", "max")
 TIMEOUT_S = 10.0
-RUNS = 10
+RUNS, PATHS = 10, 3
 PEER_STEP_RAD = 0.02
 PEER_S = 2.0
 UPRIGHT_RAD = 0.1
@@ -187,12 +187,13 @@ def _path(tries: Tries, problem: Problem) -> Array | None:
 
 
 def _best(problem: Problem, run_s: float) -> float:
-    """The length of the shortest path of ten runs, rad, each of which searches anew for all of its time, and
-    takes the detours out of each three paths.
+    """The length of the shortest path of ten runs, rad, each of which searches anew for all of its time, near
+    the direct way and further off in turn, and takes the detours out of each three paths.
     """
     collision, limits = problem.robot.collision, problem.robot.limits
     bounds = limits.min_position, limits.max_position
     ends = np.array([problem.start, problem.goal])
+    direct, rooms = _direct(problem), (*SHARES, 1.0)
     shortest: list[float] = []
     with collision.keeping(room(problem.robot, ends)) as clearance:
         for run in range(RUNS):
@@ -200,11 +201,15 @@ def _best(problem: Problem, run_s: float) -> float:
             paths: list[Array] = []
             while (left_s := end_s - time.process_time()) > 0.0:
                 seed += 1
-                found = connect(clearance, ends[0], ends[1:], *bounds, seed, left_s, RANGE_RAD, best)
+                longest = np.inf if np.isinf(best) else direct + rooms[seed % len(rooms)] * (best - direct)
+                attempts = 0 if np.isinf(best) else ATTEMPTS
+                found = connect(
+                    clearance, ends[0], ends[1:], *bounds, seed, left_s, RANGE_RAD, longest, attempts
+                )
                 if found is not None:
                     paths.append(shortened(clearance, found, seed))
                     best = min(best, length(paths[-1]))
-                if len(paths) == SEARCHES:
+                if len(paths) == PATHS:
                     best = min(best, length(without_detours(clearance, paths, ends[1:], bounds, seed)))
                     paths = []
             shortest.append(best)

@@ -69,12 +69,12 @@ TESTS = (
     "tests/rtloop/test_wild_loop.py",
 )
 WILD_LOOP = "tests/rtloop/test_wild_loop.py::test_no_bytes_crash_the_loop_or_lead_it_beyond_the_limits"
-CAGES = "test_ways_out_of_a_cage_are_not_much_longer_than_the_best_and_the_same_again"
+NARROW = "test_ways_out_of_narrow_places_are_not_much_longer_than_the_best_and_the_same_again"
 # What takes long there: half a minute, of modules that the sources and the whole loop work too; a search that
 # the tests beside it make in other scenes; and another interpreter for what differs from the one beside it in
 # its seed alone.
 TOO_LONG = (
-    f"tests/cobot/planners/test_rrt_connect.py::{CAGES}",
+    f"tests/cobot/planners/test_rrt_connect.py::{NARROW}",
     "tests/rtloop/generators/test_laws.py::test_poses_within_the_limits_of_the_tcp",
     "tests/rtloop/planned/test_path_law.py::test_the_rate_changes_as_the_law_says",
     f"{WILD_LOOP}[80000-2-between-loopback]",

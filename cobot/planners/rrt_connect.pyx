@@ -4,7 +4,7 @@ OMPL's own asks Python for every configuration and every motion, and its random 
 process. This one asks nobody, and the same seed gives the same path.
 """
 
-from libc.math cimport fmin, sqrt
+from libc.math cimport INFINITY, M_PI, cos, fmax, fmin, isinf, log, sqrt
 from libc.stdint cimport uint64_t
 from libc.stdlib cimport free, realloc
 from libc.string cimport memcpy
@@ -89,7 +89,6 @@ cdef int _grow(
     cdef uint64_t state = seed
     cdef double end_s = _now_s() + timeout_s
     cdef double wanted[MAX_DOF]
-    cdef double nearest_goal
     cdef long drawn = 0
     cdef long tried = 0
     cdef int side = 0
@@ -109,12 +108,13 @@ cdef int _grow(
         drawn += 1
         if drawn % LOOK == 0 and (_now_s() > end_s or (attempts and drawn > DRAWS * attempts)):
             return 0
-        for index in range(dof):
-            wanted[index] = low[index] + uniform(&state) * (high[index] - low[index])
-        nearest_goal = 1e300
-        for index in range(goal_count):
-            nearest_goal = fmin(nearest_goal, _apart(wanted, &goals[index * dof], dof))
-        if _apart(wanted, start, dof) + nearest_goal > shorter_than_rad:
+        if isinf(shorter_than_rad) or uniform(&state) < 0.5:
+            for index in range(dof):
+                wanted[index] = low[index] + uniform(&state) * (high[index] - low[index])
+        else:
+            index = <int>(uniform(&state) * goal_count)
+            _draw_between(start, &goals[index * dof], shorter_than_rad, dof, &state, wanted)
+        if not _is_wanted(wanted, start, goals, goal_count, low, high, shorter_than_rad, dof):
             continue
         tried += 1
         if attempts and tried > attempts:
@@ -135,6 +135,60 @@ cdef int _grow(
             if other >= 0 and _apart(&trees[1 - side].nodes[other * dof], wanted, dof) == 0.0:
                 met[1 - side] = other
                 return 1
+
+
+cdef bint _is_wanted(
+    const double* joints, const double* start, const double* goals, int goal_count, const double* low,
+    const double* high, double shorter_than_rad, int dof,
+) noexcept nogil:
+    """Whether it is within the limits, and on some way to a goal that is shorter than this."""
+    cdef double nearest_goal = INFINITY
+    cdef int index
+    for index in range(dof):
+        if not low[index] <= joints[index] <= high[index]:
+            return False
+    for index in range(goal_count):
+        nearest_goal = fmin(nearest_goal, _apart(joints, &goals[index * dof], dof))
+    return _apart(joints, start, dof) + nearest_goal <= shorter_than_rad
+
+
+cdef void _draw_between(
+    const double* start, const double* goal, double length, int dof, uint64_t* state, double* out
+) noexcept nogil:
+    """Anywhere in the ellipsoid of the ways between these that are no longer than this (J. Gammell,
+    S. Srinivasa and T. Barfoot, "Informed RRT*", 2014, doi 10.1109/IROS.2014.6942976): a place in the unit
+    ball, whose first axis is laid along the straight way by a reflection.
+    """
+    cdef double apart = _apart(start, goal, dof)
+    cdef double across = 0.5 * sqrt(fmax(0.0, length * length - apart * apart))
+    cdef double mirror[MAX_DOF]
+    cdef double square = 0.0
+    cdef double along = 0.0
+    cdef double radius
+    cdef int i
+    for i in range(dof):
+        out[i] = _normal(state)
+        square += out[i] * out[i]
+    radius = uniform(state) ** (1.0 / dof) / sqrt(fmax(square, 1e-300))
+    for i in range(dof):
+        out[i] *= radius * (0.5 * length if i == 0 else across)
+    if apart > 0.0:
+        square = 0.0
+        for i in range(dof):
+            mirror[i] = (goal[i] - start[i]) / apart - (1.0 if i == 0 else 0.0)
+            square += mirror[i] * mirror[i]
+            along += mirror[i] * out[i]
+        if square > 1e-12:
+            for i in range(dof):
+                out[i] -= 2.0 * along / square * mirror[i]
+    for i in range(dof):
+        out[i] += 0.5 * (start[i] + goal[i])
+
+
+cdef double _normal(uint64_t* state) noexcept nogil:
+    """With mean 0 and variance 1, by Box and Muller."""
+    cdef double u = uniform(state)
+    return sqrt(-2.0 * log(1.0 - u)) * cos(2.0 * M_PI * uniform(state))
 
 
 cdef int _extend(

@@ -33,16 +33,18 @@ POSE_DOF = 6
 FIRST_ATTEMPTS = 1000
 """Where no path is found with so many attempts to add a node, more configurations of the goal are looked for,
 and so on, each time with half as many attempts more."""
-SEARCHES, ROUNDS = 3, 6
-"""So many searches in each round, of which the shortest path counts, and so many rounds where that is not
-`DIRECT` yet."""
-FEW_ATTEMPTS, MANY_ATTEMPTS = 200, 1000
-"""A search of the first round tries so often to add a node, those of the others so often."""
-MUCH_WORK = 120_000
-"""No round is begun after so many configurations looked at, some 0.3 s. No times: the same seed shall give
-the same path."""
-DIRECT = 1.3
+DIRECT = 1.25
 """A path that is no longer than so many times the way without obstacles needs no better one."""
+ROUNDS, PATHS = 6, 2
+"""For one that is longer there are so many rounds, which take the detours out of so many paths together."""
+SHARES = (0.1, 0.25, 0.4)
+"""A search for another path is confined to what is longer than the direct way by such a share, in turn, of
+what the best path is: the smaller the room, the sooner it finds the way that is there."""
+SEARCHES, ATTEMPTS = 6, 3000
+"""A round has no more searches, each of which tries no more often to add a node."""
+MUCH_WORK = 150_000
+"""No search is begun after so many configurations looked at, some 0.4 s. No times: the same seed shall give
+the same path."""
 ROUNDING_RAD = 1e-9
 IMPROVING_S = 1.0
 """OMPL's planners that go on to make their path shorter are given so long after they have found one, s."""
@@ -90,34 +92,42 @@ def find_path(robot: RobotDescription, request: MotionRequest, goals: Array) -> 
 def _connected(
     robot: RobotDescription, clearance: Clearance, start: Array, goals: Array, request: MotionRequest
 ) -> Array | None:
-    """The shortest of some paths: those after the first have to be shorter to be found at all. Where even
-    that one is far from the direct way it is improved, together with others, see `without_detours`.
+    """The first path, if that is near the direct way; else the shortest of some, and of the ways together
+    that they have found, see `without_detours`.
     """
     bounds = robot.limits.min_position, robot.limits.max_position
     deadline_s = time.monotonic() + request.timeout_s
-    direct_rad = DIRECT * float(np.linalg.norm(goals - start, axis=1).min())
     random = np.random.default_rng(request.seed)
     seed = int(random.integers(2**62))
     found, goals = _first(robot, clearance, start, goals, request, seed)
     if found is None:
         return None
-    best = shortened(clearance, found, seed)
+    away = np.linalg.norm(goals - start, axis=1)
+    direct_rad, best = float(away.min()), shortened(clearance, found, seed)
     paths, begun = [best], clearance.evaluations  # the first path may have been hard to find
-    for number in range(ROUNDS):
-        # No shorter path leads to goals that are further away than the best one is long.
-        goals = goals[np.linalg.norm(goals - start, axis=1) <= length(best) + ROUNDING_RAD]
-        attempts = MANY_ATTEMPTS if number else FEW_ATTEMPTS
-        for _ in range(SEARCHES if len(best) > 2 else 0):
+
+    def is_enough() -> bool:
+        return len(best) == 2 or length(best) <= DIRECT * direct_rad
+
+    def is_too_much() -> bool:
+        return clearance.evaluations - begun > MUCH_WORK or time.monotonic() > deadline_s
+
+    for _ in range(ROUNDS):
+        for share in itertools.islice(itertools.cycle(SHARES), SEARCHES):
+            if is_enough() or is_too_much() or len(paths) >= PATHS:
+                break
             seed, left_s = int(random.integers(2**62)), deadline_s - time.monotonic()
-            found = connect(clearance, start, goals, *bounds, seed, left_s, RANGE_RAD, length(best), attempts)
+            longest_rad = direct_rad + share * (length(best) - direct_rad)
+            near = goals[away <= longest_rad]
+            found = connect(clearance, start, near, *bounds, seed, left_s, RANGE_RAD, longest_rad, ATTEMPTS)
             if found is not None:
                 paths.append(shortened(clearance, found, seed))
                 best = min(best, paths[-1], key=length)
-        if len(best) > 2 and length(best) > direct_rad:
-            shorter = without_detours(clearance, paths or [best], goals, bounds, seed)
-            best = min(best, shorter, key=length)
-        is_enough = len(best) == 2 or length(best) <= direct_rad
-        if is_enough or clearance.evaluations - begun > MUCH_WORK or time.monotonic() > deadline_s:
+        if is_enough():
+            break
+        near = goals[away <= length(best) + ROUNDING_RAD]
+        best = min(best, without_detours(clearance, paths or [best], near, bounds, seed), key=length)
+        if is_enough() or is_too_much():
             break
         paths = []
     return best
