@@ -42,9 +42,10 @@ SHARES = (0.1, 0.25, 0.4)
 what the best path is: the smaller the room, the sooner it finds the way that is there."""
 SEARCHES, ATTEMPTS = 6, 3000
 """A round has no more searches, each of which tries no more often to add a node."""
-MUCH_WORK = 150_000
-"""No search is begun after so many configurations looked at, some 0.4 s. No times: the same seed shall give
-the same path."""
+MUCH_WORK, MUCH_LONGER = 150_000, 0.5
+"""No search is begun after so many configurations looked at, some 0.4 s, where the path is longer than the
+direct way by this share of it, or more; where it is by less, after so much fewer. No times: the same seed
+shall give the same path."""
 ROUNDING_RAD = 1e-9
 IMPROVING_S = 1.0
 """OMPL's planners that go on to make their path shorter are given so long after they have found one, s."""
@@ -110,7 +111,8 @@ def _connected(
         return len(best) == 2 or length(best) <= DIRECT * direct_rad
 
     def is_too_much() -> bool:
-        return clearance.evaluations - begun > MUCH_WORK or time.monotonic() > deadline_s
+        share = min(1.0, (length(best) / direct_rad - 1.0) / MUCH_LONGER)
+        return clearance.evaluations - begun > share * MUCH_WORK or time.monotonic() > deadline_s
 
     for _ in range(ROUNDS):
         for share in itertools.islice(itertools.cycle(SHARES), SEARCHES):
