@@ -9,6 +9,7 @@ that the robot is loaded.
 from __future__ import annotations
 
 import argparse
+import atexit
 import contextlib
 import gc
 import pickle
@@ -58,7 +59,6 @@ def main() -> int:
         with contextlib.suppress(OSError):
             print(exc, flush=True)
         return 2
-    gc.collect()
     gc.freeze()
     gc.enable()
     be(Niceness.BACKGROUND)  # not before: a busy computer would keep who waits for it waiting

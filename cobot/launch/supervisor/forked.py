@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import fcntl
+import gc
 import json
 import os
 import runpy
@@ -106,6 +107,7 @@ def forked(count: int) -> list[Forked]:
     """
     # Whoever has started us may have it ignored; then nobody could learn how a child has ended.
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    gc.freeze()  # nor do their collectors look at what they share
     made: list[Forked] = []
     for _ in range(count):
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
