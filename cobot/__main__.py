@@ -16,8 +16,8 @@ after each, on the processors that the cycle and the service want."""
 def main() -> int:
     """The exit status. What is imported takes long enough to be interrupted too."""
     os.environ.setdefault(BLAS_THREADS, "1")  # numpy looks when it is imported
-    # What is imported stays to the end: the collector walks through it neither meanwhile, nor once more when the
-    # process ends, which would take a tenth of a second each.
+    # What is imported stays to the end: the collector walks through it neither meanwhile nor when the process
+    # ends, which would take a tenth of a second.
     gc.disable()
     atexit.register(gc.freeze)
     try:

@@ -100,6 +100,9 @@ def _received(channel: BinaryIO) -> bytes | None:
 
 if __name__ == "__main__":
     die_with_parent(signal.SIGKILL)
+    atexit.unregister(
+        gc.freeze
+    )  # of who has forked it: OMPL takes what is not collected at the end for leaks
     be(Niceness.ORDINARY)  # not as prompt as the service that starts it, and not yet in the background
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     sys.exit(in_words(main))
