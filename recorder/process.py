@@ -14,6 +14,7 @@ from typing import Any
 from cobot.config import Settings, load_settings
 from cobot.errors import CobotError, NotFoundError
 from cobot.ipc.recording_memory import RecordingMemory
+from cobot.launch.process import Niceness, be
 from cobot.logs import start_logging
 from cobot.recording.control import LINE_BYTES, refusal, socket_path
 from recorder.robot import RobotRecorder
@@ -59,6 +60,7 @@ async def _serve(settings: Settings, robots: Mapping[str, RobotRecorder]) -> Non
     path = socket_path(settings.robot.name)
     path.unlink(missing_ok=True)  # of one that was killed
     server = await asyncio.start_unix_server(connected, path, limit=LINE_BYTES)
+    be(Niceness.BACKGROUND)  # not before: a busy computer would keep who asks for it waiting
     for robot in robots.values():
         robot.start()
     await ended.wait()
