@@ -44,7 +44,9 @@ client-wheel: $(VENV)/.run-stamp ## build dist/cobot_client-*.whl, which any com
 test: setup-dev ## lint, types, import contract, unit, property and end-to-end tests
 	+@$(MAKE) --no-print-directory --jobs 2 lint tests SETUP=
 
+# In a new clone each of the processes would compile all tests; so one does before.
 tests: $(SETUP)
+	@[ -d tests/__pycache__ ] || $(BIN)/python -m pytest --collect-only -q > /dev/null 2>&1 || true
 	$(BIN)/python -m pytest $(PARALLEL) || { echo "cobot: what has failed runs once more, alone"; \
 	    $(BIN)/python -m pytest --last-failed --last-failed-no-failures none; }
 
