@@ -41,6 +41,7 @@ def main() -> int:
     except CobotError as exc:
         log.error("%s", exc)
         return 2
+    be(Niceness.BACKGROUND)  # not before: a busy computer would keep who asks for it waiting
     asyncio.run(_serve(settings, robots))
     return 0
 
@@ -60,7 +61,6 @@ async def _serve(settings: Settings, robots: Mapping[str, RobotRecorder]) -> Non
     path = socket_path(settings.robot.name)
     path.unlink(missing_ok=True)  # of one that was killed
     server = await asyncio.start_unix_server(connected, path, limit=LINE_BYTES)
-    be(Niceness.BACKGROUND)  # not before: a busy computer would keep who asks for it waiting
     for robot in robots.values():
         robot.start()
     await ended.wait()
