@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
+import os
 import signal
 import sys
 
+from cobot.access.authentication import ROS_TOKEN_VARIABLE
 from cobot.launch.process import Niceness, be, die_with_parent, in_words
 
 
@@ -14,12 +17,19 @@ def start() -> int:
     from app.memory import share_arenas
 
     share_arenas()
+    from app.arguments import parsed
+    from app.services.motion.planning_blanks import planning_blanks
+
+    arguments = parsed()
+    ros_token = os.environ.pop(ROS_TOKEN_VARIABLE, None)  # what is started here gets none of it
+    blanks = planning_blanks(arguments.config)
     from app.server import main
 
-    return main()
+    return main(arguments, ros_token, blanks)
 
 
 if __name__ == "__main__":
+    atexit.register(gc.freeze)  # as in `cobot.__main__`
     die_with_parent(signal.SIGTERM)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)  # until the service can read its configuration again
     be(Niceness.PROMPT, session=True)

@@ -77,8 +77,9 @@ class Lifetime:
 
 
 def _settle_memory() -> None:
-    """What is there now stays: the collector need not look at it again. `app.__main__` had it wait."""
-    gc.collect()
+    """What is there now stays: the collector need not look at it. `app.__main__` had it wait. That it looked
+    once, for what the imports have left, would take a tenth of a second and find next to nothing.
+    """
     gc.freeze()
     gc.enable()
 

@@ -10,7 +10,7 @@ import signal
 import socket
 import sys
 from collections.abc import Callable
-from pathlib import Path
+from functools import partial
 
 import uvicorn
 
@@ -21,12 +21,13 @@ from app.listeners.turns import Turns
 from app.listeners.websocket import StreamProtocol
 from app.main import create_app
 from app.memory import give_back
-from cobot.access.authentication import ROS_TOKEN_VARIABLE
+from app.services.motion.planning import PlanningService
 from cobot.access.tls import check_certificate
 from cobot.client.tls import CERTIFICATE_VARIABLE
 from cobot.client.wire import MAX_FRAME_BYTES
 from cobot.config import ConnectionLimits, load_settings
 from cobot.errors import CobotError
+from cobot.launch.forked import Forked
 from cobot.logs import start_logging
 from cobot.logs.supervision import Losses
 
@@ -77,18 +78,15 @@ class Server(uvicorn.Server):
         await super().shutdown(sockets)
 
 
-def main() -> int:
-    """Serve until SIGTERM; the exit status: 0, or 2 when it could not start."""
-    parser = argparse.ArgumentParser(prog="python -m app", description=__doc__)
-    parser.add_argument("--config", type=Path, help="settings file; without it the shipped one")
-    parser.add_argument("--source", type=Path, help="what the user edits, where the settings file is a copy")
-    parser.add_argument("--host", required=True, help="address that the socket listens on")
-    parser.add_argument("--port", type=int, required=True)
-    parser.add_argument("--fd", type=int, required=True, help="descriptor of the listening socket")
-    parser.add_argument("--losses-fd", type=int, help=argparse.SUPPRESS)
-    arguments = parser.parse_args()
+def main(arguments: argparse.Namespace, ros_token: str | None, blanks: list[Forked]) -> int:
+    """Serve until SIGTERM; the exit status: 0, or 2 when it could not start.
+
+    Args:
+        arguments: see `app.arguments`.
+        ros_token: by which the DDS process is known.
+        blanks: processes that are there already, to become the first planning processes.
+    """
     start_logging("service")
-    ros_token = os.environ.pop(ROS_TOKEN_VARIABLE, None)  # programs that are started here get none of it
     try:
         settings = load_settings(arguments.config)
         start_logging("service", settings.logging)
@@ -97,6 +95,7 @@ def main() -> int:
             settings,
             arguments.config,
             _url(arguments.host, arguments.port, secure),
+            planner=partial(PlanningService, blanks=blanks),
             host=arguments.host,
             ros_token=ros_token,
             source=arguments.source,

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import atexit
+import gc
 import signal
 import sys
 
-from cobot.launch.process import Niceness, be, die_with_parent, in_words
+from cobot.launch.process import die_with_parent, in_words
 
 
 def start() -> int:
@@ -15,6 +17,6 @@ def start() -> int:
 
 
 if __name__ == "__main__":
+    atexit.register(gc.freeze)  # as in `cobot.__main__`
     die_with_parent(signal.SIGTERM)
-    be(Niceness.BACKGROUND)
     sys.exit(in_words(start))

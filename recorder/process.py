@@ -14,6 +14,7 @@ from typing import Any
 from cobot.config import Settings, load_settings
 from cobot.errors import CobotError, NotFoundError
 from cobot.ipc.recording_memory import RecordingMemory
+from cobot.launch.process import Niceness, be
 from cobot.logs import start_logging
 from cobot.recording.control import LINE_BYTES, refusal, socket_path
 from recorder.robot import RobotRecorder
@@ -40,6 +41,7 @@ def main() -> int:
     except CobotError as exc:
         log.error("%s", exc)
         return 2
+    be(Niceness.BACKGROUND)  # not before: a busy computer would keep who asks for it waiting
     asyncio.run(_serve(settings, robots))
     return 0
 

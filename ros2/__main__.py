@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 import signal
 import sys
@@ -18,6 +19,7 @@ def start() -> int:
 LAST_WORDS = "--last-words"
 
 if __name__ == "__main__":
+    atexit.register(gc.freeze)  # as in `cobot.__main__`
     die_with_parent(signal.SIGTERM)
     be(Niceness.PROMPT, session=True)
     gc.disable()  # until all is there that stays: see `ros2.process`

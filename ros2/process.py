@@ -87,7 +87,6 @@ async def _serve(settings: Settings, url: str, last_words: int | None) -> None:
         gateway = Gateway(node, url, own, token, rights_of_ros(ros)) if url else None
         Parameters(node, options(settings, robots, gateway))
         _announce(settings, participant)
-        gc.collect()
         gc.freeze()
         gc.enable()  # `ros2.__main__` had it wait
         work: list[asyncio.Task[Any]] = [asyncio.create_task(ended.wait())]

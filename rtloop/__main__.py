@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 import signal
 import sys
@@ -16,6 +17,7 @@ def start() -> int:
 
 
 if __name__ == "__main__":
+    atexit.register(gc.freeze)  # as in `cobot.__main__`
     die_with_parent(signal.SIGTERM)
     gc.disable()  # it would walk through what stays, again and again; `rtloop.realtime` collects once
     sys.exit(in_words(start))

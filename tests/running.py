@@ -95,6 +95,7 @@ class Run:
         more: str = "",
         asking: dict[str, Any] | None = None,
         backend: str = "",
+        capacity: int = 20_000,
     ) -> None:
         """With a ROS domain it is on ROS 2 too, which takes the start a second.
 
@@ -105,6 +106,7 @@ class Run:
         more: sections of the settings that are not written otherwise, as YAML.
         asking: what its own requests need: headers, verify.
         backend: of the robot: a class in a module of tests/.
+        capacity: of the segments of a motion: to give and take back the memory of 200,000 takes 0.1 s.
         """
         self.asking = asking or {}
         self.environment = HELPER_ENVIRONMENT if backend else None
@@ -114,7 +116,7 @@ class Run:
         self.config.write_text(
             f"robot: {{name: {robot}{f', backend: {backend}' if backend else ''}}}\nlogs: logs\n"
             f"sequences: {{recordings: recordings, programs: programs}}\n{BRIEF_RECORDING}"
-            f"rt: {{trajectory_capacity: 200000, clock: {clock}{', ' + PATIENT if patient else ''}}}\n"
+            f"rt: {{trajectory_capacity: {capacity}, clock: {clock}{', ' + PATIENT if patient else ''}}}\n"
             f"web: {{port: 0{web}}}\nplanning: {{workers: 1, {planning}}}\n"
             f"ros: {{enabled: {str(ros_domain is not None).lower()}, domain_id: {ros_domain or 0}, "
             f"localhost_only: {str(not ros_elsewhere).lower()}, access: move}}\n{more}",

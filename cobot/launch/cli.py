@@ -88,8 +88,8 @@ def _run(chosen: argparse.Namespace) -> int:
             print(write_moveit_config(settings, chosen.folder))
             return EXIT_OK
         require_limits()
+        from cobot.launch.forked import forked
         from cobot.launch.supervisor import Supervisor
-        from cobot.launch.supervisor.forked import forked
 
         given = _overridden(settings, chosen)
         processes = len(given.each) + 1 + given.web.enabled + given.ros.enabled

@@ -23,7 +23,7 @@ def run(tmp_path: Path) -> Iterator[Run]:
 def shared(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Iterator[Run]:
     """A `cobot run` that many tests use; they leave it able to move."""
     assert isinstance(request.node, pytest.Package), "without an __init__.py it would idle until the run ends"
-    with answering(Run(tmp_path_factory.mktemp("shared"))) as started:
+    with answering(Run(tmp_path_factory.mktemp("shared"), capacity=200_000)) as started:
         yield started
 
 

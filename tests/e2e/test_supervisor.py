@@ -22,6 +22,8 @@ import pytest
 from mcap.reader import make_reader
 from running import WAIT_S, Run, answering
 
+from cobot.launch.process import Niceness
+
 IDLE = -1
 
 
@@ -41,6 +43,12 @@ def test_the_start_says_what_matters(shared: Run) -> None:
     for word in ("address", "robot", "backend", "clock fast", "SCHED_FIFO", "locked memory", "logs"):
         assert word in shared.output
     assert str(shared.config.parent / "logs") in shared.output
+
+
+def test_the_recorder_takes_the_time_that_nobody_else_wants_once_it_is_there(shared: Run) -> None:
+    recorder = shared.child("recorder")
+    assert recorder is not None
+    shared.until(lambda: recorder.nice() == Niceness.BACKGROUND)
 
 
 def test_sigterm_ends_everything_and_leaves_nothing_behind(run: Run) -> None:

@@ -23,6 +23,25 @@ MOVED_RAD = 0.02
 SIZE = (1280, 800)
 
 
+PICTURES = os.environ.get("COBOT_PICTURES")
+
+
+# Chromium would draw the arm 60 times a second, by the processor: as it is looked at by nobody, it is drawn
+# less often, and coarsely.
+COARSE = () if PICTURES else ("--webgl-antialiasing-mode=none",)
+SCALE = 1 if PICTURES else 0.5
+DRAW_SELDOM = (
+    ""
+    if PICTURES
+    else """
+{
+    const soon = requestAnimationFrame;
+    window.requestAnimationFrame = (draw) => setTimeout(() => soon(draw), 100);
+}
+"""
+)
+
+
 WATCH = """
 window.problems = [];
 addEventListener("error", (event) => problems.push(event.message));
@@ -80,7 +99,7 @@ class Panel:
         self.page, self.run = page, run
         size(self, *SIZE)
         page.ask("Page.enable")
-        page.ask("Page.addScriptToEvaluateOnNewDocument", source=WATCH + CONTROLS)
+        page.ask("Page.addScriptToEvaluateOnNewDocument", source=DRAW_SELDOM + WATCH + CONTROLS)
         page.bind("toldOperated", OPERATED.add)
         page.bind("toldSeen", SEEN.add)
         self.load()
@@ -146,11 +165,8 @@ class Panel:
 
 def size(panel: Panel, width: int, height: int, *, mobile: bool = False) -> None:
     """What the page has to show itself in."""
-    how = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": mobile}
+    how = {"width": width, "height": height, "deviceScaleFactor": SCALE, "mobile": mobile}
     panel.page.ask("Emulation.setDeviceMetricsOverride", **how)
-
-
-PICTURES = os.environ.get("COBOT_PICTURES")
 
 
 @pytest.fixture(scope="module")
@@ -158,7 +174,7 @@ def opened(service: Run, tmp_path_factory: pytest.TempPathFactory) -> Iterator[P
     if CHROMIUM is None:
         pytest.skip("chromium is not installed")
     folder = tmp_path_factory.mktemp("browser")
-    with browsing(folder, "--enable-unsafe-swiftshader", "--lang=en") as tools:
+    with browsing(folder, "--enable-unsafe-swiftshader", "--lang=en", *COARSE) as tools:
         yield Panel(Page(tools), service)
 
 

@@ -13,6 +13,7 @@ from typing import TypeVar, cast
 from app.services.motion.planning_pool import PlanningPool, WorkerLost
 from app.services.motion.planning_tasks import PlanRequest, in_scene, planned
 from cobot.errors import PlanningError, PlanningTimeout
+from cobot.launch.forked import Forked
 from cobot.robot.description import RobotDescription
 from cobot.robot.scene import Scene
 from cobot.robot.tool import BARE
@@ -55,6 +56,7 @@ class PlanningService:
     Args:
         config: the settings' file, None for the shipped one.
         robot: one of its robots, None for the default one.
+        blanks: see `PlanningPool`.
 
     Attributes:
         scene: what everything is planned in.
@@ -64,10 +66,12 @@ class PlanningService:
     scene = Scene()
     tool = BARE
 
-    def __init__(self, config: Path | None, workers: int, robot: str | None = None) -> None:
+    def __init__(
+        self, config: Path | None, workers: int, robot: str | None = None, blanks: list[Forked] | None = None
+    ) -> None:
         chosen = {"--config": config, "--robot": robot}
         self._arguments = [part for name, value in chosen.items() if value for part in (name, str(value))]
-        self._pool = PlanningPool(self._arguments, workers)
+        self._pool = PlanningPool(self._arguments, workers, blanks)
 
     def warm_up(self) -> None:
         """Start the workers: the first plan should not wait for their imports."""

@@ -19,9 +19,11 @@ from typing import Any
 
 from app.services.motion.planning_worker import LENGTH, Task, message
 from cobot.errors import UnavailableError
+from cobot.launch.forked import Forked
 from cobot.launch.process import RUN_MODULE, is_stopped
 
 WORKER = "app.services.motion.planning_worker"
+STDOUT = 1
 LOOK_S = 0.5
 """How often it is looked whether a worker that is waited for is stopped."""
 START_S = 60.0
@@ -52,7 +54,7 @@ class _Worker:
         paused: it was stopped when it was looked at last.
     """
 
-    process: subprocess.Popen[bytes]
+    process: subprocess.Popen[bytes] | Forked
     writer: asyncio.StreamWriter
     answer: asyncio.Future[tuple[bool, Any]] | None = None
     begun: bool = False
@@ -76,16 +78,18 @@ class PlanningPool:
 
     Args:
         arguments: of a worker's command line.
+        blanks: processes that are there already, to become the first workers; each is taken from the list.
 
     Attributes:
         replaced: how many workers have ended, or were stopped, by no act of ours.
         problem: why the last start of a worker failed; "" if it did not.
     """
 
-    def __init__(self, arguments: Sequence[str], size: int) -> None:
+    def __init__(self, arguments: Sequence[str], size: int, blanks: list[Forked] | None = None) -> None:
         self.size = size
         self.replaced = 0
         self.problem = ""
+        self._blanks = blanks if blanks is not None else []
         self._command = [*RUN_MODULE, WORKER, *arguments]
         self._workers: set[_Worker] = set()
         self._idle: asyncio.Queue[_Worker] = asyncio.Queue()
@@ -243,12 +247,7 @@ class PlanningPool:
         ours, theirs = socket.socketpair()
         with theirs:
             try:
-                process = subprocess.Popen(
-                    [*self._command, "--fd", str(theirs.fileno())],
-                    stdin=subprocess.DEVNULL,
-                    pass_fds=(theirs.fileno(),),
-                    start_new_session=True,  # that of the service comes before others: see `be`
-                )
+                process = self._begun(theirs.fileno())
             except OSError:
                 ours.close()
                 raise
@@ -260,13 +259,28 @@ class PlanningPool:
             raise
         return _Worker(process, writer), reader
 
+    def _begun(self, descriptor: int) -> subprocess.Popen[bytes] | Forked:
+        """A process with this end of its socket."""
+        command = [*self._command, "--fd", str(descriptor)]
+        while self._blanks:
+            blank = self._blanks.pop()
+            if blank.become(command, STDOUT, (descriptor,), {}):
+                return blank
+        return subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            pass_fds=(descriptor,),
+            start_new_session=True,  # that of the service comes before others: see `be`
+        )
+
     def _note_end(self, worker: _Worker, began: bool) -> None:
         """Tell who waits for it, and who reads the log."""
-        how = f"(pid {worker.process.pid}) {_ending(worker.process.returncode)}"
+        ending = _ending(worker.process.wait())
+        how = f"(pid {worker.process.pid}) {ending}"
         if worker.answer is not None and not worker.answer.done():
             worker.answer.set_exception(WorkerLost(how))
         if not began:
-            self._fail(f"{_ending(worker.process.returncode)} at its start")
+            self._fail(f"{ending} at its start")
         elif not worker.dismissed:
             self.replaced += 1
             log.warning("a planning process %s and is replaced", how)

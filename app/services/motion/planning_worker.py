@@ -9,6 +9,7 @@ that the robot is loaded.
 from __future__ import annotations
 
 import argparse
+import atexit
 import contextlib
 import gc
 import pickle
@@ -58,7 +59,6 @@ def main() -> int:
         with contextlib.suppress(OSError):
             print(exc, flush=True)
         return 2
-    gc.collect()
     gc.freeze()
     gc.enable()
     be(Niceness.BACKGROUND)  # not before: a busy computer would keep who waits for it waiting
@@ -100,6 +100,9 @@ def _received(channel: BinaryIO) -> bytes | None:
 
 if __name__ == "__main__":
     die_with_parent(signal.SIGKILL)
+    atexit.unregister(
+        gc.freeze
+    )  # of who has forked it: OMPL takes what is not collected at the end for leaks
     be(Niceness.ORDINARY)  # not as prompt as the service that starts it, and not yet in the background
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     sys.exit(in_words(main))

@@ -11,8 +11,8 @@ import time
 from dataclasses import dataclass, field
 
 from cobot.errors import exhausted
+from cobot.launch.forked import Forked
 from cobot.launch.running_config import ProcessState
-from cobot.launch.supervisor.forked import Forked
 from cobot.logs.process import SUPERVISED
 from cobot.logs.supervision import SupervisorLog
 

@@ -16,8 +16,8 @@ import subprocess
 import time
 from collections.abc import Callable
 
+from cobot.launch.forked import Forked
 from cobot.launch.process import is_stopped, is_traced
-from cobot.launch.supervisor.forked import Forked
 
 MAX_STEP_S = 0.5
 """Of the time between two looks no more counts: where this process paused, the computer may have."""

@@ -17,12 +17,12 @@ from cobot.errors import UnavailableError
 from cobot.ipc.recording_memory import RecordingMemory
 from cobot.ipc.seqlock import Block
 from cobot.ipc.shm import RobotMemory
+from cobot.launch.forked import Forked
 from cobot.launch.process import has_terminal
 from cobot.launch.running_config import ProcessState, RunningConfig
 from cobot.launch.supervisor.announcement import announce
 from cobot.launch.supervisor.child import Child
 from cobot.launch.supervisor.children import RECORDER, SERVICE, Children
-from cobot.launch.supervisor.forked import Forked
 from cobot.launch.supervisor.heartbeat import HeartbeatWatch
 from cobot.launch.supervisor.listening import access_to, listen, url_of
 from cobot.launch.supervisor.signals import Signals

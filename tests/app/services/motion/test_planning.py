@@ -9,6 +9,7 @@ import asyncio
 import contextlib
 import os
 import signal
+import subprocess
 import sys
 import time
 from collections.abc import Callable, Coroutine, Iterator
@@ -36,6 +37,37 @@ from cobot.types import PlannerName, Scaling
 
 WAIT_S = 60.0
 LIGHT = light_planner.__name__
+# One of three has ended before it is needed: the pool takes the others, and what replaces one begins anew.
+FORKED = """
+import asyncio, light_planner
+from app.services.motion import planning_pool
+from cobot.launch.forked import forked
+planning_pool.WORKER = light_planner.__name__
+blanks = forked(3)
+pids = [each.pid for each in blanks]
+blanks[2].kill()
+blanks[2].wait()
+
+async def usable(pool):
+    while pool.usable < 2:
+        await asyncio.sleep(0.01)
+    return {worker.process.pid for worker in pool._workers}
+
+async def check():
+    pool = planning_pool.PlanningPool([], 2, blanks)
+    pool.start()
+    assert await usable(pool) == set(pids[:2])
+    planned_in = await pool.run(light_planner.pid, 60.0)
+    assert planned_in in pids
+    try:
+        await pool.run(light_planner.end, 60.0)
+    except planning_pool.WorkerLost as exc:
+        assert "was ended by SIGSEGV" in str(exc), exc
+    assert len(await usable(pool) - set(pids)) == 1
+    pool.close()
+
+asyncio.run(check())
+"""
 
 
 @pytest.fixture(scope="module")
@@ -413,3 +445,11 @@ def test_a_program_that_is_not_there_is_an_error_that_says_so(monkeypatch: pytes
         pool.close()
 
     asyncio.run(check())
+
+
+def test_the_first_workers_are_those_that_were_forked() -> None:
+    command = [sys.executable, "-c", FORKED]
+    done = subprocess.run(
+        command, env=HELPER_ENVIRONMENT, capture_output=True, text=True, check=False, timeout=WAIT_S
+    )
+    assert done.returncode == 0, done.stderr

@@ -8,15 +8,24 @@ import sys
 from pathlib import Path
 
 import psutil
+import pytest
 from running import until
 
 TOLD = """
 import json, os, psutil, sys
+if sys.argv[-1] == "again":
+    from cobot.launch.forked import forked
+    from cobot.launch.process import RUN_MODULE
+    (blank,) = forked(1)
+    numbers = [int(sys.argv[1])]
+    assert blank.become([*RUN_MODULE, "told", *sys.argv[1:-1]], 2, numbers, {"OF_ITS_OWN": "a value"})
+    raise SystemExit(blank.wait(60.0))
 here = psutil.Process()
 numbers = sorted(int(name) for name in os.listdir("/proc/self/fd"))
 told = {
     "name": __name__, "arguments": sys.argv[1:], "command": here.cmdline(), "path": sys.path,
-    "variable": os.environ["OF_ITS_OWN"], "session": os.getsid(0), "input": os.readlink("/proc/self/fd/0"),
+    "variable": os.environ["OF_ITS_OWN"], "session": os.getsid(0), "pid": here.pid,
+    "input": os.readlink("/proc/self/fd/0"),
     "numbers": [number for number in numbers if os.path.exists(f"/proc/self/fd/{number}")],
 }
 os.write(int(sys.argv[1]), json.dumps(told).encode())
@@ -24,7 +33,7 @@ raise SystemExit(3)
 """
 STARTER = """
 import json, os, signal, sys, time
-from cobot.launch.supervisor.forked import forked
+from cobot.launch.forked import forked
 from cobot.launch.process import RUN_MODULE
 signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # as who has started us may have it
 os.dup2(1, 200, inheritable=True)
@@ -34,7 +43,7 @@ if sys.argv[1:] == ["wait"]:
     time.sleep(600)
 reading, writing = os.pipe()
 command = [*RUN_MODULE, "told", str(writing), "--a-long-option", "x" * 200]
-assert first.become(command, 2, [writing], {"OF_ITS_OWN": "a value"})
+assert first.become([*command, *sys.argv[1:]], 2, [writing], {"OF_ITS_OWN": "a value"})
 os.close(writing)
 with os.fdopen(reading) as pipe:
     told = json.loads(pipe.read())
@@ -54,18 +63,19 @@ def starter(folder: Path, *arguments: str) -> subprocess.Popen[str]:
     )
 
 
-def test_it_is_the_module_as_if_python_had_begun_with_it(tmp_path: Path) -> None:
-    process = starter(tmp_path)
+@pytest.mark.parametrize("again", [(), ("again",)], ids=["forked", "forked by one that is forked"])
+def test_it_is_the_module_as_if_python_had_begun_with_it(tmp_path: Path, again: tuple[str, ...]) -> None:
+    process = starter(tmp_path, *again)
     output, _ = process.communicate(timeout=120.0)
     assert process.returncode == 0
-    pids, said = output.splitlines()
+    _, said = output.splitlines()
     found = json.loads(said)
     told = found["told"]
     assert told["name"] == "__main__"
     assert told["arguments"] == found["command"][4:]
     assert [part for part in told["command"] if part] == found["command"]  # spaces may follow
     assert told["variable"] == "a value"
-    assert told["session"] == int(pids.split()[0])
+    assert told["session"] == told["pid"]
     assert told["input"] == "/dev/null"
     assert told["numbers"] == [0, 1, 2, found["number"]]
     assert "" not in told["path"]

@@ -1,8 +1,9 @@
-"""The first start of each process, without importing again what the supervisor has imported already.
+"""The first start of each process, without importing again what its parent has imported already.
 
-What a process imports is most of what its start costs, and half of that the supervisor has too. So it forks
-its children while it has no thread of its own yet; each waits until it is told what to be. (The threads that
-OpenBLAS has made by then end before each fork, by a handler of its own, and begin anew when it needs them.)
+What a process imports is most of what its start costs, and half of that its parent has too. So the supervisor
+forks its children, and the service its planning processes, while they have no thread of their own yet; each
+waits until it is told what to be. (The threads that OpenBLAS has made by then end before each fork, by a
+handler of its own, and begin anew when it needs them.)
 Whatever starts later (a process that has died is replaced) begins anew, as `python -m` does.
 """
 
@@ -11,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import fcntl
+import gc
 import json
 import os
 import runpy
@@ -28,10 +30,12 @@ from cobot.launch.process import RUN_MODULE
 TASK_BYTES = 65536
 MAX_DESCRIPTORS = 16
 POLL_S = 0.01
+_first_path: list[str] = [] if sys.flags.safe_path else sys.path[:1]
+"""Where `python -m` looks first for modules: the current folder. No process that is forked does."""
 
 
 class Forked:
-    """A process; of `subprocess.Popen` what the supervisor needs.
+    """A process; of `subprocess.Popen` what its parent needs.
 
     Attributes:
         returncode: None while it runs.
@@ -106,6 +110,7 @@ def forked(count: int) -> list[Forked]:
     """
     # Whoever has started us may have it ignored; then nobody could learn how a child has ended.
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    gc.freeze()  # nor do their collectors look at what they share
     made: list[Forked] = []
     for _ in range(count):
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -114,7 +119,7 @@ def forked(count: int) -> list[Forked]:
             made.append(Forked(pid, ours))
             continue
         for each in (ours, *(other.channel for other in made)):
-            each.close()  # a process that waits is to see that the supervisor has gone
+            each.close()  # a process that waits is to see that its parent has gone
         _serve(theirs)
     return made
 
@@ -131,8 +136,8 @@ def _serve(channel: socket.socket) -> NoReturn:
     _be_called(task["command"])
     signal.signal(signal.SIGINT, signal.default_int_handler)
     module, *arguments = task["command"][len(RUN_MODULE) :]
-    if not sys.flags.safe_path:
-        del sys.path[0]
+    if _first_path:  # not where one that was forked forks
+        sys.path.remove(_first_path.pop())
     sys.argv[1:] = arguments
     status: object = 0
     try:

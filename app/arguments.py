@@ -1,0 +1,18 @@
+"""The command line of the service."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+
+def parsed() -> argparse.Namespace:
+    """What `cobot run` has given."""
+    parser = argparse.ArgumentParser(prog="python -m app", description="The web service.")
+    parser.add_argument("--config", type=Path, help="settings file; without it the shipped one")
+    parser.add_argument("--source", type=Path, help="what the user edits, where the settings file is a copy")
+    parser.add_argument("--host", required=True, help="address that the socket listens on")
+    parser.add_argument("--port", type=int, required=True)
+    parser.add_argument("--fd", type=int, required=True, help="descriptor of the listening socket")
+    parser.add_argument("--losses-fd", type=int, help=argparse.SUPPRESS)
+    return parser.parse_args()
