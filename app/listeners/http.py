@@ -119,6 +119,7 @@ class HttpProtocol(HttpToolsProtocol):
         self._silent = 0
         self._header_bytes = self._body_bytes = 0
         self._in_header, self._in_body, self._answered = True, False, False
+        self._ends = False
         self._begun_s = 0.0  # when the body was to begin
 
     def connection_made(self, transport: BaseTransport) -> None:
@@ -335,10 +336,19 @@ class HttpProtocol(HttpToolsProtocol):
             self._refuse(503, idle, BusyError.code)
 
     def shutdown(self) -> None:
-        """What has no end has been ended; one that reads nothing of it is not waited for."""
+        """What has no end has been ended; one that reads nothing of it is not waited for, now or later."""
         super().shutdown()
-        waiting = self.cycle is not None and not self.cycle.response_complete and self.flow.write_paused
-        if waiting and EVENTS.match(self.url):
+        self._ends = True
+        if self.flow.write_paused:
+            self._leave_unread()
+
+    def pause_writing(self) -> None:
+        super().pause_writing()
+        if self._ends:
+            self._leave_unread()
+
+    def _leave_unread(self) -> None:
+        if self.cycle is not None and not self.cycle.response_complete and EVENTS.match(self.url):
             self.transport.abort()
 
     def _start_asgi_task(self, cycle: RequestResponseCycle, app: ASGI3Application) -> None:

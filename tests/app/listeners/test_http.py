@@ -54,6 +54,7 @@ class Application:
         self.late: list[str] = []
         self.go_on = threading.Event()
         self.asked = ("", "")  # host and path of the newest request
+        self.events: list[str] = []  # how each answer without an end has ended
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         hosts = [value.decode() for name, value in scope["headers"] if name == b"host"]
@@ -65,6 +66,9 @@ class Application:
             return
         if scope["path"] == "/large":
             await self._large(send)
+            return
+        if scope["path"] == "/events":
+            await self._events(send)
             return
         if scope["path"] in ("/wait", "/health/wait"):
             self.waiting += 1
@@ -107,6 +111,22 @@ class Application:
         finally:
             self.large -= 1
 
+    async def _events(self, send: Any) -> None:
+        """Nothing until it is told, and then more than a client that does not read gets."""
+        self.waiting += 1
+        try:
+            await send({"type": "http.response.start", "status": 200, "headers": []})
+            while not self.go_on.is_set():
+                await asyncio.sleep(0.01)
+            await send({"type": "http.response.body", "body": bytes(10**7), "more_body": True})
+            await send({"type": "http.response.body", "body": b""})
+            self.events.append("over")
+        except asyncio.CancelledError:
+            self.events.append("cancelled")
+            raise
+        finally:
+            self.waiting -= 1
+
     async def _late(self, receive: Any, send: Any) -> None:
         await receive()
         self.waiting += 1
@@ -141,13 +161,16 @@ class Service:
             ssl_certfile=certificate,
             ssl_keyfile=certificate and certificate.with_suffix(".key"),
         )
-        self.server = Server(config, limits)
+        self.server = Server(config, limits, self._end_streams)
         self._thread = threading.Thread(target=self.server.run, args=([listener],))
         self._thread.start()
         until(lambda: self.server.started)
 
+    def _end_streams(self) -> None:
+        """Their last words come when the connections have been told to end."""
+        asyncio.get_running_loop().call_soon(self.application.go_on.set)
+
     def close(self) -> None:
-        self.application.go_on.set()
         self.server.should_exit = True
         self._thread.join(WAIT_S)
 
@@ -305,6 +328,15 @@ def test_a_body_that_comes_at_the_least_rate_is_taken(service: Service) -> None:
             connection.sendall(b"x" * 500)
             time.sleep(0.1)
         assert answer(connection) == (200, b"12000")
+
+
+def test_who_does_not_read_the_last_words_of_what_has_no_end_is_not_waited_for() -> None:
+    service = Service(LIMITS)
+    with service.connect() as connection:
+        connection.sendall(b"GET /events HTTP/1.1\r\nHost: h\r\n\r\n")
+        until(lambda: service.application.waiting)
+        service.close()
+    assert service.application.events == ["over"]
 
 
 @pytest.mark.parametrize("size", [100_000, 5_000_000])
