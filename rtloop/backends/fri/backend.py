@@ -87,6 +87,7 @@ class FriBackend:
         self._starts = True
         self._refused = ""
         self._malformed = 0
+        self._lost = ""  # why the last motion ended: until a reset the arm is not moved any more
 
     def open(self, initial_position: Array) -> None:
         options, robot = self._options, self._robot
@@ -155,7 +156,7 @@ class FriBackend:
         if message is None or self._beat.due or self._answered:
             return
         self._answered = True
-        reason = obstacle(message) or wrong_overlay(message, self._options)
+        reason = self._lost or obstacle(message) or wrong_overlay(message, self._options)
         if self._enabled and not reason and (self._joins or not self._answers.are_begun):
             reason = self._answers.begin(message, command[0])
             self._joins = False
@@ -163,6 +164,7 @@ class FriBackend:
         if answer:
             self._open_channel.send(answer)
         if reason and self._enabled and (command[1].any() or not self._may_begin_anew(message)):
+            self._lost = reason
             raise BackendError(f"the robot takes no commands: {reason}")
 
     def enable(self) -> None:
@@ -210,7 +212,7 @@ class FriBackend:
 
     def recover_step(self) -> bool:
         """The controller's own program recovers it; from here on it is only echoed until it has."""
-        self._enabled = False
+        self._enabled, self._lost = False, ""
         return True
 
     def disable(self) -> None:

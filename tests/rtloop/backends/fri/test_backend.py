@@ -325,6 +325,39 @@ def test_comes_back_after_every_fault_without_a_jump(
     assert (steps <= limits.max_velocity).all()
 
 
+@pytest.mark.parametrize("speed_rad_s", [0.0, 0.3])
+def test_a_motion_that_a_short_safety_stop_has_ended_is_not_begun_anew_before_a_reset(
+    make: Make, speed_rad_s: float
+) -> None:
+    """The cabinet may take commands again while rtloop still brakes, or has come to rest elsewhere."""
+    driven = make()
+    driven.enable()
+    driven.swing(100)
+    end = safety_stop(driven)
+    driven.until(lambda: driven.problems)
+    end()
+
+    def brake() -> None:
+        driven.command[0, 0] += speed_rad_s * driven.cabinet.period_s
+        driven.command[1, 0] = speed_rad_s
+        driven.cycle()
+
+    driven.command[0, 0] += 0.02
+    while driven.cabinet.state != SessionState.COMMANDING_ACTIVE:
+        brake()
+    motions, rest = driven.cabinet.motions, driven.cabinet.arm.setpoint.copy()
+    for _ in range(60):
+        brake()
+    assert np.array_equal(driven.cabinet.arm.setpoint, rest)
+    assert "safety stop 1" in driven.problems[-1]
+    driven.enable()
+    driven.problems.clear()
+    driven.swing(200)
+    assert not driven.problems
+    assert driven.cabinet.motions == motions
+    assert abs(driven.measured.position[0] - rest[0]) > 0.1
+
+
 def test_a_safety_stop_is_named_when_the_robot_is_to_be_enabled(make: Make) -> None:
     driven = make()
     driven.enable()
