@@ -19,6 +19,7 @@ from websockets.exceptions import WebSocketException
 from websockets.sync.client import ClientConnection, connect
 
 from cobot.errors import ExecutionError, InputError, UnavailableError
+from cobot.strict import shown
 
 CONNECT_S = 10.0
 PLAIN = "biufSU"
@@ -71,7 +72,7 @@ def _from_map(value: dict[Any, Any]) -> Any:
         return value
     name, data = value[b"dtype"], value[b"data"]
     if not isinstance(name, str) or not DTYPE.fullmatch(name):
-        raise ValueError(f"an array of {name!r}")
+        raise ValueError(f"an array of {shown(name)}")
     dtype = np.dtype(name)
     if b"__ndarray__" in value:
         return np.frombuffer(data, dtype).reshape(value[b"shape"])
