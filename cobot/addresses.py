@@ -11,6 +11,8 @@ from __future__ import annotations
 
 from urllib.parse import quote, urlsplit
 
+from cobot.errors import InputError
+
 DEFAULT_URL = "http://localhost:8007"
 CONTROL_TOKEN = "X-Control-Token"
 """The header that shows the token of a lease: its holder's motions carry it."""
@@ -18,6 +20,21 @@ ROBOTS = "/robots"
 MCP = "/mcp/mcp"
 """Where agents reach the service."""
 _PLAIN = "/robot"
+
+
+def check_url(url: str) -> None:
+    """
+    Raises:
+        InputError: that is no address of a service, with what one looks like.
+    """
+    try:
+        parts = urlsplit(url)
+        problem = "" if parts.hostname and parts.scheme in ("http", "https") else "not http:// and a host"
+        _ = parts.port
+    except ValueError as exc:
+        problem = str(exc)
+    if problem:
+        raise InputError(f"url {url!r}: {problem}; one looks like {DEFAULT_URL}")
 
 
 def address(url: str, robot: str) -> str:

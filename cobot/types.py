@@ -23,7 +23,7 @@ def vector(values: object, size: int | None = None, *, name: str = "vector") -> 
     """
     try:
         array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as exc:
+    except (TypeError, ValueError, OverflowError) as exc:
         raise InputError(f"{name} must be a list of numbers") from exc
     if array.ndim != 1 or (size is not None and array.shape[0] != size):
         raise InputError(f"{name} must have {size} numbers, got shape {array.shape}")

@@ -7,18 +7,29 @@ From another computer, with COBOT_ROBOT=http://HOST:8007. It needs `pip install 
 
 from __future__ import annotations
 
+import argparse
 import os
 import sys
 
 from cobot import Mode, Robot
+from cobot.errors import CobotError
 from learning.openpi import PolicyConnection
 from learning.policy import PolicyRunner, state_observer
 
 PERIOD_S = 1 / 30  # of the actions of a chunk: as the policy was trained
 
-with PolicyConnection(sys.argv[1]) as policy, Robot(os.environ.get("COBOT_ROBOT", "iiwa")) as robot:
-    robot.switch_mode(Mode.RT_JOINT_IMPEDANCE)
-    with robot.start_joint_impedance_control(30, interpolation="quintic") as control:
-        runner = PolicyRunner(robot, control, policy, PERIOD_S, observe=state_observer("swing"), every_s=0.2)
-        runner.run(float(sys.argv[2]) if len(sys.argv) > 2 else 10.0)
-        print(f"{len(runner.sent)} chunks, the last one after {runner.latency.last_s:.3f} s")
+parser = argparse.ArgumentParser()
+parser.add_argument("address", metavar="HOST:PORT", help="of the policy's server")
+parser.add_argument("seconds", metavar="SECONDS", type=float, nargs="?", default=10.0)
+chosen = parser.parse_args()
+name = os.environ.get("COBOT_ROBOT", "iiwa")
+try:
+    with PolicyConnection(chosen.address) as policy, Robot(name) as robot:
+        robot.switch_mode(Mode.RT_JOINT_IMPEDANCE)
+        with robot.start_joint_impedance_control(30, interpolation="quintic") as control:
+            observe = state_observer("swing")
+            runner = PolicyRunner(robot, control, policy, PERIOD_S, observe=observe, every_s=0.2)
+            runner.run(chosen.seconds)
+            print(f"{len(runner.sent)} chunks, the last one after {runner.latency.last_s:.3f} s")
+except CobotError as exc:
+    sys.exit(f"openpi_policy.py: {exc}")

@@ -9,11 +9,13 @@ Start `make run` in another terminal, then:
 from __future__ import annotations
 
 import os
+import sys
 
 from cobot.client import Client
 from cobot.client.tls import token_from_environment
 from cobot.client.websocket import open_socket
 from cobot.clock import SYSTEM
+from cobot.errors import UnavailableError
 from cobot.teleop.hand import JogVelocity
 from cobot.teleop.teleop import Teleoperation
 
@@ -44,9 +46,12 @@ class Square:
 
 
 url = os.environ.get("COBOT_URL", "http://localhost:8007")
-with Client(url) as robot:
-    robot.move_named("work", speed=0.5)
-    with open_socket(url, token_from_environment(), True) as socket:
-        Teleoperation(socket, Square(), 0.4, print).run()  # it says when the service permits less, and why
-    place = robot.pose()["position"]
-    print(f"at rest at x {place['x']:.3f} m, y {place['y']:.3f} m")
+try:
+    with Client(url) as robot:
+        robot.move_named("work", speed=0.5)
+        with open_socket(url, token_from_environment(), True) as socket:
+            Teleoperation(socket, Square(), 0.4, print).run()  # it says when less is permitted, and why
+        place = robot.pose()["position"]
+        print(f"at rest at x {place['x']:.3f} m, y {place['y']:.3f} m")
+except UnavailableError as exc:
+    sys.exit(f"own_hand.py: {exc}; `make run` starts a service, COBOT_URL says where another one is")

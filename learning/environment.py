@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from numbers import Real
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,7 +17,9 @@ from cobot.clock import SYSTEM, Clock
 from cobot.config import load_settings
 from cobot.errors import CollisionError, ExecutionError, InputError, MotionStopped
 from cobot.robot.description import RobotDescription, load_robot
-from cobot.types import Array
+from cobot.robot.limits import check_positions
+from cobot.strict import unknown_key
+from cobot.types import Array, vector
 from learning.arms import Arm, ServedArm, SimulatedArm
 from learning.cameras import FRONT, Camera, Renderer
 from learning.tasks import Reach, Task
@@ -69,7 +73,7 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
     def __init__(
         self,
         *,
-        config: Path | None = None,
+        config: Path | str | None = None,
         url: str | None = None,
         control: Literal["relative", "absolute"] = "relative",
         rate_hz: float = 30.0,
@@ -81,12 +85,15 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
         render_mode: str | None = None,
         connect: Connect | None = None,
     ) -> None:
-        _check(control, rate_hz, spread_rad, max_velocity_rad_s, render_mode)
-        settings = load_settings(config)
+        _check_numbers(rate_hz, spread_rad, max_velocity_rad_s, speed)
+        _check(control, render_mode, task, cameras)
+        if not isinstance(config, Path | str | None):
+            raise InputError(f"config must be the path of a settings file, got {config!r}")
+        settings = load_settings(config if config is None else Path(config))
         self.robot: RobotDescription = load_robot(settings)
         self._home = np.array(self.robot.positions[settings.robot.start_position].joints)
         self.render_mode = render_mode
-        self._task, self._spread_rad = task or Reach(), spread_rad
+        self._task, self._spread_rad = Reach() if task is None else task, spread_rad
         self._relative, self._period_s = control == RELATIVE, 1.0 / rate_hz
         self._step_rad = max_velocity_rad_s * self._period_s
         self._cameras = tuple(cameras)
@@ -117,9 +124,14 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
 
         Args:
             options: `start`, joint angles in rad to begin at instead of those that the seed gives.
+
+        Raises:
+            InputError: another option, or no such angles; LimitError for one where no target may be.
+            CollisionError: the arm cannot stand at `start`.
         """
+        wanted = self._wanted(options)
         super().reset(seed=seed)
-        start = self._start((options or {}).get("start"))
+        start = self._free_start() if wanted is None else wanted
         self._task.reset(self.robot, start, self.np_random)
         self._arm.restart(start)
         self._target, self._ended = start, False
@@ -136,9 +148,7 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
         """
         if self._ended:
             raise ExecutionError("the episode has ended, or has not begun: reset the environment first")
-        given = np.asarray(action, float)
-        if given.shape != self._target.shape or not np.isfinite(given).all():
-            raise InputError(f"an action must be {len(self._target)} finite numbers, got {action}")
+        given = vector(action, len(self._target), name="an action")
         aim = self._target + self._step_rad * given.clip(-1.0, 1.0) if self._relative else given
         self._target = aim.clip(self._low, self._high)
         reason = ""
@@ -171,13 +181,24 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
         self._ended = True
         self._arm.close()
 
-    def _start(self, wanted: Sequence[float] | None) -> Array:
-        if wanted is not None:
-            start = np.array(wanted, float)
-            if start.shape != self._home.shape or not np.isfinite(start).all():
-                raise InputError(f"options: start must be {len(self._home)} finite numbers, got {wanted}")
-            self.robot.collision.check_position(start, "options: start")
-            return start.clip(self._low, self._high)
+    def _wanted(self, options: dict[str, Any] | None) -> Array | None:
+        """Where the options say that an episode begins; None: nowhere."""
+        if not isinstance(options, Mapping | None):
+            raise InputError(f"options must be a dictionary, got {options!r}")
+        given = dict(options or {})
+        wanted = given.pop("start", None)
+        if given:
+            raise InputError(f"options: {unknown_key(str(next(iter(given))), ['start'])}")
+        if wanted is None:
+            return None
+        what = "options: start"
+        start = vector(wanted, len(self._home), name=what)
+        possible = replace(self.robot.limits, min_position=self._low, max_position=self._high)
+        check_positions(possible, start, f"{what}: angle")
+        self.robot.collision.check_position(start, what)
+        return start
+
+    def _free_start(self) -> Array:
         for _ in range(TRIES):
             away = self.np_random.uniform(-self._spread_rad, self._spread_rad, len(self._home))
             free: Array = (self._home + away).clip(self._low, self._high)
@@ -232,17 +253,34 @@ class ArmEnv(gymnasium.Env[Observation, Array]):
         return spaces.Dict(found)
 
 
-def _check(control: str, rate_hz: float, spread_rad: float, velocity: float, render_mode: str | None) -> None:
-    if control not in (RELATIVE, ABSOLUTE):
-        raise InputError(f"control must be {RELATIVE} or {ABSOLUTE}, got {control!r}")
+def _check_numbers(rate_hz: float, spread_rad: float, velocity: float, speed: float) -> None:
+    given: dict[str, object] = {
+        "rate_hz": rate_hz,
+        "spread_rad": spread_rad,
+        "max_velocity_rad_s": velocity,
+        "speed": speed,
+    }
+    for name, value in given.items():
+        if not isinstance(value, Real):
+            raise InputError(f"{name} must be a number, got {value!r}")
     if not 1.0 <= rate_hz <= 500.0:
         raise InputError(f"rate_hz must be from 1 to 500, got {rate_hz}")
     if not 0.0 <= spread_rad <= 3.0:
         raise InputError(f"spread_rad must be from 0 to 3 rad, got {spread_rad}")
     if not 0.0 < velocity <= 10.0:
         raise InputError(f"max_velocity_rad_s must be above 0, 10 rad/s at most, got {velocity}")
+
+
+def _check(control: str, render_mode: str | None, task: Task | None, cameras: Sequence[Camera]) -> None:
+    if control not in (RELATIVE, ABSOLUTE):
+        raise InputError(f"control must be {RELATIVE} or {ABSOLUTE}, got {control!r}")
     if render_mode not in (None, "rgb_array"):
         raise InputError(f"render_mode must be None or rgb_array, got {render_mode!r}")
+    for method in ("spaces", "reset", "observe", "judge"):
+        if task is not None and not callable(getattr(task, method, None)):
+            raise InputError(f"task must be a learning.tasks.Task; {task!r} has no method {method}")
+    if not isinstance(cameras, Sequence) or not all(isinstance(each, Camera) for each in cameras):
+        raise InputError(f"cameras must be a list of learning.cameras.Camera, got {cameras!r}")
 
 
 def _served(url: str, rate_hz: float, speed: float, connect: Connect | None) -> Arm:

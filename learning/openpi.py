@@ -9,7 +9,8 @@ is answered by one with actions. Messages are MessagePack maps; an array is a ma
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
+import re
+from collections.abc import Iterator, Mapping
 from typing import Any, Self, cast
 
 import msgpack
@@ -18,10 +19,13 @@ from websockets.exceptions import WebSocketException
 from websockets.sync.client import ClientConnection, connect
 
 from cobot.errors import ExecutionError, InputError, UnavailableError
+from cobot.strict import shown
 
 CONNECT_S = 10.0
 PLAIN = "biufSU"
 """Kinds of numpy's types whose bytes say everything."""
+DTYPE = re.compile(f"[<>|=]?[{PLAIN}][0-9]{{1,9}}")
+"""Their names. numpy itself takes far more for one, even what has to be parsed as Python first."""
 
 
 def packed(message: Mapping[str, Any]) -> bytes:
@@ -44,7 +48,7 @@ def unpacked(content: bytes) -> Any:
     """
     try:
         return msgpack.unpackb(content, object_hook=_from_map)
-    except (ValueError, TypeError, KeyError, msgpack.UnpackException) as exc:
+    except (ValueError, TypeError, KeyError, OverflowError, msgpack.UnpackException) as exc:
         raise ExecutionError(f"the server has sent what is no message of openpi's protocol: {exc}") from exc
 
 
@@ -64,14 +68,18 @@ def _as_map(value: object) -> object:
 
 
 def _from_map(value: dict[Any, Any]) -> Any:
-    if b"__ndarray__" in value or b"__npgeneric__" in value:
-        dtype = np.dtype(value[b"dtype"])
-        if dtype.kind not in PLAIN:
-            raise ValueError(f"an array of {dtype}")
-        if b"__ndarray__" in value:
-            return np.frombuffer(value[b"data"], dtype).reshape(value[b"shape"])
-        return dtype.type(value[b"data"])
-    return value
+    if b"__ndarray__" not in value and b"__npgeneric__" not in value:
+        return value
+    name, data = value[b"dtype"], value[b"data"]
+    if not isinstance(name, str) or not DTYPE.fullmatch(name):
+        raise ValueError(f"an array of {shown(name)}")
+    dtype = np.dtype(name)
+    if b"__ndarray__" in value:
+        return np.frombuffer(data, dtype).reshape(value[b"shape"])
+    if not isinstance(data, (str, bytes) if dtype.kind in "SU" else (bool, int, float)):
+        raise TypeError(f"{type(data).__name__} for a number of {dtype}")
+    with np.errstate(over="ignore"):  # then it is infinite, which whoever uses it finds
+        return dtype.type(data)
 
 
 class PolicyConnection:
@@ -95,13 +103,11 @@ class PolicyConnection:
     def __init__(self, address: str, *, api_key: str | None = None, timeout_s: float = 30.0) -> None:
         self.address = address if address.startswith(("ws://", "wss://")) else f"ws://{address}"
         self._timeout_s = timeout_s
-        self._connection = self._open(api_key)
-        try:
-            metadata = unpacked(self._receive("describe itself"))
-        except Exception:
-            self.close()
-            raise
-        self.metadata: dict[str, Any] = metadata if isinstance(metadata, dict) else {}
+        self._headers = {"Authorization": f"Api-Key {api_key}"} if api_key else None
+        self._connection: ClientConnection | None = None
+        self.metadata: dict[str, Any] = {}
+        with self._or_closed():
+            self._connected()
 
     def __enter__(self) -> Self:
         return self
@@ -112,29 +118,52 @@ class PolicyConnection:
     def infer(self, observation: Mapping[str, Any]) -> dict[str, Any]:
         """What the policy answers to an observation, `actions` among it.
 
+        After an error, or `close`, the next call connects anew: an answer that comes too late is never taken
+        for that to another observation.
+
         Raises:
             InputError: the observation has something in it that cannot be sent.
             ExecutionError: the policy has failed, with the last line of its reason.
             UnavailableError: the server has gone, or does not answer in time.
         """
         content = packed(observation)
-        try:
-            self._connection.send(content)
-        except (WebSocketException, OSError) as exc:
-            raise UnavailableError(f"{self.address}: the connection is lost: {exc}") from exc
-        answer = unpacked(self._receive("answer"))
-        if not isinstance(answer, dict):
-            raise ExecutionError(f"{self.address}: the answer is {type(answer).__name__}, and no map")
-        return answer
+        with self._or_closed():
+            connection = self._connected()
+            try:
+                connection.send(content)
+            except (WebSocketException, OSError) as exc:
+                raise UnavailableError(f"{self.address}: the connection is lost: {exc}") from exc
+            answer = unpacked(self._receive(connection, "answer"))
+            if not isinstance(answer, dict):
+                raise ExecutionError(f"{self.address}: the answer is {type(answer).__name__}, and no map")
+            return answer
 
     def close(self) -> None:
         """May be called again."""
-        with contextlib.suppress(WebSocketException, OSError):
-            self._connection.close()
+        connection, self._connection = self._connection, None
+        if connection is not None:
+            with contextlib.suppress(WebSocketException, OSError):
+                connection.close()
 
-    def _receive(self, what: str) -> bytes:
+    @contextlib.contextmanager
+    def _or_closed(self) -> Iterator[None]:
+        """Whatever keeps an exchange from its end, Ctrl-C too: what still comes belongs to no later one."""
         try:
-            content = self._connection.recv(self._timeout_s)
+            yield
+        except BaseException:
+            self.close()
+            raise
+
+    def _connected(self) -> ClientConnection:
+        if self._connection is None:
+            self._connection = self._open()
+            metadata = unpacked(self._receive(self._connection, "describe itself"))
+            self.metadata = metadata if isinstance(metadata, dict) else {}
+        return self._connection
+
+    def _receive(self, connection: ClientConnection, what: str) -> bytes:
+        try:
+            content = connection.recv(self._timeout_s)
         except TimeoutError as exc:
             raise UnavailableError(
                 f"{self.address}: the policy did not {what} within {self._timeout_s:g} s"
@@ -147,12 +176,11 @@ class PolicyConnection:
             raise ExecutionError(f"{self.address}: the policy has failed: {said}")
         return content
 
-    def _open(self, api_key: str | None) -> ClientConnection:
-        headers = {"Authorization": f"Api-Key {api_key}"} if api_key else None
+    def _open(self) -> ClientConnection:
         try:
             return connect(
                 self.address,
-                additional_headers=headers,
+                additional_headers=self._headers,
                 proxy=None,
                 compression=None,
                 max_size=None,

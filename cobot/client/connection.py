@@ -9,7 +9,7 @@ from typing import Any, Self
 
 import httpx
 
-from cobot.addresses import DEFAULT_URL, address, path_at
+from cobot.addresses import DEFAULT_URL, address, check_url, path_at
 from cobot.client.tls import Verify, tls_context, token_from_environment
 from cobot.errors import BY_CODE, CobotError, ExecutionError, InputError, UnavailableError
 
@@ -42,6 +42,7 @@ class Connection:
         motion_token: str | None = None,
         transport: httpx.BaseTransport | None = None,
     ) -> None:
+        check_url(url)
         if robot is not None:
             url = address(url, robot)
         headers = {"X-Motion-Token": motion_token} if motion_token else {}

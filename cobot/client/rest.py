@@ -36,6 +36,9 @@ class Client(Moves, EventConnection):
         verify: which certificates to trust, see `cobot.client.tls.tls_context`.
         motion_token: that of a sequence, for the sequence's own motions.
 
+    Raises (constructor):
+        InputError: that is no URL.
+
     Every method raises:
         UnavailableError: nobody answers at the URL, or the robot behind it does not.
         CobotError: the service's error, of the class that its `code` names.

@@ -9,7 +9,7 @@ import numpy as np
 from cobot.clock import SYSTEM, Clock
 from cobot.errors import ConflictError, ExecutionError, TornReadError, UnavailableError
 from cobot.ipc.layout import record_of
-from cobot.ipc.shm import FOLDER, MemoryRole, RobotMemory
+from cobot.ipc.shm import MemoryRole, RobotMemory, robots_running
 from cobot.ipc.stream_writer import StreamWriter
 from cobot.types import LoopMode
 
@@ -27,8 +27,8 @@ class SharedMemoryTransport:
         try:
             self._memory = RobotMemory.attach(robot, MemoryRole.READER)
         except UnavailableError as exc:
-            running = ", ".join(sorted(path.name.removeprefix("cobot-") for path in FOLDER.glob("cobot-*")))
-            raise UnavailableError(f"{exc}; robots that run here: {running or 'none'}") from exc
+            running = ", ".join(robots_running()) or "none"
+            raise UnavailableError(f"{exc}; robots that run here: {running}") from exc
         self.robot, self.url, self.dof = robot, self._memory.url, self._memory.dof
         self._writer = StreamWriter(self._memory)
         self._turn = threading.Lock()

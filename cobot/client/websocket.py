@@ -12,7 +12,7 @@ import numpy as np
 from websockets.exceptions import InvalidStatus, WebSocketException
 from websockets.sync.client import ClientConnection, connect
 
-from cobot.addresses import path_at
+from cobot.addresses import check_url, path_at
 from cobot.client.connection import ERRORS
 from cobot.client.tls import Verify, tls_context, token_from_environment
 from cobot.client.wire import PATH, Kind, packed, record
@@ -183,6 +183,7 @@ def open_socket(url: str, token: str | None, verify: Verify) -> ClientConnection
     Raises:
         UnavailableError, InputError, or what the service says: nobody answers, no URL, not permitted.
     """
+    check_url(url)
     trusted = tls_context(verify) if url.startswith("https:") else None
     try:
         # proxy: a robot's motions do not go through the one that the environment has for the web.

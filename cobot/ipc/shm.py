@@ -317,19 +317,18 @@ class RobotMemory:
 
 
 def robots_running() -> list[str]:
-    """The names of the robots of this computer that have a supervisor or a real-time process.
-
-    For a process that has no `RobotMemory` open: it would lose its locks, see `_let_go`.
-    """
+    """The names of the robots of this computer that have a supervisor or a real-time process, or whose memory
+    this process has open: the kernel does not tell it of its own locks."""
     found = []
     for path in sorted(FOLDER.glob("cobot-*")):
         try:
-            with path.open("r+b") as file:
-                roles = MemoryRole.SUPERVISOR, MemoryRole.RTLOOP
-                if any(_holder(file.fileno(), role) for role in roles):
-                    found.append(path.name.removeprefix("cobot-"))
-        except OSError:  # somebody else's
+            descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+        except OSError:  # somebody else's, or no robot's
             continue
+        roles = MemoryRole.SUPERVISOR, MemoryRole.RTLOOP
+        if _users[path] or any(_holder(descriptor, role) for role in roles):
+            found.append(path.name.removeprefix("cobot-"))
+        _let_go(path, descriptor)
     return found
 
 

@@ -8,7 +8,9 @@ two other axes. Its numbers are those of the kernel's driver for Xbox pads, whic
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
+import stat
 import struct
 from pathlib import Path
 
@@ -17,6 +19,8 @@ from cobot.teleop.hand import JogVelocity
 
 EVENT = struct.Struct("<IhBB")
 """Time in ms, value, kind, number."""
+GET_VERSION = 0x80046A01
+"""JSIOCGVERSION of linux/joystick.h, which joysticks alone answer."""
 BUTTON, AXIS, INITIAL = 0x01, 0x02, 0x80
 FULL = 32767
 DEAD_ZONE = 0.15
@@ -43,6 +47,9 @@ class Gamepad:
             self._file = os.open(self._path, os.O_RDONLY | os.O_NONBLOCK)
         except OSError as exc:
             raise InputError(f"gamepad {self._path}: {exc.strerror}") from exc
+        if not _has_events(self._file):
+            self.close()
+            raise InputError(f"gamepad {self._path}: is no gamepad; those are {FOLDER}/js*")
         self._axes: dict[int, float] = {}
         self._buttons: dict[int, bool] = {}
         self._part = b""
@@ -101,8 +108,19 @@ class Gamepad:
                 self._ended |= number == END
 
 
+def _has_events(descriptor: int) -> bool:
+    """Whether it is a joystick of the kernel's, or a pipe through which another program passes one on."""
+    if stat.S_ISFIFO(os.fstat(descriptor).st_mode):
+        return True
+    try:
+        fcntl.ioctl(descriptor, GET_VERSION, bytes(4))
+    except OSError:
+        return False
+    return True
+
+
 def _first() -> Path:
     found = sorted(FOLDER.glob("js*"))
     if not found:
-        raise InputError(f"there is no gamepad: no js* in {FOLDER}; --keyboard needs none")
+        raise InputError(f"there is no gamepad: no js* in {FOLDER}; without --gamepad it is the keyboard")
     return found[0]

@@ -6,7 +6,8 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 
-from cobot.addresses import address, path_at, path_below
+from cobot.addresses import address, check_url, path_at, path_below
+from cobot.errors import InputError
 
 
 @pytest.mark.parametrize(
@@ -29,3 +30,13 @@ def test_a_plain_path_has_its_twin_below_the_name_of_a_robot(plain: str, below: 
 def test_any_name_is_one_part_of_the_path(name: str) -> None:
     path = urlsplit(address("http://host/", name)).path
     assert [unquote(part) for part in path.split("/")] == ["", "robots", name]
+
+
+@pytest.mark.parametrize(
+    "url", ["", "foo", "host:8007", "ws://host", "http:", "http://", "http://h:x", "http://[h"]
+)
+def test_what_is_no_url_is_told_what_one_looks_like(url: str) -> None:
+    with pytest.raises(InputError, match="one looks like http://localhost:8007"):
+        check_url(url)
+    for good in ("http://host", "https://[::1]:8007/robots/left"):
+        check_url(good)

@@ -66,6 +66,7 @@ def test_every_example_says_how_it_is_run() -> None:
     assert {script: commands(script)[-1] for script in SCRIPTS} == {
         "hello.lua": ".venv/bin/cobot lua examples/hello.lua",
         "learning_env.py": ".venv/bin/python examples/learning_env.py",
+        "lerobot_arm.py": ".venv/bin/python examples/lerobot_arm.py",
         "openpi_policy.py": ".venv/bin/python examples/openpi_policy.py HOST:PORT [SECONDS]",
         "own_hand.py": ".venv/bin/python examples/own_hand.py",
         "paths.py": ".venv/bin/python examples/paths.py",
@@ -73,6 +74,7 @@ def test_every_example_says_how_it_is_run() -> None:
         "plan_first.py": ".venv/bin/python examples/plan_first.py",
         "policy_30hz.py": ".venv/bin/python examples/policy_30hz.py",
         "record_and_replay.py": ".venv/bin/python examples/record_and_replay.py",
+        "record_episode.py": ".venv/bin/python examples/record_episode.py",
         "scene.py": ".venv/bin/python examples/scene.py",
         "streaming_plot.py": ".venv/bin/python examples/streaming_plot.py --rate 10 --output streaming.png",
         "tour.m": "run examples/tour",

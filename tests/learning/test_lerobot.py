@@ -1,160 +1,36 @@
-"""The plug-in of LeRobot. Against a stand-in for LeRobot's base classes: LeRobot itself brings PyTorch and
-gigabytes, and is not installed here. The stand-in has what the plug-in uses of LeRobot 0.4.4."""
+"""The plug-in of LeRobot, against a stand-in for LeRobot's base classes."""
 
 from __future__ import annotations
 
 import shutil
-import sys
 import zipfile
-from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import ModuleType
-from typing import Any, ClassVar
 
 import numpy as np
 import pytest
+from lerobot_stand_in import (
+    PLUGIN,
+    Camera,
+    Dataset,
+    DeviceAlreadyConnectedError,
+    DeviceNotConnectedError,
+    RobotConfig,
+    plugin_beside_it,
+)
 from virtual import virtual_service
-from wheels import ROOT, build
+from wheels import build
 
 from cobot.client import Robot
 from learning.episodes import EpisodeWriter
 
-PLUGIN = ROOT / "lerobot-robot-cobot"
-
-
-@dataclass(kw_only=True)
-class RobotConfig:
-    id: str | None = None
-    calibration_dir: Path | None = None
-    kinds: ClassVar[dict[str, type]] = {}
-
-    @classmethod
-    def register_subclass(cls, name: str) -> Any:
-        return lambda kind: cls.kinds.setdefault(name, kind)
-
-
-class LeRobot(ABC):
-    def __init__(self, config: RobotConfig) -> None:
-        self.id = config.id
-
-    def __str__(self) -> str:
-        return f"{self.id} {type(self).__name__}"
-
-    @property
-    @abstractmethod
-    def observation_features(self) -> dict[str, Any]: ...
-
-    @property
-    @abstractmethod
-    def action_features(self) -> dict[str, Any]: ...
-
-    @property
-    @abstractmethod
-    def is_connected(self) -> bool: ...
-
-    @abstractmethod
-    def connect(self, calibrate: bool = True) -> None: ...
-
-    @property
-    @abstractmethod
-    def is_calibrated(self) -> bool: ...
-
-    @abstractmethod
-    def calibrate(self) -> None: ...
-
-    @abstractmethod
-    def configure(self) -> None: ...
-
-    @abstractmethod
-    def get_observation(self) -> dict[str, Any]: ...
-
-    @abstractmethod
-    def send_action(self, action: dict[str, Any]) -> dict[str, Any]: ...
-
-    @abstractmethod
-    def disconnect(self) -> None: ...
-
-
-class DeviceNotConnectedError(ConnectionError): ...
-
-
-class DeviceAlreadyConnectedError(ConnectionError): ...
-
-
-class Camera:
-    """One of LeRobot's kinds."""
-
-    height, width = 6, 8
-
-    def __init__(self) -> None:
-        self.is_connected = False
-
-    def connect(self) -> None:
-        self.is_connected = True
-
-    def disconnect(self) -> None:
-        self.is_connected = False
-
-    def async_read(self) -> np.ndarray:
-        return np.full((6, 8, 3), 7, np.uint8)
-
-
-class Dataset:
-    made: Dataset
-
-    def __init__(self, **options: Any) -> None:
-        Dataset.made = self
-        self.options = options
-        self.frames: list[dict[str, Any]] = []
-        self.num_episodes, self.finalized = 0, False
-
-    @classmethod
-    def create(cls, **options: Any) -> Dataset:
-        return cls(**options)
-
-    @property
-    def num_frames(self) -> int:
-        return len(self.frames)
-
-    def add_frame(self, frame: dict[str, Any]) -> None:
-        assert set(frame) == {*self.options["features"], "task"}
-        self.frames.append(frame)
-
-    def save_episode(self) -> None:
-        self.num_episodes += 1
-
-    def finalize(self) -> None:
-        self.finalized = True
-
 
 @pytest.fixture
 def plugin(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
-    contents = {
-        "lerobot": {},
-        "lerobot.cameras": {"CameraConfig": Camera},
-        "lerobot.cameras.utils": {"make_cameras_from_configs": dict},
-        "lerobot.robots": {"Robot": LeRobot, "RobotConfig": RobotConfig},
-        "lerobot.utils": {},
-        "lerobot.utils.errors": {
-            "DeviceNotConnectedError": DeviceNotConnectedError,
-            "DeviceAlreadyConnectedError": DeviceAlreadyConnectedError,
-        },
-        "lerobot.datasets": {},
-        "lerobot.datasets.lerobot_dataset": {"LeRobotDataset": Dataset},
-    }
-    for name, content in contents.items():
-        module = ModuleType(name)
-        vars(module).update(content)
-        monkeypatch.setitem(sys.modules, name, module)
-    monkeypatch.syspath_prepend(str(PLUGIN))
-    import lerobot_robot_cobot
-
-    yield lerobot_robot_cobot
-    for name in [name for name in sys.modules if name.startswith("lerobot_robot_cobot")]:
-        del sys.modules[name]
+    with plugin_beside_it(monkeypatch) as made:
+        yield made
 
 
 def test_lerobot_finds_it_by_its_names(plugin: ModuleType) -> None:

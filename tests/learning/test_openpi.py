@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
+import itertools
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from learning_peers import answering, need
 
 msgpack = need("msgpack")
@@ -53,12 +58,56 @@ def test_what_has_no_form_is_refused(value: object) -> None:
         b"\xc1",
         msgpack.packb({b"__ndarray__": True, b"data": b"\0", b"dtype": "<f8", b"shape": (2,)}),
         msgpack.packb({b"__ndarray__": True, b"data": b"\0" * 8, b"dtype": "|O", b"shape": (1,)}),
+        msgpack.packb({b"__ndarray__": True, b"data": b"", b"dtype": "<f8", b"shape": [2**63]}),
+        msgpack.packb({b"__ndarray__": True, b"data": b"", b"dtype": "f4,(", b"shape": [0]}),
         msgpack.packb({b"__npgeneric__": True}),
+        msgpack.packb({b"__npgeneric__": True, b"data": 300, b"dtype": "|i1"}),
+        msgpack.packb({b"__npgeneric__": True, b"data": 2**40, b"dtype": "|S1"}),
     ],
 )
 def test_what_is_no_message_is_said_to_be_none(content: bytes) -> None:
     with pytest.raises(ExecutionError, match="no message of openpi's protocol"):
         unpacked(content)
+
+
+SCALARS = st.one_of(
+    st.none(), st.booleans(), st.integers(-(2**63), 2**64 - 1), st.floats(), st.text(max_size=4)
+)
+TYPES = st.one_of(
+    SCALARS,
+    st.sampled_from(["<f8", "|b1", "<U2", "|S3", "<f3", "|O", "V8", "M8[s]", "f4,(", "f4,i4", "(9,)f8"]),
+    st.from_regex(r"[<>|=]?[biufSU]\d{1,10}", fullmatch=True),
+)
+ARRAYS = st.fixed_dictionaries(
+    {},
+    optional={
+        b"__ndarray__": st.just(True),
+        b"__npgeneric__": st.just(True),
+        b"data": st.one_of(SCALARS, st.binary(max_size=24), st.lists(SCALARS, max_size=2)),
+        b"dtype": st.one_of(TYPES, st.lists(TYPES, max_size=2)),
+        b"shape": st.one_of(SCALARS, st.lists(SCALARS, max_size=3)),
+    },
+)
+
+
+def is_a_message_or_refused(content: bytes) -> None:
+    with contextlib.suppress(ExecutionError):
+        unpacked(content)
+
+
+@settings(max_examples=500)
+@given(ARRAYS)
+def test_whatever_calls_itself_an_array_is_one_or_no_message(value: dict[bytes, Any]) -> None:
+    is_a_message_or_refused(msgpack.packb(value))
+
+
+@settings(max_examples=500)
+@given(st.lists(st.tuples(st.integers(0, 400), st.integers(0, 255)), min_size=1, max_size=4))
+def test_a_message_with_other_bytes_in_it_is_one_or_none(changes: list[tuple[int, int]]) -> None:
+    content = bytearray(packed(MESSAGE))
+    for place, byte in changes:
+        content[place % len(content)] = byte
+    is_a_message_or_refused(bytes(content))
 
 
 def test_a_server_is_asked_and_answers() -> None:
@@ -107,6 +156,27 @@ def test_a_server_that_goes_away_or_says_nothing_is_named() -> None:
         pytest.raises(UnavailableError, match=r"did not describe itself within 0\.1 s"),
     ):
         PolicyConnection(address, timeout_s=0.1)
+
+
+def test_an_answer_that_comes_too_late_is_no_later_question_s() -> None:
+    asked = itertools.count(1)
+    late = asyncio.Event()
+
+    async def serve(socket: Any) -> None:
+        await socket.send(packed({}))
+        async for _ in socket:
+            number = next(asked)
+            if number == 1:
+                await late.wait()
+            await socket.send(packed({"actions": number}))
+            late.set()
+
+    with answering(serve) as address, PolicyConnection(address) as policy:
+        policy._timeout_s, patient_s = 0.1, policy._timeout_s
+        with pytest.raises(UnavailableError, match=r"did not answer within 0\.1 s"):
+            policy.infer(MESSAGE)
+        policy._timeout_s = patient_s
+        assert [policy.infer(MESSAGE)["actions"] for _ in range(2)] == [2, 3]
 
 
 def test_nobody_there_and_no_address() -> None:

@@ -315,8 +315,8 @@ def test_what_json_cannot_say_is_refused_before_it_is_sent(joints: list[Any]) ->
 def test_a_url_that_is_none_is_refused() -> None:
     with pytest.raises(InputError, match="url"):
         Client("http://a\x00b")
-    with Client("localhost:8007") as robot, pytest.raises(UnavailableError, match="protocol"):
-        robot.health()
+    with pytest.raises(InputError, match=r"url 'localhost:8007': .*; one looks like http://localhost:8007"):
+        Client("localhost:8007")
 
 
 def test_how_to_plan_goes_with_a_motion_and_a_plan_with_its_number() -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -59,8 +60,16 @@ def cartesian_control(robot: Robot, **options: object):  # type: ignore[no-untyp
 
 
 def test_a_robot_that_is_not_there_is_named_with_those_that_are(service: VirtualService) -> None:
-    with pytest.raises(UnavailableError, match=f"robot 'Rizon4s-9' is not running.*{service.name}"):
-        Robot("Rizon4s-9", connect_retries=0)
+    left = Path(f"/dev/shm/cobot-{service.name}-left.ring")
+    left.touch()
+    try:
+        with pytest.raises(
+            UnavailableError, match=f"robot 'Rizon4s-9' is not running.*{service.name}"
+        ) as caught:
+            Robot("Rizon4s-9", connect_retries=0)
+        assert f"{service.name}-left" not in str(caught.value)
+    finally:
+        left.unlink()
 
 
 def test_a_mode_is_chosen_though_the_states_lag_behind_the_answer_that_the_arm_has_arrived(

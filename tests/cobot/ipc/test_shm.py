@@ -21,7 +21,7 @@ from running import unique_name
 from cobot.errors import ConflictError, InputError, LayoutError, SharedMemoryError, UnavailableError
 from cobot.ipc.layout import HEADER, LAYOUT_VERSION, POINTS, RING
 from cobot.ipc.seqlock import Block
-from cobot.ipc.shm import MemoryRole, RobotMemory, encoded
+from cobot.ipc.shm import MemoryRole, RobotMemory, encoded, robots_running
 from cobot.trajectory import from_hermite
 
 DOF, PERIOD_S, CAPACITY = 7, 0.001, 50
@@ -75,6 +75,35 @@ def changed(robot: str, place: int, raw: bytes) -> None:
     with Path(f"/dev/shm/cobot-{robot}").open("r+b") as file:
         file.seek(place)
         file.write(raw)
+
+
+def test_robots_that_run_are_named_and_nothing_else_of_theirs(
+    robot: str, holding: Callable[[MemoryRole], subprocess.Popen[str]]
+) -> None:
+    def of_this_one() -> list[str]:
+        return [name for name in robots_running() if name.startswith(robot)]
+
+    holder = holding(MemoryRole.SUPERVISOR)
+    ring = Path(f"/dev/shm/cobot-{robot}.ring")
+    ring.touch()
+    try:
+        assert of_this_one() == [robot]
+        holder.kill()
+        holder.wait()
+        assert of_this_one() == []
+    finally:
+        ring.unlink()
+
+
+def test_who_asks_what_runs_keeps_its_own_locks(
+    robot: str, holding: Callable[[MemoryRole], subprocess.Popen[str]]
+) -> None:
+    supervisor = create(robot)
+    assert robot in robots_running()
+    with pytest.raises(AssertionError):  # the other process says why on its stderr
+        holding(MemoryRole.SUPERVISOR)
+    supervisor.close()
+    holding(MemoryRole.SUPERVISOR)
 
 
 def test_every_role_sees_what_the_others_write_and_no_block_overlaps_another(robot: str) -> None:

@@ -114,6 +114,17 @@ def test_a_gamepad_that_is_pulled_out_lets_go(tmp_path: Path) -> None:
         Gamepad(tmp_path / "js9")
 
 
+def test_what_is_no_gamepad_is_said_to_be_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "file"
+    file.write_bytes(bytes(80))
+    for path in (file, tmp_path, Path("/dev/null")):
+        with pytest.raises(InputError, match=f"gamepad {path}: is no gamepad; those are /dev/input/js"):
+            Gamepad(path)
+    monkeypatch.setattr("cobot.teleop.gamepad.FOLDER", tmp_path)
+    with pytest.raises(InputError, match=r"no js.*; without --gamepad it is the keyboard"):
+        Gamepad()
+
+
 @pytest.fixture
 def terminal() -> Iterator[tuple[Keyboard, int]]:
     """A keyboard, and where its keys are put in."""
@@ -230,6 +241,8 @@ def test_a_stop_is_not_undone_by_a_hand_that_still_holds(tmp_path: Path) -> None
 def test_the_command_names_what_it_lacks(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["teleop", "--url", "http://127.0.0.1:9"]) == 3
     assert "http://127.0.0.1:9" in capsys.readouterr().err
+    assert main(["teleop", "--url", "robot"]) == 1
+    assert "one looks like http://localhost:8007" in capsys.readouterr().err
     with pytest.raises(InputError, match="speed must be above 0, 1 at most"):
         Teleoperation(None, Hand(), 0.0, print)  # type: ignore[arg-type]
 

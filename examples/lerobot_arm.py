@@ -1,0 +1,40 @@
+"""An arm as a robot of LeRobot: it is observed, and it acts. Start `make run` in another terminal, then, with
+LeRobot in this environment (or with the Python of the one that it is in):
+
+    .venv/bin/python examples/lerobot_arm.py
+
+or with a number of seconds. It needs `pip install ./cobot-client ./lerobot-robot-cobot`, which brings LeRobot
+and PyTorch.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+import time
+
+try:
+    from lerobot_robot_cobot import CobotRobot, CobotRobotConfig
+except ImportError as exc:
+    sys.exit(f"lerobot_arm.py: {exc}: pip install ./cobot-client ./lerobot-robot-cobot (3 GB with PyTorch)")
+
+RATE_HZ = 30
+SECONDS = float(sys.argv[1]) if len(sys.argv) > 1 else 5.0
+
+url = os.environ.get("COBOT_URL", "http://localhost:8007")
+arm = CobotRobot(CobotRobotConfig(id="cobot", url=url, rate_hz=RATE_HZ))
+try:
+    arm.connect()
+    home = arm.get_observation()
+    begun_s = time.monotonic()
+    for tick in range(1, round(SECONDS * RATE_HZ) + 1):
+        action = {joint: home[joint] for joint in arm.action_features}
+        action["joint1.pos"] += 0.15 * (1.0 - math.cos(tick / RATE_HZ))
+        arm.send_action(action)
+        time.sleep(max(0.0, begun_s + tick / RATE_HZ - time.monotonic()))
+    print(f"joint1 is at {arm.get_observation()['joint1.pos']:.3f} rad")
+except ConnectionError as exc:  # LeRobot's DeviceNotConnectedError is one
+    sys.exit(f"lerobot_arm.py: {exc}")
+finally:
+    arm.disconnect()  # the arm comes to rest

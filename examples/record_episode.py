@@ -1,0 +1,54 @@
+"""A program shows a motion, and it is recorded with the pictures of a camera in the scene: an episode, to be
+learnt from. Start `make run` in another terminal, then:
+
+    .venv/bin/python examples/record_episode.py
+
+or with a number of seconds. From another computer, with COBOT_ROBOT=http://HOST:8007. Of an arm that somebody
+else moves, a hand or a policy, `python -m learning record` makes the same file.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from cobot import Mode, Robot
+from cobot.config import load_settings
+from cobot.errors import CobotError
+from cobot.robot.description import load_robot
+from learning.cameras import FRONT, Renderer
+from learning.episodes import EpisodeWriter, read_episode
+
+RATE_HZ = 30
+SECONDS = float(sys.argv[1]) if len(sys.argv) > 1 else 5.0
+FILE = Path("episode.mcap")
+
+arm = load_robot(load_settings())  # of another robot: the file of its `cobot run --config`
+camera = Renderer(arm, [FRONT])
+
+try:
+    with Robot(os.environ.get("COBOT_ROBOT", "iiwa")) as robot:
+        robot.switch_mode(Mode.RT_JOINT_IMPEDANCE)
+        with (
+            robot.start_joint_impedance_control(RATE_HZ, interpolation="quintic") as control,
+            EpisodeWriter(FILE, arm.limits.names, RATE_HZ, task="swing to the left") as episode,
+        ):
+            home = control.get_state().q
+            begun_s = time.monotonic()
+            for tick in range(1, round(SECONDS * RATE_HZ) + 1):
+                seen = robot.states()
+                action = [home[0] + 0.15 * (1.0 - math.cos(tick / RATE_HZ)), *home[1:]]
+                episode.add(robot.clock_s(), seen.q, seen.dq, action, camera.render(np.array(seen.q)))
+                control.set_target_joints(action)
+                time.sleep(max(0.0, begun_s + tick / RATE_HZ - time.monotonic()))
+            episode.finish(success=True)
+except CobotError as exc:
+    sys.exit(f"record_episode.py: {exc}")
+
+found = read_episode(FILE)  # as arrays; Foxglove shows the file, `cobot-to-lerobot` makes a dataset of it
+print(f"{FILE}: actions {found.action.shape}, pictures {found.pictures['front'].shape}")
