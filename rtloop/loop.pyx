@@ -7,7 +7,7 @@ from cpython.exc cimport PyErr_CheckSignals
 from libc.math cimport fabs, isfinite
 
 from rtloop.backends.compiled cimport MEASURED_ROWS, CompiledBackend, Measured
-from rtloop.clock cimport Clock, monotonic_ns
+from rtloop.clock cimport Clock, Pace, RealtimeClock, monotonic_ns
 from rtloop.controller cimport Controller
 from rtloop.publisher cimport StatePublisher, Statistics
 from rtloop.recording cimport PHASES, CycleRecorder
@@ -54,6 +54,8 @@ cdef class ControlLoop:
         self._compiled = backend if self._is_compiled else None
         self._clock = clock
         self._is_paced = isinstance(backend, Paced)
+        # In robot time a device may be as fast as it can.
+        self._pace = Pace(settings.rt.period_s) if isinstance(clock, RealtimeClock) else None
         self._beatless = 0  # Cycles in a row without a beat of the device.
         self._begun_ns = 0  # The last cycle, by the device's beat.
         self._device = DeviceWatch(memory, backend)
@@ -115,7 +117,7 @@ cdef class ControlLoop:
         """The device's beat is the deadline: a cycle is late that begins more than a period after the one
         before it, and a beat that does not come is a period that was missed.
         """
-        cdef long long late_ns = 0, now_ns
+        cdef long long late_ns = 0, now_ns, early_ns
         patience = 1.0 if self._beatless else BEAT_PATIENCE
         try:
             beaten = self._backend.wait(patience * self._period_s)
@@ -125,6 +127,11 @@ cdef class ControlLoop:
             with nogil:
                 self._clock.c_wait(False)
         now_ns = monotonic_ns()
+        if self._pace is not None:
+            early_ns = self._pace.c_early(now_ns, beaten)
+            if early_ns > 0:
+                self._race(early_ns)
+                now_ns = monotonic_ns()
         if not beaten:
             self._beatless += 1
             self._clock.overruns += 1
@@ -135,6 +142,15 @@ cdef class ControlLoop:
             self._beatless = 0
         self._begun_ns = now_ns
         return late_ns
+
+    def _race(self, long long early_ns):
+        """The device is faster than the clock: the arm comes to rest by the clock."""
+        self.controller.fault(
+            f"the robot gives the beat too fast: {self._pace.beats} beats in {self._pace.beats_ns * 1e-9:.3f} s, "
+            f"and a period is {self._period_s:g} s"
+        )
+        with nogil:
+            self._pace.c_hold(early_ns)
 
     def step(self, long long late_ns=0):
         """One cycle. Real-time safe; no exception leaves it but a broken program's.

@@ -89,7 +89,8 @@ def _run(settings: Settings, clock_name: str | None) -> None:
     robot = load_robot(settings)
     memory = RobotMemory.attach(settings.robot.name, MemoryRole.RTLOOP)
     backend = make_backend(settings, robot.limits)
-    clock = FastClock(rt.period_s) if clock_name == "fast" else RealtimeClock(rt.period_s)
+    hurries = clock_name == "fast" and not capabilities_of(backend).hardware
+    clock = FastClock(rt.period_s) if hurries else RealtimeClock(rt.period_s)
     loop = ControlLoop(settings, robot.model, memory, backend, clock, _recording(settings.robot.name))
     granted: list[Permissions] = []
 
