@@ -17,6 +17,7 @@ import numpy as np
 from cobot.ipc.layout import Phase
 from cobot.robot.tool import BARE
 from rtloop.backends import BackendError, Paced
+from rtloop.backends.guarded import guarded
 from rtloop.device import POLL_S, DeviceWatch
 from rtloop.device_limits import device_limits, narrowed, slowed
 from rtloop.first_contact import first_contact
@@ -49,9 +50,10 @@ cdef class ControlLoop:
         self._moving_rad_s = settings.rt.settle_velocity_rad_s
         self._square = 0.0  # Of all that was measured last: a fingerprint.
         self._unwritten = 0  # Cycles in a row.
-        self._backend, self._model = backend, model
         self._is_compiled = isinstance(backend, CompiledBackend)
         self._compiled = backend if self._is_compiled else None
+        backend = guarded(backend)
+        self._backend, self._model = backend, model
         self._clock = clock
         self._is_paced = isinstance(backend, Paced)
         # In robot time a device may be as fast as it can.
@@ -100,7 +102,9 @@ cdef class ControlLoop:
             self._backend.enable()
         if self._device.capabilities.hardware:
             self._device.meet(first_contact(self._model, self._measured.position))
-        self._heed_device()
+        problem = self._heed_device()
+        if problem:
+            raise BackendError(problem)
         self.controller.start_at(self._measured.position)
 
     def beat(self):
@@ -220,7 +224,9 @@ cdef class ControlLoop:
         if self._is_recorded:
             self.c_record(late_ns, read_ns - begun_ns, updated_ns - read_ns, written_ns - updated_ns, fresh)
         if self._ask_cycles and self._cycle % self._ask_cycles == 0:
-            self._heed_device()
+            problem = self._heed_device()
+            if problem:
+                self.controller.fault(problem)
         statistics.c_count(WAKEUP, late_ns)
         statistics.c_count(READ, read_ns - begun_ns)
         statistics.c_count(UPDATE, updated_ns - read_ns)
@@ -266,11 +272,12 @@ cdef class ControlLoop:
             self.controller.fault(f"the robot has given no beat for {self._beatless * self._period_s:.3f} s")
 
     def _heed_device(self):
-        """Ask the device how it is, and follow its speed override."""
-        self._device.ask()
+        """Ask the device how it is, and follow its speed override; "" or what is wrong with what it says."""
+        problem = self._device.ask()
         if self._device.share != self.controller.follower.clock.share:
             self.controller.follower.clock.scale(self._device.share)
         self.controller.heed_t1()
+        return problem
 
     def _freeze(self):
         """Nothing that is measured has changed, as at rest, but the arm does not rest."""
