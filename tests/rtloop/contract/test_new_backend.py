@@ -81,6 +81,13 @@ def test_its_own_tests_are_the_contract(made: tuple[Path, Path]) -> None:
     assert f"{len(CHECKS) - 2} passed, 2 skipped" in done.stdout
 
 
+@pytest.mark.parametrize(("name", "kind"), [("my_arm", "MyArm"), ("arm", "ArmArm"), ("armada", "ArmadaArm")])
+def test_a_name_that_ends_with_arm_says_it_once(tmp_path: Path, name: str, kind: str) -> None:
+    folder = write_backend(name, tmp_path)
+    assert f'{kind}"' in (folder / "pyproject.toml").read_text(encoding="utf-8")
+    assert f"class {kind}:" in (folder / f"cobot_backend_{name}.py").read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize(
     ("name", "problem"),
     [
