@@ -150,8 +150,8 @@ cdef class ControlLoop:
     def _race(self, long long early_ns):
         """The device is faster than the clock: the arm comes to rest by the clock."""
         self.controller.fault(
-            f"the robot gives the beat too fast: {self._pace.beats} beats in {self._pace.beats_ns * 1e-9:.3f} s, "
-            f"and a period is {self._period_s:g} s"
+            f"the robot gives the beat too fast: {self._pace.beats} beats in "
+            f"{self._pace.beats_ns * 1e-9:.3f} s, and a period is {self._period_s:g} s"
         )
         with nogil:
             self._pace.c_hold(early_ns)

@@ -62,7 +62,8 @@ def values(cell: Cell) -> str:
         for name in MEASURED_NAMES:
             if not np.isfinite(getattr(found, name)).all():
                 raise ContractError(
-                    f"{name} is claimed in capabilities.measured, and read leaves it: {found!r}"
+                    f"{name} is claimed in capabilities.measured, and read leaves it, or a part of it, out: "
+                    f"it is {getattr(found, name)}"
                 )
         if "position" not in rows:
             raise ContractError("capabilities.measured has no position: no arm can be driven without")

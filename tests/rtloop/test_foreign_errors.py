@@ -132,7 +132,16 @@ def test_what_an_sdk_raises_is_a_fault_in_words(
 @pytest.mark.parametrize(
     ("method", "given", "said"),
     [
-        ("read", np.zeros(9), r"the backend's read\(\) raised ValueError: .*\(9,\)"),
+        (
+            "read",
+            np.zeros(9),
+            r"the backend's read\(\) raised ValueError: measured.position is given the shape \(9,\), it has",
+        ),
+        (
+            "read",
+            [0.3],
+            r"the backend's read\(\) raised ValueError: measured.position is given the shape \(1,\)",
+        ),
         ("status", None, r"the backend's status\(\) gives what cannot be told: AttributeError: "),
         ("status", DeviceStatus(packets_lost=-1), r"the backend's status\(\) gives .*: OverflowError: "),
         ("io", "abc", r"the backend's io\(\) gives what cannot be told: AttributeError: 'str' object"),

@@ -7,6 +7,7 @@ cannot be shorter counts.
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,7 +19,8 @@ from cobot.planners import MotionRequest
 from cobot.planners.ptp import plan_ptp
 from cobot.robot.description import RobotDescription
 from cobot.types import LoopMode, PlannerName, Scaling
-from rtloop.clock import Pace, RealtimeClock
+from rtloop.clock import FastClock, Pace, RealtimeClock
+from rtloop.main import clock_of
 
 PERIOD_NS = 1_000_000
 AT_ONCE = 152
@@ -111,3 +113,12 @@ def test_a_device_that_is_faster_than_time_is_a_fault_and_the_arm_stops_by_the_c
         assert time.monotonic() - faulted_s > 0.8 * more * settings.rt.period_s
     finally:
         rig.close()
+
+
+@pytest.mark.parametrize(("hardware", "kind"), [(True, RealtimeClock), (False, FastClock)])
+def test_hardware_never_goes_by_robot_time(
+    settings: Settings, robot: RobotDescription, hardware: bool, kind: type
+) -> None:
+    arm = PacedArm(settings, robot.limits)
+    arm.capabilities = replace(arm.capabilities, hardware=hardware)
+    assert type(clock_of(arm, "fast", settings.rt.period_s)) is kind

@@ -95,7 +95,8 @@ def test_the_toy_that_takes_whole_motions_keeps_it(capsys: pytest.CaptureFixture
     ("arm", "check", "found"),
     [
         ("InDegrees", "calls", "FAULT"),
-        ("ClaimsTorques", "values", "effort is claimed in capabilities.measured"),
+        ("ClaimsTorques", "values", r"effort is claimed in capabilities.measured.* it is \[nan nan"),
+        ("OneForAll", "calls", r"measured.position is given the shape \(1,\), it has to be \(7,\)"),
         ("Raises", "calls", "KeyError: 'joint8'"),
         ("ClaimsAForce", "claims", "capabilities.wrench is claimed without a method write_wrench"),
         ("SendsTheLast", "staleness", "is 1 cycles older than what was written"),
