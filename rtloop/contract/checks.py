@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import time
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -14,7 +12,6 @@ from cobot.ipc.layout import MotionResult
 from cobot.robot.device import MEASURED_NAMES, STATUS_WORDS, DeviceStatus
 from cobot.types import Array, LoopMode
 from rtloop.backends import BackendError, Measured, Reporting, capabilities_of
-from rtloop.clock import Pace
 from rtloop.contract.cell import REST_S, Cell, NotTested
 from rtloop.contract.driver import ContractError, Driver
 
@@ -28,9 +25,6 @@ MODES = ("", "T1", "T2", "AUT")
 FADED_S = 1.5
 """After which what a device was found beside its command has faded."""
 MAX_LAG = 4
-BEATEN_S = 0.5
-LATE_SHARE = 0.01
-"""Of the cycles, that may take longer than their period."""
 
 
 def calls(cell: Cell) -> str:
@@ -246,46 +240,6 @@ def refused_open(cell: Cell) -> str:
     return said
 
 
-def punctuality(cell: Cell) -> str:
-    """Reading and writing take less than a period."""
-    if not cell.realtime:
-        raise NotTested("durations count with --realtime, on a quiet computer")
-    with cell.driven() as driver:
-        driver.move()
-        durations = np.array(driver.heard.durations_s)
-    late = float((durations > cell.settings.rt.period_s).mean())
-    said = f"p50 {1e6 * np.quantile(durations, 0.5):.0f} µs, p99 {1e6 * np.quantile(durations, 0.99):.0f} µs"
-    if late > LATE_SHARE:
-        raise ContractError(f"{said}: {100.0 * late:.1f} % of the cycles take longer than a period")
-    return said
-
-
-def beat(cell: Cell) -> str:
-    """`wait` gives a beat a period, by the clock."""
-    if not cell.realtime:
-        raise NotTested("beats are held against the clock with --realtime")
-    if not hasattr(cell.kind, "wait"):
-        raise NotTested("rtloop's own clock gives the beat")
-    if capabilities_of(cell.kind).hardware:
-        raise NotTested("its device is something real, and that of its rig need not go by the clock")
-    period_s, home = cell.settings.rt.period_s, cell.robot.positions[cell.settings.robot.start_position]
-    backend: Any = cell.kind(cell.settings, cell.robot.limits)
-    pace = Pace(period_s)
-    backend.open(np.array(home.joints))
-    try:
-        begun = time.monotonic()
-        beats = 0
-        while time.monotonic() - begun < BEATEN_S:
-            beaten = backend.wait(period_s)
-            beats += beaten
-            if pace.early_ns(time.monotonic_ns(), beaten):
-                said = f"{beats} beats in {time.monotonic() - begun:.3f} s, and a period is {period_s:g} s"
-                raise ContractError(f"wait() gives the beat too fast: {said}")
-    finally:
-        backend.close()
-    return f"{beats} beats in {BEATEN_S:g} s"
-
-
 CHECKS: dict[str, Callable[[Cell], str]] = {
     "calls": calls,
     "values": values,
@@ -297,6 +251,4 @@ CHECKS: dict[str, Callable[[Cell], str]] = {
     "entry": entry,
     "restart": restart,
     "device away at open": refused_open,
-    "punctuality": punctuality,
-    "beat": beat,
 }

@@ -125,9 +125,11 @@ def test_the_list_says_what_cannot_be_used_and_why(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     broken = EntryPoint("broken", "no_such_module:Arm", "cobot.backends")
-    monkeypatch.setattr("rtloop.backends.registry.entry_points", lambda group: [broken])
+    boasts = EntryPoint("boasts", "own_arm:Boasts", "cobot.backends")
+    monkeypatch.setattr("rtloop.backends.registry.entry_points", lambda group: [broken, boasts])
     listed = {each.name: each for each in listing.listed()}
     assert listed["broken"].problem.startswith("cannot load 'broken': ModuleNotFoundError")
+    assert listed["boasts"].problem.startswith("Boasts.capabilities is 'yes', it has to be a Capabilities")
     assert listed["fri"].contract == "simulated device"
     assert listed["mujoco"].contract == "itself"
     monkeypatch.setattr(listing.importlib.util, "find_spec", lambda name: None)
