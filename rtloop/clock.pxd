@@ -22,3 +22,13 @@ cdef class RealtimeClock(Clock):
 
 cdef class FastClock(Clock):
     cdef RealtimeClock _real
+
+
+cdef class Pace:
+    cdef long long _period_ns, _last_ns, _since_ns
+    cdef long long _ahead_ns  # of the clock, by the device's beats
+    # Since they were not ahead of the clock: how many there were, and in how long.
+    cdef readonly long long beats, beats_ns
+
+    cdef long long c_early(self, long long now_ns, bint beaten) noexcept nogil
+    cdef void c_hold(self, long long early_ns) noexcept nogil

@@ -14,3 +14,11 @@ class RealtimeClock(Clock):
 
 class FastClock(Clock):
     def __init__(self, period_s: float) -> None: ...
+
+class Pace:
+    """Holds a device's beats against the computer's clock."""
+
+    beats: int
+    beats_ns: int
+    def __init__(self, period_s: float) -> None: ...
+    def early_ns(self, now_ns: int, beaten: bool) -> int: ...

@@ -3,7 +3,14 @@
 import os
 
 from libc.errno cimport EINTR
-from posix.time cimport CLOCK_MONOTONIC, TIMER_ABSTIME, clock_nanosleep, timespec
+from posix.time cimport CLOCK_MONOTONIC, TIMER_ABSTIME, clock_nanosleep, nanosleep, timespec
+
+# After a pause a device's beats may come at once until so much of it is made up for.
+cdef long long CATCH_UP_NS = 100_000_000
+# They may scatter in time by so much beside that.
+cdef long long SCATTER_NS = 50_000_000
+# A device's clock and the computer's may differ by one part in so many.
+cdef int DRIFT = 100
 
 
 cdef class Clock:
@@ -69,3 +76,42 @@ cdef class FastClock(Clock):
             self._real._deadline_ns = 0  # at the next rest it counts from then on
             return 0
         return min(self._real.c_wait(False), 0)
+
+
+cdef class Pace:
+    """Holds a device's beats against the computer's clock: each moves the path on by a period, so beats that
+    come too fast move the arm too fast. Real-time safe.
+    """
+
+    def __init__(self, double period_s):
+        self._period_ns = round(period_s * 1e9)
+        self._ahead_ns = -CATCH_UP_NS  # before the first beat there may have been a pause
+
+    def early_ns(self, long long now_ns, bint beaten):
+        """`c_early`."""
+        return self.c_early(now_ns, beaten)
+
+    cdef long long c_early(self, long long now_ns, bint beaten) noexcept nogil:
+        """How long to hold the cycle that begins now, with a beat or without: 0 if the beats are in time."""
+        cdef long long passed_ns = now_ns - self._last_ns if self._last_ns else 0
+        cdef long long drift_ns = passed_ns // DRIFT
+        self._last_ns = now_ns
+        self._ahead_ns -= passed_ns
+        if self._ahead_ns > 0:
+            self._ahead_ns = max(0, self._ahead_ns - drift_ns)
+        else:
+            self._ahead_ns = max(-CATCH_UP_NS, min(0, self._ahead_ns + drift_ns))
+        if self._ahead_ns <= 0:
+            self.beats, self._since_ns = 0, now_ns
+        self.beats_ns = now_ns - self._since_ns
+        if beaten:
+            self.beats += 1
+            self._ahead_ns += self._period_ns
+        return max(0, self._ahead_ns - SCATTER_NS - self._period_ns)
+
+    cdef void c_hold(self, long long early_ns) noexcept nogil:
+        """Wait until the beat is due."""
+        cdef timespec pause
+        pause.tv_sec = early_ns // 1_000_000_000
+        pause.tv_nsec = early_ns % 1_000_000_000
+        nanosleep(&pause, NULL)

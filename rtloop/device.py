@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 import math
 
+import numpy as np
+
 from cobot.errors import CobotError
 from cobot.ipc.device_record import fill_capabilities, fill_status
 from cobot.ipc.io_record import fill_points
@@ -12,6 +14,7 @@ from cobot.ipc.layout import IO_NAME_BYTES, IO_POINTS
 from cobot.ipc.shm import RobotMemory, encoded
 from cobot.robot.io_points import IoPoint, output_of, require_number
 from rtloop.backends import Backend, BackendError, HasIo, Reporting, capabilities_of
+from rtloop.backends.guarded import ForeignError
 
 POLL_S = 0.2
 """So often a device is asked how it is, s."""
@@ -83,19 +86,31 @@ class DeviceWatch:
         self.drives_off = off
         self._publish()
 
-    def ask(self) -> None:
-        """Publish how it is; what a device cannot say stays what it was."""
-        self._report_io()
+    def ask(self) -> str:
+        """Publish how it is; what a device cannot say stays what it was. "" or what is wrong with what it
+        says.
+        """
+        for name, report in (("io", self._report_io), ("status", self._report_status)):
+            try:
+                report()
+            except ForeignError as exc:
+                return str(exc)
+            except BackendError:
+                continue
+            except Exception as exc:  # noqa: BLE001 - what somebody else's class gives may be anything
+                return f"the backend's {name}() gives what cannot be told: {type(exc).__name__}: {exc}"
+        return ""
+
+    def _report_status(self) -> None:
         if self._device is None:
             return
-        try:
-            status = self._device.status()
-        except BackendError:
-            return
+        status = self._device.status()
+        scaling: object = status.speed_scaling
+        if not (isinstance(scaling, int | float | np.number) and math.isfinite(scaling) and scaling >= 0.0):
+            raise ForeignError(f"the backend's status().speed_scaling is {scaling!r}, it is from 0 to 1")
         fill_status(self._block.data, status)
         if not self.capabilities.trajectories:  # else the device slows down by itself
-            scaling = status.speed_scaling
-            self._scaling = min(max(scaling, 0.0), 1.0) if math.isfinite(scaling) else 0.0
+            self._scaling = min(float(scaling), 1.0)
         self.t1_share = self._scaling if status.operation_mode == "T1" else None
         self._publish()
 
@@ -113,10 +128,7 @@ class DeviceWatch:
     def _report_io(self) -> None:
         if self._io is None:
             return
-        try:
-            points = tuple(self._io.io())
-        except BackendError:
-            return
+        points = tuple(self._io.io())
         record = self._io_block.data
         if points != self._points:
             left_out = fill_points(record, points)

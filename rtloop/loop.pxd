@@ -1,5 +1,5 @@
 from rtloop.backends.compiled cimport CompiledBackend, Measured
-from rtloop.clock cimport Clock
+from rtloop.clock cimport Clock, Pace
 from rtloop.controller cimport Controller
 from rtloop.publisher cimport StatePublisher, StateScalars, Statistics
 from rtloop.recording cimport CycleRecorder
@@ -15,6 +15,7 @@ cdef class ControlLoop:
     cdef readonly object _device
     cdef long long _beatless, _begun_ns, _ask_cycles
     cdef Clock _clock
+    cdef Pace _pace
     cdef StatePublisher _state
     cdef Statistics _statistics
     cdef CycleRecorder _recorder

@@ -7,7 +7,7 @@ from cpython.exc cimport PyErr_CheckSignals
 from libc.math cimport fabs, isfinite
 
 from rtloop.backends.compiled cimport MEASURED_ROWS, CompiledBackend, Measured
-from rtloop.clock cimport Clock, monotonic_ns
+from rtloop.clock cimport Clock, Pace, RealtimeClock, monotonic_ns
 from rtloop.controller cimport Controller
 from rtloop.publisher cimport StatePublisher, Statistics
 from rtloop.recording cimport PHASES, CycleRecorder
@@ -17,6 +17,7 @@ import numpy as np
 from cobot.ipc.layout import Phase
 from cobot.robot.tool import BARE
 from rtloop.backends import BackendError, Paced
+from rtloop.backends.guarded import guarded
 from rtloop.device import POLL_S, DeviceWatch
 from rtloop.device_limits import device_limits, narrowed, slowed
 from rtloop.first_contact import first_contact
@@ -49,11 +50,14 @@ cdef class ControlLoop:
         self._moving_rad_s = settings.rt.settle_velocity_rad_s
         self._square = 0.0  # Of all that was measured last: a fingerprint.
         self._unwritten = 0  # Cycles in a row.
-        self._backend, self._model = backend, model
         self._is_compiled = isinstance(backend, CompiledBackend)
         self._compiled = backend if self._is_compiled else None
+        backend = guarded(backend)
+        self._backend, self._model = backend, model
         self._clock = clock
         self._is_paced = isinstance(backend, Paced)
+        # In robot time a device may be as fast as it can.
+        self._pace = Pace(settings.rt.period_s) if isinstance(clock, RealtimeClock) else None
         self._beatless = 0  # Cycles in a row without a beat of the device.
         self._begun_ns = 0  # The last cycle, by the device's beat.
         self._device = DeviceWatch(memory, backend)
@@ -98,7 +102,9 @@ cdef class ControlLoop:
             self._backend.enable()
         if self._device.capabilities.hardware:
             self._device.meet(first_contact(self._model, self._measured.position))
-        self._heed_device()
+        problem = self._heed_device()
+        if problem:
+            raise BackendError(problem)
         self.controller.start_at(self._measured.position)
 
     def beat(self):
@@ -115,7 +121,7 @@ cdef class ControlLoop:
         """The device's beat is the deadline: a cycle is late that begins more than a period after the one
         before it, and a beat that does not come is a period that was missed.
         """
-        cdef long long late_ns = 0, now_ns
+        cdef long long late_ns = 0, now_ns, early_ns
         patience = 1.0 if self._beatless else BEAT_PATIENCE
         try:
             beaten = self._backend.wait(patience * self._period_s)
@@ -125,6 +131,11 @@ cdef class ControlLoop:
             with nogil:
                 self._clock.c_wait(False)
         now_ns = monotonic_ns()
+        if self._pace is not None:
+            early_ns = self._pace.c_early(now_ns, beaten)
+            if early_ns > 0:
+                self._race(early_ns)
+                now_ns = monotonic_ns()
         if not beaten:
             self._beatless += 1
             self._clock.overruns += 1
@@ -135,6 +146,15 @@ cdef class ControlLoop:
             self._beatless = 0
         self._begun_ns = now_ns
         return late_ns
+
+    def _race(self, long long early_ns):
+        """The device is faster than the clock: the arm comes to rest by the clock."""
+        self.controller.fault(
+            f"the robot gives the beat too fast: {self._pace.beats} beats in "
+            f"{self._pace.beats_ns * 1e-9:.3f} s, and a period is {self._period_s:g} s"
+        )
+        with nogil:
+            self._pace.c_hold(early_ns)
 
     def step(self, long long late_ns=0):
         """One cycle. Real-time safe; no exception leaves it but a broken program's.
@@ -204,7 +224,9 @@ cdef class ControlLoop:
         if self._is_recorded:
             self.c_record(late_ns, read_ns - begun_ns, updated_ns - read_ns, written_ns - updated_ns, fresh)
         if self._ask_cycles and self._cycle % self._ask_cycles == 0:
-            self._heed_device()
+            problem = self._heed_device()
+            if problem:
+                self.controller.fault(problem)
         statistics.c_count(WAKEUP, late_ns)
         statistics.c_count(READ, read_ns - begun_ns)
         statistics.c_count(UPDATE, updated_ns - read_ns)
@@ -250,11 +272,12 @@ cdef class ControlLoop:
             self.controller.fault(f"the robot has given no beat for {self._beatless * self._period_s:.3f} s")
 
     def _heed_device(self):
-        """Ask the device how it is, and follow its speed override."""
-        self._device.ask()
+        """Ask the device how it is, and follow its speed override; "" or what is wrong with what it says."""
+        problem = self._device.ask()
         if self._device.share != self.controller.follower.clock.share:
             self.controller.follower.clock.scale(self._device.share)
         self.controller.heed_t1()
+        return problem
 
     def _freeze(self):
         """Nothing that is measured has changed, as at rest, but the arm does not rest."""

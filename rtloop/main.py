@@ -21,11 +21,12 @@ from cobot.ipc.shm import MemoryRole, RobotMemory, encoded
 from cobot.launch.process import Niceness, be
 from cobot.logs import start_logging
 from cobot.robot.description import RobotDescription, load_robot
+from cobot.robot.device import LESS
 from cobot.robot.load import carrying
 from cobot.robot.scene import SceneFile
 from cobot.robot.tool import Tool, ToolFile
 from rtloop.backends import Backend, BackendError, ImpedanceControlled, capabilities_of, make_backend
-from rtloop.clock import FastClock, RealtimeClock
+from rtloop.clock import Clock, FastClock, RealtimeClock
 from rtloop.device_limits import device_limits, differences
 from rtloop.loop import ControlLoop
 from rtloop.realtime import Permissions, freeze_garbage, prepare
@@ -60,7 +61,7 @@ def main() -> int:
             words = f"{settings.robot.backend.type}: {capabilities_of(backend).words}"
             theirs = device_limits(backend, limits)
             less = differences(limits, theirs) if theirs is not None else []
-            print(f"{words}; the device permits less than the model: {', '.join(less)}" if less else words)
+            print(f"{words}; {LESS}: {', '.join(less)}" if less else words)
         else:
             settings = load_settings(arguments.config).of(arguments.robot)
             start_logging("rtloop", settings.logging)
@@ -89,7 +90,7 @@ def _run(settings: Settings, clock_name: str | None) -> None:
     robot = load_robot(settings)
     memory = RobotMemory.attach(settings.robot.name, MemoryRole.RTLOOP)
     backend = make_backend(settings, robot.limits)
-    clock = FastClock(rt.period_s) if clock_name == "fast" else RealtimeClock(rt.period_s)
+    clock = clock_of(backend, clock_name, rt.period_s)
     loop = ControlLoop(settings, robot.model, memory, backend, clock, _recording(settings.robot.name))
     granted: list[Permissions] = []
 
@@ -108,6 +109,12 @@ def _run(settings: Settings, clock_name: str | None) -> None:
     finally:
         loop.close()
         memory.close()
+
+
+def clock_of(backend: Backend, name: str, period_s: float) -> Clock:
+    """What is hardware goes by the wall's clock, whatever is asked for."""
+    hurries = name == "fast" and not capabilities_of(backend).hardware
+    return FastClock(period_s) if hurries else RealtimeClock(period_s)
 
 
 def _recording(robot: str) -> RecordingMemory | None:

@@ -36,3 +36,13 @@ class Arm:
 
     def close(self) -> None:
         self.calls.append("close")
+
+
+class Boasts(Arm):
+    capabilities = "yes"
+
+
+class BoastsLater(Arm):
+    @property
+    def capabilities(self) -> dict[str, bool]:
+        return {"hardware": True}

@@ -24,7 +24,7 @@ from cobot.trajectory import Trajectory
 from cobot.types import Array, LoopMode
 from rtloop.backends import Backend, BackendError, Impedance, Measured
 from rtloop.backends.mujoco import MujocoBackend
-from rtloop.clock import FastClock
+from rtloop.clock import Clock, FastClock
 from rtloop.loop import ControlLoop
 
 CAPACITY = 2000
@@ -86,11 +86,13 @@ class Rig:
         recording: RecordingMemory | None = None,
         backend: Backend | None = None,
         acknowledged: bool = True,
+        clock: Clock | None = None,
     ) -> None:
         """
         Args:
             backend: in place of the loopback and the simulation.
             acknowledged: whether somebody has acknowledged the first contact with it.
+            clock: in place of robot time.
         """
         capacity = CAPACITY if memory is None else len(memory.slots[0].coefficients)
         rt = settings.rt.model_copy(update={"trajectory_capacity": capacity})
@@ -100,7 +102,7 @@ class Rig:
         self.memory = memory or RobotMemory.create(unique_name(), robot.limits.dof, rt.period_s, CAPACITY)
         self.loopback = Loopback(robot.limits.dof)
         backend = backend or (self.simulation if simulated else self.loopback)
-        clock = FastClock(rt.period_s)
+        clock = clock or FastClock(rt.period_s)
         self.loop = ControlLoop(self.settings, robot.model, self.memory, backend, clock, recording)
         self.home = np.array(robot.positions["home"].joints)
         self.loop.open(self.home if start is None else start)

@@ -10,6 +10,7 @@ from cobot.errors import CobotError
 from cobot.ipc.device_record import Device, device_of
 from cobot.ipc.shm import MemoryRole, RobotMemory
 from cobot.launch.check import Checked
+from cobot.robot.device import LESS
 from cobot.robot.tool import ToolFile
 
 TO_DO = (
@@ -37,6 +38,7 @@ def check_hardware(settings: Settings, checked: Sequence[Checked], out: TextIO) 
         found = [
             _backend(f"{about}backend", checked, device),
             _mode(device),
+            _limits(f"{about}backend", checked),
             _load(each),
             _position(device),
         ]
@@ -83,6 +85,15 @@ def _mode(device: Device | None) -> Checked | tuple[str, str]:
     if not mode:
         return item, "T1 at the teach pendant for the first motions; the device does not say which it is in"
     return Checked(item, mode == "T1", f"{mode}; T1 is for the first motions")
+
+
+def _limits(backend: str, checked: Sequence[Checked]) -> Checked | tuple[str, str]:
+    item = "limits"
+    said = next((each.found for each in checked if each.item == backend), "")
+    _, told, less = said.partition(f"; {LESS}: ")
+    if told:
+        return Checked(item, True, f"{LESS}, and that counts: {less}")
+    return item, "the device says of none that is smaller than the model's: compare them with its data sheet"
 
 
 def _load(settings: Settings) -> Checked | tuple[str, str]:

@@ -8,6 +8,8 @@ from types import MappingProxyType
 
 MEASURED_NAMES = ("position", "velocity", "effort", "desired_effort", "external_effort", "wrench")
 """What a device may measure of its joints and at its TCP: the rows of `rtloop.backends.Measured`."""
+LESS = "the device permits less than the model"
+"""Before what it permits less of, for people."""
 ANY_PERIOD: tuple[float, ...] = ()
 FLAGS = ("impedance", "torque", "wrench", "freedrive", "brakes", "payload", "io", "trajectories")
 STOP_CATEGORIES = (0, 1, 2)

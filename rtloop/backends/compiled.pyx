@@ -23,7 +23,10 @@ cdef class Measured:
 
     def __setattr__(self, name: str, value: object) -> None:
         # `measured.position += offset` assigns too: the array stays the part of the buffer that it is.
-        getattr(self, name)[...] = value
+        kept, given = getattr(self, name), np.asarray(value)
+        if given.shape != kept.shape:
+            raise ValueError(f"measured.{name} is given the shape {given.shape}, it has to be {kept.shape}")
+        kept[...] = given
 
 
 cdef class CompiledBackend:

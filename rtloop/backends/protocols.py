@@ -28,6 +28,7 @@ from typing import Protocol, runtime_checkable
 
 from pydantic import BaseModel, ConfigDict
 
+from cobot.errors import ConfigError
 from cobot.robot.device import Capabilities, DeviceStatus
 from cobot.robot.io_points import IoPoint
 from cobot.robot.tool import Tool
@@ -308,9 +309,20 @@ SIMULATED = Capabilities()
 
 
 def capabilities_of(backend: object) -> Capabilities:
-    """Of a backend or its class; the methods of some protocols say by themselves what it can."""
-    found = getattr(backend, "capabilities", SIMULATED)
-    capabilities = found if isinstance(found, Capabilities) else SIMULATED
+    """Of a backend or its class; the methods of some protocols say by themselves what it can.
+
+    Raises:
+        ConfigError: its attribute is something else. That of a class may be there for its instances alone.
+    """
+    capabilities = getattr(backend, "capabilities", SIMULATED)
+    if isinstance(backend, type) and hasattr(capabilities, "__get__"):
+        capabilities = SIMULATED
+    if not isinstance(capabilities, Capabilities):
+        kind = backend if isinstance(backend, type) else type(backend)
+        raise ConfigError(
+            f"robot.backend: {kind.__name__}.capabilities is {capabilities!r}, it has to be a Capabilities: "
+            "without one a backend would count as a simulation that measures everything"
+        )
     if isinstance(backend, TrajectoryDevice):
         return replace(capabilities, trajectories=True)
     if hasattr(backend, "set_impedance"):

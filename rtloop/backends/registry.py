@@ -68,7 +68,9 @@ def make_backend(settings: Settings, limits: JointLimits) -> Backend:
     if refusal:
         raise ConfigError(f"robot.backend: {name}: {refusal}")
     try:
-        return as_backend(kind(settings, limits), limits.dof, settings.rt.period_s)
+        made = as_backend(kind(settings, limits), limits.dof, settings.rt.period_s)
+        capabilities_of(made)
+        return made
     except (BackendError, ConfigError):
         raise
     except Exception as exc:  # somebody else's class may raise anything

@@ -51,9 +51,9 @@ def listed() -> list[Listed]:
 def _one(name: str, origin: str, place: str) -> Listed:
     try:
         kind: Any = backend_class(name)
+        found = capabilities_of(kind)
     except ConfigError as exc:
         return Listed(name, origin, place, problem=str(exc).removeprefix("robot.backend: "))
-    found = capabilities_of(kind)
     hook = hasattr(kind, "contract_rig")
     return Listed(
         name,

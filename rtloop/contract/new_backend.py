@@ -81,7 +81,7 @@ def write_backend(name: str, parent: Path, *, trajectory: bool = False) -> Path:
     _check(name)
     distribution = f"cobot-backend-{name.replace('_', '-')}"
     package = f"cobot_backend_{name}"
-    kind = "".join(part.capitalize() for part in name.split("_"))
+    kind = "".join(part.capitalize() for part in name.removesuffix("_arm").split("_"))
     folder = parent / distribution
     if folder.exists():
         raise ConfigError(f"{folder}: is there already; choose another --dir, or remove it")

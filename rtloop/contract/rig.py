@@ -11,7 +11,8 @@ import numpy as np
 from cobot.config import Settings
 from cobot.errors import ConfigError
 from cobot.types import Array, JointLimits
-from rtloop.backends import Backend, BackendError, Measured, TrajectoryDevice, capabilities_of, protocols
+from rtloop.backends import Backend, BackendError, Measured, TrajectoryDevice, capabilities_of
+from rtloop.backends.guarded import NAMES
 
 FAULTS = {
     "disconnect": "nothing comes any more, and nothing arrives",
@@ -72,11 +73,7 @@ class PlainRig:
 
 
 OPTIONAL = {"capabilities", "state_period_s", "point_period_s"} | {
-    name
-    for each in vars(protocols).values()
-    if getattr(each, "_is_protocol", False)
-    for name in (*vars(each), *getattr(each, "__annotations__", ()))
-    if not name.startswith("_") and not hasattr(Backend, name)
+    name for name in NAMES if not hasattr(Backend, name)
 }
 """What only some backends have, beside the six methods."""
 

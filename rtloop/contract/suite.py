@@ -13,12 +13,18 @@ from cobot.config import Settings
 from cobot.errors import CobotError
 from cobot.robot.description import load_robot
 from rtloop.backends import BackendError, backend_class, capabilities_of
-from rtloop.contract import checks, declared, faults, inputs_outputs
+from rtloop.contract import checks, declared, faults, inputs_outputs, punctuality
 from rtloop.contract.cell import Cell, NotTested
 from rtloop.contract.driver import ContractError
 from rtloop.contract.rig import rig_of
 
-CHECKS = {**declared.CHECKS, **checks.CHECKS, **inputs_outputs.CHECKS, **faults.CHECKS}
+CHECKS = {
+    **declared.CHECKS,
+    **checks.CHECKS,
+    **punctuality.CHECKS,
+    **inputs_outputs.CHECKS,
+    **faults.CHECKS,
+}
 
 
 class Verdict(StrEnum):

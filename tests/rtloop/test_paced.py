@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -139,12 +140,27 @@ def test_the_path_follows_the_speed_override_of_the_device(rig: PacedRig) -> Non
     assert all(rate <= 1.0 + 1e-6 for rate in rates_on_the_wire(rig))
 
 
-def test_words_that_are_too_long_are_cut_and_strange_numbers_stop_the_path(rig: PacedRig) -> None:
-    rig.arm.report = DeviceStatus(text="ü" * 1000, speed_scaling=float("nan"), device_time_s=12.5)
+def test_words_that_are_too_long_are_cut(rig: PacedRig) -> None:
+    rig.arm.report = DeviceStatus(text="ü" * 1000, device_time_s=12.5)
     rig.step(300)
     assert rig.told().text == "ü" * 200
     assert rig.told().device_time_s == 12.5
-    assert rig.loop.controller.clock.share == 0.0
+
+
+@pytest.mark.parametrize("scaling", [float("nan"), float("inf"), -0.5, "half", None])
+def test_a_speed_override_that_is_none_is_a_fault_with_its_value(rig: PacedRig, scaling: object) -> None:
+    assert rig.move() == ""
+    rig.step(300)
+    rig.arm.report = replace(rig.arm.report, speed_scaling=scaling)
+    rig.step(300)
+    assert rig.mode is LoopMode.FAULT
+    assert rig.reason == f"the backend's status().speed_scaling is {scaling!r}, it is from 0 to 1"
+    assert rig.told().speed_scaling == 1.0, "what it said before"
+    rig.arm.report = replace(rig.arm.report, speed_scaling=np.float32(0.5))
+    rig.run()
+    rig.step(300)
+    assert rig.reset() == ""
+    assert rig.told().speed_scaling == 0.5
 
 
 def test_contact_limits_need_a_device_that_measures_forces(rig: PacedRig) -> None:

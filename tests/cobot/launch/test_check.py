@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import re
+import sys
 from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 from second_opinion import LIMITS, MJCF, SRDF
 
-from cobot.config import ENDPOINTS
+from cobot.config import ENDPOINTS, Settings
 from cobot.launch import check
 from cobot.launch.cli import main
+from cobot.launch.hardware import check_hardware
+from cobot.robot.device import LESS
 
+DOCS = Path(__file__).parents[3] / "docs"
 IN_THE_FLOOR = (0.0, 1.9, 0.0, -0.2, 0.0, 0.0, 0.0)
 
 
@@ -265,12 +269,18 @@ def test_the_list_for_hardware_tells_what_it_knows_and_what_is_to_do(
     assert main([*config(tmp_path, f"robot: {{name: check-{tmp_path.name[:20]}}}\n"), "--hardware"]) == 1
     said = capsys.readouterr().out
     assert "FAILED  hardware backend: mujoco: simulation" in said
-    for item in (
-        "emergency stop",
-        "safety configuration",
-        "operation mode",
-        "tool and load",
-        "position",
-        "people",
-    ):
+    table = (DOCS / "safety.md").read_text(encoding="utf-8").split("| Item | What to do |\n|---|---|\n")[1]
+    listed = {line.split(" | ")[0].removeprefix("| ") for line in table.split("\n\n")[0].splitlines()}
+    assert len(listed) > 10
+    assert set(re.findall(r"^(?:TO DO|FAILED|ok) +hardware (.+?): ", said, re.MULTILINE)) == listed
+    for item in listed - {"backend"}:
         assert f"TO DO   hardware {item}: " in said
+
+
+def test_limits_of_the_device_that_are_smaller_are_in_the_list(
+    settings: Settings, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = f"mine: hardware; {LESS}: max_velocity of joint1 is 0.5, not 1.4"
+    check_hardware(settings, [check.Checked("backend", True, found)], sys.stdout)
+    said = capsys.readouterr().out
+    assert f"ok      hardware limits: {LESS}, and that counts: max_velocity of joint1 is 0.5, not 1.4" in said

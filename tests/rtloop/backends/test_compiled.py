@@ -45,11 +45,19 @@ def test_the_parts_of_what_is_measured_are_one_buffer_in_their_order() -> None:
     np.testing.assert_array_equal(measured.external, measured.values[28:41])
 
 
+@pytest.mark.parametrize("given", [[0.3], 0.3, np.zeros(6), np.zeros((1, 7)), "abc"])
+def test_a_shape_that_is_not_the_arms_is_refused(given: object) -> None:
+    measured = Measured(7)
+    with pytest.raises(ValueError, match=r"measured.position is given the shape \(.*\), it has to be \(7,\)"):
+        measured.position = given
+    assert not measured.values.any()
+
+
 @pytest.mark.parametrize("part", [*PARTS, "joints", "external", "values"])
 def test_what_is_assigned_to_a_part_goes_into_the_buffer(part: str) -> None:
     measured = Measured(7)
     before = getattr(measured, part)
-    setattr(measured, part, 2.0)
+    setattr(measured, part, np.full_like(before, 2.0))
     assert getattr(measured, part) is before
     assert measured.values.sum() == 2.0 * before.size
 

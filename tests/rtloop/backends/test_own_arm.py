@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from own_arm import Arm
+from own_arm import Arm, Boasts, BoastsLater
 from paced_arm import PacedArm
 from running import unique_name
 
@@ -110,6 +110,19 @@ def test_a_period_that_the_device_cannot_be_driven_with_is_refused(
     message = "rt.period_s is 0.002 s; the device can be driven every 0.001, 0.005 s"
     with pytest.raises(ConfigError, match=message):
         make_backend(load_settings(file), robot.limits)
+
+
+@pytest.mark.parametrize("kind", [Boasts, BoastsLater])
+def test_capabilities_of_another_type_are_refused(
+    settings: Settings, robot: RobotDescription, kind: type
+) -> None:
+    chosen = with_backend(settings, f"own_arm:{kind.__name__}")
+    with pytest.raises(
+        ConfigError, match=rf"{kind.__name__}.capabilities is .*, it has to be a Capabilities: "
+    ):
+        make_backend(chosen, robot.limits)
+    with pytest.raises(ConfigError, match="capabilities is"):
+        capabilities_of(kind(settings, robot.limits))
 
 
 def test_an_older_file_has_its_backend_in_the_section_rt(tmp_path: Path) -> None:

@@ -17,10 +17,20 @@ from rtloop.contract.cell import Cell
 from rtloop.contract.suite import CHECKS, Verdict, cell_for, examined
 
 TOY = "rtloop.contract.toy:ToyArm"
+HURRIES = "paced_arm:PacedArm"
+ON_REQUEST = {"punctuality", "beat"}
 TRAJECTORY_TOY = "rtloop.contract.toy_trajectory:ToyArm"
-UNTOLD = {"status", "io", "punctuality", "staleness", "loss", "reorder", "pile_up", "operation_mode"} | {
-    check for check in CHECKS if "_stop" in check
-}
+UNTOLD = {
+    "status",
+    "io",
+    "punctuality",
+    "beat",
+    "staleness",
+    "loss",
+    "reorder",
+    "pile_up",
+    "operation_mode",
+} | {check for check in CHECKS if "_stop" in check}
 """What a simulation without packets, emergency stop and key cannot be tested for."""
 
 
@@ -51,7 +61,7 @@ def test_the_simulation_keeps_it(mujoco: Cell, check: str) -> None:
 @pytest.mark.parametrize("check", CHECKS)
 def test_fri_keeps_it_beside_a_simulated_cabinet(fri: Cell, check: str) -> None:
     result = examined(fri, check)
-    assert result.verdict is (Verdict.NOT_TESTED if check == "punctuality" else Verdict.PASSED), result.found
+    assert result.verdict is (Verdict.NOT_TESTED if check in ON_REQUEST else Verdict.PASSED), result.found
 
 
 @pytest.mark.parametrize("check", CHECKS)
@@ -59,16 +69,16 @@ def test_franka_keeps_it_beside_a_stand_in(franka: Cell, check: str) -> None:
     if check == "options":
         pytest.importorskip("pylibfranka", reason="pylibfranka is not installed: pip install 'cobot[franka]'")
     result = examined(franka, check)
-    untold = check in ("punctuality", "operation_mode", "io")
+    untold = check in {*ON_REQUEST, "operation_mode", "io"}
     assert result.verdict is (Verdict.NOT_TESTED if untold else Verdict.PASSED), result.found
 
 
 def test_the_toy_keeps_all_of_it(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["test", TOY, "--json"]) == 0
     results = {each["check"]: each["result"] for each in json.loads(capsys.readouterr().out)}
-    assert results.pop("punctuality") == "not tested"
+    assert [results.pop(check) for check in sorted(ON_REQUEST)] == ["not tested", "not tested"]
     assert set(results.values()) == {"passed"}
-    assert list(results) == [check for check in CHECKS if check != "punctuality"]
+    assert list(results) == [check for check in CHECKS if check not in ON_REQUEST]
 
 
 def test_the_toy_that_takes_whole_motions_keeps_it(capsys: pytest.CaptureFixture[str]) -> None:
@@ -77,7 +87,7 @@ def test_the_toy_that_takes_whole_motions_keeps_it(capsys: pytest.CaptureFixture
     untold = {check for check, result in results.items() if result == "not tested"}
     streams = {"disconnect in a stream", "nan in a stream"}
     of_cycles = {"limits", "staleness", "loss", "reorder", "pile_up", *streams}
-    assert untold == {"punctuality", "io", *of_cycles}
+    assert untold == {*ON_REQUEST, "io", *of_cycles}
     assert set(results.values()) == {"passed", "not tested"}
 
 
@@ -85,7 +95,8 @@ def test_the_toy_that_takes_whole_motions_keeps_it(capsys: pytest.CaptureFixture
     ("arm", "check", "found"),
     [
         ("InDegrees", "calls", "FAULT"),
-        ("ClaimsTorques", "values", "effort is claimed in capabilities.measured"),
+        ("ClaimsTorques", "values", r"effort is claimed in capabilities.measured.* it is \[nan nan"),
+        ("OneForAll", "calls", r"measured.position is given the shape \(1,\), it has to be \(7,\)"),
         ("Raises", "calls", "KeyError: 'joint8'"),
         ("ClaimsAForce", "claims", "capabilities.wrench is claimed without a method write_wrench"),
         ("SendsTheLast", "staleness", "is 1 cycles older than what was written"),
@@ -128,6 +139,16 @@ def test_a_failed_check_is_said_and_is_the_exit_status(capsys: pytest.CaptureFix
 def test_durations_count_when_they_are_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
     main(["test", TOY, "--only", "punctuality", "--realtime"])
     assert "p99" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("name", "status", "found"), [(TOY, 0, "beats in 0.5 s"), (HURRIES, 1, "beat too fast: ")]
+)
+def test_beats_are_held_against_the_clock_when_asked_for(
+    capsys: pytest.CaptureFixture[str], name: str, status: int, found: str
+) -> None:
+    assert main(["test", name, "--only", "beat", "--realtime"]) == status
+    assert found in capsys.readouterr().out
 
 
 def test_a_robot_is_not_moved_by_it(settings: Settings) -> None:

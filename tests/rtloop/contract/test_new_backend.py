@@ -59,8 +59,8 @@ def test_its_wheel_is_found_by_its_entry_point_and_keeps_the_contract(made: tupl
     assert not found["problem"]
     done = run(made, "-m", "cobot", "backend", "test", "sky_crane")
     assert done.returncode == 0, done.stdout + done.stderr
-    passed = len(CHECKS) - 1
-    assert done.stdout.splitlines()[-1] == f"sky_crane, every 1 ms: {passed} passed, 0 FAILED, 1 not tested"
+    passed = len(CHECKS) - 2
+    assert done.stdout.splitlines()[-1] == f"sky_crane, every 1 ms: {passed} passed, 0 FAILED, 2 not tested"
 
 
 def test_one_for_a_device_that_takes_whole_motions_keeps_it_too(
@@ -78,7 +78,14 @@ def test_one_for_a_device_that_takes_whole_motions_keeps_it_too(
 def test_its_own_tests_are_the_contract(made: tuple[Path, Path]) -> None:
     done = run(made, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-W", "error")
     assert done.returncode == 0, done.stdout + done.stderr
-    assert f"{len(CHECKS) - 1} passed, 1 skipped" in done.stdout
+    assert f"{len(CHECKS) - 2} passed, 2 skipped" in done.stdout
+
+
+@pytest.mark.parametrize(("name", "kind"), [("my_arm", "MyArm"), ("arm", "ArmArm"), ("armada", "ArmadaArm")])
+def test_a_name_that_ends_with_arm_says_it_once(tmp_path: Path, name: str, kind: str) -> None:
+    folder = write_backend(name, tmp_path)
+    assert f'{kind}"' in (folder / "pyproject.toml").read_text(encoding="utf-8")
+    assert f"class {kind}:" in (folder / f"cobot_backend_{name}.py").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(
@@ -118,9 +125,11 @@ def test_the_list_says_what_cannot_be_used_and_why(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     broken = EntryPoint("broken", "no_such_module:Arm", "cobot.backends")
-    monkeypatch.setattr("rtloop.backends.registry.entry_points", lambda group: [broken])
+    boasts = EntryPoint("boasts", "own_arm:Boasts", "cobot.backends")
+    monkeypatch.setattr("rtloop.backends.registry.entry_points", lambda group: [broken, boasts])
     listed = {each.name: each for each in listing.listed()}
     assert listed["broken"].problem.startswith("cannot load 'broken': ModuleNotFoundError")
+    assert listed["boasts"].problem.startswith("Boasts.capabilities is 'yes', it has to be a Capabilities")
     assert listed["fri"].contract == "simulated device"
     assert listed["mujoco"].contract == "itself"
     monkeypatch.setattr(listing.importlib.util, "find_spec", lambda name: None)

@@ -1,0 +1,70 @@
+"""A backend whose errors are all `BackendError`: somebody else's class, or its SDK, may raise anything."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from typing import Any, cast
+
+from rtloop.backends import protocols
+from rtloop.backends.protocols import Backend, BackendError
+
+NAMES = frozenset(
+    name
+    for each in vars(protocols).values()
+    if getattr(each, "_is_protocol", False)
+    for name in (*vars(each), *getattr(each, "__annotations__", ()))
+    if not name.startswith("_")
+)
+"""Of what stands in any protocol."""
+
+log = logging.getLogger("cobot.rtloop")
+
+
+class ForeignError(BackendError):
+    """A method has raised something else than a `BackendError`, or given what nobody can use."""
+
+
+class Guarded:
+    """A backend around another one: it has what that one has. What is compiled is not asked through it.
+
+    Raises:
+        ForeignError: of each method, in place of any other exception, whose traceback is logged once.
+    """
+
+    def __init__(self, inner: Backend) -> None:
+        self._inner, self._logged = inner, set[tuple[str, type]]()
+        for name in NAMES:
+            if hasattr(inner, name):
+                found = getattr(inner, name)
+                setattr(self, name, self._guarded(name) if callable(found) else found)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._inner, name)
+
+    def _guarded(self, name: str) -> Callable[..., Any]:
+        inner = self._inner
+
+        def call(*arguments: Any) -> Any:
+            try:
+                return getattr(inner, name)(*arguments)
+            except BackendError:
+                raise
+            except Exception as exc:
+                raise self._foreign(name, exc) from exc
+
+        return call
+
+    def _foreign(self, name: str, exc: Exception) -> ForeignError:
+        kind = type(exc)
+        raised = f"{kind.__name__}: {exc}".removesuffix(": ")
+        said = f"the backend's {name}() raised {raised}; a backend reports with BackendError"
+        if (name, kind) not in self._logged:
+            self._logged.add((name, kind))
+            log.error("%s", said, exc_info=exc)
+        return ForeignError(said)
+
+
+def guarded(backend: Backend) -> Backend:
+    """The same backend, whose methods raise nothing but a `BackendError`."""
+    return cast(Backend, Guarded(backend))

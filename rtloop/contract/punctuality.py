@@ -1,0 +1,63 @@
+"""What has to hold by the computer's clock: with --realtime alone."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from rtloop.backends import BackendError, capabilities_of
+from rtloop.clock import Pace
+from rtloop.contract.cell import Cell, NotTested
+from rtloop.contract.driver import ContractError
+
+BEATEN_S = 0.5
+LATE_SHARE = 0.01
+"""Of the cycles, that may take longer than their period."""
+
+
+def punctuality(cell: Cell) -> str:
+    """Reading and writing take less than a period."""
+    if not cell.realtime:
+        raise NotTested("durations count with --realtime, on a quiet computer")
+    with cell.driven() as driver:
+        driver.move()
+        durations = np.array(driver.heard.durations_s)
+    late = float((durations > cell.settings.rt.period_s).mean())
+    said = f"p50 {1e6 * np.quantile(durations, 0.5):.0f} µs, p99 {1e6 * np.quantile(durations, 0.99):.0f} µs"
+    if late > LATE_SHARE:
+        raise ContractError(f"{said}: {100.0 * late:.1f} % of the cycles take longer than a period")
+    return said
+
+
+def beat(cell: Cell) -> str:
+    """`wait` gives a beat a period, by the clock."""
+    if not cell.realtime:
+        raise NotTested("beats are held against the clock with --realtime")
+    if not hasattr(cell.kind, "wait"):
+        raise NotTested("rtloop's own clock gives the beat")
+    if capabilities_of(cell.kind).hardware:
+        raise NotTested("its device is something real, and that of its rig need not go by the clock")
+    period_s, home = cell.settings.rt.period_s, cell.robot.positions[cell.settings.robot.start_position]
+    backend: Any = cell.kind(cell.settings, cell.robot.limits)
+    pace = Pace(period_s)
+    try:
+        backend.open(np.array(home.joints))
+    except BackendError as exc:
+        raise NotTested(f"without its rig: {exc}") from exc
+    try:
+        begun, beats = time.monotonic(), 0
+        while time.monotonic() - begun < BEATEN_S:
+            beaten = bool(backend.wait(period_s))
+            beats += beaten
+            if pace.early_ns(time.monotonic_ns(), beaten):
+                said = f"{beats} beats in {time.monotonic() - begun:.3f} s, and a period is {period_s:g} s"
+                raise ContractError(f"wait() gives the beat too fast: {said}")
+    finally:
+        backend.close()
+    return f"{beats} beats in {BEATEN_S:g} s"
+
+
+CHECKS: dict[str, Callable[[Cell], str]] = {"punctuality": punctuality, "beat": beat}
