@@ -13,12 +13,13 @@ SENT_S = 1.0
 KINDS = {IoType.BOOLEAN: IoKind.BOOLEAN, IoType.DIGITAL: IoKind.DIGITAL, IoType.ANALOG: IoKind.ANALOG}
 
 
+def point_of(value: IoValue) -> IoPoint:
+    return IoPoint(value.name, KINDS[value.type], value.direction == IoDirection.OUTPUT, float(value.value))
+
+
 def points(message: Monitoring) -> list[IoPoint]:
     """What the cabinet's program has registered."""
-    return [
-        IoPoint(each.name, KINDS[each.type], each.direction == IoDirection.OUTPUT, float(each.value))
-        for each in message.io
-    ]
+    return [point_of(each) for each in message.io]
 
 
 @dataclass(slots=True)

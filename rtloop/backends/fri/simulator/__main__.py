@@ -11,8 +11,9 @@ from types import FrameType
 import numpy as np
 
 from cobot.config import load_settings
-from cobot.errors import CobotError
+from cobot.errors import CobotError, LimitError
 from cobot.robot.description import load_robot
+from cobot.robot.io_points import require_number
 from rtloop.backends.fri.messages import (
     MAX_NAME,
     CommandMode,
@@ -22,6 +23,7 @@ from rtloop.backends.fri.messages import (
     IoValue,
     OperationMode,
 )
+from rtloop.backends.fri.outputs import point_of
 from rtloop.backends.fri.simulator.arm import SimulatedArm
 from rtloop.backends.fri.simulator.cabinet import Cabinet
 from rtloop.backends.fri.simulator.network import Network
@@ -170,6 +172,10 @@ def _io(argument: str) -> IoValue:
         raise argparse.ArgumentTypeError(f"{argument!r} is no NAME:TYPE:WAY[=VALUE]") from exc
     if not 0 < len(name.encode()) <= MAX_NAME:
         raise argparse.ArgumentTypeError(f"{argument!r}: a name has 1 to {MAX_NAME} bytes")
+    try:
+        require_number(point_of(found), found.value)
+    except LimitError as exc:
+        raise argparse.ArgumentTypeError(f"{argument!r}: {exc}") from exc
     return found
 
 

@@ -10,6 +10,8 @@ from collections import deque
 
 import numpy as np
 
+from cobot.errors import LimitError
+from cobot.robot.io_points import require_number
 from cobot.types import Array
 from rtloop.backends.fri.codec import decode_command
 from rtloop.backends.fri.encoding import encode_monitoring
@@ -30,6 +32,7 @@ from rtloop.backends.fri.messages import (
     SessionState,
     ahead,
 )
+from rtloop.backends.fri.outputs import point_of
 from rtloop.backends.fri.simulator.arm import SimulatedArm
 from rtloop.backends.fri.simulator.connection import Connection
 from rtloop.backends.fri.simulator.options import CabinetOptions
@@ -253,6 +256,11 @@ class Cabinet:
                 self.events.append(
                     f"{value.name!r} is no output of this type that the program has registered"
                 )
+                continue
+            try:
+                require_number(point_of(known), value.value)
+            except LimitError as exc:
+                self.events.append(f"the client's output is not set: {exc}")
             else:
                 known.value = value.value
 

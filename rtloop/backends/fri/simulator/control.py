@@ -9,8 +9,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError
 
-from cobot.strict import StrictModel, sentence
+from cobot.errors import LimitError
+from cobot.robot.io_points import require_number
+from cobot.strict import StrictModel, sentence, shown
 from rtloop.backends.fri.messages import OperationMode
+from rtloop.backends.fri.outputs import point_of
 from rtloop.backends.fri.simulator.cabinet import Cabinet
 from rtloop.backends.fri.simulator.network import Network
 
@@ -103,9 +106,13 @@ class Control:
             request = ControlRequest.model_validate_json(line)
         except ValidationError as exc:
             return {"error": sentence(exc.errors()[0])}
-        unknown = [name for name in request.io if name not in self._cabinet.io]
-        if unknown:
-            return {"error": f"io: {unknown[0]!r} is not registered; {sorted(self._cabinet.io)} are"}
+        for name, value in request.io.items():
+            if name not in self._cabinet.io:
+                return {"error": f"io: {shown(name)} is not registered; {sorted(self._cabinet.io)} are"}
+            try:
+                require_number(point_of(self._cabinet.io[name]), value)
+            except LimitError as exc:
+                return {"error": f"io: {exc}"}
         self._apply(request)
         return self.status()
 

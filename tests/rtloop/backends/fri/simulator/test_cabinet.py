@@ -10,12 +10,16 @@ from lockstep_fri import made_cabinet
 
 from cobot.config import Settings
 from cobot.robot.description import RobotDescription
+from rtloop.backends.fri import wire
 from rtloop.backends.fri.codec import decode_monitoring
 from rtloop.backends.fri.encoding import encode_command
 from rtloop.backends.fri.messages import (
     COMMAND_ID,
     Command,
     Header,
+    IoDirection,
+    IoType,
+    IoValue,
     Monitoring,
     OperationMode,
     Quality,
@@ -197,6 +201,32 @@ def test_rubbish_is_counted_and_nothing_else(make: Make) -> None:
     assert client.cabinet.malformed == 1
     client.period()
     assert client.cabinet.state == SessionState.COMMANDING_ACTIVE
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "text"),
+    [
+        (IoType.BOOLEAN, float("nan"), "Out is boolean: 0 or 1, got nan"),
+        (IoType.BOOLEAN, 7.0, "Out is boolean: 0 or 1, got 7"),
+        (IoType.DIGITAL, float("inf"), "Out is digital: a whole number from 0 to 9007199254740991, got inf"),
+        (IoType.DIGITAL, -1.0, "Out is digital: a whole number from 0 to 9007199254740991, got -1"),
+        (IoType.ANALOG, float("-inf"), "Out: the value is not finite"),
+    ],
+)
+def test_an_output_that_is_no_number_of_its_kind_is_not_set(
+    make: Make, kind: IoType, value: float, text: str
+) -> None:
+    client = make(CabinetOptions(io=(IoValue("Out", kind, IoDirection.OUTPUT, 1.0),)))
+    client.until(SessionState.COMMANDING_ACTIVE)
+    output = wire.bytes_field(1, b"Out") + wire.number_field(2, kind) + wire.number_field(3, 1)
+    output = wire.bytes_field(2, wire.bytes_field(5, output + wire.double_field(5, value)))
+    client.cabinet.packet()
+    header = Header(COMMAND_ID, client.sequence + 1, client.cabinet.sequence)
+    client.cabinet.answer(encode_command(Command(header)) + output)
+    client.silent = True
+    client.period()
+    assert text in client.cabinet.events[-1]
+    assert client.seen.io[0].value == 1.0
 
 
 def test_answers_of_the_past_and_of_the_future_do_not_count(make: Make) -> None:

@@ -8,6 +8,7 @@ import sys
 import pytest
 
 from rtloop.backends.fri.simulator.__main__ import main
+from rtloop.backends.fri.simulator.server import CabinetServer
 
 
 @pytest.mark.parametrize(
@@ -18,12 +19,17 @@ from rtloop.backends.fri.simulator.__main__ import main
         (["--client", "nowhere"], "'nowhere' is no HOST:PORT"),
         (["--loss", "2"], "'2' is no share from 0 to 1"),
         (["--io", "Tool:boolean"], "'Tool:boolean' is no NAME:TYPE:WAY[=VALUE]"),
+        (["--io", "A:boolean:output=nan"], "A is boolean: 0 or 1, got nan"),
+        (["--io", "A:boolean:input=7"], "A is boolean: 0 or 1, got 7"),
+        (["--io", "A:digital:output=1e400"], "A is digital: a whole number from 0 to 9007199254740991, got"),
+        (["--io", "A:analog:output=inf"], "A: the value is not finite"),
     ],
 )
 def test_refuses_what_makes_no_sense(
     options: list[str], text: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(signal, "signal", lambda *_: None)
+    monkeypatch.setattr(CabinetServer, "run", lambda *_: None)
     monkeypatch.setattr(sys, "argv", ["cobot simulate fri", *options])
     try:
         code: object = main()
