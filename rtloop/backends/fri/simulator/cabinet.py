@@ -36,7 +36,7 @@ from rtloop.backends.fri.outputs import point_of
 from rtloop.backends.fri.simulator.arm import SimulatedArm
 from rtloop.backends.fri.simulator.connection import Connection
 from rtloop.backends.fri.simulator.options import CabinetOptions
-from rtloop.backends.fri.simulator.reflexes import command_fault, echo_fault, usable
+from rtloop.backends.fri.simulator.reflexes import command_fault, echo_fault, overlay_fault, usable
 
 COUNTER = 1 << 32
 STAGE_PERIODS = 10
@@ -213,6 +213,7 @@ class Cabinet:
             self._echoed += 1
         else:
             fault = self._follow(position, max(elapsed, 1))
+        fault = fault or overlay_fault(command, self.options.command_mode)
         if fault:
             self._end_motion(fault)
             return

@@ -15,11 +15,13 @@ from cobot.strict import StrictModel, sentence, shown
 from rtloop.backends.fri.messages import OperationMode
 from rtloop.backends.fri.outputs import point_of
 from rtloop.backends.fri.simulator.cabinet import Cabinet
-from rtloop.backends.fri.simulator.network import Network
+from rtloop.backends.fri.simulator.network import MAX_DELAY, Network
+from rtloop.backends.fri.simulator.reflexes import MAX_WRENCH
 
 MAX_LINE = 65_536
 MAX_CLIENTS = 8
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Exerted = Annotated[float, Field(ge=-MAX_WRENCH, le=MAX_WRENCH)]
 
 
 class ControlRequest(StrictModel):
@@ -36,13 +38,13 @@ class ControlRequest(StrictModel):
 
     loss: Share | None = None
     reorder: Share | None = None
-    delay: Annotated[int, Field(ge=0, le=100)] | None = None
+    delay: Annotated[int, Field(ge=0, le=MAX_DELAY)] | None = None
     drop: Annotated[int, Field(ge=0, le=1_000_000)] | None = None
     spoil: Literal["", "frozen", "nan"] | None = None
     safety_stop: Annotated[int, Field(ge=-1, le=2)] | None = None
     mode: Literal["T1", "T2", "AUT"] | None = None
     close: bool = False
-    push: Annotated[list[float], Field(min_length=6, max_length=6)] | None = None
+    push: Annotated[list[Exerted], Field(min_length=6, max_length=6)] | None = None
     io: dict[str, float] = Field(default_factory=dict)
 
 

@@ -27,6 +27,13 @@ _STAMP = 35
 _TIMESPEC = struct.Struct("qq")
 
 
+def _ipv4_of(host: str) -> str:
+    try:
+        return socket.gethostbyname(host)
+    except (OSError, UnicodeError) as exc:
+        raise OSError(f"the client {host!r} has no IPv4 address, and is none: {exc}") from exc
+
+
 class CabinetServer:
     """Sends a monitoring message a period, and takes what comes back.
 
@@ -51,10 +58,14 @@ class CabinetServer:
         """
         self._cabinet, self._network = cabinet, network
         # Answers come from an address, whatever the name.
-        self._client = socket.gethostbyname(client[0]), client[1]
+        self._client = _ipv4_of(client[0]), client[1]
         self._patience_s = patience_s
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.bind(address)
+        try:
+            self._socket.bind(address)
+        except OSError as exc:
+            self._socket.close()
+            raise OSError(f"cannot send from UDP {address[0]}:{address[1]}: {exc.strerror}") from exc
         self._socket.setblocking(False)
         if sys.platform == "linux":
             self._socket.setsockopt(socket.SOL_SOCKET, _STAMP, 1)
