@@ -43,7 +43,7 @@ class FriOptions(BaseModel):
     min_tracking: least tracking performance then, 0 to 1.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
     address: Address | None = None
     listen: Address = "0.0.0.0"
