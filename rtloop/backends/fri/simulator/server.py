@@ -33,7 +33,7 @@ def _ipv4_of(host: str) -> str:
     try:
         return socket.gethostbyname(host)
     except (OSError, UnicodeError) as exc:
-        raise OSError(f"the client {host!r} has no IPv4 address, and is none: {exc}") from exc
+        raise OSError(f"the client {host!r} is no IPv4 address, nor the name of one: {exc}") from exc
 
 
 class CabinetServer:

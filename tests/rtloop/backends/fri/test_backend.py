@@ -34,6 +34,8 @@ from rtloop.backends.fri.messages import (
     Quality,
     SessionState,
 )
+from rtloop.backends.fri.options import FriOptions
+from rtloop.backends.fri.session import entry_fault
 from rtloop.backends.fri.simulator.network import Network
 from rtloop.backends.fri.simulator.options import CabinetOptions
 
@@ -215,6 +217,12 @@ def test_an_arm_beside_its_interpolator_is_not_enabled(make: Make) -> None:
     driven.cabinet.arm.push[:] = [0.0, 0.0, -140.0, 0.0, 0.0, 0.0]
     with pytest.raises(BackendError, match=r"beside the controller's interpolator, 0.001 rad are allowed"):
         driven.enable()
+
+
+def test_a_position_of_300_digits_is_said_in_a_few(make: Make) -> None:
+    message = replace(make().backend._newest, measured_position=(1e300,) * 7)
+    said = entry_fault(message, FriOptions(), ("joint1",) * 7, (0.0,) * 7)
+    assert said.startswith("joint1 is 1e+300 rad beside")
 
 
 def test_an_arm_that_does_not_follow_is_not_enabled(make: Make) -> None:
