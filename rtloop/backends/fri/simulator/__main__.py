@@ -45,8 +45,6 @@ CONTROLS = {
     "cartesian-impedance": ControlMode.CARTESIAN_IMPEDANCE,
 }
 MAX_PATIENCE_S = 3600.0
-
-
 MAX_PORT = 65_535
 Number = TypeVar("Number", int, float)
 
