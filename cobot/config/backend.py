@@ -49,6 +49,9 @@ def _a_backend(value: object, info: ValidationInfo) -> object:
         raise ValueError(
             f"must be a name, or a mapping with a type and the backend's own options, got {shown(value)}"
         )
+    nameless = [key for key in content if not isinstance(key, str)]
+    if nameless:
+        raise ValueError(f"the key {shown(nameless[0])} is no text: an option of the backend has a name")
     options = {key: each for key, each in content.items() if key not in ("type", "folder")}
     folder = resolve(str(content.get("folder", ".")), (info.context or {})["folder"])
     return {"type": content["type"], "options": options, "folder": folder}

@@ -133,9 +133,9 @@ class Driver:
         self._paced = hasattr(backend, "wait")
         loop = ControlLoop(self._settings, self._robot.model, self.memory, backend, FastClock(self.period_s))
         home = self._robot.positions[self._settings.robot.start_position].joints
+        loop.controller.acknowledge()  # nobody is there to be told of a first contact
         try:
             loop.open(np.array(home))
-            loop.controller.acknowledge()
         except BackendError:
             with contextlib.suppress(BackendError):
                 loop.close()

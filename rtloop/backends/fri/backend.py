@@ -80,7 +80,7 @@ class FriBackend:
         self._channel, self._clock = channel, clock
         self._beat = Beat(limits.dof, self._period_s)
         self._answers = Answers(options, limits.names, self._period_s)
-        self._heard_s = self._asked_s = 0.0
+        self._heard_s = self._asked_s = self._refused_s = 0.0
         self._join_until_s = 0.0  # so long after it was enabled the session may begin anew without a fault
         self._enabled = self._asking = self._joins = False
         self._answered = True  # the newest packet, which has one answer
@@ -129,7 +129,10 @@ class FriBackend:
         deadline_s = self._clock() + timeout_s
         while not self._beat.due:
             for packet in self._open_channel.receive(deadline_s - self._clock()):
+                refused = self._malformed
                 self._take(packet)
+                if self._malformed > refused:
+                    self._refused_s = self._clock()
             if not self._beat.due and self._clock() >= deadline_s:
                 return False
         self._beat.go_on()
@@ -139,8 +142,11 @@ class FriBackend:
         message = self._beat.newest
         if message is None or self._silence_s > self._options.silence_s:
             raise BackendError(
-                f"no packet from the robot controller for {self._silence_s:.2f} s: its session is closed, "
-                "its program has ended, or the network is down"
+                f"no packet from the robot controller that can be used for {self._silence_s:.2f} s: "
+                f"what comes is {self._refused}"
+                if self._refuses
+                else f"no packet from the robot controller for {self._silence_s:.2f} s: its session is "
+                "closed, its program has ended, or the network is down"
             )
         measured.position, measured.velocity = self._beat.position, self._beat.velocity
         for name, values in (
@@ -231,6 +237,8 @@ class FriBackend:
         drives, brakes = drives_in_words(message.drives)
         silent = self._silence_s > self._options.silence_s
         text = f"no packet for {self._silence_s:.1f} s" if silent else obstacle(message)
+        if silent and self._refuses:
+            text = f"no packet that can be used for {self._silence_s:.1f} s: what comes is {self._refused}"
         return DeviceStatus(
             connection="SILENT" if silent else message.state.name,
             quality=message.quality.name,
@@ -282,6 +290,11 @@ class FriBackend:
     @property
     def _silence_s(self) -> float:
         return self._clock() - self._heard_s
+
+    @property
+    def _refuses(self) -> bool:
+        """Whether something has come since the newest packet, and was none."""
+        return self._refused_s > self._heard_s
 
     @property
     def _newest(self) -> Monitoring:

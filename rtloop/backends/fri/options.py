@@ -17,7 +17,7 @@ COMMAND_MODES = {
 }
 
 
-def _an_ipv4_address(value: str) -> str:
+def an_ipv4_address(value: str) -> str:
     try:
         IPv4Address(value)
     except ValueError as exc:
@@ -25,7 +25,7 @@ def _an_ipv4_address(value: str) -> str:
     return value
 
 
-Address = Annotated[str, AfterValidator(_an_ipv4_address)]
+Address = Annotated[str, AfterValidator(an_ipv4_address)]
 
 
 class FriOptions(BaseModel):
@@ -43,7 +43,7 @@ class FriOptions(BaseModel):
     min_tracking: least tracking performance then, 0 to 1.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
     address: Address | None = None
     listen: Address = "0.0.0.0"

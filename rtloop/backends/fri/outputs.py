@@ -6,19 +6,41 @@ from dataclasses import dataclass, replace
 
 from cobot.robot.io_points import IoKind, IoPoint
 from rtloop.backends import BackendError
-from rtloop.backends.fri.messages import IoDirection, IoType, IoValue, Monitoring, ahead
+from rtloop.backends.fri.messages import MAX_NAME, IoDirection, IoType, IoValue, Monitoring, ahead
 
 SENT_S = 1.0
 """So long an output is sent that the controller does not report: packets may be lost."""
+UNFIT = "/\ufffd"
+"""Also what stands for bytes that are no UTF-8."""
 KINDS = {IoType.BOOLEAN: IoKind.BOOLEAN, IoType.DIGITAL: IoKind.DIGITAL, IoType.ANALOG: IoKind.ANALOG}
+
+
+def point_of(value: IoValue, name: str = "") -> IoPoint:
+    """name: that it goes by, its own if none is given."""
+    is_output = value.direction == IoDirection.OUTPUT
+    return IoPoint(name or value.name, KINDS[value.type], is_output, float(value.value))
 
 
 def points(message: Monitoring) -> list[IoPoint]:
     """What the cabinet's program has registered."""
-    return [
-        IoPoint(each.name, KINDS[each.type], each.direction == IoDirection.OUTPUT, float(each.value))
-        for each in message.io
-    ]
+    return [point_of(each, name) for name, each in _by_name(message).items()]
+
+
+def _by_name(message: Monitoring) -> dict[str, IoValue]:
+    """Inputs and outputs by the names that they go by here, which can be printed and stand in an address.
+
+    A slash and what cannot be printed becomes an underscore; a name that is taken gets a number.
+    """
+    found: dict[str, IoValue] = {}
+    for each in message.io:
+        name = plain = "".join(c if c.isprintable() and c not in UNFIT else "_" for c in each.name) or "_"
+        number = 1
+        while name in found:
+            number += 1
+            suffix = f"_{number}"
+            name = plain.encode()[: MAX_NAME - len(suffix)].decode(errors="ignore") + suffix
+        found[name] = each
+    return found
 
 
 @dataclass(slots=True)
@@ -46,11 +68,11 @@ class Outputs:
         Raises:
             BackendError: it is no output of those in the message.
         """
-        output = next((each for each in message.io if each.name == name), None)
+        output = _by_name(message).get(name)
         if output is None or output.direction != IoDirection.OUTPUT:
             raise BackendError(f"{name} is no output that the controller's program has registered")
         number = value if output.type == IoType.ANALOG else int(value)
-        self._wanted[name] = _Wanted(replace(output, value=number), self._answers)
+        self._wanted[output.name] = _Wanted(replace(output, value=number), self._answers)
 
     def in_answer(self, message: Monitoring, number: int) -> list[IoValue]:
         """What the answer of this number to a message says of outputs."""

@@ -8,6 +8,7 @@ from cobot.types import Array
 from rtloop.backends.fri.messages import (
     DriveState,
     Monitoring,
+    OperationMode,
     Quality,
     SafetyState,
     SessionState,
@@ -26,6 +27,8 @@ STATES = {
     SessionState.COMMANDING_WAIT: "the controller's motion waits to begin",
     SessionState.COMMANDING_ACTIVE: "",
 }
+HAND_GUARDED = (OperationMode.T1, OperationMode.T2)
+"""In these modes somebody has to hold the enabling switch."""
 
 
 def takes_commands(message: Monitoring) -> bool:
@@ -41,6 +44,10 @@ def obstacle(message: Monitoring) -> str:
     reason = STATES[message.state] or "the controller has a motion with the FRI overlay"
     if message.quality < Quality.GOOD and message.state != SessionState.IDLE:
         reason += f"; the quality of the connection is {message.quality.name}, it takes commands from GOOD on"
+    mode = message.operation_mode
+    if mode in HAND_GUARDED and message.state == SessionState.MONITORING_READY:
+        reason += f"; the operation mode is {mode.name}: a change of it ends the motion, and none begins "
+        reason += "without the enabling switch"
     if any(drive == DriveState.OFF for drive in message.drives):
         reason += "; drives are off"
     return f"{reason} (session {message.state.name})"
@@ -82,13 +89,13 @@ def entry_fault(
     joint = int(off.argmax())
     if not off[joint] <= options.entry_rad:
         return (
-            f"{names[joint]} is {off[joint]:.4f} rad beside the controller's interpolator, "
+            f"{names[joint]} is {off[joint]:.6g} rad beside the controller's interpolator, "
             f"{options.entry_rad} rad are allowed (robot.backend.entry_rad)"
         )
     tracking = message.tracking_performance
     if tracking is not None and not tracking >= options.min_tracking:
         return (
-            f"the arm follows with a tracking performance of {tracking:.2f}, "
+            f"the arm follows with a tracking performance of {tracking:.6g}, "
             f"{options.min_tracking} is needed (robot.backend.min_tracking)"
         )
     return ""

@@ -57,6 +57,7 @@ web:
         ("rt: {clock: slow}", "rt.clock: input should be 'realtime' or 'fast', got 'slow'"),
         ("rt: {service_timeout_s: .inf}", "rt.service_timeout_s: "),
         ("robot: {name: '../../etc'}", "robot.name: "),
+        ("robot: {backend: {type: fri, 5: 6}}", "the key 5 is no text: an option of the backend has a name"),
         ("robot: {model: 7}", "robot.model: must be a path, got 7"),
         (
             "robot: {model: pkg://no_such_package/x.xml}",

@@ -64,6 +64,11 @@ def test_fri_keeps_it_beside_a_simulated_cabinet(fri: Cell, check: str) -> None:
     assert result.verdict is (Verdict.NOT_TESTED if check in ON_REQUEST else Verdict.PASSED), result.found
 
 
+def test_a_first_contact_is_announced_to_nobody(fri: Cell, caplog: pytest.LogCaptureFixture) -> None:
+    with fri.driven():
+        assert "First contact" not in caplog.text
+
+
 @pytest.mark.parametrize("check", CHECKS)
 def test_franka_keeps_it_beside_a_stand_in(franka: Cell, check: str) -> None:
     if check == "options":

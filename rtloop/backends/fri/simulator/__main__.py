@@ -5,14 +5,17 @@ from __future__ import annotations
 import argparse
 import signal
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
+from typing import TypeVar
 
 import numpy as np
 
 from cobot.config import load_settings
-from cobot.errors import CobotError
+from cobot.errors import CobotError, LimitError
 from cobot.robot.description import load_robot
+from cobot.robot.io_points import require_number
 from rtloop.backends.fri.messages import (
     MAX_NAME,
     CommandMode,
@@ -22,10 +25,12 @@ from rtloop.backends.fri.messages import (
     IoValue,
     OperationMode,
 )
+from rtloop.backends.fri.options import an_ipv4_address
+from rtloop.backends.fri.outputs import point_of
 from rtloop.backends.fri.simulator.arm import SimulatedArm
 from rtloop.backends.fri.simulator.cabinet import Cabinet
-from rtloop.backends.fri.simulator.network import Network
-from rtloop.backends.fri.simulator.options import CabinetOptions
+from rtloop.backends.fri.simulator.network import MAX_DELAY, Network
+from rtloop.backends.fri.simulator.options import NEEDED_CONTROL, CabinetOptions
 from rtloop.backends.fri.simulator.server import CabinetServer
 from rtloop.realtime import freeze_garbage, prepare
 
@@ -39,16 +44,19 @@ CONTROLS = {
     "joint-impedance": ControlMode.JOINT_IMPEDANCE,
     "cartesian-impedance": ControlMode.CARTESIAN_IMPEDANCE,
 }
-NEEDED_CONTROL = {
-    CommandMode.WRENCH: ControlMode.CARTESIAN_IMPEDANCE,
-    CommandMode.TORQUE: ControlMode.JOINT_IMPEDANCE,
-}
+MAX_PATIENCE_S = 3600.0
+MAX_PORT = 65_535
+Number = TypeVar("Number", int, float)
 
 
 def main() -> int:
     """Run until SIGTERM or Ctrl-C; the exit status: 0, or 2 when it could not start."""
     parser = _parser()
     chosen = parser.parse_args()
+    needed = NEEDED_CONTROL.get(OVERLAYS[chosen.overlay])
+    if chosen.control_mode and needed not in (None, CONTROLS[chosen.control_mode]):
+        needs = next(name for name, control in CONTROLS.items() if control == needed)
+        parser.error(f"--overlay {chosen.overlay} needs --control-mode {needs}, got {chosen.control_mode}")
     ending: list[str] = []
 
     def end(number: int, frame: FrameType | None) -> None:
@@ -109,16 +117,24 @@ def _server(chosen: argparse.Namespace) -> CabinetServer:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="cobot simulate fri", description=__doc__)
     add = parser.add_argument
+    port, share = _within(int, 0, MAX_PORT), _within(float, 0, 1)
+    delay, patience_s = _within(int, 0, MAX_DELAY), _within(float, 0, MAX_PATIENCE_S)
     add("--config", type=Path, metavar="FILE", help="settings of the robot; without it the shipped iiwa")
     add("--robot", metavar="NAME", help="one of those in `robots`")
     add(
         "--client", type=_endpoint, default=("127.0.0.1", 30200), metavar="HOST:PORT", help="where to send to"
     )
-    add("--address", default="0.0.0.0", metavar="IPV4", help="of this computer, to send from")
-    add("--port", type=int, default=0, metavar="P", help="to send from; 0 picks a free one")
+    add("--address", type=_ipv4, default="0.0.0.0", metavar="IPV4", help="of this computer, to send from")
+    add(
+        "--port",
+        type=port,
+        default=0,
+        metavar="P",
+        help="to send from; 0 picks a free one",
+    )
     add(
         "--control-port",
-        type=int,
+        type=port,
         default=0,
         metavar="P",
         help="of the control interface; 0 picks a free one",
@@ -130,14 +146,41 @@ def _parser() -> argparse.ArgumentParser:
     add("--overlay", choices=list(OVERLAYS), default="position", help="what its program takes; position")
     add("--control-mode", choices=list(CONTROLS), help="of the drives; what the overlay needs")
     add("--io", type=_io, action="append", default=[], metavar="NAME:TYPE:WAY[=VALUE]", help=IO_HELP)
-    add("--loss", type=_share, default=0.0, metavar="SHARE", help="of all packets that is lost, 0 to 1")
-    add("--reorder", type=_share, default=0.0, metavar="SHARE", help="of all packets that is overtaken")
-    add("--delay", type=int, default=0, metavar="N", help="periods that answers are late")
+    add(
+        "--loss",
+        type=share,
+        default=0.0,
+        metavar="SHARE",
+        help="of all packets that is lost, 0 to 1",
+    )
+    add(
+        "--reorder",
+        type=share,
+        default=0.0,
+        metavar="SHARE",
+        help="of all packets that is overtaken",
+    )
+    add(
+        "--delay",
+        type=delay,
+        default=0,
+        metavar="N",
+        help="periods that answers are late",
+    )
     add("--seed", type=int, default=0, metavar="N", help="of what is lost and overtaken")
     add(
-        "--priority", type=int, metavar="P", help="as punctual as a cabinet: SCHED_FIFO 1 to 99, if permitted"
+        "--priority",
+        type=_within(int, 1, 99),
+        metavar="P",
+        help="as punctual as a cabinet: SCHED_FIFO 1 to 99, if permitted",
     )
-    add("--patience", type=float, default=0.0, metavar="S", help="stand still so long for a late answer")
+    add(
+        "--patience",
+        type=patience_s,
+        default=0.0,
+        metavar="S",
+        help="stand still so long for a late answer",
+    )
     return parser
 
 
@@ -146,19 +189,32 @@ IO_HELP = "boolean, digital or analog; input or output, as the cabinet sees it; 
 
 def _endpoint(argument: str) -> tuple[str, int]:
     host, _, port = argument.rpartition(":")
-    if not (host and port.isdigit() and 0 < int(port) < 65_536):
-        raise argparse.ArgumentTypeError(f"{argument!r} is no HOST:PORT")
+    if not (host and port.isdigit() and 0 < int(port) <= MAX_PORT):
+        raise argparse.ArgumentTypeError(f"{argument!r} is no HOST:PORT with an IPv4 host")
     return host, int(port)
 
 
-def _share(argument: str) -> float:
+def _ipv4(argument: str) -> str:
     try:
-        value = float(argument)
-    except ValueError:
-        value = -1.0
-    if not 0.0 <= value <= 1.0:
-        raise argparse.ArgumentTypeError(f"{argument!r} is no share from 0 to 1")
-    return value
+        return an_ipv4_address(argument)
+    except ValueError as exc:
+        raise argparse.ArgumentTypeError(str(exc)) from exc
+
+
+def _within(kind: type[Number], least: float, most: float) -> Callable[[str], Number]:
+    """What an argument has to be: a number of that kind in that range."""
+
+    def read(argument: str) -> Number:
+        try:
+            value = kind(argument)
+        except ValueError:
+            value = None
+        if value is None or not least <= value <= most:
+            what = "whole number" if kind is int else "number"
+            raise argparse.ArgumentTypeError(f"{argument[:80]!r} is no {what} from {least:g} to {most:g}")
+        return value
+
+    return read
 
 
 def _io(argument: str) -> IoValue:
@@ -170,6 +226,10 @@ def _io(argument: str) -> IoValue:
         raise argparse.ArgumentTypeError(f"{argument!r} is no NAME:TYPE:WAY[=VALUE]") from exc
     if not 0 < len(name.encode()) <= MAX_NAME:
         raise argparse.ArgumentTypeError(f"{argument!r}: a name has 1 to {MAX_NAME} bytes")
+    try:
+        require_number(point_of(found), found.value)
+    except LimitError as exc:
+        raise argparse.ArgumentTypeError(f"{argument!r}: {exc}") from exc
     return found
 
 

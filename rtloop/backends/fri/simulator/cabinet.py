@@ -10,6 +10,8 @@ from collections import deque
 
 import numpy as np
 
+from cobot.errors import LimitError
+from cobot.robot.io_points import require_number
 from cobot.types import Array
 from rtloop.backends.fri.codec import decode_command
 from rtloop.backends.fri.encoding import encode_monitoring
@@ -30,10 +32,11 @@ from rtloop.backends.fri.messages import (
     SessionState,
     ahead,
 )
+from rtloop.backends.fri.outputs import point_of
 from rtloop.backends.fri.simulator.arm import SimulatedArm
 from rtloop.backends.fri.simulator.connection import Connection
 from rtloop.backends.fri.simulator.options import CabinetOptions
-from rtloop.backends.fri.simulator.reflexes import command_fault, echo_fault, usable
+from rtloop.backends.fri.simulator.reflexes import command_fault, echo_fault, overlay_fault, usable
 
 COUNTER = 1 << 32
 STAGE_PERIODS = 10
@@ -210,6 +213,7 @@ class Cabinet:
             self._echoed += 1
         else:
             fault = self._follow(position, max(elapsed, 1))
+        fault = fault or overlay_fault(command, self.options.command_mode)
         if fault:
             self._end_motion(fault)
             return
@@ -253,6 +257,11 @@ class Cabinet:
                 self.events.append(
                     f"{value.name!r} is no output of this type that the program has registered"
                 )
+                continue
+            try:
+                require_number(point_of(known), value.value)
+            except LimitError as exc:
+                self.events.append(f"the client's output is not set: {exc}")
             else:
                 known.value = value.value
 

@@ -9,14 +9,19 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError
 
-from cobot.strict import StrictModel, sentence
+from cobot.errors import LimitError
+from cobot.robot.io_points import require_number
+from cobot.strict import StrictModel, sentence, shown
 from rtloop.backends.fri.messages import OperationMode
+from rtloop.backends.fri.outputs import point_of
 from rtloop.backends.fri.simulator.cabinet import Cabinet
-from rtloop.backends.fri.simulator.network import Network
+from rtloop.backends.fri.simulator.network import MAX_DELAY, Network
+from rtloop.backends.fri.simulator.reflexes import MAX_WRENCH
 
 MAX_LINE = 65_536
 MAX_CLIENTS = 8
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Exerted = Annotated[float, Field(ge=-MAX_WRENCH, le=MAX_WRENCH)]
 
 
 class ControlRequest(StrictModel):
@@ -33,13 +38,13 @@ class ControlRequest(StrictModel):
 
     loss: Share | None = None
     reorder: Share | None = None
-    delay: Annotated[int, Field(ge=0, le=100)] | None = None
+    delay: Annotated[int, Field(ge=0, le=MAX_DELAY)] | None = None
     drop: Annotated[int, Field(ge=0, le=1_000_000)] | None = None
     spoil: Literal["", "frozen", "nan"] | None = None
     safety_stop: Annotated[int, Field(ge=-1, le=2)] | None = None
     mode: Literal["T1", "T2", "AUT"] | None = None
     close: bool = False
-    push: Annotated[list[float], Field(min_length=6, max_length=6)] | None = None
+    push: Annotated[list[Exerted], Field(min_length=6, max_length=6)] | None = None
     io: dict[str, float] = Field(default_factory=dict)
 
 
@@ -103,9 +108,13 @@ class Control:
             request = ControlRequest.model_validate_json(line)
         except ValidationError as exc:
             return {"error": sentence(exc.errors()[0])}
-        unknown = [name for name in request.io if name not in self._cabinet.io]
-        if unknown:
-            return {"error": f"io: {unknown[0]!r} is not registered; {sorted(self._cabinet.io)} are"}
+        for name, value in request.io.items():
+            if name not in self._cabinet.io:
+                return {"error": f"io: {shown(name)} is not registered; {sorted(self._cabinet.io)} are"}
+            try:
+                require_number(point_of(self._cabinet.io[name]), value)
+            except LimitError as exc:
+                return {"error": f"io: {exc}"}
         self._apply(request)
         return self.status()
 

@@ -11,6 +11,9 @@ from rtloop.backends.fri.codec import decode_monitoring
 from rtloop.backends.fri.encoding import encode_monitoring
 from rtloop.backends.fri.messages import Monitoring
 
+MAX_DELAY = 100
+"""Periods that answers may be late."""
+
 
 class Network:
     """Both directions between a cabinet and its client.

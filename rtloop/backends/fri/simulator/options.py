@@ -6,6 +6,11 @@ from dataclasses import dataclass, field
 
 from rtloop.backends.fri.messages import CommandMode, ControlMode, IoValue, OperationMode
 
+NEEDED_CONTROL = {
+    CommandMode.WRENCH: ControlMode.CARTESIAN_IMPEDANCE,
+    CommandMode.TORQUE: ControlMode.JOINT_IMPEDANCE,
+}
+"""What KUKA's drives have to be in for these overlays; positions go with any."""
 MIN_PERIOD_MS, MAX_PERIOD_MS = 1, 100
 
 

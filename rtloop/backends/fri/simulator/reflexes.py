@@ -17,6 +17,8 @@ JUMP_RAD_S2 = 60.0
 SLACK_RAD_S = 1e-3
 LIMIT_RAD = 0.01
 """How far behind a joint's limits a command may be."""
+MAX_WRENCH = 1000.0
+"""N or N·m at the TCP: several times what such an arm holds."""
 T1_M_S = 0.25
 """Speed of the TCP in T1, by ISO 10218-1 reduced speed."""
 
@@ -30,6 +32,22 @@ def usable(command: Command, mode: CommandMode, dof: int) -> bool:
     )
 
 
+def overlay_fault(command: Command, mode: CommandMode) -> str:
+    """Why a motion ends for what is laid over its position; "" if that is taken. Torques are cut to the
+    drives' own.
+    """
+    if mode == CommandMode.TORQUE and not np.isfinite(command.torque).all():
+        return "the client commands a torque that is not finite"
+    if mode != CommandMode.WRENCH:
+        return ""
+    if not np.isfinite(command.wrench).all():
+        return "the client commands a wrench that is not finite"
+    most = max(command.wrench, key=abs)
+    if abs(most) > MAX_WRENCH:
+        return f"the client commands a wrench of {most:.6g}, {MAX_WRENCH:g} N or N·m are allowed"
+    return ""
+
+
 def echo_fault(arm: SimulatedArm, position: Array) -> str:
     """Why a motion that waits does not begin; "" if it may."""
     off = np.abs(position - arm.setpoint)
@@ -38,7 +56,7 @@ def echo_fault(arm: SimulatedArm, position: Array) -> str:
     joint = int(off.argmax())
     if off[joint] > ECHO_RAD:
         return (
-            f"{arm.limits.names[joint]} is commanded {off[joint]:.4f} rad beside the interpolator, "
+            f"{arm.limits.names[joint]} is commanded {off[joint]:.6g} rad beside the interpolator, "
             f"{ECHO_RAD} rad are allowed while the motion waits"
         )
     return ""
@@ -66,21 +84,21 @@ def command_fault(
     joint = int(outside.argmax())
     if outside[joint] > LIMIT_RAD:
         return (
-            f"{limits.names[joint]} is commanded to {position[joint]:.3f} rad, its limits are "
+            f"{limits.names[joint]} is commanded to {position[joint]:.6g} rad, its limits are "
             f"{limits.min_position[joint]:.3f} and {limits.max_position[joint]:.3f} rad"
         )
     speed = np.abs(velocity) / limits.max_velocity
     joint = int(speed.argmax())
     if speed[joint] > VELOCITY_SHARE:
         return (
-            f"{limits.names[joint]} is commanded to move at {velocity[joint]:.3f} rad/s, its limit is "
+            f"{limits.names[joint]} is commanded to move at {velocity[joint]:.6g} rad/s, its limit is "
             f"{limits.max_velocity[joint]:.3f} rad/s"
         )
     change = np.abs(velocity - last_velocity)
     joint = int(change.argmax())
     if change[joint] > JUMP_RAD_S2 * time_s + SLACK_RAD_S:
         return (
-            f"the command of {limits.names[joint]} jumps: its velocity changes by {change[joint]:.3f} rad/s "
+            f"the command of {limits.names[joint]} jumps: its velocity changes by {change[joint]:.6g} rad/s "
             f"in {time_s * 1e3:.0f} ms"
         )
     if mode == OperationMode.T1 and (tcp := arm.speed_at(velocity)) > T1_M_S:

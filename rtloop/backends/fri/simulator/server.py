@@ -22,9 +22,18 @@ MAX_AT_ONCE = 256
 """Packets that are taken from the socket at the end of a period."""
 MIN_SHARE = 0.9
 """Of a period, that passes between two messages when this process was late: so fast it catches up."""
+ALONE_S = 1.0
+"""After so long without a packet a client may have been started anew, and send from another port."""
 _STAMP = 35
 """SO_TIMESTAMPNS of Linux: when a packet has come, whenever this process gets to read it."""
 _TIMESPEC = struct.Struct("qq")
+
+
+def _ipv4_of(host: str) -> str:
+    try:
+        return socket.gethostbyname(host)
+    except (OSError, UnicodeError) as exc:
+        raise OSError(f"the client {host!r} is no IPv4 address, nor the name of one: {exc}") from exc
 
 
 class CabinetServer:
@@ -51,15 +60,22 @@ class CabinetServer:
         """
         self._cabinet, self._network = cabinet, network
         # Answers come from an address, whatever the name.
-        self._client = socket.gethostbyname(client[0]), client[1]
+        self._client = _ipv4_of(client[0]), client[1]
         self._patience_s = patience_s
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.bind(address)
+        try:
+            self._socket.bind(address)
+        except OSError as exc:
+            self._socket.close()
+            raise OSError(f"cannot send from UDP {address[0]}:{address[1]}: {exc.strerror}") from exc
         self._socket.setblocking(False)
         if sys.platform == "linux":
             self._socket.setsockopt(socket.SOL_SOCKET, _STAMP, 1)
         self._control = Control(control_port, cabinet, network, self._times)
         self._answer_times = Times()
+        self._sender: tuple[str, int] | None = None
+        self._sender_s = 0.0
+        self._two = False  # whether it was said that another one sends beside it
         self._deaf = True  # nobody has answered yet, or since the patience ran out
         self._sent_s = time.monotonic()
         self._lateness = Times()
@@ -144,6 +160,7 @@ class CabinetServer:
     def _answer(self, packet: bytes, sender: tuple[str, int], took_s: float) -> None:
         if self._client[0] not in ("0.0.0.0", sender[0]):
             return
+        self._know(sender)
         expected = self._expects
         self._deaf = False
         before = self._network.lost
@@ -154,6 +171,19 @@ class CabinetServer:
         self._expects = expected and not kept_back and self._cabinet.waits_for_answer
         if expected and not self._expects:
             self._answer_times.add(took_s)
+
+    def _know(self, sender: tuple[str, int]) -> None:
+        """Of two programs that answer each ends the other's motion: it is said once that there are two."""
+        now_s = time.monotonic()
+        if sender == self._sender or self._sender is None or now_s - self._sender_s > ALONE_S:
+            self._two = self._two and sender == self._sender
+            self._sender, self._sender_s = sender, now_s
+        elif not self._two:
+            self._two = True
+            first, second = (f"{host}:{port}" for host, port in (self._sender, sender))
+            self._cabinet.events.append(
+                f"a second program sends: packets come from {second}, and from {first} until just now"
+            )
 
     def _times(self) -> dict[str, Any]:
         """Between messages and the arrival of their answers, and how late its own periods have ended, s."""

@@ -22,9 +22,10 @@ from rtloop.backends import BackendError, Measured, Paced, Reporting, Stepwise, 
 from rtloop.backends.fri import FriBackend
 from rtloop.backends.fri.beat import Entry
 from rtloop.backends.fri.codec import decode_command
-from rtloop.backends.fri.encoding import encode_command
+from rtloop.backends.fri.encoding import encode_command, encode_monitoring
 from rtloop.backends.fri.messages import (
     COMMAND_ID,
+    MONITORING_ID,
     Command,
     CommandMode,
     Header,
@@ -33,6 +34,8 @@ from rtloop.backends.fri.messages import (
     Quality,
     SessionState,
 )
+from rtloop.backends.fri.options import FriOptions
+from rtloop.backends.fri.session import entry_fault
 from rtloop.backends.fri.simulator.network import Network
 from rtloop.backends.fri.simulator.options import CabinetOptions
 
@@ -216,6 +219,12 @@ def test_an_arm_beside_its_interpolator_is_not_enabled(make: Make) -> None:
         driven.enable()
 
 
+def test_a_position_of_300_digits_is_said_in_a_few(make: Make) -> None:
+    message = replace(make().backend._newest, measured_position=(1e300,) * 7)
+    said = entry_fault(message, FriOptions(), ("joint1",) * 7, (0.0,) * 7)
+    assert said.startswith("joint1 is 1e+300 rad beside")
+
+
 def test_an_arm_that_does_not_follow_is_not_enabled(make: Make) -> None:
     driven = make(min_tracking=1.0, entry_rad=0.2)
     driven.cabinet.arm.push[:] = [0.0, 0.0, -140.0, 0.0, 0.0, 0.0]
@@ -371,6 +380,15 @@ def test_a_safety_stop_is_named_when_the_robot_is_to_be_enabled(make: Make) -> N
     assert status.safety_stop.startswith("safety stop 0")
 
 
+def test_a_change_of_the_operation_mode_in_a_motion_is_named(make: Make) -> None:
+    driven = make()
+    driven.enable()
+    driven.swing(20)
+    driven.cabinet.switch_mode(OperationMode.T1)
+    driven.until(lambda: driven.problems)
+    assert "the operation mode is T1: a change of it ends the motion" in driven.problems[0]
+
+
 def test_says_in_which_state_it_waited_in_vain(make: Make) -> None:
     driven = make(enable_s=1.0)
     driven.cabinet._may_move = lambda: False
@@ -460,6 +478,28 @@ def test_silence_is_a_fault_until_packets_come_again(make: Make) -> None:
     assert not any("no packet" in problem for problem in driven.problems)
 
 
+def test_packets_that_are_refused_are_not_called_silence(make: Make) -> None:
+    """And what was refused before the network failed is not its cause."""
+    driven = make()
+    driven.enable()
+    six = Monitoring(Header(MONITORING_ID, 1, 0), measured_position=(0.0,) * 6)
+    driven.channel.injected = [encode_monitoring(six)]
+    driven.cycle()
+    driven.channel.off = True
+    driven.cycle()
+    assert "the network is down" in driven.problems[-1]
+    driven.channel.off = False
+    driven.cycle()
+    problems = len(driven.problems)
+    packet = driven.cabinet.packet
+    driven.cabinet.packet = lambda: packet() and encode_monitoring(six)
+    driven.until(lambda: len(driven.problems) > problems)
+    said = "what comes is a robot with 6 joints, the model has 7"
+    assert said in driven.problems[-1]
+    assert "network" not in driven.problems[-1]
+    assert said in driven.backend.status().text
+
+
 @given(packets=st.lists(st.binary(max_size=100), max_size=5))
 def test_rubbish_between_the_packets_does_not_disturb(
     settings: Settings, robot: RobotDescription, packets: list[bytes]
@@ -486,6 +526,7 @@ def test_options_are_checked(settings: Settings, robot: RobotDescription) -> Non
         ({"addres": "1.2.3.4"}, "unknown key 'addres'"),
         ({"address": "robot"}, "'robot' is no IPv4 address"),
         ({"port": 0}, "port"),
+        ({"port": True}, "port: input should be a valid integer, got True"),
         ({"overlay": "pose"}, "overlay"),
     ):
         with pytest.raises(ConfigError, match=text):

@@ -110,6 +110,26 @@ def test_one_that_is_never_reported_is_given_up(cell: Cell) -> None:
     assert "no output of this type" in " ".join(cell.channel.cabinet.events)
 
 
+def test_names_that_act_on_a_terminal_or_an_address_are_made_plain(
+    settings: Settings, robot: RobotDescription
+) -> None:
+    """And the cabinet is told its own name."""
+    raw = ("a\n\x1b[31m/", "a__[31m/", "x" * 62 + "/", "x" * 62 + "\t", "größe", "")
+    io = tuple(IoValue(name, IoType.ANALOG, IoDirection.OUTPUT) for name in raw)
+    backend, channel = joined(settings, robot, CabinetOptions(io=io))
+    backend.open(np.zeros(7))
+    plain = ["a__[31m_", "a__[31m__2", "x" * 62 + "_", "x" * 61 + "_2", "größe", "_"]
+    assert [each.name for each in backend.io()] == plain
+    for value, name in enumerate(plain):
+        backend.set_output(name, float(value))
+    for _ in range(5):
+        backend.wait(0.25)
+        backend.write(np.zeros((3, 7)))
+    assert [each.value for each in channel.cabinet.io.values()] == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    with pytest.raises(BackendError, match="is no output"):
+        backend.set_output(raw[0], 1.0)
+
+
 def test_what_cannot_be_set_is_refused_in_words(cell: Cell) -> None:
     for name in ("Tool.Shut", SENSOR):
         with pytest.raises(BackendError, match=f"{name} is no output that the controller's program"):

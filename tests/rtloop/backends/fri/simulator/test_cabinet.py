@@ -10,12 +10,17 @@ from lockstep_fri import made_cabinet
 
 from cobot.config import Settings
 from cobot.robot.description import RobotDescription
+from rtloop.backends.fri import wire
 from rtloop.backends.fri.codec import decode_monitoring
 from rtloop.backends.fri.encoding import encode_command
 from rtloop.backends.fri.messages import (
     COMMAND_ID,
     Command,
+    CommandMode,
     Header,
+    IoDirection,
+    IoType,
+    IoValue,
     Monitoring,
     OperationMode,
     Quality,
@@ -24,7 +29,7 @@ from rtloop.backends.fri.messages import (
 )
 from rtloop.backends.fri.simulator.cabinet import Cabinet
 from rtloop.backends.fri.simulator.connection import Connection
-from rtloop.backends.fri.simulator.options import CabinetOptions
+from rtloop.backends.fri.simulator.options import NEEDED_CONTROL, CabinetOptions
 
 ENOUGH = 300
 
@@ -36,6 +41,7 @@ class Client:
         self.cabinet = cabinet
         self.sequence = 0
         self.add = np.zeros(7)
+        self.laid: dict[str, tuple[float, ...]] = {}
         self.silent = False
         self.seen: Monitoring | None = None
 
@@ -53,7 +59,7 @@ class Client:
         if message.ipo_position:
             position = tuple((np.array(message.ipo_position) + self.add).tolist())
         header = Header(COMMAND_ID, self.sequence, message.header.sequence)
-        self.cabinet.answer(encode_command(Command(header, position)))
+        self.cabinet.answer(encode_command(Command(header, position, **self.laid)))
 
     def until(self, state: SessionState) -> None:
         for _ in range(ENOUGH):
@@ -109,11 +115,12 @@ def test_the_interpolator_stays_where_the_motion_began(make: Make) -> None:
 @pytest.mark.parametrize(
     ("add", "text"),
     [
-        (0.3, "is commanded to move at 60.000 rad/s, its limit is 1.484 rad/s"),
-        (0.005, "jumps: its velocity changes by 1.000 rad/s in 5 ms"),
+        (0.3, "is commanded to move at 60 rad/s, its limit is 1.484 rad/s"),
+        (0.005, "jumps: its velocity changes by 1 rad/s in 5 ms"),
         (float("nan"), "commands a position that is not finite"),
         (float("inf"), "commands a position that is not finite"),
         (5.0, "its limits are -2.970 and 2.970 rad"),
+        (1e300, "joint1 is commanded to 1e+300 rad"),
     ],
 )
 def test_a_command_that_no_robot_takes_ends_the_motion(make: Make, add: float, text: str) -> None:
@@ -131,13 +138,39 @@ def test_a_command_that_no_robot_takes_ends_the_motion(make: Make, add: float, t
     client.until(SessionState.COMMANDING_ACTIVE)
 
 
+@pytest.mark.parametrize(
+    ("overlay", "value", "text"),
+    [
+        (CommandMode.TORQUE, float("nan"), "the client commands a torque that is not finite"),
+        (CommandMode.TORQUE, float("inf"), "the client commands a torque that is not finite"),
+        (CommandMode.WRENCH, float("nan"), "the client commands a wrench that is not finite"),
+        (CommandMode.WRENCH, -1e200, "a wrench of -1e+200, 1000 N or N·m are allowed"),
+    ],
+)
+def test_an_overlay_that_no_robot_takes_ends_the_motion_and_moves_nothing(
+    make: Make, overlay: CommandMode, value: float, text: str
+) -> None:
+    name, count = overlay.name.lower(), 7 if overlay == CommandMode.TORQUE else 6
+    client = make(CabinetOptions(command_mode=overlay, control_mode=NEEDED_CONTROL[overlay]))
+    client.laid[name] = (0.0,) * count
+    client.until(SessionState.COMMANDING_ACTIVE)
+    client.period()
+    measured = client.cabinet.arm.measured.position.copy()
+    client.laid[name] = (value,) * count
+    client.period()
+    assert client.cabinet.state == SessionState.MONITORING_READY
+    assert text in client.cabinet.events[-1]
+    client.period()
+    np.testing.assert_allclose(client.cabinet.arm.measured.position, measured, atol=1e-3)
+
+
 def test_a_motion_does_not_begin_beside_its_interpolator(make: Make) -> None:
     client = make()
     client.add[2] = 0.01
     for _ in range(60):
         client.period()
     told = " ".join(client.cabinet.events)
-    assert "joint3 is commanded 0.0100 rad beside the interpolator" in told
+    assert "joint3 is commanded 0.01 rad beside the interpolator" in told
     assert client.cabinet.motions == 0
 
 
@@ -197,6 +230,32 @@ def test_rubbish_is_counted_and_nothing_else(make: Make) -> None:
     assert client.cabinet.malformed == 1
     client.period()
     assert client.cabinet.state == SessionState.COMMANDING_ACTIVE
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "text"),
+    [
+        (IoType.BOOLEAN, float("nan"), "Out is boolean: 0 or 1, got nan"),
+        (IoType.BOOLEAN, 7.0, "Out is boolean: 0 or 1, got 7"),
+        (IoType.DIGITAL, float("inf"), "Out is digital: a whole number from 0 to 9007199254740991, got inf"),
+        (IoType.DIGITAL, -1.0, "Out is digital: a whole number from 0 to 9007199254740991, got -1"),
+        (IoType.ANALOG, float("-inf"), "Out: the value is not finite"),
+    ],
+)
+def test_an_output_that_is_no_number_of_its_kind_is_not_set(
+    make: Make, kind: IoType, value: float, text: str
+) -> None:
+    client = make(CabinetOptions(io=(IoValue("Out", kind, IoDirection.OUTPUT, 1.0),)))
+    client.until(SessionState.COMMANDING_ACTIVE)
+    output = wire.bytes_field(1, b"Out") + wire.number_field(2, kind) + wire.number_field(3, 1)
+    output = wire.bytes_field(2, wire.bytes_field(5, output + wire.double_field(5, value)))
+    client.cabinet.packet()
+    header = Header(COMMAND_ID, client.sequence + 1, client.cabinet.sequence)
+    client.cabinet.answer(encode_command(Command(header)) + output)
+    client.silent = True
+    client.period()
+    assert text in client.cabinet.events[-1]
+    assert client.seen.io[0].value == 1.0
 
 
 def test_answers_of_the_past_and_of_the_future_do_not_count(make: Make) -> None:

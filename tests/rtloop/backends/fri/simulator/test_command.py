@@ -8,6 +8,7 @@ import sys
 import pytest
 
 from rtloop.backends.fri.simulator.__main__ import main
+from rtloop.backends.fri.simulator.server import CabinetServer
 
 
 @pytest.mark.parametrize(
@@ -16,14 +17,31 @@ from rtloop.backends.fri.simulator.__main__ import main
         (["--period", "0"], "a send period of 0 ms, FRI has 1 to 100"),
         (["--multiplier", "0"], "a receive multiplier of 0, it has to be 1 or more"),
         (["--client", "nowhere"], "'nowhere' is no HOST:PORT"),
-        (["--loss", "2"], "'2' is no share from 0 to 1"),
+        (["--client", "[::1]:30200"], "the client '[::1]' is no IPv4 address, nor the name of one"),
+        (["--address", "::1"], "'::1' is no IPv4 address"),
+        (["--port", "99999"], "'99999' is no whole number from 0 to 65535"),
+        (["--port", "-5"], "'-5' is no whole number from 0 to 65535"),
+        (["--control-port", "99999"], "'99999' is no whole number from 0 to 65535"),
+        (["--loss", "2"], "'2' is no number from 0 to 1"),
+        (["--delay", "-1"], "'-1' is no whole number from 0 to 100"),
+        (["--patience", "nan"], "'nan' is no number from 0 to 3600"),
+        (["--priority", "200"], "'200' is no whole number from 1 to 99"),
+        (
+            ["--overlay", "torque", "--control-mode", "position"],
+            "--overlay torque needs --control-mode joint-impedance, got position",
+        ),
         (["--io", "Tool:boolean"], "'Tool:boolean' is no NAME:TYPE:WAY[=VALUE]"),
+        (["--io", "A:boolean:output=nan"], "A is boolean: 0 or 1, got nan"),
+        (["--io", "A:boolean:input=7"], "A is boolean: 0 or 1, got 7"),
+        (["--io", "A:digital:output=1e400"], "A is digital: a whole number from 0 to 9007199254740991, got"),
+        (["--io", "A:analog:output=inf"], "A: the value is not finite"),
     ],
 )
 def test_refuses_what_makes_no_sense(
     options: list[str], text: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(signal, "signal", lambda *_: None)
+    monkeypatch.setattr(CabinetServer, "run", lambda *_: None)
     monkeypatch.setattr(sys, "argv", ["cobot simulate fri", *options])
     try:
         code: object = main()

@@ -38,6 +38,28 @@ def test_a_client_is_known_by_name_and_by_address(
             server.close()
 
 
+def test_a_second_program_that_sends_is_named_once(
+    settings: Settings, robot: RobotDescription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And one that was started anew after a while is no second one."""
+    now_s = [100.0]
+    clock = SimpleNamespace(monotonic=lambda: now_s[0], time_ns=lambda: 0)
+    monkeypatch.setattr(module, "time", clock)
+    server = CabinetServer(made_cabinet(settings, robot), Network(), ("127.0.0.1", 30200))
+    try:
+        server._begin_period()
+        events = server._cabinet.events
+        for port, pause_s in ((1, 0.0), (2, 2.0), (2, 0.1), (3, 0.1), (2, 0.1), (3, 0.1), (2, 0.1)):
+            now_s[0] += pause_s
+            server._answer(b"", ("127.0.0.1", port), 0.0)
+        told = [each for each in events if "second program" in each]
+        assert told == [
+            "a second program sends: packets come from 127.0.0.1:3, and from 127.0.0.1:2 until just now"
+        ]
+    finally:
+        server.close()
+
+
 class HeldUp:
     """The cabinet's computer and its client's on one made clock: each message takes three periods to be sent,
     and is answered eight tenths of a period after that.
