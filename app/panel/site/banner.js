@@ -9,6 +9,7 @@ export const CAUSES = [
   [/^reading from the robot failed/, "cause_reading"],
   [/^writing to the robot failed/, "cause_writing"],
   [/give[sn]? no beat/, "cause_beat"],
+  [/gives the beat too fast/, "cause_race"],
   [/has reported the same values/, "cause_frozen"],
   [/from where it is commanded|measured position has jumped/, "cause_tracking"],
 ];
