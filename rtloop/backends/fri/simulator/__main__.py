@@ -125,13 +125,7 @@ def _parser() -> argparse.ArgumentParser:
         "--client", type=_endpoint, default=("127.0.0.1", 30200), metavar="HOST:PORT", help="where to send to"
     )
     add("--address", type=_ipv4, default="0.0.0.0", metavar="IPV4", help="of this computer, to send from")
-    add(
-        "--port",
-        type=port,
-        default=0,
-        metavar="P",
-        help="to send from; 0 picks a free one",
-    )
+    add("--port", type=port, default=0, metavar="P", help="to send from; 0 picks a free one")
     add(
         "--control-port",
         type=port,
@@ -146,27 +140,9 @@ def _parser() -> argparse.ArgumentParser:
     add("--overlay", choices=list(OVERLAYS), default="position", help="what its program takes; position")
     add("--control-mode", choices=list(CONTROLS), help="of the drives; what the overlay needs")
     add("--io", type=_io, action="append", default=[], metavar="NAME:TYPE:WAY[=VALUE]", help=IO_HELP)
-    add(
-        "--loss",
-        type=share,
-        default=0.0,
-        metavar="SHARE",
-        help="of all packets that is lost, 0 to 1",
-    )
-    add(
-        "--reorder",
-        type=share,
-        default=0.0,
-        metavar="SHARE",
-        help="of all packets that is overtaken",
-    )
-    add(
-        "--delay",
-        type=delay,
-        default=0,
-        metavar="N",
-        help="periods that answers are late",
-    )
+    add("--loss", type=share, default=0.0, metavar="SHARE", help="of all packets that is lost, 0 to 1")
+    add("--reorder", type=share, default=0.0, metavar="SHARE", help="of all packets that is overtaken")
+    add("--delay", type=delay, default=0, metavar="N", help="periods that answers are late")
     add("--seed", type=int, default=0, metavar="N", help="of what is lost and overtaken")
     add(
         "--priority",
@@ -174,13 +150,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="P",
         help="as punctual as a cabinet: SCHED_FIFO 1 to 99, if permitted",
     )
-    add(
-        "--patience",
-        type=patience_s,
-        default=0.0,
-        metavar="S",
-        help="stand still so long for a late answer",
-    )
+    add("--patience", type=patience_s, default=0.0, metavar="S", help="stand still so long for a late answer")
     return parser
 
 
