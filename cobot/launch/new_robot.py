@@ -18,7 +18,13 @@ import yaml
 
 from cobot.config import SETTINGS_FILE, load_settings
 from cobot.errors import ConfigError
-from cobot.launch import robot_file, robot_guesses
+from cobot.launch import robot_guesses
+from cobot.launch.robot_file.joints import keep_joints
+from cobot.launch.robot_file.meshes import collect_meshes
+from cobot.launch.robot_file.mjcf import mjcf_rates, read_mjcf
+from cobot.launch.robot_file.saving import compiled, save
+from cobot.launch.robot_file.urdf import read_urdf
+from cobot.launch.robot_file.xml_file import read_xml
 from cobot.robot.description import load_robot
 from cobot.robot.file_limits import VELOCITY_OF, urdf_rates
 from cobot.robot.model import RobotModel
@@ -72,15 +78,15 @@ class NewRobot:
     def _fill(self, folder: Path, name: str) -> None:
         spec, rates = self._read()
         joints = self._driven(spec)
-        robot_file.collect_meshes(self.file, spec, folder)
+        collect_meshes(self.file, spec, folder)
         base, tcp = robot_guesses.frames(spec, joints, self.base, self.tcp, self.guessed)
         for joint in joints:
             motor = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
             motor.set_to_motor()
             if (velocity := rates.get(joint, (0.0, 0.0))[0]) > 0.0:
                 spec.add_numeric(name=f"{VELOCITY_OF}{joint}", data=[velocity], size=1)
-        mj = robot_file.compiled(self.file, spec)
-        robot_file.save(spec, folder)
+        mj = compiled(self.file, spec)
+        save(spec, folder)
         limits = robot_guesses.limits(self.file, mj, rates, self.guessed)
         robot = self._load(folder, limits, base, tcp)
         limits = replace(limits, max_effort=robot_guesses.efforts(robot, self.guessed))
@@ -105,17 +111,17 @@ class NewRobot:
 
     def _read(self) -> tuple[mujoco.MjSpec, dict[str, tuple[float, float]]]:
         """And what the file says of velocity and effort of its joints."""
-        root = robot_file.read_xml(self.file)
+        root = read_xml(self.file)
         if root.tag == "mujoco":
-            spec = robot_file.read_mjcf(self.file)
-            return spec, robot_file.mjcf_rates(spec)
+            spec = read_mjcf(self.file)
+            return spec, mjcf_rates(spec)
         still = {
             str(joint.get("name"))
             for joint in root.iter("joint")
             if joint.get("name") in self.without
             or (self.actuators and joint.get("name") not in self.actuators)
         }
-        spec = robot_file.read_urdf(self.file, root, still, self.packages)
+        spec = read_urdf(self.file, root, still, self.packages)
         return spec, urdf_rates(self.file, root)
 
     def _driven(self, spec: mujoco.MjSpec) -> list[str]:
@@ -125,7 +131,7 @@ class NewRobot:
             if name not in names:
                 raise ConfigError(f"{self.file}: has no joint {name!r}; valid are: {', '.join(names)}")
         kept = [name for name in names if name not in self.without and name in (self.actuators or names)]
-        if gone := robot_file.keep_joints(self.file, spec, kept):
+        if gone := keep_joints(self.file, spec, kept):
             self.guessed.append(f"joints that stay at 0: {', '.join(name or '(no name)' for name in gone)}")
         if not kept:
             raise ConfigError(f"{self.file}: has no joint that moves")

@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 
 from cobot.errors import ConfigError
-from cobot.launch.robot_file import compiled, save
+from cobot.launch.robot_file.saving import compiled, save
 from cobot.robot.collision import CollisionChecker
 from cobot.robot.model import RobotModel
 from cobot.types import Array, JointLimits, vector
