@@ -193,11 +193,11 @@ class Rig:
                 if thread.name == "surroundings":
                     thread.join(WAIT_S)
 
-    def start(self, trajectory: Trajectory, slot: int = 0, fence: Fence | None = None) -> str:
-        """Have a motion started; "" or why not."""
+    def start(self, trajectory: Trajectory, slot: int = 0, fence: Fence | None = None, tool: int = 0) -> str:
+        """Start a motion that was planned with this version of the tool; "" or why it is refused."""
         self._motion += 1
         self.memory.slots[slot].write(self._motion, trajectory, fence)
-        return self.answer(self.send(Command.START, slot=slot, motion_id=self._motion))
+        return self.answer(self.send(Command.START, slot=slot, motion_id=self._motion, tool=tool))
 
     def stream(self, stream: Stream = Stream.JOINT_IMPEDANCE, **fields: object) -> str:
         """Open a session as a client would; "" or why not."""

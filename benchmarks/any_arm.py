@@ -1,0 +1,306 @@
+"""Whether an arm that nobody here has seen holds still and moves: `measure` of a folder of `cobot new-robot`.
+
+python -m benchmarks.any_arm FOLDER ...
+
+Everything runs on the virtual clock in this process. The oracle is MuJoCo, which integrates the motion of
+the arm under the torques of the simulated drives.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rig import Rig
+
+from cobot.config import SETTINGS_FILE, Settings, load_settings
+from cobot.errors import CobotError
+from cobot.ipc.layout import MotionResult
+from cobot.planners import MotionRequest, plan
+from cobot.robot.description import RobotDescription, load_robot
+from cobot.robot.tool import BARE, Tool
+from cobot.trajectory import Trajectory
+from cobot.types import Array, PlannerName, Pose, Scaling, vector
+from rtloop.backends import Measured
+from rtloop.backends.mujoco import MujocoBackend
+
+POSTURES, MOTIONS = 100, 20
+PLANNERS = (PlannerName.PTP, PlannerName.LIN, PlannerName.OMPL)
+DRAWS = 3000
+"""Random postures among which free ones are looked for that the drives can hold."""
+HOLDABLE = 0.9
+"""Share of the efforts that gravity may need in a posture that counts as holdable."""
+DISTURBANCE = 1e-3
+"""Initial distance of each joint from the commanded posture, rad; of a slide, as a share of the reach."""
+HOLDS_S = 1.0
+STILL = 1e-3
+"""Velocity at which an arm holds still, rad/s; of a slide, as a share of the reach per second."""
+TRACKS = 1e-3
+"""Tracking error that the iiwa is allowed at full speed, rad (tests/rtloop/backends/test_mujoco.py)."""
+TRIES = 20
+"""Goals of a planner that are tried before a motion counts as refused."""
+LINE = (0.02, 0.15)
+"""Length of a line, as a share of the reach."""
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """Results for one arm. Lengths of slides are divided by the reach: 1e-3 is a milliradian for a hinge, and
+    a thousandth of the reach for a slide.
+
+    Attributes:
+        postures: number of free and holdable postures that were tried, without and with the payload.
+        payload_kg: mass of the payload.
+        still: share of the postures in which the arm holds still, without and with the payload.
+        velocity: largest velocity of a joint after a second of holding, per second.
+        tracking: largest difference between measured and commanded position in all motions.
+        completed: number of completed motions of each planner.
+        refused: number of motions for which no goal was found that the planner accepts.
+        reasons: an example of what each planner said to a goal that it refused.
+        faults: sentences of the motions that were started and not completed.
+        seconds: time that the measurement took.
+    """
+
+    name: str
+    postures: tuple[int, int]
+    payload_kg: float
+    still: tuple[float, float]
+    velocity: float
+    tracking: float
+    completed: dict[str, int]
+    refused: dict[str, int]
+    reasons: dict[str, str]
+    faults: tuple[str, ...]
+    seconds: float
+
+    @property
+    def tracking_ratio(self) -> float:
+        """Tracking error in relation to what the iiwa is allowed."""
+        return self.tracking / TRACKS
+
+    @property
+    def good(self) -> bool:
+        """Whether the arm holds still everywhere, and every motion that was started was completed."""
+        return min(self.still) == 1.0 and not self.faults and self.tracking_ratio <= 1.0
+
+    def __str__(self) -> str:
+        still = " / ".join(
+            f"{100 * share:.0f} % of {count}" for share, count in zip(self.still, self.postures, strict=True)
+        )
+        done = ", ".join(f"{count} {name}" for name, count in self.completed.items())
+        refused = ", ".join(f"{count} {name}" for name, count in self.refused.items() if count)
+        parts = [
+            f"{self.name}: holds still in {still} (0 / {self.payload_kg:.3g} kg)",
+            f"velocity {self.velocity:.1g}",
+            f"tracking {self.tracking_ratio:.2f} times the iiwa's",
+            f"completed {done}",
+        ]
+        parts += [f"refused {refused}"] if refused else []
+        parts += [f"{len(self.faults)} faults, the first: {self.faults[0]}"] if self.faults else []
+        return "; ".join([*parts, f"{self.seconds:.0f} s"])
+
+
+def measure(folder: Path, seed: int = 0, postures: int = POSTURES, motions: int = MOTIONS) -> Figures:
+    """Hold random postures and run random motions at full speed, the second half of them with a payload.
+
+    Args:
+        folder: with cobot-setting.yaml, as `cobot new-robot` writes it.
+
+    Raises:
+        CobotError: the folder cannot be loaded.
+    """
+    begun_s = time.perf_counter()
+    settings = load_settings(folder / SETTINGS_FILE)
+    arm = _Arm(settings, load_robot(settings), np.random.default_rng(seed))
+    payload = arm.payload()
+    bare, loaded = (arm.holdable(tool, postures) for tool in (BARE, payload))
+    held = [arm.speeds(bare, BARE), arm.speeds(loaded, payload)]
+    moved = _Motions(arm, (bare, loaded), (BARE, payload))
+    moved.run(motions)
+    speeds = np.concatenate(held)
+    return Figures(
+        name=settings.robot.name,
+        postures=(len(bare), len(loaded)),
+        payload_kg=payload.mass,
+        still=(_still(held[0]), _still(held[1])),
+        velocity=float(speeds.max(initial=0.0)),
+        tracking=moved.tracking,
+        completed=moved.completed,
+        refused=moved.refused,
+        reasons=moved.reasons,
+        faults=tuple(moved.faults),
+        seconds=time.perf_counter() - begun_s,
+    )
+
+
+class _Arm:
+    """An arm and random postures of it."""
+
+    def __init__(self, settings: Settings, robot: RobotDescription, random: np.random.Generator) -> None:
+        self.settings, self.robot, self.random = settings, robot, random
+        self.home = vector(robot.positions[settings.robot.start_position].joints)
+        limits = robot.limits
+        drawn = random.uniform(limits.min_position, limits.max_position, (DRAWS, limits.dof))
+        self._drawn = np.vstack([self.home, drawn])
+        places = [robot.model.forward(joints).position for joints in drawn[:200]]
+        self.reach_m = float(np.linalg.norm(places, axis=1).max())
+        slides = np.array(limits.slides or [False] * limits.dof)
+        self.size = np.where(slides, self.reach_m, 1.0)
+
+    def payload(self) -> Tool:
+        """The permitted payload, halved until the drives hold it in half of the postures that they hold."""
+        mass = self.settings.robot.max_payload_kg
+        drawn = [joints for joints in self._drawn[:300] if self._holds(joints)]
+        while mass > 1e-3:
+            tool = Tool(version=1, mass=mass, centre=(0.0, 0.0, 0.05 * self.reach_m))
+            self.robot.model.carry(tool)
+            held = sum(self._holds(joints) for joints in drawn)
+            self.robot.model.carry(BARE)
+            if 2 * held >= len(drawn):
+                return tool
+            mass /= 2.0
+        return BARE
+
+    def holdable(self, tool: Tool, count: int) -> list[Array]:
+        """Free postures that the drives can hold; the first is home, if it is one of them."""
+        self.robot.model.carry(tool)
+        found: list[Array] = []
+        for joints in self._drawn:
+            if len(found) < count and self._holds(joints) and self.robot.collision.is_free(joints):
+                found.append(joints)
+        self.robot.model.carry(BARE)
+        return found
+
+    def speeds(self, postures: Sequence[Array], tool: Tool) -> Array:
+        """The largest velocity of a joint after some time in each posture, shape (n,)."""
+        backend = MujocoBackend(self.settings, self.robot.limits)
+        backend.set_tool(tool)
+        measured, command = Measured(self.robot.limits.dof), np.zeros((3, self.robot.limits.dof))
+        cycles = round(HOLDS_S / self.settings.rt.period_s)
+        found = []
+        for joints in postures:
+            backend.open(joints + DISTURBANCE * self.size * self.random.choice([-1.0, 1.0], len(joints)))
+            command[0] = joints
+            for _ in range(cycles):
+                backend.write(command)
+            backend.read(measured)
+            velocity = np.abs(measured.velocity / self.size).max()
+            found.append(float(velocity) if np.isfinite(velocity) else np.inf)
+        return np.array(found)
+
+    def line(self, start: Array) -> Pose:
+        """The end of a line without a turn of the hand, in a direction that the joints permit."""
+        jacobian = self.robot.model.jacobian(start)
+        _, values, rows = np.linalg.svd(jacobian[3:])
+        rank = int((values > 1e-6).sum())
+        way = jacobian[:3] @ rows[rank:].T @ self.random.normal(size=len(start) - rank)
+        way *= self.random.uniform(*LINE) * self.reach_m / max(float(np.linalg.norm(way)), 1e-9)
+        here = self.robot.model.forward(start)
+        return Pose(here.position + way, here.quaternion)
+
+    def _holds(self, joints: Array) -> bool:
+        needed = np.abs(self.robot.model.gravity_torques(joints))
+        return bool((needed <= HOLDABLE * self.robot.limits.max_effort).all())
+
+
+class _Motions:
+    """Random motions one after the other, each from where the last one ended.
+
+    Attributes: see `Figures`.
+    """
+
+    def __init__(self, arm: _Arm, postures: tuple[list[Array], ...], tools: tuple[Tool, ...]) -> None:
+        self.arm, self._postures, self._tools = arm, postures, tools
+        self.tracking = 0.0
+        self.completed = {str(planner): 0 for planner in PLANNERS}
+        self.refused = {str(planner): 0 for planner in PLANNERS}
+        self.reasons: dict[str, str] = {}
+        self.faults: list[str] = []
+
+    def run(self, count: int) -> None:
+        for postures, tool in zip(self._postures, self._tools, strict=True):
+            if not postures:
+                continue
+            here: Array | None = None
+            for number in range(count // len(self._tools)):
+                here = self._next(here, postures, tool, PLANNERS[number % len(PLANNERS)])
+        self.arm.robot.model.carry(BARE)
+
+    def _next(
+        self, start: Array | None, postures: list[Array], tool: Tool, planner: PlannerName
+    ) -> Array | None:
+        """Where the motion has ended; None if that is no place to go on from."""
+        random = self.arm.random
+        self.arm.robot.model.carry(tool)
+        for _ in range(TRIES):
+            if start is None:
+                start = postures[int(random.integers(len(postures)))]
+            motion = self._planned(start, postures, planner)
+            if motion is not None:
+                return self._moved(start, motion, tool, planner)
+            if planner is PlannerName.LIN:
+                start = None  # Perhaps no line begins there.
+        self.refused[str(planner)] += 1
+        return start
+
+    def _planned(self, start: Array, postures: list[Array], planner: PlannerName) -> Trajectory | None:
+        random = self.arm.random
+        goal = postures[int(random.integers(len(postures)))]
+        aim = self.arm.line(start) if planner is PlannerName.LIN else goal
+        try:
+            return plan(self.arm.robot, MotionRequest(start, aim, planner, Scaling(1.0)))
+        except CobotError as exc:
+            self.reasons[str(planner)] = str(exc)
+            return None
+
+    def _moved(self, start: Array, motion: Trajectory, tool: Tool, planner: PlannerName) -> Array | None:
+        rig = Rig(self.arm.settings, self.arm.robot, simulated=True, start=start)
+        try:
+            rig.loop.controller.tool_and_scene.carry(tool)
+            rig.step(20)
+            refusal = rig.start(motion, tool=tool.version)
+            if not refusal:
+                self._follow(rig)
+            if not refusal and rig.result is MotionResult.ARRIVED:
+                self.completed[str(planner)] += 1
+                return motion.end
+            self.faults.append(f"{planner}: {refusal or rig.reason or rig.result.name}")
+            return None
+        finally:
+            rig.close()
+
+    def _follow(self, rig: Rig) -> None:
+        measured = rig.memory.state.data["position"]
+        while rig.loop.controller.moving:
+            rig.step()
+            off = np.abs((measured[: rig.limits.dof] - rig.commanded[-1]) / self.arm.size).max()
+            self.tracking = max(self.tracking, float(off))
+
+
+def _still(speeds: Array) -> float:
+    """The share of speeds at which an arm holds still."""
+    return float((speeds < STILL).mean()) if len(speeds) else 1.0
+
+
+def figures(folders: Sequence[Path]) -> Iterator[Figures | str]:
+    """Of each folder; or why it has none."""
+    for folder in folders:
+        try:
+            yield measure(folder)
+        except CobotError as exc:
+            yield f"{folder.name}: {exc}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.any_arm", description=__doc__)
+    parser.add_argument("folders", nargs="+", type=Path, metavar="FOLDER", help="made by cobot new-robot")
+    for each in figures(parser.parse_args().folders):
+        print(each, flush=True)
+
+
+if __name__ == "__main__":
+    main()
