@@ -14,13 +14,16 @@ from __future__ import annotations
 import gc
 import json
 import logging
-from collections.abc import Awaitable, Callable
+import time
+from collections.abc import Callable
 from typing import Any, TypeVar
 
 from cobot.access.roles import ROS, Identity, Role, require
-from cobot.errors import CobotError
+from cobot.errors import CobotError, PayloadError
+from cobot.ros.failures import FjtError, failed_result
+from cobot.ros.messages import ros_time
 from ros2.inbox import Losses
-from ros2.node import Message, Node, Publisher, Service, Subscription
+from ros2.node import CLIENT, Handler, Message, Node, Publisher, Service, Subscription
 from ros2.rosbridge import Rosbridge
 
 GRAPH = "/cobot/graph"
@@ -30,6 +33,9 @@ DEPTH = 1000
 CODE_ERROR, CODE_UNAVAILABLE = 1, 50
 """The codes of app.aubo.codes for an error in cobot itself and for a service that is away."""
 GOAL_ABORTED, CANCEL_REJECTED = 6, 1
+SEND_GOAL, GET_RESULT = "/_action/send_goal", "/_action/get_result"
+MAX_UNREAD = 64
+"""Maximum number of goals too large to be read whose reason is kept, the newest ones."""
 
 Made = TypeVar("Made", Service, Publisher, Subscription)
 
@@ -55,6 +61,7 @@ class Gateway:
         self._services: dict[str, Service] = {}
         self._out: dict[str, Publisher] = {}
         self._in: dict[str, Subscription] = {}
+        self._unread = UnreadGoals()
         self.link = Rosbridge(url, self._greet, self._take, token)
 
     async def run(self) -> None:
@@ -142,7 +149,7 @@ class Gateway:
         return made
 
     def _listen(self, name: str, type_: str) -> Subscription:
-        losses = Losses(f"what came on {name} while the service was away or too slow")
+        losses = Losses(f"messages on {name} that came while the service was away or too slow")
 
         def forward(message: Message) -> None:
             if not self.link.send({"op": "publish", "topic": name, "msg": message}):
@@ -165,24 +172,56 @@ class Gateway:
     def _unadvertise(self, subscription: Subscription) -> None:
         self.link.send({"op": "unadvertise", "topic": subscription.topic})
 
-    def _caller(self, name: str, type_: str) -> Callable[[Message], Awaitable[Message]]:
+    def _caller(self, name: str, type_: str) -> Handler:
         async def call(request: Message) -> Message:
+            action = name.removesuffix(GET_RESULT)
+            if action != name and (reason := self._unread.reason(action, request["goal_id"])):
+                return failure(self._default(type_), CODE_ERROR, reason, FjtError.INVALID_GOAL)
             try:
-                return await self.link.call(name, request)
+                return await self.link.call(name, request, CLIENT.get())
+            except PayloadError as exc:
+                log.warning("%s: %s", name, exc)
+                if (action := name.removesuffix(SEND_GOAL)) != name:
+                    self._unread.add(action, request["goal_id"], str(exc))
+                    return {**self._default(type_), "accepted": True, "stamp": ros_time(time.time_ns())}
+                return failure(self._default(type_), CODE_ERROR, str(exc))
             except CobotError as exc:
                 log.warning("%s: %s", name, exc)
                 code = CODE_UNAVAILABLE if exc.code == "unavailable" else CODE_ERROR
-                return refusal(self._node.messages.default(f"{type_}_Response"), code, str(exc))
+                return failure(self._default(type_), code, str(exc))
 
         return call
 
+    def _default(self, type_: str) -> Message:
+        return self._node.messages.default(f"{type_}_Response")
 
-def refusal(response: Message, code: int, text: str) -> Message:
-    """A response that says no, in the words that its type has; ROS itself has none.
+
+class UnreadGoals:
+    """Goals that are too large for the service: accepted, so that their result can tell the reason.
+
+    ROS has no field for the reason of a rejection.
+    """
+
+    def __init__(self) -> None:
+        self._reasons: dict[tuple[str, str], str] = {}
+
+    def add(self, action: str, goal_id: Message, reason: str) -> None:
+        self._reasons[action, str(goal_id)] = reason
+        if len(self._reasons) > MAX_UNREAD:
+            del self._reasons[next(iter(self._reasons))]
+
+    def reason(self, action: str, goal_id: Message) -> str | None:
+        """Why a goal has not been read; None for every other goal."""
+        return self._reasons.get((action, str(goal_id)))
+
+
+def failure(response: Message, code: int, text: str, goal_error: FjtError = FjtError.INTERRUPTED) -> Message:
+    """A response that reports a failure in the fields that its type has; ROS itself has none.
 
     Args:
         response: the defaults of the type: a goal is not accepted by default, for example.
         code: of a vendor service.
+        goal_error: for the result of a goal.
     """
     if "code" in response and "message" in response:
         response |= {"code": code, "message": text}
@@ -190,6 +229,7 @@ def refusal(response: Message, code: int, text: str) -> Message:
             response["result"] = code
     elif "status" in response and "result" in response:
         response["status"] = GOAL_ABORTED
+        failed_result(response["result"], goal_error, text)
     elif "return_code" in response:
         response["return_code"] = CANCEL_REJECTED
     elif "success" in response and "message" in response:

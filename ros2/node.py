@@ -10,20 +10,26 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable
-from functools import partial
+from contextvars import ContextVar
 from typing import Any
+from weakref import WeakValueDictionary
 
-from cobot.errors import CobotError, InputError
+from cobot.errors import CobotError, InputError, PayloadError
+from cobot.ros.message_limits import MAX_MESSAGE
 from cobot.ros.messages import Messages
+from ros2 import rtps
 from ros2.graph import Graph
 from ros2.inbox import Inbox, Losses
 from ros2.names import NodeName, reply_name, request_name, topic_name, type_hash, type_name
-from ros2.rtps import Participant, PayloadError, Qos, RtpsError, Sample, SampleIdentity
+from ros2.rtps import Participant, Qos, RtpsError, Sample, SampleIdentity
 
 Message = dict[str, Any]
 LARGE_BYTES = 1 << 16
-MAX_CALLS = 256
-"""So many calls of one service are worked on at a time; further requests wait."""
+"""Messages above this size are decoded in a thread, so that a trajectory does not keep the others waiting."""
+MAX_BYTES = 4 * MAX_MESSAGE
+"""Maximum size of a message: no type needs less than a quarter of its CDR as JSON (an int64 as `0,`)."""
+MAX_CALLS = 64
+"""Maximum number of calls of one service by one client that are worked on; its further requests wait."""
 CYCLONE = 0x0110
 CYCLONE_HEADER = slice(4, 20)
 """rmw_cyclonedds writes who asks into the payload: uint64 guid, int64 sequence number, after 4 bytes."""
@@ -66,7 +72,7 @@ class Publisher:
         """
         try:
             self._writer.write(content)
-        except PayloadError as exc:
+        except rtps.PayloadError as exc:
             raise InputError(str(exc)) from exc
 
     def close(self) -> None:
@@ -82,7 +88,7 @@ class Subscription:
     ) -> None:
         self.topic = topic
         self.type = type_
-        self.refused = Losses(f"what came on {topic} and is no {type_}")
+        self.rejected = Losses(f"messages on {topic} ({type_}) that are rejected")
         self._node = node
         self._callback = callback
         self._inbox = Inbox(topic, node.loop, self._deliver)
@@ -99,26 +105,37 @@ class Subscription:
         self._node.graph.remove(self._reader.guid)
         self._reader.close()
 
-    def _deliver(self, sample: Sample) -> None:
+    def _deliver(self, sample: Sample) -> Awaitable[None] | None:
+        if len(sample.payload) > LARGE_BYTES:
+            return self._deliver_large(sample)
         try:
             self._callback(self._node.messages.from_cdr(self.type, sample.payload))
         except CobotError as exc:
-            self.refused.add()
-            log.debug("%s: %s", self.topic, exc)
+            self.rejected.add(str(exc))
+        return None
+
+    async def _deliver_large(self, sample: Sample) -> None:
+        try:
+            self._callback(await self._node.read_large(self.type, sample.payload))
+        except CobotError as exc:
+            self.rejected.add(str(exc))
+
+
+Handler = Callable[[Message], Awaitable[Message]]
+CLIENT: ContextVar[bytes] = ContextVar("client", default=b"")
+"""The participant whose request the present task answers."""
 
 
 class Service:
     """Answers requests. Made by `Node.service`."""
 
-    def __init__(
-        self, node: Node, name: str, type_: str, handler: Callable[[Message], Awaitable[Message]]
-    ) -> None:
+    def __init__(self, node: Node, name: str, type_: str, handler: Handler) -> None:
         self.name = name
         self.type = type_
         self._node = node
         self._handler = handler
         self._tasks: set[asyncio.Task[None]] = set()
-        self._turn = asyncio.Semaphore(MAX_CALLS)
+        self._turns: WeakValueDictionary[bytes, asyncio.Semaphore] = WeakValueDictionary()
         self._inbox = Inbox(name, node.loop, self._begin)
         participant = node.participant
         self._writer = participant.create_writer(
@@ -149,14 +166,12 @@ class Service:
         if sample.vendor == CYCLONE:
             header = payload[CYCLONE_HEADER]
             payload = payload[: CYCLONE_HEADER.start] + payload[CYCLONE_HEADER.stop :]
+        CLIENT.set(asker.writer.prefix)
+        turn = self._turns.setdefault(asker.writer.prefix, asyncio.Semaphore(MAX_CALLS))
         try:
-            async with self._turn:
+            async with turn:
                 log.debug("a request to %s", self.name)
-                read = partial(messages.from_cdr, f"{self.type}_Request", payload)
-                messages.record(f"{self.type}_Request")  # types are added in this thread alone
-                # A trajectory of thousands of points shall not keep the others waiting.
-                request = await asyncio.to_thread(read) if len(payload) > LARGE_BYTES else read()
-                content = messages.to_cdr(f"{self.type}_Response", await self._handler(request))
+                content = messages.to_cdr(f"{self.type}_Response", await self._respond(payload))
             if header:
                 content = content[: CYCLONE_HEADER.start] + header + content[CYCLONE_HEADER.start :]
             # To the client's reader alone, and there even if it is yet to be discovered.
@@ -164,6 +179,12 @@ class Service:
             self._writer.write(content, related=asker, only=only)
         except (CobotError, RtpsError) as exc:
             log.warning("a request to %s gets no answer: %s", self.name, exc)
+
+    async def _respond(self, payload: bytes) -> Message:
+        type_ = f"{self.type}_Request"
+        if len(payload) > LARGE_BYTES:
+            return await self._handler(await self._node.read_large(type_, payload))
+        return await self._handler(self._node.messages.from_cdr(type_, payload))
 
 
 class Node:
@@ -188,6 +209,18 @@ class Node:
         self.messages = messages
         self.loop = loop
         self.graph = Graph(participant, name, gid_bytes, loop)
+
+    async def read_large(self, type_: str, payload: bytes) -> Message:
+        """Decodes CDR without keeping the event loop waiting.
+
+        Raises:
+            PayloadError: it is larger than anything that the service accepts.
+            InputError: it is not a message of this type.
+        """
+        if len(payload) > MAX_BYTES:
+            raise PayloadError(f"the message has {len(payload)} bytes, allowed are {MAX_BYTES}")
+        self.messages.record(type_)  # types are added in this thread alone
+        return await asyncio.to_thread(self.messages.from_cdr, type_, payload)
 
     def publisher(self, topic: str, type_: str, *, depth: int = 10, latched: bool = False) -> Publisher:
         """Publish on a topic, reliably.
@@ -216,13 +249,13 @@ class Node:
         """
         return Subscription(self, topic, type_, callback, Qos(reliable=reliable, depth=None))
 
-    def service(self, name: str, type_: str, handler: Callable[[Message], Awaitable[Message]]) -> Service:
+    def service(self, name: str, type_: str, handler: Handler) -> Service:
         """Answer requests.
 
         Args:
             type_: "aubo_interfaces/srv/GetDof".
             handler: gets the complete request and gives the response, in which ROS's defaults may be missing.
-                When it raises a CobotError there is no answer, for ROS has none for that.
+                If it raises a CobotError there is no answer, because ROS has none for that.
 
         Raises:
             InputError: no such type.

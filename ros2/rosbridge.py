@@ -1,7 +1,9 @@
 """The client side of rosbridge v2, as the gateway needs it: a connection to the service, made anew when lost.
 
-What is sent goes through one bounded queue, so messages of a topic keep their order. Nothing waits for ever:
-a call ends with its answer, with the connection, or is refused at once.
+Messages of a topic keep their order; topics and services take turns, so that a flood of one does not delay
+the others. A message that the service would reject for its size is rejected here, because a frame that is too
+large closes the connection for everybody. A call ends with its answer, with the connection, or is rejected at
+once.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ import contextlib
 import itertools
 import json
 import logging
-from collections import deque
+from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from typing import Any
 
@@ -21,20 +23,21 @@ from websockets.exceptions import WebSocketException
 from cobot.client.tls import tls_context
 from cobot.errors import ExecutionError, UnavailableError
 from cobot.ros.codec import without_nan
+from cobot.ros.message_limits import check_message
+from ros2.outgoing import Outgoing
 
 Message = dict[str, Any]
 PATH = "/rosbridge"
-MAX_WAITING = 20_000
-MAX_CHARACTERS = 64 << 20
-"""So many characters may wait to be sent."""
-MAX_CALLS = 240
-"""So many calls are under way at a time: the service takes 256 of one client."""
+MAX_CALLS = 960
+"""Maximum number of calls under way; the service takes 1024 of one client."""
+MAX_CALLS_OF_CLIENT = 120
+"""Maximum number of calls of one client under way, so that none takes the place of the others."""
 MAX_RECEIVED = 64 << 20
 FIRST_RETRY_S = 0.05
 LAST_RETRY_S = 1.0
 OPEN_S = 20.0
 PING_S = 3.0
-"""A service that answers no ping for so long is away."""
+"""Time without an answer to a ping after which the service counts as away, s."""
 AWAY = "the service of cobot is away; cobot run restarts it"
 LOST = "the connection to the service was lost during the call: whether it was done is not known"
 
@@ -63,11 +66,11 @@ class Rosbridge:
         self._url = "ws" + url.removeprefix("http") + PATH
         self._on_open = on_open
         self._on_message = on_message
-        self._queue: deque[str] = deque()
-        self._characters = 0
+        self._outgoing = Outgoing()
         self._wake = asyncio.Event()
         self._open = False
         self._calls: dict[str, asyncio.Future[Message]] = {}
+        self._calls_of: Counter[bytes] = Counter()
         self._numbers = itertools.count(1)
 
     async def run(self) -> None:
@@ -88,37 +91,48 @@ class Rosbridge:
             pause_s = min(2.0 * pause_s, LAST_RETRY_S)
 
     def send(self, content: Message) -> bool:
-        """Have something sent, if the service is there and keeps up; whether that was so."""
+        """Queues a message, if the service is there and keeps up; returns whether it did.
+
+        Raises:
+            PayloadError: the message is larger than the service accepts.
+        """
+        if not self._open:
+            return False
         try:
             text = json.dumps(content, allow_nan=False)
         except ValueError:
             text = json.dumps(without_nan(content))
-        full = len(self._queue) >= MAX_WAITING or self._characters + len(text) > MAX_CHARACTERS
-        if not self._open or full:
-            return False
-        self._queue.append(text)
-        self._characters += len(text)
+        check_message(text)
+        queued = self._outgoing.put(str(content.get("topic") or content.get("service")), text)
         self._wake.set()
-        return True
+        return queued
 
-    async def call(self, service: str, request: Message) -> Message:
-        """Call a service.
+    async def call(self, service: str, request: Message, client: bytes = b"") -> Message:
+        """Calls a service.
+
+        Args:
+            client: who calls, for the limit on calls of one client.
 
         Raises:
             UnavailableError: the service of cobot is away, goes away, or has too much to do.
-            ExecutionError: the call was refused, with the reason.
+            PayloadError: the request is larger than the service accepts.
+            ExecutionError: the call was rejected, with the reason.
         """
         if len(self._calls) >= MAX_CALLS:
             raise UnavailableError(f"{MAX_CALLS} calls over ROS 2 are under way already")
+        if self._calls_of[client] >= MAX_CALLS_OF_CLIENT:
+            raise UnavailableError(f"{MAX_CALLS_OF_CLIENT} calls of this ROS 2 process are under way already")
         number = f"call:{next(self._numbers)}"
         answer: asyncio.Future[Message] = asyncio.get_running_loop().create_future()
         self._calls[number] = answer
+        self._calls_of[client] += 1
         try:
             if not self.send({"op": "call_service", "id": number, "service": service, "args": request}):
                 raise UnavailableError(AWAY)
             return await answer
         finally:
             del self._calls[number]
+            self._calls_of -= Counter([client])
 
     @contextlib.asynccontextmanager
     async def _connected(self) -> AsyncIterator[ClientConnection]:
@@ -140,8 +154,7 @@ class Rosbridge:
                 yield socket
             finally:
                 self._open = False
-                self._queue.clear()
-                self._characters = 0
+                self._outgoing.clear()
                 for answer in self._calls.values():
                     if not answer.done():
                         answer.set_exception(UnavailableError(LOST))
@@ -160,9 +173,7 @@ class Rosbridge:
         while True:
             await self._wake.wait()
             self._wake.clear()
-            while self._queue:
-                text = self._queue.popleft()
-                self._characters -= len(text)
+            while (text := self._outgoing.next()) is not None:
                 await socket.send(text)
 
     def _take(self, content: Message) -> None:

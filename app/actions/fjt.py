@@ -18,7 +18,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.actions.fjt_goal import ErrorCode, FjtGoal, GoalError, GoalViolated, Message, PathViolated, read_goal
+from app.actions.fjt_goal import FjtGoal, GoalError, GoalViolated, Message, PathViolated, read_goal
 from app.actions.fjt_progress import Progress, on_path
 from app.actions.fjt_run import ARRIVAL_S, FEEDBACK_S, SEND_PERIOD_S, FjtSettings, Run, ServoExecution
 from app.graph.actions import GoalHandle, GoalStatus, Rejected
@@ -34,6 +34,7 @@ from cobot.ipc.layout import MotionResult, ServoMode
 from cobot.motions.requests import WaypointRequest
 from cobot.robot.description import RobotDescription
 from cobot.robot.limits import check_positions
+from cobot.ros.failures import FjtError
 from cobot.trajectory import Trajectory
 from cobot.types import Array
 
@@ -107,7 +108,7 @@ class FollowJointTrajectory:
             except CobotError as exc:
                 return self._failed(handle, exc)
         handle.status = GoalStatus.SUCCEEDED
-        return {"error_code": int(ErrorCode.SUCCESSFUL), "error_string": note}
+        return {"error_code": int(FjtError.SUCCESSFUL), "error_string": note}
 
     def _wall_s(self) -> float:
         return self._link.clock.wall_ns() * 1e-9
@@ -264,6 +265,6 @@ class FollowJointTrajectory:
         code = getattr(error, "error_code", None)
         if code is None:
             wrong = isinstance(error, InputError | PlanningError)
-            code = ErrorCode.INVALID_GOAL if wrong else ErrorCode.INTERRUPTED
+            code = FjtError.INVALID_GOAL if wrong else FjtError.INTERRUPTED
         log.warning("%s: %s: %s", self.name, code.name, error)
         return {"error_code": int(code), "error_string": str(error)}

@@ -8,58 +8,45 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Any, ClassVar
 
 import numpy as np
 
 from cobot.errors import ExecutionError, InputError
+from cobot.ros.failures import FjtError
 from cobot.strict import shown
 from cobot.types import Array, JointLimits, Waypoint
 
-MAX_POINTS = 100_000
 LATE_START_S = 1.0
 """A goal whose header.stamp is past by up to this begins at once; a later one is refused, s."""
 EARLIEST_START_S = 600.0
 Message = dict[str, Any]
 
 
-class ErrorCode(IntEnum):
-    """As in control_msgs/action/FollowJointTrajectory; the last one is ours."""
-
-    SUCCESSFUL = 0
-    INVALID_GOAL = -1
-    INVALID_JOINTS = -2
-    OLD_HEADER_TIMESTAMP = -3
-    PATH_TOLERANCE_VIOLATED = -4
-    GOAL_TOLERANCE_VIOLATED = -5
-    INTERRUPTED = -100  # cancelled, preempted, stopped, e-stop, fault: none of the others says so
-
-
 class GoalError(InputError):
     """The goal cannot be worked on."""
 
-    error_code: ClassVar = ErrorCode.INVALID_GOAL
+    error_code: ClassVar = FjtError.INVALID_GOAL
 
 
 class JointsError(GoalError):
-    error_code = ErrorCode.INVALID_JOINTS
+    error_code = FjtError.INVALID_JOINTS
 
 
 class OldGoalError(GoalError):
-    error_code = ErrorCode.OLD_HEADER_TIMESTAMP
+    error_code = FjtError.OLD_HEADER_TIMESTAMP
 
 
 class PathViolated(ExecutionError):
     """The arm left the path further than path_tolerance allows."""
 
-    error_code: ClassVar = ErrorCode.PATH_TOLERANCE_VIOLATED
+    error_code: ClassVar = FjtError.PATH_TOLERANCE_VIOLATED
 
 
 class GoalViolated(ExecutionError):
     """The arm is not in time where goal_tolerance and goal_time_tolerance want it."""
 
-    error_code: ClassVar = ErrorCode.GOAL_TOLERANCE_VIOLATED
+    error_code: ClassVar = FjtError.GOAL_TOLERANCE_VIOLATED
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,8 +140,6 @@ def _order(given: list[str], names: tuple[str, ...]) -> list[int]:
 def _points(messages: list[Message], order: list[int]) -> list[Waypoint]:
     if not messages:
         raise GoalError("the trajectory has no points; cancel the goal to stop")
-    if len(messages) > MAX_POINTS:
-        raise GoalError(f"the trajectory has {len(messages)} points, {MAX_POINTS} are allowed")
     times = np.array([_seconds(message["time_from_start"]) for message in messages])
     late = np.flatnonzero(np.diff(times) <= 0.0)
     if len(late):

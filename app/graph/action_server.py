@@ -20,6 +20,7 @@ from app.graph.actions import Action, CancelCode, GoalHandle, GoalStatus, Reject
 from cobot import audit
 from cobot.access.roles import Role
 from cobot.errors import CobotError
+from cobot.ros.failures import FjtError, failed_result
 from cobot.ros.messages import Message, ros_time
 
 if TYPE_CHECKING:
@@ -198,11 +199,17 @@ class ActionServer:
         except CobotError as exc:
             if not self._refuse(goal, exc):
                 log.warning("a goal of %s is aborted: %s", name, exc)
+                result = failed_result(result, FjtError.INTERRUPTED, str(exc))
         except Exception as exc:
             log.error("%s failed", name, exc_info=exc)
-            self._refuse(goal, Rejected("an error in cobot itself; its log has the details"))
+            reason = Rejected("an error in cobot itself; its log has the details")
+            if not self._refuse(goal, reason):
+                result = failed_result(result, FjtError.INTERRUPTED, str(reason))
+        except asyncio.CancelledError:
+            result = failed_result(result, FjtError.INTERRUPTED, "the service is shutting down")
+            raise
         finally:
-            self._refuse(goal, Rejected("the service ends"))
+            self._refuse(goal, Rejected("the service is shutting down"))
             goal.result, goal.status, goal.ended_s = result, status, self._graph.clock.now_s()
             goal.ended.set()
             if goal.accepted_ns:

@@ -13,7 +13,9 @@ Long, because each operation changes what ends with the connection.
 from __future__ import annotations
 
 import asyncio
+import json
 import logging
+import re
 import uuid
 from collections.abc import Coroutine
 from typing import Any
@@ -28,22 +30,22 @@ from app.rosbridge.outbox import MAX_PER_TOPIC, Outbox
 from app.rosbridge.roles import ROLES
 from cobot import audit
 from cobot.access.roles import SERVICE, Identity
-from cobot.errors import CobotError, ConflictError, InputError, UnavailableError
+from cobot.errors import CobotError, ConflictError, InputError, PayloadError, UnavailableError
+from cobot.ros.message_limits import MAX_MESSAGE
 from cobot.ros.messages import Message
 from cobot.strict import shown
 
-MAX_MESSAGE = 4 * 2**20
-"""A message may have so many characters."""
-MAX_OBJECTS = 30_000
-"""A message may hold so many objects: with ROS's defaults each may become a hundred times as large."""
-MAX_VALUES = 200_000
-"""A message may have so many commas: until it is decoded, nobody else has the interpreter, a stop neither."""
 MAX_PENDING = 1024
 """So many calls and goals of one client may be under way."""
 MAX_ENDS = 1024
+"""Maximum number of topics that one client may publish, and of those that it may subscribe."""
 MAX_LATCHED = 16 * 2**20
-"""So many characters of latched messages, which stay until the client goes, are kept of one client."""
-"""One client may publish so many topics, and subscribe so many."""
+"""Maximum length of all latched messages of a client, in characters. They are kept until it disconnects."""
+UNREAD_CHARACTERS = 1024
+UNREAD = re.compile(r'"(op|id|service|action)"\s*:\s*("(?:[^"\\]|\\.){0,512}"|\d{1,18}\b)')
+"""Fields of a message that is not decoded, and their values."""
+ANSWERS = {"call_service": "service_response", "send_action_goal": "action_result"}
+"""Operations that are answered, and with which one."""
 LEVELS = ("none", "error", "warning", "info")
 
 log = logging.getLogger("cobot.rosbridge")
@@ -115,6 +117,20 @@ class Connection:
         if self._level != "none":
             status = {"op": "status", "level": "error", "msg": str(error)}
             self.outbox.mention(status if message_id is None else {**status, "id": message_id})
+
+    def reject_unread(self, text: str, error: PayloadError) -> None:
+        """Answers a message that is too large to be decoded, so that its sender does not wait in vain.
+
+        Its operation and its id are read from the beginning of the text, where clients write them.
+        """
+        head = {name: json.loads(value) for name, value in UNREAD.findall(text[:UNREAD_CHARACTERS])}
+        answer = ANSWERS.get(str(head.get("op")))
+        if answer is None or "id" not in head:
+            self.complain(error, head.get("id"))
+            return
+        about = {name: head[name] for name in ("id", "service", "action") if name in head}
+        status = {"status": 0} if answer == "action_result" else {}
+        self.outbox.answer({"op": answer, **about, **status, "values": str(error), "result": False}, None)
 
     def tell(self, sentence: str) -> None:
         """Tell the client what it has not asked for, unless it does not want to know."""

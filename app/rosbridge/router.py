@@ -13,9 +13,10 @@ from app.api.access import identity_of
 from app.api.dependencies import LARGE_BYTES, decoded, without_collection
 from app.api.errors import status_of
 from app.graph.graph import Graph
-from app.rosbridge.connection import MAX_MESSAGE, MAX_OBJECTS, MAX_VALUES, Connection
+from app.rosbridge.connection import Connection
 from app.services.motion.lease import CLIENT
 from cobot.errors import CobotError, InputError, PayloadError, UnavailableError
+from cobot.ros.message_limits import MAX_MESSAGE, check_message
 
 PATH = "/rosbridge"
 MAX_CONNECTIONS = 32
@@ -85,17 +86,15 @@ async def _received_one(socket: WebSocket, connection: Connection, large: asynci
         connection.complain(InputError("binary messages are not understood: CBOR is not supported"))
     while text is not None:
         try:
-            if len(text) > MAX_MESSAGE:
-                raise PayloadError(f"a message may have {MAX_MESSAGE} characters, this one has {len(text)}")
-            if (objects := text.count("{")) > MAX_OBJECTS:
-                raise PayloadError(f"a message may have {MAX_OBJECTS} objects, this one has {objects}")
-            if (commas := text.count(",")) > MAX_VALUES:
-                raise PayloadError(f"a message may have {MAX_VALUES} commas, this one has {commas}")
+            check_message(text)
             if len(text) <= LARGE_BYTES:
                 content = decoded(text, "the message")
             else:
                 async with large:
                     content = await asyncio.to_thread(without_collection, _prepared, connection, text)
+        except PayloadError as exc:
+            connection.reject_unread(text, exc)
+            break
         except CobotError as exc:
             connection.complain(exc)
             break

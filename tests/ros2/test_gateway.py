@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import contextlib
 import socket
 import threading
@@ -24,6 +25,7 @@ from app.graph.graph import Graph, Message
 from app.rosbridge import router as rosbridge
 from cobot.access.roles import Role
 from cobot.errors import PermissionDenied
+from cobot.ros.failures import FjtError
 from cobot.ros.messages import Messages
 from ros2 import gateway as gateway_module
 from ros2.gateway import Gateway
@@ -218,6 +220,7 @@ def test_topics_services_and_types_come_and_go_with_the_hub(bench: Bench) -> Non
     heard = bench.peer.subscription("/demo/pair", "demo_msgs/msg/Pair")
     heard.until_matched()
     bench.rig.until_known("rt/demo/pair")
+    until(lambda: publisher.subscribers > 0, "the gateway does not subscribe")
     service.do(lambda: publisher.publish({"left": 1, "right": 2}))
     assert heard.get() == {"left": 1, "right": 2}
     made = service.do(lambda: graph.services["/iiwa/slow"])
@@ -291,6 +294,87 @@ def test_calls_are_answered_while_the_service_is_away_and_after_it(bench: Bench)
     publisher = bench.peer.publisher("/both", STRING)
     publisher.until_matched()
     until(lambda: publisher.publish({"data": "again"}) or service.heard, "topics do not come back")
+
+
+FJT = "control_msgs/action/FollowJointTrajectory"
+
+
+class Following:
+    """An action of the type of trajectories that arrives when it is told to."""
+
+    name, type_, definition = "/iiwa/follow_joint_trajectory", FJT, ""
+
+    def __init__(self) -> None:
+        self.go_on = asyncio.Event()
+
+    async def execute(self, goal: Message, handle: GoalHandle) -> Message:
+        handle.accept()
+        await self.go_on.wait()
+        handle.status = GoalStatus.SUCCEEDED
+        return {"error_code": 0, "error_string": "arrived"}
+
+
+class Trajectories:
+    """The service's action of trajectories, and a client of it."""
+
+    def __init__(self, bench: Bench) -> None:
+        assert bench.service is not None
+        self.action = Following()
+        bench.service.do(lambda: bench.service.graph.add_action(self.action))  # type: ignore[union-attr]
+        below = f"{self.action.name}/_action"
+        self._send = bench.peer.client(f"{below}/send_goal", f"{FJT}_SendGoal").until_ready()
+        self._result = bench.peer.client(f"{below}/get_result", f"{FJT}_GetResult").until_ready()
+
+    def begin(self, number: int, points: int = 1, values: int = 7) -> Callable[[float], Message]:
+        """Sends a goal, which is accepted; returns what waits for its result."""
+        goal_id = {"uuid": base64.b64encode(bytes([number] * 16)).decode()}
+        point = {
+            "positions": [0.123456789] * values,
+            "velocities": [0.1] * values,
+            "accelerations": [0.2] * values,
+        }
+        trajectory = {"joint_names": ["joint1"], "points": [point] * points}
+        assert self._send.call({"goal_id": goal_id, "goal": {"trajectory": trajectory}})["accepted"]
+        return self._result.begin({"goal_id": goal_id})
+
+
+def test_a_message_too_large_for_the_service_is_rejected_alone(
+    bench: Bench, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Another client's goal, whose connection it shares, goes on to its end."""
+    service = bench.service
+    assert service is not None
+    trajectories = Trajectories(bench)
+    waiting = trajectories.begin(1)
+    publisher = bench.peer.publisher("/both", STRING)
+    publisher.until_matched()
+    with caplog.at_level("WARNING", "cobot.ros2"):
+        publisher.publish({"data": "x" * 9_000_000})
+        publisher.publish({"data": "after it"})
+        until(lambda: service.heard == ["after it"], "the message after the large one did not arrive")
+    assert "/both" in caplog.text
+    assert "allowed are 4194304" in caplog.text
+    service.do(trajectories.action.go_on.set)
+    got = waiting(30.0)
+    assert got["status"] == GoalStatus.SUCCEEDED
+    assert got["result"]["error_string"] == "arrived"
+
+
+@pytest.mark.parametrize("points", [9_000, 15_000])
+def test_a_goal_with_too_many_points_is_aborted_with_the_reason(bench: Bench, points: int) -> None:
+    got = Trajectories(bench).begin(2, points)(30.0)
+    assert got["status"] == GoalStatus.ABORTED
+    assert got["result"]["error_code"] == FjtError.INVALID_GOAL
+    assert "allowed are" in got["result"]["error_string"]
+
+
+def test_a_result_that_is_lost_with_the_connection_says_so(bench: Bench) -> None:
+    waiting = Trajectories(bench).begin(3)
+    bench.stop_service()
+    got = waiting(30.0)
+    assert got["status"] == GoalStatus.ABORTED
+    assert got["result"]["error_code"] == FjtError.INTERRUPTED
+    assert got["result"]["error_string"]
 
 
 class Nodes:

@@ -97,7 +97,7 @@ def test_a_message_that_is_none_is_refused_and_the_next_one_comes(rig: NodeRig, 
         peer.tell(f"write {publisher._number} {garbage}")
     publisher.publish({"data": "good"})
     assert got.get(timeout=30.0) == {"data": "good"}
-    assert subscription.refused.count >= 3
+    assert subscription.rejected.count >= 3
 
 
 def test_the_first_request_of_each_client_is_answered(rig: NodeRig, peer: Peer) -> None:

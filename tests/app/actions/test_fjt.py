@@ -26,7 +26,7 @@ from virtual import Cycle, PlanningHere
 from virtual_time import VirtualClock, VirtualLoop
 
 from app.actions.fjt import FollowJointTrajectory
-from app.actions.fjt_goal import ErrorCode, FjtGoal, GoalError, read_goal
+from app.actions.fjt_goal import FjtGoal, GoalError, read_goal
 from app.graph.actions import GoalStatus, Rejected
 from app.services.motion.execution import MotionService
 from app.services.motion.ownership import Caller, Ownership
@@ -41,6 +41,7 @@ from cobot.ipc.layout import ServoMode
 from cobot.planners import WaypointRequest, plan_waypoints
 from cobot.robot.description import RobotDescription
 from cobot.robot.tool import Tool
+from cobot.ros.failures import FjtError
 from cobot.ros.messages import Messages
 from cobot.servo.protocol import FjtControl
 from cobot.trajectory import Trajectory
@@ -102,68 +103,68 @@ def test_joints_may_stand_in_any_order(robot: RobotDescription) -> None:
 @pytest.mark.parametrize(
     ("message", "code", "words"),
     [
-        (goal([]), ErrorCode.INVALID_GOAL, "no points"),
-        (goal([point(HERE, 1.0)], NAMES[:6]), ErrorCode.INVALID_JOINTS, "joint_names must be joint1"),
-        (goal([point(HERE, 1.0)], [*NAMES[:6], "joint1"]), ErrorCode.INVALID_JOINTS, "in any order"),
-        (goal([point(HERE, 1.0)], [*NAMES, "joint8"]), ErrorCode.INVALID_JOINTS, "joint_names"),
-        (goal([point(HERE, 1.0)], []), ErrorCode.INVALID_JOINTS, "joint_names"),
+        (goal([]), FjtError.INVALID_GOAL, "no points"),
+        (goal([point(HERE, 1.0)], NAMES[:6]), FjtError.INVALID_JOINTS, "joint_names must be joint1"),
+        (goal([point(HERE, 1.0)], [*NAMES[:6], "joint1"]), FjtError.INVALID_JOINTS, "in any order"),
+        (goal([point(HERE, 1.0)], [*NAMES, "joint8"]), FjtError.INVALID_JOINTS, "joint_names"),
+        (goal([point(HERE, 1.0)], []), FjtError.INVALID_JOINTS, "joint_names"),
         (
             goal([point(HERE[:6], 1.0)]),
-            ErrorCode.INVALID_GOAL,
+            FjtError.INVALID_GOAL,
             r"points\[0\]: positions must be 7 numbers, got 6",
         ),
-        (goal([point(HERE, 1.0), point([], 2.0)]), ErrorCode.INVALID_GOAL, r"points\[1\]: positions"),
-        (goal([point([], 1.0, HERE)]), ErrorCode.INVALID_GOAL, "positions are missing"),
+        (goal([point(HERE, 1.0), point([], 2.0)]), FjtError.INVALID_GOAL, r"points\[1\]: positions"),
+        (goal([point([], 1.0, HERE)]), FjtError.INVALID_GOAL, "positions are missing"),
         (
             goal([point(HERE, 1.0, HERE), point(HERE, 2.0)]),
-            ErrorCode.INVALID_GOAL,
+            FjtError.INVALID_GOAL,
             r"points\[1\]: velocities must be 7 numbers, got 0",
         ),
-        (goal([point(HERE, 1.0, [], HERE)]), ErrorCode.INVALID_GOAL, "accelerations need velocities"),
+        (goal([point(HERE, 1.0, [], HERE)]), FjtError.INVALID_GOAL, "accelerations need velocities"),
         (
             goal([point(HERE, 1.0), point(HERE, 1.0)]),
-            ErrorCode.INVALID_GOAL,
+            FjtError.INVALID_GOAL,
             r"points\[1\]: time_from_start must increase strictly, it is 1 s after 1 s",
         ),
-        (goal([point(HERE, -1.0)]), ErrorCode.INVALID_GOAL, "must not be negative"),
-        (goal([point([*HERE[:6], math.nan], 1.0)]), ErrorCode.INVALID_GOAL, r"positions\[6\] is no finite"),
-        (goal([{**point(HERE, 1.0), "effort": HERE}]), ErrorCode.INVALID_GOAL, "effort"),
+        (goal([point(HERE, -1.0)]), FjtError.INVALID_GOAL, "must not be negative"),
+        (goal([point([*HERE[:6], math.nan], 1.0)]), FjtError.INVALID_GOAL, r"positions\[6\] is no finite"),
+        (goal([{**point(HERE, 1.0), "effort": HERE}]), FjtError.INVALID_GOAL, "effort"),
         (
             goal([point(HERE, 1.0)], stamp=NOW_S - 10.0),
-            ErrorCode.OLD_HEADER_TIMESTAMP,
+            FjtError.OLD_HEADER_TIMESTAMP,
             "should have ended 10.000 s",
         ),
-        (goal([point(HERE, 60.0)], stamp=NOW_S - 10.0), ErrorCode.OLD_HEADER_TIMESTAMP, "should have begun"),
-        (goal([point(HERE, 1.0)], stamp=NOW_S + 3600.0), ErrorCode.INVALID_GOAL, "3600 s ahead"),
+        (goal([point(HERE, 60.0)], stamp=NOW_S - 10.0), FjtError.OLD_HEADER_TIMESTAMP, "should have begun"),
+        (goal([point(HERE, 1.0)], stamp=NOW_S + 3600.0), FjtError.INVALID_GOAL, "3600 s ahead"),
         (
             goal([point(HERE, 1.0)], path_tolerance=[tolerance("joint9", 1.0)]),
-            ErrorCode.INVALID_JOINTS,
+            FjtError.INVALID_JOINTS,
             r"path_tolerance\[0\]: there is no joint 'joint9'",
         ),
         (
             goal([point(HERE, 1.0)], goal_tolerance=[tolerance("joint1", -2.0)]),
-            ErrorCode.INVALID_GOAL,
+            FjtError.INVALID_GOAL,
             r"goal_tolerance\[0\]: position must be above 0, 0 or -1, got -2",
         ),
         (
             goal([point(HERE, 1.0)], path_tolerance=[tolerance("joint1", acceleration=1.0)]),
-            ErrorCode.INVALID_GOAL,
+            FjtError.INVALID_GOAL,
             "accelerations are not measured",
         ),
         (
             goal([point(HERE, 1.0)], component_path_tolerance=[{"joint_name": "joint1"}]),
-            ErrorCode.INVALID_GOAL,
+            FjtError.INVALID_GOAL,
             "component_path_tolerance",
         ),
         (
             goal([point(HERE, 1.0)], multi_dof_trajectory={"joint_names": ["base"]}),
-            ErrorCode.INVALID_GOAL,
+            FjtError.INVALID_GOAL,
             "multi_dof_trajectory",
         ),
     ],
 )
 def test_a_goal_that_makes_no_sense_is_named(
-    robot: RobotDescription, message: dict[str, Any], code: ErrorCode, words: str
+    robot: RobotDescription, message: dict[str, Any], code: FjtError, words: str
 ) -> None:
     with pytest.raises(GoalError, match=words) as found:
         read(message, robot.limits)
@@ -405,7 +406,7 @@ def test_a_goal_that_makes_no_sense_ends_with_its_code_and_leaves_the_running_on
         task = asyncio.create_task(stand.action.execute(stand.to(0.2), first))  # type: ignore[arg-type]
         await stand.until_moving()
         result = await stand.send(goal([point(HERE, 1.0)], ["a"]), second)
-        assert result["error_code"] == ErrorCode.INVALID_JOINTS
+        assert result["error_code"] == FjtError.INVALID_JOINTS
         assert "joint_names" in result["error_string"]
         assert (second.accepted, second.status) == (True, GoalStatus.ABORTED)
         await stand.step_until(task)
@@ -427,7 +428,7 @@ def test_a_goal_that_is_no_motion_for_the_arm_is_aborted(stand: Stand, points: A
         handle = Handle()
         message = goal([point(stand.rig.home + offset, time_s) for offset, time_s in points])
         result = await stand.send(message, handle)
-        assert result["error_code"] == ErrorCode.INVALID_GOAL
+        assert result["error_code"] == FjtError.INVALID_GOAL
         assert re.search(words, result["error_string"]), result
         assert handle.status is GoalStatus.ABORTED
         np.testing.assert_array_equal(stand.rig.commanded[-1], stand.rig.home)
@@ -446,7 +447,7 @@ def test_a_single_point_at_time_0_is_where_the_arm_is_or_no_goal(stand: Stand, m
         np.testing.assert_allclose(stand.rig.commanded[-1], stand.rig.home + 0.002, atol=0.005)
         await stand.until_free()
         result = await stand.send(stand.to(0.3, 0.0), Handle())
-        assert result["error_code"] == ErrorCode.INVALID_GOAL
+        assert result["error_code"] == FjtError.INVALID_GOAL
         assert "the only point is at time 0, but joint" in result["error_string"]
         assert max(share.max() for share in stand.rig.rates()) <= 1.0 + 1e-6
 
@@ -461,7 +462,7 @@ def test_too_fast_a_goal_is_slowed_down_if_it_may_be_late(stand: Stand) -> None:
         assert max(share.max() for share in stand.rig.rates()) <= 1.0 + 1e-6
         bound = stand.to(0.0, 0.2, goal_time_tolerance=duration(0.1))
         result = await stand.send(bound, Handle())
-        assert result["error_code"] == ErrorCode.INVALID_GOAL
+        assert result["error_code"] == FjtError.INVALID_GOAL
         assert "its limit is" in result["error_string"]
 
     stand.run(live())
@@ -478,12 +479,12 @@ def test_what_is_too_heavy_for_a_drive_is_slowed_down_or_refused_by_name(
 
     async def live() -> None:
         held = await stand.send(goal([point(beyond, 3.0)]), Handle())
-        assert held["error_code"] == ErrorCode.INVALID_GOAL
+        assert held["error_code"] == FjtError.INVALID_GOAL
         assert "joint6 needs 42" in held["error_string"]
         assert "no speed helps" in held["error_string"]
         assert (await stand.send(goal([point(out, 3.0)]), Handle()))["error_code"] == 0
         late = await stand.send(goal([point(end, 0.8)], goal_time_tolerance=duration(0.1)), Handle())
-        assert late["error_code"] == ErrorCode.INVALID_GOAL
+        assert late["error_code"] == FjtError.INVALID_GOAL
         assert "joint6 needs 45" in late["error_string"]
         slowed = await stand.send(goal([point(end, 0.8)]), Handle())
         assert slowed["error_code"] == 0
@@ -550,7 +551,7 @@ def test_a_cancelled_goal_comes_to_rest_on_its_path(stand: Stand) -> None:
         handle.cancel_requested.set()
         await stand.step_until(task)
         assert handle.status is GoalStatus.CANCELED
-        assert task.result()["error_code"] == ErrorCode.INTERRUPTED
+        assert task.result()["error_code"] == FjtError.INTERRUPTED
         assert "cancelled: the arm came to rest on its path" in task.result()["error_string"]
         offsets = np.array(stand.rig.commanded) - stand.rig.home
         assert 0.001 < offsets[-1].max() < 0.4
@@ -570,9 +571,9 @@ def test_a_newer_goal_preempts_and_begins_where_the_arm_came_to_rest(stand: Stan
         refused = await stand.send(elsewhere, second)
         assert running.done()
         assert first.status is GoalStatus.ABORTED
-        assert running.result()["error_code"] == ErrorCode.INTERRUPTED
+        assert running.result()["error_code"] == FjtError.INTERRUPTED
         assert "preempted by a newer goal" in running.result()["error_string"]
-        assert refused["error_code"] == ErrorCode.INVALID_GOAL  # it begins where the arm is not
+        assert refused["error_code"] == FjtError.INVALID_GOAL  # it begins where the arm is not
         assert (await stand.send(stand.to(0.0), third))["error_code"] == 0
         np.testing.assert_allclose(stand.rig.commanded[-1], stand.rig.home, atol=1e-9)
 
@@ -608,7 +609,7 @@ def test_an_arm_off_its_path_is_stopped(stand: Stand) -> None:
             stand.rig.loopback.offset[2] += 0.0005
             await asyncio.sleep(0.002)
         await stand.step_until(task)
-        assert task.result()["error_code"] == ErrorCode.PATH_TOLERANCE_VIOLATED, task.result()
+        assert task.result()["error_code"] == FjtError.PATH_TOLERANCE_VIOLATED, task.result()
         assert "joint3 is off by" in task.result()["error_string"]
         assert "path_tolerance" in task.result()["error_string"]
         assert handle.status is GoalStatus.ABORTED
@@ -623,7 +624,7 @@ def test_an_arm_that_is_not_in_time_is_stopped(stand: Stand) -> None:
     async def live() -> None:
         await stand.ownership.speed_override.set_fraction(0.01)
         result = await stand.send(stand.to(0.4, 1.5, goal_time_tolerance=duration(0.1)), Handle())
-        assert result["error_code"] == ErrorCode.GOAL_TOLERANCE_VIOLATED
+        assert result["error_code"] == FjtError.GOAL_TOLERANCE_VIOLATED
         assert "goal_time_tolerance (0.1 s)" in result["error_string"]
 
     stand.run(live())
@@ -638,7 +639,7 @@ def test_an_arm_that_arrives_beside_the_goal_violates_its_tolerance(stand: Stand
         await stand.until_moving()
         stand.rig.loopback.offset[1] = 0.0008  # less than what counts as arrived
         await stand.step_until(task)
-        assert task.result()["error_code"] == ErrorCode.GOAL_TOLERANCE_VIOLATED
+        assert task.result()["error_code"] == FjtError.GOAL_TOLERANCE_VIOLATED
         assert "joint2 is off by 0.0008 rad, 0.0005 are allowed" in task.result()["error_string"]
 
     stand.run(live())
@@ -651,7 +652,7 @@ def test_a_stop_interrupts_the_goal(stand: Stand) -> None:
         await stand.until_moving()
         stand.ownership.stop()
         await stand.step_until(task)
-        assert task.result()["error_code"] == ErrorCode.INTERRUPTED
+        assert task.result()["error_code"] == FjtError.INTERRUPTED
         assert "POST /stop" in task.result()["error_string"]
         assert handle.status is GoalStatus.ABORTED
 
@@ -701,7 +702,7 @@ def test_a_stop_ends_a_goal_that_waits_for_its_stamp(stand: Stand, how: str, mod
             await stand.step_until(reset)
             reset.result()
         await stand.step_until(task)
-        assert task.result()["error_code"] == ErrorCode.INTERRUPTED
+        assert task.result()["error_code"] == FjtError.INTERRUPTED
         assert "stop" in task.result()["error_string"]
         np.testing.assert_array_equal(stand.rig.commanded[-1], at)
 
@@ -795,7 +796,7 @@ def test_a_servo_session_that_somebody_ends_interrupts_the_goal(stand: Stand) ->
         stand.servo.receive('{"type": "servo_control", "command": "stop"}')
         await stand.step_until(task)
         assert handle.status is GoalStatus.ABORTED
-        assert task.result()["error_code"] == ErrorCode.INTERRUPTED
+        assert task.result()["error_code"] == FjtError.INTERRUPTED
         assert "stopped by servo_control" in task.result()["error_string"]
 
     stand.run(live())
@@ -805,7 +806,7 @@ def test_a_curve_beyond_the_limits_is_no_servo_session(stand: Stand) -> None:
     async def live() -> None:
         stand.servo.rules.fjt = FjtControl(mode=ServoMode.REPLANNED)
         result = await stand.send(stand.to(3.5, 10.0), Handle())
-        assert result["error_code"] == ErrorCode.INVALID_GOAL
+        assert result["error_code"] == FjtError.INVALID_GOAL
         assert not stand.servo.active
         assert stand.servo.feedback()["points_received"] == 0
 

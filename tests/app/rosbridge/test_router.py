@@ -85,14 +85,34 @@ def test_what_is_wrong_is_answered_and_the_connection_lives(run: VirtualService)
             ('{"op": "subscribe", "op": "publish"}', "the key 'op' stands twice"),
             ("[" * 100_000, "nested too deeply"),
             (b"\x00\x01", "CBOR is not supported"),
-            (" " * (4 * 2**20 + 1), "a message may have 4194304 characters, this one has 4194305"),
-            ("[" + "0," * 200_001 + "0]", "a message may have 200000 commas, this one has 200001"),
+            (" " * (4 * 2**20 + 1), "the message has 4194305 characters, allowed are 4194304"),
+            ("[" + "0," * 200_001 + "0]", "the message has 200001 commas, allowed are 200000"),
         ):
             client.socket.send(frame)
             status = client.next("status")
             assert status["level"] == "error"
             assert sentence in status["msg"]
         assert client.call("/rosapi/nodes")["values"] == {"nodes": ["/cobot"]}
+
+
+@pytest.mark.parametrize(
+    ("operation", "answer"),
+    [
+        ({"op": "call_service", "service": "/rosapi/nodes"}, "service_response"),
+        ({"op": "send_action_goal", "action": "/iiwa/follow_joint_trajectory"}, "action_result"),
+        ({"op": "publish", "topic": "/demo"}, "status"),
+    ],
+)
+def test_a_message_too_large_to_be_read_is_answered_with_its_id(
+    run: VirtualService, operation: dict[str, Any], answer: str
+) -> None:
+    with Client(run) as client:
+        client.socket.send(json.dumps({**operation, "id": 'mine "7"', "args": [0] * 200_001}))
+        got = client.next(answer)
+        assert got["id"] == 'mine "7"'
+        assert "commas, allowed are 200000" in str(got.get("values", got.get("msg")))
+        assert got.get("result", False) is False
+        assert client.call("/rosapi/nodes")["result"]
 
 
 def test_nobody_else_tells_what_the_service_knows(run: VirtualService) -> None:

@@ -1,0 +1,29 @@
+"""Limits on one message of rosbridge: the service rejects larger ones, and the DDS process never sends them.
+
+Until a message is decoded no other code of the service runs, a stop neither, so its size bounds that time.
+"""
+
+from __future__ import annotations
+
+from cobot.errors import PayloadError
+
+MAX_MESSAGE = 4 * 2**20
+"""Maximum length of a message, in characters."""
+MAX_OBJECTS = 30_000
+"""Maximum number of objects in a message. With ROS's defaults each may become a hundred times as large."""
+MAX_VALUES = 200_000
+"""Maximum number of commas in a message."""
+
+
+def check_message(text: str) -> None:
+    """Checks the size of an encoded message.
+
+    Raises:
+        PayloadError: names what there is too much of, the number and the limit.
+    """
+    if len(text) > MAX_MESSAGE:
+        raise PayloadError(f"the message has {len(text)} characters, allowed are {MAX_MESSAGE}")
+    if (objects := text.count("{")) > MAX_OBJECTS:
+        raise PayloadError(f"the message has {objects} objects, allowed are {MAX_OBJECTS}")
+    if (commas := text.count(",")) > MAX_VALUES:
+        raise PayloadError(f"the message has {commas} commas, allowed are {MAX_VALUES}")
