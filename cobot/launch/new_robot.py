@@ -19,10 +19,12 @@ import yaml
 from cobot.config import SETTINGS_FILE, load_settings
 from cobot.errors import ConfigError
 from cobot.launch import robot_guesses
-from cobot.launch.robot_file.joints import keep_joints
+from cobot.launch.robot_file.arm import find_arm, guess_tcp, require_serial
+from cobot.launch.robot_file.joints import keep_joints, remove_shapes
 from cobot.launch.robot_file.meshes import collect_meshes
 from cobot.launch.robot_file.mjcf import mjcf_rates, read_mjcf
 from cobot.launch.robot_file.saving import compiled, save
+from cobot.launch.robot_file.tree import JointTree
 from cobot.launch.robot_file.urdf import read_urdf
 from cobot.launch.robot_file.xml_file import read_xml
 from cobot.robot.description import load_robot
@@ -38,8 +40,8 @@ class NewRobot:
     """What to make of a file.
 
     Attributes:
-        actuators: the joints that drives move; empty for all. Others stay where they are at 0.
-        without: joints that stay so, such as fingers.
+        actuators: the joints that drives move; empty for those of the arm. Others stay where they are.
+        without: joints that are not part of the arm.
         packages: folders, in which or as which the packages of package://NAME/... are looked for.
         guessed: sentences, filled in by `write`.
     """
@@ -76,10 +78,10 @@ class NewRobot:
             raise ConfigError(f"{folder}: cannot be written: {reason}; choose another --output") from exc
 
     def _fill(self, folder: Path, name: str) -> None:
-        spec, rates = self._read()
-        joints = self._driven(spec)
+        spec, rates, names = self._read()
+        joints, tcp = self._driven(spec, names)
         collect_meshes(self.file, spec, folder)
-        base, tcp = robot_guesses.frames(spec, joints, self.base, self.tcp, self.guessed)
+        base, tcp = robot_guesses.frames(spec, joints, self.base, tcp, self.guessed)
         for joint in joints:
             motor = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
             motor.set_to_motor()
@@ -109,33 +111,71 @@ class NewRobot:
         with self._naming(folder):
             load_robot(load_settings(folder / SETTINGS_FILE))
 
-    def _read(self) -> tuple[mujoco.MjSpec, dict[str, tuple[float, float]]]:
-        """And what the file says of velocity and effort of its joints."""
+    def _read(self) -> tuple[mujoco.MjSpec, dict[str, tuple[float, float]], list[str]]:
+        """And what the file says of velocity and effort of its joints, and the names of all of them."""
         root = read_xml(self.file)
         if root.tag == "mujoco":
             spec = read_mjcf(self.file)
-            return spec, mjcf_rates(spec)
+            return spec, mjcf_rates(spec), [joint.name for joint in spec.joints]
         still = {
             str(joint.get("name"))
             for joint in root.iter("joint")
             if joint.get("name") in self.without
             or (self.actuators and joint.get("name") not in self.actuators)
         }
+        names = [str(joint.get("name")) for joint in root.findall("joint")]
         spec = read_urdf(self.file, root, still, self.packages)
-        return spec, urdf_rates(self.file, root)
+        return spec, urdf_rates(self.file, root), names
 
-    def _driven(self, spec: mujoco.MjSpec) -> list[str]:
-        """The joints that move; nothing else is left of the others."""
+    def _driven(self, spec: mujoco.MjSpec, in_file: Sequence[str]) -> tuple[list[str], str]:
+        """The joints of the arm and its TCP; all other joints are left out, and their links stay."""
         names = [joint.name for joint in spec.joints]
-        for name in (*self.actuators, *self.without):
-            if name not in names:
+        for given, valid in ((self.actuators, names), (self.without, in_file)):
+            if name := next((name for name in given if name not in valid), ""):
                 raise ConfigError(f"{self.file}: has no joint {name!r}; valid are: {', '.join(names)}")
-        kept = [name for name in names if name not in self.without and name in (self.actuators or names)]
-        if gone := keep_joints(self.file, spec, kept):
-            self.guessed.append(f"joints that stay at 0: {', '.join(name or '(no name)' for name in gone)}")
-        if not kept:
-            raise ConfigError(f"{self.file}: has no joint that moves")
-        return kept
+        if self.actuators:
+            chosen = [name for name in names if name in self.actuators]
+            nodes = JointTree(spec).nodes
+            require_serial(self.file, spec, [nodes[name] for name in chosen if name in nodes])
+            tcp = self._tcp(spec.joint(chosen[-1]).parent)
+            self._leave_out(spec, chosen)
+            return chosen, tcp
+        tree = JointTree(spec, self.without)
+        chain = find_arm(self.file, spec, tree, self.tcp)
+        tcp = self._tcp(chain[-1].joint.parent)
+        fingers = [node.name for child in chain[-1].children for node in child.subtree]
+        rods = tree.linkages(chain)
+        remove_shapes(rods)
+        joints = [node.name for node in chain]
+        self._leave_out(spec, joints, fingers, [node.name for rod in rods for node in rod.subtree])
+        return joints, tcp
+
+    def _tcp(self, last_link: mujoco.MjsBody) -> str:
+        if self.tcp is not None:
+            return self.tcp
+        tcp, known = guess_tcp(last_link)
+        self.guessed.append(f"tcp {tcp}: {'by its name' if known else 'the last link'} (--tcp)")
+        return tcp
+
+    def _leave_out(
+        self, spec: mujoco.MjSpec, arm: list[str], fingers: Sequence[str] = (), linkage: Sequence[str] = ()
+    ) -> None:
+        """All joints but the arm's, and say where they stay."""
+        slides = {joint.name for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_SLIDE}
+        resting = keep_joints(self.file, spec, arm)
+        parts = {
+            "gripper found; its joints stay where they are, with mass and shapes": fingers,
+            "linkage found; its joints stay where they are, with mass and without shapes": linkage,
+            "joints that stay where they are": [n for n in resting if n not in {*fingers, *linkage}],
+        }
+        for what, names in parts.items():
+            places = {
+                name: f"{resting[name]:.4g} {'m' if name in slides else 'rad'}" if resting[name] else "0"
+                for name in names
+            }
+            if places:
+                told = (f"{name or '(no name)'} at {place}" for name, place in places.items())
+                self.guessed.append(f"{what}: {', '.join(told)}")
 
     def _load(self, folder: Path, limits: JointLimits, base: str, tcp: str) -> RobotModel:
         with self._naming(folder):

@@ -171,13 +171,17 @@ def _add_new_robot(commands: Any) -> None:
     new = commands.add_parser("new-robot", help="make the configuration of an arm from its URDF or MJCF")
     new.add_argument("file", type=Path, metavar="FILE", help="URDF or MJCF; xacro has to be expanded first")
     new.add_argument("--output", type=Path, metavar="FOLDER", help="to be made; FILE's name without it")
-    new.add_argument("--actuators", nargs="+", default=[], metavar="JOINT", help="that drives move; else all")
-    new.add_argument("--without", nargs="+", default=[], metavar="JOINT", help="that stay at 0, as fingers")
+    new.add_argument(
+        "--actuators", nargs="+", default=[], metavar="JOINT", help="that drives move; else those of the arm"
+    )
+    new.add_argument("--without", nargs="+", default=[], metavar="JOINT", help="that are not part of the arm")
     new.add_argument(
         "--package", type=Path, nargs="+", default=[], metavar="FOLDER", help="where package:// is found"
     )
     new.add_argument("--base", metavar="BODY", help="the base frame")
-    new.add_argument("--tcp", metavar="SITE", help="site or link that is the TCP")
+    new.add_argument(
+        "--tcp", metavar="SITE", help="site or link that is the TCP; chooses one of several arms"
+    )
 
 
 def _add_moveit(commands: Any, config: argparse.ArgumentParser) -> None:

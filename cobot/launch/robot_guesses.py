@@ -19,7 +19,6 @@ from cobot.types import Array, JointLimits, vector
 SAMPLES = 500
 """Random positions at which self-collision is looked at."""
 MARGIN_M = 0.005
-TCP_NAMES = ("tcp", "tool0", "attachment_site", "ee_link", "flange")
 VELOCITY = {False: 1.0, True: 0.25}
 """Guessed for a hinge, rad/s, and a slide, m/s."""
 ACCELERATION_PER_VELOCITY, JERK_PER_ACCELERATION = 4.0, 10.0
@@ -31,20 +30,12 @@ EFFORT_RESERVE = 2.5
 
 
 def frames(
-    spec: mujoco.MjSpec, joints: list[str], base: str | None, tcp: str | None, guessed: list[str]
+    spec: mujoco.MjSpec, joints: list[str], base: str | None, tcp: str, guessed: list[str]
 ) -> tuple[str, str]:
-    """Base frame and TCP, which becomes a site if it is a body; those that are None are guessed."""
+    """Base frame, guessed if it is None, and TCP, which becomes a site if it is a body."""
     if base is None:
         base = spec.joint(joints[0]).parent.parent.name
         guessed.append(f"base_frame {base}: what the first joint stands on (--base)")
-    if tcp is None:
-        names = [element.name for element in (*spec.sites, *spec.bodies)]
-        known = [name for name in TCP_NAMES if name in names]
-        last = spec.joint(joints[-1]).parent
-        while len(last.bodies) == 1:
-            last = last.bodies[0]
-        tcp = known[0] if known else last.name
-        guessed.append(f"tcp {tcp}: {'by its name' if known else 'the last link'} (--tcp)")
     if spec.site(tcp) is None and spec.body(tcp) is not None:
         spec.body(tcp).add_site(name=tcp)
     return base, tcp

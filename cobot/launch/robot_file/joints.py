@@ -2,41 +2,93 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Container, Iterable
 from pathlib import Path
 
 import mujoco
+import numpy as np
 
 from cobot.errors import ConfigError
+from cobot.launch.robot_file.tree import LOOPS, MOVABLE, JointTree, Node
+from cobot.robot.quaternion import Quaternion, exp, normalised, product, rotated
 
 
-def keep_joints(file: Path, spec: mujoco.MjSpec, kept: Container[str]) -> list[str]:
-    """Take away all other joints, and what names them; returns their names. Actuators, sensors and keys go
-    altogether.
+def keep_joints(file: Path, spec: mujoco.MjSpec, kept: Container[str]) -> dict[str, float]:
+    """Take away all other joints, and what names them; returns where each stays, rad or m. Actuators, sensors
+    and keys go altogether.
 
     Raises:
         ConfigError: a joint that stays is no hinge or slide, or has no name.
     """
     for element in (*spec.actuators, *spec.sensors, *spec.keys):
         spec.delete(element)
-    gone = [joint.name for joint in spec.joints if joint.name not in kept]
-    for joint in list(spec.joints):
-        if joint.name in gone:
-            spec.delete(joint)
-        elif joint.type not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
-            raise ConfigError(
-                f"{file}: joint {joint.name!r} is a free or ball joint: an arm has a base that "
-                "stands, and hinges and slides; take the joint out of the file, or name the arm's with "
-                "--actuators: all others then stay at 0"
-            )
-        elif not joint.name:
-            raise ConfigError(f"{file}: a joint has no name of its own; each needs one")
+    for joint in spec.joints:
+        if joint.name in kept:
+            _check_kept(file, joint)
+    gone = {joint.name: joint for joint in spec.joints if joint.name not in kept}
+    tree = JointTree(spec)
+    resting = tree.resting(bool(spec.compiler.degree))
+    _place(spec, {tree.nodes[name]: at for name, at in resting.items() if name in gone})
+    for joint in [joint for joint in spec.joints if joint.name not in kept]:
+        spec.delete(joint)
     lost = set(gone)
     for tendon in list(spec.tendons):
-        if any(wrap.target is None or wrap.target.name in gone for wrap in tendon.path):
+        if any(wrap.target is None or wrap.target.name in lost for wrap in tendon.path):
             lost.add(tendon.name)
             spec.delete(tendon)
     for equality in list(spec.equalities):
-        if {equality.name1, equality.name2} & lost:
+        if equality.type in LOOPS or {equality.name1, equality.name2} & lost:
             spec.delete(equality)
-    return gone
+    return {name: resting.get(name, 0.0) for name in gone}
+
+
+def remove_shapes(branches: Iterable[Node]) -> None:
+    """Leave of the links behind these joints only their mass."""
+    for branch in branches:
+        pending = [branch.joint.parent]
+        while pending:
+            body = pending.pop()
+            pending.extend(body.bodies)
+            for geom in body.geoms:  # without an <inertial> its mass is that of the shapes, so these stay
+                geom.contype = geom.conaffinity = 0
+
+
+def _check_kept(file: Path, joint: mujoco.MjsJoint) -> None:
+    if joint.type not in MOVABLE:
+        raise ConfigError(
+            f"{file}: joint {joint.name!r} is a free or ball joint: an arm has a base that stands, and "
+            "hinges and slides; take the joint out of the file, or leave it out of --actuators"
+        )
+    if not joint.name:
+        raise ConfigError(f"{file}: a joint has no name of its own; each needs one")
+
+
+def _place(spec: mujoco.MjSpec, resting: dict[Node, float]) -> None:
+    """Turn and shift each body as its joint does there, seen from the joint's reference."""
+    degrees = bool(spec.compiler.degree)
+    for node, at in resting.items():
+        if (by := at - node.reference(degrees)) == 0.0:
+            continue
+        joint, body = node.joint, node.joint.parent
+        turn, after, shift = _orientation(spec, body), (1.0, 0.0, 0.0, 0.0), np.zeros(3)
+        motion = by * np.array(joint.axis) / np.linalg.norm(joint.axis)
+        if joint.type == mujoco.mjtJoint.mjJNT_SLIDE:
+            shift = motion
+        else:
+            after = exp(motion.tolist())
+            shift = joint.pos - rotated(after, joint.pos.tolist())
+        body.pos = body.pos + rotated(turn, shift.tolist())
+        body.quat = product(turn, after)
+        body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+
+
+def _orientation(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> Quaternion:
+    """Of a body against its parent, in whichever of MuJoCo's notations the file has it."""
+    if body.alt.type == mujoco.mjtOrientation.mjORIENTATION_QUAT:
+        return normalised(body.quat)
+    alone = mujoco.MjSpec()
+    alone.compiler.degree, alone.compiler.eulerseq = spec.compiler.degree, spec.compiler.eulerseq
+    copy = alone.worldbody.add_body()
+    for name in ("type", "axisangle", "xyaxes", "zaxis", "euler"):
+        setattr(copy.alt, name, getattr(body.alt, name))
+    return normalised(alone.compile().body_quat[1])

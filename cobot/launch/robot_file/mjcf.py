@@ -32,9 +32,9 @@ def mjcf_rates(spec: mujoco.MjSpec) -> dict[str, tuple[float, float]]:
         if actuator.trntype not in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT):
             continue
         effort = 0.0
-        if _limited(actuator.forcelimited, actuator.forcerange):
+        if has_bounds(actuator.forcelimited, actuator.forcerange):
             effort = float(np.abs(actuator.forcerange).min())
-        elif actuator.biastype == mujoco.mjtBias.mjBIAS_NONE and _limited(
+        elif actuator.biastype == mujoco.mjtBias.mjBIAS_NONE and has_bounds(
             actuator.ctrllimited, actuator.ctrlrange
         ):
             effort = float(np.abs(actuator.ctrlrange).min() * abs(actuator.gainprm[0]))
@@ -43,7 +43,7 @@ def mjcf_rates(spec: mujoco.MjSpec) -> dict[str, tuple[float, float]]:
     return rates
 
 
-def _limited(flag: int, bounds: np.ndarray) -> bool:
+def has_bounds(flag: int, bounds: np.ndarray) -> bool:
     """Whether a range counts: with `auto`, if there is one."""
     return flag == mujoco.mjtLimited.mjLIMITED_TRUE or (
         flag == mujoco.mjtLimited.mjLIMITED_AUTO and bool(bounds[0] < bounds[1])

@@ -19,7 +19,7 @@ def read_urdf(file: Path, root: Element, still: Container[str], packages: Sequen
     """Its root link would become the world and lose its name, so it gets a parent.
 
     Args:
-        still: the joints that stay at 0, and may mimic others.
+        still: the joints that stay where they are.
         packages: folders, in which or as which the packages of package://NAME/... are looked for.
 
     Raises:
@@ -58,11 +58,9 @@ def read_urdf(file: Path, root: Element, still: Container[str], packages: Sequen
 def _check_joint(file: Path, joint: Element, still: Container[str]) -> None:
     name, kind = joint.get("name"), joint.get("type")
     if kind in ("floating", "planar"):
-        raise ConfigError(f"{file}: joint {name!r} is {kind}: the base must stand; make it fixed")
-    if (mimic := joint.find("mimic")) is not None:
         if name not in still:
             raise ConfigError(
-                f"{file}: joint {name!r} mimics another one, and cobot moves each joint by "
-                f"itself; leave it out with --without {name}"
+                f"{file}: joint {name!r} is {kind}: the base must stand; make it fixed, or keep it where it "
+                f"is with --without {name}"
             )
-        joint.remove(mimic)
+        joint.set("type", "fixed")

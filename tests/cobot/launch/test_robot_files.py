@@ -161,11 +161,19 @@ def test_a_whole_scene_of_mjcf_is_taken_with_its_objects_standing_still(tmp_path
     colour = '<asset><texture type="2d" name="t" file="t.png"/><material name="m" texture="t"/></asset>'
     cube = '<body name="cube" pos="2 0 1"><freejoint/><geom type="box" size=".1 .1 .1" material="m"/></body>'
     text = MJCF.replace("<worldbody>", f"{colour}<worldbody>{cube}").replace('<key qpos="0 0 0 0"/>', "")
-    with pytest.raises(ConfigError, match=r"free or ball joint: .*, or name the arm's with --actuators"):
-        made_of(tmp_path / "one.xml", text)
-    robot = made_of(tmp_path / "two.xml", text, actuators=["j", "k"])
-    assert robot.limits.names == ("j", "k")
-    assert robot.model.mj.body("cube").pos.tolist() == [2.0, 0.0, 1.0]
+    for name, options in (("one", {}), ("two", {"actuators": ["j", "k"]})):
+        robot = made_of(tmp_path / f"{name}.xml", text, **options)
+        assert robot.limits.names == ("j", "k")
+        assert robot.model.mj.body("cube").pos.tolist() == [2.0, 0.0, 1.0]
+
+
+def test_a_joint_that_is_neither_a_hinge_nor_a_slide_is_no_actuator(tmp_path: Path) -> None:
+    text = MJCF.replace('<joint name="k" axis="0 1 0" range="-1.5 1.5"/>', '<joint name="k" type="ball"/>')
+    text = text.replace('<motor joint="k" ctrlrange="-3 3" gear="20"/>', "")
+    with pytest.raises(ConfigError, match=r"'k' is a free or ball joint: .*, or leave it out of --actuators"):
+        made_of(tmp_path / "one.xml", text.replace('<key qpos="0 0 0 0"/>', ""), actuators=["j", "k"])
+    with pytest.raises(ConfigError, match="the arm has a ball joint, at 'two'"):
+        made_of(tmp_path / "two.xml", text.replace('<key qpos="0 0 0 0"/>', ""), without=["fl", "fr"])
 
 
 def test_efforts_are_those_of_the_actuators_in_mjcf(tmp_path: Path) -> None:

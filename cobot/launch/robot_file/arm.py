@@ -1,0 +1,158 @@
+"""Which joints of a file are the arm: the chain from the base to the TCP, without fingers."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import mujoco
+
+from cobot.errors import ConfigError
+from cobot.launch.robot_file.tree import JointTree, Node, moved_by_loop, rigid_with
+
+TCP_NAMES = tuple(
+    re.compile(rf"(?:^|[^a-z]){name}(?:_?(?:link|frame|site|point))?$", re.IGNORECASE)
+    for name in (
+        "tcp", "tool0", "grasp(?:ing)?(?:_center)?", "pinch", "gripper_?frame", "tool", "attachment", "ee",
+        "eef", "end_?effector", "grip", "flange",
+    )
+)  # fmt: skip
+"""Names of sites and links that are the TCP, the likeliest first."""
+RIVAL_JOINTS = 4
+"""A chain with as many joints of its own is another arm; a head or a wheel has fewer."""
+
+
+def find_arm(file: Path, spec: mujoco.MjSpec, tree: JointTree, tcp: str | None) -> list[Node]:
+    """The arm's joints, from the base on.
+
+    Args:
+        tcp: the site or body at the end of the chain; None for the only arm there is.
+
+    Raises:
+        ConfigError: there is no joint or no such TCP; there are several arms; joints of the arm are coupled.
+    """
+    chain = _only_arm(file, tree) if tcp is None else _chain_to(file, spec, tree, tcp)
+    if not chain:
+        raise ConfigError(f"{file}: has no joint that moves")
+    if tree.is_finger(chain[0]):
+        raise ConfigError(
+            f"{file}: has no arm: its joints are those of a gripper ({', '.join(tree.nodes)}); give the file "
+            "of an arm, or name the joints to be moved with --actuators"
+        )
+    if ball := tree.ball_below(chain[0]):
+        raise ConfigError(
+            f"{file}: the arm has a ball joint, at {ball.parent.name!r}; cobot moves hinges and slides: "
+            "describe it as three hinges"
+        )
+    require_serial(file, spec, chain)
+    return chain
+
+
+def require_serial(file: Path, spec: mujoco.MjSpec, chain: list[Node]) -> None:
+    """Raises:
+    ConfigError: a joint of the chain follows another joint, or is moved by a closed loop.
+    """
+    for node in chain:
+        if node.leader:
+            raise ConfigError(
+                f"{file}: joint {node.name!r} of the arm follows {node.leader!r} (mimic), and cobot "
+                "moves each joint of an arm by itself; describe the two as one joint, or keep "
+                f"{node.name!r} where it is with --without {node.name}"
+            )
+    driven = {actuator.target for actuator in spec.actuators}
+    if driven and (passive := moved_by_loop(spec, chain, driven)):
+        raise ConfigError(
+            f"{file}: joint {passive.name!r} of the arm has no actuator: a closed loop of links moves it, "
+            "and cobot moves each joint of an arm by itself; describe the arm as one chain of driven joints"
+        )
+
+
+def guess_tcp(last_link: mujoco.MjsBody) -> tuple[str, bool]:
+    """A site or body that moves with the last link, and whether its name says that it is the TCP. Without
+    such a name it is the last one before the fingers.
+    """
+    bodies = rigid_with(last_link)
+    names = [name for body in bodies for name in (*(site.name for site in body.sites), body.name)]
+    for pattern in TCP_NAMES:
+        if known := next((name for name in names if pattern.search(name)), None):
+            return known, True
+    last = bodies[0]
+    while len(following := [child for child in last.bodies if not child.joints]) == 1:
+        last = following[0]
+    return last.name, False
+
+
+def _only_arm(file: Path, tree: JointTree) -> list[Node]:
+    arms = _arms(tree)
+    if len(arms) > 1 and not all(tree.is_finger(arm[0]) for arm in arms):
+        raise ConfigError(
+            f"{file}: has {len(arms)} chains of joints; choose one by its end, the others then stay where "
+            f"they are, with their shapes: {'; '.join(map(_described, arms))}"
+        )
+    return arms[0] if arms else []
+
+
+def _described(arm: list[Node]) -> str:
+    tip = guess_tcp(arm[-1].joint.parent)[0]
+    return (
+        f"--tcp {tip} (from {arm[0].joint.parent.parent.name}, {len(arm)} joint{'s' * (len(arm) > 1)}: "
+        f"{', '.join(node.name for node in arm)})"
+    )
+
+
+def _chain_to(file: Path, spec: mujoco.MjSpec, tree: JointTree, tcp: str) -> list[Node]:
+    site = spec.site(tcp)
+    body = site.parent if site is not None else spec.body(tcp)
+    if body is None:
+        names = [element.name for element in (*spec.sites, *spec.bodies) if element.name]
+        raise ConfigError(f"{file}: has no site or link {tcp!r} for the TCP; valid are: {', '.join(names)}")
+    chain = tree.path_to(body.name)
+    if not chain:
+        raise ConfigError(f"{file}: no joint moves {tcp!r}, so it cannot be the TCP; choose another --tcp")
+    return tree.without_fingers(chain)
+
+
+def _arms(tree: JointTree) -> list[list[Node]]:
+    """The longest chain, and those that have as much beside it."""
+    paths = sorted(_chains(tree), key=len, reverse=True)
+    if not paths:
+        return []
+    longest, rivals = paths[0], []
+    names = {node.name for node in longest}
+    for path in paths[1:]:
+        own = sum(node.name not in names for node in path)
+        shared = len(path) - own
+        if own >= min(RIVAL_JOINTS, len(longest) - shared):
+            rivals.append(path)
+    return [longest, *rivals]
+
+
+def _chains(tree: JointTree) -> list[list[Node]]:
+    """From the base to each end, without fingers, rods of linkages and what is the beginning of another."""
+    found: dict[str, list[Node]] = {}
+    for leaf in tree.leaves():
+        if path := _without_jaw(_without_rods(tree.without_fingers(leaf.path))):
+            found[path[-1].name] = path
+    inner = {node.name for path in found.values() for node in path[:-1]}
+    return [path for name, path in found.items() if name not in inner]
+
+
+def _without_rods(path: list[Node]) -> list[Node]:
+    """A branch that ends in joints which follow others is a linkage's, unless the TCP is on it."""
+    top = len(path)
+    while top and path[top - 1].leader:
+        top -= 1
+    is_branch = top < len(path) and top > 0 and len(path[top - 1].children) > 1
+    return path[:top] if is_branch and not _has_tcp(path) else path
+
+
+def _without_jaw(path: list[Node]) -> list[Node]:
+    """A last joint with the TCP beside it instead of on it is a jaw, whatever its name."""
+    if len(path) > RIVAL_JOINTS and not _has_tcp(path) and _has_tcp(path[:-1]):
+        return path[:-1]
+    return path
+
+
+def _has_tcp(path: list[Node]) -> bool:
+    """Whether a name says that the last link of the path has the TCP."""
+    return guess_tcp(path[-1].joint.parent)[1]

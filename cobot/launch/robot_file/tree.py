@@ -1,0 +1,214 @@
+"""The joints of a specification as a tree: which follow others, which are fingers, which linkages."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Container, Iterator
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+
+from cobot.launch.robot_file.mjcf import has_bounds
+
+FINGER = re.compile(r"finger|gripper|jaw|claw|knuckle|thumb|robotiq", re.IGNORECASE)
+ARM_JOINT = re.compile(r"roll|pitch|yaw|rotat|twist|tilt|wrist", re.IGNORECASE)
+"""A joint with such a name turns a whole gripper: `gripper_roll` is the arm's."""
+HAND = re.compile(r"(?:^|[^a-z])hand(?:[^a-z]|$)", re.IGNORECASE)
+LOOPS = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
+ARM_JOINTS, HAND_FINGERS = 4, 3
+"""After as many joints as many short branches at one link are a hand; a torso has fewer joints."""
+MOVABLE = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+
+
+@dataclass(slots=True, eq=False)
+class Node:
+    """A hinge or a slide.
+
+    Attributes:
+        leader: the joint that this one follows, "" for none.
+        polynomial: this joint's distance from its reference by that of its leader: a0 + a1 x + a2 x² + ...
+    """
+
+    joint: mujoco.MjsJoint
+    parent: Node | None
+    children: list[Node] = field(default_factory=list)
+    leader: str = ""
+    polynomial: tuple[float, ...] = ()
+
+    @property
+    def name(self) -> str:
+        return str(self.joint.name)
+
+    def reference(self, degrees: bool) -> float:
+        """Where the joint is when its body is as the file draws it, rad or m.
+
+        Args:
+            degrees: whether the specification has its angles in degrees.
+        """
+        return _unit(self.joint, degrees) * float(self.joint.ref)
+
+    @property
+    def path(self) -> list[Node]:
+        """From the base to this joint."""
+        return [*(self.parent.path if self.parent else ()), self]
+
+    @property
+    def subtree(self) -> list[Node]:
+        return [self, *(each for child in self.children for each in child.subtree)]
+
+
+class JointTree:
+    """Of all hinges and slides, without those that are held still.
+
+    Attributes:
+        nodes: by name, in the file's order.
+        roots: the first joints after the world.
+    """
+
+    def __init__(self, spec: mujoco.MjSpec, still: Container[str] = ()) -> None:
+        self.nodes: dict[str, Node] = {}
+        self.roots: list[Node] = []
+        self._last: dict[str, Node | None] = {}
+        self._balls: list[mujoco.MjsJoint] = []
+        self._tied = set(_tied(spec))
+        self._add(spec.worldbody, None, still)
+        for equality in spec.equalities:
+            if equality.type == mujoco.mjtEq.mjEQ_JOINT and equality.name1 in self.nodes:
+                follower = self.nodes[equality.name1]
+                follower.leader = equality.name2
+                follower.polynomial = tuple(float(value) for value in equality.data[:5])
+
+    def _add(self, body: mujoco.MjsBody, last: Node | None, still: Container[str]) -> None:
+        for joint in body.joints:
+            if joint.type == mujoco.mjtJoint.mjJNT_BALL and joint.name not in still:
+                self._balls.append(joint)
+            if joint.type in MOVABLE and joint.name not in still:
+                node = Node(joint, last)
+                (last.children if last else self.roots).append(node)
+                self.nodes[node.name] = last = node
+        self._last[body.name] = last
+        for child in body.bodies:
+            self._add(child, last, still)
+
+    def resting(self, degrees: bool) -> dict[str, float]:
+        """Where each joint stays that no drive moves, rad or m: at its reference or where its leader has it,
+        and within its range.
+
+        Args:
+            degrees: whether the specification has its angles in degrees.
+        """
+        found: dict[str, float] = {}
+        for node in self.nodes.values():
+            self._rest(node, degrees, found)
+        return found
+
+    def _rest(self, node: Node, degrees: bool, found: dict[str, float]) -> float:
+        """Of one joint, after its leaders."""
+        if node.name not in found:
+            unit = _unit(node.joint, degrees)
+            found[node.name] = rest = node.reference(degrees)
+            if leader := self.nodes.get(node.leader):
+                moved = self._rest(leader, degrees, found) - leader.reference(degrees)
+                rest += float(np.polynomial.polynomial.polyval(moved, node.polynomial))
+            if has_bounds(node.joint.limited, node.joint.range):
+                rest = float(np.clip(rest, *(unit * node.joint.range)))
+            found[node.name] = rest
+        return found[node.name]
+
+    def path_to(self, body: str) -> list[Node]:
+        """The joints that move this body, from the base on."""
+        last = self._last[body]
+        return last.path if last else []
+
+    def ball_below(self, node: Node) -> mujoco.MjsJoint | None:
+        """A ball joint that this joint moves, or that comes before it at the same body."""
+        return next((ball for ball in self._balls if _is_within(ball.parent, node.joint.parent)), None)
+
+    def leaves(self) -> Iterator[Node]:
+        return (node for node in self.nodes.values() if not node.children)
+
+    def is_finger(self, node: Node) -> bool:
+        """By its name; or it is one of several short branches after an arm: many, slides, or coupled."""
+        if FINGER.search(node.name) and not ARM_JOINT.search(node.name):
+            return True
+        branches = node.parent.children if node.parent else self.roots
+        if len(branches) < 2 or node.parent is None:
+            return False
+        if HAND.search(node.name):
+            return True
+        before = len(node.parent.path)
+        if before < 2 or any(_depth(branch) > 4 for branch in branches):
+            return False
+        if before >= ARM_JOINTS and len(branches) >= HAND_FINGERS:
+            return True
+        joints = [each for branch in branches for each in branch.subtree]
+        names = {each.name for each in joints}
+        slide = mujoco.mjtJoint.mjJNT_SLIDE
+        return any(each.leader in names for each in joints) or all(
+            each.joint.type == slide for each in joints
+        )
+
+    def without_fingers(self, path: list[Node]) -> list[Node]:
+        """The path up to its first finger; the whole of it if it begins with one."""
+        cut = next((index for index, node in enumerate(path) if self.is_finger(node)), len(path))
+        return path[:cut] or path
+
+    def linkages(self, chain: list[Node]) -> list[Node]:
+        """The first joints of the branches off a chain that follow its joints or close a loop."""
+        on_chain = {node.name for node in chain}
+        followers = {node.name for node in self.nodes.values() if self._follows(node, on_chain)}
+        return [
+            child
+            for node in chain[:-1]
+            for child in node.children
+            if child.name not in on_chain
+            and any(each.name in followers or each.joint.parent.name in self._tied for each in child.subtree)
+        ]
+
+    def _follows(self, node: Node, leaders: Container[str]) -> bool:
+        seen: set[str] = set()
+        while node.leader and node.name not in seen:
+            if node.leader in leaders:
+                return True
+            seen.add(node.name)
+            if node.leader not in self.nodes:
+                return False
+            node = self.nodes[node.leader]
+        return False
+
+
+def moved_by_loop(spec: mujoco.MjSpec, chain: list[Node], driven: Container[str]) -> Node | None:
+    """A joint of the chain without a drive, if a closed loop of the file ties the chain to other links."""
+    bodies = {body.name for node in chain for body in rigid_with(node.joint.parent)}
+    if not bodies & set(_tied(spec)):
+        return None
+    return next((node for node in chain if node.name not in driven), None)
+
+
+def rigid_with(body: mujoco.MjsBody) -> list[mujoco.MjsBody]:
+    """The body, and those below it that no joint moves against it."""
+    return [body, *(each for child in body.bodies if not child.joints for each in rigid_with(child))]
+
+
+def _is_within(body: mujoco.MjsBody | None, other: mujoco.MjsBody) -> bool:
+    while body is not None and body.name != other.name:
+        body = body.parent
+    return body is not None
+
+
+def _unit(joint: mujoco.MjsJoint, degrees: bool) -> float:
+    return np.pi / 180.0 if degrees and joint.type == mujoco.mjtJoint.mjJNT_HINGE else 1.0
+
+
+def _depth(node: Node) -> int:
+    return 1 + max((_depth(child) for child in node.children), default=0)
+
+
+def _tied(spec: mujoco.MjSpec) -> Iterator[str]:
+    """The bodies that the file ties to another one, which closes a loop."""
+    for each in spec.equalities:
+        if each.type in LOOPS:
+            for name in (each.name1, each.name2):
+                site = spec.site(name) if each.objtype == mujoco.mjtObj.mjOBJ_SITE else None
+                yield site.parent.name if site else name
