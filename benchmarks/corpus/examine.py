@@ -1,0 +1,113 @@
+"""One description from file to motion: `cobot new-robot`, `cobot check`, then motions.
+
+    python -m benchmarks.corpus.examine FILE FOLDER [options of cobot new-robot]
+
+prints one line of JSON. Each description has a process of its own, which bounds time and memory and makes a
+crash in a library a result too.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import subprocess
+import sys
+import time
+import traceback
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from benchmarks.any_arm import measure
+from benchmarks.corpus.real import Description
+from cobot.launch.cli import main as cobot
+
+TIMEOUT_S = 900.0
+"""Maximum time for one description; anything longer counts as hung."""
+CONVERTED, REFUSED, CRASHED, HUNG = "converted", "refused", "crashed", "hung"
+
+
+@dataclass(slots=True)
+class Outcome:
+    """What became of a description.
+
+    Attributes:
+        conversion: one of CONVERTED, REFUSED, CRASHED, HUNG.
+        said: what `cobot new-robot` printed.
+        check: "" if `cobot check` passed, otherwise the lines that failed.
+        moved: figures of `benchmarks.any_arm.measure` in words; "" if the arm was not moved.
+        good: whether the arm held still and completed every motion that was started, tracking as the iiwa.
+        seconds: time for all of it.
+    """
+
+    name: str
+    conversion: str
+    said: str
+    check: str = ""
+    moved: str = ""
+    good: bool = False
+    seconds: float = 0.0
+
+
+def examine_all(descriptions: list[Description], folder: Path, processes: int) -> list[Outcome]:
+    """Examines each description in a process of its own, several at a time."""
+    with ThreadPoolExecutor(processes) as pool:
+        return list(pool.map(lambda each: _examine_apart(each, folder), descriptions))
+
+
+def _examine_apart(description: Description, folder: Path) -> Outcome:
+    into = folder / description.name
+    into.parent.mkdir(parents=True, exist_ok=True)
+    command = [
+        sys.executable,
+        "-m",
+        "benchmarks.corpus.examine",
+        description.file,
+        into,
+        *description.options,
+    ]
+    began = time.monotonic()
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
+        outcome = Outcome(**json.loads(done.stdout.splitlines()[-1]))
+    except subprocess.TimeoutExpired:
+        outcome = Outcome("", HUNG, f"no end within {TIMEOUT_S:g} s")
+    except (IndexError, ValueError):
+        outcome = Outcome("", CRASHED, f"exit {done.returncode}: {done.stderr[-2000:]}")
+    outcome.name, outcome.seconds = description.name, time.monotonic() - began
+    return outcome
+
+
+def examine(file: Path, folder: Path, options: list[str]) -> Outcome:
+    """Converts, checks and moves one description in this process."""
+    status, said = _run("new-robot", str(file), "--output", str(folder), *options)
+    if status == CRASHED or status != "0":
+        return Outcome("", CRASHED if status == CRASHED else REFUSED, said)
+    status, report = _run("check", "--config", str(folder))
+    outcome = Outcome("", CONVERTED, said)
+    if status != "0":
+        failed = [line for line in report.splitlines() if not line.startswith("ok")]
+        outcome.check = "\n".join(failed) or report
+        return outcome
+    figures = measure(folder)
+    outcome.moved, outcome.good = str(figures), figures.good
+    return outcome
+
+
+def _run(*words: str) -> tuple[str, str]:
+    """The exit status of a command of cobot, or CRASHED, and all that it printed."""
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
+        try:
+            status = str(cobot(list(words)))
+        except SystemExit as end:
+            status = str(end.code or 0)
+        except BaseException:  # noqa: BLE001  every exception that escapes is a result
+            return CRASHED, printed.getvalue() + traceback.format_exc()
+    return status, printed.getvalue()
+
+
+if __name__ == "__main__":
+    result = examine(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3:])
+    print(json.dumps(asdict(result)))
