@@ -94,22 +94,22 @@ class JobService:
         return self._found(number)
 
     async def cancel(self, number: str, timeout_s: float) -> JobRecord:
-        """End a job, whosever it is; the arm comes to rest on its path.
+        """End this job and no other, whosever it is; the arm comes to rest on its path.
 
-        One that waits in the queue is taken out of it, and the others go on.
+        One of the queue is taken out of it, and the others go on.
 
         Raises:
             NotFoundError, ConflictError: there is no such job, or it has ended already.
             ExecutionError: the arm is not known to be at rest, with why.
         """
         job = self._going(number)
-        reason = f"job {number} was cancelled by {CLIENT.get()}"
+        error = MotionStopped(f"job {number} was cancelled by {CLIENT.get()}")
         if job is self._ownership.sequence_job:
-            stopped = await self._stopping.stop(timeout_s, reason)
+            stopped = await self._stopping.stop(timeout_s, str(error))
             if not stopped.success:
                 raise ExecutionError(stopped.message)
-        elif not await self._queue.cancel(job, MotionStopped(reason)):
-            self._ownership.interrupt(MotionStopped(reason))
+        elif not self._queue.cancel(job, error):
+            self._ownership.cancel(job, error)
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(job.ended.wait(), timeout_s)
         return job.record()

@@ -369,6 +369,11 @@ class Ownership:
         self._stopped_s = self._link.clock.now_s()
         return self.interrupt(MotionStopped(reason))
 
+    def cancel(self, job: Job, cause: MotionStopped) -> None:
+        """Interrupt the motion of this job; nothing happens if it has ended, or is about to."""
+        if self._claim is not None and self._claim.job is job:
+            self.interrupt(cause)
+
     def interrupt(self, cause: ExecutionError) -> Claim | None:
         """The same for what goes on now: what was asked for and waits to be read is not meant."""
         self.speed_override.reset()

@@ -5,8 +5,9 @@ executed as one motion, which is prolonged while the arm moves, see `queue_motio
 that takes no more than `SHORT_S` is held back for `BLEND_WAIT_S`, and each further one renews that: the next
 one could not be planned in time.
 
-A move that has not begun can be taken out. What waits behind it is planned anew from where it begins then.
-Where the motion under way leads to it already, the arm rests on its path first.
+Each move can be taken out at any time, without waiting for what is being planned. What waits behind it is
+planned anew from where it begins then. Where the motion under way leads to it already, the arm first comes to
+rest on its path.
 """
 
 from __future__ import annotations
@@ -15,8 +16,6 @@ import asyncio
 import contextlib
 import logging
 import math
-from collections import deque
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -24,8 +23,10 @@ from app.services.jobs.job import Job, JobKind
 from app.services.motion.execution import MotionService
 from app.services.motion.ownership import Caller, Claim, Ownership
 from app.services.motion.planning import PlanningService
+from app.services.motion.queue_jobs import QueueJobs
+from app.services.motion.queue_line import MAX_JOINED_LEGS, QueueLine
 from app.services.motion.queue_motion import IDLE, QueueMotion
-from app.services.motion.queue_moves import Left, MovePlanner, QueuedMove, QueueRequest, head
+from app.services.motion.queue_moves import MovePlanner, QueuedMove, QueueRequest
 from app.services.motion.tool_and_limits import RobotSettings
 from app.services.state.link import POLL_S, RobotLink
 from cobot.errors import (
@@ -35,12 +36,9 @@ from cobot.errors import (
     InputError,
     MotionStopped,
 )
-from cobot.types import Array
 
 BLEND_WAIT_S = 0.25
 SHORT_S = 1.0
-AT_ONCE = 8
-"""So many motions are joined at the most in one task of a planning process; of a sequence all that it has."""
 SHOWN_S = 0.2
 """An accepted move is shown as under way for so long at least: clients poll, and some moves are none."""
 CAPACITY = 500
@@ -73,11 +71,12 @@ class MotionQueue:
         self._claim: Claim | None = None
         self._token: str | None = None
         self._runner: asyncio.Task[None] | None = None
-        self._waiting: deque[QueuedMove] = deque()
+        self._mender: asyncio.Task[None] | None = None
         self._planner = MovePlanner(link.clock, motion, planning, settings)
-        self._running = QueueMotion(link, ownership, motion, self._planner)
+        self._jobs = QueueJobs(ownership)
+        self._line = QueueLine(self._planner, self._jobs.give_up, np.zeros(0))
+        self._running = QueueMotion(link, motion, self._planner, self._jobs)
         self._last: QueuedMove | None = None
-        self._end: Array | None = None
         self.last_error = ""
 
     @property
@@ -92,7 +91,7 @@ class MotionQueue:
 
     @property
     def _all(self) -> list[QueuedMove]:
-        return [*self._running.left, *self._waiting]
+        return [*self._running.left, *self._line.moves]
 
     @property
     def current(self) -> int:
@@ -140,14 +139,13 @@ class MotionQueue:
                     )
                 if stops != self._ownership.stops:
                     raise MotionStopped("a stop was requested while the move was being read")
-                assert self._end is not None
-                return await self._accept(self._claim, request, self._end)
+                return await self._accept(self._claim, request)
             with contextlib.ExitStack() as stack:
                 job = self._ownership.new_job(JobKind.QUEUE, request.name)
                 caller = Caller(NAME, token, stops, math.inf, asyncio.Event(), job)
                 claim = stack.enter_context(self._ownership.claim(caller))
-                state = await self._motion.ready()
-                number = await self._accept(claim, request, state.commanded_position)
+                self._line.put_first([], (await self._motion.ready()).commanded_position)
+                number = await self._accept(claim, request)
                 # From here the claim belongs to the task that executes the moves.
                 self._claim, self._token = claim, token
                 self._runner = asyncio.create_task(self._run(claim, stack.pop_all()))
@@ -161,35 +159,31 @@ class MotionQueue:
             claim.speed_override.reset()
             await claim.ended.wait()
 
-    async def cancel(self, job: Job, error: MotionStopped) -> bool:
-        """Take a move out that has not begun; what waits behind it is planned anew.
+    def cancel(self, job: Job, error: MotionStopped) -> bool:
+        """Take a move out, whatever is being planned; what waits behind it is planned anew.
+
+        The job has ended when this returns, unless the motion under way leads to it: then it ends as soon as
+        the arm has come to rest on its path.
 
         Returns:
             Whether there is such a move.
         """
-        async with self._turn, self._running.joining:
-            claim = self._claim
-            if claim is None or claim.interruption is not None:
-                return False
-            for move in self._running.moves[1:]:
-                if move.request.job is job:
-                    self._running.drop(claim, move, error)
-                    return True
-            for index, move in enumerate(self._waiting):
-                if move.request.job is job:
-                    del self._waiting[index]
-                    self._running.end(move, error)
-                    start = move.legs[0].motion.start if move.legs else self._end
-                    assert start is not None
-                    await self._plan_anew(claim, index, start)
-                    return True
-        return False
+        claim = self._claim
+        if claim is None or claim.interruption is not None:
+            return False
+        if self._running.drop(claim, job, error):
+            return True
+        move = self._line.take_out(job)
+        if move is None:
+            return False
+        self._jobs.end(move, error)
+        if self._line.is_loose and self._mender is None:
+            self._mender = asyncio.create_task(self._mend(claim))
+        return True
 
-    async def _accept(self, claim: Claim, request: QueueRequest, start: Array) -> int:
+    async def _accept(self, claim: Claim, request: QueueRequest) -> int:
         number = 1 if self._last is None else self._last.number % LARGEST_NUMBER + 1
-        self._last = found = await self._planner.planned(claim, number, request, start)
-        self._end = found.legs[-1].motion.end if found.legs else start
-        self._waiting.append(found)
+        self._last = found = await self._line.add(claim, number, request)
         self.last_error = ""
         if (job := request.job) is not None:
             job.parent = None if claim.job is None else claim.job.id
@@ -197,24 +191,12 @@ class MotionQueue:
             job.queued(found.duration_s, "; ".join(notes))
         return number
 
-    async def _plan_anew(self, claim: Claim, index: int, start: Array) -> None:
-        """What waits from here on begins elsewhere; a move that cannot fails, with all behind it."""
-        while index < len(self._waiting):
-            move = self._waiting[index]
-            if move.legs and np.array_equal(move.legs[0].motion.start, start):
-                return
-            try:
-                if not move.request.anywhere:
-                    raise ConflictError(f"{move.name}: it is given relative to where it was to begin")
-                found = await self._planner.planned(claim, move.number, move.request, start)
-            except CobotError as exc:
-                behind = [self._waiting.pop() for _ in range(len(self._waiting) - index)][::-1]
-                self._running.give_up(behind, exc)
-                break
-            self._waiting[index] = found
-            start = found.legs[-1].motion.end if found.legs else start
-            index += 1
-        self._end = start
+    async def _mend(self, claim: Claim) -> None:
+        try:
+            async with self._turn:
+                await self._line.mend(claim)
+        finally:
+            self._mender = None
 
     async def _run(self, claim: Claim, belongings: contextlib.ExitStack) -> None:
         error: BaseException | None = asyncio.CancelledError()
@@ -223,7 +205,7 @@ class MotionQueue:
                 while await self._next(claim):
                     await self._execute(claim)
                 async with self._turn:  # somebody may have been about to add one
-                    if not self._waiting:
+                    if not self._line:
                         error = None
                         return
         except CobotError as exc:
@@ -235,6 +217,8 @@ class MotionQueue:
             async with self._turn:  # a move that is being planned is refused by now
                 self._empty(claim, exc)
         finally:
+            if self._mender is not None:
+                self._mender.cancel()
             if error is not None:
                 self._empty(claim, error)
             self._claim = None
@@ -243,24 +227,25 @@ class MotionQueue:
 
     def _empty(self, claim: Claim, error: BaseException) -> None:
         """Nothing of the queue moves any more."""
-        moves = [*self._running.moves, *self._waiting]
-        self._waiting.clear()
+        moves = [*self._running.unended, *self._line.clear()]
+        self._running.moves = []
         stop = claim.interruption
-        self._running.give_up(moves, error, stop if isinstance(stop, MotionStopped) else None)
-
-    def _head(self) -> list[QueuedMove]:
-        """Of those that wait the first: what a motion begins with, or goes on with."""
-        return head(self._waiting, AT_ONCE)
+        self._jobs.give_up(moves, error, stop if isinstance(stop, MotionStopped) else None)
 
     async def _next(self, claim: Claim) -> bool:
         """Wait until a motion may begin with what waits; False if nothing does."""
-        while self._waiting:
+        while self._line:
             claim.proceed()
-            chain = self._head()
+            chain = self._line.head
+            if not chain:
+                async with self._turn:
+                    await self._line.mend(claim)
+                continue
             last, legs = chain[-1], sum(len(move.legs) for move in chain)
             takes_s = sum(move.duration_s for move in chain)
             waited = self._link.clock.now_s() > last.since_s + BLEND_WAIT_S and not self._turn.locked()
-            may_begin = last.request.radius_m == 0.0 or takes_s > SHORT_S or waited or legs >= AT_ONCE
+            enough = takes_s > SHORT_S or legs >= MAX_JOINED_LEGS
+            may_begin = last.request.radius_m == 0.0 or enough or waited
             if may_begin and not claim.speed_override.paused:
                 return True
             await asyncio.sleep(POLL_S)
@@ -268,33 +253,16 @@ class MotionQueue:
 
     async def _execute(self, claim: Claim) -> None:
         """A motion that begins with what waits, and goes on with what comes while it is under way."""
-        async with self._running.joining:  # nobody takes out any of it meanwhile
+        left = await self._running.execute(claim, self._line)
+        if self._line or self._turn.locked():
             self._running.finish()
-            chain = await self._planner.valid(self._head())
-            begins = await self._running.begin(claim, chain) if chain else False
-            self._take(chain)
-        if not begins:
+        if left is None:
             return
-        left = await self._running.follow(claim, self._head, self._take)
-        if self._waiting or self._turn.locked():
-            self._running.finish()
-        if left is not None:
-            async with self._turn:
-                self._waiting.extendleft(reversed(left.moves))
-                await self._go_on_from_here(claim, left)
-
-    async def _go_on_from_here(self, claim: Claim, left: Left) -> None:
-        """The arm rests on its path, and what is left begins there."""
-        start = (await self._motion.ready()).commanded_position
-        if not left.begun or left.moves[0].request.midway:
-            await self._plan_anew(claim, 0, start)
-            return
-        name, moves = left.moves[0].name, list(self._waiting)
-        self._waiting.clear()
-        self._running.give_up(moves, ConflictError(f"{name}: it cannot be begun once more amid its path"))
-        self._end = start
-
-    def _take(self, chain: Sequence[QueuedMove]) -> None:
-        """These moves wait no more."""
-        for _ in chain:
-            self._waiting.popleft()
+        moves = left.moves
+        if left.begun and not moves[0].request.midway:
+            given_up, moves = [*moves, *self._line.clear()], []
+            error = ConflictError(f"{given_up[0].name}: it cannot be begun once more amid its path")
+            self._jobs.give_up(given_up, error)
+        self._line.put_first(moves, left.start)
+        async with self._turn:
+            await self._line.mend(claim)

@@ -12,16 +12,20 @@ import asyncio
 import contextlib
 import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import Enum, auto
 
+from app.services.jobs.job import Job
 from app.services.motion.execution import MotionService
-from app.services.motion.ownership import Claim, Ownership
+from app.services.motion.ownership import Claim
+from app.services.motion.queue_jobs import QueueJobs, report_stops
+from app.services.motion.queue_line import QueueLine
 from app.services.motion.queue_moves import Left, MovePlanner, QueuedMove, to_go
 from app.services.state.link import RobotLink
-from cobot.errors import CobotError, MotionStopped, UnavailableError
+from cobot.errors import CobotError, ExecutionError, MotionStopped, UnavailableError
 from cobot.ipc.layout import MotionResult
-from cobot.motions.stretches import Stretch, alone
+from cobot.motions.stretches import Leg, Stretch, alone
 
 IDLE = -1
 LOOK_S = 0.01
@@ -42,40 +46,48 @@ class _Running:
     moves: list[QueuedMove]
 
 
+class _Phase(Enum):
+    """How far a motion of the queue is."""
+
+    NONE = auto()
+    STARTING = auto()
+    UNDER_WAY = auto()
+
+
 class QueueMotion:
     """The motions of one robot's queue, one after the other.
 
     Attributes:
         moves: of the motion under way, or of the last one: those that have not ended, in their order.
-        joining: held while moves that wait become part of a motion.
     """
 
-    def __init__(
-        self,
-        link: RobotLink,
-        ownership: Ownership,
-        motion: MotionService,
-        planner: MovePlanner,
-    ) -> None:
+    def __init__(self, link: RobotLink, motion: MotionService, planner: MovePlanner, jobs: QueueJobs) -> None:
         self._link = link
-        self._ownership = ownership
-        self.moves: list[QueuedMove] = []
-        self.joining = asyncio.Lock()
-        self._dropped: tuple[QueuedMove, MotionStopped] | None = None
         self._motion = motion
         self._planner = planner
+        self._jobs = jobs
+        self.moves: list[QueuedMove] = []
+        self._phase = _Phase.NONE
+        self._joining: list[QueuedMove] = []  # on their way to rtloop
+        self._dropped: list[tuple[QueuedMove, MotionStopped]] = []
+        self._planning: asyncio.Task[Stretch] | None = None  # of what shall prolong the motion
         self._running: list[_Running] = []  # The one that rtloop has, and the one that it is about to have.
         self._lead_s = FIRST_LEAD_S
+
+    @property
+    def unended(self) -> list[QueuedMove]:
+        """All moves that wait no more and have not ended."""
+        return [*self.moves, *self._joining]
 
     @property
     def left(self) -> list[QueuedMove]:
         """The moves of the motion under way that have not ended."""
         if not self._running:
-            return []
+            return list(self._joining)
         running, now_s = self._place()
         ends = running.stretch.ends_s
         left = [move for move, end_s in zip(running.moves, ends, strict=True) if now_s < end_s]
-        once = {move.number: move for move in left or running.moves[-1:]}
+        once = {move.number: move for move in [*(left or running.moves[-1:]), *self._joining]}
         return list(once.values())
 
     def _place(self) -> tuple[_Running, float]:
@@ -87,41 +99,80 @@ class QueueMotion:
                     return each, state.path_time_s
         return self._running[0], 0.0
 
-    async def begin(self, claim: Claim, chain: Sequence[QueuedMove]) -> bool:
-        """Have a motion started that goes through these moves; whether there is anything to move.
-
-        Raises:
-            CobotError: see `MotionService.start`, `PlanningService.compute`.
-        """
-        moves, legs, radii = to_go(chain)
-        if not legs:
-            self.moves = list(chain)
-            return False
-        if len(legs) == 1 and radii[0] == 0.0:
-            stretch = alone(legs[0])
-        else:
-            stretch = await self._planner.begun(claim, legs, radii)
-        await self._motion.start(claim, stretch.trajectory)
-        self._running = [_Running(stretch, moves)]
-        self.moves = list(chain)
-        self._follow_jobs(claim)
-        self._tell(stretch, moves, [0.0, *radii])
-        return True
-
-    async def follow(
-        self,
-        claim: Claim,
-        waiting: Callable[[], list[QueuedMove]],
-        take: Callable[[list[QueuedMove]], None],
-    ) -> Left | None:
-        """Until the motion has arrived; what waits meanwhile prolongs it. `finish` says so to its jobs.
-
-        Args:
-            waiting: the moves that come next.
-            take: called with those that have become part of the motion.
+    async def execute(self, claim: Claim, line: QueueLine) -> Left | None:
+        """A motion that begins with the moves that wait, and goes on with those that come while it lasts.
 
         Returns:
-            What is left of a motion from which a move was dropped; None when the motion has arrived.
+            What is left of a motion from which a move was dropped, once the arm rests; else None: the motion
+            has arrived, or there is nothing that could begin now.
+
+        Raises:
+            CobotError: see `MotionService.start`, `MotionService.arrival`, `PlanningService.compute`.
+        """
+        self.finish()
+        chain = line.head
+        try:
+            chain = await self._planner.valid(chain)
+            moves, legs, radii = to_go(chain)
+            stretch = await self._begun(claim, legs, radii)
+        except CobotError:
+            if claim.interruption is None and not line.begins_with(chain):
+                return None  # it was about a move that was taken out meanwhile
+            raise
+        if claim.speed_override.paused or not line.take(chain):
+            return None
+        if stretch is None:
+            self.moves = list(chain)
+            return None
+        self._joining, self._phase = list(chain), _Phase.STARTING
+        try:
+            return await self._executed(claim, line, _Running(stretch, moves), radii)
+        finally:
+            self.moves += self._joining
+            self._joining, self._dropped, self._running = [], [], []
+            self._phase = _Phase.NONE
+
+    async def _executed(
+        self, claim: Claim, line: QueueLine, running: _Running, radii: Sequence[float]
+    ) -> Left | None:
+        """`execute`, of what is planned."""
+        try:
+            if not await self._start(claim, running):
+                return await self._cut_off(None)
+            report_stops(self._link.label, running.stretch, running.moves, [0.0, *radii])
+            await self._follow(claim, line)
+        except MotionStopped:
+            if not self._dropped or claim.interruption is not None:
+                raise
+            self._follow_jobs(claim)
+            return await self._cut_off(self.moves[0])
+        return None
+
+    async def _begun(self, claim: Claim, legs: Sequence[Leg], radii: Sequence[float]) -> Stretch | None:
+        """What leads through these; None if there is nothing to move."""
+        if not legs:
+            return None
+        if len(legs) == 1 and radii[0] == 0.0:
+            return alone(legs[0])
+        return await self._planner.begun(claim, legs, radii)
+
+    async def _start(self, claim: Claim, running: _Running) -> bool:
+        """Have it started; False if a move was dropped so early that nothing has moved."""
+        try:
+            await self._motion.start(claim, running.stretch.trajectory)
+        except ExecutionError:
+            if not self._dropped or claim.interruption is not None:
+                raise
+            return False
+        finally:
+            claim.stops += len(self._dropped)  # see `drop`
+            self._phase = _Phase.UNDER_WAY
+        self._running, self.moves, self._joining = [running], self._joining, []
+        self._follow_jobs(claim)
+        return True
+
+    async def _follow(self, claim: Claim, line: QueueLine) -> None:
+        """Until the motion has arrived; what waits meanwhile prolongs it. `finish` says so to its jobs.
 
         Raises:
             CobotError: see `MotionService.arrival`.
@@ -130,70 +181,81 @@ class QueueMotion:
         tried: QueuedMove | None = None
         try:
             while not arrival.done():
-                async with self.joining:
-                    chain = waiting()
-                    news = bool(chain) and chain[-1] is not tried and not claim.speed_override.paused
-                    if news and self._dropped is None and self._left_s() < AHEAD_S:
-                        tried = chain[-1]
-                        take(await self._prolong(claim, chain))
+                chain = line.head
+                news = bool(chain) and chain[-1] is not tried and not claim.speed_override.paused
+                if news and not self._dropped and self._left_s() < AHEAD_S:
+                    tried = chain[-1]
+                    await self._prolong(claim, line)
                 self._follow_jobs(claim)
                 await asyncio.wait({arrival}, timeout=LOOK_S)
             await arrival
             names = ", ".join({move.number: move.name for move in self._running[0].moves}.values())
             log.info("%smotion %s: arrived and settled (%s)", self._link.label, claim.motion_id, names)
-        except MotionStopped:
-            if self._dropped is None or claim.interruption is not None:
-                raise
-            dropped, error = self._dropped
-            self._follow_jobs(claim)
-            begun = self.moves[0] is not dropped
-            self.end(dropped, error)
-            log.info("%smove %d: %s", self._link.label, dropped.number, error)
-            left, self.moves = self.moves, []
-            return Left(left, begun)
         finally:
             arrival.cancel()
-            self._running = []
-            self._dropped = None
-        return None
 
-    def drop(self, claim: Claim, move: QueuedMove, error: MotionStopped) -> None:
-        """Have the arm rest on its path: a move that the motion leads to shall not be."""
-        self._dropped = move, error
+    async def _cut_off(self, begun: QueuedMove | None) -> Left:
+        """The arm rests because moves were dropped, which end now; `begun` is the one that it was on.
+
+        Raises:
+            CobotError: see `MotionService.ready`.
+        """
+        self.moves += self._joining
+        self._joining = []
+        self._end_dropped()
+        start = (await self._motion.ready()).commanded_position
+        self._end_dropped()  # perhaps more of them
+        left, self.moves = self.moves, []
+        return Left(left, bool(left) and left[0] is begun, start)
+
+    def _end_dropped(self) -> None:
+        for move, error in self._dropped:
+            self._end(move, error)
+            log.info("%smove %d: %s", self._link.label, move.number, error)
+        self._dropped = []
+
+    def drop(self, claim: Claim, job: Job, error: MotionStopped) -> bool:
+        """Have the arm rest on its path because a move of the motion under way is not wanted any more.
+
+        The motion goes on from there with the others: see `execute`.
+
+        Returns:
+            Whether the job is one of its moves, and has not ended.
+        """
+        if self._phase is _Phase.NONE:
+            self.finish()
+        self._follow_jobs(claim)
+        move = next((each for each in self.unended if each.request.job is job), None)
+        if move is None:
+            return False
+        self._dropped.append((move, error))
         self._link.request_stop()
-        claim.stops += 1  # of this motion alone: one that anybody else asks for is one more
+        if self._phase is _Phase.UNDER_WAY:
+            claim.stops += 1  # of this motion alone: one that anybody else asks for is one more
+        # Until then rtloop refuses the motion because of the stop, which `_start` counts.
+        if self._planning is not None:
+            self._planning.cancel()
+        return True
 
     def finish(self) -> None:
         """The motion has arrived: so have its moves."""
         for move in list(self.moves):
-            self.end(move)
+            self._end(move)
 
-    def end(self, move: QueuedMove, error: BaseException | None = None) -> None:
-        """A move has ended."""
-        if move in self.moves:
-            self.moves.remove(move)
-        job = move.request.job
-        if job is not None and not job.ended.is_set():
-            self._ownership.end(job, error, stopped=isinstance(error, MotionStopped))
-
-    def give_up(
-        self, moves: Sequence[QueuedMove], error: BaseException, behind: MotionStopped | None = None
-    ) -> None:
-        """None of these moves can be any more: the first for this error, the others for that behind it."""
-        if behind is None and isinstance(error, CobotError):
-            behind = MotionStopped(f"the move before it failed: {error}")
-        for move in list(moves):
-            self.end(move, error)
-            error = behind or error
+    def _end(self, move: QueuedMove, error: BaseException | None = None) -> None:
+        self.moves.remove(move)
+        self._jobs.end(move, error)
 
     def _follow_jobs(self, claim: Claim) -> None:
         """Tell the jobs how far the arm is. The last one ends where the motion does."""
+        if not self._running:
+            return
         running, now_s = self._place()
         ends = dict(zip((move.number for move in running.moves), running.stretch.ends_s, strict=True))
         for move in list(self.moves[:-1]):
             if ends.get(move.number, now_s) > now_s:
                 break
-            self.end(move)
+            self._end(move)
         move = self.moves[0]
         job, left_s = move.request.job, ends.get(move.number, now_s) - now_s
         if job is None:
@@ -209,36 +271,41 @@ class QueueMotion:
             return state.path_duration_s - state.path_time_s
         return math.inf
 
-    async def _prolong(self, claim: Claim, waiting: Sequence[QueuedMove]) -> list[QueuedMove]:
-        """Have the motion under way go on through those of these moves that are possible; which it does.
+    async def _prolong(self, claim: Claim, line: QueueLine) -> None:
+        """Have the motion under way go on through the next moves that are possible.
 
         It comes to its end before the others.
         """
         try:
-            chain = await self._planner.valid(waiting)
+            chain = await self._planner.valid(line.head)
         except CobotError:  # said when it would begin
-            return []
+            return
         running, state = self._running[0], self._link.state()
         moves, legs, radii = to_go(chain)
         stretch = running.stretch
         left_s = stretch.trajectory.duration_s - state.path_time_s
         if not legs or state.motion_result is not MotionResult.RUNNING or left_s < MIN_LEAD_S:
-            return []
-        if chain[0].stops_before:  # who wants to be where the arm gets to, stops there
+            return
+        if chain[0].stops_before:  # to be where the arm gets to, it stops there
             stretch = replace(stretch, radii_m=(*stretch.radii_m[:-1], 0.0))
         now_s, begun_s = state.path_time_s, self._link.clock.now_s()
         times_s = now_s, now_s + self._lead_s
         try:
-            longer = await self._planner.prolonged(claim, stretch, legs, radii, times_s)
+            longer = await self._longer(claim, stretch, legs, radii, times_s)
             planned_s = self._link.clock.now_s()
             self._lead_s = min(max(2.0 * (planned_s - begun_s) + 0.1, MIN_LEAD_S), MAX_LEAD_S)
+            if longer is None or not line.take(chain):
+                return
+            self._joining = list(chain)
             both = [*running.moves, *moves]
             after = _Running(longer, both[len(both) - len(longer.ends_s) :])
             self._running.append(after)
             await self._motion.replace(claim, longer.trajectory, longer.offset_s, planned_s)
         except CobotError as exc:  # the motion goes on as it was, and says by itself if it is to end
             self._running = [running]
-            if claim.interruption is None:
+            if claim.interruption is None and not self._dropped:
+                line.give_back(self._joining)
+                self._joining = []
                 log.info(
                     "%smove %d (%s): the arm rests before it: %s",
                     self._link.label,
@@ -246,21 +313,27 @@ class QueueMotion:
                     moves[0].name,
                     exc,
                 )
-            return []
+            return
         self._running = [after]
-        self.moves += chain
-        self._tell(longer, moves, [stretch.radii_m[-1], *radii], running.moves[-1])
-        return chain
+        self.moves += self._joining
+        self._joining = []
+        report_stops(self._link.label, longer, moves, [stretch.radii_m[-1], *radii], running.moves[-1])
 
-    def _tell(
+    async def _longer(
         self,
+        claim: Claim,
         stretch: Stretch,
-        moves: Sequence[QueuedMove],
-        radii_m: Sequence[float],
-        before: QueuedMove | None = None,
-    ) -> None:
-        """Say at which moves with a radius the arm stops all the same."""
-        for move, radius_m, used_m in zip([before, *moves[:-1]], radii_m[:-1], stretch.used_m, strict=True):
-            if move is not None and radius_m > 0.0 and used_m == 0.0:
-                where = f"{self._link.label}move {move.number} ({move.name})"
-                log.info("%s: no blend is possible within the limits, the arm stops at its end", where)
+        legs: Sequence[Leg],
+        radii: Sequence[float],
+        times_s: tuple[float, float],
+    ) -> Stretch | None:
+        """The motion under way, prolonged; None if a move was dropped meanwhile."""
+        planning = self._planning = asyncio.create_task(
+            self._planner.prolonged(claim, stretch, legs, radii, times_s)
+        )
+        try:
+            await asyncio.wait({planning})
+        finally:
+            planning.cancel()
+            self._planning = None
+        return None if self._dropped or planning.cancelled() else planning.result()

@@ -87,10 +87,17 @@ class QueuedMove:
 
 @dataclass(frozen=True, slots=True)
 class Left:
-    """Moves of a motion that was cut off, in their order, and whether the first of them has begun."""
+    """What is left of a motion that was cut off.
+
+    Attributes:
+        moves: in their order.
+        begun: whether the first of them has begun.
+        start: where the arm rests, shape (dof,), rad.
+    """
 
     moves: list[QueuedMove]
     begun: bool
+    start: Array
 
 
 def to_go(chain: Sequence[QueuedMove]) -> tuple[list[QueuedMove], list[Leg], list[float]]:

@@ -7,7 +7,7 @@ docs/jobs.md, written out by hand.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import httpx
@@ -348,15 +348,112 @@ def test_what_was_relative_to_a_cancelled_move_fails_with_all_behind_it(run: Vir
     np.testing.assert_allclose(run.joints(), place(j0=-0.1), atol=1e-3)
 
 
-def test_cancelling_what_moves_the_arm_empties_the_queue(run: VirtualService) -> None:
+def test_cancelling_what_moves_the_arm_ends_that_job_alone(run: VirtualService) -> None:
+    since = len(run.rig.commanded)
+    first = queued(run, {"joints": place(j0=0.8)}, radius_m=RADIUS_M)
+    second = queued(run, {"joints": place(j1=0.6)})
+    run.until(lambda: seen(run, first)["progress"] > 0.2)
+    assert cancelled(run, first)["state"] == "cancelled"
+    until(run, second)
+    assert states(run, first, second) == ["cancelled", "finished"]
+    positions = commanded(run, since)
+    assert positions[:, 0].max() < 0.7, "the arm came to rest on the path of the one that was cancelled"
+    within_limits(run, positions)
+    np.testing.assert_allclose(positions[-1], place(j1=0.6), atol=1e-9)
+
+
+def test_cancelling_the_queue_itself_ends_all_its_jobs(run: VirtualService) -> None:
     first = queued(run, {"joints": place(j0=0.8)}, radius_m=RADIUS_M)
     second = queued(run, {"joints": place(j0=0.8, j1=0.6)})
     run.until(lambda: seen(run, first)["progress"] > 0.2)
-    assert cancelled(run, first)["state"] == "cancelled"
+    assert run.post(f"/jobs/{first['parent']}/cancel").json()["state"] == "cancelled"
     until(run, second, "cancelled")
-    assert f"job {first['id']} was cancelled" in seen(run, second)["error"]["detail"]
+    assert f"job {first['parent']} was cancelled" in seen(run, second)["error"]["detail"]
     assert run.rig.mode.name == "HOLD"
     until(run, queued(run, {"joints": HOME}))
+
+
+@pytest.fixture
+def slow_planning(run: VirtualService, monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
+    """Call it with how long every planning takes from now on, s."""
+    planning = run.app.state.services.planning
+    compute = planning.compute
+
+    def slow(seconds: float) -> None:
+        async def late(*arguments: Any) -> Any:
+            await asyncio.sleep(seconds)
+            return await compute(*arguments)
+
+        monkeypatch.setattr(planning, "compute", late)
+
+    return slow
+
+
+def adding(run: VirtualService, joints: list[float]) -> asyncio.Task[httpx.Response]:
+    """A request for a queued motion that goes on while the test does."""
+    body = {"joints": joints, "speed": 0.3}
+    return run.begin(run.asking("POST", "/robot/move/joints?queue=true&timeout_s=60", json=body))
+
+
+@pytest.mark.parametrize("which", ["running", "next", "last"])
+def test_a_cancel_waits_for_no_planning_and_ends_that_job_alone(
+    run: VirtualService, slow_planning: Callable[[float], None], which: str
+) -> None:
+    """Another client's motion is planned for ten seconds meanwhile; the arm rests within one."""
+    running = queued(run, {"joints": place(j0=0.9)})
+    others = [queued(run, {"joints": place(j0=0.9, j1=0.3)}), queued(run, {"joints": place(j1=0.3)})]
+    run.until(lambda: seen(run, running)["progress"] > 0.1)
+    run.until(lambda: len(run.app.state.services.queue._running.moves) == 3)
+    waiting = queued(run, {"joints": place(j1=-0.2)})
+    jobs = {"running": running, "next": others[0], "last": waiting}
+    slow_planning(10.0)
+    another = adding(run, place(j0=-0.3))
+    run.sleep(0.5)
+    begun_s = run.clock.now_s()
+    assert cancelled(run, jobs[which])["state"] == "cancelled"
+    assert run.clock.now_s() - begun_s < 1.0
+    assert not another.done(), "it is still being planned"
+    slow_planning(0.0)
+    last = run.end(another).json()
+    until(run, last)
+    left = [each for each in (running, *others, waiting) if each is not jobs[which]]
+    assert states(run, *left) == ["finished"] * 3
+    np.testing.assert_allclose(commanded(run, -1)[-1], place(j0=-0.3), atol=1e-9)
+
+
+def test_two_cancels_while_the_arm_comes_to_rest_end_both_jobs(run: VirtualService) -> None:
+    first = queued(run, {"joints": place(j0=0.9)})
+    second = queued(run, {"joints": place(j0=0.9, j1=0.4)})
+    third = queued(run, {"joints": place(j1=0.2)})
+    run.until(lambda: seen(run, first)["progress"] > 0.2)
+    run.until(lambda: len(run.app.state.services.queue._running.moves) == 3)
+    asked = [run.begin(run.asking("POST", f"/jobs/{job['id']}/cancel")) for job in (first, second)]
+    assert [run.end(each).json()["state"] for each in asked] == ["cancelled", "cancelled"]
+    until(run, third)
+
+
+def test_what_is_cancelled_in_the_cycle_in_which_it_begins_does_not_move_the_arm(
+    run: VirtualService, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Between the check of a motion and its START: rtloop refuses it, and the others go on."""
+    motion = run.app.state.services.motion
+    check, tasks = motion.require_free_since, []
+    held(run)
+    first, second = queued(run, {"joints": place(j0=0.4)}), queued(run, {"joints": place(j1=0.2)})
+
+    async def cancelling(*arguments: Any) -> None:
+        if run.app.state.services.queue._running._joining and not tasks:
+            tasks.append(run.begin(run.asking("POST", f"/jobs/{first['id']}/cancel")))
+            await asyncio.sleep(0.01)
+        await check(*arguments)
+
+    monkeypatch.setattr(motion, "require_free_since", cancelling)
+    since = len(run.rig.commanded)
+    released(run)
+    until(run, second)
+    assert run.end(tasks[0]).json()["state"] == "cancelled"
+    assert seen(run, first)["started_at"] is None
+    assert np.abs(commanded(run, since)[:, 0] - HOME[0]).max() < 1e-9
 
 
 def test_a_stop_clears_the_queue_and_is_the_reason(run: VirtualService) -> None:

@@ -1,0 +1,50 @@
+"""How the jobs of moves in a queue end."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+
+from app.services.motion.ownership import Ownership
+from app.services.motion.queue_moves import QueuedMove
+from cobot.errors import CobotError, MotionStopped
+from cobot.motions.stretches import Stretch
+
+log = logging.getLogger("cobot.queue")
+
+
+class QueueJobs:
+    """Ends the jobs of one queue's moves."""
+
+    def __init__(self, ownership: Ownership) -> None:
+        self._ownership = ownership
+
+    def end(self, move: QueuedMove, error: BaseException | None = None) -> None:
+        """A move has ended: it has arrived, or `error` is why it has not."""
+        job = move.request.job
+        if job is not None and not job.ended.is_set():
+            self._ownership.end(job, error, stopped=isinstance(error, MotionStopped))
+
+    def give_up(
+        self, moves: Sequence[QueuedMove], error: BaseException, behind: MotionStopped | None = None
+    ) -> None:
+        """These moves cannot be executed: the first one for this error, the others for `behind`."""
+        if behind is None and isinstance(error, CobotError):
+            behind = MotionStopped(f"the move before it failed: {error}")
+        for move in moves:
+            self.end(move, error)
+            error = behind or error
+
+
+def report_stops(
+    label: str,
+    stretch: Stretch,
+    moves: Sequence[QueuedMove],
+    radii_m: Sequence[float],
+    before: QueuedMove | None = None,
+) -> None:
+    """Log at which moves with a blend radius the arm stops all the same."""
+    for move, radius_m, used_m in zip([before, *moves[:-1]], radii_m[:-1], stretch.used_m, strict=True):
+        if move is not None and radius_m > 0.0 and used_m == 0.0:
+            where = f"{label}move {move.number} ({move.name})"
+            log.info("%s: no blend is possible within the limits, the arm stops at its end", where)

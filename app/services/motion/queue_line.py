@@ -1,0 +1,170 @@
+"""The moves that wait in a queue, in their order.
+
+The first of them are planned: each begins where the one before it ends. When one of them is taken out, those
+behind it are loose: they wait to be planned anew. Taking one out never waits: a planning that has begun from
+a place where nothing ends any more is given up, and done again from the new one.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from app.services.jobs.job import Job
+from app.services.motion.ownership import Claim
+from app.services.motion.queue_moves import MovePlanner, QueuedMove, QueueRequest, head
+from cobot.errors import CobotError, ConflictError
+from cobot.types import Array
+
+MAX_JOINED_LEGS = 8
+"""Maximum number of motions that one task of a planning process joins; a sequence is joined as a whole."""
+GiveUp = Callable[[Sequence[QueuedMove], BaseException], None]
+
+
+class QueueLine:
+    """The moves of one queue that wait. Only one task at a time may call `add` and `mend`.
+
+    Args:
+        give_up: called with moves that cannot be planned any more, and the error of the first one.
+
+    Attributes:
+        end: joint position where the last planned move ends, or the motion under way; shape (dof,), rad.
+    """
+
+    def __init__(self, planner: MovePlanner, give_up: GiveUp, end: Array) -> None:
+        self.end = end
+        self._planner = planner
+        self._give_up = give_up
+        self._planned: deque[QueuedMove] = deque()
+        self._loose: deque[QueuedMove] = deque()
+        self._planning: asyncio.Task[QueuedMove] | None = None
+        self._cuts = 0  # how often `end` has become another place than that of the last planned move
+
+    def __bool__(self) -> bool:
+        return bool(self._planned or self._loose)
+
+    @property
+    def moves(self) -> list[QueuedMove]:
+        """All of them."""
+        return [*self._planned, *self._loose]
+
+    @property
+    def head(self) -> list[QueuedMove]:
+        """The first planned moves: what a motion begins with, or goes on with."""
+        return head(self._planned, MAX_JOINED_LEGS)
+
+    @property
+    def is_loose(self) -> bool:
+        """Whether some moves have to be planned anew."""
+        return bool(self._loose)
+
+    def begins_with(self, chain: Sequence[QueuedMove]) -> bool:
+        """Whether these are still the first planned moves."""
+        first = list(self._planned)[: len(chain)]
+        return len(first) == len(chain) and all(a is b for a, b in zip(first, chain, strict=True))
+
+    def take(self, chain: Sequence[QueuedMove]) -> bool:
+        """Remove these moves if they are still the first ones; whether they were."""
+        if not self.begins_with(chain):
+            return False
+        for _ in chain:
+            self._planned.popleft()
+        return True
+
+    def give_back(self, chain: Sequence[QueuedMove]) -> None:
+        """Undo `take`."""
+        self._planned.extendleft(reversed(chain))
+
+    def put_first(self, moves: Sequence[QueuedMove], start: Array) -> None:
+        """These moves come first, and all of them have to begin somewhere else now: the first one there."""
+        self._loose.extendleft(reversed([*moves, *self._planned]))
+        self._planned.clear()
+        self._end_at(start)
+
+    def clear(self) -> list[QueuedMove]:
+        """Forget all moves; returns them."""
+        moves = self.moves
+        self._planned.clear()
+        self._loose.clear()
+        return moves
+
+    def take_out(self, job: Job) -> QueuedMove | None:
+        """Remove the move of a job, if there is one; those behind it are loose from now on."""
+        for index, move in enumerate(self._planned):
+            if move.request.job is job:
+                behind = list(self._planned)[index:]
+                for _ in behind:
+                    self._planned.pop()
+                self._loose.extendleft(reversed(behind[1:]))
+                self._end_at(next((each.legs[0].motion.start for each in behind if each.legs), self.end))
+                return move
+        for move in self._loose:
+            if move.request.job is job:
+                self._loose.remove(move)
+                self._end_at(self.end)
+                return move
+        return None
+
+    async def add(self, claim: Claim, number: int, request: QueueRequest) -> QueuedMove:
+        """Plan a move from where the last one ends, and put it last.
+
+        Raises:
+            CobotError: see `MovePlanner.planned`.
+        """
+        while True:
+            await self.mend(claim)
+            found = await self._planned_from_end(claim, number, request)
+            if found is not None:
+                self._append(found)
+                return found
+
+    async def mend(self, claim: Claim) -> None:
+        """Plan the loose moves anew; one that cannot be planned fails, and all behind it are given up."""
+        while self._loose:
+            move = self._loose[0]
+            try:
+                found: QueuedMove | None = move
+                if not (move.legs and np.array_equal(move.legs[0].motion.start, self.end)):
+                    if not move.request.anywhere:
+                        raise ConflictError(f"{move.name}: it is given relative to where it was to begin")
+                    found = await self._planned_from_end(claim, move.number, move.request)
+            except CobotError as exc:
+                if claim.interruption is None:
+                    behind = list(self._loose)
+                    self._loose.clear()
+                    self._give_up(behind, exc)
+                return
+            if found is not None:
+                self._loose.popleft()
+                self._append(found)
+
+    def _append(self, move: QueuedMove) -> None:
+        self._planned.append(move)
+        if move.legs:
+            self.end = move.legs[-1].motion.end
+
+    def _end_at(self, place: Array) -> None:
+        """The next move begins there: what is being planned from somewhere else is given up."""
+        self.end = place
+        self._cuts += 1
+        if self._planning is not None:
+            self._planning.cancel()
+
+    async def _planned_from_end(self, claim: Claim, number: int, request: QueueRequest) -> QueuedMove | None:
+        """A move that begins at `end`; None if something was taken out meanwhile."""
+        cuts = self._cuts
+        planning = asyncio.create_task(self._planner.planned(claim, number, request, self.end))
+        self._planning = planning
+        try:
+            await asyncio.wait({planning})
+        finally:
+            planning.cancel()
+            self._planning = None
+        if self._cuts == cuts:
+            return planning.result()
+        if not planning.cancelled():
+            planning.exception()  # so that asyncio does not report it
+        return None
