@@ -109,7 +109,7 @@ def create_app(
 def _authenticator(settings: Settings, clock: Clock, ros_token: str | None) -> Authenticator:
     tokens = Authenticator(TokenFile(settings.web.tokens), clock)
     if ros_token:
-        tokens.grant(ROS, rights_of_ros(settings.ros), ros_token)
+        tokens.grant(ROS, rights_of_ros(settings.ros, settings.web), ros_token)
     return tokens
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import uvloop
 
-from cobot.access.authentication import ROS_TOKEN_VARIABLE, rights_of_ros
+from cobot.access.authentication import ROS_TOKEN_VARIABLE, rights_of_ros, ros_access
 from cobot.access.roles import Role
 from cobot.config import Settings, load_settings
 from cobot.errors import CobotError
@@ -84,7 +84,7 @@ async def _serve(settings: Settings, url: str, last_words: int | None) -> None:
         robots = _robots(node, settings)
         own = {"/tf", "/tf_static", "/robot_description"}.union(*(robot.topics for robot in robots))
         token = os.environ.get(ROS_TOKEN_VARIABLE, "")
-        gateway = Gateway(node, url, own, token, rights_of_ros(ros)) if url else None
+        gateway = Gateway(node, url, own, token, rights_of_ros(ros, settings.web)) if url else None
         Parameters(node, options(settings, robots, gateway))
         _announce(settings, participant)
         gc.freeze()
@@ -124,13 +124,12 @@ def _robots(node: Node, settings: Settings) -> list[Telemetry]:
 
 def _announce(settings: Settings, participant: Participant) -> None:
     ros = settings.ros
-    rights = rights_of_ros(ros)
+    rights = rights_of_ros(ros, settings.web)
     where = "this computer only" if ros.localhost_only else "all networks"
     log.info("ROS 2 on domain %d, %s, as node %s", ros.domain_id, where, NODE.full)
-    if rights > Role.OBSERVER and not ros.localhost_only:
-        log.warning("ros.access is %s: whoever reaches these networks moves the robot", ros.access)
-    elif rights is Role.OBSERVER:
-        log.info("whoever comes over ROS 2 may look, and move nothing: ros.access")
+    tokens_needed = settings.web.authentication == "required"
+    risky = rights > Role.OBSERVER and (tokens_needed or not ros.localhost_only)
+    log.log(logging.WARNING if risky else logging.INFO, "%s", ros_access(ros, settings.web))
     if not participant.multicast:
         log.warning(
             "there is no multicast: found are the first participants on this computer and on ros.peers"

@@ -89,6 +89,7 @@ class Run:
         ros_domain: int | None = None,
         *,
         ros_elsewhere: bool = False,
+        ros_access: str = "move",
         patient: bool = True,
         web: str = "",
         planning: str = PATIENT_PLANNING,
@@ -119,7 +120,7 @@ class Run:
             f"rt: {{trajectory_capacity: {capacity}, clock: {clock}{', ' + PATIENT if patient else ''}}}\n"
             f"web: {{port: 0{web}}}\nplanning: {{workers: 1, {planning}}}\n"
             f"ros: {{enabled: {str(ros_domain is not None).lower()}, domain_id: {ros_domain or 0}, "
-            f"localhost_only: {str(not ros_elsewhere).lower()}, access: move}}\n{more}",
+            f"localhost_only: {str(not ros_elsewhere).lower()}, access: {ros_access}}}\n{more}",
             encoding="utf-8",
         )
         self.lines: list[str] = []

@@ -48,12 +48,29 @@ def authentication_required(web: WebSection, address: str) -> bool:
     return web.authentication == "required"
 
 
-def rights_of_ros(ros: RosSection) -> Role:
-    """What whoever comes over DDS may do."""
-    access = ros.access
-    if access == "auto":
-        access = "move" if ros.localhost_only else "observe"
-    return RIGHTS_OF_ROS[access]
+def rights_of_ros(ros: RosSection, web: WebSection) -> Role:
+    """What DDS participants may do, none of which can show a token."""
+    return RIGHTS_OF_ROS[_access_of_ros(ros, web)]
+
+
+def ros_access(ros: RosSection, web: WebSection) -> str:
+    """What DDS participants may do, for people."""
+    if not ros.enabled:
+        return "no ROS 2"
+    access = _access_of_ros(ros, web)
+    where = "on this computer" if ros.localhost_only else "on these networks"
+    if access == "observe":
+        may = "observes only"
+    else:
+        may = f"{'moves the robot' if access == 'move' else 'may do everything'} without a token"
+    return f"over ROS 2 every participant {where} {may} (ros.access: {ros.access})"
+
+
+def _access_of_ros(ros: RosSection, web: WebSection) -> str:
+    """`ros.access`, with what auto means: moving needs a token where every client needs one."""
+    if ros.access != "auto":
+        return ros.access
+    return "move" if ros.localhost_only and web.authentication != "required" else "observe"
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TextIO
 
-from cobot.access.authentication import authentication_required
+from cobot.access.authentication import authentication_required, ros_access
 from cobot.access.tls import check_certificate
 from cobot.access.tokens import TokenFile
 from cobot.config import Settings, WebSection, load_endpoints
@@ -50,7 +50,7 @@ def check(settings: Settings, config: Path | None, out: TextIO) -> list[Checked]
         "endpoints", lambda: f"{len(load_endpoints(settings.web.endpoints))} in {settings.web.endpoints}"
     )
     report.item("address", lambda: _address(settings.web))
-    report.item("access", lambda: _access(settings.web))
+    report.item("access", lambda: _access(settings))
     report.item("logs", lambda: _log(settings))
     report.item("recordings", lambda: _folder(settings.sequences.recordings))
     for name, each in settings.each.items():
@@ -108,11 +108,13 @@ def _resolved(web: WebSection) -> str:
     return str(address[0])
 
 
-def _access(web: WebSection) -> str:
+def _access(settings: Settings) -> str:
+    web = settings.web
     tokens = TokenFile(web.tokens).read()
     needed = authentication_required(web, _resolved(web))
     scheme = "https" if check_certificate(web) else "http"
-    return f"{scheme}, tokens {'needed' if needed else 'not needed'}, {len(tokens)} in {web.tokens}"
+    made = f"{len(tokens)} in {web.tokens}"
+    return f"{scheme}, tokens {'needed' if needed else 'not needed'}, {made}; {ros_access(settings.ros, web)}"
 
 
 def _core(cpu: int | None) -> str:

@@ -76,7 +76,9 @@ def locked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Locked]:
     with (
         own_domain() as domain,
         Peer(domain, Messages(interface_definitions())) as peer,
-        answering(Run(folder, clock="realtime", ros_domain=domain, web=web, asking=asking)) as run,
+        answering(
+            Run(folder, clock="realtime", ros_domain=domain, ros_access="auto", web=web, asking=asking)
+        ) as run,
     ):
         yield Locked(run, file, tokens, trusted, peer)
 
@@ -84,10 +86,13 @@ def locked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Locked]:
 def test_the_start_says_what_is_in_force_and_check_looks_at_it(locked: Locked) -> None:
     run = locked.run
     assert f"access     with a token, {len(locked.tokens)} in " in run.output
+    over_ros = "; over ROS 2 every participant on this computer observes only (ros.access: auto)"
+    assert over_ros in run.output
     assert run.url.startswith("https://localhost:")
     command = [sys.executable, "-m", "cobot", "check", "--config", str(run.config)]
     checked = subprocess.run(command, capture_output=True, text=True, timeout=WAIT_S, check=False)
     assert f"ok      access: https, tokens needed, {len(locked.tokens)} in " in checked.stdout, checked.stderr
+    assert over_ros in checked.stdout
     for token in locked.tokens.values():
         assert token not in run.output + checked.stdout
 
@@ -250,7 +255,9 @@ def test_a_program_that_the_service_runs_is_who_started_it_for_as_long_as_it_run
             late.health()
 
 
-def test_who_comes_over_ros_may_move_and_change_nothing(locked: Locked) -> None:
+def test_where_tokens_are_required_ros_observes_only(locked: Locked) -> None:
+    """DDS has no tokens: a service that only reads is answered, one that moves is refused, and nothing
+    listens for servo points."""
     name = f"/{locked.run.name}"
 
     def call(method: str, **request: Any) -> dict[str, Any]:
@@ -260,10 +267,14 @@ def test_who_comes_over_ros_may_move_and_change_nothing(locked: Locked) -> None:
         return answer
 
     assert call("RobotConfig/getDof")["result"] == 7
-    assert call("MotionControl/stopJoint")["code"] == 0
-    refused = call("RobotConfig/resetLimits")
-    assert refused["code"] == Code.ERROR
-    assert "ros2 has the role operator, which this does not permit: it needs programmer" in refused["message"]
+    for method, role in (("MotionControl/stopJoint", "operator"), ("RobotConfig/resetLimits", "programmer")):
+        refused = call(method)
+        assert refused["code"] == Code.ERROR
+        assert (
+            f"ros2 has the role observer, which this does not permit: it needs {role}" in refused["message"]
+        )
+    readers = {topic for kind, topic, _ in locked.peer.found if kind == "r"}
+    assert f"rt{name}/joint_cmd" not in readers, "nothing listens for servo points"
 
 
 def test_a_websocket_ends_with_its_token_and_its_address_is_in_no_log(locked: Locked) -> None:

@@ -10,6 +10,7 @@ from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 
+from cobot.access.authentication import ros_access
 from cobot.access.tls import check_certificate
 from cobot.addresses import address
 from cobot.config import DEFAULT_SETTINGS, Settings, load_endpoints, resolve
@@ -82,6 +83,7 @@ class Supervisor:
         listener = listen(self._settings.web) if self._settings.web.enabled else None
         url = url_of(listener, secure) if listener is not None else ""
         access = access_to(self._settings.web, listener)
+        access += f"; {ros_access(self._settings.ros, self._settings.web)}"
         made = Children(self._settings, self._running.file, self._source, self._log)
         rtloops: list[Child] = []
         service: list[Child] = []

@@ -25,7 +25,7 @@ from app.api.roles import PUBLIC, ROLES, endpoint_of, guard
 from app.aubo.classes import REGISTRY
 from app.rosbridge import roles as rosbridge_roles
 from app.rosbridge.operations import OPERATIONS
-from cobot.access.authentication import authentication_required, rights_of_ros
+from cobot.access.authentication import authentication_required, rights_of_ros, ros_access
 from cobot.access.roles import Role
 from cobot.access.tokens import TokenFile
 from cobot.config import ENDPOINTS, Settings, load_settings
@@ -637,20 +637,27 @@ def test_tokens_are_needed_beyond_this_computer(
 
 
 @pytest.mark.parametrize(
-    ("access", "localhost_only", "role"),
+    ("access", "localhost_only", "authentication", "role", "told"),
     [
-        ("auto", True, Role.OPERATOR),
-        ("auto", False, Role.OBSERVER),
-        ("observe", True, Role.OBSERVER),
-        ("move", False, Role.OPERATOR),
-        ("all", False, Role.ADMIN),
+        ("auto", True, "auto", Role.OPERATOR, "on this computer moves the robot without a token"),
+        ("auto", True, "none", Role.OPERATOR, "on this computer moves the robot without a token"),
+        ("auto", True, "required", Role.OBSERVER, "on this computer observes only"),
+        ("auto", False, "auto", Role.OBSERVER, "on these networks observes only"),
+        ("observe", True, "auto", Role.OBSERVER, "on this computer observes only"),
+        ("move", False, "auto", Role.OPERATOR, "on these networks moves the robot without a token"),
+        ("move", True, "required", Role.OPERATOR, "on this computer moves the robot without a token"),
+        ("all", False, "auto", Role.ADMIN, "on these networks may do everything without a token"),
     ],
 )
-def test_what_ros_may_do_is_a_setting(
-    settings: Settings, access: str, localhost_only: bool, role: Role
+def test_ros_moves_the_robot_without_a_token_only_where_the_settings_permit_that(
+    settings: Settings, access: str, localhost_only: bool, authentication: str, role: Role, told: str
 ) -> None:
+    """Oracle: the table in docs/security.md, written out by hand."""
     ros = settings.ros.model_copy(update={"access": access, "localhost_only": localhost_only})
-    assert rights_of_ros(ros) is role
+    web = settings.web.model_copy(update={"authentication": authentication})
+    assert rights_of_ros(ros, web) is role
+    assert ros_access(ros, web) == f"over ROS 2 every participant {told} (ros.access: {access})"
+    assert ros_access(ros.model_copy(update={"enabled": False}), web) == "no ROS 2"
 
 
 def test_a_stop_needs_no_token_unless_the_settings_ask_for_one_and_never_on_this_computer(
