@@ -27,13 +27,17 @@ class Publisher:
     """Somebody's right to publish on a topic. Made by `Graph.advertise`.
 
     Attributes:
+        binding: its type counts for everybody, as long as it lasts.
         latch: who subscribes later gets `last`.
         on_demand: called with the number of subscribers when it has changed.
     """
 
-    def __init__(self, topics: Topics, topic: _Topic, latch: bool, owner: object) -> None:
+    def __init__(
+        self, topics: Topics, topic: _Topic, type_: str, latch: bool, owner: object, binding: bool
+    ) -> None:
         self.topic = topic.name
-        self.type = topic.type
+        self.type = type_
+        self.binding = binding
         self.owner = owner
         self.last: Message | None = None
         self.on_demand: Callable[[int], None] | None = None
@@ -43,7 +47,8 @@ class Publisher:
 
     @property
     def subscribers(self) -> int:
-        return len(self._topic.subscriptions)
+        """How many subscriptions take messages of this type."""
+        return sum(each.takes(self.type) for each in self._topic.subscriptions)
 
     def publish(self, message: Message | bytes) -> None:
         """Give a message to all who have subscribed.
@@ -63,7 +68,7 @@ class Publisher:
             self.last = content
         echo = self.owner not in self._topics.gateways
         for subscription in tuple(self._topic.subscriptions):
-            if echo or subscription.owner is not self.owner:
+            if subscription.takes(self.type) and (echo or subscription.owner is not self.owner):
                 subscription.deliver(content)
 
     def close(self) -> None:
@@ -73,17 +78,34 @@ class Publisher:
 
 
 class Subscription:
-    """Somebody's subscription to a topic. Made by `Graph.subscribe`."""
+    """Somebody's subscription to a topic. Made by `Graph.subscribe`.
+
+    Attributes:
+        type: of the messages that it takes; None: of whatever is published.
+        on_other_type: called with a sentence when the topic is advertised with another type, of which the
+            subscription gets nothing.
+    """
 
     def __init__(
-        self, topics: Topics, topic: _Topic, callback: Callable[[Message], None], owner: object
+        self,
+        topics: Topics,
+        topic: _Topic,
+        type_: str | None,
+        callback: Callable[[Message], None],
+        owner: object,
+        on_other_type: Callable[[str], None] | None,
     ) -> None:
         self.topic = topic.name
-        self.type = topic.type
+        self.type = type_
         self.owner = owner
+        self.on_other_type = on_other_type
         self._topics = topics
         self._topic = topic
         self._callback = callback
+
+    def takes(self, type_: str) -> bool:
+        """Whether it gets messages of this type."""
+        return self.type is None or self.type == type_
 
     def deliver(self, message: Message) -> None:
         try:
@@ -101,12 +123,13 @@ class _Topic:
     """Lives as long as somebody publishes or subscribes.
 
     Attributes:
+        declared: the type that the service itself takes here, whoever publishes.
         local: the DDS process has this topic itself.
         owner: who alone may publish here; None for everybody.
     """
 
     name: str
-    type: str
+    declared: str | None = None
     local: bool = False
     owner: object | None = None
     publishers: list[Publisher] = field(default_factory=list)
@@ -115,6 +138,9 @@ class _Topic:
 
 class Topics:
     """All topics, by name.
+
+    A topic has the type with which it is advertised, until its last advertiser ends. Neither a subscription
+    nor a gateway, which only mirrors what others have subscribed, fixes it for anybody else.
 
     Attributes:
         messages: the types.
@@ -136,6 +162,7 @@ class Topics:
         owner: object,
         local: bool = False,
         alone: bool = False,
+        inferred: bool = False,
         on_demand: Callable[[int], None] | None = None,
     ) -> Publisher:
         """Publish on a topic.
@@ -147,43 +174,59 @@ class Topics:
             owner: whose it is.
             local: the DDS process has this topic itself and shall not mirror it.
             alone: nobody else may publish there from now on.
+            inferred: the type was not given, but taken from a subscription.
             on_demand: called with the number of subscribers, when it changes and now.
 
         Raises:
-            InputError: no valid name, no known type, or another type than the topic has.
+            InputError: no valid name, no known type, or another type than the topic is advertised with.
             PermissionDenied: somebody else publishes there alone.
         """
-        entry = self._topic(topic, type_)
+        entry, known = self._topic(topic, type_)
+        assert known is not None
         if entry.owner is not None and entry.owner is not owner:
             raise PermissionDenied(f"{entry.name} tells what its owner knows: nobody else publishes there")
         if alone:
             entry.owner = owner
         entry.local |= local
-        publisher = Publisher(self, entry, latch, owner)
+        binding = not inferred and owner not in self.gateways
+        publisher = Publisher(self, entry, known, latch, owner, binding)
         publisher.on_demand = on_demand
         entry.publishers.append(publisher)
+        if binding:
+            _tell_others(entry, known)
         if on_demand is not None:
             on_demand(publisher.subscribers)
         self.changed()
         return publisher
 
     def subscribe(
-        self, topic: str, type_: str | None, callback: Callable[[Message], None], *, owner: object
+        self,
+        topic: str,
+        type_: str | None,
+        callback: Callable[[Message], None],
+        *,
+        owner: object,
+        declares: bool = False,
+        on_other_type: Callable[[str], None] | None = None,
     ) -> Subscription:
         """Get a topic's messages, the last one of each latched publisher first.
 
         Args:
-            type_: None for what the topic has.
+            type_: None for what is published, whatever its type.
             callback: called with each message, in the event loop; it must be quick.
+            declares: the topic is the service's own, for whoever publishes: it has this type for good.
+            on_other_type: see `Subscription`.
 
         Raises:
             InputError: see `advertise`; or no type is given and nobody publishes.
         """
-        entry = self._topic(topic, type_)
-        subscription = Subscription(self, entry, callback, owner)
+        entry, known = self._topic(topic, type_)
+        if declares:
+            entry.declared = known
+        subscription = Subscription(self, entry, known, callback, owner, on_other_type)
         entry.subscriptions.append(subscription)
         for publisher in entry.publishers:
-            if publisher.last is not None:
+            if publisher.last is not None and subscription.takes(publisher.type):
                 subscription.deliver(publisher.last)
         self._demand(entry)
         self.changed()
@@ -204,13 +247,18 @@ class Topics:
         self.changed()
 
     def topics(self) -> dict[str, str]:
-        """The type of each topic."""
-        return {topic.name: topic.type for topic in self._topics.values()}
+        """The type of each topic; where nobody advertises, that of the first subscription."""
+        return {topic.name: self._shown_type(topic) for topic in self._topics.values()}
 
     def type_of(self, topic: str) -> str | None:
-        """A topic's type; None if there is no such topic."""
+        """The type with which a topic is advertised; None if it is not."""
         entry = self._topics.get(absolute(topic))
-        return None if entry is None else entry.type
+        return None if entry is None else self._advertised(entry)
+
+    def guessed_type_of(self, topic: str) -> str | None:
+        """The same; where nobody advertises, the type of the first subscription."""
+        entry = self._topics.get(absolute(topic))
+        return None if entry is None else self._shown_type(entry)
 
     def ends_of(self, topic: str) -> tuple[int, int]:
         """How many publish on a topic, and how many have subscribed."""
@@ -231,7 +279,7 @@ class Topics:
                 made.append(
                     {
                         "name": topic.name,
-                        "type": topic.type,
+                        "type": self._shown_type(topic),
                         "publishers": publishers,
                         "subscribers": subscribers,
                         "latched": any(publisher.latch for publisher in topic.publishers),
@@ -242,23 +290,44 @@ class Topics:
     def _own(self, ends: list[Any]) -> int:
         return sum(end.owner not in self.gateways for end in ends)
 
-    def _topic(self, name: str, type_: str | None) -> _Topic:
+    def _topic(self, name: str, type_: str | None) -> tuple[_Topic, str | None]:
+        """A topic, made if there is none, and the type that is asked for, in full."""
         name = absolute(name)
         entry = self._topics.get(name)
         if type_ is not None:
             type_ = self.messages.resolved(type_, "msg")
+        advertised = None if entry is None else self._advertised(entry)
+        if type_ is None and (entry is None or not (advertised or entry.publishers)):
+            raise InputError(f"nobody publishes {name}, so its type must be given")
+        if type_ is not None and advertised is not None and type_ != advertised:
+            raise InputError(f"{name} is of type {advertised}, not {type_}")
         if entry is None:
-            if type_ is None:
-                raise InputError(f"nobody publishes {name}, so its type must be given")
-            entry = self._topics[name] = _Topic(name, type_)
-        elif type_ is not None and type_ != entry.type:
-            raise InputError(f"{name} is of type {entry.type}, not {type_}")
-        return entry
+            entry = self._topics[name] = _Topic(name)
+        return entry, type_
+
+    @staticmethod
+    def _advertised(topic: _Topic) -> str | None:
+        """The type that counts for everybody; None if there is none yet."""
+        return topic.declared or next((each.type for each in topic.publishers if each.binding), None)
+
+    def _shown_type(self, topic: _Topic) -> str:
+        types = (each.type for each in (*topic.publishers, *topic.subscriptions) if each.type is not None)
+        return self._advertised(topic) or next(types, "")
 
     def _demand(self, topic: _Topic) -> None:
         for publisher in tuple(topic.publishers):
             if publisher.on_demand is not None:
-                publisher.on_demand(len(topic.subscriptions))
+                publisher.on_demand(publisher.subscribers)
+
+
+def _tell_others(topic: _Topic, type_: str) -> None:
+    """Tell the subscriptions of other types that they get nothing."""
+    for subscription in tuple(topic.subscriptions):
+        if not subscription.takes(type_) and subscription.on_other_type is not None:
+            subscription.on_other_type(
+                f"{topic.name} is advertised as {type_}: the subscription of type {subscription.type} gets "
+                f"nothing; subscribe with {type_}"
+            )
 
 
 def absolute(name: str) -> str:

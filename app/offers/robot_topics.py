@@ -55,7 +55,11 @@ class RobotTopics:
         services.tool.on_change.append(self._publish_latched)  # the TCP is part of both
         servo = services.servo
         graph.subscribe(
-            f"/{name}/joint_cmd", STRING, lambda message: servo.receive(message["data"]), owner=self
+            f"/{name}/joint_cmd",
+            STRING,
+            lambda message: servo.receive(message["data"]),
+            owner=self,
+            declares=True,
         )
 
     def close(self) -> None:

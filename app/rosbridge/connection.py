@@ -160,7 +160,7 @@ class Connection:
                 _require_plain(asked.compression)
                 if asked.topic not in self.outbox.feeds and len(self.outbox.feeds) >= MAX_ENDS:
                     raise ConflictError(f"a client may subscribe {MAX_ENDS} topics")
-                self.outbox.subscribe(self._graph, asked, self)
+                self.outbox.subscribe(self._graph, asked, self, self.tell)
             case op.Unsubscribe():
                 self.outbox.unsubscribe(asked.topic, asked.id)
             case op.Advertise():
@@ -193,10 +193,11 @@ class Connection:
 
     def _publish(self, asked: op.Publish, size: int) -> None:
         if asked.topic not in self._publishers:
-            type_ = self._graph.type_of(asked.topic)
+            known = self._graph.type_of(asked.topic)
+            type_ = known or self._graph.guessed_type_of(asked.topic)
             if type_ is None:
                 raise InputError(f"nobody has advertised {shown(asked.topic)}, so its type is not known")
-            self._advertise(asked.topic, type_, asked.latch, None)
+            self._advertise(asked.topic, type_, asked.latch, None, inferred=known is None)
         publisher, _ = self._publishers[asked.topic]
         if not publisher.latch:
             publisher.publish(asked.msg)
@@ -210,12 +211,14 @@ class Connection:
         publisher.publish(asked.msg)
         self._latched[asked.topic] = size
 
-    def _advertise(self, topic: str, type_: str, latch: bool, advertise_id: op.Id) -> None:
+    def _advertise(
+        self, topic: str, type_: str, latch: bool, advertise_id: op.Id, *, inferred: bool = False
+    ) -> None:
         known = self._publishers.get(topic)
         if known is None:
             if len(self._publishers) >= MAX_ENDS:
                 raise ConflictError(f"a client may advertise {MAX_ENDS} topics")
-            publisher = self._graph.advertise(topic, type_, latch=latch, owner=self)
+            publisher = self._graph.advertise(topic, type_, latch=latch, owner=self, inferred=inferred)
             self._publishers[topic] = publisher, {advertise_id}
         elif self._graph.messages.resolved(type_, "msg") != known[0].type:
             raise InputError(f"{topic} is of type {known[0].type}, not {type_}")
@@ -314,7 +317,7 @@ class Connection:
         graph = self._graph
         match asked:
             case op.Publish():
-                return graph.type_of(asked.topic)
+                return graph.guessed_type_of(asked.topic)
             case op.CallService():
                 return f"{graph.service(asked.service).type}_Request"
             case op.ServiceResponse():

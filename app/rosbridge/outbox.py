@@ -6,7 +6,7 @@ import asyncio
 import itertools
 import json
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from app.graph.graph import Graph
@@ -38,7 +38,14 @@ def dumps(content: Message) -> str:
 class Feed:
     """A topic on its way to one client, which may have subscribed several times: the widest one counts."""
 
-    def __init__(self, graph: Graph, request: Subscribe, wake: asyncio.Event, owner: object) -> None:
+    def __init__(
+        self,
+        graph: Graph,
+        request: Subscribe,
+        wake: asyncio.Event,
+        owner: object,
+        tell: Callable[[str], None],
+    ) -> None:
         self.topic = request.topic
         self._requests: dict[Id, Subscribe] = {}
         self._queue: deque[Message] = deque()
@@ -48,7 +55,7 @@ class Feed:
         self._timer: asyncio.TimerHandle | None = None
         self.add(request)
         self._subscription: Subscription = graph.subscribe(
-            request.topic, request.type, self._take, owner=owner
+            request.topic, request.type, self._take, owner=owner, on_other_type=tell
         )
 
     def add(self, request: Subscribe) -> None:
@@ -92,7 +99,8 @@ class Feed:
         return in_pieces(dumps(content), self._fragment_size, name)
 
     @property
-    def type(self) -> str:
+    def type(self) -> str | None:
+        """Of its messages; None: of whatever is published."""
         return self._subscription.type
 
     def _due(self) -> None:
@@ -159,8 +167,11 @@ class Outbox:
             if not found and not self._answers:
                 return
 
-    def subscribe(self, graph: Graph, request: Subscribe, owner: object) -> None:
+    def subscribe(self, graph: Graph, request: Subscribe, owner: object, tell: Callable[[str], None]) -> None:
         """A request for a topic.
+
+        Args:
+            tell: called with a sentence if the topic is advertised with another type later.
 
         Raises:
             InputError: see `Graph.subscribe`.
@@ -168,10 +179,11 @@ class Outbox:
         """
         feed = self.feeds.get(request.topic)
         if feed is None:
-            self.feeds[request.topic] = Feed(graph, request, self.wake, owner)
+            self.feeds[request.topic] = Feed(graph, request, self.wake, owner, tell)
             return
-        if request.type is not None and graph.messages.resolved(request.type, "msg") != feed.type:
-            raise InputError(f"{request.topic} is of type {feed.type}, not {request.type}")
+        known = feed.type or graph.type_of(request.topic)
+        if request.type is not None and known not in (None, graph.messages.resolved(request.type, "msg")):
+            raise InputError(f"{request.topic} is of type {known}, not {request.type}")
         feed.add(request)
 
     def unsubscribe(self, topic: str, request_id: Id) -> None:

@@ -188,6 +188,64 @@ def test_a_topic_has_one_type() -> None:
     live(test)
 
 
+def test_a_subscription_fixes_no_type_for_others() -> None:
+    """Oracle: DDS, where a reader and a writer of different types do not see each other."""
+
+    async def test(graph: Graph) -> None:
+        wrong: list[Any] = []
+        right: list[Any] = []
+        told: list[str] = []
+        graph.subscribe("/a", "std_msgs/msg/Int8", wrong.append, owner=1, on_other_type=told.append)
+        assert graph.topics()["/a"] == "std_msgs/msg/Int8"
+        assert graph.type_of("/a") is None
+        publisher = graph.advertise("/a", STRING, owner=2)
+        (sentence,) = told
+        assert sentence.startswith(
+            "/a is advertised as std_msgs/msg/String: the subscription of type std_msgs"
+        )
+        graph.subscribe("/a", STRING, right.append, owner=3)
+        assert (graph.topics()["/a"], graph.type_of("/a")) == (STRING, STRING)
+        assert publisher.subscribers == 1
+        publisher.publish({"data": "x"})
+        assert (wrong, right) == ([], [{"data": "x"}])
+        publisher.close()
+        assert graph.type_of("/a") is None
+        graph.advertise("/a", "std_msgs/msg/Int8", owner=2).publish({"data": 3})
+        assert (wrong, len(right)) == ([{"data": 3}], 1)
+
+    live(test)
+
+
+def test_what_a_gateway_mirrors_fixes_no_type_for_others() -> None:
+    """It advertises what somebody has subscribed, with the type of that subscription."""
+
+    async def test(graph: Graph) -> None:
+        got: list[Any] = []
+        graph.gateways.add("dds")
+        graph.subscribe("/a", "std_msgs/msg/Int8", got.append, owner="observer")
+        mirror = graph.advertise("/a", "std_msgs/msg/Int8", owner="dds")
+        publisher = graph.advertise("/a", STRING, owner="operator")
+        assert graph.type_of("/a") == STRING
+        publisher.publish({"data": "x"})
+        mirror.publish({"data": 1})
+        assert got == [{"data": 1}]
+        with pytest.raises(InputError, match="/a is of type std_msgs/msg/String, not std_msgs/msg/Int8"):
+            graph.advertise("/a", "std_msgs/msg/Int8", owner="dds")
+
+    live(test)
+
+
+def test_a_topic_of_the_service_has_its_type_whoever_publishes() -> None:
+    async def test(graph: Graph) -> None:
+        graph.subscribe("/command", STRING, print, owner=1, declares=True)
+        assert graph.type_of("/command") == STRING
+        for ask in (graph.advertise, lambda *a, owner: graph.subscribe(*a, print, owner=owner)):
+            with pytest.raises(InputError, match="/command is of type std_msgs/msg/String"):
+                ask("/command", "std_msgs/msg/Int8", owner=2)
+
+    live(test)
+
+
 def test_a_service_gets_a_complete_request_and_answers_completely() -> None:
     async def test(graph: Graph) -> None:
         async def answer(request: dict[str, Any]) -> dict[str, Any]:
