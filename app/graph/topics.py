@@ -311,8 +311,9 @@ class Topics:
         return topic.declared or next((each.type for each in topic.publishers if each.binding), None)
 
     def _shown_type(self, topic: _Topic) -> str:
-        types = (each.type for each in (*topic.publishers, *topic.subscriptions) if each.type is not None)
-        return self._advertised(topic) or next(types, "")
+        types = [publisher.type for publisher in topic.publishers]
+        types += [each.type for each in topic.subscriptions if each.type is not None]
+        return self._advertised(topic) or next(iter(types), "")
 
     def _demand(self, topic: _Topic) -> None:
         for publisher in tuple(topic.publishers):
