@@ -20,6 +20,7 @@ from cobot.errors import CobotError, CollisionError, ConfigError
 from cobot.launch.process import RUN_MODULE
 from cobot.planners import MotionRequest, plan
 from cobot.robot.description import RobotDescription, load_robot
+from cobot.robot.holding import check_holds, examine, take_up
 from cobot.robot.limits import check_positions
 from cobot.types import PlannerName, Scaling, vector
 
@@ -36,8 +37,9 @@ class Checked:
 def check(settings: Settings, config: Path | None, out: TextIO) -> list[Checked]:
     """Validate the configuration, one printed line per item.
 
-    Checks the endpoints file, the address, the folders, the model with its limits, the backend, and of
-    each named position: limits, self-collision, and that a ptp motion leads there from the start position.
+    Checks the endpoints file, the address, the folders, the model with its limits, whether the drives can
+    hold the arm in every posture, the backend, and of each named position: limits, self-collision, that the
+    drives can hold it, and that a ptp motion leads there from the start position.
 
     Args:
         config: the settings' file, for the real-time process.
@@ -71,6 +73,7 @@ def _check_robot(report: _Report, settings: Settings, config: Path | None) -> No
     report.item("core", lambda: _core(settings.rt.cpu))
     report.item("robot", load)
     for robot in robots:
+        report.item("efforts", partial(_efforts, robot, settings))
         report.item("backend", lambda: _backend(settings, config))
         for name in robot.positions:
             report.item(f"position {name}", partial(_position, robot, name, settings))
@@ -157,14 +160,36 @@ def _backend(settings: Settings, config: Path | None) -> str:
     return done.stdout.strip().splitlines()[-1]
 
 
+def _efforts(robot: RobotDescription, settings: Settings) -> str:
+    """Whether the drives hold the arm, with its tool, in all postures free of collisions."""
+    take_up(robot, settings)
+    holding = examine(robot.model, robot.collision, robot.limits)
+    carried = robot.model.carried.mass
+    load = f" with {carried:g} kg" if carried else ""
+    if failing := holding.failing:
+        raise ConfigError(
+            f"the drives hold the arm{load} in {100.0 * holding.share:.0f} % of its postures: "
+            f"{'; '.join(hold.placed() for hold in failing)}. Correct max_effort or the masses of the model, "
+            "or narrow the position limits"
+        )
+    hardest = holding.hardest[0]
+    return (
+        f"hold the arm{load} in every posture; {hardest.joint} needs most, {100.0 * hardest.share:.0f} % of "
+        "its max_effort"
+    )
+
+
 def _position(robot: RobotDescription, name: str, settings: Settings) -> str:
     joints = vector(robot.positions[name].joints)
     check_positions(robot.limits, joints)
     contacts = robot.collision.contacts(joints)
     if contacts:
         raise CollisionError(f"{contacts[0].first} touches {contacts[0].second}")
+    check_holds(robot.model, robot.limits, joints, "the position")
     start = vector(robot.positions[settings.robot.start_position].joints)
     timeout_s = settings.planning.timeout_s
     plan(robot, MotionRequest(start, joints, PlannerName.PTP, Scaling(speed=1.0), None, timeout_s=timeout_s))
     x, y, z = robot.model.forward(joints).position
-    return f"within limits, free, reachable; TCP at x {x:.3f} y {y:.3f} z {z:.3f} m in {robot.base_frame}"
+    return (
+        f"within limits, free, held, reachable; TCP at x {x:.3f} y {y:.3f} z {z:.3f} m in {robot.base_frame}"
+    )

@@ -105,9 +105,20 @@ def _run(chosen: argparse.Namespace) -> int:
 
 
 def _new_robot(chosen: argparse.Namespace) -> int:
+    from cobot.launch.masses import Wishes
     from cobot.launch.new_robot import NewRobot
 
-    robot = NewRobot(chosen.file, chosen.actuators, chosen.without, chosen.package, chosen.base, chosen.tcp)
+    robot = NewRobot(
+        chosen.file,
+        chosen.actuators,
+        chosen.without,
+        chosen.package,
+        chosen.base,
+        chosen.tcp,
+        wishes=Wishes(chosen.density, dict(chosen.mass)),
+        srdf=chosen.srdf,
+        group=chosen.group,
+    )
     folder = chosen.output or Path(chosen.file.name.split(".")[0])
     robot.write(folder)
     print(f"{folder} has been made. Guessed, to be looked at:")

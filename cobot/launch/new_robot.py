@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import tempfile
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -18,7 +18,8 @@ import yaml
 
 from cobot.config import SETTINGS_FILE, load_settings
 from cobot.errors import ConfigError
-from cobot.launch import robot_guesses
+from cobot.launch import efforts, home_posture, masses, robot_guesses
+from cobot.launch.inertials import Stated, set_aside
 from cobot.launch.robot_file.arm import find_arm, guess_tcp, require_serial
 from cobot.launch.robot_file.joints import keep_joints, remove_shapes
 from cobot.launch.robot_file.meshes import collect_meshes
@@ -27,12 +28,31 @@ from cobot.launch.robot_file.saving import compiled, save
 from cobot.launch.robot_file.tree import JointTree
 from cobot.launch.robot_file.urdf import read_urdf
 from cobot.launch.robot_file.xml_file import read_xml
+from cobot.launch.srdf_import import GROUP, Semantics, Tree, read_srdf
+from cobot.robot.collision import CollisionChecker
 from cobot.robot.description import load_robot
 from cobot.robot.file_limits import VELOCITY_OF, urdf_rates
+from cobot.robot.holding import examine
 from cobot.robot.model import RobotModel
+from cobot.robot.srdf import write_srdf
 from cobot.types import JointLimits
 
-GROUP = "arm"
+
+@dataclass(frozen=True, slots=True)
+class _Source:
+    """What has been read of the file.
+
+    Attributes:
+        rates: velocity and effort of its joints, 0 for unknown.
+        names: of all its joints.
+        stated: of a URDF the inertials that were set aside; None for MJCF.
+    """
+
+    spec: mujoco.MjSpec
+    rates: dict[str, tuple[float, float]]
+    names: list[str]
+    stated: dict[str, Stated] | None
+    tree: Tree
 
 
 @dataclass(slots=True)
@@ -42,6 +62,8 @@ class NewRobot:
     Attributes:
         actuators: the joints that drives move; empty for those of the arm. Others stay where they are.
         without: joints that are not part of the arm.
+        wishes: masses that the user gives.
+        srdf, group: an SRDF, and the group of it whose joints drives move.
         packages: folders, in which or as which the packages of package://NAME/... are looked for.
         guessed: sentences, filled in by `write`.
     """
@@ -52,6 +74,9 @@ class NewRobot:
     packages: Sequence[Path] = ()
     base: str | None = None
     tcp: str | None = None
+    wishes: masses.Wishes = field(default_factory=masses.Wishes)
+    srdf: Path | None = None
+    group: str | None = None
     guessed: list[str] = field(default_factory=list)
 
     def write(self, folder: Path) -> None:
@@ -78,31 +103,48 @@ class NewRobot:
             raise ConfigError(f"{folder}: cannot be written: {reason}; choose another --output") from exc
 
     def _fill(self, folder: Path, name: str) -> None:
-        spec, rates, names = self._read()
-        joints, tcp = self._driven(spec, names)
+        source = self._read()
+        spec = source.spec
+        semantics = self._semantics(source)
+        own_state = home_posture.keyframe(spec)
+        joints, tcp = self._driven(spec, source.names, semantics)
         collect_meshes(self.file, spec, folder)
-        base, tcp = robot_guesses.frames(spec, joints, self.base, tcp, self.guessed)
+        self.guessed += masses.settle(self.file, spec, self.wishes, source.stated)
+        base, tcp = robot_guesses.frames(spec, joints, self.base or semantics.base, tcp, self.guessed)
         for joint in joints:
             motor = spec.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
             motor.set_to_motor()
-            if (velocity := rates.get(joint, (0.0, 0.0))[0]) > 0.0:
+            if (velocity := source.rates.get(joint, (0.0, 0.0))[0]) > 0.0:
                 spec.add_numeric(name=f"{VELOCITY_OF}{joint}", data=[velocity], size=1)
         mj = compiled(self.file, spec)
         save(spec, folder)
-        limits = robot_guesses.limits(self.file, mj, rates, self.guessed)
+        limits = robot_guesses.limits(self.file, mj, source.rates, self.guessed)
         robot = self._load(folder, limits, base, tcp)
-        limits = replace(limits, max_effort=robot_guesses.efforts(robot, self.guessed))
+        limits = replace(robot.limits, max_effort=robot_guesses.efforts(robot, self.guessed))
         robot_guesses.write_limits(limits, folder / "joint_limits.yaml")
         robot_guesses.shapeless(robot, self.guessed)
-        if pairs := robot_guesses.pairs_that_touch(robot):
-            robot_guesses.exclude(self.file, spec, folder, pairs, self.guessed)
-            robot = self._load(folder, limits, base, tcp)
-        home = robot_guesses.home(self.file, robot, self.guessed)
-        robot_guesses.write_srdf(folder / "robot.srdf", GROUP, limits.names, home, pairs)
+        touching = robot_guesses.pairs_that_touch(robot, semantics.pairs, self.guessed)
+        pairs = [*semantics.pairs, *touching]
+        for first, second in pairs:
+            spec.add_exclude(bodyname1=first, bodyname2=second)
+        collision = CollisionChecker(robot, robot_guesses.MARGIN_M, map(frozenset, pairs))
+        holding = examine(robot, collision, limits)
+        self.guessed += efforts.reduce_friction(spec, robot, limits, holding)
+        compiled(self.file, spec)
+        save(spec, folder)
+        robot = self._load(folder, limits, base, tcp)
+        max_payload_kg, sentence = efforts.payload_left(robot, collision)
+        self.guessed += [efforts.total_mass(robot.mj), sentence, *efforts.report_holding(holding)]
+        positions = home_posture.positions(
+            self.file, robot, collision, base, semantics.states_of(limits.names, own_state), self.guessed
+        )
+        self.guessed += semantics.said
+        write_srdf(folder / "robot.srdf", semantics.group, limits.names, positions, pairs)
         settings = {
             "robot": {
-                "name": name, "model": "model.xml", "srdf": "robot.srdf", "group": GROUP,
-                "base_frame": base, "tcp": tcp, "start_position": "home",
+                "name": name, "model": "model.xml", "srdf": "robot.srdf", "group": semantics.group,
+                "base_frame": base, "tcp": tcp, "start_position": home_posture.start_name(positions),
+                "max_payload_kg": max_payload_kg,
             },
             "planning": {"default_frame": base},
             "web": {"joint_limits": "joint_limits.yaml"},
@@ -111,12 +153,12 @@ class NewRobot:
         with self._naming(folder):
             load_robot(load_settings(folder / SETTINGS_FILE))
 
-    def _read(self) -> tuple[mujoco.MjSpec, dict[str, tuple[float, float]], list[str]]:
-        """And what the file says of velocity and effort of its joints, and the names of all of them."""
+    def _read(self) -> _Source:
         root = read_xml(self.file)
         if root.tag == "mujoco":
             spec = read_mjcf(self.file)
-            return spec, mjcf_rates(spec), [joint.name for joint in spec.joints]
+            names = [joint.name for joint in spec.joints]
+            return _Source(spec, mjcf_rates(spec), names, None, Tree.of_mjcf(spec))
         still = {
             str(joint.get("name"))
             for joint in root.iter("joint")
@@ -124,20 +166,36 @@ class NewRobot:
             or (self.actuators and joint.get("name") not in self.actuators)
         }
         names = [str(joint.get("name")) for joint in root.findall("joint")]
+        tree, stated = Tree.of_urdf(root), set_aside(self.file, root)
         spec = read_urdf(self.file, root, still, self.packages)
-        return spec, urdf_rates(self.file, root), names
+        return _Source(spec, urdf_rates(self.file, root), names, stated, tree)
 
-    def _driven(self, spec: mujoco.MjSpec, in_file: Sequence[str]) -> tuple[list[str], str]:
+    def _semantics(self, source: _Source) -> Semantics:
+        """Of the SRDF; without one the joints that the user has named."""
+        if self.srdf is None:
+            if self.group is not None:
+                raise ConfigError("--group chooses a group of an SRDF; give that too, with --srdf FILE")
+            return Semantics(GROUP, list(self.actuators))
+        arm = self.actuators
+        if not arm:
+            with suppress(ConfigError):  # The group says which joints they are.
+                chain = find_arm(self.file, source.spec, JointTree(source.spec, self.without), self.tcp)
+                arm = [node.name for node in chain]
+        return read_srdf(self.srdf, source.tree, self.group, arm, bool(self.actuators))
+
+    def _driven(
+        self, spec: mujoco.MjSpec, in_file: Sequence[str], semantics: Semantics
+    ) -> tuple[list[str], str]:
         """The joints of the arm and its TCP; all other joints are left out, and their links stay."""
         names = [joint.name for joint in spec.joints]
         for given, valid in ((self.actuators, names), (self.without, in_file)):
             if name := next((name for name in given if name not in valid), ""):
                 raise ConfigError(f"{self.file}: has no joint {name!r}; valid are: {', '.join(names)}")
-        if self.actuators:
-            chosen = [name for name in names if name in self.actuators]
+        if semantics.joints:
+            chosen = [name for name in names if name in semantics.joints and name not in self.without]
             nodes = JointTree(spec).nodes
             require_serial(self.file, spec, [nodes[name] for name in chosen if name in nodes])
-            tcp = self._tcp(spec.joint(chosen[-1]).parent)
+            tcp = self._tcp(spec.joint(chosen[-1]).parent, semantics.tcp)
             self._leave_out(spec, chosen)
             return chosen, tcp
         tree = JointTree(spec, self.without)
@@ -150,9 +208,9 @@ class NewRobot:
         self._leave_out(spec, joints, fingers, [node.name for rod in rods for node in rod.subtree])
         return joints, tcp
 
-    def _tcp(self, last_link: mujoco.MjsBody) -> str:
-        if self.tcp is not None:
-            return self.tcp
+    def _tcp(self, last_link: mujoco.MjsBody, of_srdf: str | None = None) -> str:
+        if given := self.tcp or of_srdf:
+            return given
         tcp, known = guess_tcp(last_link)
         self.guessed.append(f"tcp {tcp}: {'by its name' if known else 'the last link'} (--tcp)")
         return tcp

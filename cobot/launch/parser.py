@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -182,6 +183,22 @@ def _add_new_robot(commands: Any) -> None:
     new.add_argument(
         "--tcp", metavar="SITE", help="site or link that is the TCP; chooses one of several arms"
     )
+    new.add_argument("--srdf", type=Path, metavar="FILE", help="groups, states and pairs that may touch")
+    new.add_argument("--group", metavar="NAME", help="the group of the SRDF whose joints drives move")
+    new.add_argument(
+        "--density",
+        type=float,
+        metavar="KG_PER_M3",
+        help="of links without <inertial>, instead of 1100 kg/m³",
+    )
+    new.add_argument(
+        "--mass",
+        type=_mass,
+        nargs="+",
+        default=[],
+        metavar="LINK=KG",
+        help="mass of a link, instead of the file's or an assumed one",
+    )
 
 
 def _add_moveit(commands: Any, config: argparse.ArgumentParser) -> None:
@@ -200,6 +217,14 @@ def _settings_file(argument: str) -> Path:
             "`cobot new-robot` has made"
         )
     return file / SETTINGS_FILE
+
+
+def _mass(argument: str) -> tuple[str, float]:
+    link, equals, mass = argument.rpartition("=")
+    with contextlib.suppress(ValueError):
+        if link and equals:
+            return link, float(mass)
+    raise argparse.ArgumentTypeError(f"{argument!r} is not LINK=KG, such as upper_arm=3.5")
 
 
 def _port(argument: str) -> int:

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from xml.etree import ElementTree
-from xml.etree.ElementTree import Element, SubElement
 
 import mujoco
 import numpy as np
 import yaml
 
 from cobot.errors import ConfigError
-from cobot.launch.robot_file.saving import compiled, save
 from cobot.robot.collision import CollisionChecker
 from cobot.robot.model import RobotModel
-from cobot.types import Array, JointLimits, vector
+from cobot.types import Array, JointLimits
 
 SAMPLES = 500
 """Random positions at which self-collision is looked at."""
@@ -107,27 +104,24 @@ def write_limits(limits: JointLimits, file: Path) -> None:
     file.write_text(yaml.safe_dump({"joint_limits": entries}, sort_keys=False))
 
 
-def pairs_that_touch(robot: RobotModel) -> list[tuple[str, str]]:
-    """The bodies that are within 5 mm of each other at every sample."""
-    checker = CollisionChecker(robot, MARGIN_M)
+def pairs_that_touch(
+    robot: RobotModel, disabled: list[tuple[str, str]], guessed: list[str]
+) -> list[tuple[str, str]]:
+    """The bodies that are within 5 mm of each other at every sample, without the disabled pairs."""
+    checker = CollisionChecker(robot, MARGIN_M, map(frozenset, disabled))
     touching = checker.clearance.distances(_samples(robot.limits), MARGIN_M) < MARGIN_M
     bodies = robot.mj.geom_bodyid
     found = {
         tuple(sorted(int(bodies[geom]) for geom in checker.pairs[pair]))
         for pair in np.flatnonzero(touching.all(axis=0))
     }
-    return [(robot.mj.body(first).name, robot.mj.body(second).name) for first, second in sorted(found)]
-
-
-def exclude(
-    file: Path, spec: mujoco.MjSpec, folder: Path, pairs: list[tuple[str, str]], guessed: list[str]
-) -> None:
-    """Have the model's file say that these may touch."""
-    for first, second in pairs:
-        spec.add_exclude(bodyname1=first, bodyname2=second)
-        guessed.append(f"{first} and {second} may touch: they do in each of {SAMPLES} positions")
-    compiled(file, spec)
-    save(spec, folder)
+    pairs = [(robot.mj.body(first).name, robot.mj.body(second).name) for first, second in sorted(found)]
+    also = ", which the SRDF does not disable" if disabled else ""
+    guessed += [
+        f"{first} and {second} may touch: they do in each of {SAMPLES} positions{also}"
+        for first, second in pairs
+    ]
+    return pairs
 
 
 def shapeless(robot: RobotModel, guessed: list[str]) -> None:
@@ -137,40 +131,6 @@ def shapeless(robot: RobotModel, guessed: list[str]) -> None:
     bare = [mj.body(int(body)).name for body in mj.jnt_bodyid if int(body) not in shapes]
     if bare:
         guessed.append(f"no collision shape, so nothing keeps them from touching: {', '.join(bare)}")
-
-
-def home(file: Path, robot: RobotModel, guessed: list[str]) -> Array:
-    """The sample nearest to 0 that is free.
-
-    Raises:
-        ConfigError: none is.
-    """
-    limits, samples = robot.limits, _samples(robot.limits)
-    checker = CollisionChecker(robot, MARGIN_M)
-    zero = np.clip(np.zeros(limits.dof), limits.min_position, limits.max_position)
-    order = np.argsort(np.abs(samples - zero).max(axis=1))
-    free = next((joints for joints in (zero, *samples[order]) if checker.is_free(joints)), None)
-    if free is None:
-        raise ConfigError(f"{file}: it touches itself in each of {SAMPLES} positions")
-    guessed.append(f"home: {np.round(free, 3).tolist()}, the free position nearest to 0")
-    return vector(free)
-
-
-def write_srdf(
-    file: Path, group_name: str, names: tuple[str, ...], home: Array, pairs: list[tuple[str, str]]
-) -> None:
-    """A group of these joints with the position `home`, and the pairs that may touch."""
-    root = Element("robot", name=group_name)
-    group = SubElement(root, "group", name=group_name)
-    for name in names:
-        SubElement(group, "joint", name=name)
-    state = SubElement(root, "group_state", name="home", group=group_name)
-    for name, value in zip(names, home, strict=True):
-        SubElement(state, "joint", name=name, value=repr(float(value)))
-    for first, second in pairs:
-        SubElement(root, "disable_collisions", link1=first, link2=second, reason="Always")
-    ElementTree.indent(root)
-    ElementTree.ElementTree(root).write(file, encoding="utf-8", xml_declaration=True)
 
 
 def _samples(limits: JointLimits) -> Array:

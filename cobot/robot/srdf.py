@@ -1,13 +1,14 @@
-"""Named positions: the `group_state` elements of an SRDF file."""
+"""SRDF files: named positions (`group_state`), and pairs of links whose collisions are disabled."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from xml.etree import ElementTree
 
 from cobot.errors import ConfigError
-from cobot.types import NamedPosition
+from cobot.types import Array, NamedPosition
 
 
 def load_named_positions(path: Path, joint_names: tuple[str, ...], group: str) -> dict[str, NamedPosition]:
@@ -47,6 +48,28 @@ def disabled_pairs(path: Path) -> set[frozenset[str]]:
             raise ConfigError(f"{path}: a disable_collisions needs link1 and link2")
         pairs.add(frozenset((first, second)))
     return pairs
+
+
+def write_srdf(
+    file: Path,
+    group_name: str,
+    names: tuple[str, ...],
+    positions: Mapping[str, Array],
+    pairs: Iterable[tuple[str, str]],
+) -> None:
+    """A group of these joints with its named positions, and the pairs of links that may touch."""
+    root = ElementTree.Element("robot", name=group_name)
+    group = ElementTree.SubElement(root, "group", name=group_name)
+    for name in names:
+        ElementTree.SubElement(group, "joint", name=name)
+    for position, joints in positions.items():
+        state = ElementTree.SubElement(root, "group_state", name=position, group=group_name)
+        for name, value in zip(names, joints, strict=True):
+            ElementTree.SubElement(state, "joint", name=name, value=repr(float(value)))
+    for first, second in pairs:
+        ElementTree.SubElement(root, "disable_collisions", link1=first, link2=second, reason="User")
+    ElementTree.indent(root)
+    ElementTree.ElementTree(root).write(file, encoding="utf-8", xml_declaration=True)
 
 
 def _parse(path: Path) -> ElementTree.Element:

@@ -31,6 +31,7 @@ from cobot.launch.supervisor.systemd import Systemd
 from cobot.logs.supervision import supervising
 from cobot.recording.control import HANG_S
 from cobot.robot.description import load_robot
+from cobot.robot.holding import check_start
 
 READY_TIMEOUT_S = 20.0
 STOP_TIMEOUT_S = 5.0
@@ -175,6 +176,7 @@ class Supervisor:
         own_url = address(url, name) if url and self._settings.robots else url
         robot = load_robot(settings)
         robot.check_named_positions(settings.robot.srdf)
+        check_start(robot, settings)
         dof = robot.limits.dof
         memory = RobotMemory.create(name, dof, settings.rt.period_s, settings.rt.trajectory_capacity, own_url)
         stack.callback(memory.close)

@@ -1,0 +1,101 @@
+"""What `cobot new-robot` says about the drives: whether they hold the arm, what they leave for a payload, and
+how much friction they can overcome.
+"""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+
+from cobot.robot.collision import CollisionChecker
+from cobot.robot.holding import PAYLOAD_SHARE, Hold, Holding, payload
+from cobot.robot.model import RobotModel
+from cobot.types import JointLimits
+
+FRICTION_SHARE = 0.3
+"""Share that friction and damping may take at full speed, of the effort that holding the arm leaves: planned
+motions use the rest."""
+LEAST_SHARE = 0.05
+"""Of an effort that does not even hold the arm, friction and damping may take this share."""
+
+
+def report_holding(holding: Holding) -> list[str]:
+    """A sentence for each joint that cannot hold the arm."""
+    said = [
+        f"{hold.joint} cannot hold the arm at {_rounded(hold)}: it needs {hold.needed:.4g} {hold.unit}, the "
+        f"file gives {hold.limit:.4g} {hold.unit}; correct its effort or the masses"
+        for hold in holding.failing
+    ]
+    if said:
+        share = 100.0 * holding.share
+        said.append(f"motions into postures that cannot be held are rejected; {share:.0f} % can be held")
+    return said
+
+
+def payload_left(robot: RobotModel, collision: CollisionChecker) -> tuple[float, str]:
+    """`robot.max_payload_kg`, and a sentence on it. It is never more than the arm itself weighs: beyond that
+    the efforts of a file are placeholders.
+    """
+    moving = float(robot.mj.body_mass[robot.mj.body_weldid != 0].sum())
+    found, hold = payload(robot, collision, robot.limits)
+    mass = _rounded_down(min(found, moving))
+    if found > moving:
+        why = "the drives would hold more than the arm weighs"
+    elif mass == 0.0:
+        why = f"{hold.joint} holds no more at {_rounded(hold)}"
+    else:
+        why = (
+            f"the drives hold it at the TCP in every posture, with {100.0 * (1.0 - PAYLOAD_SHARE):.0f} % in "
+            f"reserve; {hold.joint} limits it at {_rounded(hold)}"
+        )
+    return mass, f"robot.max_payload_kg {mass:g}: {why}; prefer the data sheet's"
+
+
+def total_mass(mj: mujoco.MjModel) -> str:
+    moving = mj.body_weldid != 0
+    return f"total mass {mj.body_mass.sum():.4g} kg, of which {mj.body_mass[moving].sum():.4g} kg move"
+
+
+def reduce_friction(
+    spec: mujoco.MjSpec, robot: RobotModel, limits: JointLimits, holding: Holding
+) -> list[str]:
+    """Reduce friction and damping that the drives cannot overcome at full speed; returns sentences."""
+    mj = robot.mj
+    needed = {hold.joint: hold.needed for hold in holding.hardest}
+    said = []
+    for index, name in enumerate(limits.names):
+        friction, damping = float(mj.dof_frictionloss[index]), float(np.ravel(mj.dof_damping[index])[0])
+        lost = friction + damping * float(limits.max_velocity[index])
+        effort, unit = float(limits.max_effort[index]), limits.effort_unit(index)
+        left = max(effort - needed[name], 0.0)
+        room = max(FRICTION_SHARE * left, LEAST_SHARE * effort)
+        if lost <= room:
+            continue
+        joint, factor, per = spec.joint(name), room / lost, f"{unit} per {limits.unit(index, 1)}"
+        joint.frictionloss *= factor
+        joint.damping = np.asarray(joint.damping) * factor
+        said.append(
+            f"{name}: friction reduced from {friction:.3g} to {factor * friction:.3g} {unit}, damping from "
+            f"{damping:.3g} to {factor * damping:.3g} {per}: at full speed those of the file take {lost:.3g} "
+            f"{unit}, and holding the arm leaves the drive {left:.3g} {unit}"
+        )
+    kept = [
+        name for index, name in enumerate(limits.names) if mj.dof_frictionloss[index] or mj.dof_damping[index]
+    ]
+    if kept and not said:
+        return [f"friction and damping of the file are simulated: {', '.join(kept)}"]
+    return said
+
+
+def _rounded(hold: Hold) -> str:
+    return str(np.round(hold.posture, 2).tolist())
+
+
+def _rounded_down(value: float) -> float:
+    """To two digits."""
+    if value <= 0.0:
+        return 0.0
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return float(f"{math.floor(value / unit + 1e-9) * unit:.6g}")

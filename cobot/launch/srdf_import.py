@@ -1,0 +1,284 @@
+"""What `cobot new-robot --srdf` takes over from an SRDF: the group, its states, and the pairs of links whose
+collisions are disabled. Names that the robot does not have are reported.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import mujoco
+
+from cobot.errors import ConfigError
+from cobot.launch.robot_file.xml_file import parse, where
+from cobot.types import Array, vector
+
+GROUP = "arm"
+"""The name of a group where there is no SRDF."""
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    name: str
+    parent: str
+    child: str
+    moves: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Tree:
+    """The joints of a robot's file and the links between them, in the order of the file."""
+
+    joints: tuple[Joint, ...]
+    links: frozenset[str]
+
+    @classmethod
+    def of_urdf(cls, root: Element) -> Tree:
+        """A joint that mimics another one does not move by itself."""
+        joints = []
+        for joint in root.findall("joint"):
+            parent, child = (joint.find(end) for end in ("parent", "child"))
+            kind = joint.get("type") in ("revolute", "continuous", "prismatic")
+            joints.append(
+                Joint(
+                    joint.get("name") or "",
+                    "" if parent is None else parent.get("link") or "",
+                    "" if child is None else child.get("link") or "",
+                    kind and joint.find("mimic") is None,
+                )
+            )
+        return cls(tuple(joints), frozenset(link.get("name") or "" for link in root.findall("link")))
+
+    @classmethod
+    def of_mjcf(cls, spec: mujoco.MjSpec) -> Tree:
+        """A body without joints is fixed by one without a name."""
+        joints = [
+            Joint(joint.name if joint else "", body.parent.name, body.name, joint is not None)
+            for body in spec.bodies[1:]
+            for joint in list(body.joints) or [None]
+        ]
+        return cls(tuple(joints), frozenset(body.name for body in spec.bodies[1:]))
+
+    def above(self, link: str) -> list[Joint]:
+        """The joints from a link up to the root."""
+        found: list[Joint] = []
+        while len(found) <= len(self.joints):
+            joints = [joint for joint in self.joints if joint.child == link]
+            if not joints:
+                break
+            found += joints
+            link = joints[0].parent
+        return found
+
+
+@dataclass(slots=True)
+class Semantics:
+    """What an SRDF says about one group of a robot.
+
+    Attributes:
+        group: its name.
+        joints: those that drives move; empty for those of the arm that the robot's file has.
+        base, tcp: links, where the SRDF names them.
+        states: joint positions by joint, by the state's name, of all groups.
+        own_states: names of the states of this group.
+        pairs: links whose collisions are disabled.
+        said: sentences for the report.
+    """
+
+    group: str
+    joints: list[str]
+    base: str | None = None
+    tcp: str | None = None
+    states: dict[str, dict[str, float]] = field(default_factory=dict)
+    own_states: set[str] = field(default_factory=set)
+    pairs: list[tuple[str, str]] = field(default_factory=list)
+    said: list[str] = field(default_factory=list)
+
+    def states_of(self, names: tuple[str, ...], of_model: dict[str, float] | None) -> dict[str, Array]:
+        """Positions of these joints: the states that have all of them, and `home` of the model's file."""
+        found: dict[str, Array] = {}
+        for state, values in self.states.items():
+            missing = [name for name in names if name not in values]
+            if not missing:
+                found[state] = vector([values[name] for name in names])
+            elif state in self.own_states:
+                self.said.append(f"state {state!r} is left out: it has no {', '.join(missing)}")
+        if of_model and "home" not in found:
+            found["home"] = vector([of_model.get(name, 0.0) for name in names])
+        return found
+
+
+def read_srdf(file: Path, tree: Tree, group: str | None, arm: Sequence[str], only_arm: bool) -> Semantics:
+    """Read an SRDF for the robot of a tree.
+
+    Args:
+        group: the group that is chosen; None for the only one, or the one with the joints of the arm.
+        arm: the joints of the arm, as far as they are known.
+        only_arm: the user has named these joints, and no group's.
+
+    Raises:
+        ConfigError: the file is not an SRDF, or the group cannot be chosen.
+    """
+    root, xacro = parse(file)
+    if xacro or file.suffix == ".xacro":
+        stem = file.name.split(".")[0]
+        raise ConfigError(f"{file}: is xacro; expand it first: xacro {file.name} > {stem}.srdf")
+    if root.tag != "robot":
+        raise ConfigError(f"{where(file, root)}: the first element is <{root.tag}>, an SRDF has <robot>")
+    return _Reader(file, root, tree).read(group, arm, only_arm)
+
+
+class _Reader:
+    def __init__(self, file: Path, root: Element, tree: Tree) -> None:
+        self._file, self._root, self._tree = file, root, tree
+        self._groups = {group.get("name") or "": group for group in root.findall("group")}
+        self._joints = {joint.name: joint for joint in tree.joints if joint.name}
+        self._unknown: dict[str, list[str]] = {}
+
+    def read(self, group: str | None, arm: Sequence[str], only_arm: bool) -> Semantics:
+        movable = {name: self._movable(name) for name in self._groups}
+        name = self._chosen(group, movable, arm, only_arm)
+        joints = list(arm) if only_arm else movable.get(name, [])
+        found = Semantics(name, joints)
+        self._read_ends(found)
+        self._read_states(found)
+        found.pairs = self._pairs()
+        ends = [f"{what} {link}" for what, link in (("base_frame", found.base), ("tcp", found.tcp)) if link]
+        taken = ", ".join([f"group {name}", *ends])
+        found.said.append(f"{self._file.name}: {taken}; {len(found.pairs)} pairs of links that may touch")
+        found.said += [
+            f"{self._file.name}: {what} that the robot does not have, left out: {', '.join(names)}"
+            for what, names in self._unknown.items()
+        ]
+        return found
+
+    def _chosen(
+        self, group: str | None, movable: dict[str, list[str]], arm: Sequence[str], only_arm: bool
+    ) -> str:
+        listed = "; ".join(f"{name} ({', '.join(joints) or 'no joint'})" for name, joints in movable.items())
+        if group is not None:
+            if not movable.get(group):
+                what = "has no joint that moves" if group in movable else "is not in the file"
+                raise ConfigError(f"{self._file}: group {group!r} {what}; valid are: {listed or 'none'}")
+            return group
+        groups = [name for name, joints in movable.items() if joints]
+        same = [name for name in groups if arm and set(movable[name]) == set(arm)]
+        if only_arm or not groups:
+            return next(iter(same), GROUP)
+        if len(groups) > 1 and len(same) != 1:
+            raise ConfigError(f"{self._file}: choose one of its groups with --group NAME: {listed}")
+        return (same or groups)[0]
+
+    def _movable(self, group: str) -> list[str]:
+        passive = {each.get("name") for each in self._root.findall("passive_joint")}
+        names = self._members(group, set())
+        return [name for name in self._in_order(names) if name not in passive]
+
+    def _in_order(self, names: Iterable[str]) -> list[str]:
+        wanted = set(names)
+        return [joint.name for joint in self._tree.joints if joint.moves and joint.name in wanted]
+
+    def _members(self, group: str, seen: set[str]) -> set[str]:
+        """The names of a group's joints, with those of its links, chains and groups."""
+        seen.add(group)
+        names: set[str] = set()
+        for element in self._groups[group]:
+            name = element.get("name") or ""
+            if element.tag == "joint" and self._exists("joints", name, self._joints):
+                names.add(name)
+            elif element.tag == "link" and self._exists("links", name, self._tree.links):
+                names |= {joint.name for joint in self._tree.joints if joint.child == name}
+            elif element.tag == "chain":
+                names |= self._chain(element)
+            elif element.tag == "group" and name not in seen and self._exists("groups", name, self._groups):
+                names |= self._members(name, seen)
+        return names
+
+    def _chain(self, element: Element) -> set[str]:
+        base, tip = element.get("base_link") or "", element.get("tip_link") or ""
+        known = [self._exists("links", each, self._tree.links) for each in (base, tip)]
+        if not all(known):
+            return set()
+        names = set()
+        for joint in self._tree.above(tip):
+            names.add(joint.name)
+            if joint.parent == base:
+                return names
+        raise ConfigError(f"{where(self._file, element)}: the link {tip!r} is not on a chain from {base!r}")
+
+    def _exists(self, what: str, name: str, names: Collection[str]) -> bool:
+        if name in names:
+            return True
+        if name not in (listed := self._unknown.setdefault(what, [])):
+            listed.append(name)
+        return False
+
+    def _read_ends(self, found: Semantics) -> None:
+        """Base and TCP: those of the group's chain, else the TCP of the end effector on the group."""
+        group = self._groups.get(found.group)
+        chains = [] if group is None else group.findall("chain")
+        if len(chains) == 1 and self._chain(chains[0]):
+            base, tip = chains[0].get("base_link"), chains[0].get("tip_link") or ""
+            found.base = base if not any(each.moves for each in self._tree.above(base or "")) else None
+            found.tcp = tip if self._is_moved(tip, found.joints) else None
+        for element in self._root.findall("end_effector"):
+            link, on = element.get("parent_link") or "", element.get("parent_group") or element.get("group")
+            known = self._exists("links", link, self._tree.links)
+            if found.tcp is None and known and on == found.group and self._is_moved(link, found.joints):
+                found.tcp = link
+
+    def _is_moved(self, link: str, joints: list[str]) -> bool:
+        above = {joint.name for joint in self._tree.above(link)}
+        return bool(joints) and above.issuperset(joints)
+
+    def _read_states(self, found: Semantics) -> None:
+        """The first one of each name; those of the group before others."""
+        states = self._root.findall("group_state")
+        for state in sorted(states, key=lambda state: state.get("group") != found.group):
+            name = state.get("name") or ""
+            if not name or name in found.states:
+                continue
+            if state.get("group") == found.group:
+                found.own_states.add(name)
+            found.states[name] = {
+                joint.get("name") or "": self._value(name, joint)
+                for joint in state.findall("joint")
+                if self._exists("joints", joint.get("name") or "", self._joints)
+            }
+
+    def _value(self, state: str, joint: Element) -> float:
+        text = joint.get("value") or ""
+        values = [math.nan]
+        with contextlib.suppress(ValueError):
+            values = [float(each) for each in text.split()]  # A floating joint has seven.
+        if not values or not all(map(math.isfinite, values)):
+            raise ConfigError(
+                f"{where(self._file, joint)}: state {state!r}: the value of {joint.get('name')} is {text!r}, "
+                "it must be a finite number"
+            )
+        return values[0]
+
+    def _pairs(self) -> list[tuple[str, str]]:
+        """The pairs of `disable_collisions`; a link of `disable_default_collisions` is in a pair with each
+        other one that `enable_collisions` does not name with it.
+        """
+        disabled = self._named_pairs("disable_collisions")
+        enabled = {frozenset(pair) for pair in self._named_pairs("enable_collisions")}
+        apart = {str(each.get("link")) for each in self._root.findall("disable_default_collisions")}
+        disabled += [pair for pair in combinations(sorted(self._tree.links), 2) if apart.intersection(pair)]
+        unique = {frozenset(pair): pair for pair in reversed(disabled) if frozenset(pair) not in enabled}
+        return list(reversed(unique.values()))
+
+    def _named_pairs(self, tag: str) -> list[tuple[str, str]]:
+        pairs = []
+        for element in self._root.findall(tag):
+            first, second = element.get("link1") or "", element.get("link2") or ""
+            known = [self._exists("links", each, self._tree.links) for each in (first, second)]
+            if all(known) and first != second:
+                pairs.append((first, second))
+        return pairs

@@ -1,0 +1,126 @@
+"""Volumes and sizes of the shapes of a robot's links. What several shapes of a link share counts once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from cobot.robot.rotations import matrix_of
+from cobot.types import Array
+
+SAMPLES = 1000
+"""Random points in each shape of a link that has several."""
+KINDS = mujoco.mjtGeom
+
+
+@dataclass(frozen=True, slots=True)
+class Solid:
+    """The shapes of one link.
+
+    Attributes:
+        volume: of their union, m³.
+        overlap: that volume as a share of the sum of the shapes' volumes.
+        centre: of their extent, in the link's frame, m.
+        reach: greatest distance from the centre, m.
+    """
+
+    volume: float
+    overlap: float
+    centre: Array
+    reach: float
+
+
+def solid(mj: mujoco.MjModel, body: int, chosen: Array) -> Solid | None:
+    """The shapes of a body among the chosen geoms (a mask); None if it has none with a volume."""
+    shapes = [_Shape(mj, int(geom)) for geom in np.flatnonzero((mj.geom_bodyid == body) & chosen)]
+    shapes = [shape for shape in shapes if shape.volume > 0.0]
+    if not shapes:
+        return None
+    corners = np.concatenate([shape.corners for shape in shapes])
+    centre = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    overlap = 1.0 if len(shapes) == 1 else _overlap(shapes)
+    whole = sum(shape.volume for shape in shapes)
+    reach = float(np.linalg.norm(corners - centre, axis=1).max())
+    return Solid(overlap * whole, overlap, centre, reach)
+
+
+def _overlap(shapes: list[_Shape]) -> float:
+    """Each point counts as one over the number of shapes that it is in."""
+    random, shared, whole = np.random.default_rng(0), 0.0, 0.0
+    for shape in shapes:
+        points = shape.sampled(random)
+        counts = np.sum([other.holds(points) for other in shapes], axis=0)
+        shared += shape.volume * (float(np.mean(1.0 / np.maximum(counts, 1))) if len(points) else 1.0)
+        whole += shape.volume
+    return shared / whole
+
+
+class _Shape:
+    """A geom of MuJoCo's model; a mesh is its convex hull, as for collisions."""
+
+    def __init__(self, mj: mujoco.MjModel, geom: int) -> None:
+        self._kind, self._size = int(mj.geom_type[geom]), np.array(mj.geom_size[geom])
+        self._place, self._turn = np.array(mj.geom_pos[geom]), matrix_of(mj.geom_quat[geom])
+        middle, half = mj.geom_aabb[geom, :3], mj.geom_aabb[geom, 3:]
+        self._low, self._high = middle - half, middle + half
+        self._planes: Array = np.zeros((0, 4))
+        box = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half + middle
+        self.volume = 0.0
+        if self._kind == KINDS.mjGEOM_MESH:
+            box = self._hull(mj, int(mj.geom_dataid[geom]), box)
+        elif self._kind in _VOLUMES:
+            self.volume = float(_VOLUMES[self._kind](*self._size))
+        self.corners = self._place + box @ self._turn.T
+
+    def _hull(self, mj: mujoco.MjModel, mesh: int, box: Array) -> Array:
+        begin, count = int(mj.mesh_vertadr[mesh]), int(mj.mesh_vertnum[mesh])
+        vertices = np.array(mj.mesh_vert[begin : begin + count], dtype=float)
+        try:
+            hull = ConvexHull(vertices)
+        except QhullError:  # It is flat.
+            return box
+        self._planes, self.volume = np.unique(hull.equations.round(6), axis=0), float(hull.volume)
+        return np.asarray(vertices[hull.vertices])
+
+    def sampled(self, random: np.random.Generator) -> Array:
+        """Points in the shape, in the link's frame."""
+        points = random.uniform(self._low, self._high, (SAMPLES, 3))
+        inside = points[
+            self._inside(points)
+        ]  # Of a thin shape perhaps none: it counts with its whole volume.
+        return np.asarray(self._place + inside @ self._turn.T)
+
+    def holds(self, points: Array) -> Array:
+        """Which of the points, in the link's frame, are in the shape."""
+        points = (points - self._place) @ self._turn
+        found = ((points >= self._low) & (points <= self._high)).all(axis=1)
+        found[found] = self._inside(points[found])
+        return np.asarray(found)
+
+    def _inside(self, points: Array) -> Array:
+        if self._kind == KINDS.mjGEOM_MESH:
+            return np.asarray((points @ self._planes[:, :3].T + self._planes[:, 3] <= 1e-5).all(axis=1))
+        if self._kind == KINDS.mjGEOM_BOX:
+            return np.asarray((np.abs(points) <= self._size).all(axis=1))
+        if self._kind == KINDS.mjGEOM_ELLIPSOID:
+            return np.asarray(np.square(points / self._size).sum(axis=1) <= 1.0)
+        along, across = np.abs(points[:, 2]), np.square(points[:, :2]).sum(axis=1)
+        radius = self._size[0] ** 2
+        if self._kind == KINDS.mjGEOM_CYLINDER:
+            return np.asarray((along <= self._size[1]) & (across <= radius))
+        half = 0.0 if self._kind == KINDS.mjGEOM_SPHERE else self._size[1]
+        return np.asarray(across + np.square(np.maximum(along - half, 0.0)) <= radius)
+
+
+_VOLUMES: dict[int, Callable[[float, float, float], float]] = {
+    int(KINDS.mjGEOM_BOX): lambda x, y, z: 8.0 * x * y * z,
+    int(KINDS.mjGEOM_SPHERE): lambda r, _y, _z: 4.0 / 3.0 * np.pi * r**3,
+    int(KINDS.mjGEOM_ELLIPSOID): lambda x, y, z: 4.0 / 3.0 * np.pi * x * y * z,
+    int(KINDS.mjGEOM_CYLINDER): lambda r, half, _z: 2.0 * np.pi * r**2 * half,
+    int(KINDS.mjGEOM_CAPSULE): lambda r, half, _z: 2.0 * np.pi * r**2 * (half + 2.0 / 3.0 * r),
+}
+"""By the kind of a shape, of its size as MuJoCo has it."""

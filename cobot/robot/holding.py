@@ -1,0 +1,221 @@
+"""Whether the drives can hold the arm still: gravity against max_effort, in one posture or in all of them."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cobot.config import Settings
+from cobot.errors import LimitError
+from cobot.findings import Finding
+from cobot.robot.collision import CollisionChecker
+from cobot.robot.description import RobotDescription
+from cobot.robot.dynamics import Dynamics
+from cobot.robot.model import RobotModel
+from cobot.robot.scene import SceneFile
+from cobot.robot.tool import BARE, Tool, ToolFile
+from cobot.types import Array, JointLimits, vector
+
+SAMPLES = 2000
+"""Random postures from which the search for the hardest one starts."""
+STARTS, ROUNDS, STEPS = 2, 4, 15
+"""Of those the hardest ones are improved: joint by joint, in so many rounds, by so many values of a joint."""
+PAYLOAD_SHARE = 0.9
+"""Share of an effort that holding the payload may take: the rest is for moving it."""
+TOLERANCE = 1e-6
+
+Demand = Callable[[Array], Array]
+"""Of postures, shape (n, dof), a number for each: the greater, the harder."""
+
+
+@dataclass(frozen=True, slots=True)
+class Hold:
+    """What the drive of a joint needs in a posture to hold the arm, and what it has; N·m, of slides N."""
+
+    joint: str
+    needed: float
+    limit: float
+    unit: str
+    posture: Array
+
+    @property
+    def share(self) -> float:
+        return self.needed / self.limit
+
+    def __str__(self) -> str:
+        return (
+            f"{self.joint} needs {self.needed:.4g} {self.unit} to hold the arm, its max_effort is "
+            f"{self.limit:.4g} {self.unit}"
+        )
+
+    def placed(self) -> str:
+        """With the posture."""
+        return f"at joints {np.round(self.posture, 2).tolist()} {self}"
+
+
+def held(model: RobotModel, limits: JointLimits, joints: Array) -> Hold:
+    """The joint that needs the greatest share of its effort in a posture, with what the model carries."""
+    torques = np.abs(model.gravity_torques(joints))
+    return _hold(model, limits, joints, int((torques / limits.max_effort).argmax()))
+
+
+def check_start(robot: RobotDescription, settings: Settings) -> None:
+    """Reject a start position in which the simulated drives cannot hold the arm with its tool.
+
+    Raises:
+        LimitError: see `check_holds`.
+        ConfigError: the file of the tool cannot be used.
+    """
+    if settings.robot.backend.type != "mujoco":
+        return
+    model, name = robot.model, settings.robot.start_position
+    model.carry(_tool(robot, settings))
+    try:
+        what = f"{settings.robot.srdf}: position {name!r}"
+        check_holds(model, robot.limits, vector(robot.positions[name].joints), what)
+    finally:
+        model.carry(BARE)
+
+
+def take_up(robot: RobotDescription, settings: Settings) -> None:
+    """Have the model carry the tool and the attached objects that the service would begin with.
+
+    Raises:
+        ConfigError: a file cannot be used.
+    """
+    robot.model.carry(_tool(robot, settings), SceneFile(settings.scene_file).read())
+
+
+def _tool(robot: RobotDescription, settings: Settings) -> Tool:
+    file, gravity = ToolFile(settings.tool_file), robot.model.file_gravity
+    return file.read_checked(settings.robot.max_payload_kg, gravity)
+
+
+def check_holds(model: RobotModel, limits: JointLimits, joints: Array, what: str) -> None:
+    """Reject a posture that the drives cannot hold.
+
+    Raises:
+        LimitError: naming `what`, the joint, what it needs and what it has.
+    """
+    hold = held(model, limits, joints)
+    if hold.share > 1.0 + TOLERANCE:
+        load = f" with {model.carried.mass:g} kg" if model.carried.mass else ""
+        raise LimitError(
+            f"{what} cannot be held{load}: {hold}; choose another position, or correct max_effort or the "
+            "masses",
+            findings=[Finding("effort", "effort", hold.needed, hold.limit, hold.unit, None, (hold.joint,))],
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Holding:
+    """How the drives hold the arm in all its postures.
+
+    Attributes:
+        hardest: of each joint the posture in which it needs most, the greatest share first.
+        share: of random postures free of collisions, those that can be held.
+    """
+
+    hardest: list[Hold]
+    share: float
+
+    @property
+    def everywhere(self) -> bool:
+        return self.hardest[0].share <= 1.0 + TOLERANCE
+
+    @property
+    def failing(self) -> list[Hold]:
+        return [hold for hold in self.hardest if hold.share > 1.0 + TOLERANCE]
+
+
+def examine(model: RobotModel, collision: CollisionChecker, limits: JointLimits) -> Holding:
+    """Search the postures free of collisions for those that are hardest to hold, with what is carried."""
+    postures = _free_postures(collision, limits)
+    torques = _gravity(model.dynamics, postures)
+    found = []
+    for joint in range(limits.dof):
+
+        def demand(rows: Array, joint: int = joint) -> Array:
+            return np.asarray(np.abs(_gravity(model.dynamics, rows)[:, joint]))
+
+        found.append(_hold(model, limits, _hardest(demand, postures, collision, limits), joint))
+    holds = (np.abs(torques) <= limits.max_effort).all(axis=1)
+    return Holding(sorted(found, key=lambda hold: -hold.share), float(holds.mean()))
+
+
+def payload(model: RobotModel, collision: CollisionChecker, limits: JointLimits) -> tuple[float, Hold]:
+    """The mass at the TCP that `PAYLOAD_SHARE` of the efforts hold in every posture, kg, and what the joint
+    that limits it needs there without it. Infinite if no drive feels it; 0 if the arm alone is too heavy.
+    """
+    efforts, loaded = PAYLOAD_SHARE * limits.max_effort, _with_one_kg(model)
+
+    def masses(rows: Array) -> Array:
+        alone = _gravity(model.dynamics, rows)
+        of_load = _gravity(loaded, rows) - alone
+        room = efforts - np.sign(of_load) * alone
+        with np.errstate(divide="ignore"):
+            return np.asarray(np.where(np.abs(of_load) > 1e-9, room / np.abs(of_load), np.inf))
+
+    def demand(rows: Array) -> Array:
+        return np.asarray(-masses(rows).min(axis=1))
+
+    posture = _hardest(demand, _free_postures(collision, limits), collision, limits)
+    of_each = masses(posture[None])[0]
+    joint = int(of_each.argmin())
+    return max(float(of_each[joint]), 0.0), _hold(model, limits, posture, joint)
+
+
+def _with_one_kg(model: RobotModel) -> Dynamics:
+    """The dynamics with 1 kg more at the TCP of the model's file."""
+    tool = model.tool
+    model.carry(replace(tool, mass=1.0, centre=model.tcp_in_flange()[:3], inertia=None))
+    try:
+        return Dynamics(copy.copy(model.mj))
+    finally:
+        model.carry(tool)
+
+
+def _hold(model: RobotModel, limits: JointLimits, posture: Array, joint: int) -> Hold:
+    needed = float(abs(model.gravity_torques(posture)[joint]))
+    limit = float(limits.max_effort[joint])
+    return Hold(limits.names[joint], needed, limit, limits.effort_unit(joint), posture)
+
+
+def _gravity(dynamics: Dynamics, rows: Array) -> Array:
+    still = np.zeros_like(rows)
+    return np.asarray(dynamics.inverse(rows, still, still))
+
+
+def _free_postures(collision: CollisionChecker, limits: JointLimits) -> Array:
+    """Random ones; all of them, if none is free of collisions."""
+    size = (SAMPLES, limits.dof)
+    postures = np.random.default_rng(0).uniform(limits.min_position, limits.max_position, size)
+    free = np.array([collision.is_free(joints) for joints in postures])
+    return postures[free] if free.any() else postures
+
+
+def _hardest(demand: Demand, postures: Array, collision: CollisionChecker, limits: JointLimits) -> Array:
+    """The best of an ascent along one joint after the other, from the hardest of the postures."""
+    order = np.argsort(-demand(postures))[:STARTS]
+    climbed = np.array([_climb(demand, postures[index], collision, limits) for index in order])
+    return np.asarray(climbed[int(demand(climbed).argmax())])
+
+
+def _climb(demand: Demand, posture: Array, collision: CollisionChecker, limits: JointLimits) -> Array:
+    span, value = limits.max_position - limits.min_position, float(demand(posture[None])[0])
+    for round_ in range(ROUNDS):
+        for joint in range(limits.dof):
+            rows = np.tile(posture, (STEPS, 1))
+            around = posture[joint] + span[joint] / 4.0**round_ * np.linspace(-1.0, 1.0, STEPS)
+            rows[:, joint] = np.clip(around, limits.min_position[joint], limits.max_position[joint])
+            values = demand(rows)
+            for index in np.argsort(-values):
+                if values[index] <= value + TOLERANCE * abs(value):
+                    break
+                if collision.is_free(rows[index]):
+                    posture, value = rows[index], float(values[index])
+                    break
+    return posture
