@@ -64,11 +64,36 @@ TIPS: dict[str, Point] = {
     "spherical": (0.85, 0.0, 1.0),
     "gantry": (0.85, 0.0, 1.0),
 }
+INERTIA = (("ixx", 0, 0), ("iyy", 1, 1), ("izz", 2, 2), ("ixy", 0, 1), ("ixz", 0, 2), ("iyz", 1, 2))
 SHIPPED = "iiwa"
 NAMES = (SHIPPED, *JOINTS)
 VELOCITY = {TURN: 2.0, SLIDE: 0.5}
-THICK_M, THIN_M = 0.05, 0.03
-INERTIA = '<inertia ixx="0.02" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/>'
+
+
+@dataclass(frozen=True, slots=True)
+class Build:
+    """What the links and drives of an arm are made of.
+
+    Attributes:
+        thick_m: radius of the links; those of the last three are thin.
+        least_kg: mass of a link without length; each metre adds `kg_per_m`.
+        inertia: of each link about its middle, kg·m²; None for that of a solid cylinder.
+        efforts: of the joints, N·m or N; without them the file does not say.
+        damping: N·m·s/rad.
+        friction: dry, N·m.
+    """
+
+    thick_m: float = 0.05
+    thin_m: float = 0.03
+    least_kg: float = 0.5
+    kg_per_m: float = 4.0
+    inertia: float | None = 0.02
+    efforts: tuple[float, ...] = ()
+    damping: float = 0.0
+    friction: float = 0.0
+
+
+ORDINARY = Build()
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,9 +123,13 @@ def arm(name: str) -> Arm:
 
 def loaded(name: str, folder: Path) -> Arm:
     """One of `JOINTS`, of the folder that `cobot new-robot` has made of its URDF."""
+    return loaded_from(name, folder, pinocchio.buildModelFromXML(urdf(name)), "tool0")
+
+
+def loaded_from(name: str, folder: Path, model: pinocchio.Model, tcp: str) -> Arm:
+    """Of a folder that `cobot new-robot` has made, with pinocchio's model of the same arm."""
     robot = load_robot(load_settings(folder / "cobot-setting.yaml"))
-    model = pinocchio.buildModelFromXML(urdf(name))
-    return Arm(name, robot, model, model.getFrameId(robot.base_frame), model.getFrameId("tool0"))
+    return Arm(name, robot, model, model.getFrameId(robot.base_frame), model.getFrameId(tcp))
 
 
 def carrying(robot: RobotDescription, tool: Tool) -> RobotDescription:
@@ -121,38 +150,63 @@ def loaded_model(model: pinocchio.Model, frame: int, tool: Tool) -> pinocchio.Mo
 
 
 def urdf(name: str) -> str:
-    """Each link is a cylinder from its joint to the next one."""
-    joints, parent, before = JOINTS[name], "base_link", np.zeros(3)
+    """Of one of `JOINTS`."""
+    return description(name, JOINTS[name], TIPS[name])
+
+
+def description(
+    name: str, joints: Sequence[Joint], tip: Point, build: Build = ORDINARY, extra: str = ""
+) -> str:
+    """A URDF. Each link is a cylinder from its joint to the next one.
+
+    Args:
+        extra: further links and joints.
+    """
+    parent, before = "base_link", np.zeros(3)
     parts = [f'<robot name="{name}"><link name="base_link"/>']
-    places = [np.array(place) for _, _, place, _ in joints] + [np.array(TIPS[name])]
+    places = [np.array(place) for _, _, place, _ in joints] + [np.array(tip)]
     for index, (kind, axis, _, (low, high)) in enumerate(joints):
         place, following = places[index], places[index + 1]
         velocity = VELOCITY[kind]
-        radius = THICK_M if index < len(joints) - 3 else THIN_M
-        parts.append(f'<link name="link{index + 1}">{_solid(following - place, radius)}</link>')
+        radius = build.thick_m if index < len(joints) - 3 else build.thin_m
+        effort = build.efforts[index] if build.efforts else 0
+        parts.append(f'<link name="link{index + 1}">{_solid(following - place, radius, build)}</link>')
         parts.append(
             f'<joint name="a{index + 1}" type="{kind}"><origin xyz="{_words(place - before)}"/>'
             f'<parent link="{parent}"/><child link="link{index + 1}"/><axis xyz="{_words(axis)}"/>'
-            f'<limit lower="{low}" upper="{high}" velocity="{velocity}" effort="0"/></joint>'
+            f'<limit lower="{low}" upper="{high}" velocity="{velocity}" effort="{effort:g}"/>'
+            f'<dynamics damping="{build.damping:g}" friction="{build.friction:g}"/></joint>'
         )
         parent, before = f"link{index + 1}", place
     parts.append(
         f'<link name="tool0"/><joint name="tip" type="fixed"><origin xyz="{_words(places[-1] - before)}" '
         f'rpy="0 0 0"/><parent link="{parent}"/><child link="tool0"/></joint>'
     )
-    return "".join([*parts, "</robot>"])
+    return "".join([*parts, extra, "</robot>"])
 
 
-def _solid(way: Array, radius: float) -> str:
+def _solid(way: Array, radius: float, build: Build) -> str:
     """A cylinder along a way from the link's origin, and a mass in its middle."""
     length = float(np.linalg.norm(way))
     origin = f'xyz="{_words(0.5 * way)}"'
     pitch, yaw = np.arctan2(np.hypot(way[0], way[1]), way[2]), np.arctan2(way[1], way[0])
+    mass = build.least_kg + build.kg_per_m * length
+    turning = build.inertia * np.eye(3) if build.inertia else _inertia_of_cylinder(mass, radius, way)
+    words = (f'{name}="{turning[i, j]:.6g}"' for name, i, j in INERTIA)
+    inertia = f"<inertia {' '.join(words)}/>"
     return (
-        f'<inertial><origin {origin}/><mass value="{0.5 + 4.0 * length:.4g}"/>{INERTIA}</inertial>'
+        f'<inertial><origin {origin}/><mass value="{mass:.4g}"/>{inertia}</inertial>'
         f'<collision><origin {origin} rpy="0 {pitch:.17g} {yaw:.17g}"/><geometry>'
         f'<cylinder radius="{radius}" length="{length:.17g}"/></geometry></collision>'
     )
+
+
+def _inertia_of_cylinder(mass: float, radius: float, way: Array) -> Array:
+    """Of a solid one about its middle, shape (3, 3), kg·m²."""
+    length = float(np.linalg.norm(way))
+    axis = way / max(length, 1e-9)
+    across = mass * (3.0 * radius**2 + length**2) / 12.0
+    return across * np.eye(3) + (0.5 * mass * radius**2 - across) * np.outer(axis, axis)
 
 
 def _words(values: Sequence[float] | Array) -> str:

@@ -1,6 +1,4 @@
-"""Four arms as `cobot new-robot` makes them: S-R-S, UR-like, spherical wrist, and a gantry with an arm on it
-(eight joints, two of them prismatic).
-"""
+"""The arms of `kinds` as `cobot new-robot` makes them."""
 
 from __future__ import annotations
 
@@ -8,22 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from kinds import KINDS, file_of, judged
 from scipy.spatial.transform import Rotation
 
-from benchmarks.arms import JOINTS, SLIDE, Arm, loaded, urdf
+from benchmarks.arms import SLIDE, Arm, loaded_from
 from benchmarks.judge import Judge
 from cobot.config import Settings, load_settings
 from cobot.launch.cli import main
 from cobot.types import Array, Pose
-
-BENT = [0.3, 0.2, 0.3, 0.4, 0.9, 0.2]
-READY = {
-    "srs": [0.3, 0.5, 0.2, -1.2, 0.1, 0.8, 0.2],
-    "ur": [0.3, -1.3, 1.5, -1.7, -1.4, 0.2],
-    "spherical": BENT,
-    "gantry": [0.1, 0.05, *BENT],
-}
-"""Bent arms, away from singularities and limits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +26,7 @@ class Made:
 
     @property
     def slides(self) -> Array:
-        return np.array([kind == SLIDE for kind, *_ in JOINTS[self.arm.name]])
+        return np.array([kind == SLIDE for kind, *_ in KINDS[self.arm.name].joints])
 
     def moved(self, angle_rad: float, way_m: float) -> Array:
         """Every joint from where it is ready."""
@@ -48,15 +38,24 @@ class Made:
         turned = Rotation.from_rotvec(turn_rad * np.array([0.6, 0.0, 0.8])) * Rotation.from_matrix(rotation)
         return Pose(position + np.array([x, y, z]), turned.as_quat(scalar_first=True))
 
+    def lowered(self, share: float) -> Pose:
+        """Inwards and down by a share of the arm's reach, without a turn: any kind of arm gets there."""
+        position, _ = Judge(self.arm, self.arm.robot).tcp(self.ready)
+        inwards = -position[:2] / np.linalg.norm(position[:2])
+        way = share * float(np.linalg.norm(KINDS[self.arm.name].tip))
+        return self.pose(*(0.7 * way * inwards), -0.7 * way)
+
 
 def robot_of(folder: Path, name: str) -> Made:
     """Made by the command, once."""
+    kind, (text, suffix) = KINDS[name], file_of(name)
     if not (folder / name).exists():
-        new_robot(folder / f"{name}.urdf", urdf(name), folder / name)
+        new_robot(folder / f"{name}{suffix}", text, folder / name, *kind.options)
     settings = load_settings(folder / name / "cobot-setting.yaml")
-    return Made(loaded(name, folder / name), settings, np.array(READY[name]))
+    arm = loaded_from(name, folder / name, judged(name), kind.tcp)
+    return Made(arm, settings, np.array(kind.ready))
 
 
-def new_robot(file: Path, text: str, folder: Path) -> None:
+def new_robot(file: Path, text: str, folder: Path, *options: str) -> None:
     file.write_text(text, encoding="utf-8")
-    assert main(["new-robot", str(file), "--output", str(folder)]) == 0
+    assert main(["new-robot", str(file), "--output", str(folder), *options]) == 0

@@ -56,8 +56,11 @@ def decimation(command_hz: float, period_s: float) -> int:
 
 
 def stiffness_flaw(name: str, values: Array, nominal: Array) -> str:
-    """What is wrong with stiffnesses, N·m/rad or N/m, given the nominal ones; "" if nothing is."""
-    if ((values > 0.0) & (values <= nominal)).all():
+    """What is wrong with stiffnesses, N·m/rad or N/m, given the nominal ones; "" if nothing is.
+
+    Where the nominal one is 0 the arm cannot move the TCP, and 0 is the only stiffness.
+    """
+    if (((values > 0.0) | (nominal == 0.0)) & (values >= 0.0) & (values <= nominal)).all():
         return ""
     return f"{name} must be above 0 and at the most {nominal.tolist()}, got {values.tolist()}"
 

@@ -1,4 +1,4 @@
-"""The four arms, each made once."""
+"""The twelve arms, each made once."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from kinds import KINDS
 from made_arms import Made, robot_of
 from rig import Rig
 
@@ -17,8 +18,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("robots")
 
 
+@pytest.fixture(scope="session", params=sorted(KINDS))
+def kind(request: pytest.FixtureRequest, folder: Path) -> Made:
+    """Each of the twelve, for what every arm can do."""
+    return robot_of(folder, str(request.param))
+
+
 @pytest.fixture(scope="session", params=sorted(JOINTS))
 def made(request: pytest.FixtureRequest, folder: Path) -> Made:
+    """Four with six joints and more, for what needs all directions."""
     return robot_of(folder, str(request.param))
 
 

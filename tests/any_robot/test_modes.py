@@ -1,4 +1,4 @@
-"""Every streaming and servo mode on four arms that `cobot new-robot` makes, see `made_arms`; on virtual time.
+"""Every streaming and servo mode on four arms that `cobot new-robot` makes, see `kinds`; on virtual time.
 
 Oracles: closed forms for what is streamed; pinocchio's kinematics of the given URDF; numpy's finite
 differences of all that was commanded, against the limits.

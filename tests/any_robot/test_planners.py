@@ -1,4 +1,4 @@
-"""Every planner on four arms that `cobot new-robot` makes, see `made_arms`.
+"""Every planner on four arms that `cobot new-robot` makes, see `kinds`.
 
 Oracles: pinocchio's kinematics and dynamics of the given URDF, MuJoCo's distances, roots by numpy (see
 `benchmarks.judge`).
