@@ -8,7 +8,7 @@ from pathlib import Path
 import mujoco
 
 from cobot.errors import ConfigError
-from cobot.launch.robot_file.tree import JointTree, Node, moved_by_loop, rigid_with
+from cobot.launch.robot_file.tree import JointTree, Node, moved_by_loop, moved_together, rigid_with
 
 TCP_NAMES = tuple(
     re.compile(rf"(?:^|[^a-z]){name}(?:_?(?:link|frame|site|point))?$", re.IGNORECASE)
@@ -52,19 +52,26 @@ def require_serial(file: Path, spec: mujoco.MjSpec, chain: list[Node]) -> None:
     """Raises:
     ConfigError: a joint of the chain follows another joint, or is moved by a closed loop.
     """
-    for node in chain:
-        if node.leader:
-            raise ConfigError(
-                f"{file}: joint {node.name!r} of the arm follows {node.leader!r} (mimic), and cobot "
-                "moves each joint of an arm by itself; describe the two as one joint, or keep "
-                f"{node.name!r} where it is with --without {node.name}"
-            )
+    if followers := [node for node in chain if node.leader]:
+        pairs = ", ".join(f"{node.name!r} follows {node.leader!r}" for node in followers)
+        raise _coupled(file, f"{pairs} (mimic)", [node.name for node in followers])
+    if coupled := moved_together(spec, chain):
+        raise _coupled(file, f"one actuator moves {', '.join(coupled)} by a tendon", coupled[1:])
     driven = {actuator.target for actuator in spec.actuators}
     if driven and (passive := moved_by_loop(spec, chain, driven)):
         raise ConfigError(
             f"{file}: joint {passive.name!r} of the arm has no actuator: a closed loop of links moves it, "
             "and cobot moves each joint of an arm by itself; describe the arm as one chain of driven joints"
         )
+
+
+def _coupled(file: Path, what: str, names: list[str]) -> ConfigError:
+    them = "them" if len(names) > 1 else "it"
+    return ConfigError(
+        f"{file}: joints of the arm are coupled: {what}; cobot moves each joint of an arm by itself: "
+        f"describe the coupled ones as one joint, or keep {them} where the file has {them} with "
+        f"--without {' '.join(names)}"
+    )
 
 
 def guess_tcp(last_link: mujoco.MjsBody) -> tuple[str, bool]:

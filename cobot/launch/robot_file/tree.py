@@ -16,8 +16,8 @@ ARM_JOINT = re.compile(r"roll|pitch|yaw|rotat|twist|tilt|wrist", re.IGNORECASE)
 """A joint with such a name turns a whole gripper: `gripper_roll` is the arm's."""
 HAND = re.compile(r"(?:^|[^a-z])hand(?:[^a-z]|$)", re.IGNORECASE)
 LOOPS = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
-ARM_JOINTS, HAND_FINGERS = 4, 3
-"""After as many joints as many short branches at one link are a hand; a torso has fewer joints."""
+ARM_JOINTS, HAND_FINGERS, FINGER_JOINTS = 4, 3, 5
+"""So many fingers after so many joints are a hand: a torso has fewer joints, an arm more than a finger."""
 MOVABLE = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
 
 
@@ -51,11 +51,28 @@ class Node:
     @property
     def path(self) -> list[Node]:
         """From the base to this joint."""
-        return [*(self.parent.path if self.parent else ()), self]
+        path, node = [self], self.parent
+        while node is not None:
+            path.append(node)
+            node = node.parent
+        return path[::-1]
 
     @property
     def subtree(self) -> list[Node]:
-        return [self, *(each for child in self.children for each in child.subtree)]
+        """This joint and all that it moves, in the file's order."""
+        found, pending = [], [self]
+        while pending:
+            found.append(node := pending.pop())
+            pending += reversed(node.children)
+        return found
+
+    @property
+    def depth(self) -> int:
+        """The number of joints on the longest way from here to an end."""
+        depth, level = 0, [self]
+        while level:
+            depth, level = depth + 1, [child for node in level for child in node.children]
+        return depth
 
 
 class JointTree:
@@ -72,24 +89,28 @@ class JointTree:
         self._last: dict[str, Node | None] = {}
         self._balls: list[mujoco.MjsJoint] = []
         self._tied = set(_tied(spec))
-        self._add(spec.worldbody, None, still)
+        self._read(spec.worldbody, still)
         for equality in spec.equalities:
             if equality.type == mujoco.mjtEq.mjEQ_JOINT and equality.name1 in self.nodes:
                 follower = self.nodes[equality.name1]
                 follower.leader = equality.name2
                 follower.polynomial = tuple(float(value) for value in equality.data[:5])
 
-    def _add(self, body: mujoco.MjsBody, last: Node | None, still: Container[str]) -> None:
-        for joint in body.joints:
-            if joint.type == mujoco.mjtJoint.mjJNT_BALL and joint.name not in still:
-                self._balls.append(joint)
-            if joint.type in MOVABLE and joint.name not in still:
-                node = Node(joint, last)
-                (last.children if last else self.roots).append(node)
-                self.nodes[node.name] = last = node
-        self._last[body.name] = last
-        for child in body.bodies:
-            self._add(child, last, still)
+    def _read(self, world: mujoco.MjsBody, still: Container[str]) -> None:
+        pending: list[tuple[mujoco.MjsBody, Node | None]] = [(world, None)]
+        while pending:
+            body, last = pending.pop()
+            for joint in body.joints:
+                if joint.name in still:
+                    continue
+                if joint.type == mujoco.mjtJoint.mjJNT_BALL:
+                    self._balls.append(joint)
+                elif joint.type in MOVABLE:
+                    node = Node(joint, last)
+                    (last.children if last else self.roots).append(node)
+                    self.nodes[node.name] = last = node
+            self._last[body.name] = last
+            pending += ((child, last) for child in reversed(body.bodies))
 
     def resting(self, degrees: bool) -> dict[str, float]:
         """Where each joint stays that no drive moves, rad or m: at its reference or where its leader has it,
@@ -138,7 +159,7 @@ class JointTree:
         if HAND.search(node.name):
             return True
         before = len(node.parent.path)
-        if before < 2 or any(_depth(branch) > 4 for branch in branches):
+        if before < 2 or any(branch.depth > FINGER_JOINTS for branch in branches):
             return False
         if before >= ARM_JOINTS and len(branches) >= HAND_FINGERS:
             return True
@@ -178,6 +199,17 @@ class JointTree:
         return False
 
 
+def moved_together(spec: mujoco.MjSpec, chain: list[Node]) -> list[str]:
+    """The joints of the chain that one actuator moves by a tendon."""
+    names = {node.name for node in chain}
+    for actuator in spec.actuators:
+        if actuator.trntype == mujoco.mjtTrn.mjTRN_TENDON and (tendon := spec.tendon(actuator.target)):
+            found = [wrap.target.name for wrap in tendon.path if wrap.target is not None]
+            if len(moved := [name for name in found if name in names]) > 1:
+                return moved
+    return []
+
+
 def moved_by_loop(spec: mujoco.MjSpec, chain: list[Node], driven: Container[str]) -> Node | None:
     """A joint of the chain without a drive, if a closed loop of the file ties the chain to other links."""
     bodies = {body.name for node in chain for body in rigid_with(node.joint.parent)}
@@ -187,8 +219,12 @@ def moved_by_loop(spec: mujoco.MjSpec, chain: list[Node], driven: Container[str]
 
 
 def rigid_with(body: mujoco.MjsBody) -> list[mujoco.MjsBody]:
-    """The body, and those below it that no joint moves against it."""
-    return [body, *(each for child in body.bodies if not child.joints for each in rigid_with(child))]
+    """The body, and those below it that no joint moves against it, in the file's order."""
+    found, pending = [], [body]
+    while pending:
+        found.append(each := pending.pop())
+        pending += (child for child in reversed(each.bodies) if not child.joints)
+    return found
 
 
 def _is_within(body: mujoco.MjsBody | None, other: mujoco.MjsBody) -> bool:
@@ -199,10 +235,6 @@ def _is_within(body: mujoco.MjsBody | None, other: mujoco.MjsBody) -> bool:
 
 def _unit(joint: mujoco.MjsJoint, degrees: bool) -> float:
     return np.pi / 180.0 if degrees and joint.type == mujoco.mjtJoint.mjJNT_HINGE else 1.0
-
-
-def _depth(node: Node) -> int:
-    return 1 + max((_depth(child) for child in node.children), default=0)
 
 
 def _tied(spec: mujoco.MjSpec) -> Iterator[str]:

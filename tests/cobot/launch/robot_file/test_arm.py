@@ -171,11 +171,11 @@ def test_several_arms_are_listed_and_each_option_listed_takes_one(tmp_path: Path
 REFUSED = {
     "a follower in the chain": (
         urdf(ARMS["ur"]).replace('<child link="link2"/>', '<child link="link2"/><mimic joint="a1"/>'),
-        {}, r"joint 'a2' of the arm follows 'a1' \(mimic\), and .* with --without a2",
+        {}, r"arm are coupled: 'a2' follows 'a1' \(mimic\); .* with --without a2$",
     ),
     "a follower among actuators": (
         urdf(ARMS["ur"], PARALLEL), {"actuators": [*NAMES, "left", "right"]},
-        "joint 'right' of the arm follows 'left'",
+        "'right' follows 'left'",
     ),
     "a gripper alone": (
         '<robot name="g"><link name="base_link"/>'
@@ -249,6 +249,17 @@ def test_jaws_of_mjcf_stay_as_its_kinematics_have_them_and_its_objects_too(tmp_p
     for name in ("upper", "lower", "j4", "cube"):
         np.testing.assert_allclose(data.body(name).xpos, wanted.body(name).xpos, atol=1e-9)
         np.testing.assert_allclose(data.body(name).xmat, wanted.body(name).xmat, atol=1e-9)
+
+
+def test_joints_of_the_arm_that_one_tendon_moves_are_named(tmp_path: Path) -> None:
+    tendon = (
+        '<tendon><fixed name="t"><joint joint="j1" coef="1"/><joint joint="j3" coef="1"/></fixed></tendon>'
+    )
+    text = mjcf(f'{tendon}<actuator><position tendon="t"/></actuator>')
+    with pytest.raises(ConfigError, match=r"one actuator moves j1, j3 by a tendon; .* with --without j3$"):
+        made_of(tmp_path / "one.xml", text)
+    robot, _ = made_of(tmp_path / "two.xml", text, without=["j3"])
+    assert robot.limits.names == ("j0", "j1", "j2", "j4")
 
 
 def test_a_joint_of_the_arm_that_a_closed_loop_moves_is_named(tmp_path: Path) -> None:
