@@ -93,7 +93,7 @@ def repair(spec: mujoco.MjSpec, solids: dict[str, Solid]) -> list[str]:
         if not body.explicitinertial or body.mass <= 0.0:
             continue
         solid = solids.get(body.name)
-        sentence = _fit_size(body, solid) if solid else None
+        sentence = _fit_size(body, solid) if solid and solid.reach > 0.0 else None
         sentence = sentence or _make_possible(body, spec.compiler.balanceinertia)
         if sentence:
             said.append(f"{body.name}: {sentence}")

@@ -130,7 +130,6 @@ class NewRobot:
         collision = CollisionChecker(robot, robot_guesses.MARGIN_M, map(frozenset, pairs))
         holding = examine(robot, collision, limits)
         self.guessed += efforts.reduce_friction(spec, robot, limits, holding)
-        compiled(self.file, spec)
         save(spec, folder)
         robot = self._load(folder, limits, base, tcp)
         max_payload_kg, sentence = efforts.payload_left(robot, collision)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -17,46 +17,43 @@ SAMPLES = 1000
 KINDS = mujoco.mjtGeom
 
 
-@dataclass(frozen=True, slots=True)
 class Solid:
     """The shapes of one link.
 
     Attributes:
-        volume: of their union, m³.
-        overlap: that volume as a share of the sum of the shapes' volumes.
         centre: of their extent, in the link's frame, m.
         reach: greatest distance from the centre, m.
     """
 
-    volume: float
-    overlap: float
-    centre: Array
-    reach: float
+    def __init__(self, shapes: list[_Shape]) -> None:
+        self._shapes = shapes
+        corners = np.concatenate([shape.corners for shape in shapes])
+        self.centre: Array = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+        self.reach = float(np.linalg.norm(corners - self.centre, axis=1).max())
+
+    @cached_property
+    def volume(self) -> float:
+        """Of the union of the shapes, m³."""
+        return self.overlap * sum(shape.volume for shape in self._shapes)
+
+    @cached_property
+    def overlap(self) -> float:
+        """The volume of the union as a share of the sum of the shapes' volumes."""
+        shapes = [shape for shape in self._shapes if shape.volume > 0.0]
+        if len(shapes) < 2:
+            return 1.0
+        random, shared = np.random.default_rng(0), 0.0
+        for shape in shapes:  # Each point counts as one over the number of shapes that it is in.
+            points = shape.sampled(random)
+            counts = np.sum([other.holds(points) for other in shapes], axis=0)
+            shared += shape.volume * (float(np.mean(1.0 / np.maximum(counts, 1))) if len(points) else 1.0)
+        return shared / sum(shape.volume for shape in shapes)
 
 
 def solid(mj: mujoco.MjModel, body: int, chosen: Array) -> Solid | None:
-    """The shapes of a body among the chosen geoms (a mask); None if it has none with a volume."""
+    """The shapes of a body among the chosen geoms (a mask); None if there are none."""
     shapes = [_Shape(mj, int(geom)) for geom in np.flatnonzero((mj.geom_bodyid == body) & chosen)]
-    shapes = [shape for shape in shapes if shape.volume > 0.0]
-    if not shapes:
-        return None
-    corners = np.concatenate([shape.corners for shape in shapes])
-    centre = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
-    overlap = 1.0 if len(shapes) == 1 else _overlap(shapes)
-    whole = sum(shape.volume for shape in shapes)
-    reach = float(np.linalg.norm(corners - centre, axis=1).max())
-    return Solid(overlap * whole, overlap, centre, reach)
-
-
-def _overlap(shapes: list[_Shape]) -> float:
-    """Each point counts as one over the number of shapes that it is in."""
-    random, shared, whole = np.random.default_rng(0), 0.0, 0.0
-    for shape in shapes:
-        points = shape.sampled(random)
-        counts = np.sum([other.holds(points) for other in shapes], axis=0)
-        shared += shape.volume * (float(np.mean(1.0 / np.maximum(counts, 1))) if len(points) else 1.0)
-        whole += shape.volume
-    return shared / whole
+    return Solid(shapes) if shapes else None
 
 
 class _Shape:
@@ -67,24 +64,34 @@ class _Shape:
         self._place, self._turn = np.array(mj.geom_pos[geom]), matrix_of(mj.geom_quat[geom])
         middle, half = mj.geom_aabb[geom, :3], mj.geom_aabb[geom, 3:]
         self._low, self._high = middle - half, middle + half
-        self._planes: Array = np.zeros((0, 4))
-        box = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half + middle
-        self.volume = 0.0
+        signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+        corners = middle + signs * half
         if self._kind == KINDS.mjGEOM_MESH:
-            box = self._hull(mj, int(mj.geom_dataid[geom]), box)
-        elif self._kind in _VOLUMES:
-            self.volume = float(_VOLUMES[self._kind](*self._size))
-        self.corners = self._place + box @ self._turn.T
+            mesh = int(mj.geom_dataid[geom])
+            begin, count = int(mj.mesh_vertadr[mesh]), int(mj.mesh_vertnum[mesh])
+            corners = np.array(mj.mesh_vert[begin : begin + count], dtype=float)
+        self._points = corners
+        self.corners: Array = self._place + corners @ self._turn.T
 
-    def _hull(self, mj: mujoco.MjModel, mesh: int, box: Array) -> Array:
-        begin, count = int(mj.mesh_vertadr[mesh]), int(mj.mesh_vertnum[mesh])
-        vertices = np.array(mj.mesh_vert[begin : begin + count], dtype=float)
+    @cached_property
+    def _hull(self) -> ConvexHull | None:
+        """Of a mesh; None if it is flat."""
         try:
-            hull = ConvexHull(vertices)
-        except QhullError:  # It is flat.
-            return box
-        self._planes, self.volume = np.unique(hull.equations.round(6), axis=0), float(hull.volume)
-        return np.asarray(vertices[hull.vertices])
+            return ConvexHull(self._points)
+        except QhullError:
+            return None
+
+    @cached_property
+    def volume(self) -> float:
+        """m³; 0 of kinds that have none."""
+        if self._kind == KINDS.mjGEOM_MESH:
+            return 0.0 if self._hull is None else float(self._hull.volume)
+        return float(_VOLUMES[self._kind](*self._size)) if self._kind in _VOLUMES else 0.0
+
+    @cached_property
+    def _planes(self) -> Array:
+        """Of the hull's faces, coplanar triangles as one, shape (n, 4)."""
+        return np.zeros((0, 4)) if self._hull is None else np.unique(self._hull.equations.round(6), axis=0)
 
     def sampled(self, random: np.random.Generator) -> Array:
         """Points in the shape, in the link's frame."""
