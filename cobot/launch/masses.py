@@ -225,8 +225,10 @@ class _Settling:
             )
         still = [each for each in self._links if each.missing and each.body.geoms and not self._moves(each)]
         if still:
-            names = ", ".join(link.name for link in still)
-            self._said.append(f"no <inertial>, which has no effect as they do not move: {names}")
+            names = ", ".join(f"{link.name} ({link.body.mass:.3g} kg)" for link in still)
+            self._said.append(
+                f"masses of shapes, without effect as these links do not move and have no <inertial>: {names}"
+            )
 
     def _ball_radius(self) -> float:
         mj = self._mj
