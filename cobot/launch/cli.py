@@ -118,6 +118,7 @@ def _new_robot(chosen: argparse.Namespace) -> int:
         wishes=Wishes(chosen.density, dict(chosen.mass)),
         srdf=chosen.srdf,
         group=chosen.group,
+        hulls=chosen.hulls,
     )
     folder = chosen.output or Path(chosen.file.name.split(".")[0])
     robot.write(folder)

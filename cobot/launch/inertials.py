@@ -20,9 +20,9 @@ import mujoco
 import numpy as np
 
 from cobot.errors import ConfigError
-from cobot.launch.robot_file.xml_file import where
 from cobot.launch.volumes import Solid
 from cobot.types import Array
+from cobot.xml_file import where
 
 FLOOR = 1e-6
 """Least second moment of a repaired tensor, as a share of their sum: MuJoCo checks without a tolerance."""

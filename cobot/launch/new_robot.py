@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from xml.etree.ElementTree import Element
 
 import mujoco
 import yaml
@@ -22,11 +23,16 @@ from cobot.launch import efforts, home_posture, masses, robot_guesses
 from cobot.launch.inertials import Stated, set_aside
 from cobot.launch.robot_file.arm import find_arm, guess_tcp, require_serial
 from cobot.launch.robot_file.joints import keep_joints, remove_shapes
-from cobot.launch.robot_file.meshes import collect_meshes
+from cobot.launch.robot_file.meshes import Meshes, collect_meshes
 from cobot.launch.robot_file.mjcf import mjcf_rates, read_mjcf
+from cobot.launch.robot_file.mjcf_checks import check_mjcf
 from cobot.launch.robot_file.saving import compiled, save
 from cobot.launch.robot_file.tree import JointTree
 from cobot.launch.robot_file.urdf import read_urdf
+from cobot.launch.robot_file.urdf_checks import check_urdf
+from cobot.launch.robot_file.urdf_limits import check_driven, check_supported
+from cobot.launch.robot_file.visuals import Visuals
+from cobot.launch.robot_file.worker import Worker
 from cobot.launch.robot_file.xml_file import read_xml
 from cobot.launch.srdf_import import GROUP, Semantics, Tree, read_srdf
 from cobot.robot.collision import CollisionChecker
@@ -65,6 +71,7 @@ class NewRobot:
         wishes: masses that the user gives.
         srdf, group: an SRDF, and the group of it whose joints drives move.
         packages: folders, in which or as which the packages of package://NAME/... are looked for.
+        hulls: whether each mesh is its convex hull for collisions, even where that fills free space.
         guessed: sentences, filled in by `write`.
     """
 
@@ -77,6 +84,7 @@ class NewRobot:
     wishes: masses.Wishes = field(default_factory=masses.Wishes)
     srdf: Path | None = None
     group: str | None = None
+    hulls: bool = False
     guessed: list[str] = field(default_factory=list)
 
     def write(self, folder: Path) -> None:
@@ -96,19 +104,24 @@ class NewRobot:
             with tempfile.TemporaryDirectory(dir=folder.parent, prefix=".new-robot-") as made:
                 inside = Path(made) / "robot"
                 inside.mkdir()
-                self._fill(inside, re.sub(r"[^A-Za-z0-9_-]", "_", folder.resolve().name)[:48])
+                name = re.sub(r"[^A-Za-z0-9_-]", "_", folder.resolve().name)[:48]
+                with Worker() as worker:
+                    root = read_xml(self.file)
+                    visuals = Visuals(self.file, root, self.packages, self.guessed)
+                    self._fill(inside, name, root, worker)
+                    visuals.write(inside, worker)
                 inside.rename(folder)
         except OSError as exc:
             reason = exc.strerror or exc
             raise ConfigError(f"{folder}: cannot be written: {reason}; choose another --output") from exc
 
-    def _fill(self, folder: Path, name: str) -> None:
-        source = self._read()
+    def _fill(self, folder: Path, name: str, root: Element, worker: Worker) -> None:
+        source = self._read(root, folder, worker)
         spec = source.spec
         semantics = self._semantics(source)
         own_state = home_posture.keyframe(spec)
         joints, tcp = self._driven(spec, source.names, semantics)
-        collect_meshes(self.file, spec, folder)
+        check_driven(self.file, root, joints)
         self.guessed += masses.settle(self.file, spec, self.wishes, source.stated)
         base, tcp = robot_guesses.frames(spec, joints, self.base or semantics.base, tcp, self.guessed)
         for joint in joints:
@@ -121,6 +134,7 @@ class NewRobot:
         limits = robot_guesses.limits(self.file, mj, source.rates, self.guessed)
         robot = self._load(folder, limits, base, tcp)
         limits = replace(robot.limits, max_effort=robot_guesses.efforts(robot, self.guessed))
+        check_supported(self.file, root, limits)
         robot_guesses.write_limits(limits, folder / "joint_limits.yaml")
         robot_guesses.shapeless(robot, self.guessed)
         touching = robot_guesses.pairs_that_touch(robot, semantics.pairs, self.guessed)
@@ -152,22 +166,27 @@ class NewRobot:
         with self._naming(folder):
             load_robot(load_settings(folder / SETTINGS_FILE))
 
-    def _read(self) -> _Source:
-        root = read_xml(self.file)
+    def _read(self, root: Element, folder: Path, worker: Worker) -> _Source:
+        """The file, with its meshes in the folder."""
         if root.tag == "mujoco":
-            spec = read_mjcf(self.file)
+            check_mjcf(self.file, root)
+            spec = read_mjcf(self.file, worker)
+            collect_meshes(self.file, spec, folder)
             names = [joint.name for joint in spec.joints]
             return _Source(spec, mjcf_rates(spec), names, None, Tree.of_mjcf(spec))
+        check_urdf(self.file, root)
+        rates = urdf_rates(self.file, root)
         still = {
             str(joint.get("name"))
-            for joint in root.iter("joint")
+            for joint in root.findall("joint")
             if joint.get("name") in self.without
             or (self.actuators and joint.get("name") not in self.actuators)
         }
         names = [str(joint.get("name")) for joint in root.findall("joint")]
         tree, stated = Tree.of_urdf(root), set_aside(self.file, root)
-        spec = read_urdf(self.file, root, still, self.packages)
-        return _Source(spec, urdf_rates(self.file, root), names, stated, tree)
+        meshes = Meshes(self.file, self.packages, folder, worker, not self.hulls, self.guessed)
+        spec = read_urdf(self.file, root, still, meshes)
+        return _Source(spec, rates, names, stated, tree)
 
     def _semantics(self, source: _Source) -> Semantics:
         """Of the SRDF; without one the joints that the user has named."""

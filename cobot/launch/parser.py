@@ -179,6 +179,9 @@ def _add_new_robot(commands: Any) -> None:
     new.add_argument(
         "--package", type=Path, nargs="+", default=[], metavar="FOLDER", help="where package:// is found"
     )
+    new.add_argument(
+        "--hulls", action="store_true", help="take the convex hull of each mesh, never several solids"
+    )
     new.add_argument("--base", metavar="BODY", help="the base frame")
     new.add_argument(
         "--tcp", metavar="SITE", help="site or link that is the TCP; chooses one of several arms"

@@ -15,8 +15,8 @@ from xml.etree.ElementTree import Element
 import mujoco
 
 from cobot.errors import ConfigError
-from cobot.launch.robot_file.xml_file import parse, where
 from cobot.types import Array, vector
+from cobot.xml_file import parse, where
 
 GROUP = "arm"
 """The name of a group where there is no SRDF."""

@@ -4,17 +4,17 @@ within that.
 
 from __future__ import annotations
 
-import contextlib
-import math
 from pathlib import Path
-from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import mujoco
 
 from cobot.errors import ConfigError
 from cobot.types import JointLimits
+from cobot.xml_file import number, parse, where
 
+MOVING = ("revolute", "continuous", "prismatic")
+"""Types of joints that a drive can move."""
 VELOCITY_OF = "max_velocity "
 """What the <numeric> of a joint's velocity is called in a model.xml, before the joint's name."""
 TOLERANCE = 1e-4
@@ -40,7 +40,7 @@ def check_velocities(file: Path, mj: mujoco.MjModel, limits: JointLimits) -> Non
 
 def _velocities(file: Path, mj: mujoco.MjModel) -> dict[str, float]:
     if file.suffix.lower() == ".urdf":
-        rates = urdf_rates(file, ElementTree.parse(file).getroot())
+        rates = urdf_rates(file, parse(file)[0])
         return {name: velocity for name, (velocity, _) in rates.items()}
     numbers = [mj.numeric(index) for index in range(mj.nnumeric)]
     return {
@@ -54,23 +54,25 @@ def urdf_rates(file: Path, root: Element) -> dict[str, tuple[float, float]]:
     """Velocity and effort of each joint that has a limit; 0 for unknown.
 
     Raises:
-        ConfigError: one is no number from 0 on, or a joint's range is upside down.
+        ConfigError: a limit is not a number, a velocity or effort is negative, or a range is upside down.
     """
     rates = {}
-    for joint in root.iter("joint"):
-        if (limit := joint.find("limit")) is None:
+    for joint in root.findall("joint"):
+        limit = joint.find("limit")
+        if limit is None or joint.get("type") not in MOVING:
             continue
         name = str(joint.get("name"))
-        low, high = float(limit.get("lower", 0)), float(limit.get("upper", 0))
-        if low > high:
-            raise ConfigError(f"{file}: joint {name!r}: its lower limit {low:g} is above its upper {high:g}")
-        rates[name] = _rate(file, name, limit, "velocity"), _rate(file, name, limit, "effort")
+        of = f"joint {name!r}"
+        low, high = (number(file, limit, end, of, 0.0) for end in ("lower", "upper"))
+        if low > high and joint.get("type") != "continuous":
+            raise ConfigError(
+                f"{where(file, limit)}: {of}: its lower limit {low:g} is above its upper limit {high:g}"
+            )
+        rates[name] = _rate(file, limit, of, "velocity"), _rate(file, limit, of, "effort")
     return rates
 
 
-def _rate(file: Path, joint: str, limit: Element, what: str) -> float:
-    text = limit.get(what, "0")
-    with contextlib.suppress(ValueError):
-        if 0.0 <= (value := float(text)) < math.inf:
-            return value
-    raise ConfigError(f"{file}: joint {joint!r}: {what} {text!r} must be a number from 0 on; 0 is unknown")
+def _rate(file: Path, limit: Element, of: str, what: str) -> float:
+    if (value := number(file, limit, what, of, 0.0)) < 0.0:
+        raise ConfigError(f"{where(file, limit)}: {of}: {what} is {value:g}; it must be 0 (unknown) or more")
+    return value

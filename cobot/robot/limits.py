@@ -24,6 +24,8 @@ DEGREES_FROM_RAD = 9.5
 """No joint turns one and a half times either way: whose angle is beyond this has written degrees."""
 DEGREES_TO_RAD = 720.0
 """Nobody means more than two turns in degrees: what is beyond this is no angle in any unit."""
+MAX_POSITION, MAX_RATE = 1e3, 1e6
+"""All positions (rad or m) and all velocities, accelerations, jerks and efforts are below these."""
 MILLIMETRES_FROM_M = 50.0
 """No slide of an arm is that long: whose position is beyond this has written millimetres."""
 
@@ -107,10 +109,13 @@ def _joint(path: Path, name: str, entry: Any) -> tuple[float, ...]:
         elif isinstance(entry[key], bool) or not isinstance(entry[key], int | float):
             raise ConfigError(f"{where}.{key}: must be a number, got {entry[key]!r}")
     low, high = float(entry["min_position"]), float(entry["max_position"])
-    if not -1e3 < low < high < 1e3:
-        raise ConfigError(f"{where}: min_position {low} must be below max_position {high}, both finite")
+    if not -MAX_POSITION < low < high < MAX_POSITION:
+        raise ConfigError(
+            f"{where}: min_position {low:g} must be below max_position {high:g}, both between "
+            f"-{MAX_POSITION:g} and {MAX_POSITION:g}"
+        )
     rates = tuple(float(entry[f"max_{rate}"]) for rate in _RATES)
     for rate, value in zip(_RATES, rates, strict=True):
-        if not 0.0 < value < 1e6:
+        if not 0.0 < value < MAX_RATE:
             raise ConfigError(f"{where}.max_{rate}: must be above 0 and below 1e6, got {value:g}")
     return low, high, *rates

@@ -161,14 +161,14 @@ def _boxes(corners: Array, tolerance_m: float) -> tuple[Array | None, int]:
     low = np.where(thin, low - 0.5 * edge_m, low)
     edges = np.where(thin, edge_m, (high - low) / counts)
     full = np.zeros(counts + 2, dtype=bool)
-    met = _met((corners - low) / edges, counts) + 1
+    met = cells_met((corners - low) / edges, counts) + 1
     full[met[:, 0], met[:, 1], met[:, 2]] = True
-    boxes = joined((np.argwhere(~_outside(full)) - 1).astype(np.float64))
+    boxes = joined((np.argwhere(~cells_outside(full)) - 1).astype(np.float64))
     first, last = low + boxes[:, :3] * edges, low + boxes[:, 3:] * edges
     return np.hstack([0.5 * (first + last), last - first]), total
 
 
-def _outside(full: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+def cells_outside(full: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     """The cells that can be reached from the first corner through faces of cells that are not full."""
     free = ~full
     out = np.zeros_like(free)
@@ -184,7 +184,7 @@ def _outside(full: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     return out
 
 
-def _met(corners: Array, counts: Indices) -> Indices:
+def cells_met(corners: Array, counts: Indices) -> Indices:
     """The cells of edge 1, from the origin on, that triangles (n, 3, 3) meet or touch, shape (k, 3).
 
     Separating axes (T. Akenine-Moller, "Fast 3D triangle-box overlap testing", 2001).

@@ -1,35 +1,148 @@
-"""The mesh files of a robot: finding them, and copying them into the folder that is made."""
+"""The mesh files of a robot: finding them, and writing what is made of them into the folder."""
 
 from __future__ import annotations
 
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element
 
 import mujoco
 
 from cobot.errors import ConfigError
+from cobot.launch.robot_file.worker import Worker, absolute
+from cobot.xml_file import numbers, shown, where
 
-MESHES = (".stl", ".obj", ".msh")
+FORMATS = (".stl", ".obj", ".dae", ".glb", ".gltf", ".msh")
+LARGE_M, SMALL_M = 10.0, 1e-3
+"""Sizes of a link beyond these are another unit's."""
+SPLIT_TIMEOUT_S = 60.0
+"""For decomposing one mesh; then its hull is taken."""
+
+
+class Meshes:
+    """Meshes of a URDF as convex solids in the folder that is made.
+
+    Attributes:
+        folder: the folder that is made; the files are in `SUBFOLDER`.
+        split: whether a mesh becomes several solids where its hull would be wrong.
+        said: sentences for the user.
+    """
+
+    SUBFOLDER = "meshes"
+
+    def __init__(
+        self, file: Path, packages: Sequence[Path], folder: Path, worker: Worker, split: bool, said: list[str]
+    ) -> None:
+        self.file, self.packages, self.folder = file, packages, folder
+        self.split, self.said = split, said
+        self._worker = worker
+        self._made: dict[tuple[Path, tuple[float, ...]], list[Path]] = {}
+
+    def solids(self, mesh: Element, link: str) -> list[Path]:
+        """The files of the solids of a link's <mesh>, which is made of them once.
+
+        Raises:
+            ConfigError: names the line, the link and the user's path.
+        """
+        path = find_mesh(self.file, mesh, link, self.packages)
+        scale = numbers(self.file, mesh, "scale", f"link {link!r}", 3, (1.0, 1.0, 1.0))
+        key = path.resolve(), scale
+        if key not in self._made:
+            try:
+                self._made[key] = self._write(path, scale, link)
+            except ConfigError as exc:
+                raise mesh_error(self.file, mesh, link, f"{path} {exc}") from exc
+        return self._made[key]
+
+    def _write(self, path: Path, scale: tuple[float, ...], link: str) -> list[Path]:
+        into = self.folder / self.SUBFOLDER
+        into.mkdir(exist_ok=True)
+        request: dict[str, Any] = {
+            "file": absolute(path),
+            "into": absolute(into),
+            "name": f"{len(self._made)}_{safe_stem(path)}",
+            "scale": scale,
+        }
+        answer = self._worker.ask("solids", **request, split=False)
+        if self.split and answer["wrong"]:
+            try:
+                answer = self._worker.ask("solids", SPLIT_TIMEOUT_S, **request, split=True)
+                self.said.append(
+                    f"{link}: {path.name} has become {len(answer['files'])} convex solids for collisions, "
+                    f"because its hull would fill {1000.0 * answer['void']:.0f} mm of free space (--hulls to "
+                    "take the hull)"
+                )
+            except ConfigError:
+                self.said.append(
+                    f"{link}: the hull of {path.name} is taken for collisions, although it fills "
+                    f"{1000.0 * answer['void']:.0f} mm of free space: decomposing it failed or takes too long"
+                )
+        self._report(path, link, answer)
+        return [into / name for name in answer["files"]]
+
+    def _report(self, path: Path, link: str, answer: dict[str, object]) -> None:
+        if answer["flat"]:
+            self.said.append(f"{link}: {path.name} is flat; its shape is 1 mm or 0.1 % of its size thick")
+        size = answer["size"]
+        assert isinstance(size, list)
+        if sentence := odd_size(max(size)):
+            self.said.append(f"{link}: {path.name} {sentence}")
+
+
+def find_mesh(file: Path, mesh: Element, link: str, packages: Sequence[Path]) -> Path:
+    """The file of a link's <mesh>.
+
+    Raises:
+        ConfigError: it does not exist or is of another format; names the line, the link and the path.
+    """
+    try:
+        path = located(file, mesh.get("filename") or "", packages)
+    except ConfigError as exc:
+        raise mesh_error(file, mesh, link, str(exc)) from exc
+    if path.suffix.lower() not in FORMATS:
+        formats = ", ".join(FORMATS)
+        raise mesh_error(
+            file, mesh, link, f"{path} has a format that cobot cannot read; convert it to one of: {formats}"
+        )
+    return path
+
+
+def mesh_error(file: Path, mesh: Element, link: str, reason: str) -> ConfigError:
+    return ConfigError(f"{where(file, mesh)}: link {link!r}: mesh {reason}")
+
+
+def odd_size(size_m: float) -> str:
+    """What is odd about a length in a robot's file; "" for nothing."""
+    if size_m >= LARGE_M:
+        return (
+            f"is {size_m:.4g} m long, which looks like millimetres: URDF has metres; give the mesh "
+            'scale="0.001 0.001 0.001"'
+        )
+    if size_m <= SMALL_M:
+        return f"is {1000.0 * size_m:.3g} mm long, which looks like a scale that is applied twice"
+    return ""
+
+
+def safe_stem(path: Path) -> str:
+    """A file's name without its ending, of characters that every reader takes."""
+    return "".join(each if each.isascii() and each.isalnum() else "_" for each in path.stem)[:40]
 
 
 def collect_meshes(file: Path, spec: mujoco.MjSpec, folder: Path) -> None:
-    """Copy them and the height fields into the folder, so that it may be moved. Textures go: nobody looks.
+    """Copy the meshes and height fields of MJCF into the folder, so that it can be moved.
 
     Raises:
-        ConfigError: one is not there or cannot be copied.
+        ConfigError: one does not exist or cannot be copied.
     """
-    for material in spec.materials:
-        material.textures = [""] * len(material.textures)
-    for texture in list(spec.textures):
-        spec.delete(texture)
     source = Path(spec.modelfiledir or file.parent) / (spec.compiler.meshdir or "")
     for index, shape in enumerate((*spec.meshes, *spec.hfields)):
         if not shape.file:
             continue
         path = source / shape.file
         if not path.is_file():
-            raise ConfigError(f"{file}: there is no mesh {path}")
+            raise ConfigError(f"{file}: mesh {shape.name or path.stem!r}: the file {path} does not exist")
         shape.name = shape.name or path.stem
         shape.file = f"{index}_{path.name}"
         try:
@@ -40,21 +153,18 @@ def collect_meshes(file: Path, spec: mujoco.MjSpec, folder: Path) -> None:
     spec.modelfiledir, spec.compiler.meshdir = str(folder), "meshes"
 
 
-def find_mesh(file: Path, name: str, packages: Sequence[Path]) -> Path:
-    path = _located(file, name, packages)
-    if path.suffix.lower() not in MESHES:
-        raise ConfigError(
-            f"{file}: the shape of a link for collisions is {name}, which MuJoCo cannot read; convert it to "
-            f"one of: {', '.join(MESHES)}"
-        )
-    return path.resolve()
+def located(file: Path, name: str, packages: Sequence[Path]) -> Path:
+    """The file that a URDF names: relative to it, absolute, or in a package.
 
-
-def _located(file: Path, name: str, packages: Sequence[Path]) -> Path:
+    Raises:
+        ConfigError: the name and where it was looked for, without the file and the link.
+    """
+    if "\0" in name or len(name) > 1000:
+        raise ConfigError(f"{shown(name)} is not a file name")
     if not name.startswith("package://"):
         path = file.parent / name.removeprefix("file://")
         if not path.is_file():
-            raise ConfigError(f"{file}: there is no mesh {path}")
+            raise ConfigError(f"{path} does not exist")
         return path
     package, _, inner = name.removeprefix("package://").partition("/")
     for folder in packages:
@@ -63,6 +173,6 @@ def _located(file: Path, name: str, packages: Sequence[Path]) -> Path:
                 return place
     looked = f" ({', '.join(map(str, packages))})" if packages else ""
     raise ConfigError(
-        f"{file}: {name} is in none of the packages given{looked}; add --package FOLDER, the folder "
-        f"{package} or the one above it"
+        f"{name} is in none of the packages given{looked}; add --package FOLDER, the folder {package} or the "
+        "one above it"
     )

@@ -2,25 +2,60 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
 from cobot.errors import ConfigError
+from cobot.launch.robot_file.worker import Worker, absolute
+
+LINE = re.compile(r",? line \d+(, column \d+)?")
 
 
-def read_mjcf(file: Path, named: Path | None = None) -> mujoco.MjSpec:
-    """Args:
-        named: what messages call it.
+def load_spec(file: Path, copy: Path) -> mujoco.MjSpec:
+    """The specification of a file that MuJoCo reads: MJCF, or a copy of a URDF.
+
+    Args:
+        file: the user's file, for messages.
 
     Raises:
         ConfigError: MuJoCo's reason.
     """
     try:
-        return mujoco.MjSpec.from_file(str(file))
+        return mujoco.MjSpec.from_file(str(copy))
     except ValueError as exc:
-        raise ConfigError(f"{named or file}: MuJoCo cannot read it: {' '.join(str(exc).split())}") from exc
+        raise ConfigError(f"{file}: MuJoCo cannot read it: {reason(exc, file == copy)}") from exc
+
+
+def reason(exc: Exception, lines: bool = True) -> str:
+    """MuJoCo's message in one line; without the line number of a file that the user does not know."""
+    said = " ".join(str(exc).split())
+    return said if lines else LINE.sub("", said)
+
+
+def read_mjcf(file: Path, worker: Worker) -> mujoco.MjSpec:
+    """The specification of an MJCF file, without textures.
+
+    Raises:
+        ConfigError: MuJoCo's reason, or that the model is too large.
+    """
+    try:
+        worker.ask("mjcf", file=absolute(file))
+    except ConfigError as exc:
+        raise ConfigError(f"{file}: {exc}") from exc
+    spec = load_spec(file, file)
+    remove_textures(spec)
+    return spec
+
+
+def remove_textures(spec: mujoco.MjSpec) -> None:
+    """Leave materials their colours alone: nothing draws textures."""
+    for material in spec.materials:
+        material.textures = [""] * len(material.textures)
+    for texture in list(spec.textures):
+        spec.delete(texture)
 
 
 def mjcf_rates(spec: mujoco.MjSpec) -> dict[str, tuple[float, float]]:

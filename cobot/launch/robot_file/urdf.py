@@ -1,9 +1,13 @@
-"""URDF as a MuJoCo specification."""
+"""URDF as a MuJoCo specification.
+
+MuJoCo reads what counts alone: checked links and joints, limits as the format means them, and
+meshes as convex solids in metres. So errors of the file are found before, with their lines.
+"""
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Container, Sequence
+from collections.abc import Container
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
@@ -11,48 +15,101 @@ from xml.etree.ElementTree import Element, SubElement
 import mujoco
 
 from cobot.errors import ConfigError
-from cobot.launch.robot_file.meshes import find_mesh
-from cobot.launch.robot_file.mjcf import read_mjcf
+from cobot.launch.robot_file.meshes import Meshes
+from cobot.launch.robot_file.mjcf import load_spec
+from cobot.launch.robot_file.urdf_limits import state_limits
+from cobot.xml_file import where
+
+WORLD = "cobot_world"
+CHILDREN = {
+    "robot": ("link", "joint", "mujoco"),
+    "link": ("inertial", "collision"),
+    "joint": ("origin", "parent", "child", "axis", "limit", "dynamics", "mimic"),
+    "mujoco": ("compiler", "option"),
+}
+FIXED = ("origin", "parent", "child")
+"""What counts of a fixed joint: a <mimic> means nothing there."""
+DIRECTORIES = ("meshdir", "texturedir", "assetdir", "autolimits")
+"""Compiler options that do not fit the copy."""
 
 
-def read_urdf(file: Path, root: Element, still: Container[str], packages: Sequence[Path]) -> mujoco.MjSpec:
-    """Its root link would become the world and lose its name, so it gets a parent.
+def read_urdf(file: Path, root: Element, still: Container[str], meshes: Meshes) -> mujoco.MjSpec:
+    """The specification of a URDF that `check_urdf` accepts; only what counts is left in `root`.
 
     Args:
         still: the joints that stay where they are.
-        packages: folders, in which or as which the packages of package://NAME/... are looked for.
 
     Raises:
         ConfigError: names the joint, the link or the mesh, and the way out.
     """
-    for joint in root.iter("joint"):
+    state_limits(file, root)
+    for joint in root.findall("joint"):
         _check_joint(file, joint, still)
+    _strip(root)
+    for link in root.findall("link"):
+        _replace_meshes(link, meshes)
+    _add_world(root)
+    _set_compiler(root)
+    with tempfile.TemporaryDirectory() as place:
+        expanded = Path(place) / "robot.urdf"
+        ElementTree.ElementTree(root).write(expanded)
+        spec = load_spec(file, expanded)
+    spec.compiler.fusestatic = False
+    spec.modelfiledir, spec.compiler.meshdir = str(meshes.folder), meshes.SUBFOLDER
+    for mesh in spec.meshes:
+        mesh.file = Path(mesh.file).name
+        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+    return spec
+
+
+def _add_world(root: Element) -> None:
+    """Put the root link on another one, as it would become MuJoCo's world and lose its name."""
     children = {child.get("link") for child in root.iter("child")}
-    first = [link.get("name") for link in root.iter("link") if link.get("name") not in children]
-    if len(first) != 1:
-        raise ConfigError(f"{file}: needs one root link, has {', '.join(map(str, first)) or 'none'}")
-    SubElement(root, "link", name="cobot_world")
-    stand = SubElement(root, "joint", name="cobot_stand", type="fixed")
-    SubElement(stand, "parent", link="cobot_world")
-    SubElement(stand, "child", link=str(first[0]))
-    for link in root.iter("link"):
-        for seen in link.findall("visual"):
-            link.remove(seen)
-    for mesh in root.iter("mesh"):
-        mesh.set("filename", str(find_mesh(file, mesh.get("filename") or "", packages)))
+    names = [str(link.get("name")) for link in root.findall("link")]
+    first = next(name for name in names if name not in children)
+    world = WORLD
+    while world in names:
+        world += "_"
+    SubElement(root, "link", name=world)
+    stand = SubElement(root, "joint", name=f"{world}_joint", type="fixed")
+    SubElement(stand, "parent", link=world)
+    SubElement(stand, "child", link=first)
+
+
+def _strip(root: Element) -> None:
+    """Remove what is for other programs, or only to be seen."""
+    for parent in list(root.iter()):
+        kept = CHILDREN.get(parent.tag)
+        if parent.tag == "joint" and parent.get("type") == "fixed":
+            kept = FIXED
+        for child in list(parent) if kept else []:
+            if child.tag not in (kept or ()):
+                parent.remove(child)
+
+
+def _replace_meshes(link: Element, meshes: Meshes) -> None:
+    """Have a <collision> for each convex solid of a mesh."""
+    for collision in link.findall("collision"):
+        mesh = collision.find("geometry/mesh")
+        if mesh is None:
+            continue
+        link.remove(collision)
+        for solid in meshes.solids(mesh, str(link.get("name"))):
+            part = SubElement(link, "collision")
+            if (origin := collision.find("origin")) is not None:
+                part.append(origin)
+            SubElement(SubElement(part, "geometry"), "mesh", filename=str(solid))
+
+
+def _set_compiler(root: Element) -> None:
     extension = root.find("mujoco")
     extension = SubElement(root, "mujoco") if extension is None else extension
     compiler = extension.find("compiler")
     compiler = SubElement(extension, "compiler") if compiler is None else compiler
-    compiler.attrib.pop("meshdir", None)
+    for option in DIRECTORIES:
+        compiler.attrib.pop(option, None)
     compiler.set("strippath", "false")
     compiler.set("fusestatic", "false")
-    with tempfile.TemporaryDirectory() as place:
-        expanded = Path(place) / "robot.urdf"
-        ElementTree.ElementTree(root).write(expanded)
-        spec = read_mjcf(expanded, file)
-    spec.compiler.fusestatic = False
-    return spec
 
 
 def _check_joint(file: Path, joint: Element, still: Container[str]) -> None:
@@ -60,7 +117,7 @@ def _check_joint(file: Path, joint: Element, still: Container[str]) -> None:
     if kind in ("floating", "planar"):
         if name not in still:
             raise ConfigError(
-                f"{file}: joint {name!r} is {kind}: the base must stand; make it fixed, or keep it where it "
+                f"{where(file, joint)}: joint {name!r} is {kind}: the base must stand; make it fixed, or keep it where it "
                 f"is with --without {name}"
             )
         joint.set("type", "fixed")

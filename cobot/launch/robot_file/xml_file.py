@@ -1,37 +1,13 @@
-"""XML files of robots, read as bytes: the declaration decides the encoding, and each element knows its line.
-
-Namespaces are not resolved: `xacro:property` stays the tag's name. Entities and a DOCTYPE are rejected.
-"""
+"""The XML of a robot's file: URDF or MJCF, not xacro."""
 
 from __future__ import annotations
 
-import codecs
-import re
 from pathlib import Path
-from xml.etree import ElementTree
-from xml.parsers import expat
 
 from cobot.errors import ConfigError
+from cobot.xml_file import Element, parse, where
 
-MAX_BYTES = 50_000_000
-MAX_DEPTH = 500
-XACRO = re.compile(r"https?://(www\.)?ros\.org/(wiki/)?xacro/?")
-"""The namespace of xacro in all its spellings."""
-BOMS = {
-    codecs.BOM_UTF8: "utf-8-sig",
-    codecs.BOM_UTF32_LE: "utf-32",
-    codecs.BOM_UTF32_BE: "utf-32",
-    codecs.BOM_UTF16_LE: "utf-16",
-    codecs.BOM_UTF16_BE: "utf-16",
-}
-"""In the order in which they are tried: UTF-16's begins UTF-32's."""
-DECLARATION = re.compile(rb"""\s*<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
-
-
-class Element(ElementTree.Element):
-    """An element that knows its line in the file."""
-
-    line: int = 0
+__all__ = ["read_xml", "where"]
 
 
 def read_xml(file: Path) -> Element:
@@ -51,106 +27,3 @@ def read_xml(file: Path) -> Element:
             f"{file}: the first element is <{root.tag}>; it must be <robot> (URDF) or <mujoco> (MJCF)"
         )
     return root
-
-
-def parse(file: Path) -> tuple[Element, int]:
-    """The root element, and the line on which the file first uses xacro (0 if it does not).
-
-    Raises:
-        ConfigError: see `read_xml`.
-    """
-    if not file.is_file():
-        raise ConfigError(f"{file}: {'is not a file' if file.exists() else 'does not exist'}")
-    try:
-        if (size := file.stat().st_size) > MAX_BYTES:
-            raise ConfigError(f"{file}: has {size} bytes; at most {MAX_BYTES} are allowed")
-        text = _decoded(file, file.read_bytes())
-    except OSError as exc:
-        raise ConfigError(f"{file}: cannot be read: {exc.strerror or exc}") from exc
-    return _Parser(file).parse(text)
-
-
-def where(file: Path, element: ElementTree.Element | None) -> str:
-    """The file and the element's line, as the beginning of a message."""
-    line = element.line if isinstance(element, Element) else 0
-    return f"{file}:{line}" if line else str(file)
-
-
-def _decoded(file: Path, content: bytes) -> str:
-    """The text, in the encoding of the byte order mark or of the XML declaration; else UTF-8."""
-    encoding = next((name for bom, name in BOMS.items() if content.startswith(bom)), None)
-    if encoding is None and content[:2] in (b"<\0", b"\0<"):
-        encoding = "utf-16-le" if content[0] else "utf-16-be"
-    if encoding is None:
-        found = DECLARATION.match(content[:1000])
-        encoding = found[1].decode("ascii") if found else "utf-8"
-    try:
-        return content.decode(encoding)
-    except LookupError as exc:
-        raise ConfigError(f"{file}:1: declares the unknown encoding {encoding!r}; save it as UTF-8") from exc
-    except UnicodeError as exc:
-        begin = getattr(exc, "start", 0)
-        line = content.count(b"\n", 0, begin) + 1
-        raise ConfigError(
-            f"{file}:{line}: is not valid {encoding} text: {getattr(exc, 'reason', exc)}; save the file as "
-            "UTF-8, or let its XML declaration name the encoding"
-        ) from exc
-
-
-class _Parser:
-    """Builds the elements from expat's events."""
-
-    def __init__(self, file: Path) -> None:
-        self._file = file
-        self._stack: list[Element] = []
-        self._root: Element | None = None
-        self._prefixes = {"xacro"}
-        self._xacro_line = 0
-        self._expat = expat.ParserCreate("utf-8")
-        self._expat.StartElementHandler = self._start
-        self._expat.EndElementHandler = self._end
-        self._expat.StartDoctypeDeclHandler = self._doctype
-
-    def parse(self, text: str) -> tuple[Element, int]:
-        try:
-            self._expat.Parse(text.encode("utf-8", "surrogatepass"), True)
-        except expat.ExpatError as exc:
-            raise ConfigError(
-                f"{self._file}:{exc.lineno}: is not XML: {expat.ErrorString(exc.code)} in column "
-                f"{exc.offset + 1}"
-            ) from exc
-        assert self._root is not None  # expat rejects a document without an element.
-        return self._root, self._xacro_line
-
-    def _start(self, tag: str, attributes: dict[str, str]) -> None:
-        line = self._expat.CurrentLineNumber
-        if len(self._stack) >= MAX_DEPTH:
-            raise ConfigError(f"{self._file}:{line}: elements are nested more than {MAX_DEPTH} deep")
-        for name, value in attributes.items():
-            if name.startswith("xmlns:") and XACRO.fullmatch(value):
-                self._prefixes.add(name.removeprefix("xmlns:"))
-        if not self._xacro_line and (self._is_xacro(tag) or any(map(_substituted, attributes.values()))):
-            self._xacro_line = line
-        element = Element(tag, {k: v for k, v in attributes.items() if k.partition(":")[0] != "xmlns"})
-        element.line = line
-        if self._stack:
-            self._stack[-1].append(element)
-        else:
-            self._root = element
-        self._stack.append(element)
-
-    def _is_xacro(self, tag: str) -> bool:
-        return tag.partition(":")[0] in self._prefixes and ":" in tag
-
-    def _end(self, _tag: str) -> None:
-        self._stack.pop()
-
-    def _doctype(self, *_declared: object) -> None:
-        line = self._expat.CurrentLineNumber
-        raise ConfigError(f"{self._file}:{line}: has a DOCTYPE; remove it")
-
-
-def _substituted(value: str) -> bool:
-    """Whether an attribute has a substitution of xacro: ${...}."""
-    begin = value.find("${")
-    return begin >= 0 and "}" in value[begin:]

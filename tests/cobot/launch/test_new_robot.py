@@ -92,10 +92,10 @@ BROKEN = {
                                        1), "--without a1"),
     "floating": (urdf(ARMS["ur"]).replace("revolute", "floating", 1), "the base must stand"),
     "velocity": (urdf(ARMS["ur"]).replace('velocity="1.5"', 'velocity="fast"', 1),
-                 "'a0': velocity 'fast' must be a number from 0 on"),
-    "effort": (urdf(ARMS["ur"]).replace('effort="200"', 'effort="inf"', 1), "'a0': effort 'inf' must be"),
+                 "'a0': velocity of <limit> is 'fast'; it must be a decimal number"),
+    "effort": (urdf(ARMS["ur"]).replace('effort="200"', 'effort="inf"', 1), "'a0': effort of <limit> is 'inf'; it must be"),
     "upside down": (urdf(ARMS["ur"]).replace('lower="-2.9" upper="2.9"', 'lower="1" upper="-1"', 1),
-                    "'a0': its lower limit 1 is above its upper -1"),
+                    "'a0': its lower limit 1 is above its upper limit -1"),
     "mesh": (urdf(ARMS["ur"]).replace('<sphere radius="0.03"/>', '<mesh filename="package://p/a.stl"/>', 1),
              "add --package FOLDER"),
 }  # fmt: skip

@@ -1,0 +1,90 @@
+"""Mesh files: STL (binary and text), OBJ, DAE, GLB, glTF and MuJoCo's MSH, in metres, z up as ROS has them.
+
+This runs in the process of `worker_main`, whose memory and time are bounded.
+"""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from cobot.errors import InputError
+from cobot.robot.mesh import Indices
+from cobot.types import Array
+
+FORMATS = (".stl", ".obj", ".dae", ".glb", ".gltf", ".msh")
+MAX_BYTES = 300_000_000
+MAX_TRIANGLES = 2_000_000
+MAX_LOOK_TRIANGLES = 500_000
+
+
+def read_mesh(file: Path) -> tuple[Array, Indices]:
+    """Vertices, shape (n, 3), m, and triangles, shape (m, 3).
+
+    Raises:
+        InputError: it has no triangles, too many, or numbers that are not finite.
+    """
+    if file.suffix.lower() == ".msh":
+        vertices, triangles = _msh(_content(file))
+    else:
+        whole = _scene(file, MAX_TRIANGLES).to_mesh()
+        vertices, triangles = np.asarray(whole.vertices, float), np.asarray(whole.faces, np.int64)
+    if not np.isfinite(vertices).all():
+        raise InputError("has a vertex that is not finite")
+    return vertices, triangles
+
+
+def as_glb(file: Path) -> bytes:
+    """The mesh with its colours, without textures."""
+    if file.suffix.lower() == ".msh":
+        scene = trimesh.Scene(trimesh.Trimesh(*_msh(_content(file))))
+    else:
+        scene = _scene(file, MAX_LOOK_TRIANGLES)
+    return bytes(trimesh.exchange.gltf.export_glb(scene))
+
+
+def _scene(file: Path, max_triangles: int) -> trimesh.Scene:
+    content, kind = _content(file), file.suffix.lower().removeprefix(".")
+    if kind == "dae" and not content.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
+        raise InputError("is not COLLADA: its first character is not <")
+    if kind == "dae" and b"<!DOCTYPE" in content:
+        raise InputError("has a DOCTYPE; remove it")
+    beside = trimesh.resolvers.FilePathResolver(str(file))  # Nothing from outside the mesh's folder.
+    scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, resolver=beside)
+    if kind == "dae":
+        metres = trimesh.units.unit_conversion(scene.units or "meters", "meters")
+        scene.apply_transform(np.diag([metres, metres, metres, 1.0]))
+    count = sum(
+        len(scene.geometry[scene.graph[node][1]].faces)
+        for node in scene.graph.nodes_geometry
+        if hasattr(scene.geometry[scene.graph[node][1]], "faces")
+    )
+    if not 0 < count <= max_triangles:
+        raise InputError(
+            f"has {count} triangles; at most {max_triangles} are allowed, so simplify it"
+            if count
+            else "has no triangles"
+        )
+    return scene
+
+
+def _content(file: Path) -> bytes:
+    if (size := file.stat().st_size) > MAX_BYTES:
+        raise InputError(f"has {size} bytes; at most {MAX_BYTES} are allowed")
+    return file.read_bytes()
+
+
+def _msh(content: bytes) -> tuple[Array, Indices]:
+    """MuJoCo's format: numbers of vertices, normals, texture coordinates and faces, and these in turn."""
+    counts = np.frombuffer(content, "<i4", 4).tolist()
+    vertices, normals, coordinates, faces = counts
+    if min(counts) < 0 or 16 + 4 * (3 * (vertices + normals + faces) + 2 * coordinates) != len(content):
+        raise InputError("is not a mesh of MuJoCo: its size does not fit its numbers")
+    places = np.frombuffer(content, "<f4", 3 * vertices, 16).astype(float).reshape(-1, 3)
+    triangles = np.frombuffer(content, "<i4", 3 * faces, len(content) - 12 * faces).reshape(-1, 3)
+    if not faces or triangles.min() < 0 or triangles.max() >= vertices:
+        raise InputError("has no triangles, or one of vertices that do not exist")
+    return places, triangles.astype(np.int64)

@@ -1,0 +1,76 @@
+"""Elements of MJCF that make many others, counted before MuJoCo makes them."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+from cobot.errors import ConfigError
+from cobot.xml_file import parse, shown, where
+
+MAX_ELEMENTS = 20_000
+"""Of a file, with what its <replicate> and the like make."""
+MAX_CELLS = 4_000_000
+"""Of a height field: 2000 by 2000."""
+MAX_INCLUDED = 100
+MULTIPLYING = ("replicate", "composite", "flexcomp")
+
+
+def check_mjcf(file: Path, root: Element) -> None:
+    """Reject files that would make more elements than any arm has, or a height field of monstrous size.
+
+    Raises:
+        ConfigError: names the line, the element, the number and the limit.
+    """
+    _Counter(file).add(file, root, 1)
+
+
+class _Counter:
+    """Elements of a file and of those that it includes."""
+
+    def __init__(self, file: Path) -> None:
+        self._folder = file.parent
+        self._included = 0
+        self._count = 0
+
+    def add(self, file: Path, root: Element, times: int) -> None:
+        """Count an element and all in it, which are made so many times."""
+        pending = [(root, times)]
+        while pending:
+            element, times = pending.pop()
+            if element.tag == "hfield":
+                cells = _product(file, element, "nrow") * _product(file, element, "ncol")
+                _require(file, element, "cells", cells, MAX_CELLS)
+            if element.tag in MULTIPLYING:
+                times *= _product(file, element, "count")
+            self._count += times
+            _require(file, element, "elements in the file", self._count, MAX_ELEMENTS)
+            pending += [(child, times) for child in element]
+            if element.tag == "include" and (name := element.get("file")):
+                self._include(file, element, name, times)
+
+    def _include(self, file: Path, element: Element, name: str, times: int) -> None:
+        self._included += 1
+        _require(file, element, "included files", self._included, MAX_INCLUDED)
+        if (path := self._folder / name).is_file():
+            self.add(path, parse(path)[0], times)
+
+
+def _product(file: Path, element: Element, attribute: str) -> int:
+    """The product of the whole numbers in an attribute; 1 for none."""
+    text = element.get(attribute, "1")
+    try:
+        return math.prod(max(1, int(float(word))) for word in text[:200].split())
+    except (ValueError, OverflowError) as exc:
+        raise ConfigError(
+            f"{where(file, element)}: {attribute} of <{element.tag}> is {shown(text)}; it must be a whole "
+            "number"
+        ) from exc
+
+
+def _require(file: Path, element: Element, what: str, count: int, limit: int) -> None:
+    if count > limit:
+        raise ConfigError(
+            f"{where(file, element)}: <{element.tag}> makes {count} {what}; at most {limit} are allowed"
+        )

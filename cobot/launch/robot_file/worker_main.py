@@ -1,0 +1,85 @@
+"""The process of `worker.Worker`: its tasks, and its limits."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import resource
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from cobot.errors import ConfigError, InputError
+
+
+def write_solids(file: str, into: str, name: str, scale: list[float], split: bool) -> dict[str, Any]:
+    """Write a mesh as convex solids in metres; see `convex.solids`."""
+    from cobot.launch.robot_file import convex, mesh_reading
+
+    vertices, triangles = mesh_reading.read_mesh(Path(file))
+    vertices = vertices * scale
+    found = convex.solids(vertices, triangles, split)
+    files = []
+    for index, solid in enumerate(found.solids):
+        files.append(f"{name}_{index}.stl" if len(found.solids) > 1 else f"{name}.stl")
+        convex.write_stl(Path(into) / files[-1], solid)
+    size = (vertices.max(axis=0) - vertices.min(axis=0)).tolist()
+    return {"files": files, "size": size, "void": found.void_m, "wrong": found.is_wrong, "flat": found.flat}
+
+
+def write_look(file: str, into: str) -> dict[str, Any]:
+    """Write a mesh with its colours as GLB, in metres."""
+    from cobot.launch.robot_file import mesh_reading
+
+    Path(into).write_bytes(mesh_reading.as_glb(Path(file)))
+    return {}
+
+
+def compile_mjcf(file: str) -> dict[str, Any]:
+    """Have MuJoCo read and compile a file, and allocate what it needs; the reasons why not are no matter
+    here, as the parent finds them again.
+    """
+    import mujoco
+
+    from cobot.launch.robot_file.mjcf import remove_textures
+
+    with contextlib.suppress(ValueError):
+        spec = mujoco.MjSpec.from_file(file)
+        remove_textures(spec)
+        mujoco.MjData(spec.compile())
+    return {}
+
+
+DAMAGED = "cannot be read: it is damaged, empty or of another format; export it again, for example as STL"
+TASKS: dict[str, Callable[..., dict[str, Any]]] = {
+    "solids": write_solids,
+    "look": write_look,
+    "mjcf": compile_mjcf,
+}
+
+
+def main() -> None:
+    """Answer requests until the parent is gone."""
+    limit = int(sys.argv[1]) << 30
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # Libraries print.
+    for line in sys.stdin:
+        request = json.loads(line)
+        try:
+            answer = TASKS[request.pop("task")](**request)
+        except (ConfigError, InputError) as exc:
+            answer = {"error": str(exc)}
+        except MemoryError:
+            answer = {"error": f"needs more than {sys.argv[1]} GB of memory; simplify it"}
+        except Exception:  # noqa: BLE001  readers of meshes raise whatever they like
+            answer = {"error": DAMAGED}
+        answers.write(json.dumps(answer) + "\n")
+        answers.flush()
+
+
+if __name__ == "__main__":
+    main()
