@@ -117,7 +117,7 @@ def _check_joint(file: Path, joint: Element, still: Container[str]) -> None:
     if kind in ("floating", "planar"):
         if name not in still:
             raise ConfigError(
-                f"{where(file, joint)}: joint {name!r} is {kind}: the base must stand; make it fixed, or keep it where it "
-                f"is with --without {name}"
+                f"{where(file, joint)}: joint {name!r} is {kind}: the base must stand; make it "
+                f"fixed, or keep it where it is with --without {name}"
             )
         joint.set("type", "fixed")

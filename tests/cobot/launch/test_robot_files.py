@@ -242,10 +242,13 @@ def test_what_is_only_seen_is_not_needed_and_links_without_a_shape_are_named(tmp
     assert "no collision shape, so nothing keeps them from touching: link0, link1" in new.guessed
 
 
-def test_a_collision_shape_that_mujoco_cannot_read_is_to_be_converted(tmp_path: Path) -> None:
-    (tmp_path / "a.dae").write_text("<COLLADA/>")
-    text = urdf(ARMS["ur"]).replace('<sphere radius="0.03"/>', '<mesh filename="a.dae"/>', 1)
-    with pytest.raises(ConfigError, match=r"a\.dae, which MuJoCo cannot read; convert it to one of: \.stl"):
+def test_a_mesh_of_another_format_is_to_be_converted(tmp_path: Path) -> None:
+    (tmp_path / "a.wrl").write_text("#VRML V2.0 utf8")
+    text = urdf(ARMS["ur"]).replace('<sphere radius="0.03"/>', '<mesh filename="a.wrl"/>', 1)
+    with pytest.raises(
+        ConfigError,
+        match=r"arm\.urdf:1: link 'link0': mesh .*a\.wrl has a format .* one of: \.stl, \.obj, \.dae",
+    ):
         made_of(tmp_path / "arm.urdf", text)
 
 
