@@ -232,5 +232,7 @@ def test_nothing_but_made_up_masses_is_rejected_with_the_way_out(tmp_path: Path)
 
 
 def test_a_mass_that_is_not_finite_names_the_line_and_the_link(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"arm\.urdf:1: link 'link2': value of <mass> is 'nan'; it must be a decimal number"):
+    with pytest.raises(
+        ConfigError, match=r"arm\.urdf:1: link 'link2': value of <mass> is 'nan'; it must be a decimal number"
+    ):
         made(tmp_path, with_link("link2", INERTIAL.replace('mass value="2"', 'mass value="nan"')))
