@@ -91,6 +91,11 @@ Algorithm = Literal[
 RRT_CONNECT: Algorithm = "RRTConnect"
 
 
+FreeAxis = Literal["rx", "ry", "rz"]
+"""A rotation of the TCP about its own x, y or z axis that a goal leaves free."""
+FREE_AXES: tuple[FreeAxis, ...] = ("rx", "ry", "rz")
+
+
 class Synchronization(StrEnum):
     """How the joints of a ptp motion keep together.
 

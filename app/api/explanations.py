@@ -64,6 +64,8 @@ def _works(remedy: Remedy, asked: AnyMotion, found: Explanation, base_frame: str
             case "planner":
                 body = {name: given for name, given in body.items() if name not in DROPPED}
                 body["planner"] = str(value)
+            case "free_axes":
+                body["free_axes"] = list(value)
             case "start":
                 body["start"] = value.tolist()
             case "goal" if isinstance(value, Pose):

@@ -26,6 +26,7 @@ from app.services.motion.ownership import Caller
 from cobot.access.roles import Role, acting
 from cobot.config import Endpoint
 from cobot.errors import CobotError
+from cobot.types import FreeAxis
 
 Ctx = Context[Any, Request]
 MAX_NAME = 64
@@ -122,13 +123,18 @@ async def plan_to_pose(
         str,
         Field(max_length=MAX_NAME, description="Empty: the base frame; or tool, world, a named frame."),
     ] = "",
+    free_axes: Annotated[
+        list[FreeAxis] | None,
+        Field(
+            max_length=3,
+            description="Free rotations about the tool's own axes: one of rx, ry, rz, or all three.",
+        ),
+    ] = None,
     robot: Robot = "",
 ) -> Any:
     """Plan a motion of the TCP to a pose: m and rad. Nothing moves; answers a plan_id."""
-    pose = {"x": x, "y": y, "z": z, "a": a, "b": b, "c": c}
-    return await _planned(
-        ctx, robot, "pose", {**pose, "planner": planner, "speed": speed, "frame_id": frame_id}
-    )
+    body = {"x": x, "y": y, "z": z, "a": a, "b": b, "c": c, "planner": planner, "speed": speed}
+    return await _planned(ctx, robot, "pose", body | {"frame_id": frame_id, "free_axes": free_axes or []})
 
 
 async def preview(ctx: Ctx, plan_id: PlanId, robot: Robot = "") -> list[Any]:

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, FailFast, Field, Tag
 
 from cobot.strict import StrictModel
-from cobot.types import RRT_CONNECT, Algorithm
+from cobot.types import RRT_CONNECT, Algorithm, FreeAxis
 
 HOME = [0.0, 0.0, 0.0, -1.57, 0.0, 1.57, 0.0]
 
@@ -195,6 +195,22 @@ FrameId = Annotated[
 Radius = Annotated[Finite, Field(ge=0.0, le=1.0)]
 
 
+def _one_in_list(value: Any) -> Any:
+    """MATLAB encodes a list of one text as the text."""
+    return [value] if isinstance(value, str) else value
+
+
+FreeAxes = Annotated[
+    list[FreeAxis],
+    BeforeValidator(_one_in_list),
+    Field(
+        max_length=3,
+        description="Rotations of the tool that the pose does not fix, about its own axes: one of rx, ry and "
+        "rz, or all three if only the position counts. An arm with five joints points its tool down with rz.",
+    ),
+]
+
+
 class TcpMotion(StrictModel):
     """How, where the TCP has somewhere to go."""
 
@@ -204,6 +220,7 @@ class TcpMotion(StrictModel):
     speed_rad_s: RadPerSecond = None
     frame_id: FrameId = ""
     constraints: KeptTo = None
+    free_axes: FreeAxes = Field([])
 
 
 class MoveArc(TcpMotion):

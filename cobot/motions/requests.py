@@ -11,10 +11,12 @@ from cobot.motions.constraints import Constraints
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
 from cobot.types import (
+    FREE_AXES,
     RRT_CONNECT,
     Algorithm,
     Array,
     CartesianLimits,
+    FreeAxis,
     JointLimits,
     PlannerName,
     Pose,
@@ -72,6 +74,7 @@ class MotionRequest:
         radius_m: how far from each of them the TCP may leave its path to go on without a stop; 0: it stops.
         tcp_speed: of lin, circ and polyline.
         constraints: what the whole motion keeps to; None: nothing but the limits.
+        free_axes: the rotations of the TCP that poses do not fix, about its own axes: none, one or all three.
     """
 
     start: Array
@@ -88,6 +91,7 @@ class MotionRequest:
     radius_m: float = 0.0
     tcp_speed: TcpSpeed = ANY_SPEED
     constraints: Constraints | None = None
+    free_axes: tuple[FreeAxis, ...] = ()
 
     def scaled_limits(self, robot: RobotDescription) -> JointLimits:
         """The share of the joint limits that this motion may use."""
@@ -239,6 +243,28 @@ def check_tcp_speed(planner: PlannerName, speed: TcpSpeed, limits: CartesianLimi
                 f"{name}: is {value:g} {unit}, possible is above 0 and up to {limit:g} {unit} "
                 f"(planning.{setting})"
             )
+
+
+def check_free_axes(free: Sequence[str]) -> None:
+    """Free are no rotation, one, or all three: two of them together make the third.
+
+    Raises:
+        InputError: another number of them, an unknown one, or one twice.
+    """
+    valid = ", ".join(FREE_AXES)
+    for index, axis in enumerate(free):
+        if axis not in FREE_AXES:
+            raise InputError(
+                f"free_axes[{index}]: there is no axis {axis!r}; valid are: {valid}, the rotations about the "
+                "tool's x, y and z axis"
+            )
+        if axis in free[:index]:
+            raise InputError(f"free_axes[{index}]: {axis} is given twice")
+    if len(free) == len(FREE_AXES) - 1:
+        raise InputError(
+            f"free_axes: has {' and '.join(free)}, by which every orientation is reached; "
+            f"valid are one of {valid}, or all three for the position alone"
+        )
 
 
 def check_synchronization(planner: PlannerName, synchronization: Synchronization) -> None:

@@ -18,6 +18,7 @@ from cobot.motions.requests import (
     MotionRequest,
     WaypointRequest,
     check_algorithm,
+    check_free_axes,
     check_synchronization,
     check_tcp_speed,
     check_through,
@@ -79,6 +80,7 @@ def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
     check_tcp_speed(request.planner, request.tcp_speed, robot.cartesian_limits)
     check_synchronization(request.planner, request.synchronization)
     check_algorithm(request.planner, request.algorithm, request.constraints)
+    check_free_axes(request.free_axes)
     if request.planner in PATH_PLANNERS or request.planner is PlannerName.PTP:
         robot.collision.check_position(request.start, "the start", 0.0)
         return _direct(robot, request)

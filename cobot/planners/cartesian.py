@@ -8,27 +8,38 @@ along the path (`cobot/planners/redundancy.py`).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 
 from cobot.errors import CobotError, InputError, PlanningError, UnreachableError
 from cobot.findings import Finding
 from cobot.motions.requests import MotionRequest
-from cobot.planners.joint_path import SHORTEST_SHARE, JointsAt, at_limit_of, jump_of, through
+from cobot.planners.checks import is_there
+from cobot.planners.joint_path import (
+    LARGEST_DEVIATION_M,
+    LARGEST_DEVIATION_RAD,
+    POSE_SHARE,
+    SHORTEST_SHARE,
+    JointsAt,
+    at_limit_of,
+    jump_of,
+    through,
+)
 from cobot.planners.null_space import FEW, FINER, MANY, Particles
 from cobot.planners.path import Path
 from cobot.planners.redundancy import MESHES, Graph, Profile
-from cobot.planners.tcp_path import TcpPath
+from cobot.planners.tcp_path import PLACES, TcpPath, angles_between
 from cobot.planners.time_law import time_optimal
 from cobot.robot.description import RobotDescription
-from cobot.robot.frames import angle_between
-from cobot.robot.inverse_kinematics import MIN_GAP_M, reach_gap, solve_near
+from cobot.robot.inverse_kinematics import MIN_GAP_M, Arm, apart, cause_of
 from cobot.trajectory import Trajectory
 from cobot.types import Array, CartesianLimits, JointLimits
 
 STANDING_M, STANDING_RAD = 1e-6, 1e-6
-POSE_DOF = 6
 FAR = 0.5
 """Where some configurations come beyond this share of a path, more of them may find the rest; at more places
 too, where they have come to its end by ways that no smooth one could be made of."""
@@ -50,9 +61,12 @@ def follow(robot: RobotDescription, request: MotionRequest, path: TcpPath) -> Tr
     """
     if path.length_m < STANDING_M and path.angle_rad < STANDING_RAD:
         return None
+    path = replace(path, free=request.free_axes)
     tcp = tcp_limits(robot, request)
     _require_reach(robot, path, request.start)
     simple, reason = _continued(robot, request.start, path)
+    if simple is not None and _stands(simple):
+        return None
     motion = None
     if simple is not None and _is_free(robot, simple):
         try:
@@ -69,15 +83,25 @@ def follow(robot: RobotDescription, request: MotionRequest, path: TcpPath) -> Tr
         return _timed(robot, request, simple, tcp)  # What it touches is said by the check of all motions.
     if motion is None:
         assert reason is not None
-        raise _refused(robot, reason, reached)
+        raise _refused(_arm(robot, path), reason, reached)
     return motion
 
 
-def _refused(robot: RobotDescription, reason: CobotError, reached: float) -> UnreachableError:
+def _arm(robot: RobotDescription, path: TcpPath) -> Arm:
+    return robot.model.kinematics(path.free)
+
+
+def _stands(joint_path: Path) -> bool:
+    """Whether the joints need not move: the TCP only turns where it is free to, or by less than counts."""
+    places = joint_path.at(np.linspace(0.0, joint_path.length, PLACES))
+    return is_there(places[0], places)
+
+
+def _refused(arm: Arm, reason: CobotError, reached: float) -> UnreachableError:
     """Why neither the simple way nor any other configuration of a redundant arm leads to the end."""
-    if robot.limits.dof <= POSE_DOF:
+    if not arm.redundant:
         return UnreachableError(str(reason), findings=reason.findings)
-    if robot.model.inverse_kinematics.arm_angle is not None:
+    if arm.arm_angle is not None:
         more = f"no arm angle leads further than {100 * reached:.0f} % of the path"
         if reached >= 1.0:
             more = "no other arm angles lead along the path without touching something"
@@ -136,8 +160,9 @@ def _redundant(
 ) -> tuple[Path | None, float]:
     """A free path of the joints by planning the arm angle, from coarse to fine, and how far any leads."""
     reached = 0.0
-    if robot.model.inverse_kinematics.arm_angle is None:
-        return _by_particles(robot, start, path) if robot.limits.dof > POSE_DOF else (None, reached)
+    arm = _arm(robot, path)
+    if arm.arm_angle is None:
+        return _by_particles(robot, start, path) if arm.redundant else (None, reached)
     for mesh in MESHES[:meshes]:
         graph = Graph(robot, start, path, mesh)
         for free in (False, True):
@@ -185,12 +210,14 @@ def _along(
 
 
 def _require_reach(robot: RobotDescription, path: TcpPath, start: Array) -> None:
-    gap = robot.model.inverse_kinematics.gap(path.poses(np.ones(1))[0])
+    arm = _arm(robot, path)
+    gap = arm.gap(path.poses(np.ones(1))[0])
     if gap <= MIN_GAP_M:
         return
     shares = np.linspace(0.0, 1.0, 101)
-    end = next(share for share in shares if reach_gap(robot.model, path.pose_at(share)) > MIN_GAP_M)
-    joints = solve_near(robot.model, path.pose_at(end), start).joints
+    poses = path.poses(shares)
+    place = next(place for place, pose in enumerate(poses) if arm.gap(pose) > MIN_GAP_M)
+    end, joints = shares[place], arm.descend(poses[place], start, STEPS)[0]
     joint = int(np.abs(joints - start).argmax())
     name = robot.limits.names[joint]
     raise UnreachableError(
@@ -212,10 +239,10 @@ def _continued(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Pa
 
 def _joints_at(robot: RobotDescription, path: TcpPath) -> JointsAt:
     """Joints at a share of the path, from near ones."""
-    descend = robot.model.inverse_kinematics.descend
+    descend = _arm(robot, path).descend
 
     def joints_at(share: float, near: Array) -> Array | None:
-        joints, solved, _, _ = descend(path.poses(np.array([share]))[0], near, STEPS)
+        joints, solved, _, _ = descend(path.poses(np.array([share]))[0], near, STEPS, share=POSE_SHARE)
         return joints if solved else None
 
     return joints_at
@@ -223,17 +250,18 @@ def _joints_at(robot: RobotDescription, path: TcpPath) -> JointsAt:
 
 def _chain(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Array, Array]:
     """Shares, and the joints there, from one to the next."""
-    descend = robot.model.inverse_kinematics.descend
+    arm = _arm(robot, path)
+    descend = partial(arm.descend, steps=STEPS, share=POSE_SHARE)
     even = np.linspace(0.0, 1.0, path.places + 1)
     targets = path.poses(even[1:])
-    carried = robot.model.inverse_kinematics.carried(targets, start, STEPS, STEP_RAD)
+    carried = arm.carried(targets, start, STEPS, STEP_RAD, POSE_SHARE)
     shares, rows = even[: len(carried) + 1].tolist(), [start, *carried]
     ahead = even[: len(carried) : -1].tolist()
     poses = dict(zip(even[1:].tolist(), targets, strict=True))
     while ahead:
         share = ahead[-1]
         pose = poses[share] if share in poses else path.poses(np.array([share]))[0]
-        joints, solved, _, _ = descend(pose, rows[-1], STEPS)
+        joints, solved, _, _ = descend(pose, rows[-1])
         step = np.abs(joints - rows[-1])
         at_limit = _at_limit(robot.limits, joints, step)
         if solved and not at_limit and step.max() <= STEP_RAD:
@@ -243,10 +271,24 @@ def _chain(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Array,
             ahead.append(0.5 * (shares[-1] + share))
         else:
             beyond = next(place for place in reversed(ahead) if place in poses)
+            if not solved and arm.lacking:
+                beyond = _farthest(
+                    descend, {place: poses[place] for place in ahead if place in poses}, rows[-1]
+                )
             if not solved:  # At the next even place it is as far off as a person would call it.
-                joints = descend(poses[beyond], rows[-1], STEPS)[0]
+                joints = descend(poses[beyond], rows[-1])[0]
             raise _failure(robot, path, (share, beyond), joints, rows[-1], at_limit, solved)
     return np.array(shares), np.array(rows)
+
+
+def _farthest(descend: Callable[..., Any], poses: dict[float, Array], near: Array) -> float:
+    """At which share of these poses an arm with few joints stays furthest away, by lin's tolerance."""
+
+    def excess(share: float) -> float:
+        _, _, distance_m, angle_rad = descend(poses[share], near)
+        return float(max(distance_m / LARGEST_DEVIATION_M, angle_rad / LARGEST_DEVIATION_RAD))
+
+    return max(poses, key=excess)
 
 
 def _at_limit(limits: JointLimits, joints: Array, step: Array) -> list[int]:
@@ -269,7 +311,7 @@ def _failure(
     solved: bool,
 ) -> UnreachableError:
     """Why it ends at the first of these shares; `joints` are those of the second if they are not solved."""
-    share, beyond = shares
+    share, next_share = shares
     place = f"{path.name}: at {100 * share:.0f} % of the path"
     limits = robot.limits
     for joint in at_limit:
@@ -280,14 +322,22 @@ def _failure(
     name = limits.names[joint]
     if solved:
         return jump_of(place, limits, joint, abs(float(joints[joint] - before[joint])), share)
-    pose, target = robot.model.forward(joints), path.pose_at(beyond)
-    missing = 1e3 * float(np.linalg.norm(pose.position - target.position))
-    angle = float(angle_between(pose.quaternion, target.quaternion))
+    pose, target = robot.model.forward(joints), path.pose_at(next_share)
+    missing = float(np.linalg.norm(pose.position - target.position))
+    angle = float(angles_between(pose.quaternion[None], target.quaternion[None], path.free)[0])
+    cause = cause_of(robot.model, target, joints, path.free, share)
+    if cause.finding is not None and cause.finding.check == "limit":
+        beyond = limits.names.index(cause.finding.of[0])
+        return at_limit_of(place, limits, beyond, cause.finding.value, cause.finding.limit, share)
+    allowed = ""
+    if robot.model.inverse_kinematics.lacking:
+        allowed = f" after {100 * next_share:.0f} %, allowed are 0.05 mm and 0.01 degrees"
     return UnreachableError(
-        f"{place} the TCP cannot go on: it stays {missing:.1f} mm and {np.degrees(angle):.2f} degrees away, "
+        f"{place} the TCP cannot go on: {cause.says}; it stays {apart(missing, angle)} away{allowed}, "
         f"with {_moving(limits, joint)} most, to {joints[joint]:.3f} {limits.unit(joint)}",
         findings=[
-            Finding("reach", "distance to the path", 1e-3 * missing, 0.0, "m", share, (name,)),
+            *([] if cause.finding is None else [cause.finding]),
+            Finding("reach", "distance to the path", missing, 0.0, "m", share, (name,)),
             Finding("reach", "angle to the path", angle, 0.0, "rad", share, (name,)),
         ],
     )

@@ -8,8 +8,10 @@ from cobot.errors import InputError, PlanningError
 from cobot.findings import Finding
 from cobot.motions.requests import Arc, MotionRequest, check_via
 from cobot.planners.cartesian import follow
-from cobot.planners.tcp_path import PLACES, TcpPath, turn_between, turned
+from cobot.planners.path_goals import reachable
+from cobot.planners.tcp_path import PLACES, TcpPath, least_turn, turn_between, turned
 from cobot.robot.description import RobotDescription
+from cobot.robot.quaternion import SMALL_RAD
 from cobot.trajectory import Trajectory
 from cobot.types import Array, Pose
 
@@ -35,15 +37,17 @@ def plan_circ(robot: RobotDescription, request: MotionRequest) -> Trajectory | N
     start = robot.model.forward(request.start)
     if request.arc is None:
         assert request.via is not None
-        path = arc(start, request.via, request.goal)
+        goal = reachable(robot, request, start, request.goal)
+        path = arc(start, request.via, goal, least_turn(robot))
     elif request.arc.angle_rad is None:
-        path = arc_about(start, request.arc, request.goal)
+        goal = reachable(robot, request, start, request.goal)
+        path = arc_about(start, request.arc, goal, least_turn(robot))
     else:
         path = helix(start, request.arc, request.arc.angle_rad)
     return follow(robot, request, path)
 
 
-def arc_about(start: Pose, given: Arc, goal: Pose) -> TcpPath:
+def arc_about(start: Pose, given: Arc, goal: Pose, least_rad: float = SMALL_RAD) -> TcpPath:
     """About a centre to the goal: about the axis by the right hand, or without one the short way.
 
     Raises:
@@ -78,7 +82,7 @@ def arc_about(start: Pose, given: Arc, goal: Pose) -> TcpPath:
 
     def poses(shares: Array) -> Array:
         positions = _circle(given.centre, x, axis, angle, goal.position - end, shares)
-        return np.concatenate([positions, turned(start.quaternion, turn, shares)], axis=1)
+        return np.concatenate([positions, turned(start.quaternion, turn, shares, least_rad)], axis=1)
 
     return TcpPath("circ", poses, angle * float(radii[0]), float(np.linalg.norm(turn)), _places(angle))
 
@@ -135,7 +139,7 @@ def _places(angle: float) -> int:
     return int(np.clip(np.ceil(abs(angle) / PLACE_RAD), PLACES, MAX_PLACES))
 
 
-def arc(start: Pose, via: Array, goal: Pose) -> TcpPath:
+def arc(start: Pose, via: Array, goal: Pose, least_rad: float = SMALL_RAD) -> TcpPath:
     """The path itself.
 
     Raises:
@@ -171,7 +175,7 @@ def arc(start: Pose, via: Array, goal: Pose) -> TcpPath:
 
     def poses(shares: Array) -> Array:
         positions = _circle(centre, x, axis, angle, np.zeros(3), shares)
-        return np.concatenate([positions, turned(start.quaternion, turn, shares)], axis=1)
+        return np.concatenate([positions, turned(start.quaternion, turn, shares, least_rad)], axis=1)
 
     length_m = angle * float(np.linalg.norm(radius))
     return TcpPath("circ", poses, length_m, float(np.linalg.norm(turn)), _places(angle))

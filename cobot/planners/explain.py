@@ -23,7 +23,7 @@ from cobot.planners.goals import joint_goals
 from cobot.planners.lin import straight_line
 from cobot.robot.description import RobotDescription
 from cobot.robot.frames import abc_from_quaternion, pose_from_abc
-from cobot.robot.inverse_kinematics import MIN_GAP_M, inverse_all, nearest_to, reach_gap
+from cobot.robot.inverse_kinematics import MIN_GAP_M, freer, inverse_all, nearest_to, reach_gap
 from cobot.trajectory import Trajectory
 from cobot.types import RRT_CONNECT, Array, PlannerName, Pose, Scaling, Synchronization
 
@@ -104,6 +104,8 @@ def _ideas(robot: RobotDescription, request: MotionRequest, error: CobotError) -
         yield from _slower(request)
     if "time" in checks:
         yield from _faster(request)
+    if "reach" in checks and robot.model.inverse_kinematics.lacking:
+        yield from _freer(request)
     if at_goal:
         yield from _other_goals(robot, request)
     if checks & {"limit", "reach", "redundancy", "singularity", "collision"}:
@@ -134,6 +136,12 @@ def _faster(request: MotionRequest) -> Iterator[Idea]:
         yield Idea(
             "faster", {"scaling": Scaling(scaling.speed)}, "with accel_scale 0, which is that of speed"
         )
+
+
+def _freer(request: MotionRequest) -> Iterator[Idea]:
+    """An arm that cannot turn its tool in every direction reaches more where a rotation is free."""
+    for axes in freer(request.free_axes):
+        yield Idea("free_axes", {"free_axes": axes}, f"with free_axes [{', '.join(axes)}]")
 
 
 def _is_the_path(request: MotionRequest) -> bool:
@@ -238,7 +246,7 @@ def _near_goals(robot: RobotDescription, request: MotionRequest) -> Iterator[tup
 
 def _near_joints(robot: RobotDescription, request: MotionRequest, goal: Pose) -> Iterator[Array]:
     """Free joint angles with the TCP near a pose that cannot be reached, or only in collision."""
-    descent = nearest_to(robot.model, goal, request.start, request.seed)
+    descent = nearest_to(robot.model, goal, request.start, request.seed, request.free_axes)
     nearest = descent.joints
     if request.planner in PATH_PLANNERS and descent.solved:
         return

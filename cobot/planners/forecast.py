@@ -86,7 +86,7 @@ def _distances(robot: RobotDescription, rows: Array) -> Array:
 def _closest(robot: RobotDescription, distances: Array) -> tuple[Closest | None, Closest | None]:
     """Of the robot with itself, and with what is around it."""
     checker = robot.collision
-    own = np.array([checker.is_own(pair) for pair in range(len(checker.pairs))])
+    own = np.array([checker.is_own(pair) for pair in range(len(checker.pairs))], dtype=bool)
     found: list[Closest | None] = []
     for chosen in (np.flatnonzero(own), np.flatnonzero(~own)):
         nearest = None

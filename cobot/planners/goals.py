@@ -27,7 +27,7 @@ def joint_goals(robot: RobotDescription, request: MotionRequest) -> Array:
         check_positions(robot.limits, goal, share=1.0)
         robot.collision.check_position(goal, "the goal", 1.0)
         return np.array([goal], dtype=np.float64)
-    if _at(robot, request.start, goal):
+    if not request.free_axes and _at(robot, request.start, goal):
         return np.array([request.start])
     found = _configurations(robot, goal, request)
     free = found[robot.collision.clearance.are_free(found)]
@@ -46,15 +46,21 @@ def more_goals(robot: RobotDescription, request: MotionRequest, number: int) -> 
     assert isinstance(request.goal, Pose)
     seed = request.seed + 1009 * number
     found = inverse_all(
-        robot.model, request.goal, request.start, spread=SPREAD * (number + 1), random_seed=seed
+        robot.model,
+        request.goal,
+        request.start,
+        spread=SPREAD * (number + 1),
+        random_seed=seed,
+        free=request.free_axes,
     )
     return np.array(found)[robot.collision.clearance.are_free(np.array(found))]
 
 
 def nearest_goal(robot: RobotDescription, request: MotionRequest) -> Array:
     """The nearest free joint angles alone, shape (dof,); raises as `joint_goals`."""
-    if isinstance(request.goal, Pose) and not _at(robot, request.start, request.goal):
-        joints = inverse(robot.model, request.goal, request.start, random_seed=request.seed)
+    free = request.free_axes
+    if isinstance(request.goal, Pose) and (free or not _at(robot, request.start, request.goal)):
+        joints = inverse(robot.model, request.goal, request.start, random_seed=request.seed, free=free)
         if robot.collision.is_free(joints):
             return joints
     return np.asarray(joint_goals(robot, request)[0])
@@ -62,9 +68,9 @@ def nearest_goal(robot: RobotDescription, request: MotionRequest) -> Array:
 
 def _configurations(robot: RobotDescription, pose: Pose, request: MotionRequest) -> Array:
     """Of the inverse kinematics, the nearest to the start first."""
-    model, seed = robot.model, request.seed
-    found = [inverse(model, pose, request.start, random_seed=seed)]
-    found += inverse_all(model, pose, request.start, spread=SPREAD, random_seed=seed)
+    model, seed, free = robot.model, request.seed, request.free_axes
+    found = [inverse(model, pose, request.start, random_seed=seed, free=free)]
+    found += inverse_all(model, pose, request.start, spread=SPREAD, random_seed=seed, free=free)
     return np.array(sorted(found, key=lambda joints: float(np.linalg.norm(joints - request.start))))
 
 

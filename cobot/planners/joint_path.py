@@ -17,6 +17,8 @@ LARGEST_DEVIATION_M = 5e-5
 LARGEST_DEVIATION_RAD = np.radians(0.01)
 PATH_SHARE = 0.4
 """Of the deviation, what the joints' path may have; the rest is for the time law's quintics."""
+POSE_SHARE = 0.5 * PATH_SHARE
+"""Of the deviation, what the joints may have at the places of an arm that comes near most poses only."""
 BETWEEN = np.array([0.25, 0.5, 0.75])
 """Where in each interval between places the deviation is looked at."""
 AT_ENDS = np.array([0.03, 0.08, 0.15])
@@ -203,7 +205,7 @@ def _spoiled(
         there = np.clip(spline_through(parameters, shares[:, None])(inner)[:, 0], 0.0, 1.0)
     poses, targets = robot.model.poses(joint_path.at(inner)), path.poses(there)
     far = np.linalg.norm(poses[:, :3] - targets[:, :3], axis=1) > PATH_SHARE * LARGEST_DEVIATION_M
-    far |= angles_between(poses[:, 3:], targets[:, 3:]) > PATH_SHARE * LARGEST_DEVIATION_RAD
+    far |= angles_between(poses[:, 3:], targets[:, 3:], path.free) > PATH_SHARE * LARGEST_DEVIATION_RAD
     wrong = np.concatenate([inner[far], joint_path.places_outside(*_bounds(robot, start))])
     spoiled = np.zeros(len(steps), bool)
     spoiled[np.clip(np.searchsorted(parameters, wrong, side="right") - 1, 0, len(steps) - 1)] = True

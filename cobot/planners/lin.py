@@ -7,8 +7,10 @@ import numpy as np
 from cobot.errors import InputError
 from cobot.motions.requests import MotionRequest
 from cobot.planners.cartesian import follow
-from cobot.planners.tcp_path import TcpPath, turn_between, turned
+from cobot.planners.path_goals import reachable
+from cobot.planners.tcp_path import TcpPath, least_turn, turn_between, turned
 from cobot.robot.description import RobotDescription
+from cobot.robot.quaternion import SMALL_RAD
 from cobot.trajectory import Trajectory
 from cobot.types import Array, Pose
 
@@ -22,17 +24,19 @@ def plan_lin(robot: RobotDescription, request: MotionRequest) -> Trajectory | No
     """
     if not isinstance(request.goal, Pose):
         raise InputError("lin needs a pose as its goal, not joint angles")
-    return follow(robot, request, straight_line(robot.model.forward(request.start), request.goal))
+    start = robot.model.forward(request.start)
+    goal = reachable(robot, request, start, request.goal)
+    return follow(robot, request, straight_line(start, goal, least_turn(robot)))
 
 
-def straight_line(start: Pose, goal: Pose) -> TcpPath:
+def straight_line(start: Pose, goal: Pose, least_rad: float = SMALL_RAD) -> TcpPath:
     """The path itself."""
     across, turn = goal.position - start.position, turn_between(start, goal)
 
     def poses(shares: Array) -> Array:
         rows = np.empty((len(shares), 7))
         rows[:, :3] = start.position + shares[:, None] * across
-        rows[:, 3:] = turned(start.quaternion, turn, shares)
+        rows[:, 3:] = turned(start.quaternion, turn, shares, least_rad)
         return rows
 
     return TcpPath("lin", poses, float(np.linalg.norm(across)), float(np.linalg.norm(turn)))

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from cobot.planners.joint_path import POSE_SHARE
 from cobot.planners.tcp_path import TcpPath
 from cobot.robot.description import RobotDescription
 from cobot.types import Array
@@ -47,7 +48,7 @@ class Particles:
         self, robot: RobotDescription, start: Array, path: TcpPath, count: int, factor: int = 1
     ) -> None:
         """count: of the configurations. factor: of the number of places."""
-        self._robot, self._arm = robot, robot.model.inverse_kinematics
+        self._robot, self._arm = robot, robot.model.kinematics(path.free)
         self._count, self._random = count, np.random.default_rng(count)
         limits = robot.limits
         self._low = np.minimum(limits.min_position + INSIDE_RAD / factor, start)
@@ -101,7 +102,7 @@ class Particles:
         return kept[self._robot.collision.clearance.are_free(kept)] if len(kept) else kept
 
     def _descend(self, pose: Array, near: Array) -> tuple[Array, bool, float, float]:
-        return self._arm.descend(pose, near, STEPS, within=(self._low, self._high))
+        return self._arm.descend(pose, near, STEPS, within=(self._low, self._high), share=POSE_SHARE)
 
     def _nearness(self, rows: Array) -> Array:
         """What limits cost that are near."""

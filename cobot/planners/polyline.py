@@ -16,7 +16,8 @@ import numpy as np
 from cobot.errors import InputError
 from cobot.motions.requests import MotionRequest
 from cobot.planners.cartesian import STANDING_M, STANDING_RAD, follow
-from cobot.planners.tcp_path import PLACES, TcpPath, turn_between
+from cobot.planners.path_goals import reachable
+from cobot.planners.tcp_path import PLACES, TcpPath, least_turn, turn_between
 from cobot.robot import quaternion
 from cobot.robot.description import RobotDescription
 from cobot.trajectory import Trajectory
@@ -41,13 +42,16 @@ def plan_polyline(robot: RobotDescription, request: MotionRequest) -> Trajectory
     """
     if not isinstance(request.goal, Pose):
         raise InputError("polyline needs poses, not joint angles")
-    poses = _apart([robot.model.forward(request.start), *request.through, request.goal])
+    poses = [robot.model.forward(request.start)]
+    for pose in (*request.through, request.goal):
+        poses.append(reachable(robot, request, poses[-1], pose))
+    poses = _apart(poses)
     if request.radius_m > 0.0 and len(poses) > 2:
-        return follow(robot, request, rounded(poses, request.radius_m))
+        return follow(robot, request, rounded(poses, request.radius_m, least_rad=least_turn(robot)))
     whole: Trajectory | None = None
     for number, (begin, end) in enumerate(pairwise(poses), start=1):
         start = request.start if whole is None else whole.end
-        leg = rounded([begin, end], 0.0, f"polyline, leg {number}")
+        leg = rounded([begin, end], 0.0, f"polyline, leg {number}", least_turn(robot))
         motion = follow(robot, replace(request, start=start), leg)
         if motion is not None:
             whole = motion if whole is None else whole.followed_by(motion)
@@ -64,7 +68,9 @@ def _apart(poses: list[Pose]) -> list[Pose]:
     return kept if len(kept) > 1 else [kept[0], kept[0]]
 
 
-def rounded(poses: list[Pose], radius_m: float, name: str = "polyline") -> TcpPath:
+def rounded(
+    poses: list[Pose], radius_m: float, name: str = "polyline", least_rad: float = quaternion.SMALL_RAD
+) -> TcpPath:
     """The path itself: it leaves the legs within `radius_m` of the poses between start and goal."""
     ways = np.array([b.position - a.position for a, b in pairwise(poses)])
     turns = np.array([turn_between(a, b) for a, b in pairwise(poses)])
@@ -84,7 +90,7 @@ def rounded(poses: list[Pose], radius_m: float, name: str = "polyline") -> TcpPa
             since = place - (ends[leg] - sizes[leg])
             progress = _progress(since, sizes[leg], corners[leg], corners[leg + 1])
             positions += progress[:, None] * way
-            orientations = _turned(orientations, turn, progress)
+            orientations = _turned(orientations, turn, progress, least_rad)
         return np.concatenate([positions, orientations], axis=1)
 
     places = int(np.clip(PLACES * ends[-1] / max(lengths.max(), 0.3), PLACES, MAX_PLACES))
@@ -104,10 +110,10 @@ def _progress(since: Array, size: float, first: float, last: float) -> Array:
     return np.asarray(progress)
 
 
-def _turned(orientations: Array, turn: Array, shares: Array) -> Array:
+def _turned(orientations: Array, turn: Array, shares: Array, least_rad: float) -> Array:
     """Quaternions, shape (n, 4), each turned by its share of a rotation vector."""
     angle = float(np.linalg.norm(turn))
-    if angle < quaternion.SMALL_RAD:
+    if angle < least_rad:
         return orientations
     half = 0.5 * angle * shares
     w, v = np.cos(half), np.sin(half)[:, None] * (turn / angle)

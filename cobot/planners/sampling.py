@@ -29,7 +29,6 @@ SPARE_M = 1e-3
 """A polyline keeps so much further away than the margin, where its ends do: room for rounding its corners."""
 RANGE_RAD = 2.0
 """No node of RRTConnect is further from the one before it."""
-POSE_DOF = 6
 FIRST_ATTEMPTS = 1000
 """Where no path is found with so many attempts to add a node, more configurations of the goal are looked for,
 and so on, each time with half as many attempts more."""
@@ -148,7 +147,7 @@ def _first(
     """
     deadline_s = time.monotonic() + request.timeout_s
     bounds = robot.limits.min_position, robot.limits.max_position
-    grows = isinstance(request.goal, Pose) and robot.limits.dof > POSE_DOF
+    grows = isinstance(request.goal, Pose) and robot.model.kinematics(request.free_axes).redundant
     attempts = FIRST_ATTEMPTS if grows else 0
     for number in itertools.count():
         left_s = deadline_s - time.monotonic()

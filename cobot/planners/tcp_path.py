@@ -9,9 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from cobot.robot import quaternion
-from cobot.types import Array, Pose
+from cobot.robot.description import RobotDescription
+from cobot.robot.frames import rotation_matrix
+from cobot.types import FREE_AXES, Array, FreeAxis, Pose
 
 PLACES = 24
+LEAST_RAD = 1e-12
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +26,7 @@ class TcpPath:
         poses: of shares u, shape (n,), the poses in the base frame, shape (n, 7): x, y, z (m), w, x, y, z.
         length_m, angle_rad: how far the TCP travels and turns.
         places: at so many even shares the joints are looked for first.
+        free: the rotations of the TCP that it does not fix: none, one or all three.
     """
 
     name: str
@@ -30,6 +34,7 @@ class TcpPath:
     length_m: float
     angle_rad: float
     places: int = PLACES
+    free: tuple[FreeAxis, ...] = ()
 
     def pose_at(self, share: float) -> Pose:
         """The pose at one share."""
@@ -42,10 +47,17 @@ def turn_between(start: Pose, goal: Pose) -> Array:
     return np.array(quaternion.between(start.quaternion.tolist(), goal.quaternion.tolist()))
 
 
-def turned(start: Array, turn: Array, shares: Array) -> Array:
+def least_turn(robot: RobotDescription) -> float:
+    """A turn between two poses that is smaller, rad, is left out, unless the arm can only be at such poses as
+    fit each other.
+    """
+    return LEAST_RAD if robot.model.inverse_kinematics.lacking else quaternion.SMALL_RAD
+
+
+def turned(start: Array, turn: Array, shares: Array, least_rad: float = quaternion.SMALL_RAD) -> Array:
     """The quaternions, shape (n, 4), after shares of a turn (a rotation vector) from `start`: slerp."""
     angle = math.sqrt(turn @ turn)
-    if angle < quaternion.SMALL_RAD:
+    if angle < least_rad:
         return start[None].repeat(len(shares), axis=0)
     # Both terms of the quaternion product are linear in the cosine and the sine of the half angle.
     across = np.array(quaternion.product((0.0, *(turn / angle).tolist()), start.tolist()))
@@ -53,8 +65,35 @@ def turned(start: Array, turn: Array, shares: Array) -> Array:
     return np.asarray(np.cos(half)[:, None] * start + np.sin(half)[:, None] * across)
 
 
-def angles_between(rows: Array, others: Array) -> Array:
-    """Rad, shape (n,), between orientations, quaternions of shape (n, 4)."""
+def angles_between(rows: Array, others: Array, free: tuple[FreeAxis, ...] = ()) -> Array:
+    """Rad, shape (n,), between orientations, quaternions of shape (n, 4), but for rotations that are free."""
+    if len(free) == len(FREE_AXES):
+        return np.zeros(len(rows))
+    if free:
+        return np.array([_tilt(row, other, free[0])[1] for row, other in zip(rows, others, strict=True)])
     apart, around = rows - others, rows + others
     square = np.minimum(np.einsum("ij,ij->i", apart, apart), np.einsum("ij,ij->i", around, around))
     return np.asarray(4.0 * np.arcsin(np.minimum(0.5 * np.sqrt(square), 1.0)))
+
+
+def untwisted(start: Pose, goal: Pose, free: tuple[FreeAxis, ...]) -> Pose:
+    """The goal with the rotation that is free chosen so that the TCP turns the short way from the start."""
+    if not free:
+        return goal
+    if len(free) == len(FREE_AXES):
+        return Pose(goal.position, start.quaternion)
+    normal, angle = _tilt(start.quaternion, goal.quaternion, free[0])
+    turn = quaternion.exp((angle * normal).tolist())
+    return Pose(goal.position, np.array(quaternion.product(turn, start.quaternion.tolist())))
+
+
+def _tilt(start: Array, goal: Array, axis: FreeAxis) -> tuple[Array, float]:
+    """About which direction, shape (3,), and by which angle, rad, an axis of the TCP turns the short way."""
+    index = FREE_AXES.index(axis)
+    before, after = rotation_matrix(start)[:, index], rotation_matrix(goal)[:, index]
+    normal = np.cross(before, after)
+    sine = float(np.linalg.norm(normal))
+    angle = math.atan2(sine, float(before @ after))
+    if sine > LEAST_RAD:
+        return normal / sine, angle
+    return rotation_matrix(start)[:, (index + 1) % 3], angle

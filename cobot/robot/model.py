@@ -21,7 +21,7 @@ from cobot.robot.quaternion import from_matrix
 from cobot.robot.scene import Numbers7, Scene, compiled
 from cobot.robot.tool import BARE, Tool, chained, inverse
 from cobot.trajectory import Trajectory
-from cobot.types import Array, JointLimits, Pose
+from cobot.types import Array, FreeAxis, JointLimits, Pose
 
 
 class RobotModel:
@@ -76,6 +76,7 @@ class RobotModel:
         self.tool = self.carried = BARE
         self.attached = Scene()
         self._carrier = Carrier(mj, self._base, self.tcp_site)
+        self._freed: dict[tuple[FreeAxis, ...], Arm] = {}
         moved = np.abs(self.jacobian(np.full(limits.dof, 0.5))).max(axis=0) > 0.0
         if not moved.all():
             still = ", ".join(name for name, moves in zip(limits.names, moved, strict=True) if not moves)
@@ -141,6 +142,7 @@ class RobotModel:
         self.last_efforts = None
         self.chain.reach(self.mj, self.tcp_site)
         self.__dict__.pop("inverse_kinematics", None)
+        self._freed.clear()
         self.tool = tool
 
     @cached_property
@@ -200,6 +202,14 @@ class RobotModel:
     def inverse_kinematics(self) -> Arm:
         """Closed or numeric, as the arm's geometry permits: see `cobot.robot.inverse_kinematics`."""
         return recognised(self.chain, self.limits, self.mj.qpos0)
+
+    def kinematics(self, free: tuple[FreeAxis, ...] = ()) -> Arm:
+        """`inverse_kinematics`, where these rotations of the TCP are not fixed by a pose: none, one, all."""
+        if not free:
+            return self.inverse_kinematics
+        if free not in self._freed:
+            self._freed[free] = recognised(self.chain, self.limits, self.mj.qpos0, free)
+        return self._freed[free]
 
     @property
     def dof(self) -> int:

@@ -200,7 +200,8 @@ def goal_of(body: AnyMotion, services: Services, *, checked: bool = True) -> Goa
 
 def _along_arc(body: MoveArc, goals: Goals) -> Goal:
     arc = Arc(_vector(body.centre), _vector(body.axis), body.angle, body.rise, body.turn_tool)
-    return goals.arc(arc, body.frame_id, _scaling(body), TcpSpeed(body.speed_m_s, body.speed_rad_s))
+    speed = TcpSpeed(body.speed_m_s, body.speed_rad_s)
+    return goals.arc(arc, body.frame_id, _scaling(body), speed, tuple(body.free_axes))
 
 
 def _to_goal(body: MoveNamed | MoveJoints | MovePose, goals: Goals, *, checked: bool) -> Goal:
@@ -219,6 +220,7 @@ def _to_goal(body: MoveNamed | MoveJoints | MovePose, goals: Goals, *, checked: 
         through=tuple(map(_pose, body.through)),
         radius_m=body.radius,
         tcp_speed=TcpSpeed(body.speed_m_s, body.speed_rad_s),
+        free_axes=tuple(body.free_axes),
     )
     return goals.pose(goal, body.frame_id)
 

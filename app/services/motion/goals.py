@@ -17,6 +17,7 @@ from cobot.motions.requests import (
     MotionRequest,
     TcpSpeed,
     check_arc,
+    check_free_axes,
     check_synchronization,
     check_tcp_speed,
     check_through,
@@ -29,6 +30,7 @@ from cobot.types import (
     RRT_CONNECT,
     Algorithm,
     Array,
+    FreeAxis,
     NamedPosition,
     PlannerName,
     Pose,
@@ -55,6 +57,7 @@ class Goal:
     radius_m: float = 0.0
     tcp_speed: TcpSpeed = ANY_SPEED
     constraints: Constraints | None = None
+    free_axes: tuple[FreeAxis, ...] = ()
     in_tool: bool = False
     """All poses and points are given in the TCP's frame, as it is where the motion begins."""
 
@@ -137,17 +140,26 @@ class Goals:
         check_arc(goal.arc)
         check_synchronization(name, goal.synchronization)
         check_through(name, goal.through, goal.radius_m)
+        check_free_axes(goal.free_axes)
         check_tcp_speed(name, goal.tcp_speed, self._robot.cartesian_limits)
         return self.in_frame(goal, frame)
 
-    def arc(self, arc: Arc, frame: str, scaling: Scaling, tcp_speed: TcpSpeed) -> Goal:
+    def arc(
+        self,
+        arc: Arc,
+        frame: str,
+        scaling: Scaling,
+        tcp_speed: TcpSpeed,
+        free_axes: tuple[FreeAxis, ...] = (),
+    ) -> Goal:
         """The goal of an arc by an angle, which ends wherever that leads.
 
         Raises:
             InputError: a frame that is unknown or moves, or a speed beyond the limits.
         """
         nowhere = pose_from_abc(*[0.0] * 6)
-        return self.pose(Goal(nowhere, scaling, PlannerName.CIRC, arc=arc, tcp_speed=tcp_speed), frame)
+        goal = Goal(nowhere, scaling, PlannerName.CIRC, arc=arc, tcp_speed=tcp_speed, free_axes=free_axes)
+        return self.pose(goal, frame)
 
     def in_frame(self, goal: Goal, frame: str) -> Goal:
         """A goal that is given in a frame: the base's, the TCP's where the motion begins (tool), or one that
@@ -208,6 +220,7 @@ class Goals:
             radius_m=goal.radius_m,
             tcp_speed=goal.tcp_speed,
             constraints=goal.constraints,
+            free_axes=goal.free_axes,
         )
 
 

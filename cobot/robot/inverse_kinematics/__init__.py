@@ -9,20 +9,30 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cobot.errors import InputError, UnreachableError
-from cobot.findings import Finding
 from cobot.robot import quaternion
 from cobot.robot.inverse_kinematics.arm import Arm
 from cobot.robot.inverse_kinematics.geometry import recognised
+from cobot.robot.inverse_kinematics.reach import (
+    MIN_GAP_M,
+    Descent,
+    apart,
+    cause_of,
+    freer,
+    nearest_to,
+    out_of_reach,
+    reach_gap,
+    row_of,
+    solve_near,
+)
 from cobot.robot.inverse_kinematics.six_axis import SixAxisArm
 from cobot.robot.inverse_kinematics.srs import SrsArm
-from cobot.types import Array, Pose
+from cobot.types import Array, FreeAxis, Pose
 
 if TYPE_CHECKING:
     from cobot.robot.model import RobotModel
@@ -34,23 +44,22 @@ __all__ = [
     "Descent",
     "SixAxisArm",
     "SrsArm",
+    "apart",
+    "cause_of",
     "continued",
+    "freer",
     "inverse",
     "inverse_all",
+    "nearest_to",
     "reach_gap",
     "recognised",
     "solve_near",
 ]
 
-STEPS = 60
 SOLUTIONS = 24
 """Descents that succeed, of an arm without a closed form, before the best is taken or all are shown."""
 CLEARANCE_SPREAD = 12
 APART_RAD = 1e-3
-MIN_GAP_M = 1e-6
-"""What is out of reach by less is not told so."""
-NEAR_STARTS, NEAR_STEPS = 12, 300
-"""Random starts and steps with which a pose that is not reached is come near to, for the message."""
 PIECE_M, PIECE_RAD = 0.05, 0.2
 MAX_PIECES = 10
 STEPS_ALONG = 20
@@ -78,16 +87,6 @@ COMPILED = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Descent:
-    """Where one descent ended: at a solution, or as near to it as it came (m, rad)."""
-
-    joints: Array
-    solved: bool
-    distance_m: float
-    angle_rad: float
-
-
 def inverse(
     model: RobotModel,
     pose: Pose,
@@ -95,6 +94,7 @@ def inverse(
     criterion: Criterion = Criterion.NEAREST,
     clearance: Clearance | None = None,
     random_seed: int = 0,
+    free: tuple[FreeAxis, ...] = (),
 ) -> Array:
     """The best joint angles, shape (dof,), rad, that bring the TCP to a pose.
 
@@ -103,16 +103,17 @@ def inverse(
 
     Args:
         clearance: the distance, m, of joints (dof,) to what must not be touched, for that criterion.
+        free: the rotations of the TCP that the pose does not fix: none, one or all three.
 
     Raises:
-        UnreachableError: none found; with how near the TCP came.
+        UnreachableError: none found; with how near the TCP came, and why.
     """
-    arm, row = model.inverse_kinematics, _row(pose)
+    arm, row = model.kinematics(free), row_of(pose)
     if criterion is Criterion.CLEARANCE or not (arm.closed_form or criterion is Criterion.NEAREST):
-        return inverse_all(model, pose, seed, criterion, clearance, CLEARANCE_SPREAD, random_seed)[0]
+        return inverse_all(model, pose, seed, criterion, clearance, CLEARANCE_SPREAD, random_seed, free)[0]
     joints = arm.solve(row, seed, COMPILED[criterion], random_seed)
     if joints is None:
-        raise _out_of_reach(model, pose, seed, random_seed)
+        raise out_of_reach(model, pose, seed, random_seed, free)
     if criterion is Criterion.NEAREST and arm.is_vague(joints):
         # Rounding moves the joints of a closed form there: the descent ends near the seed.
         near = solve_near(model, pose, seed)
@@ -129,6 +130,7 @@ def inverse_all(
     clearance: Clearance | None = None,
     spread: int = 1,
     random_seed: int = 0,
+    free: tuple[FreeAxis, ...] = (),
 ) -> list[Array]:
     """Joint angles, each shape (dof,), rad, that bring the TCP to a pose, apart from each other, best first.
 
@@ -138,16 +140,17 @@ def inverse_all(
     Args:
         seed: for the nearest; without one it is the middle of the limits.
         spread: of an S-R-S arm, so many in each such interval, evenly along the arm angle.
+        free: as for `inverse`.
 
     Raises:
-        UnreachableError: none found; with how near the TCP came.
+        UnreachableError: none found; with how near the TCP came, and why.
     """
     limits = model.limits
-    arm, row = model.inverse_kinematics, _row(pose)
+    arm, row = model.kinematics(free), row_of(pose)
     near = 0.5 * (limits.min_position + limits.max_position) if seed is None else seed
     found = arm.solve_all(row, near, COMPILED[criterion], SOLUTIONS, random_seed)
     if not found:
-        raise _out_of_reach(model, pose, near, random_seed)
+        raise out_of_reach(model, pose, near, random_seed, free)
     if spread > 1 and isinstance(arm, SrsArm):
         found += _along_the_arm_angle(arm, row, spread)
     if clearance is not None and criterion is Criterion.CLEARANCE:
@@ -189,47 +192,6 @@ def _cost(model: RobotModel, joints: Array, seed: Array, criterion: Criterion) -
     return float(np.linalg.norm(joints - seed))
 
 
-def reach_gap(model: RobotModel, pose: Pose) -> float:
-    """How far a pose is beyond what the arm reaches in its orientation, at least, m; 0 if it is not, or if
-    only other limits of the joints prevent it.
-    """
-    return model.inverse_kinematics.gap(_row(pose))
-
-
-def nearest_to(model: RobotModel, pose: Pose, seed: Array, random_seed: int = 0) -> Descent:
-    """How near the TCP comes to a pose that it cannot reach: the best of some descents, one from the seed."""
-    random, limits = np.random.default_rng(random_seed), model.limits
-    starts = random.uniform(limits.min_position, limits.max_position, (NEAR_STARTS, limits.dof))
-    ends = [
-        Descent(*model.inverse_kinematics.descend(_row(pose), start, NEAR_STEPS, True))
-        for start in (seed, *starts)
-    ]
-    return min(ends, key=lambda end: end.distance_m + end.angle_rad)
-
-
-def _out_of_reach(model: RobotModel, pose: Pose, seed: Array, random_seed: int) -> UnreachableError:
-    """Why a pose has no joints, and how near the TCP comes to it."""
-    x, y, z = pose.position
-    nearest = nearest_to(model, pose, seed, random_seed)
-    gap = reach_gap(model, pose)
-    why = f"it is out of reach by {gap:.3g} m, and" if gap > MIN_GAP_M else "within the joints' limits it"
-    return UnreachableError(
-        f"the TCP cannot reach x {x:.6g}, y {y:.6g}, z {z:.6g} m in this orientation: {why} comes as near as "
-        f"{1e3 * nearest.distance_m:.4g} mm and {np.degrees(nearest.angle_rad):.2f} degrees",
-        findings=_reach(gap, nearest.distance_m, nearest.angle_rad),
-    )
-
-
-def _reach(gap_m: float, distance_m: float, angle_rad: float) -> list[Finding]:
-    """What is missing to a goal: of the arm's reach, and of the nearest pose."""
-    missing = [
-        Finding("reach", "distance to the goal", float(distance_m), 0.0, "m", 1.0),
-        Finding("reach", "angle to the goal", float(angle_rad), 0.0, "rad", 1.0),
-    ]
-    beyond = Finding("reach", "distance beyond the reach", float(gap_m), 0.0, "m", 1.0)
-    return [beyond, *missing] if gap_m > MIN_GAP_M else missing
-
-
 def continued(model: RobotModel, pose: Pose, joints: Array) -> Array:
     """Joint angles, shape (dof,), rad, at a pose, on the branch on which the arm stands with `joints`.
 
@@ -258,7 +220,7 @@ def continued(model: RobotModel, pose: Pose, joints: Array) -> Array:
         if not descent.solved:
             raise UnreachableError(
                 f"the pose is out of reach from where the arm is: it comes as near as "
-                f"{1e3 * descent.distance_m:.4g} mm and {np.degrees(descent.angle_rad):.2f} degrees"
+                f"{apart(descent.distance_m, descent.angle_rad)}"
             )
         step = float(np.abs(descent.joints - joints).max())
         if step > BRANCH_RAD:
@@ -268,12 +230,3 @@ def continued(model: RobotModel, pose: Pose, joints: Array) -> Array:
             )
         joints = descent.joints
     return joints
-
-
-def solve_near(model: RobotModel, pose: Pose, seed: Array, steps: int = STEPS) -> Descent:
-    """One descent from `seed`, of so many steps at the most: the way to stay continuous along a path."""
-    return Descent(*model.inverse_kinematics.descend(_row(pose), seed, steps))
-
-
-def _row(pose: Pose) -> Array:
-    return np.concatenate([pose.position, pose.quaternion])

@@ -7,6 +7,11 @@ cdef enum:
     MAX_CANDIDATES = 192
 
 cdef enum:
+    # Which rotation of the TCP a pose leaves free: none, or all three; 0 to 2 is an axis of the TCP.
+    FIXED = -1
+    ANY_ROTATION = 3
+
+cdef enum:
     NEAREST = 0
     LIMITS = 1
     MANIPULABILITY = 2
@@ -23,6 +28,8 @@ cdef struct Problem:
     double slack             # rad, by which a closed form may pass the limits before it is made exact
     double slop              # m, by which it may be out of reach, likewise
     int patience             # steps without a tenth of progress after which a descent is given up
+    double accepted_m        # so near a descent that cannot go on is at the pose
+    double accepted_rad
     bint every               # whether all branches are asked for, not the best one alone
 
 
@@ -40,6 +47,10 @@ cdef struct Candidate:
 cdef class Arm:
     cdef readonly Chain chain
     cdef readonly int dof
+    cdef readonly bint lacking
+    cdef readonly bint redundant
+    cdef int c_free                   # see FIXED
+    cdef double c_weight              # of 1 m beside 1 rad in a descent
     cdef object _limits, _low, _high, _given, _found
     cdef double* c_low                # position limits of the joints
     cdef double* c_high
@@ -77,6 +88,10 @@ cdef class Arm:
     cdef double c_manipulability(self, const double* joints) noexcept nogil
     cdef int _prepare(self, object pose, object seed, int criterion, Problem* out) except -1
     cdef void _clip(self, double* joints) noexcept nogil
+    cdef void _turn_error(
+        self, const Problem* problem, const double* rotation, double* jacobian, double* error
+    ) noexcept nogil
+    cdef void _weigh(self, double* jacobian, double* error) noexcept nogil
     cdef bint _damped_step(
         self, const double* joints, double* jacobian, const double* error, double off, bint bounded,
         double* step

@@ -16,6 +16,7 @@ import numpy as np
 from cobot.arrays cimport MAX_DOF, doubles
 from cobot.robot.chain cimport Chain
 from cobot.robot.inverse_kinematics.vectors cimport (
+    dot3,
     length3,
     minus3,
     product_transposed,
@@ -23,7 +24,7 @@ from cobot.robot.inverse_kinematics.vectors cimport (
     wrapped,
 )
 from cobot.robot.linear cimport cholesky_factor, cholesky_substitute
-from cobot.robot.quaternion cimport quat_to_matrix
+from cobot.robot.quaternion cimport cross3, quat_to_matrix
 
 cdef extern from *:
     """
@@ -37,6 +38,9 @@ cdef extern from *:
     static const double COBOT_IK_MIN_SLOP = 2e-11;
     /* A joint at a limit that has moved less was there before, rad or m. */
     static const double COBOT_IK_MOVED = 1e-9;
+    /* An arm that cannot move its TCP in all six directions counts as at a pose within 0.05 mm and 0.01
+       degrees, the tolerance of lin; the rest is rounding of these two. */
+    static const double COBOT_IK_NEAR_M = 5.0000001e-5, COBOT_IK_NEAR_RAD = 1.74532929e-4;
     """
     const double TOLERANCE "COBOT_IK_TOLERANCE"
     const double ACCEPTED "COBOT_IK_ACCEPTED"
@@ -45,6 +49,8 @@ cdef extern from *:
     const double MIN_DAMPING "COBOT_IK_MIN_DAMPING"
     const double MIN_SLOP "COBOT_IK_MIN_SLOP"
     const double MOVED "COBOT_IK_MOVED"
+    const double NEAR_M "COBOT_IK_NEAR_M"
+    const double NEAR_RAD "COBOT_IK_NEAR_RAD"
 
 cdef enum:
     STEPS = 60
@@ -67,17 +73,26 @@ cdef class Arm:
     Attributes:
         chain: the arm.
         dof: the number of joints.
+        lacking: the arm cannot move its TCP in all six directions: it is at a pose when it is as near as the
+            tolerance of lin.
+        redundant: it has more joints than a pose fixes.
     """
 
-    def __init__(self, Chain chain, limits, rest, root, double reach, double slop):
+    def __init__(
+        self, Chain chain, limits, rest, root, double reach, double slop, int free=FIXED, bint lacking=False
+    ):
         """Of an arm, and its limits, which are read at each call.
 
         Args:
             rest: joints, shape (dof,), at which the frames of its geometry are taken.
             root, reach: the TCP stays so near to this point, shape (3,), in the base frame, m.
             slop: by how much the geometry that a subclass goes by is not exact, m or rad.
+            free: the axis of the TCP, 0 to 2, about which its rotation is not fixed by a pose; ANY_ROTATION:
+                the position alone counts.
+            lacking: the arm cannot move its TCP in all six directions, so that it gets near most poses only.
         """
         cdef int i
+        cdef int fixed = 6 if free == FIXED else 3 if free == ANY_ROTATION else 5
         self.chain, self.dof, self._limits = chain, chain.dof, limits
         self._low, self._high = np.zeros(self.dof), np.zeros(self.dof)
         self.c_low, self.c_high = doubles(self._low, self.dof), doubles(self._high, self.dof)
@@ -91,7 +106,9 @@ cdef class Arm:
         chain.c_place(self.c_rest, self.c_home_position, self.c_home_rotation, NULL)
         for i in range(3):
             self.c_root[i] = root[i]
-        self.c_reach, self.c_slop = reach, max(slop, MIN_SLOP)
+        self.c_reach, self.c_slop = reach + (NEAR_M if lacking else 0.0), max(slop, MIN_SLOP)
+        self.c_free, self.lacking, self.redundant = free, lacking, self.dof > fixed
+        self.c_weight = NEAR_RAD / NEAR_M if lacking else 1.0
         self.refresh()
 
     @property
@@ -135,6 +152,9 @@ cdef class Arm:
         minus3(pose, carried, out.shift)
         out.criterion, out.every, out.slack, out.slop = criterion, False, 1e-6, self.c_slop
         out.patience = PATIENCE
+        out.accepted_m, out.accepted_rad = ACCEPTED, ACCEPTED
+        if self.lacking:
+            out.accepted_m, out.accepted_rad = NEAR_M, NEAR_RAD
         for i in range(self.dof):
             value = 0.5 * (self.c_low[i] + self.c_high[i])
             out.seed[i] = value if seed == NULL else seed[i]
@@ -164,7 +184,9 @@ cdef class Arm:
         cdef double distance[2]
         cdef int count, i, best
         memcpy(joints, problem.seed, self.dof * sizeof(double))
-        if problem.criterion == NEAREST and self.c_descend(problem, joints, 1, True, distance):
+        if not self.lacking and problem.criterion == NEAREST and (
+            self.c_descend(problem, joints, 1, True, distance)
+        ):
             return True
         count = self.c_closed_form(problem, found)
         for _ in range(count if problem.criterion == NEAREST else min(count, REFINED)):
@@ -186,6 +208,11 @@ cdef class Arm:
         memcpy(joints, problem.seed, self.dof * sizeof(double))
         if problem.criterion == NEAREST and self.c_descend(problem, joints, STEPS, True, distance):
             return True
+        if self.lacking and problem.criterion == NEAREST:
+            # The nearest joints may exceed one tolerance and fall below the other, where the seed keeps both.
+            memcpy(joints, problem.seed, self.dof * sizeof(double))
+            if self.c_descend(problem, joints, 1, True, distance):
+                return True
         count = self.c_search(problem, random, self._attempts(count), ENOUGH, found)
         if count > 0:
             memcpy(joints, found[cheapest(found, count, False)].joints, self.dof * sizeof(double))
@@ -225,7 +252,7 @@ cdef class Arm:
         cdef double distance[2]
         cdef double middle, far
         cdef int i
-        if attempt % (4 if self.dof < 7 else 2) == 0:
+        if attempt % (2 if self.redundant else 4) == 0:
             return self.c_descend(problem, joints, STEPS, True, distance)
         if not self.c_descend(problem, joints, STEPS, False, distance):
             return False
@@ -234,7 +261,7 @@ cdef class Arm:
             if self.c_hinge[i]:
                 joints[i] = wrapped(joints[i], middle)
             far = fabs(joints[i] - middle) - 0.5 * (self.c_high[i] - self.c_low[i])
-            if far > problem.slack and self.dof < 7:
+            if far > problem.slack and not self.redundant:
                 return False  # Another way to turn the others does not exist.
         return self.c_descend(problem, joints, STEPS, True, distance)
 
@@ -266,7 +293,8 @@ cdef class Arm:
         cdef double rotation[9]
         cdef double position[3]
         cdef double error[6]
-        cdef double off_m, off_rad, least, largest
+        cdef double off_m, off_rad, off, largest
+        cdef double least = 2e300
         cdef int stalled = 0
         cdef int i, _step
         if bounded:
@@ -276,17 +304,18 @@ cdef class Arm:
         for _step in range(steps):
             self.chain.c_place(joints, position, rotation, jacobian)
             minus3(problem.position, position, error)
-            rotation_error(problem.rotation, rotation, &error[3])
+            self._turn_error(problem, rotation, jacobian, &error[3])
             off_m, off_rad = length3(error), length3(&error[3])
-            least = distance[0] + distance[1]
-            stalled = stalled + 1 if off_m + off_rad > 0.9 * least else 0
-            if off_m + off_rad < least:
-                distance[0], distance[1] = off_m, off_rad
+            off = self.c_weight * off_m + off_rad
+            stalled = stalled + 1 if off > 0.9 * least else 0
+            if off < least:
+                distance[0], distance[1], least = off_m, off_rad, off
                 memcpy(best, joints, self.dof * sizeof(double))
             if off_m < TOLERANCE and off_rad < TOLERANCE:
                 return True
+            self._weigh(jacobian, error)
             if stalled > problem.patience or not self._damped_step(
-                joints, jacobian, error, off_m + off_rad, bounded, step
+                joints, jacobian, error, off, bounded, step
             ):
                 break
             largest = 0.0
@@ -298,7 +327,54 @@ cdef class Arm:
             if bounded:
                 self._clip(joints)
         memcpy(joints, best, self.dof * sizeof(double))
-        return distance[0] < ACCEPTED and distance[1] < ACCEPTED
+        return distance[0] < problem.accepted_m and distance[1] < problem.accepted_rad
+
+    cdef void _turn_error(
+        self, const Problem* problem, const double* rotation, double* jacobian, double* error
+    ) noexcept nogil:
+        """What the rotation of the TCP lacks to the pose; what is free of it is taken out of the Jacobian."""
+        cdef double axis[3]
+        cdef double target[3]
+        cdef double along, sine
+        cdef int i, k
+        if self.c_free == FIXED:
+            rotation_error(problem.rotation, rotation, error)
+            return
+        for i in range(3):
+            error[i] = 0.0
+            if self.c_free != ANY_ROTATION:
+                axis[i], target[i] = rotation[3 * i + self.c_free], problem.rotation[3 * i + self.c_free]
+        for k in range(self.dof):
+            along = 0.0
+            for i in range(3):
+                if self.c_free != ANY_ROTATION:
+                    along += axis[i] * jacobian[(3 + i) * self.dof + k]
+            for i in range(3):
+                if self.c_free == ANY_ROTATION:
+                    jacobian[(3 + i) * self.dof + k] = 0.0
+                else:
+                    jacobian[(3 + i) * self.dof + k] -= along * axis[i]
+        if self.c_free == ANY_ROTATION:
+            return
+        cross3(axis, target, error)
+        sine = length3(error)
+        if sine < 1e-9 and dot3(axis, target) < 0.0:
+            # Half a turn, about any axis at right angles: the TCP's next one.
+            for i in range(3):
+                error[i] = 3.141592653589793 * rotation[3 * i + (self.c_free + 1) % 3]
+        elif sine > 1e-9:
+            along = atan2(sine, dot3(axis, target)) / sine
+            for i in range(3):
+                error[i] *= along
+
+    cdef void _weigh(self, double* jacobian, double* error) noexcept nogil:
+        """Let the position count as much beside the rotation as the two tolerances want it."""
+        cdef int i
+        if self.c_weight != 1.0:
+            for i in range(3):
+                error[i] *= self.c_weight
+            for i in range(3 * self.dof):
+                jacobian[i] *= self.c_weight
 
     cdef void _clip(self, double* joints) noexcept nogil:
         cdef int i
@@ -424,10 +500,11 @@ cdef class Arm:
         """Whether rounding may have the closed form miss joints that are nearer; never without one."""
         return self.closed_form
 
-    def descend(self, pose, seed, int steps, bint patient=False, within=None):
+    def descend(self, pose, seed, int steps, bint patient=False, within=None, double share=1.0):
         """Joints (dof,) where a descent from a seed ends, whether they lead to the pose, and how far from it
         they do, m and rad. A patient one goes on where it hardly gets nearer. It slides along the limits, or
-        along what it shall stay within: the lowest and highest joints, (2, dof).
+        along what it shall stay within: the lowest and highest joints, (2, dof). An arm that is `lacking` must
+        come nearer than this share of its tolerance.
         """
         cdef Problem problem
         cdef double distance[2]
@@ -437,15 +514,18 @@ cdef class Arm:
             self._low[...], self._high[...] = within
         if patient:
             problem.patience = steps
+        if self.lacking:
+            problem.accepted_m, problem.accepted_rad = share * NEAR_M, share * NEAR_RAD
         memcpy(self.c_found, problem.seed, self.dof * sizeof(double))
         with nogil:
             solved = self.c_descend(&problem, self.c_found, steps, True, distance)
         self.refresh()
         return self._found.copy(), bool(solved), distance[0], distance[1]
 
-    def carried(self, poses, seed, int steps, double step):
+    def carried(self, poses, seed, int steps, double step, double share=1.0):
         """Descents from pose to pose, (n, 7), each from where the one before has ended: the joints, (k, dof),
-        up to the first that fails, drives a joint into a limit, or turns one further than a step."""
+        up to the first that fails, drives a joint into a limit, or turns one further than a step; `share` as
+        for `descend`."""
         cdef Problem problem
         cdef double distance[2]
         cdef double turned
@@ -456,6 +536,8 @@ cdef class Arm:
         cdef double* joints
         while good and row < count:
             self._prepare(poses[row], near, NEAREST, &problem)
+            if self.lacking:
+                problem.accepted_m, problem.accepted_rad = share * NEAR_M, share * NEAR_RAD
             joints = doubles(rows[row], self.dof)
             memcpy(joints, before, self.dof * sizeof(double))
             good = self.c_descend(&problem, joints, steps, True, distance)

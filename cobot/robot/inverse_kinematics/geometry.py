@@ -12,8 +12,9 @@ from cobot.robot.chain import Chain
 from cobot.robot.inverse_kinematics.arm import Arm
 from cobot.robot.inverse_kinematics.six_axis import SixAxisArm
 from cobot.robot.inverse_kinematics.srs import SrsArm
-from cobot.types import Array, JointLimits
+from cobot.types import FREE_AXES, Array, FreeAxis, JointLimits
 
+POSE_DOF, POSTURES, NONE_FREE = 6, 4, -1
 LARGEST_SLOP = 1e-4
 """Axes that miss each other by less, m, or are parallel but for less, rad, are taken for what was meant:
 files round. Answers are exact all the same: some numeric steps make the closed form's so."""
@@ -69,13 +70,17 @@ class Axes:
         return off < LARGEST_SLOP
 
 
-def recognised(chain: Chain, limits: JointLimits, rest: Array) -> Arm:
+def recognised(chain: Chain, limits: JointLimits, rest: Array, free: Sequence[FreeAxis] = ()) -> Arm:
     """The inverse kinematics of an arm: in closed form if its geometry has one, else numeric.
 
     Args:
         rest: the joints, shape (dof,), at which the axes are looked at.
+        free: the rotations of the TCP that a pose does not fix: none, one, or all three; numeric if any.
     """
     axes = Axes(chain, rest)
+    if free:
+        code = FREE_AXES.index(free[0]) if len(free) == 1 else len(FREE_AXES)
+        return _numeric(chain, limits, rest, axes, code)
     if len(axes.hinges) != chain.dof or not axes.hinges.all() or chain.dof not in (6, 7):
         return _numeric(chain, limits, rest, axes)
     try:
@@ -85,8 +90,16 @@ def recognised(chain: Chain, limits: JointLimits, rest: Array) -> Arm:
     return found or _numeric(chain, limits, rest, axes)
 
 
-def _numeric(chain: Chain, limits: JointLimits, rest: Array, axes: Axes) -> Arm:
-    return Arm(chain, limits, rest, axes.points[0], axes.reach(), 0.0)
+def _numeric(chain: Chain, limits: JointLimits, rest: Array, axes: Axes, free: int = NONE_FREE) -> Arm:
+    reach = axes.reach()
+    return Arm(chain, limits, rest, axes.points[0], reach, 0.0, free, _rank(chain, limits) < POSE_DOF)
+
+
+def _rank(chain: Chain, limits: JointLimits) -> int:
+    """In how many directions the joints can move the TCP: the most of some postures within the limits."""
+    random = np.random.default_rng(0)
+    postures = random.uniform(limits.min_position, limits.max_position, (POSTURES, chain.dof))
+    return max(int(np.linalg.matrix_rank(chain.solve(joints)[2], tol=LARGEST_SLOP)) for joints in postures)
 
 
 def _srs(chain: Chain, limits: JointLimits, rest: Array) -> Arm | None:

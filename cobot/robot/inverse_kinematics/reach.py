@@ -1,0 +1,199 @@
+"""How near the TCP comes to a pose, and why it does not get there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cobot.errors import UnreachableError
+from cobot.findings import Finding
+from cobot.types import FREE_AXES, Array, FreeAxis, Pose
+
+if TYPE_CHECKING:
+    from cobot.robot.model import RobotModel
+
+STEPS = 60
+MIN_GAP_M = 1e-6
+"""A pose that is out of reach by less is not reported as out of reach."""
+NEAR_STARTS, NEAR_STEPS = 12, 300
+"""Random starts and steps of the descents that come as near to an unreachable pose as they can."""
+TURN_RAD = 2.0 * np.pi
+POSE_DOF = 6
+ROUNDING = 1e-6
+"""What is less is called 0, mm or degrees."""
+NUMBERS = ("no", "one", "two", "three", "four", "five")
+
+
+@dataclass(frozen=True, slots=True)
+class Descent:
+    """Where one descent ended: at a solution, or as near to it as it came (m, rad)."""
+
+    joints: Array
+    solved: bool
+    distance_m: float
+    angle_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """Why no joints lead to a pose.
+
+    Attributes:
+        says: a clause of a sentence.
+        finding: the same as numbers; None if there is no number.
+    """
+
+    says: str
+    finding: Finding | None = None
+
+
+def row_of(pose: Pose) -> Array:
+    """x, y, z (m) and w, x, y, z, shape (7,)."""
+    return np.concatenate([pose.position, pose.quaternion])
+
+
+def reach_gap(model: RobotModel, pose: Pose) -> float:
+    """How far a pose is beyond what the arm reaches in its orientation, at least, m; 0 if it is not, or if
+    only other limits of the joints prevent it.
+    """
+    return model.inverse_kinematics.gap(row_of(pose))
+
+
+def solve_near(
+    model: RobotModel, pose: Pose, seed: Array, steps: int = STEPS, free: tuple[FreeAxis, ...] = ()
+) -> Descent:
+    """One descent from `seed`, of so many steps at the most: the way to stay continuous along a path."""
+    return Descent(*model.kinematics(free).descend(row_of(pose), seed, steps))
+
+
+def nearest_to(
+    model: RobotModel, pose: Pose, seed: Array, random_seed: int = 0, free: tuple[FreeAxis, ...] = ()
+) -> Descent:
+    """How near the TCP comes to a pose that it cannot reach: the best of some descents, one from the seed."""
+    random, limits = np.random.default_rng(random_seed), model.limits
+    starts = random.uniform(limits.min_position, limits.max_position, (NEAR_STARTS, limits.dof))
+    descend, row = model.kinematics(free).descend, row_of(pose)
+    ends = [Descent(*descend(row, start, NEAR_STEPS, True)) for start in (seed, *starts)]
+    return min(ends, key=lambda end: end.distance_m + end.angle_rad)
+
+
+def freed(
+    model: RobotModel, pose: Pose, seed: Array, free: tuple[FreeAxis, ...] = ()
+) -> tuple[FreeAxis, ...] | None:
+    """Which rotations of the TCP must be free for an arm to reach a pose: one, where one is enough, about z
+    if that helps, because tools point along it; None if the arm can move its TCP in every direction, or if
+    no free rotation helps.
+    """
+    if not model.inverse_kinematics.lacking:
+        return None
+    return next((more for more in freer(free) if nearest_to(model, pose, seed, free=more).solved), None)
+
+
+def freer(free: tuple[FreeAxis, ...]) -> Iterator[tuple[FreeAxis, ...]]:
+    """What may be free instead of less: one rotation, about z first, then all."""
+    if not free:
+        yield from ((axis,) for axis in reversed(FREE_AXES))
+    if len(free) < len(FREE_AXES):
+        yield FREE_AXES
+
+
+def cause_of(
+    model: RobotModel, pose: Pose, near: Array, free: tuple[FreeAxis, ...] = (), share: float = 1.0
+) -> Cause:
+    """Why no joints lead to a pose, where a descent has come as near as `near`.
+
+    Args:
+        share: where of a motion the pose is.
+    """
+    gap = model.kinematics(free).gap(row_of(pose))
+    if gap > MIN_GAP_M:
+        finding = Finding("reach", "distance beyond the reach", float(gap), 0.0, "m", share)
+        return Cause(f"it is out of reach by {gap:.3g} m", finding)
+    return (
+        _limit(model, pose, near, free, share)
+        or _missing_joint(model, pose, near, free)
+        or Cause("no joint angles within the limits lead there")
+    )
+
+
+def _limit(
+    model: RobotModel, pose: Pose, near: Array, free: tuple[FreeAxis, ...], share: float
+) -> Cause | None:
+    """The joint that would have to go beyond its limit."""
+    limits = model.limits
+    slides = np.array(limits.slides or (False,) * limits.dof)
+    more = np.where(slides, limits.max_position - limits.min_position, TURN_RAD)
+    within = limits.min_position - more, limits.max_position + more
+    joints, solved, _, _ = model.kinematics(free).descend(
+        row_of(pose), near, NEAR_STEPS, patient=True, within=within
+    )
+    beyond = np.maximum(limits.min_position - joints, joints - limits.max_position)
+    if not solved or beyond.max() <= 0.0:
+        return None
+    joint = int(beyond.argmax())
+    value, name, unit = float(joints[joint]), limits.names[joint], limits.unit(joint)
+    limit = float(limits.min_position[joint] if value < near[joint] else limits.max_position[joint])
+    return Cause(
+        f"{name} would have to go to {value:.6g} {unit}, its limit is {limit:.6g} {unit}",
+        Finding("limit", "position", value, limit, unit, share, (name,)),
+    )
+
+
+def _missing_joint(model: RobotModel, pose: Pose, near: Array, free: tuple[FreeAxis, ...]) -> Cause | None:
+    """What an arm cannot do that has too few joints for every pose."""
+    if not model.inverse_kinematics.lacking:
+        return None
+    dof = model.limits.dof
+    few = "it has no joint for it"
+    if dof < POSE_DOF:
+        few = f"it has {NUMBERS[dof]} joint{'s' if dof > 1 else ''}"
+    axes = freed(model, pose, near, free)
+    if axes is None:
+        return Cause(f"this arm reaches this position in no orientation: {few}")
+    named = ", ".join(f'"{axis}"' for axis in axes)
+    if len(axes) > 1:
+        return Cause(
+            f"this arm cannot turn its tool into this orientation there: {few}; with free_axes [{named}] "
+            "only the position counts"
+        )
+    axis = axes[0].removeprefix("r")
+    return Cause(
+        f"this arm cannot turn its tool about the tool's {axis} axis to this angle there: {few}; with "
+        f"free_axes [{named}] this angle is free"
+    )
+
+
+def out_of_reach(
+    model: RobotModel, pose: Pose, seed: Array, random_seed: int, free: tuple[FreeAxis, ...] = ()
+) -> UnreachableError:
+    """Why a pose has no joints, and how near the TCP comes to it."""
+    x, y, z = pose.position
+    nearest = nearest_to(model, pose, seed, random_seed, free)
+    cause = cause_of(model, pose, nearest.joints, free)
+    findings = [
+        *([] if cause.finding is None else [cause.finding]),
+        Finding("reach", "distance to the goal", float(nearest.distance_m), 0.0, "m", 1.0),
+        Finding("reach", "angle to the goal", float(nearest.angle_rad), 0.0, "rad", 1.0),
+    ]
+    near = f"comes as near as {apart(nearest.distance_m, nearest.angle_rad)}"
+    is_far = cause.finding is not None and cause.finding.check == "reach"
+    why = f"{cause.says}, and {near}" if is_far else f"{cause.says}; within the joints' limits it {near}"
+    return UnreachableError(
+        f"the TCP cannot reach x {x:.6g}, y {y:.6g}, z {z:.6g} m in this orientation: {why}",
+        findings=findings,
+    )
+
+
+def apart(distance_m: float, angle_rad: float) -> str:
+    """A distance and an angle in words, with as many digits as they need."""
+    return f"{_digits(1e3 * distance_m)} mm and {_digits(float(np.degrees(angle_rad)))} degrees"
+
+
+def _digits(value: float) -> str:
+    """Three significant digits, without an exponent; 0 for rounding alone."""
+    if value >= 1000.0 or value < ROUNDING:
+        return f"{value:.0f}"
+    return np.format_float_positional(value, precision=3, fractional=False, trim="-")
