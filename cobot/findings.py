@@ -8,7 +8,7 @@ from typing import Any, Literal
 Check = Literal[
     "limit", "collision", "reach", "effort", "redundancy", "singularity", "constraint", "path", "time"
 ]
-Kind = Literal["slower", "faster", "planner", "branch", "start", "goal", "free_axes"]
+Kind = Literal["slower", "faster", "planner", "branch", "start", "goal", "free_axes", "end"]
 
 
 @dataclass(frozen=True, slots=True)

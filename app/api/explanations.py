@@ -19,7 +19,7 @@ ENDPOINTS: dict[type[Any], str] = {MoveNamed: "named", MoveJoints: "joints", Mov
 OF_POSES = set(MovePose.model_fields) - set(MoveJoints.model_fields)
 """What a motion to joint angles does not take of one to a pose."""
 DROPPED = {"via", "centre", "axis", "through", "radius", "speed_m_s", "speed_rad_s"}
-DROPPED |= {"synchronization", "algorithm"}
+DROPPED |= {"synchronization", "algorithm", "cyclic", "end_joints"}
 """What not every planner takes: another one goes without."""
 
 
@@ -66,6 +66,10 @@ def _works(remedy: Remedy, asked: AnyMotion, found: Explanation, base_frame: str
                 body["planner"] = str(value)
             case "free_axes":
                 body["free_axes"] = list(value)
+            case "end_joints":
+                body.pop("end_joints", None)
+            case "cyclic" if body.get("cyclic"):
+                body["cyclic"] = value
             case "start":
                 body["start"] = value.tolist()
             case "goal" if isinstance(value, Pose):

@@ -124,7 +124,8 @@ class Moves(Jobs):
         Args:
             speed: a share; without it 0.1, or 1 where `speed_m_s` or `speed_rad_s` is given.
             more: `centre`, `axis`, `through`, `radius`, `speed_m_s`, `speed_rad_s`, `algorithm`,
-                `synchronization`, `constraints`, `free_axes`, as in POST /robot/move/pose.
+                `synchronization`, `constraints`, `free_axes`, `cyclic`, `end_joints`, as in POST
+                /robot/move/pose.
         """
         body: Json = {"x": x, "y": y, "z": z, "a": a, "b": b, "c": c}
         body |= {"accel_scale": accel_scale, "planner": planner, "frame_id": frame_id}
@@ -166,7 +167,7 @@ class Moves(Jobs):
 
         Args:
             more: `rise`, `turn_tool`, `frame_id`, `speed`, `accel_scale`, `speed_m_s`, `speed_rad_s`,
-                `constraints`, `free_axes`, as in POST /robot/move/arc.
+                `constraints`, `free_axes`, `cyclic`, as in POST /robot/move/arc.
         """
         return self._move("arc", {"centre": dict(centre), "axis": dict(axis), "angle": angle, **more}, wait)
 

@@ -46,8 +46,11 @@ PRIMITIVES: dict[str, Primitive] = {
 
 _RATES = ("speed", "accel_scale")
 _JOINT = (*_RATES, "planner", "algorithm", "synchronization", "constraints")
-_TCP = (*_RATES, "speed_m_s", "speed_rad_s", "frame_id", "constraints", "free_axes")
-_WAY = ("planner", "algorithm", "synchronization", "via", "centre", "axis", "through", "radius")
+_TCP = (*_RATES, "speed_m_s", "speed_rad_s", "frame_id", "constraints", "free_axes", "cyclic")
+_WAY = (
+    *("planner", "algorithm", "synchronization", "via", "centre", "axis", "through", "radius"),
+    "end_joints",
+)
 PARAMETERS = {
     "move_named": ("name", *_JOINT),
     "move_joints": ("target", *_JOINT),

@@ -211,6 +211,15 @@ FreeAxes = Annotated[
 ]
 
 
+Cyclic = Annotated[
+    bool | None,
+    Field(
+        description="Of a path that leads back to its start: it ends in the joints it began with, so that it "
+        "can be repeated. null: full circles do so where they can, other paths end where they lead."
+    ),
+]
+
+
 class TcpMotion(StrictModel):
     """How, where the TCP has somewhere to go."""
 
@@ -221,6 +230,7 @@ class TcpMotion(StrictModel):
     frame_id: FrameId = ""
     constraints: KeptTo = None
     free_axes: FreeAxes = Field([])
+    cyclic: Cyclic = None
 
 
 class MoveArc(TcpMotion):
@@ -262,6 +272,11 @@ class MovePose(TcpMotion, PathPose):
     centre: PathPoint | None = Field(None, description="Of circ: the centre of the arc, m.")
     axis: PathPoint | None = Field(
         None, description="With `centre`: the arc turns about it by the right hand; else the short way."
+    )
+    end_joints: Annotated[list[Finite], Field(min_length=1, max_length=64)] | None = Field(
+        None,
+        description="Of lin, circ and polyline: the joints in which the motion ends, rad, with the TCP at "
+        "the pose; so a line back to where the arm was ends in the joints it had there.",
     )
     through: Annotated[list[PathPose], FailFast(), BeforeValidator(as_list)] = Field(
         [], max_length=200, description="Of polyline: poses on the way."

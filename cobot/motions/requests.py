@@ -74,6 +74,9 @@ class MotionRequest:
         radius_m: how far from each of them the TCP may leave its path to go on without a stop; 0: it stops.
         tcp_speed: of lin, circ and polyline.
         constraints: what the whole motion keeps to; None: nothing but the limits.
+        cyclic: a path of the TCP that leads back to its start ends in the joints it began with. None: full
+            circles do if they can, all others end where they lead.
+        end_joints: in which a path of the TCP to a pose ends, shape (dof,), rad; None: where it leads.
         free_axes: the rotations of the TCP that poses do not fix, about its own axes: none, one or all three.
     """
 
@@ -92,6 +95,8 @@ class MotionRequest:
     tcp_speed: TcpSpeed = ANY_SPEED
     constraints: Constraints | None = None
     free_axes: tuple[FreeAxis, ...] = ()
+    cyclic: bool | None = None
+    end_joints: Array | None = None
 
     def scaled_limits(self, robot: RobotDescription) -> JointLimits:
         """The share of the joint limits that this motion may use."""
@@ -243,6 +248,19 @@ def check_tcp_speed(planner: PlannerName, speed: TcpSpeed, limits: CartesianLimi
                 f"{name}: is {value:g} {unit}, possible is above 0 and up to {limit:g} {unit} "
                 f"(planning.{setting})"
             )
+
+
+def check_end(planner: PlannerName, cyclic: bool | None, end_joints: Array | None) -> None:
+    """How a motion ends is asked of planners whose path is the TCP's, and in one way.
+
+    Raises:
+        InputError: it is asked of another one, or in both ways.
+    """
+    for name, given in (("cyclic", cyclic), ("end_joints", end_joints is not None)):
+        if given and planner not in PATH_PLANNERS:
+            raise InputError(f"{name}: is for lin, circ and polyline only, not for {planner}")
+    if cyclic and end_joints is not None:
+        raise InputError("cyclic, end_joints: give one of them, not both")
 
 
 def check_free_axes(free: Sequence[str]) -> None:

@@ -18,6 +18,7 @@ from cobot.motions.requests import (
     MotionRequest,
     WaypointRequest,
     check_algorithm,
+    check_end,
     check_free_axes,
     check_synchronization,
     check_tcp_speed,
@@ -34,6 +35,7 @@ from cobot.planners.polyline import plan_polyline
 from cobot.planners.ptp import plan_ptp
 from cobot.planners.waypoints import plan_waypoints
 from cobot.robot.description import RobotDescription
+from cobot.robot.limits import check_positions
 from cobot.trajectory import Trajectory
 from cobot.types import Array, PlannerName
 
@@ -81,6 +83,9 @@ def plan(robot: RobotDescription, request: MotionRequest) -> Trajectory | None:
     check_synchronization(request.planner, request.synchronization)
     check_algorithm(request.planner, request.algorithm, request.constraints)
     check_free_axes(request.free_axes)
+    check_end(request.planner, request.cyclic, request.end_joints)
+    if request.end_joints is not None:
+        check_positions(robot.limits, request.end_joints, "end_joints: the angle", 1.0)
     if request.planner in PATH_PLANNERS or request.planner is PlannerName.PTP:
         robot.collision.check_position(request.start, "the start", 0.0)
         return _direct(robot, request)

@@ -8,10 +8,7 @@ along the path (`cobot/planners/redundancy.py`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -19,40 +16,35 @@ from cobot.errors import CobotError, InputError, PlanningError, UnreachableError
 from cobot.findings import Finding
 from cobot.motions.requests import MotionRequest
 from cobot.planners.checks import is_there
+from cobot.planners.continued import SAME_RAD, STEPS, continued, joints_at, moving
 from cobot.planners.joint_path import (
-    LARGEST_DEVIATION_M,
-    LARGEST_DEVIATION_RAD,
-    POSE_SHARE,
-    SHORTEST_SHARE,
-    JointsAt,
-    at_limit_of,
-    jump_of,
     through,
 )
 from cobot.planners.null_space import FEW, FINER, MANY, Particles
 from cobot.planners.path import Path
 from cobot.planners.redundancy import MESHES, Graph, Profile
-from cobot.planners.tcp_path import PLACES, TcpPath, angles_between
+from cobot.planners.tcp_path import PLACES, TcpPath
 from cobot.planners.time_law import time_optimal
 from cobot.robot.description import RobotDescription
-from cobot.robot.inverse_kinematics import MIN_GAP_M, Arm, apart, cause_of
+from cobot.robot.inverse_kinematics import MIN_GAP_M, Arm
 from cobot.trajectory import Trajectory
-from cobot.types import Array, CartesianLimits, JointLimits
+from cobot.types import Array, CartesianLimits
 
 STANDING_M, STANDING_RAD = 1e-6, 1e-6
 FAR = 0.5
 """Where some configurations come beyond this share of a path, more of them may find the rest; at more places
 too, where they have come to its end by ways that no smooth one could be made of."""
-STEP_RAD = 0.4
-"""Where a joint would turn further from one place to the next, there is one more between them."""
-STEPS = 60
-"""A descent from one place to the next takes no more steps."""
 SLOW = 2.5
 """A motion that takes so many times as long as the TCP alone would is compared with one of the graph."""
 
 
-def follow(robot: RobotDescription, request: MotionRequest, path: TcpPath) -> Trajectory | None:
+def follow(
+    robot: RobotDescription, request: MotionRequest, path: TcpPath, end: Array | None = None
+) -> Trajectory | None:
     """A trajectory whose TCP stays within `LARGEST_DEVIATION_*` of the path; None if the path is a point.
+
+    Args:
+        end: the joints in which it ends, shape (dof,), with the TCP at the end of the path; None: any.
 
     Raises:
         UnreachableError: saying at what percentage of the path which joint cannot go on.
@@ -64,7 +56,7 @@ def follow(robot: RobotDescription, request: MotionRequest, path: TcpPath) -> Tr
     path = replace(path, free=request.free_axes)
     tcp = tcp_limits(robot, request)
     _require_reach(robot, path, request.start)
-    simple, reason = _continued(robot, request.start, path)
+    simple, reason = continued(robot, request.start, path, end)
     if simple is not None and _stands(simple):
         return None
     motion = None
@@ -75,7 +67,8 @@ def follow(robot: RobotDescription, request: MotionRequest, path: TcpPath) -> Tr
             reason = exc
     if motion is not None and motion.duration_s <= SLOW * _shortest_s(path, tcp):
         return motion
-    other, reached = _redundant(robot, request.start, path, len(MESHES) if motion is None else 1)
+    meshes = len(MESHES) if motion is None else 1
+    other, reached = _redundant(robot, request.start, path, meshes, end)
     if other is not None:
         motions = [_timed(robot, request, other, tcp), *([] if motion is None else [motion])]
         return min(motions, key=lambda one: one.duration_s)
@@ -83,12 +76,8 @@ def follow(robot: RobotDescription, request: MotionRequest, path: TcpPath) -> Tr
         return _timed(robot, request, simple, tcp)  # What it touches is said by the check of all motions.
     if motion is None:
         assert reason is not None
-        raise _refused(_arm(robot, path), reason, reached)
+        raise _refused(robot.model.kinematics(path.free), reason, reached, end)
     return motion
-
-
-def _arm(robot: RobotDescription, path: TcpPath) -> Arm:
-    return robot.model.kinematics(path.free)
 
 
 def _stands(joint_path: Path) -> bool:
@@ -97,7 +86,7 @@ def _stands(joint_path: Path) -> bool:
     return is_there(places[0], places)
 
 
-def _refused(arm: Arm, reason: CobotError, reached: float) -> UnreachableError:
+def _refused(arm: Arm, reason: CobotError, reached: float, end: Array | None) -> UnreachableError:
     """Why neither the simple way nor any other configuration of a redundant arm leads to the end."""
     if not arm.redundant:
         return UnreachableError(str(reason), findings=reason.findings)
@@ -109,6 +98,8 @@ def _refused(arm: Arm, reason: CobotError, reached: float) -> UnreachableError:
         more = f"no other joints that were looked for lead further than {100 * reached:.0f} % of the path"
         if reached >= 1.0:
             more = "the other joints that were looked for lead along it only with a jump or a collision"
+    if end is not None:
+        more += " to the joints in which it has to end"
     findings = [*reason.findings, Finding("redundancy", "share of the path", reached, 1.0, "", reached)]
     return UnreachableError(f"{reason}; {more}", findings=findings)
 
@@ -156,18 +147,18 @@ def _is_free(robot: RobotDescription, joint_path: Path) -> bool:
 
 
 def _redundant(
-    robot: RobotDescription, start: Array, path: TcpPath, meshes: int
+    robot: RobotDescription, start: Array, path: TcpPath, meshes: int, end: Array | None
 ) -> tuple[Path | None, float]:
     """A free path of the joints by planning the arm angle, from coarse to fine, and how far any leads."""
     reached = 0.0
-    arm = _arm(robot, path)
+    arm = robot.model.kinematics(path.free)
     if arm.arm_angle is None:
-        return _by_particles(robot, start, path) if arm.redundant else (None, reached)
+        return _by_particles(robot, start, path, end) if arm.redundant else (None, reached)
     for mesh in MESHES[:meshes]:
-        graph = Graph(robot, start, path, mesh)
+        graph = Graph(robot, start, path, mesh, end)
         for free in (False, True):
             for profile in graph.profiles(free):
-                found = _along(robot, start, path, graph.shares, profile)
+                found = _along(robot, start, path, graph.shares, profile, end)
                 if found is not None and _is_free(robot, found):
                     return found, 1.0
             if graph.reached < 1.0:
@@ -178,16 +169,18 @@ def _redundant(
     return None, reached
 
 
-def _by_particles(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Path | None, float]:
+def _by_particles(
+    robot: RobotDescription, start: Array, path: TcpPath, end: Array | None
+) -> tuple[Path | None, float]:
     """The same for an arm without an arm angle."""
     reached = 0.0
     for count, factor in ((FEW, 1), (MANY, 1), (FEW, FINER), (MANY, FINER)):
         if count == MANY and reached < (FAR if factor == 1 else 1.0):
             continue
-        particles = Particles(robot, start, path, count, factor)
+        particles = Particles(robot, start, path, count, factor, end)
         for rows in particles.ways():
             try:
-                found = through(robot, path, particles.shares, rows, _joints_at(robot, path))
+                found = through(robot, path, particles.shares, rows, joints_at(robot, path))
             except UnreachableError:
                 continue
             if _is_free(robot, found):
@@ -197,12 +190,21 @@ def _by_particles(robot: RobotDescription, start: Array, path: TcpPath) -> tuple
 
 
 def _along(
-    robot: RobotDescription, start: Array, path: TcpPath, shares: Array, profile: Profile
+    robot: RobotDescription,
+    start: Array,
+    path: TcpPath,
+    shares: Array,
+    profile: Profile,
+    end: Array | None,
 ) -> Path | None:
     """The joints' path with these arm angles, if they lead to the end."""
     rows = profile.rows(shares[1:])
     if rows is None:
         return None
+    if end is not None:
+        if np.abs(rows[-1] - end).max() > SAME_RAD:
+            return None
+        rows[-1] = end
     try:
         return through(robot, path, shares, np.concatenate([[start], rows]), profile.joints_at)
     except UnreachableError:
@@ -210,7 +212,7 @@ def _along(
 
 
 def _require_reach(robot: RobotDescription, path: TcpPath, start: Array) -> None:
-    arm = _arm(robot, path)
+    arm = robot.model.kinematics(path.free)
     gap = arm.gap(path.poses(np.ones(1))[0])
     if gap <= MIN_GAP_M:
         return
@@ -222,122 +224,7 @@ def _require_reach(robot: RobotDescription, path: TcpPath, start: Array) -> None
     name = robot.limits.names[joint]
     raise UnreachableError(
         f"{path.name}: at {100 * end:.0f} % of the path the TCP cannot go on: the goal is out of reach by "
-        f"{gap:.3g} m, with {_moving(robot.limits, joint)} most, to {joints[joint]:.3f} "
+        f"{gap:.3g} m, with {moving(robot.limits, joint)} most, to {joints[joint]:.3f} "
         f"{robot.limits.unit(joint)}",
         findings=[Finding("reach", "distance beyond the reach", float(gap), 0.0, "m", float(end), (name,))],
-    )
-
-
-def _continued(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Path | None, CobotError | None]:
-    """The joints by inverse kinematics at even places, each from the one before, or why they cannot go on."""
-    try:
-        shares, rows = _chain(robot, start, path)
-        return through(robot, path, shares, rows, _joints_at(robot, path)), None
-    except UnreachableError as exc:
-        return None, exc
-
-
-def _joints_at(robot: RobotDescription, path: TcpPath) -> JointsAt:
-    """Joints at a share of the path, from near ones."""
-    descend = _arm(robot, path).descend
-
-    def joints_at(share: float, near: Array) -> Array | None:
-        joints, solved, _, _ = descend(path.poses(np.array([share]))[0], near, STEPS, share=POSE_SHARE)
-        return joints if solved else None
-
-    return joints_at
-
-
-def _chain(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Array, Array]:
-    """Shares, and the joints there, from one to the next."""
-    arm = _arm(robot, path)
-    descend = partial(arm.descend, steps=STEPS, share=POSE_SHARE)
-    even = np.linspace(0.0, 1.0, path.places + 1)
-    targets = path.poses(even[1:])
-    carried = arm.carried(targets, start, STEPS, STEP_RAD, POSE_SHARE)
-    shares, rows = even[: len(carried) + 1].tolist(), [start, *carried]
-    ahead = even[: len(carried) : -1].tolist()
-    poses = dict(zip(even[1:].tolist(), targets, strict=True))
-    while ahead:
-        share = ahead[-1]
-        pose = poses[share] if share in poses else path.poses(np.array([share]))[0]
-        joints, solved, _, _ = descend(pose, rows[-1])
-        step = np.abs(joints - rows[-1])
-        at_limit = _at_limit(robot.limits, joints, step)
-        if solved and not at_limit and step.max() <= STEP_RAD:
-            shares.append(ahead.pop())
-            rows.append(joints)
-        elif share - shares[-1] > SHORTEST_SHARE and not (solved and at_limit):
-            ahead.append(0.5 * (shares[-1] + share))
-        else:
-            beyond = next(place for place in reversed(ahead) if place in poses)
-            if not solved and arm.lacking:
-                beyond = _farthest(
-                    descend, {place: poses[place] for place in ahead if place in poses}, rows[-1]
-                )
-            if not solved:  # At the next even place it is as far off as a person would call it.
-                joints = descend(poses[beyond], rows[-1])[0]
-            raise _failure(robot, path, (share, beyond), joints, rows[-1], at_limit, solved)
-    return np.array(shares), np.array(rows)
-
-
-def _farthest(descend: Callable[..., Any], poses: dict[float, Array], near: Array) -> float:
-    """At which share of these poses an arm with few joints stays furthest away, by lin's tolerance."""
-
-    def excess(share: float) -> float:
-        _, _, distance_m, angle_rad = descend(poses[share], near)
-        return float(max(distance_m / LARGEST_DEVIATION_M, angle_rad / LARGEST_DEVIATION_RAD))
-
-    return max(poses, key=excess)
-
-
-def _at_limit(limits: JointLimits, joints: Array, step: Array) -> list[int]:
-    """The joints that this step has driven into a limit."""
-    stuck = ((joints <= limits.min_position) | (joints >= limits.max_position)) & (step > 1e-9)
-    return [int(joint) for joint in stuck.nonzero()[0]] if stuck.any() else []
-
-
-def _moving(limits: JointLimits, joint: int) -> str:
-    return f"{limits.names[joint]} {'sliding' if limits.unit(joint) == 'm' else 'turning'}"
-
-
-def _failure(
-    robot: RobotDescription,
-    path: TcpPath,
-    shares: tuple[float, float],
-    joints: Array,
-    before: Array,
-    at_limit: list[int],
-    solved: bool,
-) -> UnreachableError:
-    """Why it ends at the first of these shares; `joints` are those of the second if they are not solved."""
-    share, next_share = shares
-    place = f"{path.name}: at {100 * share:.0f} % of the path"
-    limits = robot.limits
-    for joint in at_limit:
-        low, high = limits.min_position[joint], limits.max_position[joint]
-        limit = low if joints[joint] - low < high - joints[joint] else high
-        return at_limit_of(place, limits, joint, float(joints[joint]), float(limit), share)
-    joint = int(np.abs(joints - before).argmax())
-    name = limits.names[joint]
-    if solved:
-        return jump_of(place, limits, joint, abs(float(joints[joint] - before[joint])), share)
-    pose, target = robot.model.forward(joints), path.pose_at(next_share)
-    missing = float(np.linalg.norm(pose.position - target.position))
-    angle = float(angles_between(pose.quaternion[None], target.quaternion[None], path.free)[0])
-    cause = cause_of(robot.model, target, joints, path.free, share)
-    if cause.finding is not None and cause.finding.check == "limit":
-        beyond = limits.names.index(cause.finding.of[0])
-        return at_limit_of(place, limits, beyond, cause.finding.value, cause.finding.limit, share)
-    allowed = ""
-    if robot.model.inverse_kinematics.lacking:
-        allowed = f" after {100 * next_share:.0f} %, allowed are 0.05 mm and 0.01 degrees"
-    return UnreachableError(
-        f"{place} the TCP cannot go on: {cause.says}; it stays {apart(missing, angle)} away{allowed}, "
-        f"with {_moving(limits, joint)} most, to {joints[joint]:.3f} {limits.unit(joint)}",
-        findings=[
-            *([] if cause.finding is None else [cause.finding]),
-            Finding("reach", "distance to the path", missing, 0.0, "m", share, (name,)),
-            Finding("reach", "angle to the path", angle, 0.0, "rad", share, (name,)),
-        ],
     )

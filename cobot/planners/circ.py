@@ -8,6 +8,7 @@ from cobot.errors import InputError, PlanningError
 from cobot.findings import Finding
 from cobot.motions.requests import Arc, MotionRequest, check_via
 from cobot.planners.cartesian import follow
+from cobot.planners.ends import end_of, followed, full_turns
 from cobot.planners.path_goals import reachable
 from cobot.planners.tcp_path import PLACES, TcpPath, least_turn, turn_between, turned
 from cobot.robot.description import RobotDescription
@@ -29,22 +30,38 @@ def plan_circ(robot: RobotDescription, request: MotionRequest) -> Trajectory | N
 
     Raises:
         InputError: neither `via` nor `arc`, or the goal is not a pose.
-        PlanningError: what is given defines no circle, or from `follow`.
+        PlanningError: what is given defines no circle, or from `follow` and `end_of`.
     """
     check_via(request.planner, request.via, request.arc)
     if not isinstance(request.goal, Pose):
         raise InputError("circ needs a pose as its goal and via, a point (x, y, z) on the arc")
     start = robot.model.forward(request.start)
+    if request.arc is not None and request.arc.angle_rad is not None:
+        return _by_angle(robot, request, request.arc, request.arc.angle_rad, start)
+    goal = reachable(robot, request, start, request.goal)
+    end = end_of(robot, request, goal)
+    if end is not None:
+        goal = robot.model.forward(end)
     if request.arc is None:
         assert request.via is not None
-        goal = reachable(robot, request, start, request.goal)
         path = arc(start, request.via, goal, least_turn(robot))
-    elif request.arc.angle_rad is None:
-        goal = reachable(robot, request, start, request.goal)
-        path = arc_about(start, request.arc, goal, least_turn(robot))
+    elif request.cyclic and request.arc.axis is not None:
+        path = helix(start, request.arc, 2.0 * np.pi)
     else:
-        path = helix(start, request.arc, request.arc.angle_rad)
-    return follow(robot, request, path)
+        path = arc_about(start, request.arc, goal, least_turn(robot))
+    return follow(robot, request, path, end)
+
+
+def _by_angle(
+    robot: RobotDescription, request: MotionRequest, given: Arc, angle: float, start: Pose
+) -> Trajectory | None:
+    """An arc about an axis; full turns end in the joints they began with, unless others are asked for."""
+    turns = None if request.cyclic is False or request.end_joints is not None else full_turns(start, given)
+    if turns is not None:
+        path = helix(start, given, turns)
+        return followed(robot, request, path, request.start, required=request.cyclic is True)
+    path = helix(start, given, angle)
+    return follow(robot, request, path, end_of(robot, request, path.pose_at(1.0)))
 
 
 def arc_about(start: Pose, given: Arc, goal: Pose, least_rad: float = SMALL_RAD) -> TcpPath:

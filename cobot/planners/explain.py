@@ -37,6 +37,7 @@ what is at the edge has joint angles at a limit or a straight elbow."""
 SHORT_OF, SHORTEST = (0.95, 0.8, 0.6, 0.4, 0.2), 0.05
 """A line that ends on its way is tried up to these shares of where it ended, if that is not all too short."""
 SPREAD = 8
+ANY_END: dict[str, Any] = {"cyclic": False, "end_joints": None}
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +107,8 @@ def _ideas(robot: RobotDescription, request: MotionRequest, error: CobotError) -
         yield from _faster(request)
     if "reach" in checks and robot.model.inverse_kinematics.lacking:
         yield from _freer(request)
+    if request.cyclic or request.end_joints is not None:
+        yield Idea("end", ANY_END, "ending in other joints")
     if at_goal:
         yield from _other_goals(robot, request)
     if checks & {"limit", "reach", "redundancy", "singularity", "collision"}:
@@ -174,6 +177,7 @@ def _searching(request: MotionRequest, planner: PlannerName = PlannerName.AUTO) 
         "tcp_speed": ANY_SPEED,
         "synchronization": Synchronization.TIME,
         "algorithm": RRT_CONNECT,
+        **ANY_END,
     }
 
 
@@ -272,7 +276,7 @@ def _shorter(robot: RobotDescription, request: MotionRequest, error: CobotError)
         share = part * max(shares)
         if share >= SHORTEST:
             goal = _as_written(line.pose_at(share))
-            yield Idea("goal", {"goal": goal}, f"along the line up to {100.0 * share:.0f} % of it")
+            yield Idea("goal", {"goal": goal, **ANY_END}, f"along the line up to {100.0 * share:.0f} % of it")
 
 
 def _shown(joints: Array) -> str:

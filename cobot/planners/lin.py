@@ -7,6 +7,7 @@ import numpy as np
 from cobot.errors import InputError
 from cobot.motions.requests import MotionRequest
 from cobot.planners.cartesian import follow
+from cobot.planners.ends import end_of
 from cobot.planners.path_goals import reachable
 from cobot.planners.tcp_path import TcpPath, least_turn, turn_between, turned
 from cobot.robot.description import RobotDescription
@@ -20,13 +21,16 @@ def plan_lin(robot: RobotDescription, request: MotionRequest) -> Trajectory | No
 
     Raises:
         InputError: the goal is not a pose.
-        PlanningError: from `follow`.
+        PlanningError: from `follow` and `end_of`.
     """
     if not isinstance(request.goal, Pose):
         raise InputError("lin needs a pose as its goal, not joint angles")
     start = robot.model.forward(request.start)
     goal = reachable(robot, request, start, request.goal)
-    return follow(robot, request, straight_line(start, goal, least_turn(robot)))
+    end = end_of(robot, request, goal)
+    if end is not None:
+        goal = robot.model.forward(end)
+    return follow(robot, request, straight_line(start, goal, least_turn(robot)), end)
 
 
 def straight_line(start: Pose, goal: Pose, least_rad: float = SMALL_RAD) -> TcpPath:

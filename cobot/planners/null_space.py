@@ -45,9 +45,17 @@ class Particles:
     """
 
     def __init__(
-        self, robot: RobotDescription, start: Array, path: TcpPath, count: int, factor: int = 1
+        self,
+        robot: RobotDescription,
+        start: Array,
+        path: TcpPath,
+        count: int,
+        factor: int = 1,
+        end: Array | None = None,
     ) -> None:
-        """count: of the configurations. factor: of the number of places."""
+        """count: of the configurations. factor: of the number of places. end: the joints in which all ways
+        end, shape (dof,); None: any.
+        """
         self._robot, self._arm = robot, robot.model.kinematics(path.free)
         self._count, self._random = count, np.random.default_rng(count)
         limits = robot.limits
@@ -57,6 +65,7 @@ class Particles:
         self.shares = np.linspace(0.0, 1.0, factor * min(MAX_PLACES, int(np.ceil(places))) + 1)
         self._poses = path.poses(self.shares)
         self.reached = 0.0
+        self._end = end
         self._way = self._carried(start)
 
     def ways(self) -> Iterator[Array]:
@@ -67,8 +76,8 @@ class Particles:
     def _carried(self, start: Array) -> Array | None:
         rows, costs = start[None], np.zeros(1)
         history, parents = [rows], [np.zeros(1, dtype=np.intp)]
-        for share, pose in zip(self.shares[1:], self._poses[1:], strict=True):
-            found = self._around(rows, costs, pose)
+        for place, (share, pose) in enumerate(zip(self.shares[1:], self._poses[1:], strict=True), start=1):
+            found = self._around(rows, costs, pose, len(self.shares) - place)
             if len(found) == 0:
                 return None
             steps = found[:, None] - rows
@@ -87,12 +96,19 @@ class Particles:
             way.append(int(each[way[-1]]))
         return np.array([rows[index] for rows, index in zip(history, way[::-1], strict=True)])
 
-    def _around(self, rows: Array, costs: Array, pose: Array) -> Array:
-        """Free configurations at a pose, from all rows and from draws about them, the cheaper the more."""
+    def _around(self, rows: Array, costs: Array, pose: Array, left: int) -> Array:
+        """Free configurations at a pose, from all rows and from draws about them, the cheaper the more.
+
+        Where the end is given, every other one is drawn towards it, by one of the steps that are left.
+        """
+        if self._end is not None and left == 1:
+            return self._end[None]
         order = np.argsort(costs)[: self._count // 3]
         found = []
         for index in range(self._count):
             near = rows[order[index % len(order)]]
+            if self._end is not None and index % 2 == 0:
+                near = near + (self._end - near) / left
             if index >= len(order):
                 near = near + SPREADS_RAD[index % len(SPREADS_RAD)] * self._random.normal(size=len(near))
             joints, solved, _, _ = self._descend(pose, near)
@@ -114,7 +130,7 @@ class Particles:
         assert self._way is not None
         rows = self._way.copy()
         for _ in range(count):
-            for index in range(1, len(rows)):
+            for index in range(1, len(rows) if self._end is None else len(rows) - 1):
                 after = rows[min(index + 1, len(rows) - 1)]
                 middle = 0.25 * rows[index - 1] + 0.5 * rows[index] + 0.25 * after
                 joints, solved, _, _ = self._descend(self._poses[index], middle)

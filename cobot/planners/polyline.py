@@ -16,6 +16,7 @@ import numpy as np
 from cobot.errors import InputError
 from cobot.motions.requests import MotionRequest
 from cobot.planners.cartesian import STANDING_M, STANDING_RAD, follow
+from cobot.planners.ends import end_of
 from cobot.planners.path_goals import reachable
 from cobot.planners.tcp_path import PLACES, TcpPath, least_turn, turn_between
 from cobot.robot import quaternion
@@ -38,21 +39,27 @@ def plan_polyline(robot: RobotDescription, request: MotionRequest) -> Trajectory
 
     Raises:
         InputError: the goal is not a pose.
-        PlanningError: from `follow`, saying on which leg.
+        PlanningError: from `follow`, saying on which leg, and from `end_of`.
     """
     if not isinstance(request.goal, Pose):
         raise InputError("polyline needs poses, not joint angles")
     poses = [robot.model.forward(request.start)]
     for pose in (*request.through, request.goal):
         poses.append(reachable(robot, request, poses[-1], pose))
+    joints_at_end = end_of(robot, request, poses[-1])
+    if joints_at_end is not None:
+        poses[-1] = robot.model.forward(joints_at_end)
     poses = _apart(poses)
     if request.radius_m > 0.0 and len(poses) > 2:
-        return follow(robot, request, rounded(poses, request.radius_m, least_rad=least_turn(robot)))
+        path = rounded(poses, request.radius_m, least_rad=least_turn(robot))
+        return follow(robot, request, path, joints_at_end)
     whole: Trajectory | None = None
-    for number, (begin, end) in enumerate(pairwise(poses), start=1):
+    legs = list(pairwise(poses))
+    for number, (begin, end) in enumerate(legs, start=1):
         start = request.start if whole is None else whole.end
         leg = rounded([begin, end], 0.0, f"polyline, leg {number}", least_turn(robot))
-        motion = follow(robot, replace(request, start=start), leg)
+        last = joints_at_end if number == len(legs) else None
+        motion = follow(robot, replace(request, start=start), leg, last)
         if motion is not None:
             whole = motion if whole is None else whole.followed_by(motion)
     return whole

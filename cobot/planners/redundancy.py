@@ -89,7 +89,15 @@ class Profile:
 class Graph:
     """Of one path, from where the arm stands."""
 
-    def __init__(self, robot: RobotDescription, start: Array, path: TcpPath, mesh: Mesh) -> None:
+    def __init__(
+        self,
+        robot: RobotDescription,
+        start: Array,
+        path: TcpPath,
+        mesh: Mesh,
+        end: Array | None = None,
+    ) -> None:
+        """end: the joints in which all ways end, shape (dof,), at the end of the path; None: any."""
         arm = robot.model.inverse_kinematics.arm_angle
         assert arm is not None
         self._robot, self._arm, self._path, self._mesh = robot, arm, path, mesh
@@ -100,6 +108,10 @@ class Graph:
         self._angles = np.linspace(-np.pi, np.pi, mesh.angles, endpoint=False)
         self._branches = self._branches_at(start)
         self._rows = arm.grid(path.poses(self.shares[1:]), self._angles, self._branches)
+        self._end: tuple[float, int] | None = None
+        if end is not None:
+            self._end = arm.of(end)
+            self._lead_to(end)
         self._free: dict[int, npt.NDArray[np.bool_]] = {}
         self.reached = 0.0
 
@@ -111,8 +123,11 @@ class Graph:
             angles = self._cheapest(branch, free)
             if angles is not None:
                 corridor = self._corridor(angles[1:], branch, free)
+                if self._end is not None:  # The last node stands for the end itself.
+                    angles[-1] += (self._end[0] - angles[-1] + np.pi) % (2.0 * np.pi) - np.pi
                 for smoothness in SMOOTHNESS:
-                    spline = BSpline(*_smooth_within(angles, corridor, smoothness), DEGREE)
+                    curve = _smooth_within(angles, corridor, smoothness, self._end is not None)
+                    spline = BSpline(*curve, DEGREE)
                     yield Profile(self._arm, self._path, branch, spline)
 
     def is_cut(self) -> bool:
@@ -121,6 +136,14 @@ class Graph:
         return all(
             any(len(self._arm.intervals(pose, branch)) == 0 for pose in poses) for branch in self._branches
         )
+
+    def _lead_to(self, end: Array) -> None:
+        """Let the node next to the end be the end, and the only one there."""
+        assert self._end is not None
+        angle, branch = self._end
+        self._rows[-1] = np.nan
+        step = self._angles[1] - self._angles[0]
+        self._rows[-1, round((angle + np.pi) / step) % len(self._angles), branch] = end
 
     def _corridor(self, angles: Array, branch: int, free: bool) -> Array:
         """The lowest and highest arm angles, shape (2, n), to which all nodes from the given one are good."""
@@ -177,8 +200,9 @@ class Graph:
         return self._free[branch]
 
 
-def _smooth_within(angles: Array, corridor: Array, smoothness: float) -> tuple[Array, Array]:
-    """Knots and control points of a spline near angles at even places that begins at the first of them.
+def _smooth_within(angles: Array, corridor: Array, smoothness: float, to_end: bool) -> tuple[Array, Array]:
+    """Knots and control points of a spline near angles at even places that begins at the first of them, and
+    ends at the last of them if that is asked for.
 
     Whittaker's smoothing: the squared distances to the angles and squared second differences are least. What
     leaves the corridor, shape (2, n - 1), is drawn to its edge, harder and harder.
@@ -195,10 +219,11 @@ def _smooth_within(angles: Array, corridor: Array, smoothness: float) -> tuple[A
         greville, even[1:], np.maximum(corridor[1] + EDGE * (angles[1:] - corridor[1]), angles[1:])
     )
     weights = np.ones(count)
-    weights[0] = HELD * (1.0 + smoothness)
+    fixed = [0, -1] if to_end else [0]
+    weights[fixed] = HELD * (1.0 + smoothness)
     for _ in range(PULLS):
         points = _whittaker(wanted, weights, smoothness)
-        points[0] = angles[0]
+        points[fixed] = angles[fixed]
         inside = np.clip(points, low, high)
         outside = np.abs(inside[1:] - points[1:]) > 0.0
         if not outside.any():

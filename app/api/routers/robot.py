@@ -30,7 +30,7 @@ from app.api.schemas import (
 )
 from app.robot_services import Services
 from app.services.jobs.job import JobKind
-from app.services.motion.goals import Goal, Goals, check_radii
+from app.services.motion.goals import NOWHERE, Goal, Goals, check_radii
 from app.services.motion.moves import Outcome
 from app.services.motion.ownership import Caller
 from app.services.motion.queue_moves import QueueRequest
@@ -199,9 +199,16 @@ def goal_of(body: AnyMotion, services: Services, *, checked: bool = True) -> Goa
 
 
 def _along_arc(body: MoveArc, goals: Goals) -> Goal:
-    arc = Arc(_vector(body.centre), _vector(body.axis), body.angle, body.rise, body.turn_tool)
-    speed = TcpSpeed(body.speed_m_s, body.speed_rad_s)
-    return goals.arc(arc, body.frame_id, _scaling(body), speed, tuple(body.free_axes))
+    goal = Goal(
+        NOWHERE,
+        _scaling(body),
+        PlannerName.CIRC,
+        arc=Arc(_vector(body.centre), _vector(body.axis), body.angle, body.rise, body.turn_tool),
+        tcp_speed=TcpSpeed(body.speed_m_s, body.speed_rad_s),
+        free_axes=tuple(body.free_axes),
+        cyclic=body.cyclic,
+    )
+    return goals.pose(goal, body.frame_id)
 
 
 def _to_goal(body: MoveNamed | MoveJoints | MovePose, goals: Goals, *, checked: bool) -> Goal:
@@ -221,6 +228,8 @@ def _to_goal(body: MoveNamed | MoveJoints | MovePose, goals: Goals, *, checked: 
         radius_m=body.radius,
         tcp_speed=TcpSpeed(body.speed_m_s, body.speed_rad_s),
         free_axes=tuple(body.free_axes),
+        cyclic=body.cyclic,
+        end_joints=None if body.end_joints is None else np.array(body.end_joints),
     )
     return goals.pose(goal, body.frame_id)
 

@@ -17,6 +17,7 @@ from cobot.motions.requests import (
     MotionRequest,
     TcpSpeed,
     check_arc,
+    check_end,
     check_free_axes,
     check_synchronization,
     check_tcp_speed,
@@ -40,6 +41,8 @@ from cobot.types import (
 
 TOOL = "tool"
 """The frame_id of what is given in the TCP's frame."""
+NOWHERE = pose_from_abc(*[0.0] * 6)
+"""The target of an arc by an angle, which ends wherever that leads."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +61,8 @@ class Goal:
     tcp_speed: TcpSpeed = ANY_SPEED
     constraints: Constraints | None = None
     free_axes: tuple[FreeAxis, ...] = ()
+    cyclic: bool | None = None
+    end_joints: Array | None = None
     in_tool: bool = False
     """All poses and points are given in the TCP's frame, as it is where the motion begins."""
 
@@ -141,25 +146,13 @@ class Goals:
         check_synchronization(name, goal.synchronization)
         check_through(name, goal.through, goal.radius_m)
         check_free_axes(goal.free_axes)
+        check_end(name, goal.cyclic, goal.end_joints)
+        if goal.end_joints is not None and len(goal.end_joints) != self._robot.limits.dof:
+            raise InputError(
+                f"end_joints: must have {self._robot.limits.dof} angles, got {len(goal.end_joints)}"
+            )
         check_tcp_speed(name, goal.tcp_speed, self._robot.cartesian_limits)
         return self.in_frame(goal, frame)
-
-    def arc(
-        self,
-        arc: Arc,
-        frame: str,
-        scaling: Scaling,
-        tcp_speed: TcpSpeed,
-        free_axes: tuple[FreeAxis, ...] = (),
-    ) -> Goal:
-        """The goal of an arc by an angle, which ends wherever that leads.
-
-        Raises:
-            InputError: a frame that is unknown or moves, or a speed beyond the limits.
-        """
-        nowhere = pose_from_abc(*[0.0] * 6)
-        goal = Goal(nowhere, scaling, PlannerName.CIRC, arc=arc, tcp_speed=tcp_speed, free_axes=free_axes)
-        return self.pose(goal, frame)
 
     def in_frame(self, goal: Goal, frame: str) -> Goal:
         """A goal that is given in a frame: the base's, the TCP's where the motion begins (tool), or one that
@@ -221,6 +214,8 @@ class Goals:
             tcp_speed=goal.tcp_speed,
             constraints=goal.constraints,
             free_axes=goal.free_axes,
+            cyclic=goal.cyclic,
+            end_joints=goal.end_joints,
         )
 
 

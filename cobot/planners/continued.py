@@ -1,0 +1,192 @@
+"""The joints along a path of the TCP, each from the ones before, and why they cannot go on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from cobot.errors import CobotError, UnreachableError
+from cobot.findings import Finding
+from cobot.planners.joint_path import (
+    LARGEST_DEVIATION_M,
+    LARGEST_DEVIATION_RAD,
+    POSE_SHARE,
+    SHORTEST_SHARE,
+    JointsAt,
+    at_limit_of,
+    jump_of,
+    through,
+)
+from cobot.planners.path import Path
+from cobot.planners.tcp_path import TcpPath, angles_between
+from cobot.robot.description import RobotDescription
+from cobot.robot.inverse_kinematics import apart, cause_of
+from cobot.types import Array, JointLimits
+
+STEP_RAD = 0.4
+"""Where a joint would turn further from one place to the next, there is one more between them."""
+SAME_RAD = 1e-6
+"""Joints that differ by less are the same."""
+STEPS = 60
+"""A descent from one place to the next takes no more steps."""
+
+
+def continued(
+    robot: RobotDescription, start: Array, path: TcpPath, end: Array | None = None
+) -> tuple[Path | None, CobotError | None]:
+    """The joints by inverse kinematics at even places, each from the one before, or why they cannot go on.
+
+    Args:
+        end: the joints in which they end, shape (dof,), with the TCP at the end of the path; None: any.
+    """
+    try:
+        shares, rows = _chain(robot, start, path)
+        if end is not None:
+            rows = _led_to(robot, path, shares, rows, end)
+        return through(robot, path, shares, rows, joints_at(robot, path)), None
+    except UnreachableError as exc:
+        return None, exc
+
+
+def _led_to(robot: RobotDescription, path: TcpPath, shares: Array, rows: Array, end: Array) -> Array:
+    """The joints, shape (n, dof), with what they miss at the end spread over the whole path."""
+    arm, missing = robot.model.kinematics(path.free), end - rows[-1]
+    if np.abs(missing).max() > SAME_RAD:
+        if not arm.redundant:
+            joint = int(np.abs(missing).argmax())
+            raise _elsewhere(path, robot.limits, joint, float(rows[-1, joint]), float(end[joint]))
+        weights = shares**3 * (10.0 + shares * (6.0 * shares - 15.0))  # at rest at both ends
+        guesses = rows + weights[:, None] * missing
+        poses = path.poses(shares)
+        rows = rows.copy()
+        for place in range(1, len(rows) - 1):
+            joints, solved, _, _ = arm.descend(poses[place], guesses[place], STEPS, share=POSE_SHARE)
+            if not solved:
+                at = float(shares[place])
+                raise UnreachableError(
+                    f"{path.name}: at {100 * at:.0f} % of the path no joint angles within the limits lead to "
+                    "those in which it has to end",
+                    findings=[Finding("reach", "share of the path", at, 1.0, "", at)],
+                )
+            rows[place] = joints
+    rows[-1] = end
+    return rows
+
+
+def _elsewhere(path: TcpPath, limits: JointLimits, joint: int, value: float, end: float) -> UnreachableError:
+    """An arm that has no choice of its joints ends in others than it has to."""
+    name, unit = limits.names[joint], limits.unit(joint)
+    return UnreachableError(
+        f"{path.name}: the path ends with {name} at {value:.4f} {unit} instead of {end:.4f} {unit}, and this "
+        "arm has no redundancy by which it could end there",
+        findings=[Finding("redundancy", "position at the end", value, end, unit, 1.0, (name,))],
+    )
+
+
+def joints_at(robot: RobotDescription, path: TcpPath) -> JointsAt:
+    """Joints at a share of the path, from near ones."""
+    descend = robot.model.kinematics(path.free).descend
+
+    def at(share: float, near: Array) -> Array | None:
+        joints, solved, _, _ = descend(path.poses(np.array([share]))[0], near, STEPS, share=POSE_SHARE)
+        return joints if solved else None
+
+    return at
+
+
+def _chain(robot: RobotDescription, start: Array, path: TcpPath) -> tuple[Array, Array]:
+    """Shares, and the joints there, from one to the next."""
+    arm = robot.model.kinematics(path.free)
+    descend = partial(arm.descend, steps=STEPS, share=POSE_SHARE)
+    even = np.linspace(0.0, 1.0, path.places + 1)
+    targets = path.poses(even[1:])
+    carried = arm.carried(targets, start, STEPS, STEP_RAD, POSE_SHARE)
+    shares, rows = even[: len(carried) + 1].tolist(), [start, *carried]
+    ahead = even[: len(carried) : -1].tolist()
+    poses = dict(zip(even[1:].tolist(), targets, strict=True))
+    while ahead:
+        share = ahead[-1]
+        pose = poses[share] if share in poses else path.poses(np.array([share]))[0]
+        joints, solved, _, _ = descend(pose, rows[-1])
+        step = np.abs(joints - rows[-1])
+        at_limit = _at_limit(robot.limits, joints, step)
+        if solved and not at_limit and step.max() <= STEP_RAD:
+            shares.append(ahead.pop())
+            rows.append(joints)
+        elif share - shares[-1] > SHORTEST_SHARE and not (solved and at_limit):
+            ahead.append(0.5 * (shares[-1] + share))
+        else:
+            beyond = next(place for place in reversed(ahead) if place in poses)
+            if not solved and arm.lacking:
+                beyond = _farthest(
+                    descend, {place: poses[place] for place in ahead if place in poses}, rows[-1]
+                )
+            if not solved:  # At the next even place it is as far off as a person would call it.
+                joints = descend(poses[beyond], rows[-1])[0]
+            raise _failure(robot, path, (share, beyond), joints, rows[-1], at_limit, solved)
+    return np.array(shares), np.array(rows)
+
+
+def _farthest(descend: Callable[..., Any], poses: dict[float, Array], near: Array) -> float:
+    """At which share of these poses an arm with few joints stays furthest away, by lin's tolerance."""
+
+    def excess(share: float) -> float:
+        _, _, distance_m, angle_rad = descend(poses[share], near)
+        return float(max(distance_m / LARGEST_DEVIATION_M, angle_rad / LARGEST_DEVIATION_RAD))
+
+    return max(poses, key=excess)
+
+
+def _at_limit(limits: JointLimits, joints: Array, step: Array) -> list[int]:
+    """The joints that this step has driven into a limit."""
+    stuck = ((joints <= limits.min_position) | (joints >= limits.max_position)) & (step > 1e-9)
+    return [int(joint) for joint in stuck.nonzero()[0]] if stuck.any() else []
+
+
+def moving(limits: JointLimits, joint: int) -> str:
+    return f"{limits.names[joint]} {'sliding' if limits.unit(joint) == 'm' else 'turning'}"
+
+
+def _failure(
+    robot: RobotDescription,
+    path: TcpPath,
+    shares: tuple[float, float],
+    joints: Array,
+    before: Array,
+    at_limit: list[int],
+    solved: bool,
+) -> UnreachableError:
+    """Why it ends at the first of these shares; `joints` are those of the second if they are not solved."""
+    share, next_share = shares
+    place = f"{path.name}: at {100 * share:.0f} % of the path"
+    limits = robot.limits
+    for joint in at_limit:
+        low, high = limits.min_position[joint], limits.max_position[joint]
+        limit = low if joints[joint] - low < high - joints[joint] else high
+        return at_limit_of(place, limits, joint, float(joints[joint]), float(limit), share)
+    joint = int(np.abs(joints - before).argmax())
+    name = limits.names[joint]
+    if solved:
+        return jump_of(place, limits, joint, abs(float(joints[joint] - before[joint])), share)
+    pose, target = robot.model.forward(joints), path.pose_at(next_share)
+    missing = float(np.linalg.norm(pose.position - target.position))
+    angle = float(angles_between(pose.quaternion[None], target.quaternion[None], path.free)[0])
+    cause = cause_of(robot.model, target, joints, path.free, share)
+    if cause.finding is not None and cause.finding.check == "limit":
+        beyond = limits.names.index(cause.finding.of[0])
+        return at_limit_of(place, limits, beyond, cause.finding.value, cause.finding.limit, share)
+    allowed = ""
+    if robot.model.inverse_kinematics.lacking:
+        allowed = f" after {100 * next_share:.0f} %, allowed are 0.05 mm and 0.01 degrees"
+    return UnreachableError(
+        f"{place} the TCP cannot go on: {cause.says}; it stays {apart(missing, angle)} away{allowed}, "
+        f"with {moving(limits, joint)} most, to {joints[joint]:.3f} {limits.unit(joint)}",
+        findings=[
+            *([] if cause.finding is None else [cause.finding]),
+            Finding("reach", "distance to the path", missing, 0.0, "m", share, (name,)),
+            Finding("reach", "angle to the path", angle, 0.0, "rad", share, (name,)),
+        ],
+    )

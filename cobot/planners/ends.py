@@ -1,0 +1,91 @@
+"""The joints in which a path of the TCP ends: those it began with, joints that are given, or any."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cobot.errors import PlanningError
+from cobot.findings import Finding
+from cobot.motions.requests import Arc, MotionRequest
+from cobot.planners.cartesian import follow
+from cobot.planners.joint_path import LARGEST_DEVIATION_M, LARGEST_DEVIATION_RAD
+from cobot.planners.tcp_path import TcpPath, angles_between
+from cobot.robot.description import RobotDescription
+from cobot.robot.inverse_kinematics import apart
+from cobot.trajectory import Trajectory
+from cobot.types import Array, Pose
+
+ALLOWED = f"allowed are {1e3 * LARGEST_DEVIATION_M:g} mm and {np.degrees(LARGEST_DEVIATION_RAD):g} degrees"
+
+
+def end_of(robot: RobotDescription, request: MotionRequest, goal: Pose) -> Array | None:
+    """The joints in which a path to this pose has to end, shape (dof,); None if any will do.
+
+    Raises:
+        PlanningError: their TCP is not at the pose; with how far from it.
+    """
+    if request.end_joints is not None:
+        away = _away(robot.model.forward(request.end_joints), goal, request)
+        _require(
+            *away,
+            f"end_joints: their pose is {apart(*away)} from the goal, {ALLOWED}; give joints "
+            "with which the TCP is there",
+        )
+        return request.end_joints
+    if request.cyclic:
+        away = _away(robot.model.forward(request.start), goal, request)
+        _require(
+            *away,
+            f"cyclic: the path of {request.planner} ends {apart(*away)} from where it begins, {ALLOWED}; "
+            "lead it back to its start, or give end_joints for the way back",
+        )
+        return request.start
+    return None
+
+
+def followed(
+    robot: RobotDescription, request: MotionRequest, path: TcpPath, end: Array, required: bool
+) -> Trajectory | None:
+    """As `follow`; where the end is not required and cannot be had, the motion ends in other joints."""
+    if required:
+        return follow(robot, request, path, end)
+    try:
+        motion = follow(robot, request, path, end)
+        if motion is not None:
+            robot.collision.check_trajectory(motion)
+    except PlanningError as exc:
+        motion = follow(robot, request, path)
+        if motion is not None:
+            motion = replace(motion, note=f"the motion does not end in the joints it began with: {exc}")
+    return motion
+
+
+def full_turns(start: Pose, arc: Arc | None) -> float | None:
+    """The angle, rad, of an arc of full turns, within the tolerance of lin; None of others."""
+    if arc is None or arc.angle_rad is None or arc.axis is None or arc.rise_m != 0.0:
+        return None
+    angle = 2.0 * np.pi * round(arc.angle_rad / (2.0 * np.pi))
+    axis = arc.axis / np.linalg.norm(arc.axis)
+    away = start.position - arc.centre
+    missing = abs(arc.angle_rad - angle)
+    radius_m = float(np.linalg.norm(away - (away @ axis) * axis))
+    is_full = angle != 0.0 and missing <= LARGEST_DEVIATION_RAD and missing * radius_m <= LARGEST_DEVIATION_M
+    return float(angle) if is_full else None
+
+
+def _away(pose: Pose, goal: Pose, request: MotionRequest) -> tuple[float, float]:
+    angle = angles_between(pose.quaternion[None], goal.quaternion[None], request.free_axes)[0]
+    return float(np.linalg.norm(pose.position - goal.position)), float(angle)
+
+
+def _require(distance_m: float, angle_rad: float, said: str) -> None:
+    if distance_m > LARGEST_DEVIATION_M or angle_rad > LARGEST_DEVIATION_RAD:
+        raise PlanningError(
+            said,
+            findings=[
+                Finding("path", "distance to the end", distance_m, LARGEST_DEVIATION_M, "m", 1.0),
+                Finding("path", "angle to the end", angle_rad, float(LARGEST_DEVIATION_RAD), "rad", 1.0),
+            ],
+        )
