@@ -17,7 +17,10 @@ from cobot.robot.inverse_kinematics import apart
 from cobot.trajectory import Trajectory
 from cobot.types import Array, Pose
 
-ALLOWED = f"allowed are {1e3 * LARGEST_DEVIATION_M:g} mm and {np.degrees(LARGEST_DEVIATION_RAD):g} degrees"
+CLOSED_M, CLOSED_RAD = 2.0 * LARGEST_DEVIATION_M, 2.0 * LARGEST_DEVIATION_RAD
+"""A path whose end is so near to the TCP of the joints counts as ending there, and is led there exactly: the
+pose may have been rounded to four digits."""
+ALLOWED = f"allowed are {1e3 * CLOSED_M:g} mm and {np.degrees(CLOSED_RAD):g} degrees"
 
 
 def end_of(robot: RobotDescription, request: MotionRequest, goal: Pose) -> Array | None:
@@ -63,7 +66,7 @@ def followed(
 
 
 def full_turns(start: Pose, arc: Arc | None) -> float | None:
-    """The angle, rad, of an arc of full turns, within the tolerance of lin; None of others."""
+    """The angle, rad, of an arc of full turns, if it ends as near to its start as counts; None of others."""
     if arc is None or arc.angle_rad is None or arc.axis is None or arc.rise_m != 0.0:
         return None
     angle = 2.0 * np.pi * round(arc.angle_rad / (2.0 * np.pi))
@@ -71,7 +74,7 @@ def full_turns(start: Pose, arc: Arc | None) -> float | None:
     away = start.position - arc.centre
     missing = abs(arc.angle_rad - angle)
     radius_m = float(np.linalg.norm(away - (away @ axis) * axis))
-    is_full = angle != 0.0 and missing <= LARGEST_DEVIATION_RAD and missing * radius_m <= LARGEST_DEVIATION_M
+    is_full = angle != 0.0 and missing <= CLOSED_RAD and missing * radius_m <= CLOSED_M
     return float(angle) if is_full else None
 
 
@@ -81,11 +84,11 @@ def _away(pose: Pose, goal: Pose, request: MotionRequest) -> tuple[float, float]
 
 
 def _require(distance_m: float, angle_rad: float, said: str) -> None:
-    if distance_m > LARGEST_DEVIATION_M or angle_rad > LARGEST_DEVIATION_RAD:
+    if distance_m > CLOSED_M or angle_rad > CLOSED_RAD:
         raise PlanningError(
             said,
             findings=[
-                Finding("path", "distance to the end", distance_m, LARGEST_DEVIATION_M, "m", 1.0),
-                Finding("path", "angle to the end", angle_rad, float(LARGEST_DEVIATION_RAD), "rad", 1.0),
+                Finding("path", "distance to the end", distance_m, CLOSED_M, "m", 1.0),
+                Finding("path", "angle to the end", angle_rad, float(CLOSED_RAD), "rad", 1.0),
             ],
         )
