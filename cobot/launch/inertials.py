@@ -28,11 +28,9 @@ FLOOR = 1e-6
 """Least second moment of a repaired tensor, as a share of their sum: MuJoCo checks without a tolerance."""
 ROUNDING = 1e-3
 """Smaller changes, as a share of the tensor, are rounding of the file and not reported."""
-LARGEST_RADIUS, SMALLEST_RADIUS = 3.0, 0.01
-"""Radius of gyration of a body, as a share of its size: between these the file is believed. A shape for
-collisions may be smaller than the link; a point mass has no radius at all."""
-
-
+LARGEST_RADIUS, SMALLEST_RADIUS = 30.0, 0.001
+"""Radius of gyration of a body, as a share of the size of its shapes. Between these the file is believed,
+because shapes may be smaller than the link; beyond, the inertia is in other units, such as kg·mm²."""
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 MASSLESS_KG = 1e-6
 """Files give this to frames, for readers that need a mass."""
