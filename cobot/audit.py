@@ -59,7 +59,7 @@ class Audit:
     def __init__(self, path: Path, clock: Clock = SYSTEM) -> None:
         self._path = path
         self._clock = clock
-        self._file = RotatingFile(path, MAX_BYTES, OLDER_FILES, private=True)
+        self._file = RotatingFile(path, MAX_BYTES, OLDER_FILES, strict=True)
         self._ending = threading.Event()
         self.problem = ""
         self._outlet = Outlet[Entry](
@@ -231,7 +231,7 @@ def record_from_cli(settings: Settings, what: str, outcome: str = "ok", **detail
     with contextlib.suppress(KeyError):
         user = pwd.getpwuid(os.getuid()).pw_name
     entry = _entry(time.time(), user, "cli", what, outcome, details, "")
-    file = RotatingFile(settings.audit_file, sys.maxsize, 0, private=True)  # the service puts files aside
+    file = RotatingFile(settings.audit_file, sys.maxsize, 0, strict=True)  # the service puts files aside
     try:
         file.append(_line(entry))
         file.sync()

@@ -93,6 +93,8 @@ def _run(chosen: argparse.Namespace) -> int:
 
         given = _overridden(settings, chosen)
         processes = len(given.each) + 1 + given.web.enabled + given.ros.enabled
+        if chosen.is_program:
+            os.umask(0o077)  # only the user may read what this process and its children write
         blanks = forked(processes) if chosen.is_program else []
         try:
             return Supervisor(given, chosen.config, settings, blanks).run()

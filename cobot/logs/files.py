@@ -12,16 +12,18 @@ from pathlib import Path
 class RotatingFile:
     """Appends whole pieces. Each failure is the caller's to know of; the next call tries anew.
 
+    Only the owner may read the files, also those that are there already, and the folder if it is made here.
+
     Args:
         count: of older files, NAME.1 the newest of them.
-        private: whether only its owner may read it.
+        strict: whether a symbolic link or a device in its place is refused.
     """
 
-    def __init__(self, path: Path, max_bytes: int, count: int, *, private: bool = False) -> None:
+    def __init__(self, path: Path, max_bytes: int, count: int, *, strict: bool = False) -> None:
         self._path = path
         self._max_bytes = max_bytes
         self._count = count
-        self._private = private
+        self._strict = strict
         self._descriptor = -1
         self._torn = False
 
@@ -67,19 +69,29 @@ class RotatingFile:
                 if (there.st_ino, there.st_dev) == (ours.st_ino, ours.st_dev):
                     return
             self.close()
-        self._path.parent.mkdir(parents=True, exist_ok=True)
+        self._path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC
-        if self._private:
+        if self._strict:
             flags |= os.O_NOFOLLOW
-        self._descriptor = os.open(self._path, flags, 0o600 if self._private else 0o644)
-        if self._private and not stat.S_ISREG(os.fstat(self._descriptor).st_mode):
+        self._descriptor = os.open(self._path, flags, 0o600)
+        if stat.S_ISREG(os.fstat(self._descriptor).st_mode):
+            self._make_private()
+        elif self._strict:
             self.close()
             raise OSError(errno.EINVAL, "no regular file")
-        if self._private:
-            os.fchmod(self._descriptor, 0o600)
-            if os.geteuid() == 0:  # a command of root's may be the first to write what a service goes on with
-                folder = os.stat(self._path.parent)
-                os.fchown(self._descriptor, folder.st_uid, folder.st_gid)
+
+    def _make_private(self) -> None:
+        make_private(self._descriptor)
+        if self._strict and os.geteuid() == 0:  # a command of root may be the first to write a service's file
+            folder = os.stat(self._path.parent)
+            os.fchown(self._descriptor, folder.st_uid, folder.st_gid)
+        for older in aside(self._path, self._count)[1:]:
+            with contextlib.suppress(OSError):  # it is not there, or another user's
+                descriptor = os.open(older, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+                try:
+                    make_private(descriptor)
+                finally:
+                    os.close(descriptor)
 
     def _rotate(self) -> None:
         if os.fstat(self._descriptor).st_size == 0:
@@ -90,6 +102,14 @@ class RotatingFile:
             with contextlib.suppress(FileNotFoundError):
                 os.replace(files[number - 1], files[number])
         self.open()
+
+
+def make_private(descriptor: int) -> None:
+    """Let only the owner read and write an open regular file; one of another user stays as it is."""
+    status = os.fstat(descriptor)
+    mine = status.st_uid == os.geteuid() or os.geteuid() == 0
+    if mine and stat.S_ISREG(status.st_mode) and stat.S_IMODE(status.st_mode) & 0o077:
+        os.fchmod(descriptor, 0o600)
 
 
 def aside(path: Path, count: int) -> list[Path]:

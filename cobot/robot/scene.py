@@ -15,7 +15,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as checked
 
 from cobot.errors import ConfigError, InputError, exhausted
-from cobot.robot.kept import keep
+from cobot.robot.kept import keep, read_kept
 from cobot.strict import sentences
 from cobot.types import Array, Pose
 
@@ -123,7 +123,7 @@ class SceneFile:
             ConfigError: it cannot be read, or is none.
         """
         try:
-            return _FILE.validate_json(self.path.read_bytes())
+            return _FILE.validate_json(read_kept(self.path))
         except FileNotFoundError:
             return Scene()
         except ValidationError as exc:

@@ -16,7 +16,7 @@ from pydantic.dataclasses import dataclass as checked
 
 from cobot.errors import ConfigError, InputError, LimitError
 from cobot.robot import quaternion
-from cobot.robot.kept import keep
+from cobot.robot.kept import keep, read_kept
 from cobot.robot.scene import Numbers3, Numbers6, Numbers7, Scene, SceneObject, symmetric
 from cobot.strict import sentences
 from cobot.types import Array
@@ -165,7 +165,7 @@ class ToolFile:
             ConfigError: it cannot be read, or is none.
         """
         try:
-            return _FILE.validate_json(self.path.read_bytes())
+            return _FILE.validate_json(read_kept(self.path))
         except FileNotFoundError:
             return BARE
         except ValidationError as exc:

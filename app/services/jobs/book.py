@@ -80,7 +80,7 @@ class JobBook:
         self._file: RotatingFile | None = None
         self._outlet: Outlet[_Piece] | None = None
         if file is not None:
-            self._file = RotatingFile(file, MAX_BYTES, OLDER_FILES, private=True)
+            self._file = RotatingFile(file, MAX_BYTES, OLDER_FILES, strict=True)
             # What the disk has not taken is in memory: once there is room, all of that is written anew.
             self._outlet = Outlet(self._append, self._everything, settle=self._file.sync)
             self._read(file)

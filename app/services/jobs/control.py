@@ -43,6 +43,7 @@ class JobService:
         self._ownership = ownership
         self._stopping = stopping
         self._tasks: set[asyncio.Task[Any]] = set()
+        self._paused: Job | None = None  # the last job that was paused by its own id
 
     async def begin(self, job: Job, work: Coroutine[Any, Any, Any]) -> JobRecord:
         """Have a job done in the background.
@@ -112,6 +113,8 @@ class JobService:
             self._ownership.cancel(job, error)
         with contextlib.suppress(TimeoutError):
             await asyncio.wait_for(job.ended.wait(), timeout_s)
+        if job is self._paused and job.ended.is_set():  # a job of the queue, which goes on without it
+            await self._resume()
         return job.record()
 
     async def pause(self, number: str, at_waypoint: int | None = None) -> JobRecord:
@@ -137,13 +140,18 @@ class JobService:
 
     async def _pause(self, job: Job) -> None:
         under_way = job.state is JobState.RUNNING and job is not self._ownership.sequence_job
+        self._paused = job
         await self._ownership.speed_override.pause()
         if under_way and job.link.state().mode in RESTING:  # It has come to its end instead.
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(job.ended.wait(), ENDS_S)
         if job.ended.is_set():
-            await self._ownership.speed_override.resume()  # Nobody could: it would hold whatever comes next.
+            await self._resume()  # Nobody could: it would hold whatever comes next.
             raise ConflictError(f"job {job.id} has ended already: {job.state}")
+
+    async def _resume(self) -> None:
+        self._paused = None
+        await self._ownership.speed_override.resume()
 
     async def step(self, number: str) -> JobRecord:
         """Go on with a sequence that is paused, to the next stop; raises as `resume`."""
@@ -154,7 +162,7 @@ class JobService:
             steps.go_on(step=True)
         else:
             steps.hold(NEXT)
-        await self._ownership.speed_override.resume()
+        await self._resume()
         return job.record()
 
     async def resume(self, number: str, waypoint: int | None = None) -> JobRecord:
@@ -173,7 +181,7 @@ class JobService:
         self._require_paused(job)
         if job is self._ownership.sequence_job or waypoint is not None:
             self._steps(job).go_on(waypoint)
-        await self._ownership.speed_override.resume()
+        await self._resume()
         return job.record()
 
     def _steps(self, job: Job) -> Steps:

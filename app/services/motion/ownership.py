@@ -141,6 +141,7 @@ class SequenceClaim:
         token: of its requests.
         since_s: when it was made, on the service's clock.
         fraction: of the speed override, to which it returns.
+        lease: that was held when it was made; with this one ends the fraction.
         job: that it is.
     """
 
@@ -149,6 +150,7 @@ class SequenceClaim:
     client: Client
     since_s: float
     fraction: float
+    lease: Lease | None
     job: Job
 
 
@@ -238,7 +240,7 @@ class Ownership:
         self._link.heartbeat.require_awake()
         now_s, fraction = self._link.clock.now_s(), self.speed_override.fraction
         job = self.jobs.new(kind, name)
-        self._sequence = SequenceClaim(name, token, client, now_s, fraction, job)
+        self._sequence = SequenceClaim(name, token, client, now_s, fraction, self.lease.current, job)
         job.begin(self.speed_override)
 
     def release_sequence(self, error: BaseException | None = None) -> None:
@@ -250,7 +252,8 @@ class Ownership:
         sequence, self._sequence = self._sequence, None
         if sequence is not None:
             self.end(sequence.job, error, stopped=isinstance(error, MotionStopped))
-            self.speed_override.restore(sequence.fraction)
+            same = sequence.lease is self.lease.current
+            self.speed_override.restore(sequence.fraction if same else self._fraction)
         self.speed_override.reset()
         self.lease.renew()
 
@@ -355,6 +358,8 @@ class Ownership:
             self._claim = None
             if job is not None:
                 self.end(job, error, stopped=isinstance(claim.interruption, MotionStopped))
+                if self._sequence is None:  # however it has ended: its pause would hold whatever comes next
+                    self.speed_override.reset()
             self.lease.renew()
             claim.ended.set()
             logs.bind(motion=None)

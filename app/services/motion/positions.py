@@ -14,7 +14,7 @@ from app.services.motion.goals import Goals
 from app.services.state.link import RobotLink
 from cobot.errors import CobotError, ConflictError, NotFoundError
 from cobot.robot.description import RobotDescription
-from cobot.robot.kept import keep
+from cobot.robot.kept import keep, read_kept
 from cobot.strict import sentences, shown
 from cobot.types import NamedPosition, Scaling
 
@@ -107,7 +107,7 @@ class PositionService:
         be moved without it, so it is no reason not to start.
         """
         try:
-            found = _FILE.validate_json(self._file.read_bytes())
+            found = _FILE.validate_json(read_kept(self._file))
         except FileNotFoundError:
             return {}
         except ValidationError as exc:

@@ -120,14 +120,17 @@ class SpeedOverride:
             UnavailableError: rtloop does not answer.
             ExecutionError: it does not come to rest.
         """
-        await asyncio.gather(*(override._pause() for override in (self, *self.others)))
+        overrides = (self, *self.others)
+        for override in overrides:
+            if override._link.state().session:
+                raise ConflictError("a stream has no path to pause on; end it, or POST /stop")
+            override._require_path_clock()
+        for override in overrides:  # before anything is awaited: what ends meanwhile ends the pause too
+            override._asked = True
+            override._settle()
+        await asyncio.gather(*(override._come_to_rest() for override in overrides))
 
-    async def _pause(self) -> None:
-        if self._link.state().session:
-            raise ConflictError("a stream has no path to pause on; end it, or POST /stop")
-        self._require_path_clock()
-        self._asked = True
-        self._settle()
+    async def _come_to_rest(self) -> None:
         await self._apply()
         deadline_s = self._link.clock.now_s() + REST_TIMEOUT_S
         while not self._rests():

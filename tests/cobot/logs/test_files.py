@@ -42,7 +42,7 @@ def test_a_private_file_is_its_owners_alone_and_no_link(tmp_path: Path) -> None:
     path = tmp_path / "a.jsonl"
     path.write_text("")
     path.chmod(0o666)
-    file = RotatingFile(path, 10, 1, private=True)
+    file = RotatingFile(path, 10, 1, strict=True)
     for _ in range(2):
         file.append(b"12345678\n")
     for each in aside(path, 1):
@@ -51,11 +51,25 @@ def test_a_private_file_is_its_owners_alone_and_no_link(tmp_path: Path) -> None:
     link = tmp_path / "link"
     link.symlink_to(tmp_path / "target")
     with pytest.raises(OSError, match="symbolic"):
-        RotatingFile(link, 10, 1, private=True).append(b"x")
+        RotatingFile(link, 10, 1, strict=True).append(b"x")
     assert not (tmp_path / "target").exists()
     with pytest.raises(OSError, match="no regular file"):
-        RotatingFile(Path("/dev/null"), 10, 1, private=True).append(b"x")
+        RotatingFile(Path("/dev/null"), 10, 1, strict=True).append(b"x")
     assert stat.S_IMODE(os.stat("/dev/null").st_mode) == 0o666
+
+
+def test_logs_and_the_older_ones_are_their_owner_s_alone(tmp_path: Path) -> None:
+    path = tmp_path / "made" / "a.log"
+    file = RotatingFile(path, 10, 2)
+    file.append(b"x\n")
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
+    file.close()
+    for each in (path, older := aside(path, 2)[1]):
+        each.write_text("of a version before")
+        each.chmod(0o644)
+    RotatingFile(path, 1000, 2).open()
+    assert [stat.S_IMODE(each.stat().st_mode) for each in (path, older)] == [0o600, 0o600]
 
 
 def test_a_full_disk_is_an_error_each_time() -> None:

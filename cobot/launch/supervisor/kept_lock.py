@@ -1,0 +1,74 @@
+"""One `cobot run` alone writes the files that are kept of a robot: tool, scene, positions, jobs, log, recordings.
+
+Shared memory shows another run of the same robot on this computer. It does not show one in a container, or on
+another computer, that shares only the folder, nor one with another robot of the same name in the settings of
+`recording.folder`. So each run locks a file next to what it writes. The lock ends with the process.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import logging
+import os
+import socket
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from cobot.config import Settings
+from cobot.errors import ConflictError
+
+NOWHERE = (errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOSPC, errno.ENOLCK)
+"""Where no lock can be made, nothing can be written either, or the file system has no locks."""
+
+log = logging.getLogger("cobot")
+
+
+@contextmanager
+def keeping_alone(settings: Settings) -> Iterator[None]:
+    """Hold the locks for as long as the context lasts.
+
+    Raises:
+        ConflictError: another process holds one of them; names the file and the process.
+    """
+    with ExitStack() as held:
+        for path in sorted(lock_files(settings)):
+            try:
+                held.callback(os.close, _locked(path))
+            except OSError as exc:
+                if exc.errno not in NOWHERE:
+                    raise ConflictError(f"{path}: cannot be locked: {exc.strerror}") from exc
+                log.warning(
+                    "%s: cannot be locked: %s; no other cobot may use this folder", path, exc.strerror
+                )
+        yield
+
+
+def lock_files(settings: Settings) -> set[Path]:
+    """The file to lock in each folder that a robot's files are in."""
+    found: set[Path] = set()
+    for name, each in settings.each.items():
+        folders = (each.logs, each.kept or each.logs, each.recording_folder.parent)
+        found.update(folder.resolve() / f"{name}.lock" for folder in folders)
+    return found
+
+
+def _locked(path: Path) -> int:
+    """A descriptor that holds the lock."""
+    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+    try:
+        fcntl.lockf(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, f"pid {os.getpid()} on {socket.gethostname()}\n".encode(), 0)
+    except OSError as exc:
+        holder = os.pread(descriptor, 200, 0).decode("ascii", "replace").strip()
+        os.close(descriptor)
+        if exc.errno in (errno.EACCES, errno.EAGAIN):
+            raise ConflictError(
+                f"{path.parent}: another cobot ({holder or 'pid unknown'}) keeps the files of robot "
+                f"{path.stem!r} there; stop it, or set another robot.name, logs, kept or recording.folder"
+            ) from exc
+        raise
+    return descriptor
