@@ -1,4 +1,4 @@
-"""One `cobot run` alone writes the files that are kept of a robot: tool, scene, positions, jobs, log, recordings.
+"""Only one `cobot run` writes the files of a robot: tool, scene, positions, jobs, log, recordings.
 
 Shared memory shows another run of the same robot on this computer. It does not show one in a container, or on
 another computer, that shares only the folder, nor one with another robot of the same name in the settings of

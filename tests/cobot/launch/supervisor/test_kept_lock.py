@@ -71,6 +71,6 @@ def test_a_link_in_place_of_the_lock_is_not_followed(tmp_path: Path) -> None:
     mine, _ = settings(tmp_path, "logs: logs")
     (tmp_path / "logs").mkdir()
     (tmp_path / "logs" / "iiwa.lock").symlink_to(tmp_path / "target")
-    with pytest.raises(ConflictError, match="iiwa.lock: cannot be locked"), keeping_alone(mine):
+    with pytest.raises(ConflictError, match=r"iiwa\.lock: cannot be locked"), keeping_alone(mine):
         pass
     assert not os.path.lexists(tmp_path / "target")
