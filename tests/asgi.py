@@ -155,6 +155,54 @@ class Socket:
         self._service.run(gathered({self._task}))
 
 
+class Leaving:
+    """A request with a JSON body whose client waits for the answer until `leave` is called."""
+
+    def __init__(self, service: VirtualService, method: str, path: str, content: object) -> None:
+        self._gone = asyncio.Event()
+        self._body = json.dumps(content).encode()
+        self._service = service
+        self._sent: list[dict[str, Any]] = []
+        self._task = service.begin(self._serve(service.app, method, path))
+
+    def leave(self) -> None:
+        """Close the connection; returns when the service has noticed."""
+        self._gone.set()
+        self._service.run(gathered({self._task}))
+
+    async def _serve(self, app: FastAPI, method: str, path: str) -> None:
+        path, _, query = path.partition("?")
+        headers = {"host": urlsplit(self._service.url).netloc, "content-type": "application/json"}
+        headers["content-length"] = str(len(self._body))
+        scope = {
+            "type": "http",
+            "asgi": {"version": "3.0", "spec_version": "2.4"},
+            "http_version": "1.1",
+            "method": method,
+            "scheme": "http",
+            "path": path,
+            "raw_path": path.encode(),
+            "query_string": query.encode(),
+            "root_path": "",
+            "headers": [(name.encode(), value.encode()) for name, value in headers.items()],
+            "client": ("127.0.0.1", 49_999),
+            "server": ("robot.test", 80),
+            "state": {},
+        }
+        waiting = [{"type": "http.request", "body": self._body, "more_body": False}]
+
+        async def receive() -> dict[str, Any]:
+            if waiting:
+                return waiting.pop()
+            await self._gone.wait()
+            return {"type": "http.disconnect"}
+
+        async def send(message: dict[str, Any]) -> None:
+            self._sent.append(message)
+
+        await app(scope, receive, send)
+
+
 class EventStream:
     """A client's end of a text/event-stream, that knows nothing of ours.
 

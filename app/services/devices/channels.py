@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+from collections import deque
 from collections.abc import Awaitable, Callable
 from typing import Any, TypeVar
 
+from app.services.motion.lease import CLIENT
 from cobot.errors import ConflictError, DeviceError, DeviceTimeout, InputError, LimitError, NotFoundError
 from cobot.strict import shown
 
@@ -133,6 +135,10 @@ class Channels:
     def __init__(self, kind: str) -> None:
         self._kind = kind
         self._open: dict[str, Channel] = {}
+        self._opened_by: dict[str, str] = {}  # by which program, where it was one
+        self._ended: deque[str] = deque(
+            maxlen=MAX_OPEN
+        )  # programs, whose last request may still be under way
 
     def get(self, name: str) -> Channel:
         """One of them.
@@ -163,17 +169,30 @@ class Channels:
         """Keep it; somebody else may have been faster."""
         try:
             self.require_place(name)
+            program = CLIENT.get().sequence
+            if program in self._ended:
+                raise ConflictError("the program that this request belongs to has ended")
         except ConflictError:
             channel.close()
             raise
         self._open[name] = channel
+        if program is not None:
+            self._opened_by[name] = program
 
     def close(self, name: str) -> None:
         """Let go of one."""
         self.get(name).close()
         del self._open[name]
+        self._opened_by.pop(name, None)
+
+    def program_ended(self, token: str) -> None:
+        """Let go of what a program has opened and not closed, however it has ended."""
+        self._ended.append(token)
+        for name in [name for name, program in self._opened_by.items() if program == token]:
+            self.close(name)
 
     def close_all(self) -> None:
+        self._opened_by.clear()
         for channel in self._open.values():
             channel.close()
         self._open.clear()

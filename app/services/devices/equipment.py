@@ -50,6 +50,11 @@ class Equipment:
         self.serial_ports = SerialPorts()
         self.traces = Traces()
 
+    def program_ended(self, token: str) -> None:
+        """A program with this token has ended: close the connections that it has left open."""
+        self.sockets.program_ended(token)
+        self.serial_ports.program_ended(token)
+
     def close(self) -> None:
         """Let go of all devices."""
         self.variables.close()

@@ -165,6 +165,7 @@ class Ownership:
         speed_override: of all motions.
         lease: who alone may ask for motions.
         jobs: all motions, for who follows them.
+        on_sequence_end: called with the token of each sequence that has ended.
     """
 
     def __init__(self, link: RobotLink, jobs: JobBook | None = None) -> None:
@@ -174,6 +175,7 @@ class Ownership:
         self._sequence: SequenceClaim | None = None
         self._fraction = 1.0  # without a lease or a sequence
         self.stops = 0
+        self.on_sequence_end: Callable[[str], None] = lambda token: None
         self._stopped_s = -math.inf
         self.speed_override = SpeedOverride(link, self.jobs.moved)
         self.lease = ControlLease(
@@ -252,6 +254,7 @@ class Ownership:
         sequence, self._sequence = self._sequence, None
         if sequence is not None:
             self.end(sequence.job, error, stopped=isinstance(error, MotionStopped))
+            self.on_sequence_end(sequence.token)
             same = sequence.lease is self.lease.current
             self.speed_override.restore(sequence.fraction if same else self._fraction)
         self.speed_override.reset()

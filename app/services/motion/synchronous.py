@@ -148,7 +148,7 @@ class SyncService:
         if segment not in sync.waiting and len(sync.waiting) >= MAX_WAITING:
             raise LimitError(f"{MAX_WAITING} segments wait for a robot already")
         waiting = sync.waiting.setdefault(segment, {})
-        if robot in waiting:
+        if robot in waiting and waiting[robot].stops == target.stops:  # else a stop has made it void
             raise ConflictError(f"{robot} has its part of segment {segment} already")
         waiting[robot] = target
         if len(waiting) < len(sync.robots):

@@ -11,6 +11,7 @@ from collections.abc import Awaitable, Callable
 import pytest
 
 from app.services.devices.channels import BUFFER_BYTES, MAX_OPEN, Channel, Channels
+from app.services.motion.lease import CLIENT, Client
 from cobot.errors import ConflictError, DeviceError, DeviceTimeout, InputError, LimitError, NotFoundError
 
 LONG_S = 30.0
@@ -55,6 +56,33 @@ def test_bytes_come_as_they_were_asked_for() -> None:
         assert await channel.read_some(LONG_S) == b"rest"
         await channel.send(b"there")
         assert line.sent == b"there"
+
+    run(test)
+
+
+def test_what_a_program_leaves_open_is_closed_when_it_ends_and_nothing_else() -> None:
+    async def test() -> None:
+        channels, lines = Channels("socket"), [Line() for _ in range(5)]
+        channels.add("by hand", lines[0].channel)
+        own = CLIENT.set(Client("anonymous", sequence="first"))
+        for name, line in zip(("left open", "closed", "passed on"), lines[1:], strict=False):
+            channels.add(name, line.channel)
+        channels.close("closed")
+        channels.close("passed on")
+        CLIENT.reset(own)
+        channels.add("passed on", lines[3].channel)
+        channels.program_ended("another")
+        channels.program_ended("first")
+        assert [line.closed for line in lines] == [0, 1, 1, 1, 0]
+        assert channels.get("by hand") is lines[0].channel
+        assert channels.get("passed on") is lines[3].channel
+        with pytest.raises(NotFoundError, match="open are: by hand, passed on"):
+            channels.get("left open")
+        late = CLIENT.set(Client("anonymous", sequence="first"))
+        with pytest.raises(ConflictError, match="program that this request belongs to has ended"):
+            channels.add("late", lines[4].channel)
+        CLIENT.reset(late)
+        assert lines[4].closed == 1
 
     run(test)
 

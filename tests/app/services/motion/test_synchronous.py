@@ -125,6 +125,19 @@ def test_a_part_from_before_a_stop_moves_nothing_after_it(pair: Pair) -> None:
     asyncio.run(live())
 
 
+def test_a_part_from_before_a_stop_gives_way_to_a_new_one(pair: Pair) -> None:
+    async def live() -> None:
+        pair.sync.begin(1, [LEFT, RIGHT])
+        await pair.segment(LEFT, 1, pair.away)
+        with pytest.raises(ConflictError, match="left has its part of segment 1 already"):
+            await pair.segment(LEFT, 1, pair.away)
+        pair.stop(LEFT)
+        await pair.segment(LEFT, 1, pair.away)
+        assert await pair.done(pair.segment(RIGHT, 1, pair.away))
+
+    asyncio.run(live())
+
+
 def test_only_so_many_segments_wait(pair: Pair) -> None:
     async def live() -> None:
         pair.sync.begin(1, [LEFT, RIGHT])
